@@ -1,0 +1,1 @@
+"""Drivers: each protocol a room of its own; no room knows another."""

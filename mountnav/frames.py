@@ -1,0 +1,71 @@
+"""Frame: pixels, mid-exposure UTC, header facts. (`mountnav.reading` makes them from files.)"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mountnav.sky.coordinates import Icrs
+
+
+@dataclass(frozen=True, slots=True)
+class Hint:
+    """What is believed about a frame before it is solved. None means not known.
+
+    Attributes
+    ----------
+    center : Icrs or None
+        Believed place of the frame's geometric center.
+    radius_deg : float
+        How far off `center` may be.
+    scale_low_arcsec_px, scale_high_arcsec_px : float or None
+        Between what bounds the scale lies.
+    """
+
+    center: Icrs | None = None
+    radius_deg: float = 1.0
+    scale_low_arcsec_px: float | None = None
+    scale_high_arcsec_px: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One exposed image.
+
+    Attributes
+    ----------
+    pixels : ndarray, shape (height, width)
+        In file order: row 0 is FITS row 1. Any real dtype; NaN marks missing pixels.
+    mid_exposure_utc : datetime or None
+        Aware UTC instant of mid-exposure.
+    exposure_s : float or None
+    saturation_adu : float or None
+        Level from which a pixel counts as saturated; None: to be guessed from the data.
+    hint : Hint
+        What the header says.
+    source : str
+        File name, or which camera it came from.
+    header : dict
+        The header's cards as plain values, for whoever wants more.
+    """
+
+    pixels: NDArray[np.generic]
+    mid_exposure_utc: datetime | None = None
+    exposure_s: float | None = None
+    saturation_adu: float | None = None
+    hint: Hint = field(default_factory=Hint)
+    source: str = "frame"
+    header: dict[str, str | int | float | bool] = field(default_factory=dict)
+
+    @property
+    def width_px(self) -> int:
+        """Number of columns."""
+        return int(self.pixels.shape[1])
+
+    @property
+    def height_px(self) -> int:
+        """Number of rows."""
+        return int(self.pixels.shape[0])

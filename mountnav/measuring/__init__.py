@@ -1,0 +1,1 @@
+"""A frame becomes measurements: background, detection, profile fit, flags."""

@@ -1,0 +1,1 @@
+"""Navigation: look, decide, sync, slew, read back, verify."""

@@ -1,0 +1,1 @@
+"""Where a mount's believed place and the solved place meet: offsets and limits."""
