@@ -2,26 +2,26 @@
 
 ::
 
-    MountnavError                     slug                 retryable
-    ├── DeviceError                                                  device side
-    │   ├── DeviceMissing             device-missing       yes       no such port, or it can't be opened
-    │   ├── DeviceSilent              device-silent        yes       no answer within the deadline
-    │   ├── DeviceGarbled             device-garbled       yes       answers that match nothing, again and again
-    │   ├── DeviceRefused             device-refused       no        the device said no
-    │   └── SyncIgnored               sync-ignored         no        it said yes, and its reading did not change
-    ├── SkyError                                                     sky side
-    │   ├── NotSolved                 solve-failed         yes       the frame could not be identified (reason)
-    │   ├── OffsetImplausible         offset-too-large     no        solved, but too far off to be believed
-    │   ├── OutsideLimits             outside-limits       no        the target, or the way to it, is not allowed
-    │   ├── MountMoved                mount-moved          yes       the mount moved during an exposure
-    │   └── TargetNotReached          target-not-reached   yes       tries or time ran out
-    ├── UserError                                                    user side
-    │   ├── BadFrame                  bad-frame            no        a file that is no usable image
-    │   ├── BadSettings               bad-settings         no        the configuration is wrong (line, fix)
-    │   ├── BadRequest                bad-request          no        values that make no sense together
-    │   └── Unknown                   not-found            no        no telescope, job or file of that name
-    ├── Busy                          busy                 yes       another job holds the telescope
-    └── Cancelled                     cancelled            no        somebody stopped it
+    MountnavError                   slug                 retryable
+    ├── DeviceError                                                device side
+    │   ├── DeviceMissing           device-missing       yes       no such port, or it can't be opened
+    │   ├── DeviceSilent            device-silent        yes       no answer within the deadline
+    │   ├── DeviceGarbled           device-garbled       yes       answers that match nothing, again and again
+    │   ├── DeviceRefused           device-refused       no        the device said no
+    │   └── SyncIgnored             sync-ignored         no        it said yes, and its reading did not change
+    ├── SkyError                                                   sky side
+    │   ├── NotSolved               solve-failed         yes       the frame could not be identified (reason)
+    │   ├── OffsetImplausible       offset-too-large     no        solved, but too far off to be believed
+    │   ├── OutsideLimits           outside-limits       no        the target, or the way to it, is not allowed
+    │   ├── MountMoved              mount-moved          yes       the mount moved during an exposure
+    │   └── TargetNotReached        target-not-reached   yes       tries or time ran out
+    ├── UserError                                                  user side
+    │   ├── BadFrame                bad-frame            no        a file that is no usable image
+    │   ├── BadSettings             bad-settings         no        the configuration is wrong (line, fix)
+    │   ├── BadRequest              bad-request          no        values that make no sense together
+    │   └── Unknown                 not-found            no        no telescope, job or file of that name
+    ├── Busy                        busy                 yes       another job holds the telescope
+    └── Cancelled                   cancelled            no        somebody stopped it
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Frame: pixels, mid-exposure UTC, header facts. (`mountnav.reading` makes them from files.)"""
+"""Frame: pixels, mid-exposure UTC, header facts; `mountnav.reading` makes them from files."""
 
 from __future__ import annotations
 

@@ -42,6 +42,18 @@ class HourAngle:
 
 
 @dataclass(frozen=True, slots=True)
+class GeometricHourAngle:
+    """Hour angle (west positive, in (-180, 180]) and declination of an apparent place: no refraction.
+
+    What a mount that knows no refraction works with. Up to 200″ from `HourAngle` above 15° of altitude.
+    """
+
+    ha_deg: float
+    dec_deg: float
+    utc: datetime
+
+
+@dataclass(frozen=True, slots=True)
 class MountAxes:
     """What the axes' encoders would read: polar angle (west positive) and declination angle.
 

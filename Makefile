@@ -1,0 +1,48 @@
+# Two commands do everything: `make demo` and `make test`. Both set up what they need.
+PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3; do \
+	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: help demo test check format lock clean
+
+.DEFAULT_GOAL := help
+
+help:
+	@echo "make demo    an observatory without hardware centers five targets (KEEP=1 leaves the service running)"
+	@echo "make test    lint, types, import contracts and the whole test suite"
+	@echo "make check   lint, types and import contracts only"
+	@echo "make format  let ruff format the code"
+	@echo "make lock    resolve the dependencies anew into requirements.lock"
+
+# The stamp stands for: environment made, locked dependencies in it, mountnav installed editable.
+$(VENV)/.set-up: requirements.lock pyproject.toml
+	@test -n "$(PYTHON)" || { echo "mountnav needs Python 3.11 or newer; none was found. Name one: make PYTHON=/path/to/python3.12 ..."; exit 1; }
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV) || { echo "No virtual environment could be made (on Debian: apt-get install python3-venv)"; exit 1; }
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	@touch $@
+
+demo: $(VENV)/.set-up
+	$(BIN)/mountnav demo $(if $(KEEP),--keep)
+
+test: check
+	$(BIN)/python -m pytest -m "not long" $(PYTEST_ARGS)
+
+check: $(VENV)/.set-up
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: $(VENV)/.set-up
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+# --no-emit-index-url: the lock names versions and hashes, never a host.
+lock: $(VENV)/.set-up
+	$(BIN)/uv pip compile pyproject.toml --group dev --universal --python-version 3.11 --generate-hashes \
+		--upgrade --no-emit-index-url --no-annotate --no-header --output-file requirements.lock
+
+clean:
+	rm -rf $(VENV) dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis

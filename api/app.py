@@ -1,0 +1,69 @@
+"""The FastAPI application, made from settings: routes, errors, who may use it, and its life from start to rest."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from fastapi import FastAPI
+from fastapi.routing import APIRoute
+
+from api import faults
+from api.routes import events, health, jobs, solve, telescopes
+from api.security import OwnMachineOnly, TokenRequired
+from api.service import open_service
+from mountnav import __version__
+from mountnav.catalog.embedded import embedded_catalog
+from mountnav.catalog.stars import Catalog
+from mountnav.settings import Settings
+from mountnav.sky.iers import prepare
+
+_ABOUT = """Finds out where telescopes really point, and puts them where they should.
+
+Angles are in degrees unless the name says otherwise, places are ICRS unless `frame` says otherwise.
+Long work answers 202 with a job; follow it at `/v1/jobs/{id}` or on `/v1/events`.
+Errors are `application/problem+json` with a stable `type`."""
+
+
+def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI:
+    """Make the application. Telescopes are opened when its lifespan begins.
+
+    Parameters
+    ----------
+    settings : Settings
+    catalog : Catalog, optional
+        Instead of the embedded one.
+    """
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        await asyncio.to_thread(prepare)
+        service = await open_service(settings, embedded_catalog() if catalog is None else catalog)
+        app.state.service = service
+        try:
+            yield
+        finally:
+            # A second interrupt must not come between a moving mount and its stop.
+            await asyncio.shield(service.halt())
+
+    app = FastAPI(
+        title="mountnav",
+        version=__version__,
+        description=_ABOUT,
+        lifespan=lifespan,
+        generate_unique_id_function=_name_of,
+        license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
+    )
+    app.state.settings = settings
+    faults.install(app)
+    if settings.service.api_token_sha256 is None:
+        app.add_middleware(OwnMachineOnly)
+    app.include_router(health.router, prefix="/v1")
+    for router in (telescopes.router, jobs.router, events.router, solve.router):
+        app.include_router(router, prefix="/v1", dependencies=[TokenRequired])
+    return app
+
+
+def _name_of(route: APIRoute) -> str:
+    return route.name

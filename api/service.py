@@ -1,0 +1,134 @@
+"""What lives as long as the service does: events, jobs, the observatory; and how it all comes to rest."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+from typing import Annotated
+
+from fastapi import Depends, Request
+
+from api.events import Events
+from api.jobs import Job, Jobs
+from api.observatory import Observatory, Telescope, build_observatory, link_is_lost
+from mountnav.catalog.stars import Catalog
+from mountnav.errors import DeviceError
+from mountnav.navigation.navigator import Navigator
+from mountnav.settings import Settings
+
+_END_OF_JOB_S = 1.0
+SOLVES_AT_ONCE = 2
+
+
+@dataclass(slots=True)
+class Service:
+    """The running service, as the routes see it."""
+
+    settings: Settings
+    catalog: Catalog
+    events: Events
+    jobs: Jobs
+    observatory: Observatory
+    solving: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(SOLVES_AT_ONCE))
+    _halted: bool = False
+
+    def start(
+        self,
+        kind: str,
+        telescope: Telescope,
+        request: dict[str, object],
+        order: Callable[[Navigator], Awaitable[object]],
+        *,
+        key: str | None,
+    ) -> Job:
+        """Start a job that opens the telescope if need be and gives its navigator an order."""
+
+        async def work() -> object:
+            try:
+                return await order(await telescope.ready())
+            except DeviceError as error:
+                if link_is_lost(error):
+                    await telescope.lost(error)
+                raise
+
+        return self.jobs.start(kind, telescope.id, request, work, key=key)
+
+    async def stop(self, telescope: Telescope) -> Job | None:
+        """Cancel the telescope's job and stop its mount; return the job. Waits for neither queue nor solve.
+
+        The job is cancelled first, so that it can't send another slew after the stop; while it ends, the
+        navigator stops the mount once more, in case a slew was on the wire at that very moment.
+
+        Raises
+        ------
+        DeviceError
+            The stop could not be sent.
+        """
+        job = self.jobs.running_on(telescope.id)
+        if job is not None:
+            self.jobs.cancel(job)
+        try:
+            await telescope.stop()
+        except DeviceError as error:
+            if link_is_lost(error):
+                await telescope.lost(error)
+            raise
+        if job is not None:
+            await _wait(job, _END_OF_JOB_S)
+        return job
+
+    async def cancel(self, job: Job) -> None:
+        """Cancel a job and stop its mount; one that is over is left alone."""
+        if job.is_over:
+            return
+        await self.stop(self.observatory.telescope(job.telescope))
+
+    async def wait(self, job: Job, wait_s: float) -> None:
+        """Wait for a job's end, but no longer than `wait_s`."""
+        await _wait(job, wait_s)
+
+    async def halt(self) -> None:
+        """Cancel all jobs, stop and release all telescopes, end all event streams. Twice is fine."""
+        if self._halted:
+            return
+        self._halted = True
+        await self.jobs.close()
+        await self.observatory.close()
+        self.events.close()
+
+
+async def open_service(settings: Settings, catalog: Catalog) -> Service:
+    """Build the service and open its telescopes."""
+    events = Events(settings.service.events_kept)
+    jobs = Jobs(events, settings.service.jobs_kept)
+    observatory = build_observatory(settings, catalog, jobs.heard)
+    await observatory.open()
+    return Service(settings, catalog, events, jobs, observatory)
+
+
+async def _wait(job: Job, wait_s: float) -> None:
+    if wait_s <= 0 or job.is_over:
+        return
+    try:
+        await asyncio.wait_for(job.ended.wait(), wait_s)
+    except TimeoutError:
+        return
+
+
+def _service(request: Request) -> Service:
+    found: Service = request.app.state.service
+    return found
+
+
+def _telescope(telescope_id: str, request: Request) -> Telescope:
+    return _service(request).observatory.telescope(telescope_id)
+
+
+def _job(job_id: str, request: Request) -> Job:
+    return _service(request).jobs.get(job_id)
+
+
+TheService = Annotated[Service, Depends(_service)]
+TheTelescope = Annotated[Telescope, Depends(_telescope)]
+TheJob = Annotated[Job, Depends(_job)]

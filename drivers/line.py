@@ -1,0 +1,261 @@
+"""Bytes over a line - serial port, pseudo-terminal or TCP - and nothing about what they mean.
+
+pyserial blocks, so a line owns threads: one reads whatever comes and hands it to the event loop, one
+writes what is asked, and one writes stops. Writers share a lock that is held for a single write only,
+so a stop goes out at once, whole, whatever else is going on.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Protocol
+
+import serial
+from serial.tools import list_ports
+
+from mountnav.errors import DeviceMissing, DeviceSilent
+
+_GLANCE_S = 0.05
+_WRITE_TIMEOUT_S = 2.0
+
+
+class ByteLine(Protocol):
+    """A line that bytes go out on and come in from; loss shows as `DeviceMissing`."""
+
+    @property
+    def address(self) -> str:
+        """Device path or ``socket://host:port``, for messages."""
+        ...
+
+    @property
+    def usable(self) -> bool:
+        """Whether it is open and not lost."""
+        ...
+
+    async def open(self) -> None:
+        """Open it, exclusively where that is possible."""
+        ...
+
+    async def close(self) -> None:
+        """Close it; closing twice is fine."""
+        ...
+
+    async def write(self, data: bytes) -> None:
+        """Write all bytes."""
+        ...
+
+    async def write_now(self, data: bytes) -> None:
+        """Write all bytes, ahead of every `write` that waits."""
+        ...
+
+    async def read(self, timeout_s: float) -> bytes:
+        """Return what has come, waiting for the first byte; empty when none came in time."""
+        ...
+
+    def drain(self) -> bytes:
+        """Throw away what has come so far, and return it for the log."""
+        ...
+
+
+def existing_ports() -> list[str]:
+    """List the serial ports of this machine, stable names (``/dev/serial/by-id``) first."""
+    stable = sorted(str(entry) for entry in Path("/dev/serial/by-id").glob("*"))
+    return stable + sorted(port.device for port in list_ports.comports())
+
+
+class SerialLine:
+    """A `ByteLine` over pyserial: a serial port, a pseudo-terminal, or ``socket://host:port``.
+
+    Parameters
+    ----------
+    address : str
+        Device path or pyserial URL.
+    baud : int
+        Speed; ignored on TCP.
+    """
+
+    def __init__(self, address: str, *, baud: int = 9600) -> None:
+        self._address = address
+        self._baud = baud
+        self._port: serial.Serial | None = None
+        self._threads: list[ThreadPoolExecutor] = []
+        self._reading: threading.Thread | None = None
+        self._closing = threading.Event()
+        self._writing = threading.Lock()
+        self._came = bytearray()
+        self._news = asyncio.Event()
+        self._lost: str | None = None
+
+    @property
+    def address(self) -> str:
+        """Device path or URL."""
+        return self._address
+
+    @property
+    def usable(self) -> bool:
+        """Whether it is open and not lost."""
+        return self._port is not None and self._lost is None
+
+    async def open(self) -> None:
+        """Open the port, exclusively where that is possible.
+
+        Raises
+        ------
+        DeviceMissing
+            If there is no such port or it can't be opened; the advice lists the ports that exist.
+        """
+        await self.close()
+        loop = asyncio.get_running_loop()
+        threads = [ThreadPoolExecutor(1, "line-write"), ThreadPoolExecutor(1, "line-stop")]
+        try:
+            port = await loop.run_in_executor(threads[0], self._opened)
+        except (serial.SerialException, OSError, ValueError) as cause:
+            for thread in threads:
+                thread.shutdown(wait=False)
+            raise DeviceMissing(
+                f"can't be opened: {cause}", device=self._address, advice=self._advice()
+            ) from cause
+        self._port, self._threads, self._lost = port, threads, None
+        self._came.clear()
+        self._news.clear()
+        self._closing = threading.Event()
+        self._reading = threading.Thread(
+            target=self._listen, args=(port, loop, self._closing), name="line-read", daemon=True
+        )
+        self._reading.start()
+
+    def _opened(self) -> serial.Serial:
+        port: serial.Serial = serial.serial_for_url(
+            self._address,
+            baudrate=self._baud,
+            timeout=_GLANCE_S,
+            write_timeout=_WRITE_TIMEOUT_S,
+            exclusive=True,
+        )
+        return port
+
+    def _advice(self) -> str:
+        if "://" in self._address:
+            return "check host, port, and that the mount's network link is on"
+        ports = existing_ports()
+        return (
+            "ports that exist: " + ", ".join(ports) if ports else "there are no serial ports on this machine"
+        )
+
+    async def close(self) -> None:
+        """Close the port and end its threads; closing twice is fine."""
+        port, self._port = self._port, None
+        if port is None:
+            return
+        self._closing.set()
+        threads, self._threads = self._threads, []
+        reading, self._reading = self._reading, None
+
+        def end() -> None:
+            if reading is not None:
+                reading.join()
+            # a port that is already gone has nothing left to close
+            with contextlib.suppress(OSError):
+                port.close()
+
+        await asyncio.get_running_loop().run_in_executor(threads[0], end)
+        for thread in threads:
+            thread.shutdown(wait=False)
+
+    async def write(self, data: bytes) -> None:
+        """Write all bytes.
+
+        Raises
+        ------
+        DeviceMissing
+            If the line is not open or was lost.
+        DeviceSilent
+            If the other end takes nothing.
+        """
+        await self._write_by(0, data)
+
+    async def write_now(self, data: bytes) -> None:
+        """Write all bytes, ahead of every `write` that waits; raises as `write` does."""
+        await self._write_by(1, data)
+
+    async def _write_by(self, which: int, data: bytes) -> None:
+        port = self._usable_port()
+        try:
+            await asyncio.get_running_loop().run_in_executor(
+                self._threads[which], self._write_whole, port, data
+            )
+        except serial.SerialTimeoutException as cause:
+            raise DeviceSilent(
+                "takes no more bytes", device=self._address, advice="check cable and power"
+            ) from cause
+        except OSError as cause:
+            self._lose(str(cause))
+            raise self._missing() from cause
+
+    def _write_whole(self, port: serial.Serial, data: bytes) -> None:
+        with self._writing:
+            port.write(data)
+
+    async def read(self, timeout_s: float) -> bytes:
+        """Return what has come, waiting up to `timeout_s` for the first byte; empty when none came.
+
+        Raises
+        ------
+        DeviceMissing
+            If the line is not open or was lost, and nothing is left to read.
+        """
+        if not self._came:
+            self._usable_port()
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(max(timeout_s, 0.0)):
+                    await self._news.wait()
+        came = self.drain()
+        if not came and self._lost is not None:
+            raise self._missing()
+        return came
+
+    def drain(self) -> bytes:
+        """Throw away what has come so far, and return it."""
+        came = bytes(self._came)
+        self._came.clear()
+        if self._lost is None:
+            self._news.clear()
+        return came
+
+    def _usable_port(self) -> serial.Serial:
+        if self._port is None or self._lost is not None:
+            raise self._missing()
+        return self._port
+
+    def _missing(self) -> DeviceMissing:
+        if self._lost is None:
+            return DeviceMissing("the line is not open", device=self._address, advice="connect first")
+        return DeviceMissing(f"the line was lost: {self._lost}", device=self._address, advice=self._advice())
+
+    def _arrived(self, data: bytes) -> None:
+        self._came += data
+        self._news.set()
+
+    def _lose(self, why: str) -> None:
+        self._lost = self._lost or why
+        self._news.set()
+
+    def _listen(self, port: serial.Serial, loop: asyncio.AbstractEventLoop, closing: threading.Event) -> None:
+        """Hand whatever comes to the event loop, until closing or loss; runs in the reading thread."""
+        # the loop may be closed while a byte is on its way: then nobody is left to be told
+        with contextlib.suppress(RuntimeError):
+            while not closing.is_set():
+                try:
+                    data = port.read(1)
+                    if data and port.in_waiting:
+                        data += port.read(port.in_waiting)
+                except OSError as cause:
+                    if not closing.is_set():
+                        loop.call_soon_threadsafe(self._lose, str(cause))
+                    return
+                if data:
+                    loop.call_soon_threadsafe(self._arrived, data)

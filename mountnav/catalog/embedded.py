@@ -1,0 +1,46 @@
+"""The catalog that comes with mountnav: Tycho-2 with supplement 1, good for every sky without a network."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+from mountnav.catalog.packed import PackedStore
+from mountnav.errors import BadSettings
+
+EMBEDDED_PATH = Path(__file__).parent / "data" / "tycho2.mnc"
+EMBEDDED_COUNT = 0
+EMBEDDED_SHA256 = ""
+
+
+@cache
+def embedded_catalog() -> PackedStore:
+    """Tycho-2, memory-mapped; opened once per process.
+
+    Returns
+    -------
+    PackedStore
+        Safe to share between threads.
+
+    Raises
+    ------
+    BadSettings
+        The data file is missing or damaged.
+    """
+    if not EMBEDDED_PATH.is_file():
+        raise BadSettings(
+            f"the embedded star catalog is missing: {EMBEDDED_PATH}",
+            advice="install mountnav anew, or build the file: python tools/build_tycho2.py (tools/README.md)",
+        )
+    return PackedStore(EMBEDDED_PATH)
+
+
+def verify_embedded() -> None:
+    """Compare the embedded file with the hash written down here; takes part of a second.
+
+    Raises
+    ------
+    BadSettings
+        The file is missing, damaged, or not the one this version was made with.
+    """
+    embedded_catalog().verify(EMBEDDED_SHA256)

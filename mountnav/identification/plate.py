@@ -1,0 +1,214 @@
+"""The plate: polynomials from pixels to tangential coordinates, their fit and their inverse [S23 eq. 5-8, 19]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mountnav.sky.coordinates import Icrs
+from mountnav.sky.sphere import gnomonic, gnomonic_inverse
+
+Array = NDArray[np.float64]
+
+ARCSEC_PER_RAD = 180.0 * 3600.0 / np.pi
+SIMILARITY = 0
+"""Degree that stands for a similarity: four parameters, for frames with a handful of stars."""
+NAMES = ("similarity", "linear", "quadratic", "cubic")
+
+
+def powers(degree: int) -> list[tuple[int, int]]:
+    """Exponents (i, j) of x and y, by rising degree: (0,0), (1,0), (0,1), (2,0), ..."""
+    top = max(degree, 1)
+    return [(total - j, j) for total in range(top + 1) for j in range(total + 1)]
+
+
+def terms(u: Array, v: Array, degree: int) -> Array:
+    """Monomials u^i v^j; shape (n, len(powers(degree)))."""
+    return np.column_stack([u**i * v**j for i, j in powers(degree)])
+
+
+@dataclass(frozen=True, slots=True)
+class Plate:
+    """A plate model about a frame's center.
+
+    Attributes
+    ----------
+    tangent : Icrs
+        Tangent point.
+    center_x_px, center_y_px : float
+        The frame's geometric center, 0-based.
+    unit_px : float
+        Pixels are divided by this, so that powers stay tame.
+    degree : int
+        0 similarity, 1 linear, 2 quadratic, 3 cubic.
+    parity : int
+        +1 sky as seen, -1 mirrored.
+    xi, eta : ndarray, shape (len(powers(degree)),)
+        Coefficients, arcsec.
+    """
+
+    tangent: Icrs
+    center_x_px: float
+    center_y_px: float
+    unit_px: float
+    degree: int
+    parity: int
+    xi: Array
+    eta: Array
+
+    def tangential(self, x_px: Array, y_px: Array) -> tuple[Array, Array]:
+        """Tangential coordinates ξ, η (arcsec, shape (n,)) of pixels (0-based)."""
+        a = terms((x_px - self.center_x_px) / self.unit_px, (y_px - self.center_y_px) / self.unit_px, self.degree)
+        return a @ self.xi, a @ self.eta
+
+    def matrix(self) -> Array:
+        """Derivatives at the center, arcsec per pixel: [[dξ/dx, dξ/dy], [dη/dx, dη/dy]]."""
+        return np.array([self.xi[1:3], self.eta[1:3]]) / self.unit_px
+
+    def pixels(self, xi: Array, eta: Array) -> tuple[Array, Array]:
+        """Invert `tangential` by Newton steps; shape (n,) each, NaN stays NaN."""
+        inverse = np.linalg.inv(self.matrix())
+        x = self.center_x_px + inverse[0, 0] * (xi - self.xi[0]) + inverse[0, 1] * (eta - self.eta[0])
+        y = self.center_y_px + inverse[1, 0] * (xi - self.xi[0]) + inverse[1, 1] * (eta - self.eta[0])
+        if self.degree <= 1:
+            return x, y
+        # far outside the frame a polynomial means nothing: leave the linear guess there
+        reach = 1.5 * self.unit_px
+        near = (np.abs(x - self.center_x_px) < reach) & (np.abs(y - self.center_y_px) < reach)
+        for _ in range(6):
+            got_xi, got_eta = self.tangential(x[near], y[near])
+            dxi, deta = xi[near] - got_xi, eta[near] - got_eta
+            x[near] += inverse[0, 0] * dxi + inverse[0, 1] * deta
+            y[near] += inverse[1, 0] * dxi + inverse[1, 1] * deta
+        return x, y
+
+    def project(self, ra_deg: Array, dec_deg: Array) -> tuple[Array, Array]:
+        """Tangential coordinates ξ, η (arcsec) of places on the sky; NaN behind."""
+        xi, eta = gnomonic(ra_deg, dec_deg, self.tangent.ra_deg, self.tangent.dec_deg)
+        return np.asarray(xi) * ARCSEC_PER_RAD, np.asarray(eta) * ARCSEC_PER_RAD
+
+    def center(self) -> Icrs:
+        """The place of the frame's geometric center."""
+        ra, dec = gnomonic_inverse(
+            float(self.xi[0]) / ARCSEC_PER_RAD,
+            float(self.eta[0]) / ARCSEC_PER_RAD,
+            self.tangent.ra_deg,
+            self.tangent.dec_deg,
+        )
+        return Icrs(float(ra) % 360.0, float(dec))
+
+    def scale_arcsec_px(self) -> float:
+        """sqrt(|det|) of the matrix at the center."""
+        return float(np.sqrt(abs(np.linalg.det(self.matrix()))))
+
+    def rotation_deg(self) -> float:
+        """Position angle of the +y axis, east of north, in [0, 360)."""
+        matrix = self.matrix()
+        return float(np.degrees(np.arctan2(matrix[0, 1], matrix[1, 1])) % 360.0)
+
+    def moved_to(self, tangent: Icrs) -> Plate:
+        """The same plate with another tangent point: right at the center to first order; to be fit again."""
+        here = replace(self, tangent=tangent)
+        middle_x = self.center_x_px + np.array([0.0, 1.0, 0.0])
+        middle_y = self.center_y_px + np.array([0.0, 0.0, 1.0])
+        xi, eta = self.tangential(middle_x, middle_y)
+        ra, dec = gnomonic_inverse(
+            xi / ARCSEC_PER_RAD, eta / ARCSEC_PER_RAD, self.tangent.ra_deg, self.tangent.dec_deg
+        )
+        new_xi, new_eta = here.project(np.asarray(ra), np.asarray(dec))
+        out_xi, out_eta = self.xi.copy(), self.eta.copy()
+        for out, new in ((out_xi, new_xi), (out_eta, new_eta)):
+            out[0] = new[0]
+            out[1:3] = (new[1:3] - new[0]) * self.unit_px
+        return replace(here, xi=out_xi, eta=out_eta)
+
+
+def similarity_plate(
+    tangent: Icrs, turn: complex, shift: complex, *, mirrored: bool, width_px: int, height_px: int
+) -> Plate:
+    """Make a plate of w = turn·z + shift, with z = x + iy (or x − iy if mirrored), w = ξ + iη in arcsec."""
+    cx, cy, unit = (width_px - 1) / 2, (height_px - 1) / 2, 0.5 * max(width_px, height_px)
+    sign = -1.0 if mirrored else 1.0
+    middle = turn * complex(cx, sign * cy) + shift
+    along_x, along_y = turn * unit, turn * complex(0, sign) * unit
+    return Plate(
+        tangent=tangent,
+        center_x_px=cx,
+        center_y_px=cy,
+        unit_px=unit,
+        degree=SIMILARITY,
+        parity=-1 if along_x.real * along_y.imag - along_y.real * along_x.imag > 0 else 1,
+        xi=np.array([middle.real, along_x.real, along_y.real]),
+        eta=np.array([middle.imag, along_x.imag, along_y.imag]),
+    )
+
+
+def fit_plate(like: Plate, x_px: Array, y_px: Array, xi: Array, eta: Array, sigma: Array, degree: int) -> Plate:
+    """Fit a plate by weighted least squares.
+
+    Parameters
+    ----------
+    like : Plate
+        Gives tangent point, center, unit and parity.
+    x_px, y_px : ndarray, shape (n,)
+        Measured pixels.
+    xi, eta : ndarray, shape (n,)
+        Tangential coordinates of the stars about `like.tangent`, arcsec.
+    sigma : ndarray, shape (n,)
+        One-sigma error of a pair, arcsec.
+    degree : int
+        0 (similarity) to 3.
+
+    Returns
+    -------
+    Plate
+    """
+    u, v = (x_px - like.center_x_px) / like.unit_px, (y_px - like.center_y_px) / like.unit_px
+    weight = 1.0 / sigma
+    if degree == SIMILARITY:
+        # ξ = a + p·u − s·q·v, η = b + q·u + s·p·v; s = −1 for the sky as seen (east left, north up)
+        s = float(-like.parity)
+        zero, one = np.zeros_like(u), np.ones_like(u)
+        rows = np.vstack(
+            (np.column_stack((one, zero, u, -s * v)), np.column_stack((zero, one, s * v, u)))
+        )
+        both = np.concatenate((weight, weight))
+        got = np.linalg.lstsq(rows * both[:, None], np.concatenate((xi, eta)) * both, rcond=None)[0]
+        a, b, p, q = (float(value) for value in got)
+        return replace(like, degree=degree, xi=np.array([a, p, -s * q]), eta=np.array([b, q, s * p]))
+    rows = terms(u, v, degree) * weight[:, None]
+    got = np.linalg.lstsq(rows, np.column_stack((xi, eta)) * weight[:, None], rcond=None)[0]
+    matrix = got[1:3].T
+    return replace(
+        like, degree=degree, parity=-1 if np.linalg.det(matrix) > 0 else 1, xi=got[:, 0].copy(), eta=got[:, 1].copy()
+    )
+
+
+def center_covariance(plate: Plate, x_px: Array, y_px: Array, dxi: Array, deta: Array, sigma: Array) -> Array:
+    """Covariance of the center's place, arcsec², from the fit's geometry and its residuals.
+
+    Parameters
+    ----------
+    plate : Plate
+        The fitted plate.
+    x_px, y_px, dxi, deta, sigma : ndarray, shape (n,)
+        The pairs, their residuals and errors (arcsec).
+
+    Returns
+    -------
+    ndarray, shape (2, 2)
+        Scaled up when the residuals exceed the stated errors, never down.
+    """
+    u, v = (x_px - plate.center_x_px) / plate.unit_px, (y_px - plate.center_y_px) / plate.unit_px
+    rows = terms(u, v, plate.degree) / sigma[:, None]
+    variance = float(np.linalg.pinv(rows.T @ rows)[0, 0])
+    free = max(x_px.size - rows.shape[1], 1)
+    z = np.vstack((dxi, deta)) / sigma
+    spread = z @ z.T / free
+    scaled = np.diag(np.maximum(np.diag(spread), 1.0))
+    if np.all(np.diag(spread) > 1.0):
+        scaled[0, 1] = scaled[1, 0] = spread[0, 1]
+    covariance: Array = variance * scaled
+    return covariance

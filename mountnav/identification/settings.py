@@ -1,0 +1,101 @@
+"""Every number identification goes by, with the paper's values and our measured ones side by side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+Stage = tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class IdentificationSettings:
+    """Parameters of full identification and of the plate fit; the defaults are the "measured" profile.
+
+    `IdentificationSettings.paper()` gives the values of [S23 app. A]; docs/identification.md says what the
+    defaults gain over them.
+
+    Attributes
+    ----------
+    m_reg : int
+        The frame is cut in m_reg × m_reg regions for the even spread [S23 §2.2, M_reg].
+    region_cap : float
+        A region may hold at most this many times its fair share of a selection. 1 is the paper's strict
+        evenness; more keeps the order of brightness, which poor catalogs need.
+    stages : tuple of (int, int)
+        Rounds of triangle search: brightest measurements (N_bl50), brightest stars of a tile (N_star100).
+    n_confirm_measurements, n_confirm_stars : int
+        Sizes of Ω_bl100 and Ω_star200 (the latter in a tile).
+    k_height : float
+        Least side and height of a triangle, in mean frame sizes (k_h).
+    angle_arcmin : float
+        How far corner angles may differ (Δγ).
+    match_px : float
+        Radius of confirmation Δr_ident; never more than `match_share` of the frame's shorter side.
+    match_share : float
+        See `match_px`.
+    min_share : float
+        Least share of the pairs that could be, that must be (v_min_ident).
+    frame_triangles : int
+        At most this many of the frame's triangles are tried per stage, brightest first.
+    skew_max : float
+        Largest departure of the six constants from a similarity, |q|/|p| of w = p·z + q·conj(z).
+    tile_step : float
+        Distance of neighboring search tiles in shorter frame sides.
+    tile_radius : float
+        Radius of a tile's stars in frame diagonals.
+    false_probability_max : float
+        A solution whose odds of being chance exceed this is refused.
+    min_pairs : int
+        Fewest pairs a solution may rest on.
+    k_rej : float
+        Pairs deviating more than this times the mean deviation modulus are rejected (K_rej).
+    star_group_fwhm, measurement_group_fwhm : float
+        r_star_group and r_mea_group in widths of a star's image.
+    group_magnitudes : float
+        Neighbors fainter by more than this make no group.
+    floor_px : float
+        Position error added in quadrature to every pair: what centroid and catalog don't know of.
+    degree_max : int
+        Highest degree of the plate model.
+    cross_validation_gain : float
+        A degree is raised only when the cross-validated residual falls below this share of the former.
+    """
+
+    m_reg: int = 4
+    region_cap: float = 3.0
+    stages: tuple[Stage, ...] = ((12, 50), (24, 80), (40, 120))
+    n_confirm_measurements: int = 100
+    n_confirm_stars: int = 150
+    k_height: float = 0.1
+    angle_arcmin: float = 30.0
+    match_px: float = 10.0
+    match_share: float = 0.012
+    min_share: float = 0.3
+    frame_triangles: int = 4000
+    skew_max: float = 0.03
+    tile_step: float = 0.6
+    tile_radius: float = 0.6
+    false_probability_max: float = 1e-9
+    min_pairs: int = 5
+    k_rej: float = 3.0
+    star_group_fwhm: float = 2.0
+    measurement_group_fwhm: float = 1.5
+    group_magnitudes: float = 1.5
+    floor_px: float = 0.03
+    degree_max: int = 3
+    cross_validation_gain: float = 0.97
+
+    @classmethod
+    def paper(cls) -> IdentificationSettings:
+        """The values of [S23 app. A]; where the paper gives none, ours."""
+        return cls(
+            region_cap=1.0,
+            stages=((50, 100),),
+            n_confirm_measurements=100,
+            n_confirm_stars=200,
+            angle_arcmin=60.0,
+            match_px=10.0,
+            match_share=1.0,
+            min_share=0.7,
+            frame_triangles=19600,
+        )

@@ -1,0 +1,146 @@
+"""Sky level and noise, from a mesh of clipped medians joined smoothly [S23 §0.1]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.interpolate import CubicSpline
+
+Image = NDArray[np.float32]
+
+_CLIP_SIGMA = 3.0
+_CLIP_ROUNDS = 4
+_ENOUGH_SAMPLES = 1024
+_LEAST_VALID = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class Background:
+    """The mesh of sky levels and noises.
+
+    Attributes
+    ----------
+    level, noise : ndarray, shape (cells_y, cells_x)
+        Sky level and noise per pixel of each cell, in the frame's unit.
+    height_px, width_px : int
+        Size of the frame that the mesh covers.
+    """
+
+    level: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    height_px: int
+    width_px: int
+
+    def level_image(self) -> Image:
+        """Return the sky level at each pixel, shape (height, width), by cubic splines along both axes."""
+        return _spread(self.level, self.height_px, self.width_px)
+
+    def noise_at(self, x_px: NDArray[np.float64], y_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the noise per pixel at places, shape (n,), by bilinear interpolation."""
+        rows, columns = self.noise.shape
+        places = np.stack(
+            [(y_px + 0.5) * rows / self.height_px - 0.5, (x_px + 0.5) * columns / self.width_px - 0.5]
+        )
+        return np.asarray(ndimage.map_coordinates(self.noise, places, order=1, mode="nearest"))
+
+    def noise_image(self, height_px: int, width_px: int) -> Image:
+        """Return the noise per pixel on a grid of any size over the same frame, bilinear."""
+        return _spread(self.noise, height_px, width_px, smooth=False)
+
+
+def _weights(cells: int, length: int, *, smooth: bool) -> Image:
+    """Matrix (length, cells) that interpolates from cell centers to pixels, flat beyond the outer centers."""
+    if cells == 1:
+        return np.ones((length, 1), dtype=np.float32)
+    centers = (np.arange(cells) + 0.5) * length / cells - 0.5
+    places = np.clip(np.arange(length), centers[0], centers[-1])
+    unit = np.eye(cells)
+    if smooth and cells >= 4:
+        return np.asarray(CubicSpline(centers, unit, bc_type="natural")(places), dtype=np.float32)
+    return np.stack([np.interp(places, centers, row) for row in unit], axis=1).astype(np.float32)
+
+
+def _spread(mesh: NDArray[np.float64], height: int, width: int, *, smooth: bool = True) -> Image:
+    rows = _weights(mesh.shape[0], height, smooth=smooth)
+    columns = _weights(mesh.shape[1], width, smooth=smooth)
+    return np.asarray(rows @ (mesh.astype(np.float32) @ columns.T), dtype=np.float32)
+
+
+def box_for(height_px: int, width_px: int) -> int:
+    """Side of a mesh cell for a frame: a sixteenth of its shorter side, between 32 and 64 pixels."""
+    return int(np.clip(min(height_px, width_px) // 16, 32, 64))
+
+
+def estimate_background(image: Image, *, box_px: int | None = None, step_adu: float = 0.0) -> Background:
+    """Estimate sky level and noise of a frame.
+
+    Each cell's samples are clipped at three sigma round their median, where sigma is the width of the lower
+    half, which stars don't touch; the mesh is then freed from single odd cells by a 3 × 3 median.
+
+    Parameters
+    ----------
+    image : ndarray of float32, shape (height, width)
+        NaN marks missing pixels.
+    box_px : int, optional
+        Side of a cell; by the frame's size if left out.
+    step_adu : float, optional
+        Step of whole-numbered pixels. Samples are spread evenly over one step, always alike, since medians of
+        whole numbers would be off by up to half a step, which is a whole sigma in 8-bit pictures.
+
+    Returns
+    -------
+    Background
+    """
+    height, width = image.shape
+    box = box_px or box_for(height, width)
+    rows, columns = max(1, round(height / box)), max(1, round(width / box))
+    row_edges = np.linspace(0, height, rows + 1).astype(int)
+    column_edges = np.linspace(0, width, columns + 1).astype(int)
+    level, noise = np.full((rows, columns), np.nan), np.full((rows, columns), np.nan)
+    cell_width = int(np.diff(column_edges).min())
+    spread = np.random.default_rng(0)
+    for j in range(rows):
+        # whole lines are read, only so many that a cell has samples enough
+        lines = row_edges[j + 1] - row_edges[j]
+        step = max(1, int(lines * cell_width // _ENOUGH_SAMPLES))
+        band = image[row_edges[j] : row_edges[j + 1] : step]
+        cells = np.stack([band[:, e : e + cell_width].ravel() for e in column_edges[:-1]])
+        if step_adu > 0.0:
+            cells += np.float32(step_adu) * (spread.random(cells.shape, dtype=np.float32) - np.float32(0.5))
+        level[j], noise[j] = _clipped(cells)
+    return Background(_mended(level, image), _mended(noise, image), height, width)
+
+
+def _clipped(cells: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return clipped median and lower-half sigma of each row; NaN where too few pixels are valid."""
+    cells = np.sort(cells, axis=1)  # NaN go to the end
+    count = np.isfinite(cells).sum(axis=1)
+    low, high = np.zeros_like(count), count.copy()
+    index = np.arange(cells.shape[0])
+
+    def at(share: float) -> NDArray[np.float64]:
+        place = np.clip((low + share * (high - low - 1)).astype(int), 0, cells.shape[1] - 1)
+        return cells[index, place].astype(np.float64)
+
+    for _ in range(_CLIP_ROUNDS):
+        middle = at(0.5)
+        sigma = (middle - at(0.158655)) + 1e-12
+        low = (cells < (middle - _CLIP_SIGMA * sigma)[:, None]).sum(axis=1)
+        high = (cells <= (middle + _CLIP_SIGMA * sigma)[:, None]).sum(axis=1)
+    middle, sigma = at(0.5), at(0.5) - at(0.158655)
+    few = count < _LEAST_VALID * cells.shape[1]
+    return np.where(few, np.nan, middle), np.where(few, np.nan, sigma)
+
+
+def _mended(mesh: NDArray[np.float64], image: Image) -> NDArray[np.float64]:
+    """Fill empty cells from the nearest full one, then take single odd cells out."""
+    empty = ~np.isfinite(mesh)
+    if empty.all():
+        return np.full_like(mesh, float(np.nanmedian(image)))
+    if empty.any():
+        nearest = ndimage.distance_transform_edt(empty, return_distances=False, return_indices=True)
+        mesh = mesh[tuple(np.asarray(nearest))]
+    return np.asarray(ndimage.median_filter(mesh, size=3, mode="nearest")) if min(mesh.shape) >= 3 else mesh

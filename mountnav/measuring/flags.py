@@ -1,0 +1,119 @@
+"""Which measurements deserve less trust, judged by the frame's own typical star [S23 §0.3]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mountnav.measuring.artifacts import Blob, Streak
+from mountnav.measuring.measurements import Flag
+from mountnav.measuring.profile import Profiles
+
+Array = NDArray[np.float64]
+
+_TOO_NARROW = 0.62
+_TOO_WIDE = 2.0
+_TOO_LONG = 0.25
+_LEAST_ELLIPTICITY = 0.4
+_POOR_FIT = 0.15
+_POOR_FIT_RATIO = 3.0
+_HOT_FWHM_PX = 0.95
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What the judgement looks at besides the fits: noise, masks, the typical width and what isn't sky."""
+
+    noise: Array
+    good: NDArray[np.bool_]
+    saturated: NDArray[np.bool_]
+    fwhm_px: float
+    blobs: list[Blob]
+    streaks: list[Streak]
+
+
+def judge(
+    fits: Profiles, x_px: Array, y_px: Array, neighbor_px: Array, setting: Setting
+) -> tuple[NDArray[np.int64], Array, Array]:
+    """Flag each fit, and put those that ran away back to their peaks.
+
+    Parameters
+    ----------
+    fits : Profiles
+    x_px, y_px : ndarray, shape (n,)
+        The peaks they started from.
+    neighbor_px : ndarray, shape (n,)
+        Distance to the nearest other peak.
+    setting : Setting
+
+    Returns
+    -------
+    flags : ndarray of int64, shape (n,)
+    x_px, y_px : ndarray, shape (n,)
+        Final places.
+    """
+    height, width = setting.good.shape
+    x, y = np.where(fits.converged, fits.x_px, x_px), np.where(fits.converged, fits.y_px, y_px)
+    flags = np.zeros(x.size, dtype=np.int64)
+    if x.size == 0:
+        return flags, x, y
+    reach = max(1, round(0.5 * setting.fwhm_px))
+    full = _any_near(setting.saturated, x, y, reach)
+    flags[full] |= Flag.SATURATED
+    margin = max(2.0, setting.fwhm_px)
+    edge = (x < margin) | (y < margin) | (x > width - 1 - margin) | (y > height - 1 - margin)
+    edge |= _any_near(~setting.good & ~setting.saturated, x, y, 1)
+    flags[edge] |= Flag.EDGE
+    snr = fits.flux / np.maximum(fits.flux_sigma, 1e-12)
+    slack = 2.0 / np.maximum(snr, 1.0)
+    fwhm = np.sqrt(fits.minor_fwhm_px * fits.major_fwhm_px)
+    typical, typical_ellipticity, typical_misfit = _typical(fits, fwhm, snr, full | edge, setting.fwhm_px)
+    narrow = fits.minor_fwhm_px * (1.0 + slack) < _TOO_NARROW * typical * (1.0 - typical_ellipticity) ** 0.5
+    wide = fwhm * (1.0 - slack) > _TOO_WIDE * typical
+    # the noise's own share of the residuals is taken off before the profile is blamed
+    rest = fits.misfit - 1.5 * setting.noise / np.maximum(fits.amplitude, 1e-12)
+    poor = (rest > max(_POOR_FIT, _POOR_FIT_RATIO * typical_misfit)) | ~fits.converged
+    flags[(narrow | wide | poor) & ~full] |= Flag.NO_PEAK
+    ellipticity = 1.0 - fits.minor_fwhm_px / fits.major_fwhm_px
+    long = ellipticity > max(_LEAST_ELLIPTICITY, typical_ellipticity + _TOO_LONG) + slack
+    flags[long] |= Flag.ELONGATED
+    flags[neighbor_px < 1.5 * typical + 1.0] |= Flag.BLENDED
+    for streak in setting.streaks:
+        flags[streak.touches(x, y, max(2.0, setting.fwhm_px))] |= Flag.TRAIL
+    for blob in setting.blobs:
+        if blob.bleeds:
+            room = 0.5 * setting.fwhm_px + 1.0
+            on = (
+                (x > blob.left - room)
+                & (x < blob.right + room)
+                & (y > blob.top - room)
+                & (y < blob.bottom + room)
+            )
+            flags[on] |= Flag.BLEED
+    bleeding = (flags & Flag.BLEED) > 0
+    flags[bleeding] &= ~int(Flag.TRAIL)
+    return flags, x, y
+
+
+def _typical(
+    fits: Profiles, fwhm: Array, snr: Array, spoilt: NDArray[np.bool_], guess_px: float
+) -> tuple[float, float, float]:
+    """Median width, ellipticity and misfit of the clean bright fits; the guess where there are too few."""
+    clean = fits.converged & ~spoilt & (snr > 15.0) & (fits.misfit < 0.2)
+    stars = clean & (fwhm > max(_HOT_FWHM_PX, 0.6 * guess_px))
+    if stars.sum() >= max(3.0, 0.2 * clean.sum()):
+        clean = stars
+    if clean.sum() < 3:
+        return guess_px, 0.0, 0.0
+    ellipticity = 1.0 - fits.minor_fwhm_px[clean] / fits.major_fwhm_px[clean]
+    return float(np.median(fwhm[clean])), float(np.median(ellipticity)), float(np.median(fits.misfit[clean]))
+
+
+def _any_near(mask: NDArray[np.bool_], x: Array, y: Array, reach_px: int) -> NDArray[np.bool_]:
+    """Tell whether a mask is set anywhere in the square round each place."""
+    offset = np.arange(-reach_px, reach_px + 1)
+    rows = np.clip(np.rint(y).astype(int)[:, None, None] + offset[None, :, None], 0, mask.shape[0] - 1)
+    columns = np.clip(np.rint(x).astype(int)[:, None, None] + offset[None, None, :], 0, mask.shape[1] - 1)
+    return np.asarray(mask[rows, columns].any(axis=(1, 2)))

@@ -1,0 +1,77 @@
+"""How wide the stars of a frame are, before any profile is fitted."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from mountnav.measuring.background import Image
+from mountnav.measuring.detection import Peaks
+
+_BRIGHTEST = 200
+_HALF_PX = 20
+_LEAST_HEIGHT = 8.0
+_FALLBACK_FWHM_PX = 2.5
+_STAR_AREA_PX = 4
+
+
+def typical_fwhm(sky_free: Image, saturated: NDArray[np.bool_], peaks: Peaks) -> float:
+    """Estimate the stars' full width at half maximum from the area above half maximum of the bright peaks.
+
+    Hot pixels and cosmic rays cover one to three pixels; if a fair share of the peaks covers more, only those
+    are asked, else the stars themselves are that small.
+
+    Parameters
+    ----------
+    sky_free : ndarray of float32, shape (height, width)
+    saturated : ndarray of bool, shape (height, width)
+    peaks : Peaks
+
+    Returns
+    -------
+    float
+        Pixels.
+    """
+    height, width = sky_free.shape
+    x, y = np.rint(peaks.x_px).astype(int), np.rint(peaks.y_px).astype(int)
+    usable = (x >= _HALF_PX) & (x < width - _HALF_PX) & (y >= _HALF_PX) & (y < height - _HALF_PX)
+    usable &= peaks.height > _LEAST_HEIGHT
+    chosen = np.flatnonzero(usable)[: 2 * _BRIGHTEST]
+    if chosen.size == 0:
+        return _FALLBACK_FWHM_PX
+    offset = np.arange(-_HALF_PX, _HALF_PX + 1)
+    rows, columns = (
+        y[chosen, None, None] + offset[None, :, None],
+        x[chosen, None, None] + offset[None, None, :],
+    )
+    stamps = sky_free[rows, columns]
+    middle = slice(_HALF_PX - 1, _HALF_PX + 2)
+    clean = ~saturated[rows, columns][:, middle, middle].any(axis=(1, 2))
+    stamps = stamps[clean][:_BRIGHTEST]
+    if stamps.shape[0] == 0:
+        return _FALLBACK_FWHM_PX
+    near = stamps[:, _HALF_PX - 2 : _HALF_PX + 3, _HALF_PX - 2 : _HALF_PX + 3].reshape(stamps.shape[0], -1)
+    top = near.max(axis=1)
+    best = near.argmax(axis=1)
+    above = stamps > 0.5 * top[:, None, None]
+    flat_neighbors = np.zeros((3, 3, 3), dtype=bool)
+    flat_neighbors[1] = ndimage.generate_binary_structure(2, 1)
+    labels, _ = ndimage.label(above, structure=flat_neighbors)
+    index = np.arange(stamps.shape[0])
+    own = labels[index, _HALF_PX - 2 + best // 5, _HALF_PX - 2 + best % 5]
+    patch = labels == own[:, None, None]
+    area = patch.sum(axis=(1, 2))
+    inside = ~(
+        patch[:, 0].any(axis=1)
+        | patch[:, -1].any(axis=1)
+        | patch[:, :, 0].any(axis=1)
+        | patch[:, :, -1].any(axis=1)
+    )
+    area = area[inside]
+    if area.size == 0:
+        return _FALLBACK_FWHM_PX
+    stars = area[area >= _STAR_AREA_PX]
+    if stars.size < max(3.0, 0.25 * area.size):
+        stars = area[area >= 2] if (area >= 2).sum() >= max(3.0, 0.25 * area.size) else area
+    return float(max(1.0, 2.0 * np.sqrt(np.median(stars) / np.pi)))

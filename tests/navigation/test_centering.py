@@ -1,0 +1,166 @@
+"""Whole centerings over a real pty, judged by the simulator's truth, not by the navigator's belief."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+
+import pytest
+
+from mountnav.errors import (
+    Busy,
+    Cancelled,
+    NotSolved,
+    OffsetImplausible,
+    OutsideLimits,
+    TargetNotReached,
+)
+from mountnav.navigation.devices import Mount
+from mountnav.navigation.reports import CenterOutcome, SyncOutcome
+from mountnav.simulation.mechanics import PointingErrors
+from mountnav.sky.coordinates import Apparent, Icrs
+from mountnav.sky.sphere import separation_arcsec
+
+from tests.navigation.conftest import ERRORS, POLICY, MakeRig, Rig, up_now
+
+
+class SyncDeaf:
+    """A mount that says yes to syncs and keeps its own belief, as some do."""
+
+    def __init__(self, mount: Mount) -> None:
+        self._mount = mount
+        self.syncs = 0
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._mount, name)
+
+    async def sync(self, place: Apparent | Icrs) -> None:
+        self.syncs += 1
+
+
+async def seen(rig: Rig, kind: str) -> None:
+    """Wait for an event of this kind."""
+    async with asyncio.timeout(30):
+        while kind not in rig.kinds():
+            await asyncio.sleep(0.01)
+
+
+@pytest.mark.parametrize(("ha_deg", "dec_deg"), [(-20.0, 30.0), (40.0, 5.0), (10.0, 85.0)])
+async def test_a_wrongly_pointing_mount_is_centered(make_rig: MakeRig, ha_deg: float, dec_deg: float) -> None:
+    rig = await make_rig()
+    target = up_now(ha_deg, dec_deg)
+    report = await rig.navigator.center(target)
+    assert report.outcome is CenterOutcome.CENTERED
+    assert report.error_before_arcsec > 200.0
+    truly = separation_arcsec(rig.mechanics.truth(), target)
+    assert truly < 45.0
+    assert report.error_after_arcsec <= 30.0
+    assert len(report.tries) >= 2
+    assert report.tries[0].synced
+    assert not report.tries[-1].synced
+
+
+async def test_a_mount_that_ignores_syncs_is_centered_by_an_offset(make_rig: MakeRig) -> None:
+    rig = await make_rig(wrap=SyncDeaf, policy=replace(POLICY, sync_read_back_s=0.2))
+    target = up_now()
+    report = await rig.navigator.center(target)
+    assert separation_arcsec(rig.mechanics.truth(), target) < 45.0
+    assert report.tries[0].sync_outcome is SyncOutcome.IGNORED
+    assert not report.tries[0].synced
+
+
+async def test_a_target_below_the_horizon_moves_nothing(make_rig: MakeRig) -> None:
+    rig = await make_rig()
+    axes = rig.mechanics.axes()
+    with pytest.raises(OutsideLimits):
+        await rig.navigator.center(up_now(180.0, 0.0))
+    assert not rig.mechanics.slewing()
+    assert abs(rig.mechanics.axes().dec_axis_deg - axes.dec_axis_deg) < 1e-9
+    assert "slewing" not in rig.kinds()
+
+
+async def test_an_offset_beyond_the_cap_is_never_synced(make_rig: MakeRig) -> None:
+    rig = await make_rig(policy=replace(POLICY, max_sync_arcsec=120.0))
+    with pytest.raises(OffsetImplausible):
+        await rig.navigator.center(up_now())
+    assert "syncing" not in rig.kinds()
+
+
+async def test_an_unsolved_frame_moves_and_syncs_nothing(make_rig: MakeRig) -> None:
+    # 3° off: the frame lies outside the area that is searched
+    rig = await make_rig(
+        errors=PointingErrors(id_arcsec=-3.5 * 3600), policy=replace(POLICY, search_radius_deg=1.0)
+    )
+    with pytest.raises(NotSolved):
+        await rig.navigator.sync()
+    assert rig.kinds().count("not-solved") == POLICY.solve_retries
+    assert "syncing" not in rig.kinds()
+
+
+async def test_tries_run_out_with_a_name(make_rig: MakeRig) -> None:
+    rig = await make_rig()
+    with pytest.raises(TargetNotReached, match="2 looks"):
+        await rig.navigator.center(up_now(), tolerance_arcsec=0.01, max_tries=2)
+
+
+async def test_time_runs_out_and_the_mount_stands(make_rig: MakeRig) -> None:
+    rig = await make_rig(slew_rate_deg_s=0.5)
+    with pytest.raises(TargetNotReached, match="stopped"):
+        await rig.navigator.center(up_now(60.0, 10.0), timeout_s=1.5)
+    async with asyncio.timeout(5):
+        while rig.mechanics.slewing():
+            await asyncio.sleep(0.05)
+
+
+async def test_a_second_motion_is_refused_not_queued(make_rig: MakeRig) -> None:
+    rig = await make_rig()
+    first = asyncio.create_task(rig.navigator.center(up_now()))
+    await seen(rig, "slewing")
+    with pytest.raises(Busy):
+        await rig.navigator.slew(up_now(30.0, 20.0))
+    await first
+
+
+async def test_cancelling_stops_the_mount(make_rig: MakeRig) -> None:
+    rig = await make_rig(slew_rate_deg_s=0.5)
+    work = asyncio.create_task(rig.navigator.slew(up_now(60.0, 10.0)))
+    await seen(rig, "slewing")
+    async with asyncio.timeout(10):
+        while not rig.mechanics.slewing():
+            await asyncio.sleep(0.01)
+    work.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await work
+    async with asyncio.timeout(5):
+        while rig.mechanics.slewing():
+            await asyncio.sleep(0.05)
+
+
+async def test_stop_ends_a_slew_as_cancelled(make_rig: MakeRig) -> None:
+    rig = await make_rig(slew_rate_deg_s=0.5)
+    work = asyncio.create_task(rig.navigator.slew(up_now(60.0, 10.0)))
+    async with asyncio.timeout(10):
+        while not rig.mechanics.slewing():
+            await asyncio.sleep(0.01)
+    await rig.navigator.stop()
+    with pytest.raises(Cancelled):
+        await work
+    assert not rig.mechanics.slewing()
+
+
+async def test_a_look_says_where_the_tube_truly_points(make_rig: MakeRig) -> None:
+    rig = await make_rig(errors=replace(ERRORS, periodic_amplitude_arcsec=0.0))
+    await rig.navigator.slew(up_now())
+    look = await rig.navigator.look()
+    assert separation_arcsec(look.seen, rig.mechanics.truth(look.mid_exposure_utc)) < 1.0
+    # the offset is what separates truth and belief, to the mount's resolution
+    believed = separation_arcsec(look.seen, look.believed)
+    assert look.offset.total_arcsec == pytest.approx(believed, rel=1e-6)
+
+
+async def test_state_tells_reading_and_altitude(make_rig: MakeRig) -> None:
+    rig = await make_rig()
+    state = await rig.navigator.state()
+    assert state.connected
+    assert state.activity == "idle"
+    assert state.altitude_deg == pytest.approx(90.0, abs=1.0)
