@@ -1,4 +1,4 @@
-"""The FastAPI application, made from settings: routes, errors, who may use it, and its life from start to rest."""
+"""The FastAPI application, made from settings: routes, errors, access, and its life from start to rest."""
 
 from __future__ import annotations
 

@@ -113,7 +113,9 @@ def problem_of(error: MountnavError) -> Problem:
 
 def internal_problem() -> Problem:
     """Make the problem for a fault of our own; what it was goes to the log, not to the caller."""
-    return problem("internal", 500, "this should not have happened", advice="see the service's log, and report it")
+    return problem(
+        "internal", 500, "this should not have happened", advice="see the service's log, and report it"
+    )
 
 
 def problem_response(found: Problem, headers: dict[str, str] | None = None) -> Response:

@@ -33,7 +33,8 @@ class SlewBody(Body):
     ra_deg: float = Field(ge=0, lt=360)
     dec_deg: float = Field(ge=-90, le=90)
     frame: Literal["icrs", "jnow-apparent"] = Field(
-        default="icrs", description="jnow-apparent: true equator and equinox of now, geocentric, no refraction"
+        default="icrs",
+        description="jnow-apparent: true equator and equinox of now, geocentric, no refraction",
     )
 
 

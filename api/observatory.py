@@ -1,4 +1,4 @@
-"""The observatory: each configured telescope put together, connected when it can be, and let go in the end."""
+"""The observatory: each configured telescope put together, connected when possible, let go in the end."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-from drivers.bench import FakeOnPty
 from drivers.folder.camera import FolderCamera
+
+from drivers.bench import FakeOnPty
 from drivers.lx200.fake import FakeLx200
 from drivers.registry import open_mount
 from drivers.simulated.camera import SimulatedCamera
@@ -136,7 +137,8 @@ class Observatory:
         """Return the telescope of that id. Raises `Unknown`."""
         if telescope_id not in self._telescopes:
             raise Unknown(
-                "there is no telescope of this id", advice=f"there is: {', '.join(self._telescopes) or 'none'}"
+                "there is no telescope of this id",
+                advice=f"there is: {', '.join(self._telescopes) or 'none'}",
             )
         return self._telescopes[telescope_id]
 
@@ -172,7 +174,9 @@ async def _open_quietly(telescope: Telescope) -> None:
     try:
         await telescope.ready()
     except DeviceError as error:
-        _log.warning("%s is not connected, and will be tried again with the next command: %s", telescope.id, error)
+        _log.warning(
+            "%s is not connected, and will be tried again with the next command: %s", telescope.id, error
+        )
 
 
 def _build(one: TelescopeSettings, settings: Settings, catalog: Catalog, heard: Heard) -> Telescope:
@@ -183,7 +187,7 @@ def _build(one: TelescopeSettings, settings: Settings, catalog: Catalog, heard: 
         mechanics = _mechanics(one, settings)
         bench = FakeOnPty(FakeLx200(mechanics)).start()
         url = f"lx200+serial://{bench.address}"
-    mount: Mount = open_mount(url, epoch=one.mount.epoch, name=one.id)
+    mount: Mount = open_mount(_with_epoch(url, one), name=one.id)
     navigator = Navigator(
         name=one.id,
         mount=mount,
@@ -195,6 +199,13 @@ def _build(one: TelescopeSettings, settings: Settings, catalog: Catalog, heard: 
         listen=lambda kind, data: heard(one.id, kind, data),
     )
     return Telescope(one.id, navigator, url, bench, mechanics)
+
+
+def _with_epoch(url: str, one: TelescopeSettings) -> str:
+    """The URL with the configured epoch as its option, unless it says its own."""
+    if "epoch=" in url:
+        return url
+    return f"{url}{'&' if '?' in url else '?'}epoch={one.mount.epoch}"
 
 
 def _mechanics(one: TelescopeSettings, settings: Settings) -> Mechanics:

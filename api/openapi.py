@@ -1,4 +1,4 @@
-"""The frozen interface: `python -m api.openapi` writes docs/openapi.json anew, and a test compares the two."""
+"""The frozen interface: `python -m api.openapi` writes docs/openapi.json anew; a test compares them."""
 
 from __future__ import annotations
 

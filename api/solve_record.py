@@ -24,18 +24,20 @@ class SolveRecord(BaseModel):
 
     file: str
     solved: bool
-    ra_deg: float | None = Field(None, description="ICRS place of the frame's geometric center")
+    ra_deg: float | None = Field(default=None, description="ICRS place of the frame's geometric center")
     dec_deg: float | None = None
     scale_arcsec_px: float | None = None
-    rotation_deg: float | None = Field(None, description="Position angle of the image's +y axis, east of north")
-    parity: Literal[1, -1] | None = Field(None, description="+1: east left when north is up")
+    rotation_deg: float | None = Field(
+        default=None, description="Position angle of the image's +y axis, east of north"
+    )
+    parity: Literal[1, -1] | None = Field(default=None, description="+1: east left when north is up")
     rms_arcsec: float | None = None
     pairs: int | None = None
     false_probability: float | None = None
     mode: str | None = None
     time_s: SolveTimes
-    wcs: dict[str, str | int | float] | None = Field(None, description="FITS cards, TAN or TAN-SIP")
-    reason: str | None = Field(None, description="Why it was not solved")
+    wcs: dict[str, str | int | float] | None = Field(default=None, description="FITS cards, TAN or TAN-SIP")
+    reason: str | None = Field(default=None, description="Why it was not solved")
 
 
 def solve_record(file: str, verdict: Verdict) -> SolveRecord:

@@ -101,8 +101,8 @@ def real(shared: Path) -> list[Known]:
     for one in json.loads((folder / "manifest.json").read_text())["frames"]:
         east, north, stretch = chance.uniform(-720, 720), chance.uniform(-720, 720), chance.uniform(0.98, 1.02)
         grade = one["truth_grade"]
-        center = Icrs(one["ra_deg"], one["dec_deg"]) if one["ra_deg"] is not None and grade != "N" else None
-        scale = one["scale_arcsec"]
+        center = Icrs(one["ra_deg"], one["dec_deg"]) if one.get("ra_deg") is not None and grade != "N" else None
+        scale = one.get("scale_arcsec")
         hint = Hint(Icrs(83.8, -5.4), 1.0, 2.0, 4.0) if center is None else Hint(displaced(center, east, north), 0.5)
         if center is not None and scale is not None:
             hint = replace(
@@ -113,11 +113,11 @@ def real(shared: Path) -> list[Known]:
                 path=folder / one["file"],
                 center=center,
                 scale_arcsec_px=scale,
-                uncertainty_arcsec=one["truth_uncertainty_arcsec"] or 0.0,
+                uncertainty_arcsec=one.get("truth_uncertainty_arcsec") or 0.0,
                 grade=grade,
-                field_deg=min(one["fov_deg"]) if one["fov_deg"] else 0.0,
+                field_deg=min(one.get("fov_deg") or [0.0]),
                 hint=hint,
-                parity={"normal": 1, "flipped": -1}.get(one["parity"] or ""),
+                parity={"normal": 1, "flipped": -1}.get(one.get("parity") or ""),
             )
         )
     return known
@@ -131,15 +131,28 @@ def read(known: Known) -> Frame | BadFrame:
         return fault
 
 
+def asked(known: Known, frame: Frame) -> Hint:
+    """The hint to ask with: the header's center and scale where they are sane, else the table's."""
+    hint, header = known.hint, frame.hint
+    if known.grade == "R" or known.center is None:
+        return hint
+    if header.center is not None:
+        off_deg = separation_arcsec(header.center, known.center) / 3600
+        if off_deg < max(1.0, header.radius_deg):
+            hint = replace(hint, center=header.center, radius_deg=max(1.0, header.radius_deg))
+    low, high, true = header.scale_low_arcsec_px, header.scale_high_arcsec_px, known.scale_arcsec_px
+    if low is not None and high is not None and (true is None or low < true < high):
+        hint = replace(hint, scale_low_arcsec_px=low, scale_high_arcsec_px=high)
+    return hint
+
+
 def row(known: Known) -> str:
     """Solve a frame and write a line of the table."""
     frame = read(known)
     name = "/".join(known.path.parts[-2:])
     if isinstance(frame, BadFrame):
         return f"| {name} | {known.grade} | {known.field_deg:.2f} | unreadable | | | | | | {frame} |"
-    # a header's center is taken when it is sane: within a field's width of the truth
-    hint = known.hint
-    verdict = solve(frame, embedded_catalog(), hint=hint)
+    verdict = solve(frame, embedded_catalog(), hint=asked(known, frame))
     error = known.error_px(verdict)
     solution = verdict.solution
     if solution is None:

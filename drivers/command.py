@@ -6,23 +6,23 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-T = TypeVar("T")
+T_co = TypeVar("T_co", covariant=True)
 
 
-class Unreadable(ValueError):  # noqa: N818 - errors are named for what happened
+class Unreadable(ValueError):
     """Bytes that match nothing the question allows."""
 
 
 @dataclass(frozen=True, slots=True)
-class Read(Generic[T]):
+class Read(Generic[T_co]):
     """A whole reply: its value, and how many bytes it took from the front of the buffer."""
 
-    value: T
+    value: T_co
     length: int
 
 
 @dataclass(frozen=True, slots=True)
-class Command(Generic[T]):
+class Command(Generic[T_co]):
     """One thing to say to the device, and how to understand what it answers.
 
     Attributes
@@ -42,6 +42,6 @@ class Command(Generic[T]):
 
     sent: bytes
     meaning: str
-    read: Callable[[bytes, bool], Read[T] | None]
+    read: Callable[[bytes, bool], Read[T_co] | None]
     repeatable: bool = True
     answered: bool = True

@@ -158,9 +158,13 @@ class SerialLine:
         def end() -> None:
             if reading is not None:
                 reading.join()
+            # pyserial leaves the socket of a cut connection open: its shutdown fails before its close
+            link = getattr(port, "_socket", None)
             # a port that is already gone has nothing left to close
             with contextlib.suppress(OSError):
                 port.close()
+            if link is not None:
+                link.close()
 
         await asyncio.get_running_loop().run_in_executor(threads[0], end)
         for thread in threads:

@@ -1,4 +1,4 @@
-"""What a header believes about place and scale; a hint is a hint, so absurd cards are passed over in silence."""
+"""What a header believes about place and scale; only a hint, so absurd cards are passed over in silence."""
 
 from __future__ import annotations
 

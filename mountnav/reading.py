@@ -1,4 +1,4 @@
-"""Files and uploads become Frames here, in file order, and whatever is no image becomes a BadFrame with advice."""
+"""Files and uploads become Frames here, in file order; what is no image becomes a BadFrame with advice."""
 
 from __future__ import annotations
 
@@ -84,18 +84,11 @@ def read_frame(source: Path | bytes, *, name: str | None = None) -> Frame:
 
 def _unpacked(content: bytes, label: str) -> bytes:
     """Take the gzip or bzip2 wrapping off, if there is one."""
-    if content[:2] == b"\x1f\x8b":
-        opener: type[gzip.GzipFile] | type[bz2.BZ2File] = gzip.GzipFile
-    elif content[:3] == b"BZh":
-        opener = bz2.BZ2File
-    else:
+    if content[:2] != b"\x1f\x8b" and content[:3] != b"BZh":
         return content
+    stream = io.BytesIO(content)
     try:
-        with (
-            gzip.GzipFile(fileobj=io.BytesIO(content))
-            if opener is gzip.GzipFile
-            else bz2.BZ2File(io.BytesIO(content))
-        ) as packed:
+        with gzip.GzipFile(fileobj=stream) if content[:1] == b"\x1f" else bz2.BZ2File(stream) as packed:
             plain = packed.read(_MOST_BYTES + 1)
     except (OSError, EOFError, zlib.error) as fault:
         raise BadFrame(
@@ -229,7 +222,7 @@ def _from_picture(content: bytes, label: str) -> Frame:
             raise BadFrame(
                 "this is no image of a kind that can be read",
                 device=label,
-                advice="send FITS (also .fz, .gz), PNG, JPEG, TIFF or BMP; camera raw files must be converted",
+                advice="send FITS (also .fz, .gz), PNG, JPEG, TIFF or BMP; convert camera raw files first",
             ) from fault
         except Image.DecompressionBombError as fault:
             raise BadFrame(

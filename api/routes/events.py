@@ -20,7 +20,9 @@ LastEventId = Annotated[
 
 
 @router.get("/events", response_class=EventSourceResponse, responses=responses())
-async def follow_events(service: TheService, last_event_id: LastEventId = None) -> AsyncIterator[ServerSentEvent]:
+async def follow_events(
+    service: TheService, last_event_id: LastEventId = None
+) -> AsyncIterator[ServerSentEvent]:
     """Events from now on, or from `Last-Event-ID` on; a comment each 15 s keeps the connection alive."""
     yield ServerSentEvent(comment="mountnav")
     async for event in service.events.follow(last_event_id):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from fastapi import APIRouter
 
 from api.models import HealthView, VersionView
@@ -11,11 +13,11 @@ from mountnav import __version__
 router = APIRouter(tags=["service"])
 
 
-@router.get("/health", responses={})
+@router.get("/health")
 async def get_health(service: TheService) -> HealthView:
     """Tell that the service lives, and which telescopes are connected. Asks no device."""
     connected = {telescope.id: telescope.is_open for telescope in service.observatory.telescopes}
-    status = "ok" if all(connected.values()) else "degraded"
+    status: Literal["ok", "degraded"] = "ok" if all(connected.values()) else "degraded"
     return HealthView(status=status, version=__version__, telescopes=connected)
 
 

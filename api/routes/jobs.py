@@ -14,7 +14,9 @@ router = APIRouter(prefix="/jobs", tags=["jobs"])
 
 Wait = Annotated[
     float,
-    Query(ge=0, le=3600, allow_inf_nan=False, description="Seconds to wait for the job's end before answering"),
+    Query(
+        ge=0, le=3600, allow_inf_nan=False, description="Seconds to wait for the job's end before answering"
+    ),
 ]
 
 

@@ -14,13 +14,13 @@ from starlette.formparsers import MultiPartException
 from starlette.types import Message, Receive
 
 from api.faults import Refused, problem, responses
+from api.hints import make_hint
 from api.service import TheService
 from api.solve_record import SolveRecord, solve_record
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadFrame, BadRequest
 from mountnav.frames import Hint
 from mountnav.reading import read_frame
-from mountnav.sky.coordinates import Icrs
 from mountnav.solution import Reason, Verdict
 from mountnav.solve import solve
 
@@ -46,7 +46,9 @@ _BODY: dict[str, Any] = {
 
 Ra = Annotated[float | None, Query(ge=0, lt=360, allow_inf_nan=False, description="Believed ICRS center")]
 Dec = Annotated[float | None, Query(ge=-90, le=90, allow_inf_nan=False)]
-Radius = Annotated[float | None, Query(gt=0, le=180, allow_inf_nan=False, description="How wrong that may be")]
+Radius = Annotated[
+    float | None, Query(gt=0, le=180, allow_inf_nan=False, description="How wrong that may be")
+]
 Scale = Annotated[float | None, Query(gt=0, le=3600, allow_inf_nan=False, description="Arcseconds per pixel")]
 
 
@@ -70,39 +72,6 @@ async def solve_upload(
     if verdict.reason is Reason.BAD_FRAME:
         raise BadFrame(verdict.detail or str(verdict.reason), device=name)
     return solve_record(name, verdict)
-
-
-def make_hint(
-    ra_deg: float | None,
-    dec_deg: float | None,
-    radius_deg: float | None,
-    scale_low_arcsec_px: float | None,
-    scale_high_arcsec_px: float | None,
-) -> Hint | None:
-    """Make the hint that a caller gave; None when he gave none.
-
-    Raises
-    ------
-    BadRequest
-        Half a place, or bounds the wrong way round.
-    """
-    if (ra_deg is None) != (dec_deg is None):
-        raise BadRequest("a place needs both right ascension and declination", advice="give both, or neither")
-    if radius_deg is not None and ra_deg is None:
-        raise BadRequest("a radius without a place", advice="give right ascension and declination too")
-    if (
-        scale_low_arcsec_px is not None
-        and scale_high_arcsec_px is not None
-        and scale_low_arcsec_px > scale_high_arcsec_px
-    ):
-        raise BadRequest("the lower bound of the scale is above the upper one", advice="exchange them")
-    center = None if ra_deg is None or dec_deg is None else Icrs(ra_deg, dec_deg)
-    hint = Hint(
-        center=center, scale_low_arcsec_px=scale_low_arcsec_px, scale_high_arcsec_px=scale_high_arcsec_px
-    )
-    if radius_deg is not None:
-        hint = replace(hint, radius_deg=radius_deg)
-    return None if hint == Hint() else hint
 
 
 def _solve(content: bytes, name: str, catalog: Catalog, hint: Hint | None) -> Verdict:

@@ -37,7 +37,9 @@ Key = Annotated[
         description="Made by the client: the same key with the same request never starts a second job",
     ),
 ]
-_LOCATION = {202: {"headers": {"Location": {"description": "The job", "schema": {"type": "string"}}}}}
+_LOCATION: dict[int | str, dict[str, Any]] = {
+    202: {"headers": {"Location": {"description": "The job", "schema": {"type": "string"}}}}
+}
 _STARTING: dict[int | str, dict[str, Any]] = {**responses(404, 409), **_LOCATION}
 _STOP_FAILURES = {
     503: "The mount can't be reached: the stop could NOT be sent",

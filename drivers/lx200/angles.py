@@ -23,8 +23,9 @@ _DEC = re.compile(
     rb"([+-])(\d{2})" + _SEPARATOR + rb"(\d{2})(?:[:'](\d{2})(?:\.(\d{1,4}))?'?)?",
     re.DOTALL,
 )
+# OnStep's driver writes one-digit seconds, as in 323:06:0.00 [LX200 :Sg#]
 _LONGITUDE = re.compile(
-    rb"([+-]?)(\d{1,3})" + _SEPARATOR + rb"(\d{2})(?:[:'](\d{2})(?:\.(\d{1,4}))?)?", re.DOTALL
+    rb"([+-]?)(\d{1,3})" + _SEPARATOR + rb"(\d{2})(?:[:'](\d{1,2})(?:\.(\d{1,4}))?)?", re.DOTALL
 )
 
 

@@ -9,52 +9,16 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
-from drivers.exchange import Exchange, Patience
+from drivers.command import Command
+from drivers.exchange import Exchange
 from drivers.line import ByteLine, SerialLine
 from drivers.lx200 import codec
+from drivers.lx200.habits import Lx200Habits
 from mountnav.errors import BadRequest, Busy, DeviceGarbled, DeviceMissing, DeviceRefused, DeviceSilent
 from mountnav.navigation.devices import Epoch, MountReading, SlewOutcome
 from mountnav.sky.coordinates import Apparent, Icrs, utc_now
 from mountnav.sky.sphere import separation_arcsec
-
-
-@dataclass(frozen=True, slots=True)
-class Lx200Habits:
-    """How an LX200 mount is treated.
-
-    Attributes
-    ----------
-    epoch : {"apparent", "icrs"}
-        Kind of coordinates; the protocol says none, JNow is the convention [LX200 Epoch].
-    patience : Patience
-        For one question.
-    poll_s : float
-        Between two looks at a running slew.
-    slew_timeout_s : float
-        A slew that runs longer is stopped and counts as stalled.
-    stop_timeout_s : float
-        Within this time after a stop the mount must be at rest.
-    start_grace_s : float
-        So long after the order a mount that doesn't move yet has not stalled.
-    fastest_deg_s : float
-        No mount moves faster; further off than that, a reading is doubted.
-    resting_arcsec : float
-        Further than this from the last reading, that of a resting mount is doubted.
-    drift_arcsec_s : float
-        What a mount at rest may drift: a little more than the sky turns, for tracking switched off.
-    """
-
-    epoch: Epoch = "apparent"
-    patience: Patience = field(default_factory=Patience)
-    poll_s: float = 0.5
-    slew_timeout_s: float = 300.0
-    stop_timeout_s: float = 20.0
-    start_grace_s: float = 3.0
-    fastest_deg_s: float = 15.0
-    resting_arcsec: float = 120.0
-    drift_arcsec_s: float = 20.0
 
 
 class Lx200Mount:
@@ -124,20 +88,24 @@ class Lx200Mount:
             If nothing on it speaks LX200.
         """
         async with self._opening:
-            await self._line.open()
-            self._exchange = Exchange(self._line, self._habits.patience)
-            self._last = None
-            try:
-                await self._identify()
-            except BaseException:
-                await self._line.close()
-                raise
-            self._wanted_open = True
+            await self._open()
+
+    async def _open(self) -> None:
+        await self._line.open()
+        self._exchange = Exchange(self._line, self._habits.patience)
+        self._last = None
+        try:
+            await self._identify()
+        except BaseException:
+            await self._line.close()
+            raise
+        self._wanted_open = True
 
     async def _identify(self) -> None:
         one_try_s = self._habits.patience.try_s
         # clones may know one greeting or none; what counts is a readable right ascension
-        for greeting in (codec.ALIGNMENT, codec.PRODUCT):
+        greetings: tuple[Command[object], ...] = (codec.ALIGNMENT, codec.PRODUCT)
+        for greeting in greetings:
             try:
                 await self._exchange.ask(greeting, deadline_s=one_try_s)
             except (DeviceSilent, DeviceGarbled):
@@ -171,7 +139,10 @@ class Lx200Mount:
             return
         if not self._wanted_open:
             raise DeviceMissing("not connected", device=self._name, advice="open the mount first")
-        await self.open()
+        async with self._opening:
+            # another caller may have done it meanwhile
+            if not self._line.usable:
+                await self._open()
 
     # -- readings --------------------------------------------------------------------------------
 
@@ -207,7 +178,9 @@ class Lx200Mount:
         ra = await exchange.ask(codec.GET_RA)
         dec = await exchange.ask(codec.GET_DEC)
         utc = before + (utc_now() - before) / 2
-        slewing = await exchange.ask(codec.SLEWING) if self._knows_bars else None
+        slewing: bool | None = None
+        if self._knows_bars:
+            slewing = await exchange.ask(codec.SLEWING)
         self._note_step(ra.step_arcsec)
         place = Icrs(ra.deg, dec.deg) if self.epoch == "icrs" else Apparent(ra.deg, dec.deg, utc)
         return MountReading(place, utc, slewing), exchange.troubles != troubles
@@ -221,13 +194,13 @@ class Lx200Mount:
         moving = self._slewing or before.slewing is not False or after.slewing is not False
         free_arcsec = self._habits.resting_arcsec + 2.0 * self._resolution_arcsec
         rate = self._habits.fastest_deg_s * 3600.0 if moving else self._habits.drift_arcsec_s
-        return separation_arcsec(before.place, after.place) <= free_arcsec + rate * elapsed_s
+        return _apart_arcsec(before.place, after.place) <= free_arcsec + rate * elapsed_s
 
     def _still(self, before: MountReading, after: MountReading) -> bool:
         """Whether the mount rested between two readings."""
         elapsed_s = max(0.0, (after.utc - before.utc).total_seconds())
         free_arcsec = 1.1 * self._resolution_arcsec + self._habits.drift_arcsec_s * elapsed_s
-        return not after.slewing and separation_arcsec(before.place, after.place) <= free_arcsec
+        return not after.slewing and _apart_arcsec(before.place, after.place) <= free_arcsec
 
     # -- orders ----------------------------------------------------------------------------------
 
@@ -258,9 +231,9 @@ class Lx200Mount:
         self._check_kind(place)
         if self._slewing:
             raise Busy("a slew is running", device=self._name, advice="stop it first")
-        await self._ready()
         stops, self._slewing = self._stops, True
         try:
+            await self._ready()
             return await self._slew(place, stops)
         except (DeviceSilent, DeviceGarbled, DeviceMissing, asyncio.CancelledError):
             # nobody watches it any more: a mount that may be moving is not left so
@@ -304,7 +277,7 @@ class Lx200Mount:
                 continue
             if self._stops != stops:
                 return SlewOutcome.STOPPED
-            if separation_arcsec(now.place, place) <= max(30.0, 2.0 * self._resolution_arcsec):
+            if _apart_arcsec(now.place, place) <= max(30.0, 2.0 * self._resolution_arcsec):
                 return SlewOutcome.ARRIVED
             if moved or loop.time() - ordered > self._habits.start_grace_s:
                 if lost_answer is not None and not moved:
@@ -376,3 +349,8 @@ class Lx200Mount:
                 device=self._name,
                 advice="convert it first",
             )
+
+
+def _apart_arcsec(a: Apparent | Icrs, b: Apparent | Icrs) -> float:
+    """Return the distance of two places that are of one kind by construction."""
+    return separation_arcsec(Icrs(a.ra_deg, a.dec_deg), Icrs(b.ra_deg, b.dec_deg))

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, cast
 
 from drivers.exchange import Patience
-from drivers.lx200.mount import Lx200Habits, Lx200Mount
+from drivers.lx200.habits import Lx200Habits
+from drivers.lx200.mount import Lx200Mount
 from mountnav.errors import BadSettings
 from mountnav.navigation.devices import Epoch
 

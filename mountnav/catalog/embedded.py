@@ -9,8 +9,8 @@ from mountnav.catalog.packed import PackedStore
 from mountnav.errors import BadSettings
 
 EMBEDDED_PATH = Path(__file__).parent / "data" / "tycho2.mnc"
-EMBEDDED_COUNT = 0
-EMBEDDED_SHA256 = ""
+EMBEDDED_COUNT = 2_550_960
+EMBEDDED_SHA256 = "ea144a25dcab5d2a6b317783a958ec148064980990296a72414dcf6abb8a5bd9"
 
 
 @cache

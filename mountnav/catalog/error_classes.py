@@ -15,6 +15,7 @@ REFERENCE_YR = 2000.0
 FEATURE_EPOCHS_YR = (1992.0, 2015.0, 2030.0, 2050.0)
 """Where two stars must have like sigmas to share a class: the catalog's own epoch, and the years of use."""
 CLASSES_BY_WIDTH = 96
+"""Of 256; measured on Tycho-2: with none the worst star's sigma is 13 times too small, with 96 it is 0.64."""
 FEATURE_STEP = 1e-4
 """Features are whole steps of ln(sigma): sums are exact, so the classes don't depend on the machine."""
 
@@ -24,8 +25,8 @@ def error_curve(
 ) -> Array:
     """Variance per coordinate as a parabola of time, mean of the RA* and Dec coordinates.
 
-    Each coordinate has ``sigma²(T) = e² + ((T - Ep) e_pm)²`` [CATALOGS, Formats §1]; the mean of two parabolas
-    is a parabola, so nothing is lost here.
+    Each coordinate has ``sigma²(T) = e² + ((T - Ep) e_pm)²`` [CATALOGS, Formats §1]; the mean of two
+    parabolas is a parabola, so nothing is lost here.
 
     Parameters
     ----------
@@ -49,10 +50,10 @@ def error_curve(
 def classify(curve: Array) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Group stars whose sigma runs alike over the years.
 
-    One group is split again and again until there are 256: at first the widest, at the middle of its width (so
-    that the few stars with monstrous errors get classes of their own), then the one with the largest scatter, at
-    its mean. Width and scatter are those of ln(sigma) at `FEATURE_EPOCHS_YR`. A class has the mean parabola of
-    its members.
+    One group is split again and again until there are 256: at first the widest, at the middle of its width
+    (so that the few stars with monstrous errors get classes of their own), then the one with the largest
+    scatter, at its mean. Both are those of ln(sigma) at `FEATURE_EPOCHS_YR`. A class has the mean
+    parabola of its members.
 
     Parameters
     ----------

@@ -86,6 +86,10 @@ class PackedStore:
     def __len__(self) -> int:
         return self.header.count
 
+    def __reduce__(self) -> tuple[type[PackedStore], tuple[Path]]:
+        # a worker process maps the same file instead of receiving 38 MB
+        return PackedStore, (self.path,)
+
     def __repr__(self) -> str:
         return f"PackedStore({self.header.name!r}, {self.header.count} stars, {self.path})"
 

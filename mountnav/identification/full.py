@@ -117,6 +117,7 @@ def match_radius(settings: IdentificationSettings, width_px: int, height_px: int
 
 def hypotheses(
     points: Points,
+    stage: Stage,
     catalog: Catalog,
     center: Icrs,
     radius_deg: float,
@@ -133,6 +134,8 @@ def hypotheses(
     ----------
     points : Points
         Star-like measurements, brightest first.
+    stage : (int, int)
+        How many of the brightest measurements and of a tile's stars make triangles.
     catalog : Catalog
     center, radius_deg
         The assumed center and how far off it may be.
@@ -169,26 +172,25 @@ def hypotheses(
     )
     board = _Board(confirm, radius_px)
     size = 0.5 * (width + height)
-    for stage in settings.stages:
-        frame = points.first(
-            spread_brightest(points.x_px, points.y_px, stage[0], regions=settings.m_reg, cap=settings.region_cap)
+    frame = points.first(
+        spread_brightest(points.x_px, points.y_px, stage[0], regions=settings.m_reg, cap=settings.region_cap)
+    )
+    frame_triangles = make_triangles(
+        frame.x_px,
+        frame.y_px,
+        min_side=settings.k_height * size,
+        min_height=settings.k_height * size,
+        limit=settings.frame_triangles,
+    )
+    if not len(frame_triangles):
+        return
+    for tile in tiles(center, radius_deg, step_deg):
+        search.check_time()
+        search.tiles_tried += 1
+        stars = search.stars(catalog, tile, cone_deg, 2 * settings.n_confirm_stars, epoch_yr)
+        yield from _in_tile(
+            tile, stars, stage, frame, frame_triangles, board, (scale_low, scale_high), settings, search
         )
-        frame_triangles = make_triangles(
-            frame.x_px,
-            frame.y_px,
-            min_side=settings.k_height * size,
-            min_height=settings.k_height * size,
-            limit=settings.frame_triangles,
-        )
-        if not len(frame_triangles):
-            continue
-        for tile in tiles(center, radius_deg, step_deg):
-            search.check_time()
-            search.tiles_tried += 1
-            stars = search.stars(catalog, tile, cone_deg, 2 * settings.n_confirm_stars, epoch_yr)
-            yield from _in_tile(
-                tile, stars, stage, frame, frame_triangles, board, (scale_low, scale_high), settings, search
-            )
 
 
 def _in_tile(

@@ -284,10 +284,10 @@ class Selection:
     def held_out(self, plate: Plate) -> tuple[float, int]:
         """Probability of this agreement by chance, on stars that took no part in a fit.
 
-        The brightest stars predicted in the frame are dealt in two halves. A similarity or linear plate is
-        fit to the pairs of one half, and the stars of the other half are predicted with it: how many fall
-        within a strobe of a measurement is a binomial number for a wrong plate. Both halves and two strobes
-        are looked at, so the least of the four probabilities is multiplied by four.
+        The brightest stars predicted in the frame are dealt in two hands (three if they are few). A similarity
+        or linear plate is fit to the pairs of one hand, and all other stars are predicted with it: how many fall
+        within a strobe of a measurement is a binomial number for a wrong plate. Every hand teaches once and two
+        strobes are looked at, so the least probability is multiplied by the number of looks.
 
         Parameters
         ----------
@@ -309,14 +309,17 @@ class Selection:
         if star.size == 0 or chosen.size == 0:
             return 1.0, 0
         tree = cKDTree(np.column_stack((mx, my)))
-        least = 1.0
-        for half in (0, 1):
-            teach = np.isin(fitted.star, star[half::2])
+        least, looks = 1.0, 0
+        hands = 3 if star.size < 40 else 2
+        hand = np.arange(star.size) % hands
+        for teaching in range(hands):
+            looks += 2
+            teach = np.isin(fitted.star, star[hand == teaching])
             pairs = Pairs(fitted.measurement[teach], fitted.star[teach])
             if len(pairs) < 2:
                 continue
             taught = self._fit(plate, pairs, 1 if len(pairs) >= PAIRS_FOR_DEGREE[1] else SIMILARITY)
-            asked = star[1 - half :: 2]
+            asked = star[hand != teaching]
             xi, eta = taught.project(self._stars.ra_deg[asked], self._stars.dec_deg[asked])
             px, py = taught.pixels(xi, eta)
             inside = (px > -0.5) & (px < self._width - 0.5) & (py > -0.5) & (py < self._height - 0.5)
@@ -329,7 +332,7 @@ class Selection:
                 hits = np.unique(nearest[distance <= strobe]).size
                 chance = chance_at(share, px, py, width_px=self._width, height_px=self._height)
                 least = min(least, float(at_least(np.array([hits]), np.array([px.size]), chance)[0]))
-        return min(1.0, 4.0 * least), int(star.size)
+        return float(np.clip(looks * least, 1e-300, 1.0)), int(star.size)
 
     def _strobe(self) -> float:
         """Strobe of the test, fixed by the frame alone: never chosen after looking."""

@@ -15,7 +15,7 @@ from mountnav.identification.area import WIDEST_DEG, stars_round
 from mountnav.identification.full import Hypothesis, OutOfTime, Points, Search, hypotheses, match_radius
 from mountnav.identification.reference import Reference, Selection
 from mountnav.identification.selection import Index, all_finite, star_like
-from mountnav.identification.settings import IdentificationSettings
+from mountnav.identification.settings import IdentificationSettings, Stage
 from mountnav.measuring.measurements import Measurements
 from mountnav.sky.coordinates import Icrs
 from mountnav.solution import Reason
@@ -23,8 +23,7 @@ from mountnav.solution import Reason
 SCALE_LEAST_ARCSEC_PX = 0.3
 SCALE_MOST_ARCSEC_PX = 200.0
 SCALE_STEP = 1.6
-"""With no scale given, it is sought in windows this wide, from the middle of the range outward."""
-SCALE_FIRST_ARCSEC_PX = 2.5
+"""With no scale given, it is sought in windows this wide."""
 PLATE_STARS = 1000
 """Stars fetched for the plate, brightest first."""
 WIDER = 1.3
@@ -65,7 +64,8 @@ def scale_windows(hint: Hint) -> list[tuple[float, float]]:
     -------
     list of (float, float)
         The hinted bounds and then wider ones; without a hint windows of `SCALE_STEP` over the whole range,
-        from the usual scales outward.
+        the coarsest first: it
+        has the fewest tiles.
     """
     low, high = hint.scale_low_arcsec_px, hint.scale_high_arcsec_px
     if low is not None and high is not None:
@@ -75,7 +75,7 @@ def scale_windows(hint: Hint) -> list[tuple[float, float]]:
     steps = max(1, math.ceil(math.log(most / least) / math.log(SCALE_STEP)))
     edges = [least * (most / least) ** (i / steps) for i in range(steps + 1)]
     windows = list(zip(edges[:-1], edges[1:], strict=True))
-    return sorted(windows, key=lambda one: abs(math.log(math.sqrt(one[0] * one[1]) / SCALE_FIRST_ARCSEC_PX)))
+    return windows[::-1]
 
 
 def identify(
@@ -118,14 +118,11 @@ def identify(
             f"{every.size} stars measured, {settings.min_pairs} needed: expose longer, or check focus and cap",
         )
     search = Search(deadline_s=time.monotonic() + budget_s)
-    attempts: list[tuple[Index, tuple[float, float]]] = []
-    for window in scale_windows(hint):
-        attempts.append((clean, window))
-        if clean.size < every.size and len(attempts) == 1:
-            attempts.append((every, window))  # sharp frames' stars may all look like hot pixels
     try:
-        for usable, window in attempts:
-            found = _attempt(measurements, usable, catalog, hint.center, hint.radius_deg, window, epoch_yr, settings, search)
+        for usable, window, stage in _plan(clean, every, hint, settings):
+            found = _attempt(
+                measurements, usable, stage, catalog, hint.center, hint.radius_deg, window, epoch_yr, settings, search
+            )
             if found is not None:
                 return found
     except OutOfTime:
@@ -137,6 +134,20 @@ def identify(
             "a closer center or scale makes it faster",
         )
     return _refusal(measurements, search, settings, hint)
+
+
+def _plan(
+    clean: Index, every: Index, hint: Hint, settings: IdentificationSettings
+) -> list[tuple[Index, tuple[float, float], Stage]]:
+    """What is tried in turn: which measurements, which bounds of the scale, how many stars."""
+    windows = scale_windows(hint)
+    if hint.scale_low_arcsec_px is None or hint.scale_high_arcsec_px is None:
+        # the cheap stage over all scales before the dear one over any
+        return [(clean, window, stage) for stage in settings.stages for window in windows]
+    plan = [(clean, windows[0], stage) for stage in settings.stages]
+    if clean.size < every.size:  # a sharp frame's stars may all look like hot pixels
+        plan += [(every, windows[0], stage) for stage in settings.stages]
+    return plan + [(clean, window, stage) for window in windows[1:] for stage in settings.stages]
 
 
 def _refusal(measurements: Measurements, search: Search, settings: IdentificationSettings, hint: Hint) -> Identified:
@@ -166,6 +177,7 @@ def _refusal(measurements: Measurements, search: Search, settings: Identificatio
 def _attempt(
     measurements: Measurements,
     usable: Index,
+    stage: Stage,
     catalog: Catalog,
     center: Icrs,
     radius_deg: float,
@@ -181,6 +193,7 @@ def _attempt(
     points = Points(measurements.x_px[usable], measurements.y_px[usable], width, height)
     proposals: Iterator[Hypothesis] = hypotheses(
         points,
+        stage,
         catalog,
         center,
         radius_deg,

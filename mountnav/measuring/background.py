@@ -123,7 +123,7 @@ def _clipped(cells: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
     def at(share: float) -> NDArray[np.float64]:
         place = np.clip((low + share * (high - low - 1)).astype(int), 0, cells.shape[1] - 1)
-        return cells[index, place].astype(np.float64)
+        return np.asarray(cells[index, place], dtype=np.float64)
 
     for _ in range(_CLIP_ROUNDS):
         middle = at(0.5)

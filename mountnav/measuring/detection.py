@@ -106,21 +106,23 @@ def find_peaks(smoothed: Smoothed, threshold_sigma: float, separation_px: float)
     Peaks
     """
     image = smoothed.significance
-    inner = image[1:-1, 1:-1]
-    rows, columns = np.nonzero(inner > threshold_sigma)
-    values = inner[rows, columns]
+    rows, columns = np.nonzero(image > threshold_sigma)
+    values = image[rows, columns]
+    framed = np.pad(image, 1, constant_values=-np.inf)  # stars on the edge are peaks as well
     keep = np.ones(values.size, dtype=bool)
     for dy, dx in _NEIGHBORS:
-        other = image[rows + 1 + dy, columns + 1 + dx]
+        other = framed[rows + 1 + dy, columns + 1 + dx]
         # of equal neighbors (plateaus) the last in reading order stands for all
         keep &= (values > other) if (dy, dx) > (0, 0) else (values >= other)
-    rows, columns, values = rows[keep] + 1, columns[keep] + 1, values[keep]
+    rows, columns, values = rows[keep], columns[keep], values[keep]
     order = np.argsort(-values, kind="stable")[:_MOST_PEAKS]
     rows, columns, heights = rows[order], columns[order], values[order].astype(np.float64)
     alone = _not_a_bump(image, rows, columns, heights, separation_px / smoothed.bin_px)
     rows, columns, heights = rows[alone], columns[alone], heights[alone]
-    shift = (smoothed.bin_px - 1) / 2.0
-    return Peaks(columns * float(smoothed.bin_px) + shift, rows * float(smoothed.bin_px) + shift, heights)
+    bin_px, shift = float(smoothed.bin_px), (smoothed.bin_px - 1) / 2.0
+    x: Array = columns.astype(np.float64) * bin_px + shift
+    y: Array = rows.astype(np.float64) * bin_px + shift
+    return Peaks(x, y, heights)
 
 
 def _not_a_bump(

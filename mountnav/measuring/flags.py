@@ -24,9 +24,14 @@ _HOT_FWHM_PX = 0.95
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What the judgement looks at besides the fits: noise, masks, the typical width and what isn't sky."""
+    """What the judgement looks at besides the fits: noise, masks, the typical width and what isn't sky.
+
+    ``noise`` and ``restless`` have shape (n,): the noise per pixel, and whether it is so far above that of
+    the frame's quiet parts that the place is likely a tree, a roof or the heart of a nebula.
+    """
 
     noise: Array
+    restless: NDArray[np.bool_]
     good: NDArray[np.bool_]
     saturated: NDArray[np.bool_]
     fwhm_px: float
@@ -75,7 +80,7 @@ def judge(
     # the noise's own share of the residuals is taken off before the profile is blamed
     rest = fits.misfit - 1.5 * setting.noise / np.maximum(fits.amplitude, 1e-12)
     poor = (rest > max(_POOR_FIT, _POOR_FIT_RATIO * typical_misfit)) | ~fits.converged
-    flags[(narrow | wide | poor) & ~full] |= Flag.NO_PEAK
+    flags[(narrow | wide | poor | setting.restless) & ~full] |= Flag.NO_PEAK
     ellipticity = 1.0 - fits.minor_fwhm_px / fits.major_fwhm_px
     long = ellipticity > max(_LEAST_ELLIPTICITY, typical_ellipticity + _TOO_LONG) + slack
     flags[long] |= Flag.ELONGATED

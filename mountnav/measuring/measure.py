@@ -1,4 +1,4 @@
-"""A frame goes in, Measurements come out: background, detection, profile fit and flags, in this order [S23 §0]."""
+"""A frame goes in, Measurements come out: background, detection, profile fit, flags, in that order [S23]."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ _LEAST_FINITE = 0.05
 _MOST_SATURATED = 0.5
 _WIDE_FWHM_PX = 4.5
 _PIXELS_AT_ONCE = 60_000
+_RESTLESS = 4.0
 _DEFAULTS = MeasuringSettings()
 
 
@@ -139,7 +140,7 @@ def _search(
     bin_px = 2 if image.size > settings.bin_above_px else 1
     smoothed: Smoothed = smooth(image, background, settings.detection_sigma_px, bin_px)
     peaks = find_peaks(smoothed, settings.threshold_sigma, 8.0)
-    fwhm = typical_fwhm(image, saturated, peaks)
+    fwhm = typical_fwhm(image, saturated, peaks, float(np.median(background.noise)))
     if fwhm > _WIDE_FWHM_PX:
         wide = min(fwhm, 14.0) / FWHM_PER_SIGMA
         smoothed = smooth(image, background, wide, bin_px)
@@ -190,6 +191,7 @@ def _measured(
     fits = _fit_all(image, good, x, y, radius, noise, search.fwhm_px, gain)
     setting = Setting(
         noise=noise,
+        restless=noise > _RESTLESS * np.percentile(background.noise, 25.0),
         good=good,
         saturated=saturated,
         fwhm_px=search.fwhm_px,
@@ -229,7 +231,7 @@ def _neighbors(peaks: Peaks, x: Array, y: Array, fwhm_px: float) -> Array:
         return np.full(x.size, np.inf)
     tree = KDTree(np.stack([peaks.x_px, peaks.y_px], axis=1))
     distance, _ = tree.query(np.stack([x, y], axis=1), k=2, distance_upper_bound=10.0 * fwhm_px)
-    return np.asarray(distance[:, 1], dtype=np.float64)
+    return np.asarray(distance, dtype=np.float64)[:, 1]
 
 
 def _first_of_twins(x: Array, y: Array, reach_px: float) -> NDArray[np.bool_]:

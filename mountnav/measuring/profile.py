@@ -50,8 +50,8 @@ class Stamps:
 class Profiles:
     """Fitted profiles, each array of shape (n,); lengths in pixels, flux in ADU.
 
-    ``minor_fwhm_px`` and ``major_fwhm_px`` are along the ellipse's axes; ``misfit`` is the residuals' rms inside
-    the core over the amplitude; ``converged`` tells whether place and shape are those of a star at all.
+    ``minor_fwhm_px`` and ``major_fwhm_px`` are along the ellipse's axes; ``misfit`` is the residuals' rms
+    inside the core over the amplitude; ``converged`` tells whether place and shape are those of a star.
     """
 
     x_px: Array
@@ -107,11 +107,11 @@ def cut_stamps(
 def fit_profiles(stamps: Stamps, x_px: Array, y_px: Array, sigma_px: float, gain_e_adu: float) -> Profiles:
     """Fit amplitude, place, an elliptical width and a local sky to each stamp.
 
-    The model is a exp(-(p u² + 2 q u v + r v²) / 2) + b with u, v relative to the place. All stamps go through a
-    damped Gauss-Newton iteration together. A pixel's variance is that of the sky plus the star's own photons,
-    model / gain; with these weights the place's error is the Cramér-Rao bound of the model, and the reported
-    sigmas are its inverse information matrix. Saturated pixels are left out, so that the wings alone place a
-    saturated star.
+    The model is a exp(-(p u² + 2 q u v + r v²) / 2) + b with u, v relative to the place. All stamps go
+    through a damped Gauss-Newton iteration together. A pixel's variance is that of the sky plus that of the
+    star's own photons, model / gain; with these weights the place's error is the Cramér-Rao bound of the
+    model, and the reported sigmas are its inverse information matrix. Saturated pixels are left out, so that
+    the wings alone place a saturated star.
 
     Parameters
     ----------

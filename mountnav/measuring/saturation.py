@@ -20,8 +20,8 @@ def saturation_level(
 ) -> float:
     """Return the level from which pixels count as saturated; infinity if none is known.
 
-    A card is believed as an upper bound. Otherwise, pixels that pile up at the frame's very maximum, far above
-    the sky, tell of a full well or a full converter.
+    A card is believed as an upper bound. Otherwise, pixels that pile up at the frame's very maximum, far
+    above the sky, tell of a full well or a full converter.
 
     Parameters
     ----------
@@ -40,7 +40,9 @@ def saturation_level(
     """
     level = np.inf if card is None else _BELOW_CARD * card
     if pixels.dtype.kind == "u" or (pixels.dtype.kind == "i" and pixels.dtype.itemsize <= 2):
-        level = min(level, _TYPE_SHARE * float(np.iinfo(pixels.dtype).max))
+        level = min(
+            level, _TYPE_SHARE * (2.0 ** (8 * pixels.dtype.itemsize - (pixels.dtype.kind == "i")) - 1.0)
+        )
     top = float(np.nanmax(image))
     if top - sky < max(_CLEAR_STEPS, 20.0 * noise):
         return level

@@ -8,15 +8,18 @@ from scipy import ndimage
 
 from mountnav.measuring.background import Image
 from mountnav.measuring.detection import Peaks
+from mountnav.measuring.profile import FWHM_PER_SIGMA
 
 _BRIGHTEST = 200
 _HALF_PX = 20
 _LEAST_HEIGHT = 8.0
 _FALLBACK_FWHM_PX = 2.5
 _STAR_AREA_PX = 4
+_CLEAR_OF_NOISE = 12.0
+_SMOOTHING_SIGMA_PX = 1.5
 
 
-def typical_fwhm(sky_free: Image, saturated: NDArray[np.bool_], peaks: Peaks) -> float:
+def typical_fwhm(sky_free: Image, saturated: NDArray[np.bool_], peaks: Peaks, noise: float) -> float:
     """Estimate the stars' full width at half maximum from the area above half maximum of the bright peaks.
 
     Hot pixels and cosmic rays cover one to three pixels; if a fair share of the peaks covers more, only those
@@ -27,6 +30,8 @@ def typical_fwhm(sky_free: Image, saturated: NDArray[np.bool_], peaks: Peaks) ->
     sky_free : ndarray of float32, shape (height, width)
     saturated : ndarray of bool, shape (height, width)
     peaks : Peaks
+    noise : float
+        Noise per pixel; where the peaks hardly rise above it, the area is taken from smoothed stamps.
 
     Returns
     -------
@@ -51,6 +56,11 @@ def typical_fwhm(sky_free: Image, saturated: NDArray[np.bool_], peaks: Peaks) ->
     stamps = stamps[clean][:_BRIGHTEST]
     if stamps.shape[0] == 0:
         return _FALLBACK_FWHM_PX
+    wider2 = 0.0
+    middle_heights = stamps[:, middle, middle].max(axis=(1, 2))
+    if float(np.median(middle_heights)) < _CLEAR_OF_NOISE * noise:
+        stamps = ndimage.gaussian_filter(stamps, _SMOOTHING_SIGMA_PX, axes=(1, 2), mode="nearest")
+        wider2 = (FWHM_PER_SIGMA * _SMOOTHING_SIGMA_PX) ** 2
     near = stamps[:, _HALF_PX - 2 : _HALF_PX + 3, _HALF_PX - 2 : _HALF_PX + 3].reshape(stamps.shape[0], -1)
     top = near.max(axis=1)
     best = near.argmax(axis=1)
@@ -74,4 +84,4 @@ def typical_fwhm(sky_free: Image, saturated: NDArray[np.bool_], peaks: Peaks) ->
     stars = area[area >= _STAR_AREA_PX]
     if stars.size < max(3.0, 0.25 * area.size):
         stars = area[area >= 2] if (area >= 2).sum() >= max(3.0, 0.25 * area.size) else area
-    return float(max(1.0, 2.0 * np.sqrt(np.median(stars) / np.pi)))
+    return float(np.sqrt(max(1.0, 4.0 * float(np.median(stars)) / np.pi - wider2)))

@@ -11,7 +11,8 @@ import math
 from bisect import bisect_right
 from dataclasses import dataclass, replace
 
-_PAST_PIECES = 512  # about a hundred slews; a mid-exposure instant is never further back
+PAST_PIECES = 512
+"""How much of the past is kept: about a hundred slews, further back than any mid-exposure."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +90,7 @@ class AxisPath:
 
         A leg that turns round is cut at the turn, as the play operator needs.
         """
-        past = [piece for piece in self.pieces if piece.start_s < t_s][-_PAST_PIECES:]
+        past = [piece for piece in self.pieces if piece.start_s < t_s][-PAST_PIECES:]
         now = self._piece(t_s)
         piece = Piece(t_s, now.angle_at(t_s), now.velocity_at(t_s), 0.0, self.driven_at(t_s), False)
         for duration_s, acceleration in legs:

@@ -16,7 +16,7 @@ from datetime import datetime, timedelta
 from typing import Literal
 
 from mountnav.errors import BadSettings
-from mountnav.simulation.axes import AxisPath
+from mountnav.simulation.axes import PAST_PIECES, AxisPath
 from mountnav.simulation.geometry import perfect_direction, true_direction
 from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.sky.chain import apparent_to_icrs, hour_angle_to_icrs, icrs_to_apparent, icrs_to_hour_angle
@@ -172,9 +172,10 @@ class Mechanics:
     @tracking.setter
     def tracking(self, on: bool) -> None:
         with self._lock:
-            t_s = self._now_s()
             ha = self._motion.ha
-            if ha.steady_at(t_s):
+            last = ha.pieces[-1]
+            if last.steady:  # during a slew: when it has arrived
+                t_s = max(self._now_s(), last.start_s)
                 ha = ha.to_velocity(t_s, self._rest_deg_s(on), self.acceleration_deg_s2, steady=True)
             self._motion = replace(self._motion, ha=ha, tracking=on)
 
@@ -212,7 +213,7 @@ class Mechanics:
                 half_turn_deg(ha_deg - motion.ha.angle_at(t_s)),
                 half_turn_deg(dec_deg - motion.dec.angle_at(t_s)),
             )
-            kept = tuple(old for old in motion.syncs if old.start_s < t_s)
+            kept = tuple(old for old in motion.syncs if old.start_s < t_s)[-PAST_PIECES:]
             self._motion = replace(motion, syncs=(*kept, sync))
 
     def stop(self) -> None:

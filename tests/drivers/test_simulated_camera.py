@@ -52,7 +52,12 @@ async def test_it_sees_the_truth_of_mid_exposure() -> None:
     assert after - before >= timedelta(seconds=0.19)
     assert truth.asked == [frame.mid_exposure_utc]
     assert before + timedelta(seconds=0.1) <= truth.asked[0] <= after - timedelta(seconds=0.09)
-    assert np.unravel_index(frame.pixels.argmax(), frame.pixels.shape) in {(44, 59), (44, 60), (45, 59), (45, 60)}
+    assert np.unravel_index(frame.pixels.argmax(), frame.pixels.shape) in {
+        (44, 59),
+        (44, 60),
+        (45, 59),
+        (45, 60),
+    }
     await camera.close()
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
 from astropy.wcs import WCS
 
+from mountnav.catalog.stars import Stars
 from mountnav.errors import BadSettings
 from mountnav.frames import Frame
 from mountnav.simulation.faint_stars import faint_stars
@@ -17,11 +18,44 @@ from mountnav.simulation.optics import PRESETS, SimulatedOptics, optics_preset
 from mountnav.simulation.render import draw_frame, julian_year, project
 from mountnav.sky.coordinates import Icrs
 
-from .conftest import MemoryCatalog, catalog_round
-
 WHEN = datetime(2026, 11, 21, 22, tzinfo=UTC)
 CENTER = Icrs(211.3, 54.2)
 SMALL = SimulatedOptics(640, 480, 6.0, fwhm_px=3.0, sky_adu_s=5.0)
+
+
+@dataclass
+class MemoryCatalog:
+    """A few stars round a place, moved by their proper motions from J2000."""
+
+    ra_deg: np.ndarray
+    dec_deg: np.ndarray
+    mag: np.ndarray
+    pm_ra: np.ndarray
+    pm_dec: np.ndarray
+    name: str = "memory"
+
+    def cone(
+        self, center: Icrs, radius_deg: float, *, epoch_yr: float, mag_limit: float | None = None
+    ) -> Stars:
+        years = (epoch_yr - 2000.0) / 3.6e6
+        order = np.argsort(self.mag)
+        ra = self.ra_deg + self.pm_ra * years / np.cos(np.radians(self.dec_deg))
+        dec = self.dec_deg + self.pm_dec * years
+        columns = (ra, dec, np.full(ra.size, 0.01), self.mag, self.pm_ra, self.pm_dec)
+        return Stars(*(column[order] for column in columns), epoch_yr, "V", self.name)
+
+
+def catalog_round(center: Icrs, *, n: int = 25, spread_deg: float = 0.6, pm: float = 0.0) -> MemoryCatalog:
+    """Make `n` stars evenly strewn round a place (on a jittered grid, so that none are blended)."""
+    rng = np.random.default_rng(3)
+    side = int(np.ceil(np.sqrt(n)))
+    gx, gy = np.meshgrid(np.linspace(-1, 1, side), np.linspace(-1, 1, side))
+    step = 2.0 / side
+    east = (gx.ravel()[:n] + rng.uniform(-0.2, 0.2, n) * step) * spread_deg
+    north = (gy.ravel()[:n] + rng.uniform(-0.2, 0.2, n) * step) * spread_deg
+    dec = center.dec_deg + north
+    ra = (center.ra_deg + east / np.cos(np.radians(dec))) % 360.0
+    return MemoryCatalog(ra, dec, rng.uniform(7.0, 9.0, n), np.full(n, pm), np.full(n, -pm))
 
 
 def drawn(optics: SimulatedOptics, catalog: MemoryCatalog, center: Icrs = CENTER, **changes) -> Frame:
@@ -188,8 +222,13 @@ def test_the_told_place_is_in_the_header(told: Icrs, ra: str, dec: str) -> None:
 
 @pytest.mark.parametrize(
     ("name", "scale", "width"),
-    [("ison-nm", 2.067, 3056), ("PROMPT-8", 0.663, 2048), ("vihorlat-vnt", 0.553, 512)]
-    + [("mayaki-azt-3", 1.222, 795), ("demo", 3.5, 1500)],
+    [
+        ("ison-nm", 2.067, 3056),
+        ("PROMPT-8", 0.663, 2048),
+        ("vihorlat-vnt", 0.553, 512),
+        ("mayaki-azt-3", 1.222, 795),
+        ("demo", 3.5, 1500),
+    ],
 )
 def test_presets_are_the_papers_telescopes(name: str, scale: float, width: int) -> None:
     optics = optics_preset(name)

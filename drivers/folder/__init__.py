@@ -1,0 +1,1 @@
+"""A camera that somebody else runs: its files are awaited in a folder."""

@@ -1,0 +1,74 @@
+"""An observatory without hardware: a fast fake mount on a real pseudo-terminal, a small simulated camera."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+
+import httpx
+import pytest
+from fastapi import FastAPI
+
+from api.app import create_app
+from mountnav.settings import Settings
+
+OBSERVATORY = """
+[service]
+port = 0
+[site]
+latitude_deg = 47.0
+longitude_deg = 11.0
+[[telescope]]
+id = "east"
+exposure_s = 0.5
+[telescope.mount]
+url = "fake+lx200://"
+slew_rate_deg_s = 45.0
+[telescope.mount.errors]
+ih_arcsec = 300.0
+id_arcsec = -240.0
+[telescope.camera]
+kind = "simulated"
+width_px = 800
+height_px = 600
+scale_arcsec_px = 4.0
+[telescope.centering]
+settle_s = 0.0
+[[telescope]]
+id = "gone"
+mount = { url = "lx200+serial:///dev/there-is-no-such-port" }
+camera = { kind = "folder", path = "/" }
+"""
+
+Serve = Callable[[str], AbstractAsyncContextManager[httpx.AsyncClient]]
+
+
+@pytest.fixture
+def observatory_toml() -> str:
+    """Settings with one telescope that works, `east`, and one whose port is missing, `gone`."""
+    return OBSERVATORY
+
+
+@pytest.fixture
+def serving() -> Serve:
+    """Open an application in this process, without a socket."""
+
+    @asynccontextmanager
+    async def opened(toml: str) -> AsyncIterator[httpx.AsyncClient]:
+        app: FastAPI = create_app(Settings.parse(toml))
+        # raise_app_exceptions off: a fault must come back as the problem a client would see
+        transport = httpx.ASGITransport(app=app, raise_app_exceptions=False)
+        async with (
+            app.router.lifespan_context(app),
+            httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1", timeout=60) as client,
+        ):
+            yield client
+
+    return opened
+
+
+@pytest.fixture
+async def client(serving: Serve, observatory_toml: str) -> AsyncIterator[httpx.AsyncClient]:
+    """Talk to the observatory."""
+    async with serving(observatory_toml) as opened:
+        yield opened

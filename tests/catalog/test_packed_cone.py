@@ -1,0 +1,157 @@
+"""Cones of a packed store against brute force with astropy's space motion."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import astropy.units as u
+import numpy as np
+import pytest
+from astropy.coordinates import SkyCoord
+from astropy.time import Time
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mountnav.catalog.error_classes import error_curve
+from mountnav.catalog.packed import PackedStore
+from mountnav.catalog.packing import CatalogColumns, pack
+from mountnav.errors import BadRequest
+from mountnav.sky.coordinates import Icrs
+
+COUNT = 6000
+EPOCH_YR = 2026.9
+ROUNDING_ARCSEC = 0.003
+
+
+def random_columns() -> CatalogColumns:
+    rng = np.random.default_rng(20261121)
+    ra = rng.uniform(0, 360, COUNT)
+    dec = np.degrees(np.arcsin(rng.uniform(-1, 1, COUNT)))
+    # crowd both poles and the RA seam, where cones go wrong first
+    dec[:400], dec[400:800] = 90 - rng.exponential(0.5, 400), -90 + rng.exponential(0.5, 400)
+    dec[0], dec[400] = 90.0, -90.0
+    ra[800:1600] = rng.normal(0, 0.3, 800) % 360
+    dec[800:1600] = rng.uniform(-3, 3, 800)
+    pm = rng.normal(0, 50, (2, COUNT)).round(1)
+    pm[:, ::50] = rng.uniform(-3200, 3200, pm[:, ::50].shape).round(1)
+    pm[1, 7::600] = 10277.3
+    pm[:, 3::40] = np.nan
+    e, e_pm, epoch = rng.uniform(5, 150, COUNT), rng.uniform(0.5, 8, COUNT), rng.uniform(1940, 1992, COUNT)
+    # no two alike, so that stars can be told apart by magnitude
+    mag = np.round(-1.5 + 0.002 * rng.permutation(COUNT).astype(np.float64), 3)
+    return CatalogColumns(ra, dec, pm[0], pm[1], mag, error_curve((e, e), (e_pm, e_pm), (epoch, epoch)))
+
+
+@pytest.fixture(scope="module")
+def columns() -> CatalogColumns:
+    return random_columns()
+
+
+@pytest.fixture(scope="module")
+def store(columns: CatalogColumns, tmp_path_factory: pytest.TempPathFactory) -> PackedStore:
+    path: Path = tmp_path_factory.mktemp("packed") / "random.mnc"
+    pack(columns, path, name="random", band="V", epoch_yr=2000.0)
+    return PackedStore(path)
+
+
+@pytest.fixture(scope="module")
+def moved(columns: CatalogColumns) -> SkyCoord:
+    known = ~np.isnan(columns.pm_dec_mas_yr)
+    start = SkyCoord(
+        ra=columns.ra_deg * u.deg,
+        dec=columns.dec_deg * u.deg,
+        # without radial velocity astropy's motion is the straight line that the store takes
+        distance=np.full(COUNT, 10.0) * u.pc,
+        pm_ra_cosdec=np.where(known, columns.pm_ra_cosdec_mas_yr, 0.0) * u.mas / u.yr,
+        pm_dec=np.where(known, columns.pm_dec_mas_yr, 0.0) * u.mas / u.yr,
+        radial_velocity=np.zeros(COUNT) * u.km / u.s,
+        obstime=Time(2000.0, format="jyear"),
+    )
+    return start.apply_space_motion(new_obstime=Time(EPOCH_YR, format="jyear"))
+
+
+places = st.one_of(
+    st.tuples(st.floats(0, 360), st.floats(-90, 90)),
+    st.tuples(st.floats(0, 360), st.floats(88, 90)),
+    st.tuples(st.floats(0, 360), st.floats(-90, -88)),
+    st.tuples(st.floats(-1, 1), st.floats(-3, 3)),
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(place=places, radius_deg=st.floats(0.01, 40), limit=st.one_of(st.none(), st.floats(-2, 14)))
+def test_cone_finds_what_brute_force_finds(
+    store: PackedStore,
+    columns: CatalogColumns,
+    moved: SkyCoord,
+    place: tuple[float, float],
+    radius_deg: float,
+    limit: float | None,
+) -> None:
+    stars = store.cone(Icrs(*place), radius_deg, epoch_yr=EPOCH_YR, mag_limit=limit)
+    bright = np.full(COUNT, True) if limit is None else columns.mag <= limit + 1e-6
+    away = moved.separation(SkyCoord(*place, unit="deg")).deg
+    slack = ROUNDING_ARCSEC / 3600
+    surely, perhaps = bright & (away < radius_deg - slack), bright & (away < radius_deg + slack)
+    assert surely.sum() <= len(stars) <= perhaps.sum()
+    assert np.all(np.diff(stars.mag) >= 0)
+    if len(stars):
+        found = SkyCoord(stars.ra_deg, stars.dec_deg, unit="deg")
+        candidates = moved[perhaps]
+        nearest, distance, _ = found.match_to_catalog_sky(SkyCoord(candidates.ra, candidates.dec))
+        assert distance.arcsec.max() < ROUNDING_ARCSEC
+        assert np.unique(nearest).size == len(stars)
+        np.testing.assert_allclose(stars.mag, columns.mag[perhaps][nearest], atol=1e-9)
+
+
+def test_whole_sky_holds_every_star_and_its_motion(
+    store: PackedStore, columns: CatalogColumns, moved: SkyCoord
+) -> None:
+    stars = store.cone(Icrs(0, 0), 180.0, epoch_yr=EPOCH_YR)
+    assert len(stars) == COUNT
+    found = SkyCoord(stars.ra_deg, stars.dec_deg, unit="deg")
+    nearest, _, _ = found.match_to_catalog_sky(SkyCoord(moved.ra, moved.dec))
+    unknown = np.isnan(columns.pm_dec_mas_yr[nearest])
+    np.testing.assert_array_equal(np.isnan(stars.pm_dec_mas_yr), unknown)
+    np.testing.assert_array_equal(np.isnan(stars.pm_ra_cosdec_mas_yr), unknown)
+    # within 0.01 degrees of a pole the directions east and north are a matter of rounding
+    sure = ~unknown & (abs(stars.dec_deg) < 89.99)
+    np.testing.assert_allclose(
+        stars.pm_ra_cosdec_mas_yr[sure], moved.pm_ra_cosdec.to_value(u.mas / u.yr)[nearest][sure], atol=0.02
+    )
+    np.testing.assert_allclose(
+        stars.pm_dec_mas_yr[sure], moved.pm_dec.to_value(u.mas / u.yr)[nearest][sure], atol=0.02
+    )
+
+
+def test_sigma_grows_with_the_years_as_the_catalog_says(store: PackedStore, columns: CatalogColumns) -> None:
+    for year in (2000.0, 2026.9, 2040.0):
+        stars = store.cone(Icrs(0, 0), 180.0, epoch_yr=year)
+        t = year - 2000.0
+        own = np.sqrt(columns.error_curve @ np.array([1.0, t, t * t])) / 1000.0
+        ratio = stars.sigma_arcsec / own[np.argsort(columns.mag)]
+        assert 0.97 < np.median(ratio) < 1.03
+        assert np.mean((ratio > 0.85) & (ratio < 1.15)) > 0.95
+
+
+@pytest.mark.parametrize(
+    ("center", "radius_deg", "epoch_yr", "mag_limit"),
+    [
+        (Icrs(0, 91), 1, 2026, None),
+        (Icrs(float("nan"), 0), 1, 2026, None),
+        (Icrs(0, 0), -1, 2026, None),
+        (Icrs(0, 0), 181, 2026, None),
+        (Icrs(0, 0), 1, float("inf"), None),
+        (Icrs(0, 0), 1, 2026, float("nan")),
+    ],
+)
+def test_senseless_cones_are_refused(
+    store: PackedStore, center: Icrs, radius_deg: float, epoch_yr: float, mag_limit: float | None
+) -> None:
+    with pytest.raises(BadRequest):
+        store.cone(center, radius_deg, epoch_yr=epoch_yr, mag_limit=mag_limit)
+
+
+def test_an_empty_cone_is_an_answer(store: PackedStore) -> None:
+    assert len(store.cone(Icrs(123.0, 45.0), 0.0, epoch_yr=2026.9)) == 0
+    assert len(store.cone(Icrs(123.0, 45.0), 10.0, epoch_yr=2026.9, mag_limit=-10.0)) == 0

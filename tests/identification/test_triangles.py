@@ -1,0 +1,63 @@
+"""Triangles: angles that sum to π, and an index that knows a triangle under any similarity."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mountnav.identification.full import constants
+from mountnav.identification.triangles import TriangleIndex, corner_angle, make_triangles
+
+coordinate = st.floats(-1000, 1000, allow_nan=False)
+
+
+def test_corner_angle_signs_the_turn():
+    one, zero = np.ones(1), np.zeros(1)
+    assert np.allclose(corner_angle(zero, zero, one, zero, zero, one), np.pi / 2)
+    assert np.allclose(corner_angle(zero, zero, zero, one, one, zero), -np.pi / 2)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=50, deadline=None)
+def test_angles_sum_to_a_half_turn_and_sides_keep_the_limits(seed):
+    x, y = np.random.default_rng(seed).uniform(0, 1000, (2, 12))
+    triangles = make_triangles(x, y, min_side=100, min_height=50, max_side=900)
+    assert np.allclose(triangles.angles_rad.sum(axis=1), np.pi)
+    assert np.all(np.diff(triangles.angles_rad, axis=1) <= 0)
+    p = x[triangles.corners] + 1j * y[triangles.corners]
+    sides = np.abs(p - np.roll(p, 1, axis=1))
+    assert np.all(sides >= 100)
+    assert np.all(sides <= 900)
+    assert np.allclose(np.log(sides.max(axis=1)), triangles.log_length)
+    turn = np.imag((p[:, 1] - p[:, 0]).conj() * (p[:, 2] - p[:, 0]))
+    assert np.array_equal(np.sign(turn).astype(int), triangles.parity)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0, 360), st.floats(0.5, 50), st.booleans())
+@settings(max_examples=40, deadline=None)
+def test_a_mapped_triangle_is_found_and_gives_the_map_back(seed, rotation_deg, scale, mirrored):
+    rng = np.random.default_rng(seed)
+    z = rng.uniform(0, 1000, 8) + 1j * rng.uniform(0, 1000, 8)
+    turn, shift = scale * np.exp(1j * np.radians(rotation_deg)), 300 - 200j
+    w = turn * (z.conj() if mirrored else z) + shift
+    frame = make_triangles(z.real, z.imag, min_side=100, min_height=100)
+    sky = make_triangles(w.real, w.imag, min_side=100 * scale * 0.999, min_height=100 * scale * 0.999)
+    if not len(frame):
+        return
+    index = TriangleIndex(sky, angle_rad=np.radians(0.5), scale_low=scale * 0.97, scale_high=scale * 1.03)
+    of_frame, of_sky = index.like(frame)
+    assert set(of_frame) == set(range(len(frame)))
+    same = np.all(frame.corners[of_frame] == sky.corners[of_sky], axis=1)
+    assert same.sum() >= 0.9 * len(frame)  # only near-equal angles may be ordered otherwise
+    got, moved, flipped = constants(
+        z[frame.corners[of_frame[same]]], w[sky.corners[of_sky[same]]], (scale * 0.9, scale * 1.1), 0.03
+    )
+    assert np.all(flipped == mirrored)
+    assert np.allclose(got, turn)
+    assert np.allclose(moved, shift, atol=1e-6 * scale * 1000)
+    parity = frame.parity[of_frame[same]] * sky.parity[of_sky[same]]
+    assert np.all(parity == (-1 if mirrored else 1))
+
+
+def test_too_few_points_make_no_triangles():
+    assert len(make_triangles(np.zeros(2), np.zeros(2), min_side=1, min_height=1)) == 0
+    assert len(make_triangles(np.arange(5.0), np.arange(5.0), min_side=0.1, min_height=0.1)) == 0
