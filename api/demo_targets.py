@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import pairwise, permutations
 
 from mountnav.catalog.stars import Catalog
 from mountnav.sky.chain import icrs_to_observed
@@ -89,7 +90,7 @@ def targets_up_now(
     Returns
     -------
     list of Target
-        In the order chosen, so that consecutive targets lie far apart.
+        In the order whose shortest slew is the longest: a sync at one says least about the next.
     """
     up = [star for star in _placed(utc, site, air, catalog) if _between(star.altitude_deg, altitudes_deg)]
     up.sort(key=lambda star: abs(star.azimuth_deg - 180.0))
@@ -101,7 +102,12 @@ def targets_up_now(
                 key=lambda star: min(separation_arcsec(star.place, other.place) for other in chosen),
             )
         )
-    return chosen
+    return list(max(permutations(chosen), key=_shortest_way)) if chosen else []
+
+
+def _shortest_way(order: tuple[Target, ...]) -> float:
+    """The shortest slew of an order, arcsec."""
+    return min((separation_arcsec(a.place, b.place) for a, b in pairwise(order)), default=0.0)
 
 
 def _placed(utc: datetime, site: Site, air: Air, catalog: Catalog) -> list[Target]:

@@ -99,11 +99,21 @@ def real(shared: Path) -> list[Known]:
     chance = random.Random(SEED)
     known = []
     for one in json.loads((folder / "manifest.json").read_text())["frames"]:
-        east, north, stretch = chance.uniform(-720, 720), chance.uniform(-720, 720), chance.uniform(0.98, 1.02)
+        east, north, stretch = (
+            chance.uniform(-720, 720),
+            chance.uniform(-720, 720),
+            chance.uniform(0.98, 1.02),
+        )
         grade = one["truth_grade"]
-        center = Icrs(one["ra_deg"], one["dec_deg"]) if one.get("ra_deg") is not None and grade != "N" else None
+        center = (
+            Icrs(one["ra_deg"], one["dec_deg"]) if one.get("ra_deg") is not None and grade != "N" else None
+        )
         scale = one.get("scale_arcsec")
-        hint = Hint(Icrs(83.8, -5.4), 1.0, 2.0, 4.0) if center is None else Hint(displaced(center, east, north), 0.5)
+        hint = (
+            Hint(Icrs(83.8, -5.4), 1.0, 2.0, 4.0)
+            if center is None
+            else Hint(displaced(center, east, north), 0.5)
+        )
         if center is not None and scale is not None:
             hint = replace(
                 hint, scale_low_arcsec_px=scale * stretch * 0.97, scale_high_arcsec_px=scale * stretch * 1.03
@@ -174,9 +184,13 @@ def main() -> None:
     which = sys.argv[1] if len(sys.argv) > 1 else "all"
     word = sys.argv[2] if len(sys.argv) > 2 else ""
     shared = shared_folder()
-    print("| frame | grade | field ° | solved | error px | pairs | rms ″ | p false | measure s | identify s | detail |")
+    print(
+        "| frame | grade | field ° | solved | error px | pairs | rms ″ | p false | measure s | identify s | detail |"
+    )
     print("|---|---|---|---|---|---|---|---|---|---|---|")
-    for known in (rendered(shared) if which != "real" else []) + (real(shared) if which != "rendered" else []):
+    for known in (rendered(shared) if which != "real" else []) + (
+        real(shared) if which != "rendered" else []
+    ):
         if word in str(known.path):
             print(row(known), flush=True)
 

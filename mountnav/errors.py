@@ -6,9 +6,9 @@
     ├── DeviceError                                                device side
     │   ├── DeviceMissing           device-missing       yes       no such port, or it can't be opened
     │   ├── DeviceSilent            device-silent        yes       no answer within the deadline
-    │   ├── DeviceGarbled           device-garbled       yes       answers that match nothing, again and again
+    │   ├── DeviceGarbled           device-garbled       yes       answers that match nothing
     │   ├── DeviceRefused           device-refused       no        the device said no
-    │   └── SyncIgnored             sync-ignored         no        it said yes, and its reading did not change
+    │   └── SyncIgnored             sync-ignored         no        it said yes, and nothing changed
     ├── SkyError                                                   sky side
     │   ├── NotSolved               solve-failed         yes       the frame could not be identified (reason)
     │   ├── OffsetImplausible       offset-too-large     no        solved, but too far off to be believed

@@ -121,9 +121,7 @@ def solve(
     )
     solution = None
     if identified.reference is not None:
-        solution = _solution(
-            identified.reference, measurements, catalog.name, identified.false_probability
-        )
+        solution = _solution(identified.reference, measurements, catalog.name, identified.false_probability)
     ended = time.monotonic()
     detail = identified.detail
     if utc is None:

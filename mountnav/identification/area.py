@@ -46,9 +46,14 @@ def tiles(center: Icrs, radius_deg: float, step_deg: float) -> list[Icrs]:
     # the grid is laid out in the plane, and wrapped on the sphere along great circles from the center
     stretch = np.tan(np.radians(distance[order])) / np.radians(np.maximum(distance[order], 1e-12))
     ra, dec = gnomonic_inverse(
-        np.radians(x.ravel()[order]) * stretch, np.radians(y.ravel()[order]) * stretch, center.ra_deg, center.dec_deg
+        np.radians(x.ravel()[order]) * stretch,
+        np.radians(y.ravel()[order]) * stretch,
+        center.ra_deg,
+        center.dec_deg,
     )
-    places = [Icrs(float(a) % 360.0, float(d)) for a, d in zip(np.atleast_1d(ra), np.atleast_1d(dec), strict=True)]
+    places = [
+        Icrs(float(a) % 360.0, float(d)) for a, d in zip(np.atleast_1d(ra), np.atleast_1d(dec), strict=True)
+    ]
     places[0] = center
     return places
 

@@ -28,7 +28,7 @@ FINALISTS = 4
 """Of a chunk, so many of the best hypotheses are followed up."""
 
 
-class OutOfTime(Exception):  # noqa: N818 - an event of the search, not a fault
+class OutOfTime(Exception):
     """The budget is spent."""
 
 
@@ -315,9 +315,7 @@ class _Board:
             near &= ((column >= 0) & (column < columns))[None, :] & ((row >= 0) & (row < rows))[:, None]
             r, c = np.nonzero(near)
             self._board[row[r], column[c]] = number
-        share = area_share(
-            points.x_px, points.y_px, radius_px, width_px=self._width, height_px=self._height
-        )
+        share = area_share(points.x_px, points.y_px, radius_px, width_px=self._width, height_px=self._height)
         self.chance = float(share.mean())
 
     def count(

@@ -29,7 +29,9 @@ def at_least(hits: Array, trials: Array, chance: Array | float) -> Array:
     return np.asarray(np.where(k <= 0, 1.0, np.where(k > n, 0.0, tail)), dtype=float)
 
 
-def area_share(x_px: Array, y_px: Array, radius_px: float, *, width_px: int, height_px: int, cells: int = 4) -> Array:
+def area_share(
+    x_px: Array, y_px: Array, radius_px: float, *, width_px: int, height_px: int, cells: int = 4
+) -> Array:
     """Chance that a point falls within a radius of a measurement, for each of cells × cells parts.
 
     Parameters
@@ -47,7 +49,9 @@ def area_share(x_px: Array, y_px: Array, radius_px: float, *, width_px: int, hei
         1 − exp(−density·π·radius²) with the density of the part or of the frame, whichever is more: stars
         of the catalog crowd where measurements crowd, and chance matches with them.
     """
-    counts, _, _ = np.histogram2d(y_px, x_px, bins=cells, range=((-0.5, height_px - 0.5), (-0.5, width_px - 0.5)))
+    counts, _, _ = np.histogram2d(
+        y_px, x_px, bins=cells, range=((-0.5, height_px - 0.5), (-0.5, width_px - 0.5))
+    )
     per_part = width_px * height_px / cells**2
     density = np.maximum(counts, x_px.size / cells**2) / per_part
     share: Array = 1.0 - np.exp(-density * np.pi * radius_px**2)

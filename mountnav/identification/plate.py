@@ -60,7 +60,9 @@ class Plate:
 
     def tangential(self, x_px: Array, y_px: Array) -> tuple[Array, Array]:
         """Tangential coordinates ξ, η (arcsec, shape (n,)) of pixels (0-based)."""
-        a = terms((x_px - self.center_x_px) / self.unit_px, (y_px - self.center_y_px) / self.unit_px, self.degree)
+        a = terms(
+            (x_px - self.center_x_px) / self.unit_px, (y_px - self.center_y_px) / self.unit_px, self.degree
+        )
         return a @ self.xi, a @ self.eta
 
     def matrix(self) -> Array:
@@ -145,7 +147,9 @@ def similarity_plate(
     )
 
 
-def fit_plate(like: Plate, x_px: Array, y_px: Array, xi: Array, eta: Array, sigma: Array, degree: int) -> Plate:
+def fit_plate(
+    like: Plate, x_px: Array, y_px: Array, xi: Array, eta: Array, sigma: Array, degree: int
+) -> Plate:
     """Fit a plate by weighted least squares.
 
     Parameters
@@ -171,9 +175,7 @@ def fit_plate(like: Plate, x_px: Array, y_px: Array, xi: Array, eta: Array, sigm
         # ξ = a + p·u − s·q·v, η = b + q·u + s·p·v; s = −1 for the sky as seen (east left, north up)
         s = float(-like.parity)
         zero, one = np.zeros_like(u), np.ones_like(u)
-        rows = np.vstack(
-            (np.column_stack((one, zero, u, -s * v)), np.column_stack((zero, one, s * v, u)))
-        )
+        rows = np.vstack((np.column_stack((one, zero, u, -s * v)), np.column_stack((zero, one, s * v, u))))
         both = np.concatenate((weight, weight))
         got = np.linalg.lstsq(rows * both[:, None], np.concatenate((xi, eta)) * both, rcond=None)[0]
         a, b, p, q = (float(value) for value in got)
@@ -182,7 +184,11 @@ def fit_plate(like: Plate, x_px: Array, y_px: Array, xi: Array, eta: Array, sigm
     got = np.linalg.lstsq(rows, np.column_stack((xi, eta)) * weight[:, None], rcond=None)[0]
     matrix = got[1:3].T
     return replace(
-        like, degree=degree, parity=-1 if np.linalg.det(matrix) > 0 else 1, xi=got[:, 0].copy(), eta=got[:, 1].copy()
+        like,
+        degree=degree,
+        parity=-1 if np.linalg.det(matrix) > 0 else 1,
+        xi=got[:, 0].copy(),
+        eta=got[:, 1].copy(),
     )
 
 

@@ -149,7 +149,9 @@ class Selection:
     def _sigma(self, pairs: Pairs, scale: float) -> Array:
         """Expected error of a pair per coordinate, arcsec: centroid, catalog at the epoch, and a floor."""
         m = self._measurements
-        centroid = np.sqrt(0.5 * (m.x_sigma_px[pairs.measurement] ** 2 + m.y_sigma_px[pairs.measurement] ** 2))
+        centroid = np.sqrt(
+            0.5 * (m.x_sigma_px[pairs.measurement] ** 2 + m.y_sigma_px[pairs.measurement] ** 2)
+        )
         centroid = np.where(np.isfinite(centroid), centroid, 0.5)
         catalog = self._stars.sigma_arcsec[pairs.star]
         catalog = np.where(np.isfinite(catalog), catalog, 1.0)
@@ -183,7 +185,9 @@ class Selection:
             keep = Pairs(keep.measurement[good], keep.star[good])
         return plate, keep
 
-    def _identify(self, plate: Plate, strobe_px: float, degree: int) -> tuple[Plate, Pairs, int, float] | None:
+    def _identify(
+        self, plate: Plate, strobe_px: float, degree: int
+    ) -> tuple[Plate, Pairs, int, float] | None:
         """Pairs and fit in turns at one degree, the strobe narrowing to what the residuals need."""
         pairs = self._pairs(plate, strobe_px, clean=True)
         rejected = 0

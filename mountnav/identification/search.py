@@ -108,7 +108,9 @@ def identify(
     """
     settings = settings or IdentificationSettings()
     if hint.center is None:
-        return Identified(None, None, Reason.NO_HINT, "no assumed center; searching the whole sky is not built")
+        return Identified(
+            None, None, Reason.NO_HINT, "no assumed center; searching the whole sky is not built"
+        )
     clean, every = star_like(measurements), all_finite(measurements)
     if every.size < settings.min_pairs:
         return Identified(
@@ -121,7 +123,16 @@ def identify(
     try:
         for usable, window, stage in _plan(clean, every, hint, settings):
             found = _attempt(
-                measurements, usable, stage, catalog, hint.center, hint.radius_deg, window, epoch_yr, settings, search
+                measurements,
+                usable,
+                stage,
+                catalog,
+                hint.center,
+                hint.radius_deg,
+                window,
+                epoch_yr,
+                settings,
+                search,
             )
             if found is not None:
                 return found
@@ -150,7 +161,9 @@ def _plan(
     return plan + [(clean, window, stage) for window in windows[1:] for stage in settings.stages]
 
 
-def _refusal(measurements: Measurements, search: Search, settings: IdentificationSettings, hint: Hint) -> Identified:
+def _refusal(
+    measurements: Measurements, search: Search, settings: IdentificationSettings, hint: Hint
+) -> Identified:
     tried = f"{len(measurements)} measurements, {search.tiles_tried} tiles, {search.hypotheses} hypotheses"
     if search.most_stars < settings.min_pairs:
         return Identified(
@@ -170,7 +183,11 @@ def _refusal(measurements: Measurements, search: Search, settings: Identificatio
             search.best_probability,
         )
     return Identified(
-        None, None, Reason.NO_MATCH, f"{tried} within {hint.radius_deg:g}° of the assumed center", search.best_probability
+        None,
+        None,
+        Reason.NO_MATCH,
+        f"{tried} within {hint.radius_deg:g}° of the assumed center",
+        search.best_probability,
     )
 
 
@@ -267,7 +284,9 @@ def _sound(
         return False
     if abs(math.log(plate.scale_arcsec_px() / one.plate.scale_arcsec_px())) > 0.05:
         return False
-    rms_px = float(np.sqrt(np.mean(reference.dxi_arcsec**2 + reference.deta_arcsec**2))) / plate.scale_arcsec_px()
+    rms_px = (
+        float(np.sqrt(np.mean(reference.dxi_arcsec**2 + reference.deta_arcsec**2))) / plate.scale_arcsec_px()
+    )
     if rms_px > 0.5 * strobe_px:
         return False
     # of few stars nearly all must be there; of many a fair share

@@ -67,7 +67,13 @@ def corner_angle(at_x: Array, at_y: Array, u_x: Array, u_y: Array, v_x: Array, v
 
 
 def make_triangles(
-    x: Array, y: Array, *, min_side: float, min_height: float, max_side: float = np.inf, limit: int | None = None
+    x: Array,
+    y: Array,
+    *,
+    min_side: float,
+    min_height: float,
+    max_side: float = np.inf,
+    limit: int | None = None,
 ) -> Triangles:
     """All triangles that are large enough [S23 eq. 9, 10], those of the brightest points first.
 
@@ -129,7 +135,9 @@ class TriangleIndex:
         Bounds of the scale, arcsec per pixel.
     """
 
-    def __init__(self, triangles: Triangles, *, angle_rad: float, scale_low: float, scale_high: float) -> None:
+    def __init__(
+        self, triangles: Triangles, *, angle_rad: float, scale_low: float, scale_high: float
+    ) -> None:
         self._triangles = triangles
         self._angle_rad = angle_rad
         self._log_scale = 0.5 * (np.log(scale_low) + np.log(scale_high))

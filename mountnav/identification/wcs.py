@@ -96,7 +96,7 @@ def _number(cards: Mapping[str, object], name: str) -> float:
 
 
 def _distorted(cards: Mapping[str, object], u: Array, v: Array) -> tuple[Array, Array]:
-    """u + A(u, v) and v + B(u, v) of the SIP convention."""
+    """U + A(u, v) and v + B(u, v) of the SIP convention."""
     out = []
     for letter, base in (("A", u), ("B", v)):
         order = int(_number(cards, f"{letter}_ORDER")) if f"{letter}_ORDER" in cards else 0

@@ -45,7 +45,7 @@ class EarthOrientation:
 
 @dataclass(frozen=True, slots=True)
 class IersStatus:
-    """What is known of the Earth's orientation, for ``/health``.
+    """What is known of the Earth's orientation, and for how long it will be.
 
     Attributes
     ----------
@@ -134,7 +134,11 @@ def _leap_seconds() -> _LeapSeconds:
 
 @cache
 def _table() -> _Table:
-    """Read *finals2000A.all*: Bulletin B (final) where it is filled in, else Bulletin A [IERS ReadMe]."""
+    """Read the Bulletin A columns of *finals2000A.all* [IERS ReadMe.finals2000A].
+
+    Not those of Bulletin B: its old rows are rounded, and lie 0.6 ms off the final series C04 in 1985
+    where Bulletin A is within 0.05 ms.
+    """
     leap = _leap_seconds()
     days: list[int] = []
     ut1_tai_s: list[float] = []
@@ -144,16 +148,13 @@ def _table() -> _Table:
     for line in _text(astropy_iers_data.IERS_A_FILE):
         if not (line[58:68].strip() and line[18:27].strip() and line[37:46].strip()):
             continue  # dates ahead of the predictions stand there without values
-        final = bool(line[134:144].strip() and line[144:154].strip() and line[154:165].strip())
-        columns = ((134, 144), (144, 154), (154, 165)) if final else ((18, 27), (37, 46), (58, 68))
-        x, y, dut1_s = (float(line[a:b]) for a, b in columns)
         day = int(float(line[7:15]))
         if line[57] == "I":
             last_measured_mjd = day
         days.append(day)
-        ut1_tai_s.append(dut1_s - leap.at(day))
-        x_arcsec.append(x)
-        y_arcsec.append(y)
+        ut1_tai_s.append(float(line[58:68]) - leap.at(day))
+        x_arcsec.append(float(line[18:27]))
+        y_arcsec.append(float(line[37:46]))
     if not days or any(b - a != 1 for a, b in pairwise(days)):
         raise BadSettings(
             "the installed table of the Earth's orientation has gaps or no rows",

@@ -67,7 +67,10 @@ def seen(center, *, scale, rotation_deg, parity, seed=0, junk=30, lost=0.1):
     """What a camera would measure: the sky's stars, some lost, with noise and sources that are no stars."""
     rng = np.random.default_rng(seed)
     stars = SKY.cone(center, 3.0, epoch_yr=2000.0)
-    xi, eta = (np.degrees(v) * 3600 / scale for v in gnomonic(stars.ra_deg, stars.dec_deg, center.ra_deg, center.dec_deg))
+    xi, eta = (
+        np.degrees(v) * 3600 / scale
+        for v in gnomonic(stars.ra_deg, stars.dec_deg, center.ra_deg, center.dec_deg)
+    )
     angle = math.radians(rotation_deg)
     # +y has position angle `rotation`; +x lies 90° clockwise of it as the sky is seen, hence west
     up = xi * math.sin(angle) + eta * math.cos(angle)
@@ -93,7 +96,9 @@ def seen(center, *, scale, rotation_deg, parity, seed=0, junk=30, lost=0.1):
     st.integers(0, 10**6),
 )
 @settings(max_examples=25, deadline=None)
-def test_the_solution_turns_mirrors_scales_and_shifts_with_the_camera(rotation_deg, parity, scale, east, north, seed):
+def test_the_solution_turns_mirrors_scales_and_shifts_with_the_camera(
+    rotation_deg, parity, scale, east, north, seed
+):
     center = displaced(PLACE, east, north)
     measurements = seen(center, scale=scale, rotation_deg=rotation_deg, parity=parity, seed=seed)
     hint = Hint(PLACE, 0.8, scale * 0.96, scale * 1.05)
@@ -111,7 +116,9 @@ def test_the_solution_turns_mirrors_scales_and_shifts_with_the_camera(rotation_d
 @settings(max_examples=20, deadline=None)
 def test_random_lists_never_solve(seed, count):
     rng = np.random.default_rng(seed)
-    measurements = listed(rng.uniform(0, WIDTH, count), rng.uniform(0, HEIGHT, count), rng.exponential(1, count))
+    measurements = listed(
+        rng.uniform(0, WIDTH, count), rng.uniform(0, HEIGHT, count), rng.exponential(1, count)
+    )
     got = identify(measurements, SKY, Hint(PLACE, 0.5, 5.7, 6.3), epoch_yr=2000.0, budget_s=2)
     assert got.reference is None
     assert got.reason in (Reason.NO_MATCH, Reason.CHANCE, Reason.TIMED_OUT)
@@ -128,7 +135,11 @@ def test_scale_unknown_or_wrong_still_solves_rightly():
 def test_the_papers_parameters_solve_too():
     measurements = seen(PLACE, scale=6.0, rotation_deg=20, parity=-1, junk=5, lost=0.0)
     got = identify(
-        measurements, SKY, Hint(PLACE, 0.2, 5.8, 6.2), epoch_yr=2000.0, settings=IdentificationSettings.paper()
+        measurements,
+        SKY,
+        Hint(PLACE, 0.2, 5.8, 6.2),
+        epoch_yr=2000.0,
+        settings=IdentificationSettings.paper(),
     )
     assert got.reference is not None, got.detail
 
@@ -157,7 +168,10 @@ def test_selection_is_bright_even_and_without_what_is_no_star():
     assert np.bincount(cell.astype(int)).max() <= 2
     assert np.all(np.diff(chosen) > 0)
     flags = np.array([0, Flag.TRAIL, Flag.SATURATED, Flag.NO_PEAK, Flag.BLEED])
-    assert list(star_like(listed(np.arange(5.0), np.arange(5.0), np.arange(5.0, 0, -1), flags=flags))) == [0, 2]
+    assert list(star_like(listed(np.arange(5.0), np.arange(5.0), np.arange(5.0, 0, -1), flags=flags))) == [
+        0,
+        2,
+    ]
 
 
 def test_odds_are_binomial_and_follow_the_density():

@@ -58,6 +58,8 @@ def test_the_flags_say_what_is_no_clean_star() -> None:
     electrons = np.geomspace(5e3, 2e5, 36)
     x[0], y[0], electrons[0] = 100.0, 350.0, 5e6  # saturates
     x[1], y[1], electrons[1] = 0.5, 200.0, 5e4  # on the edge
+    alone = (np.arange(36) == 0) | (np.hypot(x - x[0], y - y[0]) > 30.0)
+    x, y, electrons = x[alone], y[alone], electrons[alone]
     image = painted(x, y, electrons, fwhm_px=3.5, size=size)
     image[333, 222] += 20_000.0  # a hot pixel
     for step in range(7):
@@ -68,7 +70,7 @@ def test_the_flags_say_what_is_no_clean_star() -> None:
     found = measure(as_frame(image, top=40_000.0))
     star = nearest(found, 100.0, 350.0)
     assert found.flags[star] & Flag.SATURATED
-    assert np.hypot(found.x_px[star] - 100.0, found.y_px[star] - 350.0) < 0.2
+    assert np.hypot(found.x_px[star] - 100.0, found.y_px[star] - 350.0) < 0.02
     assert found.flags[nearest(found, 0.5, 200.0)] & Flag.EDGE
     assert found.flags[nearest(found, 222.0, 333.0)] & Flag.NO_PEAK
     assert found.flags[nearest(found, 303.0, 61.5)] & (Flag.NO_PEAK | Flag.ELONGATED)
@@ -79,6 +81,24 @@ def test_the_flags_say_what_is_no_clean_star() -> None:
     distance, _ = KDTree(np.c_[x, y]).query(np.c_[found.x_px, found.y_px][clean])
     assert clean.sum() >= 25
     assert (distance < 0.3).all()
+
+
+@pytest.mark.parametrize("electrons", [1e6, 5e6, 2e7])
+def test_the_wings_place_a_saturated_star(electrons: float) -> None:
+    pulls, errors = [], []
+    for seed in range(6):
+        cx, cy = 100.0 + np.random.default_rng(seed).uniform(-0.5, 0.5, 2)
+        x, y = scattered(25, (300, 300), seed=seed)
+        far = np.hypot(x - cx, y - cy) > 45.0
+        x, y, total = np.r_[cx, x[far]], np.r_[cy, y[far]], np.r_[electrons, np.full(far.sum(), 2e4)]
+        found = measure(as_frame(painted(x, y, total, fwhm_px=3.5, seed=seed), top=40_000.0))
+        star = nearest(found, cx, cy)
+        assert found.flags[star] & Flag.SATURATED
+        off = np.array([found.x_px[star] - cx, found.y_px[star] - cy])
+        errors.append(off)
+        pulls.append(off / [found.x_sigma_px[star], found.y_sigma_px[star]])
+    assert np.abs(errors).max() < 0.02
+    assert 0.4 < np.std(pulls) < 1.8  # the stated errors are the true ones
 
 
 def test_bleeding_charge_is_flagged() -> None:

@@ -20,7 +20,6 @@ from mountnav.navigation.reports import CenterOutcome, SyncOutcome
 from mountnav.simulation.mechanics import PointingErrors
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import separation_arcsec
-
 from tests.navigation.conftest import ERRORS, POLICY, MakeRig, Rig, up_now
 
 

