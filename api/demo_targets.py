@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import pairwise, permutations
@@ -102,10 +103,12 @@ def targets_up_now(
                 key=lambda star: min(separation_arcsec(star.place, other.place) for other in chosen),
             )
         )
-    return list(max(permutations(chosen), key=_shortest_way)) if chosen else []
+    orders: list[tuple[Target, ...]] = list(permutations(chosen))
+    longest: tuple[Target, ...] = max(orders, key=_shortest_way)
+    return list(longest)
 
 
-def _shortest_way(order: tuple[Target, ...]) -> float:
+def _shortest_way(order: Sequence[Target]) -> float:
     """The shortest slew of an order, arcsec."""
     return min((separation_arcsec(a.place, b.place) for a, b in pairwise(order)), default=0.0)
 

@@ -189,12 +189,23 @@ class StopView(BaseModel):
     cancelled_job_id: str | None
 
 
+class EarthRotationView(BaseModel):
+    """What the bundled table of Earth rotation knows, and for how long."""
+
+    dut1_s: Finite
+    dut1_overridden: bool
+    table_ends_utc: datetime
+    table_days_left: Finite
+    warning: str | None
+
+
 class HealthView(BaseModel):
-    """That the service lives, and whether every telescope is connected."""
+    """That the service lives, whether every telescope is connected, and how long Earth rotation is known."""
 
     status: Literal["ok", "degraded"]
     version: str
     telescopes: dict[str, bool]
+    earth_rotation: EarthRotationView
 
 
 class VersionView(BaseModel):

@@ -159,25 +159,20 @@ def asked(known: Known, frame: Frame) -> Hint:
 def row(known: Known) -> str:
     """Solve a frame and write a line of the table."""
     frame = read(known)
-    name = "/".join(known.path.parts[-2:])
+    start = f"| {'/'.join(known.path.parts[-2:])} | {known.grade} | {known.field_deg:.2f}"
     if isinstance(frame, BadFrame):
-        return f"| {name} | {known.grade} | {known.field_deg:.2f} | unreadable | | | | | | {frame} |"
+        return f"{start} | unreadable | | | | | | | {frame} |"
     verdict = solve(frame, embedded_catalog(), hint=asked(known, frame))
-    error = known.error_px(verdict)
-    solution = verdict.solution
+    end = f"{verdict.times.measure_s:.2f} | {verdict.times.identify_s:.2f} | {verdict.measured}: {verdict.detail} |"
+    solution, error = verdict.solution, known.error_px(verdict)
     if solution is None:
-        return (
-            f"| {name} | {known.grade} | {known.field_deg:.2f} | {verdict.reason} | | | | | "
-            f"{verdict.times.measure_s:.2f} | {verdict.times.identify_s:.2f} | {verdict.measured}: {verdict.detail} |"
-        )
+        return f"{start} | {verdict.reason} | | | | | {end}"
     right = "?" if math.isnan(error) else ("yes" if error <= known.allowed_px() else "WRONG")
     if known.parity is not None and known.parity != solution.parity:
         right += " parity!"
-    return (
-        f"| {name} | {known.grade} | {known.field_deg:.2f} | {right} | {error:.2f} | "
-        f"{solution.pairs} {solution.mode} | {solution.rms_arcsec:.2f} | {solution.false_probability:.0e} | "
-        f"{verdict.times.measure_s:.2f} | {verdict.times.identify_s:.2f} | {verdict.measured}: {verdict.detail} |"
-    )
+    pairs = f"{solution.pairs} {solution.mode}"
+    fit = f"{error:.2f} | {pairs} | {solution.rms_arcsec:.2f} | {solution.false_probability:.0e}"
+    return f"{start} | {right} | {fit} | {end}"
 
 
 def main() -> None:

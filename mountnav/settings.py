@@ -65,6 +65,7 @@ class SiteSettings(Section):
     latitude_deg: float = Field(ge=-90, le=90)
     longitude_deg: float = Field(ge=-180, le=180)
     height_m: float = Field(default=0.0, ge=-500, le=9000)
+    dut1_s: Annotated[float | None, Field(ge=-0.9, le=0.9)] = None
 
     @property
     def site(self) -> Site:

@@ -1,4 +1,4 @@
-"""The way through: measure, identify, fit, with a budget and a verdict. The sky's troubles are answers, not errors."""
+"""The way through: measure, identify, fit, within a budget. The sky's troubles are answers, not errors."""
 
 from __future__ import annotations
 

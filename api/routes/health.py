@@ -6,19 +6,33 @@ from typing import Literal
 
 from fastapi import APIRouter
 
-from api.models import HealthView, VersionView
+from api.models import EarthRotationView, HealthView, VersionView
 from api.service import TheService
 from mountnav import __version__
+from mountnav.sky.iers import iers_status
 
 router = APIRouter(tags=["service"])
 
 
 @router.get("/health")
 async def get_health(service: TheService) -> HealthView:
-    """Tell that the service lives, and which telescopes are connected. Asks no device."""
+    """Tell that the service lives, what is connected, and until when UT1 is known. Asks no device."""
     connected = {telescope.id: telescope.is_open for telescope in service.observatory.telescopes}
-    status: Literal["ok", "degraded"] = "ok" if all(connected.values()) else "degraded"
-    return HealthView(status=status, version=__version__, telescopes=connected)
+    rotation = iers_status()
+    well = all(connected.values()) and rotation.warning is None
+    status: Literal["ok", "degraded"] = "ok" if well else "degraded"
+    return HealthView(
+        status=status,
+        version=__version__,
+        telescopes=connected,
+        earth_rotation=EarthRotationView(
+            dut1_s=rotation.dut1_s,
+            dut1_overridden=rotation.dut1_overridden,
+            table_ends_utc=rotation.last_row_utc,
+            table_days_left=rotation.days_left,
+            warning=rotation.warning,
+        ),
+    )
 
 
 @router.get("/version")

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mountnav.catalog.stars import Catalog, Stars
 from mountnav.identification.area import arcsec, stars_round, tiles
+from mountnav.identification.confirmation import Corners
 from mountnav.identification.odds import area_share, at_least
 from mountnav.identification.plate import Plate, similarity_plate
 from mountnav.identification.selection import spread_brightest
@@ -60,16 +61,16 @@ class Hypothesis:
     ----------
     plate : Plate
         Similarity.
+    corners : Corners
+        The triangle.
     hits, predicted : int
         Measurements hit, of stars predicted in the frame; the triangle's three not counted.
-    chance : float
-        Probability of so many hits for one hypothesis.
     """
 
     plate: Plate
+    corners: Corners
     hits: int
     predicted: int
-    chance: float
 
 
 @dataclass(slots=True)
@@ -235,7 +236,8 @@ def _in_tile(
         search.check_time()
         a = frame_triangles.corners[of_frame[start : start + CHUNK]]
         b = catalog_triangles.corners[of_catalog[start : start + CHUNK]]
-        turn, shift, mirrored = constants(z[a], w[b], scales, settings.skew_max)
+        turn, shift, mirrored, kept = constants(z[a], w[b], scales, settings.skew_max)
+        a, b = a[kept], b[kept]
         if turn.size == 0:
             continue
         search.hypotheses += int(turn.size)
@@ -254,15 +256,20 @@ def _in_tile(
                     width_px=frame.width_px,
                     height_px=frame.height_px,
                 ),
+                corners=Corners(
+                    x_px=frame.x_px[a[best]],
+                    y_px=frame.y_px[a[best]],
+                    ra_deg=stars.ra_deg[chosen][b[best]],
+                    dec_deg=stars.dec_deg[chosen][b[best]],
+                ),
                 hits=int(hits[best]) - 3,
                 predicted=int(predicted[best]) - 3,
-                chance=float(chance[best]),
             )
 
 
 def constants(
     z: NDArray[np.complex128], w: NDArray[np.complex128], scales: tuple[float, float], skew_max: float
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.bool_]]:
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.bool_], Index]:
     """Six plate constants of each triangle pair, kept where they are all but a similarity.
 
     With z = x + iy and w = ξ + iη the six constants of [S23 eq. 5-8] are w = p·z + q·conj(z) + c. A camera
@@ -282,6 +289,8 @@ def constants(
     turn, shift : ndarray of complex, shape (k,)
         w = turn·z + shift, or turn·conj(z) + shift where `mirrored`.
     mirrored : ndarray of bool, shape (k,)
+    kept : ndarray of int, shape (k,)
+        Which of the n pairs these are.
     """
     e1, e2, f1, f2 = z[:, 1] - z[:, 0], z[:, 2] - z[:, 0], w[:, 1] - w[:, 0], w[:, 2] - w[:, 0]
     determinant = e1 * e2.conj() - e1.conj() * e2
@@ -294,7 +303,7 @@ def constants(
     good = (skew <= skew_max) & (scale >= scales[0]) & (scale <= scales[1])
     turn, mirrored, z, w = turn[good], mirrored[good], z[good], w[good]
     seen = np.where(mirrored[:, None], z.conj(), z)
-    return turn, w.mean(axis=1) - turn * seen.mean(axis=1), mirrored
+    return turn, w.mean(axis=1) - turn * seen.mean(axis=1), mirrored, np.flatnonzero(good)
 
 
 class _Board:

@@ -1,4 +1,4 @@
-"""The plate: polynomials from pixels to tangential coordinates, their fit and their inverse [S23 eq. 5-8, 19]."""
+"""The plate: polynomials from pixels to tangential coordinates, fit and inverse [S23 eq. 5-8, 19]."""
 
 from __future__ import annotations
 
@@ -177,18 +177,20 @@ def fit_plate(
         zero, one = np.zeros_like(u), np.ones_like(u)
         rows = np.vstack((np.column_stack((one, zero, u, -s * v)), np.column_stack((zero, one, s * v, u))))
         both = np.concatenate((weight, weight))
-        got = np.linalg.lstsq(rows * both[:, None], np.concatenate((xi, eta)) * both, rcond=None)[0]
-        a, b, p, q = (float(value) for value in got)
+        answer = np.linalg.lstsq(rows * both[:, None], np.concatenate((xi, eta)) * both, rcond=None)[0]
+        a, b, p, q = (float(value) for value in answer)
         return replace(like, degree=degree, xi=np.array([a, p, -s * q]), eta=np.array([b, q, s * p]))
     rows = terms(u, v, degree) * weight[:, None]
-    got = np.linalg.lstsq(rows, np.column_stack((xi, eta)) * weight[:, None], rcond=None)[0]
+    got: Array = np.asarray(
+        np.linalg.lstsq(rows, np.column_stack((xi, eta)) * weight[:, None], rcond=None)[0], dtype=np.float64
+    )
     matrix = got[1:3].T
     return replace(
         like,
         degree=degree,
         parity=-1 if np.linalg.det(matrix) > 0 else 1,
-        xi=got[:, 0].copy(),
-        eta=got[:, 1].copy(),
+        xi=np.array(got[:, 0]),
+        eta=np.array(got[:, 1]),
     )
 
 

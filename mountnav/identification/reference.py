@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mountnav.catalog.stars import Stars
-from mountnav.identification.odds import area_share, at_least, chance_at
-from mountnav.identification.plate import SIMILARITY, Plate, fit_plate, powers
+from mountnav.identification.plate import SIMILARITY, Plate, fit_plate
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.measurements import Flag, Measurements
 
@@ -53,10 +52,6 @@ class Reference:
         Residuals (measured minus catalog) and expected errors of the pairs.
     rejected : int
         Pairs thrown out by K_rej.
-    chance : float
-        Probability that a wrong plate is confirmed this well, for one hypothesis; see `held_out`.
-    predicted : int
-        Catalog stars that should be seen.
     """
 
     plate: Plate
@@ -65,8 +60,6 @@ class Reference:
     deta_arcsec: Array
     sigma_arcsec: Array
     rejected: int
-    chance: float
-    predicted: int
 
 
 class Selection:
@@ -94,8 +87,6 @@ class Selection:
         fwhm = fwhm[np.isfinite(fwhm) & (fwhm > 0)]
         self._fwhm_px = float(np.clip(np.median(fwhm), 1.0, 15.0)) if fwhm.size else 3.0
 
-    # -- candidates -------------------------------------------------------------------------------------------
-
     def _in_frame(self, plate: Plate) -> tuple[Index, Array, Array]:
         """Stars predicted in the frame: indices and pixels, brightest first."""
         xi, eta = plate.project(self._stars.ra_deg, self._stars.dec_deg)
@@ -117,9 +108,11 @@ class Selection:
             return Pairs(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
         mx, my = self._measurements.x_px[chosen], self._measurements.y_px[chosen]
         places, sources = np.column_stack((x, y)), np.column_stack((mx, my))
-        distance, nearest = cKDTree(sources).query(places, distance_upper_bound=strobe_px)
+        distance, nearest = (
+            np.asarray(one) for one in cKDTree(sources).query(places, distance_upper_bound=strobe_px)
+        )
         found = np.flatnonzero(np.isfinite(distance))
-        _, back = cKDTree(places).query(sources[nearest[found]])
+        back = np.asarray(cKDTree(places).query(sources[nearest[found]])[1])
         found = found[back == found]
         measurement, kept = chosen[nearest[found]], star[found]
         if clean:
@@ -143,8 +136,6 @@ class Selection:
         bad[bright[grouped]] = True
         bad |= (m.flags & int(Flag.EDGE)) != 0
         return np.asarray(bad[measurement])
-
-    # -- fit --------------------------------------------------------------------------------------------------
 
     def _sigma(self, pairs: Pairs, scale: float) -> Array:
         """Expected error of a pair per coordinate, arcsec: centroid, catalog at the epoch, and a floor."""
@@ -271,7 +262,6 @@ class Selection:
                 got = higher
         final, kept, rejected, _ = got
         dxi, deta = self.residuals(final, kept)
-        chance, predicted = self.held_out(final)
         return Reference(
             plate=final,
             pairs=kept,
@@ -279,68 +269,7 @@ class Selection:
             deta_arcsec=deta,
             sigma_arcsec=self._sigma(kept, final.scale_arcsec_px()),
             rejected=rejected,
-            chance=chance,
-            predicted=predicted,
         )
-
-    # -- odds -------------------------------------------------------------------------------------------------
-
-    def held_out(self, plate: Plate) -> tuple[float, int]:
-        """Probability of this agreement by chance, on stars that took no part in a fit.
-
-        The brightest stars predicted in the frame are dealt in two hands (three if they are few). A similarity
-        or linear plate is fit to the pairs of one hand, and all other stars are predicted with it: how many fall
-        within a strobe of a measurement is a binomial number for a wrong plate. Every hand teaches once and two
-        strobes are looked at, so the least probability is multiplied by the number of looks.
-
-        Parameters
-        ----------
-        plate : Plate
-
-        Returns
-        -------
-        chance : float
-            For one hypothesis.
-        predicted : int
-            Stars dealt.
-        """
-        star, x, y = self._in_frame(plate)
-        chosen = self._bright(min(star.size, 150))
-        star, x, y = star[: chosen.size], x[: chosen.size], y[: chosen.size]
-        fitted = self._pairs(plate, 2.0 * self._strobe(), clean=False)
-        m = self._measurements
-        mx, my = m.x_px[chosen], m.y_px[chosen]
-        if star.size == 0 or chosen.size == 0:
-            return 1.0, 0
-        tree = cKDTree(np.column_stack((mx, my)))
-        least, looks = 1.0, 0
-        hands = 3 if star.size < 40 else 2
-        hand = np.arange(star.size) % hands
-        for teaching in range(hands):
-            looks += 2
-            teach = np.isin(fitted.star, star[hand == teaching])
-            pairs = Pairs(fitted.measurement[teach], fitted.star[teach])
-            if len(pairs) < 2:
-                continue
-            taught = self._fit(plate, pairs, 1 if len(pairs) >= PAIRS_FOR_DEGREE[1] else SIMILARITY)
-            asked = star[hand != teaching]
-            xi, eta = taught.project(self._stars.ra_deg[asked], self._stars.dec_deg[asked])
-            px, py = taught.pixels(xi, eta)
-            inside = (px > -0.5) & (px < self._width - 0.5) & (py > -0.5) & (py < self._height - 0.5)
-            px, py = px[inside], py[inside]
-            if px.size == 0:
-                continue
-            for strobe in (self._strobe(), self._strobe() / 3.0):
-                share = area_share(mx, my, strobe, width_px=self._width, height_px=self._height)
-                distance, nearest = tree.query(np.column_stack((px, py)))
-                hits = np.unique(nearest[distance <= strobe]).size
-                chance = chance_at(share, px, py, width_px=self._width, height_px=self._height)
-                least = min(least, float(at_least(np.array([hits]), np.array([px.size]), chance)[0]))
-        return float(np.clip(looks * least, 1e-300, 1.0)), int(star.size)
-
-    def _strobe(self) -> float:
-        """Strobe of the test, fixed by the frame alone: never chosen after looking."""
-        return max(2.5, min(self._settings.match_px, 0.006 * min(self._width, self._height)))
 
     def allowed(self, plate: Plate) -> int:
         """How many pairs there could be at most: stars in the frame, or measurements."""
@@ -359,8 +288,3 @@ def _grouped(x: Array, y: Array, magnitude: Array, radius: float, depth: float) 
         grouped[a[magnitude[b] < magnitude[a] + depth]] = True
         grouped[b[magnitude[a] < magnitude[b] + depth]] = True
     return grouped
-
-
-def free_parameters(degree: int) -> int:
-    """Parameters of a plate, both coordinates together."""
-    return 4 if degree == SIMILARITY else 2 * len(powers(degree))

@@ -6,12 +6,14 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from mountnav.catalog.stars import Catalog, Stars
 from mountnav.frames import Hint
 from mountnav.identification.area import WIDEST_DEG, stars_round
+from mountnav.identification.confirmation import Witnesses
 from mountnav.identification.full import Hypothesis, OutOfTime, Points, Search, hypotheses, match_radius
 from mountnav.identification.reference import Reference, Selection
 from mountnav.identification.selection import Index, all_finite, star_like
@@ -43,7 +45,7 @@ class Identified:
     detail : str
         The numbers behind it.
     false_probability : float
-        Chance that a wrong place would have looked as good: `reference.chance` times all plates tried.
+        Chance that a wrong place would have looked as good: that of one hypothesis times all plates tried.
     """
 
     reference: Reference | None
@@ -74,7 +76,7 @@ def scale_windows(hint: Hint) -> list[tuple[float, float]]:
     most = high if high is not None else SCALE_MOST_ARCSEC_PX
     steps = max(1, math.ceil(math.log(most / least) / math.log(SCALE_STEP)))
     edges = [least * (most / least) ** (i / steps) for i in range(steps + 1)]
-    windows = list(zip(edges[:-1], edges[1:], strict=True))
+    windows = list(pairwise(edges))
     return windows[::-1]
 
 
@@ -117,7 +119,7 @@ def identify(
             None,
             None,
             Reason.TOO_FEW_MEASUREMENTS,
-            f"{every.size} stars measured, {settings.min_pairs} needed: expose longer, or check focus and cap",
+            f"{every.size} stars measured, {settings.min_pairs} needed: expose longer, check focus, cap",
         )
     search = Search(deadline_s=time.monotonic() + budget_s)
     try:
@@ -246,9 +248,19 @@ def _verified(
     reference = selection.grow(one.plate, strobe_px)
     if reference is None:
         return None
-    probability = min(1.0, reference.chance * max(search.hypotheses, 1))
     if not _sound(reference, selection, measurements, one, settings, strobe_px):
         return None
+    witnesses = Witnesses(
+        one.plate,
+        one.corners,
+        stars,
+        measurements.x_px[usable],
+        measurements.y_px[usable],
+        width_px=width,
+        height_px=height,
+        match_px=strobe_px,
+    )
+    probability = min(1.0, witnesses.chance() * search.hypotheses)
     search.best_probability = min(search.best_probability, probability)
     if probability > settings.false_probability_max:
         return None

@@ -170,7 +170,8 @@ class TriangleIndex:
         empty = np.zeros(0, dtype=np.int64)
         if self._tree is None or len(triangles) == 0:
             return empty, empty
-        found = self._tree.query_ball_point(self._place(triangles, self._log_scale), 1.0, p=np.inf)
+        places = self._place(triangles, self._log_scale)
+        found = np.atleast_1d(np.asarray(self._tree.query_ball_point(places, 1.0, p=np.inf), dtype=object))
         counts = np.array([len(one) for one in found], dtype=np.int64)
         if counts.sum() == 0:
             return empty, empty

@@ -1,4 +1,4 @@
-"""The demo's promise holds at any hour: five stars are up, far apart, and each starts wrong by more than 5′."""
+"""The demo's promise holds at any hour: five stars are up, far apart, and each starts more than 5′ off."""
 
 from __future__ import annotations
 

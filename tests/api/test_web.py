@@ -120,6 +120,8 @@ async def test_a_missing_port_names_those_that_exist_and_kills_nothing(client: h
     assert (stop.status_code, _slug(stop)) == (503, "device-missing")
     health = (await client.get("/v1/health")).json()
     assert (health["status"], health["telescopes"]) == ("degraded", {"east": True, "gone": False})
+    assert abs(health["earth_rotation"]["dut1_s"]) < 0.9
+    assert not health["earth_rotation"]["dut1_overridden"]
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,7 @@ def test_a_mapped_triangle_is_found_and_gives_the_map_back(seed, rotation_deg, s
     assert set(of_frame) == set(range(len(frame)))
     same = np.all(frame.corners[of_frame] == sky.corners[of_sky], axis=1)
     assert same.sum() >= 0.9 * len(frame)  # only near-equal angles may be ordered otherwise
-    got, moved, flipped = constants(
+    got, moved, flipped, _ = constants(
         z[frame.corners[of_frame[same]]], w[sky.corners[of_sky[same]]], (scale * 0.9, scale * 1.1), 0.03
     )
     assert np.all(flipped == mirrored)
