@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 
 from fastapi import FastAPI
 from fastapi.routing import APIRoute
+from fastapi_offline import FastAPIOffline
 
 from api import faults
 from api.routes import events, health, jobs, solve, telescopes
@@ -48,7 +49,8 @@ def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI
             # A second interrupt must not come between a moving mount and its stop.
             await asyncio.shield(service.halt())
 
-    app = FastAPI(
+    # an observatory may have no internet: the description page brings its scripts along
+    app = FastAPIOffline(
         title="mountnav",
         version=__version__,
         description=_ABOUT,

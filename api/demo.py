@@ -122,7 +122,7 @@ def _center_all(
         for event in client.events(after="0"):
             if event.data.get("job_id") != job["id"]:
                 continue
-            line = _line(event)
+            line = _line(event, target.place)
             if line:
                 console.print(f"  [dim]{time.monotonic() - began:6.1f} s[/]  {line}")
             if event.kind == "job" and event.data["state"] in ("succeeded", "failed", "cancelled"):
@@ -133,24 +133,23 @@ def _center_all(
     return results
 
 
-def _line(event: ServerEvent) -> str | None:
+def _line(event: ServerEvent, target: Icrs) -> str | None:
     """One step of the way as a line; None for steps that need none."""
     data = event.data
     match event.kind:
         case "slewing":
             return f"slew to RA {data['ra_deg']:.4f}° Dec {data['dec_deg']:+.4f}°"
         case "solved":
+            error_arcsec = separation_arcsec(Icrs(data["ra_deg"], data["dec_deg"]), target)
             return (
                 f"frame solved: {data['pairs']} stars, rms {data['rms_arcsec']:.2f}″, chance "
-                f"{data['false_probability']:.0e}; the mount is [yellow]{_angle(data['offset_arcsec'])}[/] "
-                "off its belief"
+                f"{data['false_probability']:.0e}; the target is [bold yellow]{_angle(error_arcsec)}[/] "
+                "from the middle"
             )
         case "not-solved":
             return f"[red]frame not solved[/]: {data['reason']} ({data['detail']})"
         case "synced":
             return f"sync {data['outcome']}"
-        case "attempt":
-            return f"target is [bold]{_angle(data['error_arcsec'])}[/] from the middle of the frame"
         case "job" if data["state"] == "succeeded":
             return "[green]centered[/]"
         case "job" if data["state"] in ("failed", "cancelled"):

@@ -163,7 +163,8 @@ def row(known: Known) -> str:
     if isinstance(frame, BadFrame):
         return f"{start} | unreadable | | | | | | | {frame} |"
     verdict = solve(frame, embedded_catalog(), hint=asked(known, frame))
-    end = f"{verdict.times.measure_s:.2f} | {verdict.times.identify_s:.2f} | {verdict.measured}: {verdict.detail} |"
+    times = verdict.times
+    end = f"{times.measure_s:.2f} | {times.identify_s:.2f} | {verdict.measured}: {verdict.detail} |"
     solution, error = verdict.solution, known.error_px(verdict)
     if solution is None:
         return f"{start} | {verdict.reason} | | | | | {end}"
@@ -179,10 +180,9 @@ def main() -> None:
     which = sys.argv[1] if len(sys.argv) > 1 else "all"
     word = sys.argv[2] if len(sys.argv) > 2 else ""
     shared = shared_folder()
-    print(
-        "| frame | grade | field ° | solved | error px | pairs | rms ″ | p false | measure s | identify s | detail |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|---|---|")
+    titles = "frame, grade, field °, solved, error px, pairs, rms ″, p false, measure s, identify s, detail"
+    print("| " + titles.replace(", ", " | ") + " |")
+    print("|---" * 11 + "|")
     for known in (rendered(shared) if which != "real" else []) + (
         real(shared) if which != "rendered" else []
     ):
