@@ -91,8 +91,8 @@ class Witnesses:
 
         The stars predicted in the frame are dealt in two hands (three if they are few). One hand teaches:
         the triangle and that hand's pairs make a plate, and all other stars are predicted with it. For a
-        wrong plate the number of those that fall within a strobe of a measurement is binomial, with the chance
-        of each given by the density of measurements where it falls. Neither the triangle's three stars and
+        wrong plate the number of those that fall within a strobe of a measurement is binomial, the chance of
+        each given by the density of measurements where it falls. Neither the triangle's three stars and
         measurements, nor anything fit to the stars asked, takes part. Each hand teaches once, if stars are
         few the triangle also alone, and two strobes are looked at: the least probability is multiplied by the
         number of looks.

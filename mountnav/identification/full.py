@@ -83,14 +83,19 @@ class Search:
         `time.monotonic` value at which it ends.
     hypotheses : int
         Plates tried: each is one more chance to be fooled.
+    frame_triangles : int
+        Most triangles that the frame's measurements made.
     most_stars : int
         Most catalog stars that a tile held.
+    tiles_tried : int
+        Tiles visited, again in every stage.
     best_probability : float
         Least false-positive probability among refused hypotheses.
     """
 
     deadline_s: float
     hypotheses: int = 0
+    frame_triangles: int = 0
     most_stars: int = 0
     best_probability: float = 1.0
     tiles_tried: int = 0
@@ -183,6 +188,7 @@ def hypotheses(
         min_height=settings.k_height * size,
         limit=settings.frame_triangles,
     )
+    search.frame_triangles = max(search.frame_triangles, len(frame_triangles))
     if not len(frame_triangles):
         return
     for tile in tiles(center, radius_deg, step_deg):

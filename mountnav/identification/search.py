@@ -167,6 +167,13 @@ def _refusal(
     measurements: Measurements, search: Search, settings: IdentificationSettings, hint: Hint
 ) -> Identified:
     tried = f"{len(measurements)} measurements, {search.tiles_tried} tiles, {search.hypotheses} hypotheses"
+    if search.frame_triangles == 0:
+        return Identified(
+            None,
+            None,
+            Reason.TOO_FEW_MEASUREMENTS,
+            f"{len(measurements)} measurements make no triangle large enough: expose longer, check focus, cap",
+        )
     if search.most_stars < settings.min_pairs:
         return Identified(
             None,

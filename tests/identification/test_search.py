@@ -122,9 +122,14 @@ def test_random_lists_never_solve(seed, count):
     measurements = listed(
         rng.uniform(0, WIDTH, count), rng.uniform(0, HEIGHT, count), rng.exponential(1, count)
     )
-    got = identify(measurements, SKY, Hint(PLACE, 0.5, 5.7, 6.3), epoch_yr=2000.0, budget_s=2)
+    got = identify(measurements, SKY, Hint(PLACE, 0.1, 5.7, 6.3), epoch_yr=2000.0, budget_s=4)
     assert got.reference is None
-    assert got.reason in (Reason.NO_MATCH, Reason.CHANCE, Reason.TIMED_OUT)
+    assert got.reason in (
+        Reason.NO_MATCH,
+        Reason.CHANCE,
+        Reason.TIMED_OUT,
+        Reason.TOO_FEW_MEASUREMENTS,
+    )
 
 
 def test_scale_unknown_or_wrong_still_solves_rightly():
@@ -154,6 +159,10 @@ def test_each_refusal_says_why():
     got = identify(few, SKY, Hint(PLACE, 0.2, 5.8, 6.2), epoch_yr=2000.0)
     assert got.reason is Reason.TOO_FEW_MEASUREMENTS
     assert "4 stars" in got.detail
+    line = listed(np.linspace(100, 900, 8), np.linspace(100, 700, 8), np.ones(8))
+    got = identify(line, SKY, Hint(PLACE, 0.2, 5.8, 6.2), epoch_yr=2000.0)
+    assert got.reason is Reason.TOO_FEW_MEASUREMENTS
+    assert "no triangle" in got.detail
     empty = Hint(Icrs(30.0, -40.0), 0.2, 5.8, 6.2)
     assert identify(measurements, SKY, empty, epoch_yr=2000.0).reason is Reason.TOO_FEW_CATALOG_STARS
     wrong = Hint(displaced(PLACE, 6000, 6000), 0.2, 5.8, 6.2)
