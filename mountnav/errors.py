@@ -10,9 +10,9 @@
     │   ├── DeviceRefused           device-refused       no        the device said no
     │   └── SyncIgnored             sync-ignored         no        it said yes, and nothing changed
     ├── SkyError                                                   sky side
-    │   ├── NotSolved               solve-failed         yes       the frame could not be identified (reason)
+    │   ├── NotSolved               solve-failed         yes       the frame was not identified (reason)
     │   ├── OffsetImplausible       offset-too-large     no        solved, but too far off to be believed
-    │   ├── OutsideLimits           outside-limits       no        the target, or the way to it, is not allowed
+    │   ├── OutsideLimits           outside-limits       no        the target is not allowed
     │   ├── MountMoved              mount-moved          yes       the mount moved during an exposure
     │   └── TargetNotReached        target-not-reached   yes       tries or time ran out
     ├── UserError                                                  user side

@@ -172,7 +172,7 @@ def _refusal(
             None,
             None,
             Reason.TOO_FEW_MEASUREMENTS,
-            f"{len(measurements)} measurements make no triangle large enough: expose longer, check focus, cap",
+            f"{len(measurements)} measurements make no triangle large enough: expose longer, check focus",
         )
     if search.most_stars < settings.min_pairs:
         return Identified(

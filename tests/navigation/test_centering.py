@@ -88,7 +88,7 @@ async def test_an_offset_beyond_the_cap_is_never_synced(make_rig: MakeRig) -> No
 async def test_an_unsolved_frame_moves_and_syncs_nothing(make_rig: MakeRig) -> None:
     # 3° off: the frame lies outside the area that is searched
     rig = await make_rig(
-        errors=PointingErrors(id_arcsec=-3.5 * 3600), policy=replace(POLICY, search_radius_deg=1.0)
+        errors=PointingErrors(id_arcsec=-3.5 * 3600), policy=replace(POLICY, search_radius_deg=0.3)
     )
     with pytest.raises(NotSolved):
         await rig.navigator.sync()
