@@ -7,9 +7,8 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-from drivers.folder.camera import FolderCamera
-
 from drivers.bench import FakeOnPty
+from drivers.folder.camera import FolderCamera
 from drivers.lx200.fake import FakeLx200
 from drivers.registry import open_mount
 from drivers.simulated.camera import SimulatedCamera

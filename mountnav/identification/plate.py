@@ -11,6 +11,7 @@ from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import gnomonic, gnomonic_inverse
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 ARCSEC_PER_RAD = 180.0 * 3600.0 / np.pi
 SIMILARITY = 0
@@ -145,6 +146,45 @@ def similarity_plate(
         xi=np.array([middle.real, along_x.real, along_y.real]),
         eta=np.array([middle.imag, along_x.imag, along_y.imag]),
     )
+
+
+def constants(
+    z: NDArray[np.complex128], w: NDArray[np.complex128], scales: tuple[float, float], skew_max: float
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.bool_], Index]:
+    """Six plate constants of each triangle pair, kept where they are all but a similarity.
+
+    With z = x + iy and w = ξ + iη the six constants of [S23 eq. 5-8] are w = p·z + q·conj(z) + c. A camera
+    has |q| ≪ |p| (sky mirrored: the other way round); a chance pair of triangles seldom does.
+
+    Parameters
+    ----------
+    z, w : ndarray of complex, shape (n, 3)
+        Corners in pixels and in arcsec.
+    scales : (float, float)
+        Bounds of the scale.
+    skew_max : float
+        Largest |q|/|p|.
+
+    Returns
+    -------
+    turn, shift : ndarray of complex, shape (k,)
+        w = turn·z + shift, or turn·conj(z) + shift where `mirrored`.
+    mirrored : ndarray of bool, shape (k,)
+    kept : ndarray of int, shape (k,)
+        Which of the n pairs these are.
+    """
+    e1, e2, f1, f2 = z[:, 1] - z[:, 0], z[:, 2] - z[:, 0], w[:, 1] - w[:, 0], w[:, 2] - w[:, 0]
+    determinant = e1 * e2.conj() - e1.conj() * e2
+    p = (f1 * e2.conj() - f2 * e1.conj()) / determinant
+    q = (e1 * f2 - e2 * f1) / determinant
+    mirrored = np.abs(q) > np.abs(p)
+    turn = np.where(mirrored, q, p)
+    skew = np.abs(np.where(mirrored, p, q)) / np.abs(turn)
+    scale = np.abs(turn)
+    good = (skew <= skew_max) & (scale >= scales[0]) & (scale <= scales[1])
+    turn, mirrored, z, w = turn[good], mirrored[good], z[good], w[good]
+    seen = np.where(mirrored[:, None], z.conj(), z)
+    return turn, w.mean(axis=1) - turn * seen.mean(axis=1), mirrored, np.flatnonzero(good)
 
 
 def fit_plate(

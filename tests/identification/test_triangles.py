@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mountnav.identification.full import constants
+from mountnav.identification.plate import constants
 from mountnav.identification.triangles import TriangleIndex, corner_angle, make_triangles
 
 coordinate = st.floats(-1000, 1000, allow_nan=False)
