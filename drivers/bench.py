@@ -9,6 +9,7 @@ import select
 import socket
 import threading
 import tty
+from abc import ABC, abstractmethod
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
@@ -28,7 +29,7 @@ class Fake(Protocol):
         ...
 
 
-class _Bench:
+class _Bench(ABC):
     """The thread, its wake pipe, and the context manager; the wires differ below."""
 
     def __init__(self, fake: Fake) -> None:
@@ -73,20 +74,25 @@ class _Bench:
             for end in ready:
                 self._hear(end)
 
+    @abstractmethod
     def _open(self) -> None:
-        raise NotImplementedError
+        """Open the wire."""
 
+    @abstractmethod
     def _close(self) -> None:
-        raise NotImplementedError
+        """Take the wire away."""
 
+    @abstractmethod
     def _ends(self) -> list[int]:
-        raise NotImplementedError
+        """File descriptors to listen on."""
 
+    @abstractmethod
     def _hear(self, end: int) -> None:
-        raise NotImplementedError
+        """Read from one of them and answer."""
 
+    @abstractmethod
     def _say(self, data: bytes) -> None:
-        raise NotImplementedError
+        """Send to whoever listens."""
 
 
 class FakeOnPty(_Bench):

@@ -27,7 +27,7 @@ class Lx200Habits:
     start_grace_s : float
         So long after the order a mount that doesn't move yet has not stalled.
     fastest_deg_s : float
-        No mount moves faster; further off than that, a reading is doubted.
+        No mount moves faster (direct drives reach 30); further off than that, a reading is doubted.
     resting_arcsec : float
         Further than this from the last reading, that of a resting mount is doubted.
     drift_arcsec_s : float
@@ -40,6 +40,6 @@ class Lx200Habits:
     slew_timeout_s: float = 300.0
     stop_timeout_s: float = 20.0
     start_grace_s: float = 3.0
-    fastest_deg_s: float = 15.0
+    fastest_deg_s: float = 40.0
     resting_arcsec: float = 120.0
     drift_arcsec_s: float = 20.0

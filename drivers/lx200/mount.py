@@ -58,6 +58,7 @@ class Lx200Mount:
         self._knows_bars = True
         self._resolution_arcsec = 15.0
         self._last: MountReading | None = None
+        self._spans_s = (0.0, 0.0)
         self._stops = 0
 
     @property
@@ -177,7 +178,9 @@ class Lx200Mount:
         before = utc_now()
         ra = await exchange.ask(codec.GET_RA)
         dec = await exchange.ask(codec.GET_DEC)
-        utc = before + (utc_now() - before) / 2
+        span = utc_now() - before
+        utc = before + span / 2
+        self._spans_s = (self._spans_s[1], span.total_seconds())
         slewing: bool | None = None
         if self._knows_bars:
             slewing = await exchange.ask(codec.SLEWING)
@@ -194,6 +197,8 @@ class Lx200Mount:
         moving = self._slewing or before.slewing is not False or after.slewing is not False
         free_arcsec = self._habits.resting_arcsec + 2.0 * self._resolution_arcsec
         rate = self._habits.fastest_deg_s * 3600.0 if moving else self._habits.drift_arcsec_s
+        # right ascension and declination are asked one after the other: a moving mount goes on between them
+        elapsed_s += sum(self._spans_s)
         return _apart_arcsec(before.place, after.place) <= free_arcsec + rate * elapsed_s
 
     def _still(self, before: MountReading, after: MountReading) -> bool:

@@ -72,7 +72,7 @@ async def make_rig() -> AsyncIterator[MakeRig]:
             errors: PointingErrors = ERRORS,
             policy: CenteringPolicy = POLICY,
             wrap: Callable[[Mount], Mount] = lambda mount: mount,
-            slew_rate_deg_s: float = 30.0,
+            slew_rate_deg_s: float = 15.0,
         ) -> Rig:
             mechanics = Mechanics(
                 SITE, AIR, errors, slew_rate_deg_s=slew_rate_deg_s, acceleration_deg_s2=40.0
