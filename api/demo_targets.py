@@ -11,6 +11,7 @@ from mountnav.catalog.stars import Catalog
 from mountnav.sky.chain import icrs_to_observed
 from mountnav.sky.coordinates import Air, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
+from mountnav.solve import epoch_of
 
 # Rough ICRS places (IAU star names); the catalog gives the exact ones of date. All are brighter than V = 3.5.
 NAMED_STARS: dict[str, tuple[float, float]] = {
@@ -116,18 +117,13 @@ def _shortest_way(order: Sequence[Target]) -> float:
 def _placed(utc: datetime, site: Site, air: Air, catalog: Catalog) -> list[Target]:
     stars = []
     for name, (ra_deg, dec_deg) in NAMED_STARS.items():
-        near = catalog.cone(Icrs(ra_deg, dec_deg), 0.1, epoch_yr=epoch_yr(utc), mag_limit=5.0)
+        near = catalog.cone(Icrs(ra_deg, dec_deg), 0.1, epoch_yr=epoch_of(utc), mag_limit=5.0)
         if len(near) == 0:
             continue
         place = Icrs(float(near.ra_deg[0]), float(near.dec_deg[0]))
         seen = icrs_to_observed(place, utc, site, air)
         stars.append(Target(name, place, seen.alt_deg, seen.az_deg))
     return stars
-
-
-def epoch_yr(utc: datetime) -> float:
-    """The Julian year of an instant."""
-    return 2000.0 + (utc.timestamp() - 946_728_000.0) / (365.25 * 86_400.0)
 
 
 def _between(value: float, bounds: tuple[float, float]) -> bool:

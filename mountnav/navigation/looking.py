@@ -56,6 +56,8 @@ async def look(
     MountMoved
         The mount's readings before and after differ by more than its own resolution and the policy allow,
         or it says that it is slewing.
+    BadFrame
+        The frame tells no time of exposure, or one that doesn't lie between the two readings.
     NotSolved
         `policy.solve_retries` frames in a row gave no solution; nothing was moved.
     """
@@ -66,7 +68,7 @@ async def look(
         before = await instruments.mount.reading()
         frame = await instruments.camera.expose(seconds)
         after = await instruments.mount.reading()
-        middle = _mid_exposure(frame)
+        middle = _mid_exposure(frame, policy, before, after)
         _refuse_motion(instruments.mount, policy, before, after)
         believed = _at_instant(before, after, middle)
         hint = _hint(frame, believed, policy)
@@ -96,13 +98,25 @@ async def look(
     )
 
 
-def _mid_exposure(frame: Frame) -> datetime:
+def _mid_exposure(
+    frame: Frame, policy: CenteringPolicy, before: MountReading, after: MountReading
+) -> datetime:
+    """The frame's mid-exposure; a frame of another time, say from before the last slew, is never used."""
     if frame.mid_exposure_utc is None:
         raise BadFrame(
             f"{frame.source}: no time of exposure in the frame",
             advice="let the camera write DATE-OBS and EXPTIME: without them a look can't be compared",
         )
-    return frame.mid_exposure_utc
+    middle = frame.mid_exposure_utc
+    early_s = (before.utc - middle).total_seconds()
+    late_s = (middle - after.utc).total_seconds()
+    if max(early_s, late_s) > policy.max_clock_error_s:
+        when = f"{early_s:.1f} s before" if early_s > 0 else f"{late_s:.1f} s after"
+        raise BadFrame(
+            f"{frame.source}: exposed {when} the time it was asked for",
+            advice="is it an older frame, or does the camera's clock differ from this machine's?",
+        )
+    return middle
 
 
 def _refuse_motion(mount: Mount, policy: CenteringPolicy, before: MountReading, after: MountReading) -> None:

@@ -26,6 +26,8 @@ class CenteringPolicy:
     max_motion_arcsec
         How far the mount's reading may wander during an exposure before the look is refused
         (its resolution is added).
+    max_clock_error_s
+        How far mid-exposure may lie outside the two readings round it, for the camera's clock.
     sync_read_back_arcsec
         How near the reading must be to the synced place to count as seen.
     sync_read_back_s
@@ -49,6 +51,7 @@ class CenteringPolicy:
     max_sync_arcsec: float = 7200.0
     settle_s: float = 1.0
     max_motion_arcsec: float = 30.0
+    max_clock_error_s: float = 0.5
     sync_read_back_arcsec: float = 30.0
     sync_read_back_s: float = 2.0
     solve_retries: int = 2

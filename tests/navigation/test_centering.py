@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
+from datetime import timedelta
 
 import pytest
 
 from mountnav.errors import (
+    BadFrame,
     Busy,
     Cancelled,
     NotSolved,
@@ -15,6 +17,7 @@ from mountnav.errors import (
     OutsideLimits,
     TargetNotReached,
 )
+from mountnav.frames import Frame
 from mountnav.navigation.devices import Mount
 from mountnav.navigation.reports import CenterOutcome, SyncOutcome
 from mountnav.simulation.mechanics import PointingErrors
@@ -155,6 +158,22 @@ async def test_a_look_says_where_the_tube_truly_points(make_rig: MakeRig) -> Non
     # the offset is what separates truth and belief, to the mount's resolution
     believed = separation_arcsec(look.seen, look.believed)
     assert look.offset.total_arcsec == pytest.approx(believed, rel=1e-6)
+
+
+@pytest.mark.parametrize("shift_s", [-60.0, 60.0])
+async def test_a_frame_of_another_time_is_never_used(make_rig: MakeRig, shift_s: float) -> None:
+    rig = await make_rig()
+    expose = rig.navigator.camera.expose
+
+    async def expose_other_time(exposure_s: float) -> Frame:
+        frame = await expose(exposure_s)
+        assert frame.mid_exposure_utc is not None
+        return replace(frame, mid_exposure_utc=frame.mid_exposure_utc + timedelta(seconds=shift_s))
+
+    rig.navigator.camera.expose = expose_other_time
+    with pytest.raises(BadFrame, match="the time it was asked for"):
+        await rig.navigator.sync()
+    assert "syncing" not in rig.kinds()
 
 
 async def test_state_tells_reading_and_altitude(make_rig: MakeRig) -> None:
