@@ -23,12 +23,16 @@ class Hint:
         How far off `center` may be.
     scale_low_arcsec_px, scale_high_arcsec_px : float or None
         Between what bounds the scale lies.
+    center_source, scale_source : str
+        Who says so ("caller", "OBJCTRA", "FOCALLEN and XPIXSZ", ...); for the report of a contradiction.
     """
 
     center: Icrs | None = None
     radius_deg: float = 1.0
     scale_low_arcsec_px: float | None = None
     scale_high_arcsec_px: float | None = None
+    center_source: str = "caller"
+    scale_source: str = "caller"
 
 
 @dataclass(frozen=True, slots=True)

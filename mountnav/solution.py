@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mountnav.measuring.quality import SkyQuality
 from mountnav.sky.coordinates import Icrs
+
+Array = NDArray[np.float64]
 
 
 class Reason(StrEnum):
@@ -18,6 +22,9 @@ class Reason(StrEnum):
     TOO_FEW_CATALOG_STARS = "too few catalog stars here for a field this size"
     NO_MATCH = "stars enough, but no arrangement matches the catalog"
     CHANCE = "the best match could be chance"
+    CLOUD_OR_DEFOCUS = "cloud, dew or defocus: far fewer or far wider stars than the catalog promises"
+    HINT_CONTRADICTS = "the hints contradict each other"
+    CATALOG_TOO_SHALLOW = "outside the catalog's depth for this field"
     NO_HINT = "no position or scale hint, and none in the header"
     BAD_FRAME = "no usable image"
     TIMED_OUT = "out of time"
@@ -31,6 +38,71 @@ class Times:
     measure_s: float = 0.0
     identify_s: float = 0.0
     total_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class IdentifiedPairs:
+    """Measurements and the stars they are; each array has shape (n,).
+
+    Attributes
+    ----------
+    x_px, y_px : ndarray
+        Measured places, 0-based.
+    ra_deg, dec_deg : ndarray
+        The stars' ICRS places at the frame's epoch.
+    dx_arcsec, dy_arcsec : ndarray
+        Deviations measured minus catalog, east (with cos δ) and north: about the frame's center ξ and η.
+    flux, flux_sigma : ndarray
+        Measured, ADU.
+    mag : ndarray
+        The stars' magnitudes.
+    centroid_sigma_arcsec, catalog_sigma_arcsec : ndarray
+        Expected errors per coordinate.
+    flags : ndarray of int64
+        The measurements' flags.
+    used : ndarray of bool
+        In the fit; False for those that were rejected by their deviation (K_rej).
+    """
+
+    x_px: Array
+    y_px: Array
+    ra_deg: Array
+    dec_deg: Array
+    dx_arcsec: Array
+    dy_arcsec: Array
+    flux: Array
+    flux_sigma: Array
+    mag: Array
+    centroid_sigma_arcsec: Array
+    catalog_sigma_arcsec: Array
+    flags: NDArray[np.int64]
+    used: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return int(self.x_px.size)
+
+
+@dataclass(frozen=True, slots=True)
+class Contradiction:
+    """A hint that the solved frame disproves, or two hints that disprove each other.
+
+    Attributes
+    ----------
+    about : str
+        "scale" or "center".
+    source : str
+        Who said it: "FOCALLEN and XPIXSZ", "OBJCTRA", "caller".
+    said, found : str
+        With units, for people.
+    """
+
+    about: str
+    source: str
+    said: str
+    found: str
+
+    def __str__(self) -> str:
+        return f"{self.about}: {self.source} says {self.said}, found {self.found}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +131,12 @@ class Solution:
         Which identification and model: e.g. "full/cubic".
     wcs : dict
         FITS cards (1-based CRPIX), TAN or TAN-SIP.
-    pair_x_px, pair_y_px, pair_dx_arcsec, pair_dy_arcsec : ndarray, shape (pairs,)
-        Where the pairs lie and their residuals (ξ, η: measured minus catalog).
+    center_covariance_arcsec2 : ndarray, shape (2, 2)
+        Of the center's place: east, north.
+    identified : IdentifiedPairs
+        The pairs, those in the fit and those rejected by their deviation.
+    rejected_by : dict
+        How many candidate pairs each rule of [S23 §3] threw out, by the rule's name.
     catalog : str
         Which catalog was used.
     """
@@ -76,10 +152,9 @@ class Solution:
     false_probability: float
     mode: str
     wcs: dict[str, str | int | float]
-    pair_x_px: NDArray[np.float64]
-    pair_y_px: NDArray[np.float64]
-    pair_dx_arcsec: NDArray[np.float64]
-    pair_dy_arcsec: NDArray[np.float64]
+    center_covariance_arcsec2: Array
+    identified: IdentifiedPairs
+    rejected_by: dict[str, int] = field(default_factory=dict)
     catalog: str = ""
 
     def icrs_at(self, x_px: float, y_px: float) -> Icrs:
@@ -91,13 +166,33 @@ class Solution:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Solved (`solution` set) or not (`reason` set, `detail` with the numbers behind it)."""
+    """Solved (`solution` set) or not (`reason` set).
+
+    Attributes
+    ----------
+    solution : Solution or None
+    reason : Reason or None
+    detail : str
+        For people, with the numbers behind it.
+    measured : int
+        Sources measured.
+    times : Times
+    numbers : mapping
+        The numbers behind the reason, by name with unit ("measured", "catalog_stars", "hypotheses", ...).
+    contradictions : tuple of Contradiction
+        Hints that turned out wrong; a wrong hint never makes a wrong answer.
+    quality : SkyQuality or None
+        What the frame tells about the night, solved or not.
+    """
 
     solution: Solution | None
     reason: Reason | None
     detail: str
     measured: int
     times: Times
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    contradictions: tuple[Contradiction, ...] = ()
+    quality: SkyQuality | None = None
 
     @property
     def solved(self) -> bool:

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 from astropy.time import Time
 
-from mountnav.catalog.stars import Catalog
+from mountnav.catalog.stars import Catalog, Stars
 from mountnav.errors import BadFrame
 from mountnav.frames import Frame, Hint
 from mountnav.identification.plate import NAMES, center_covariance
-from mountnav.identification.reference import Reference
+from mountnav.identification.reference import Reference, identified_pairs
 from mountnav.identification.search import identify
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.identification.wcs import wcs_cards
@@ -120,8 +120,10 @@ def solve(
         budget_s=settings.budget_s,
     )
     solution = None
-    if identified.reference is not None:
-        solution = _solution(identified.reference, measurements, catalog.name, identified.false_probability)
+    if identified.reference is not None and identified.stars is not None:
+        solution = _solution(
+            identified.reference, identified.stars, measurements, catalog.name, identified.false_probability
+        )
     ended = time.monotonic()
     detail = identified.detail
     if utc is None:
@@ -174,7 +176,7 @@ def solve_file(
 
 
 def _solution(
-    reference: Reference, measurements: Measurements, catalog: str, false_probability: float
+    reference: Reference, stars: Stars, measurements: Measurements, catalog: str, false_probability: float
 ) -> Solution:
     plate, pairs = reference.plate, reference.pairs
     x, y = measurements.x_px[pairs.measurement], measurements.y_px[pairs.measurement]
@@ -192,9 +194,8 @@ def _solution(
         false_probability=false_probability,
         mode=f"full/{NAMES[plate.degree]}",
         wcs=wcs_cards(plate, width_px=measurements.width_px, height_px=measurements.height_px),
-        pair_x_px=x,
-        pair_y_px=y,
-        pair_dx_arcsec=dxi,
-        pair_dy_arcsec=deta,
+        center_covariance_arcsec2=covariance,
+        identified=identified_pairs(reference, stars, measurements),
+        rejected_by=dict(reference.rejected_by),
         catalog=catalog,
     )

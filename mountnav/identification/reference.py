@@ -12,6 +12,7 @@ from mountnav.catalog.stars import Stars
 from mountnav.identification.plate import SIMILARITY, Plate, fit_plate
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.measurements import Flag, Measurements
+from mountnav.solution import IdentifiedPairs
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -52,6 +53,10 @@ class Reference:
         Residuals (measured minus catalog) and expected errors of the pairs.
     rejected : int
         Pairs thrown out by K_rej.
+    outliers : Pairs
+        Which these are.
+    rejected_by : dict
+        How many candidates each rule threw out.
     """
 
     plate: Plate
@@ -60,6 +65,47 @@ class Reference:
     deta_arcsec: Array
     sigma_arcsec: Array
     rejected: int
+    outliers: Pairs
+    rejected_by: dict[str, int]
+
+
+def identified_pairs(reference: Reference, stars: Stars, measurements: Measurements) -> IdentifiedPairs:
+    """Pairs in the fit and those that K_rej threw out, with all that is known of them.
+
+    Parameters
+    ----------
+    reference : Reference
+    stars : Stars
+        The list that the pairs point into.
+    measurements : Measurements
+
+    Returns
+    -------
+    IdentifiedPairs
+    """
+    plate = reference.plate
+    measurement = np.concatenate((reference.pairs.measurement, reference.outliers.measurement))
+    star = np.concatenate((reference.pairs.star, reference.outliers.star))
+    m = measurements
+    x, y = m.x_px[measurement], m.y_px[measurement]
+    xi, eta = plate.tangential(x, y)
+    star_xi, star_eta = plate.project(stars.ra_deg[star], stars.dec_deg[star])
+    centroid = np.sqrt(0.5 * (m.x_sigma_px[measurement] ** 2 + m.y_sigma_px[measurement] ** 2))
+    return IdentifiedPairs(
+        x_px=x,
+        y_px=y,
+        ra_deg=stars.ra_deg[star],
+        dec_deg=stars.dec_deg[star],
+        dx_arcsec=xi - star_xi,
+        dy_arcsec=eta - star_eta,
+        flux=m.flux[measurement],
+        flux_sigma=m.flux_sigma[measurement],
+        mag=stars.mag[star],
+        centroid_sigma_arcsec=centroid * plate.scale_arcsec_px(),
+        catalog_sigma_arcsec=stars.sigma_arcsec[star],
+        flags=m.flags[measurement],
+        used=np.arange(measurement.size) < len(reference.pairs),
+    )
 
 
 class Selection:
@@ -269,6 +315,8 @@ class Selection:
             deta_arcsec=deta,
             sigma_arcsec=self._sigma(kept, final.scale_arcsec_px()),
             rejected=rejected,
+            outliers=Pairs(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)),
+            rejected_by={},
         )
 
     def allowed(self, plate: Plate) -> int:

@@ -8,6 +8,8 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
+from mountnav.measuring.quality import SkyQuality
+
 Array = NDArray[np.float64]
 
 
@@ -45,6 +47,10 @@ class Measurements:
         Size of the frame.
     background_adu, noise_adu
         Median sky level and its noise per pixel.
+    elongation_deg
+        Direction of the major axis, from +x towards +y, in [-90, 90); shape (n,), or None if not measured.
+    quality
+        What the frame tells about the night; None for lists that no frame was measured for.
     """
 
     x_px: Array
@@ -60,6 +66,8 @@ class Measurements:
     height_px: int
     background_adu: float
     noise_adu: float
+    elongation_deg: Array | None = None
+    quality: SkyQuality | None = None
 
     def __len__(self) -> int:
         return int(self.x_px.size)
