@@ -7,20 +7,16 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from mountnav.errors import BadSettings
 from mountnav.settings_faults import explain, syntax_fault
+from mountnav.settings_section import Section
+from mountnav.settings_solving import SolvingSettings
 from mountnav.sky.coordinates import Air, Site
 
 FAKE_SCHEME = "fake+"
-
-
-class Section(BaseModel):
-    """One table of the file: unknown keys, NaN and infinities are refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class ServiceSettings(Section):
@@ -181,6 +177,7 @@ class TelescopeSettings(Section):
     exposure_s: float = Field(default=2.0, gt=0, le=600)
     scale_arcsec_px: float | None = Field(default=None, gt=0, le=600)
     scale_tolerance: float = Field(default=0.05, gt=0, le=0.5)
+    calibration: Path | None = None
     centering: CenteringSettings = CenteringSettings()
     limits: LimitSettings = LimitSettings()
 
@@ -205,6 +202,7 @@ class Settings(Section):
     service: ServiceSettings = ServiceSettings()
     site: SiteSettings
     air: AirSettings = AirSettings()
+    solving: SolvingSettings = SolvingSettings()
     telescope: tuple[TelescopeSettings, ...]
 
     @field_validator("telescope")
@@ -269,6 +267,7 @@ def _known_keys() -> frozenset[str]:
         ServiceSettings,
         SiteSettings,
         AirSettings,
+        SolvingSettings,
         TelescopeSettings,
         MountSettings,
         MountErrorSettings,

@@ -56,7 +56,8 @@ def _fault(detail: ErrorDetails, text: str, data: dict[str, Any], known: Collect
     context = detail.get("ctx") or {}
     path = _without_tags(detail["loc"], data)
     if "key" in context:
-        path = (*path, str(context["key"]))
+        key = context["key"]
+        path = (*path, *(key if isinstance(key, tuple) else (str(key),)))
     line = line_of(text, path)
     where = f"line {line}: " if line else ""
     return f"{where}{_dotted(path)}: {_what(detail)}", _fix(detail, path, known)

@@ -8,7 +8,6 @@ from datetime import datetime
 from pathlib import Path
 
 import numpy as np
-from astropy.time import Time
 
 from mountnav.catalog.stars import Catalog, Stars
 from mountnav.errors import BadFrame
@@ -72,7 +71,8 @@ def merged_hint(header: Hint, given: Hint | None) -> Hint:
 
 def epoch_of(utc: datetime) -> float:
     """Julian year of an instant: the epoch that proper motions are carried to."""
-    return float(Time(utc).jyear)
+    # plain arithmetic: astropy warns of years before 1960, and the minute between UTC and TT moves no star
+    return 2000.0 + (utc.timestamp() - 946_728_000.0) / (365.25 * 86_400.0)
 
 
 def solve(

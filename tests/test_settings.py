@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from mountnav.errors import BadSettings
+from mountnav.identification.settings import IdentificationSettings
+from mountnav.measuring.settings import MeasuringSettings
 from mountnav.settings import FolderCameraSettings, Settings, SimulatedCameraSettings
 from mountnav.toml_lines import line_of
 
@@ -154,3 +157,29 @@ def test_lines_of_tables_in_tables() -> None:
     assert line_of(text, ("t", 1, "u", "z")) == 5
     assert line_of(text, ("t", 1, "v", 1, "w")) == 9
     assert line_of(text, ("t", 1, "u", "missing")) == 4
+
+
+@pytest.mark.parametrize(
+    ("table", "told"),
+    [
+        ('[solving]\nprofile = "papr"', "'measured' or 'paper'"),
+        ("[solving.identification]\nk_heigth = 0.2", "did you mean k_height?"),
+        ('[solving.identification]\nk_height = "wide"', "valid number"),
+        ("[solving.identification]\nm_reg = 2.5", "valid integer"),
+        ("[solving.identification]\nk_height = inf", "finite"),
+        ("[solving.measuring]\nthreshold = 6.0", "did you mean threshold_sigma?"),
+    ],
+)
+def test_a_wrong_parameter_of_solving_is_told_with_its_line(table: str, told: str) -> None:
+    with pytest.raises(BadSettings) as caught:
+        Settings.parse(f"{table}\n{GOOD}")
+    assert told in str(caught.value)
+    assert "line 2: solving." in str(caught.value)
+
+
+def test_single_parameters_lie_over_the_profile() -> None:
+    text = '[solving]\nprofile = "paper"\n[solving.identification]\nmin_share = 0.5\n'
+    solving = Settings.parse(text + GOOD).solving
+    paper = IdentificationSettings.paper()
+    assert solving.identification_settings == replace(paper, min_share=0.5)
+    assert solving.measuring_settings == MeasuringSettings()
