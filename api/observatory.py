@@ -7,6 +7,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
+from api.solving import solve_settings
 from drivers.bench import FakeOnPty
 from drivers.folder.camera import FolderCamera
 from drivers.lx200.fake import FakeLx200
@@ -196,6 +197,7 @@ def _build(one: TelescopeSettings, settings: Settings, catalog: Catalog, heard: 
         air=settings.air.air,
         policy=_policy(one),
         listen=lambda kind, data: heard(one.id, kind, data),
+        solving=solve_settings(settings.solving, calibration=one.calibration),
     )
     return Telescope(one.id, navigator, url, bench, mechanics)
 

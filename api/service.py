@@ -12,10 +12,12 @@ from fastapi import Depends, Request
 from api.events import Events
 from api.jobs import Job, Jobs
 from api.observatory import Observatory, Telescope, build_observatory, link_is_lost
+from api.solving import solve_settings
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import DeviceError
 from mountnav.navigation.navigator import Navigator
 from mountnav.settings import Settings
+from mountnav.solve import SolveSettings
 
 _END_OF_JOB_S = 1.0
 SOLVES_AT_ONCE = 2
@@ -32,6 +34,12 @@ class Service:
     observatory: Observatory
     solving: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(SOLVES_AT_ONCE))
     _halted: bool = False
+
+    def solve_settings(self, telescope_id: str | None) -> SolveSettings:
+        """The settings of solving, with the masters of a telescope if one is named. Raises `Unknown`."""
+        if telescope_id is None:
+            return solve_settings(self.settings.solving)
+        return self.observatory.telescope(telescope_id).navigator.solving
 
     def start(
         self,

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from api.hints import make_hint
+from api.hints import asked_hint
 from api.solve_record import SolveRecord, solve_record, unread_record
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.stars import Catalog
-from mountnav.errors import BadFrame, BadRequest
+from mountnav.errors import BadFrame
 from mountnav.frames import Hint
-from mountnav.solve import solve_file
+from mountnav.solve import SolveSettings, solve_file
 
-SCALE_TOLERANCE = 0.05
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
 def run(
@@ -26,6 +27,8 @@ def run(
     scale: float | None,
     low: float | None,
     high: float | None,
+    hdu: str | None,
+    settings: SolveSettings,
     as_json: bool,
 ) -> int:
     """Solve the files and print; 0 if all were solved, else 1.
@@ -35,11 +38,11 @@ def run(
     BadRequest
         Options that make no sense, alone or together; nothing was solved.
     """
-    hint = _hint(ra, dec, radius, scale, low, high)
+    hint = asked_hint(ra, dec, radius, scale, low, high)
     catalog = embedded_catalog()
     all_solved = True
     for path in files:
-        record = _solve(path, catalog, hint)
+        record = _solve(path, catalog, hint, int(hdu) if hdu is not None and hdu.isdigit() else hdu, settings)
         all_solved = all_solved and record.solved
         if as_json:
             sys.stdout.write(record.model_dump_json() + "\n")
@@ -49,42 +52,15 @@ def run(
     return 0 if all_solved else 1
 
 
-def _solve(path: Path, catalog: Catalog, hint: Hint | None) -> SolveRecord:
+def _solve(
+    path: Path, catalog: Catalog, hint: Hint | None, hdu: int | str | None, settings: SolveSettings
+) -> SolveRecord:
     try:
-        return solve_record(str(path), solve_file(path, catalog, hint))
+        return solve_record(str(path), solve_file(path, catalog, hint, hdu=hdu, settings=settings))
     except BadFrame as error:
         return unread_record(str(path), error.what)
     except OSError as error:
         return unread_record(str(path), f"the file can't be read: {error.strerror or error}")
-
-
-def _hint(
-    ra: float | None,
-    dec: float | None,
-    radius: float | None,
-    scale: float | None,
-    low: float | None,
-    high: float | None,
-) -> Hint | None:
-    _require("--ra", ra, 0.0, 360.0)
-    _require("--dec", dec, -90.0, 90.0)
-    for name, value, greatest in (
-        ("--radius", radius, 180.0),
-        ("--scale", scale, 3600.0),
-        ("--scale-low", low, 3600.0),
-        ("--scale-high", high, 3600.0),
-    ):
-        _require(name, value, 1e-6, greatest)
-    if scale is not None:
-        if low is not None or high is not None:
-            raise BadRequest("--scale and --scale-low/--scale-high together", advice="give one or the other")
-        low, high = scale * (1 - SCALE_TOLERANCE), scale * (1 + SCALE_TOLERANCE)
-    return make_hint(ra, dec, radius, low, high)
-
-
-def _require(name: str, value: float | None, least: float, greatest: float) -> None:
-    if value is not None and not (math.isfinite(value) and least <= value <= greatest):
-        raise BadRequest(f"{name} {value} is out of range", advice=f"{least:g} to {greatest:g}")
 
 
 def _show(record: SolveRecord) -> None:
@@ -94,6 +70,7 @@ def _show(record: SolveRecord) -> None:
     console = Console(highlight=False, soft_wrap=True)
     if not record.solved:
         console.print(f"[red]✗[/red] {escape(record.file)}  not solved: {escape(record.reason or '')}")
+        _show_more(console, record)
         return
     console.print(
         f"[green]✓[/green] {escape(record.file)}  "
@@ -102,3 +79,27 @@ def _show(record: SolveRecord) -> None:
         f"parity {record.parity:+d}  rms {record.rms_arcsec:.2f}″  {record.pairs} pairs  "
         f"false {record.false_probability:.1e}  {record.mode}  {record.time_s.total:.2f} s"
     )
+    _show_more(console, record)
+
+
+def _show_more(console: Console, record: SolveRecord) -> None:
+    """What the frame tells about the night, and which hints were wrong; indented under the file's line."""
+    from rich.markup import escape
+
+    quality = record.quality
+    if quality is not None:
+        told = [f"{quality.stars} stars", quality.images]
+        if quality.fwhm_px is not None:
+            wide = f" = {quality.fwhm_arcsec:.2f}″" if quality.fwhm_arcsec is not None else ""
+            told.append(f"FWHM {quality.fwhm_px:.2f} px{wide}")
+        if quality.ellipticity is not None:
+            told.append(f"ellipticity {quality.ellipticity:.2f}")
+        if quality.sky_adu is not None and quality.noise_adu is not None:
+            told.append(f"sky {quality.sky_adu:.5g} ± {quality.noise_adu:.3g} ADU")
+        if quality.sky_mag_arcsec2 is not None:
+            told.append(f"{quality.sky_mag_arcsec2:.2f} mag/arcsec²")
+        if quality.limiting_mag is not None:
+            told.append(f"limiting magnitude {quality.limiting_mag:.1f}")
+        console.print(f"    [dim]{escape(', '.join(told))}[/dim]")
+    for one in record.contradictions:
+        console.print(f"    [yellow]hint wrong:[/yellow] {escape(one)}")

@@ -50,17 +50,17 @@ class SolveRecord(BaseModel):
         default=None, description="Position angle of the image's +y axis, east of north"
     )
     parity: Literal[1, -1] | None = Field(default=None, description="+1: east left when north is up")
-    center_sigma_arcsec: float | None = Field(default=None, description="One-sigma error per coordinate")
     rms_arcsec: float | None = None
     pairs: int | None = None
     false_probability: float | None = None
     mode: str | None = None
     time_s: SolveTimes
     wcs: dict[str, str | int | float] | None = Field(default=None, description="FITS cards, TAN or TAN-SIP")
+    reason: str | None = Field(default=None, description="Why it was not solved, for people")
+    center_sigma_arcsec: float | None = Field(default=None, description="One-sigma error per coordinate")
     rejected_by: dict[str, int] | None = Field(
         default=None, description="Candidate pairs thrown out, by the rule that did it"
     )
-    reason: str | None = Field(default=None, description="Why it was not solved, for people")
     reason_code: str | None = Field(default=None, description="The same for programs: NO_MATCH, ...")
     numbers: dict[str, float] | None = Field(default=None, description="The numbers behind the reason")
     contradictions: list[str] = Field(default=[], description="Hints that turned out wrong")

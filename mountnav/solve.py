@@ -1,4 +1,4 @@
-"""The way through: measure, identify, fit, within a budget. The sky's troubles are answers, not errors."""
+"""The way through: calibrate, measure, identify, fit. The sky's troubles are answers, not errors."""
 
 from __future__ import annotations
 
@@ -10,19 +10,22 @@ from pathlib import Path
 import numpy as np
 
 from mountnav.catalog.stars import Catalog, Stars
+from mountnav.contradictions import contradictions_of_hints, contradictions_with
 from mountnav.errors import BadFrame
 from mountnav.frames import Frame, Hint
 from mountnav.identification.plate import NAMES, center_covariance
 from mountnav.identification.reference import Reference, identified_pairs
-from mountnav.identification.search import identify
+from mountnav.identification.search import Identified, identify
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.identification.wcs import wcs_cards
+from mountnav.measuring.calibration import Calibration
 from mountnav.measuring.measure import measure
-from mountnav.measuring.measurements import Measurements
+from mountnav.measuring.measurements import Flag, Measurements
+from mountnav.measuring.quality import SkyQuality, with_plate
 from mountnav.measuring.settings import MeasuringSettings
-from mountnav.reading import read_frame
+from mountnav.reading import demosaiced, read_frame
 from mountnav.sky.coordinates import utc_now
-from mountnav.solution import Reason, Solution, Times, Verdict
+from mountnav.solution import Contradiction, Reason, Solution, Times, Verdict
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,11 +38,14 @@ class SolveSettings:
     identification : IdentificationSettings
     budget_s : float
         Wall time for identification; measuring comes on top.
+    calibration : Calibration or None
+        Masters that frames are freed from the camera's own signal with.
     """
 
     measuring: MeasuringSettings = field(default_factory=MeasuringSettings)
     identification: IdentificationSettings = field(default_factory=IdentificationSettings)
     budget_s: float = 30.0
+    calibration: Calibration | None = None
 
 
 def merged_hint(header: Hint, given: Hint | None) -> Hint:
@@ -53,18 +59,36 @@ def merged_hint(header: Hint, given: Hint | None) -> Hint:
     Returns
     -------
     Hint
-        Center and radius go together, and so do the two bounds of the scale.
+        Center and radius go together, and so do the two bounds of the scale. What the header says otherwise
+        is kept as alternatives: the caller may be wrong.
     """
     if given is None:
         return header
-    merged = header
-    if given.center is not None:
-        merged = replace(merged, center=given.center, radius_deg=given.radius_deg)
-    if given.scale_low_arcsec_px is not None or given.scale_high_arcsec_px is not None:
+    merged = _over(header, given)
+    others = [_over(one, given) for one in header.alternatives] + list(given.alternatives)
+    others += [_over(given, one) for one in (header, *header.alternatives)]
+    plain = replace(merged, alternatives=())
+    kept: list[Hint] = []
+    for one in others:
+        bare = replace(one, alternatives=())
+        if bare != plain and bare not in kept:
+            kept.append(bare)
+    return replace(merged, alternatives=tuple(kept))
+
+
+def _over(below: Hint, above: Hint) -> Hint:
+    """What `above` says, and where it is silent `below`."""
+    merged = below
+    if above.center is not None:
+        merged = replace(
+            merged, center=above.center, radius_deg=above.radius_deg, center_source=above.center_source
+        )
+    if above.scale_low_arcsec_px is not None or above.scale_high_arcsec_px is not None:
         merged = replace(
             merged,
-            scale_low_arcsec_px=given.scale_low_arcsec_px,
-            scale_high_arcsec_px=given.scale_high_arcsec_px,
+            scale_low_arcsec_px=above.scale_low_arcsec_px,
+            scale_high_arcsec_px=above.scale_high_arcsec_px,
+            scale_source=above.scale_source,
         )
     return merged
 
@@ -76,7 +100,12 @@ def epoch_of(utc: datetime) -> float:
 
 
 def solve(
-    frame: Frame, catalog: Catalog, *, hint: Hint | None = None, settings: SolveSettings | None = None
+    frame: Frame,
+    catalog: Catalog,
+    *,
+    hint: Hint | None = None,
+    settings: SolveSettings | None = None,
+    measurements: Measurements | None = None,
 ) -> Verdict:
     """Find out where a frame was taken.
 
@@ -87,6 +116,8 @@ def solve(
     hint : Hint, optional
         Goes before what the frame's header says, field by field.
     settings : SolveSettings, optional
+    measurements : Measurements, optional
+        What `measure` made of this frame already; it is neither calibrated nor measured again then.
 
     Returns
     -------
@@ -103,9 +134,17 @@ def solve(
             f"{frame.source}: neither the header nor the caller says where it was taken",
             0,
             Times(total_s=time.monotonic() - began),
+            contradictions=contradictions_of_hints(frame.hint, hint),
         )
+    notes: list[str] = []
+    zero_adu: float | None = None
     try:
-        measurements = measure(frame, settings=settings.measuring)
+        if settings.calibration is not None and measurements is None:
+            frame, done = settings.calibration.applied(frame)
+            notes += [*done.not_applied, *done.warnings]
+            zero_adu = done.zero_adu
+        if measurements is None:
+            measurements = measure(demosaiced(frame), settings=settings.measuring)
     except BadFrame as fault:
         spent = time.monotonic() - began
         return Verdict(None, Reason.BAD_FRAME, str(fault), 0, Times(measure_s=spent, total_s=spent))
@@ -119,21 +158,52 @@ def solve(
         settings=settings.identification,
         budget_s=settings.budget_s,
     )
-    solution = None
+    solution, quality = None, measurements.quality
     if identified.reference is not None and identified.stars is not None:
         solution = _solution(
             identified.reference, identified.stars, measurements, catalog.name, identified.false_probability
         )
+        quality = _quality(quality, solution, zero_adu)
     ended = time.monotonic()
-    detail = identified.detail
     if utc is None:
-        detail += "; the date is unknown, so stars were taken at today's places"
+        notes.append("the date is unknown, so stars were taken at today's places")
     return Verdict(
         solution=solution,
         reason=identified.reason,
-        detail=detail,
+        detail="; ".join([identified.detail, *notes]),
         measured=len(measurements),
         times=Times(measure_s=measured - began, identify_s=ended - measured, total_s=ended - began),
+        numbers=identified.numbers,
+        contradictions=_disproved(frame.hint, hint, solution, identified),
+        quality=quality,
+    )
+
+
+def _disproved(
+    header: Hint, given: Hint | None, solution: Solution | None, identified: Identified
+) -> tuple[Contradiction, ...]:
+    """Which hints were wrong: told by the solution, else by the hints themselves."""
+    if solution is None:
+        return contradictions_of_hints(header, given) + identified.contradictions
+    found: list[Contradiction] = []
+    for hint in (given, header):
+        if hint is not None:
+            found += contradictions_with(hint, solution.center, solution.scale_arcsec_px)
+    return tuple(dict.fromkeys(found))
+
+
+def _quality(quality: SkyQuality | None, solution: Solution, zero_adu: float | None) -> SkyQuality | None:
+    """What the frame tells about the night, now that its scale and its stars are known."""
+    if quality is None:
+        return None
+    pairs = solution.identified
+    clean = (pairs.flags & int(Flag.SATURATED | Flag.BLENDED | Flag.EDGE)) == 0
+    return with_plate(
+        quality,
+        scale_arcsec_px=solution.scale_arcsec_px,
+        mag=pairs.mag[clean],
+        flux=pairs.flux[clean],
+        bias_adu=zero_adu,
     )
 
 
@@ -143,6 +213,7 @@ def solve_file(
     hint: Hint | None = None,
     *,
     name: str | None = None,
+    hdu: int | str | None = None,
     settings: SolveSettings | None = None,
 ) -> Verdict:
     """Read a file or an upload and solve it.
@@ -155,6 +226,8 @@ def solve_file(
     hint : Hint, optional
     name : str, optional
         What to call it in messages.
+    hdu : int or str, optional
+        Which extension of a FITS file holds the image; chosen if left out.
     settings : SolveSettings, optional
 
     Returns
@@ -164,7 +237,7 @@ def solve_file(
     """
     began = time.monotonic()
     try:
-        frame = read_frame(Path(source) if isinstance(source, str) else source, name=name)
+        frame = read_frame(Path(source) if isinstance(source, str) else source, name=name, hdu=hdu, raw=True)
     except BadFrame as fault:
         spent = time.monotonic() - began
         return Verdict(None, Reason.BAD_FRAME, str(fault), 0, Times(read_s=spent, total_s=spent))

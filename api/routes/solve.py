@@ -22,7 +22,7 @@ from mountnav.errors import BadFrame, BadRequest
 from mountnav.frames import Hint
 from mountnav.reading import read_frame
 from mountnav.solution import Reason, Verdict
-from mountnav.solve import solve
+from mountnav.solve import SolveSettings, solve
 
 router = APIRouter(tags=["solve"])
 
@@ -61,24 +61,28 @@ async def solve_upload(
     radius_deg: Radius = None,
     scale_low_arcsec_px: Scale = None,
     scale_high_arcsec_px: Scale = None,
+    telescope: Annotated[str | None, Query(description="Whose calibration masters to apply")] = None,
 ) -> SolveRecord:
     """Solve an uploaded frame. Hints not given are taken from its header. Not solved is an answer: 200."""
     hint = make_hint(ra_deg, dec_deg, radius_deg, scale_low_arcsec_px, scale_high_arcsec_px)
     name, content = await _upload(request, int(service.settings.service.max_upload_mb * 1e6))
     if not content:
         raise BadFrame("the upload is empty", advice="send the file as the body, or as the form part `file`")
+    settings = service.solve_settings(telescope)
     async with service.solving:
-        verdict = await asyncio.to_thread(_solve, content, name, service.catalog, hint)
+        verdict = await asyncio.to_thread(_solve, content, name, service.catalog, hint, settings)
     if verdict.reason is Reason.BAD_FRAME:
         raise BadFrame(verdict.detail or str(verdict.reason), device=name)
     return solve_record(name, verdict)
 
 
-def _solve(content: bytes, name: str, catalog: Catalog, hint: Hint | None) -> Verdict:
+def _solve(
+    content: bytes, name: str, catalog: Catalog, hint: Hint | None, settings: SolveSettings
+) -> Verdict:
     began = time.perf_counter()
-    frame = read_frame(content, name=name)
+    frame = read_frame(content, name=name, raw=True)
     read_s = time.perf_counter() - began
-    verdict = solve(frame, catalog, hint=hint)
+    verdict = solve(frame, catalog, hint=hint, settings=settings)
     times = replace(verdict.times, read_s=read_s, total_s=verdict.times.total_s + read_s)
     return replace(verdict, times=times)
 

@@ -133,7 +133,7 @@ class FolderCamera:
                     continue
                 tried.add((path, now[path]))
                 try:
-                    return self._timed(await asyncio.to_thread(read_frame, path))
+                    return self._timed(await asyncio.to_thread(read_frame, path, raw=True))
                 except BadFrame as cause:
                     # maybe still being written: it is tried again when it has changed
                     unreadable = cause

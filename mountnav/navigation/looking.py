@@ -12,6 +12,7 @@ from uuid import uuid4
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadFrame, MountMoved, NotSolved
 from mountnav.frames import Frame, Hint
+from mountnav.measuring.quality import SkyQuality
 from mountnav.navigation.devices import Camera, Mount, MountReading
 from mountnav.navigation.kinds import from_mount
 from mountnav.navigation.policy import CenteringPolicy
@@ -19,18 +20,19 @@ from mountnav.navigation.reports import Look
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, offset_arcsec, separation_arcsec
 from mountnav.solution import Verdict
-from mountnav.solve import solve
+from mountnav.solve import SolveSettings, solve
 
 Listener = Callable[[str, dict[str, object]], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Instruments:
-    """The devices and the catalog that a look needs."""
+    """The devices, the catalog and the settings of solving that a look needs."""
 
     mount: Mount
     camera: Camera
     catalog: Catalog
+    solving: SolveSettings
 
 
 async def look(
@@ -71,9 +73,11 @@ async def look(
         middle = _mid_exposure(frame, policy, before, after)
         _refuse_motion(instruments.mount, policy, before, after)
         believed = _at_instant(before, after, middle)
-        hint = _hint(frame, believed, policy)
+        hint = _hint(believed, policy)
         listen("solving", {"source": frame.source})
-        last = await asyncio.to_thread(solve, frame, instruments.catalog, hint=hint)
+        last = await asyncio.to_thread(
+            solve, frame, instruments.catalog, hint=hint, settings=instruments.solving
+        )
         if last.solution is not None:
             seen = last.solution.icrs_at((frame.width_px - 1) / 2, (frame.height_px - 1) / 2)
             found = Look(
@@ -139,13 +143,25 @@ def _at_instant(before: MountReading, after: MountReading, instant: datetime) ->
     return displaced(first, share * way.east_arcsec, share * way.north_arcsec)
 
 
-def _hint(frame: Frame, believed: Icrs, policy: CenteringPolicy) -> Hint:
+def _hint(believed: Icrs, policy: CenteringPolicy) -> Hint:
     """What the mount believes about the frame's center; the policy's scale where it is set."""
-    hint = replace(frame.hint, center=believed, radius_deg=policy.search_radius_deg)
+    hint = Hint(center=believed, radius_deg=policy.search_radius_deg, center_source="the mount's reading")
     if policy.scale_arcsec_px is not None:
         low, high = (policy.scale_arcsec_px * (1 + sign * policy.scale_tolerance) for sign in (-1, 1))
-        hint = replace(hint, scale_low_arcsec_px=low, scale_high_arcsec_px=high)
+        hint = replace(hint, scale_low_arcsec_px=low, scale_high_arcsec_px=high, scale_source="the settings")
     return hint
+
+
+def _sky(quality: SkyQuality | None) -> dict[str, object]:
+    """What a scheduler wants to know of the night."""
+    if quality is None:
+        return {}
+    return {
+        "fwhm_arcsec": quality.fwhm_arcsec,
+        "ellipticity": quality.ellipticity,
+        "sky_adu": quality.sky_adu,
+        "limiting_mag": quality.limiting_mag,
+    }
 
 
 def _solved_facts(found: Look) -> dict[str, object]:
@@ -164,4 +180,6 @@ def _solved_facts(found: Look) -> dict[str, object]:
         "offset_arcsec": found.offset.total_arcsec,
         "mid_exposure_utc": found.mid_exposure_utc.isoformat(),
         "solve_s": found.verdict.times.total_s,
+        "contradictions": [str(one) for one in found.verdict.contradictions],
+        **_sky(found.verdict.quality),
     }

@@ -40,6 +40,7 @@ from mountnav.pointing.plausible import check_offset
 from mountnav.sky.chain import icrs_to_observed
 from mountnav.sky.coordinates import Air, Icrs, Site, utc_now
 from mountnav.sky.sphere import displaced, offset_arcsec, separation_arcsec
+from mountnav.solve import SolveSettings
 
 
 class Navigator:
@@ -56,6 +57,8 @@ class Navigator:
     policy : CenteringPolicy
     listen : callable
         Told of each step; it never steers.
+    solving : SolveSettings, optional
+        How frames are calibrated, measured and identified.
     """
 
     def __init__(
@@ -69,12 +72,13 @@ class Navigator:
         air: Air,
         policy: CenteringPolicy,
         listen: Listener,
+        solving: SolveSettings | None = None,
     ) -> None:
         self.name = name
         self.policy = policy
         self.mount = mount
         self.camera = camera
-        self._instruments = Instruments(mount, camera, catalog)
+        self._instruments = Instruments(mount, camera, catalog, solving or SolveSettings())
         self._site = site
         self._air = air
         self._limits = Limits(min_altitude_deg=policy.min_altitude_deg)
@@ -82,6 +86,11 @@ class Navigator:
         self._activity = "idle"
         self._connected = False
         self._problem: str | None = None
+
+    @property
+    def solving(self) -> SolveSettings:
+        """How frames are calibrated, measured and identified."""
+        return self._instruments.solving
 
     async def open(self) -> None:
         """Open camera and mount. Nothing moves. Raises `DeviceError`."""

@@ -106,18 +106,47 @@ class SimulatedOptics:
 
 
 def _of_telescope(
-    instrument: str, focal_length_mm: float, width_px: int, height_px: int, pixel_um: float
+    instrument: str,
+    focal_length_mm: float,
+    width_px: int,
+    height_px: int,
+    pixel_um: float,
+    *,
+    fwhm_px: float,
+    zero_point_mag: float,
+    sky_adu_s: float,
 ) -> SimulatedOptics:
     scale = pixel_um * 1e-3 * _ARCSEC_PER_RAD / focal_length_mm
-    return SimulatedOptics(width_px, height_px, scale, pixel_um=pixel_um, instrument=instrument)
+    return SimulatedOptics(
+        width_px,
+        height_px,
+        scale,
+        fwhm_px=fwhm_px,
+        pixel_um=pixel_um,
+        zero_point_mag=zero_point_mag,
+        sky_adu_s=sky_adu_s,
+        read_noise_adu=8.0,
+        instrument=instrument,
+    )
 
 
+# Focal length, sensor and pixels are from [S23 §3.1]; the rest is an estimate. Zero points: an unfiltered CCD
+# that makes 1e6 electrons per second and cm² of a star of magnitude 0, behind 0.40, 0.61, 1.0 and 0.48 m.
+# Skies: 21.3, 21.8, 21.3 and 20.0 mag per square arcsecond. Star images: 5.8″, 1.7″, 2.5″ and 3.1″.
 PRESETS: dict[str, SimulatedOptics] = {
-    "ison-nm": _of_telescope("ISON-NM SANTEL-400AN", 1197.37, 3056, 3056, 12.0),
-    "prompt-8": _of_telescope("PROMPT-8", 4201.035, 2048, 2048, 13.5),
+    "ison-nm": _of_telescope(
+        "ISON-NM SANTEL-400AN", 1197.37, 3056, 3056, 12.0, fwhm_px=2.8, zero_point_mag=22.3, sky_adu_s=11.0
+    ),
+    "prompt-8": _of_telescope(
+        "PROMPT-8", 4201.035, 2048, 2048, 13.5, fwhm_px=2.6, zero_point_mag=23.2, sky_adu_s=1.6
+    ),
     # the FLI PL1001E's pixels are 24 µm; the 4.8 µm in print would make the field 0.9′ [METHODS §4]
-    "vihorlat-vnt": _of_telescope("Vihorlat VNT", 8958.50, 512, 512, 24.0),
-    "mayaki-azt-3": _of_telescope("Mayaki AZT-3", 2025.0, 795, 596, 12.0),
+    "vihorlat-vnt": _of_telescope(
+        "Vihorlat VNT", 8958.50, 512, 512, 24.0, fwhm_px=4.5, zero_point_mag=24.3, sky_adu_s=4.8
+    ),
+    "mayaki-azt-3": _of_telescope(
+        "Mayaki AZT-3", 2025.0, 795, 596, 12.0, fwhm_px=2.5, zero_point_mag=22.7, sky_adu_s=18.0
+    ),
     "demo": SimulatedOptics(
         1500, 1000, 3.5, rotation_deg=12.0, faint_stars_deg2=150.0, instrument="mountnav demo"
     ),

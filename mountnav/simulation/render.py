@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -13,6 +14,7 @@ from mountnav.catalog.stars import Catalog
 from mountnav.frames import Frame, Hint
 from mountnav.simulation.faint_stars import faint_stars
 from mountnav.simulation.optics import SimulatedOptics
+from mountnav.simulation.trails import SatelliteTrail, add_trails, centers_during
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import gnomonic
 
@@ -66,6 +68,8 @@ def draw_frame(
     mid_exposure_utc: datetime,
     seed: int | tuple[int, ...],
     told: Icrs | None = None,
+    trails: Sequence[SatelliteTrail] = (),
+    drift_arcsec_s: tuple[float, float] = (0.0, 0.0),
 ) -> Frame:
     """Draw what the camera would see.
 
@@ -85,6 +89,11 @@ def draw_frame(
         Of the noise; the same seed draws the same frame.
     told : Icrs, optional
         Place to write in the header as OBJCTRA and OBJCTDEC. The camera itself doesn't know any.
+    trails : sequence of SatelliteTrail, optional
+        What crosses the frame.
+    drift_arcsec_s : (float, float), optional
+        Rate of the optical axis during the exposure, east and north: stars are trailed, evenly about their
+        places of mid-exposure.
 
     Returns
     -------
@@ -93,10 +102,17 @@ def draw_frame(
 
     Notes
     -----
-    Shot noise is drawn as Gaussian. Left out: differential aberration over the field (0.1″ per 20′), and
-    trailing.
+    Shot noise is drawn as Gaussian. Left out: differential aberration over the field (0.1″ per 20′).
     """
-    light = _star_light(center, optics, catalog, exposure_s, julian_year(mid_exposure_utc))
+    centers = centers_during(
+        center,
+        drift_arcsec_s,
+        exposure_s,
+        scale_arcsec_px=optics.scale_arcsec_px,
+        sigma_px=optics.fwhm_px / math.sqrt(8.0 * math.log(2.0)),
+    )
+    light = _star_light(center, optics, catalog, exposure_s, julian_year(mid_exposure_utc), centers)
+    add_trails(light, trails)
     light += optics.sky_adu_s * exposure_s
     pixels = _with_noise(light, optics, np.random.Generator(np.random.SFC64(seed)))
     low, high = 0.95 * optics.scale_arcsec_px, 1.05 * optics.scale_arcsec_px
@@ -112,9 +128,14 @@ def draw_frame(
 
 
 def _star_light(
-    center: Icrs, optics: SimulatedOptics, catalog: Catalog, exposure_s: float, epoch_yr: float
+    center: Icrs,
+    optics: SimulatedOptics,
+    catalog: Catalog,
+    exposure_s: float,
+    epoch_yr: float,
+    centers: Sequence[Icrs],
 ) -> NDArray[np.float32]:
-    """Starlight in ADU, shape (height, width)."""
+    """Starlight in ADU, shape (height, width), shared evenly among the centers of the exposure."""
     # distortion can bring stars in from beyond the corner
     corner_px = math.hypot(optics.width_px, optics.height_px) / 2.0
     radius_deg = optics.half_diagonal_deg * (1.02 + abs(optics.distortion_px2) * corner_px**2)
@@ -123,16 +144,18 @@ def _star_light(
     if optics.faint_stars_deg2 > 0.0:
         more = faint_stars(center, radius_deg, optics.faint_stars_deg2, optics.faint_brightest_mag)
         ra, dec, mag = (np.concatenate(pair) for pair in zip((ra, dec, mag), more, strict=True))
-    x, y = project(center, optics, ra, dec)
     mag = np.where(np.isfinite(mag), mag, _UNKNOWN_MAG)
     flux = exposure_s * 10.0 ** (0.4 * (optics.zero_point_mag - mag))
     sigma = optics.fwhm_px / math.sqrt(8.0 * math.log(2.0))
     peak = flux / (math.tau * sigma * sigma)
     reach = np.ceil(sigma * np.sqrt(2.0 * np.log(np.maximum(peak / _WINGS_ADU, math.e))) + 1.0)
     light: NDArray[np.float32] = np.zeros((optics.height_px, optics.width_px), dtype=np.float32)
-    for size in np.unique(reach[np.isfinite(x)]):
-        group = reach == size
-        _add_stars(light, x[group], y[group], flux[group], sigma, int(size))
+    part = 1.0 / len(centers)
+    for place in centers:
+        x, y = project(place, optics, ra, dec)
+        for size in np.unique(reach[np.isfinite(x)]):
+            group = reach == size
+            _add_stars(light, x[group], y[group], part * flux[group], sigma, int(size))
     return light
 
 

@@ -36,6 +36,12 @@ KEYS = [
     "time_s",
     "wcs",
     "reason",
+    "center_sigma_arcsec",
+    "rejected_by",
+    "reason_code",
+    "numbers",
+    "contradictions",
+    "quality",
 ]
 
 
@@ -104,7 +110,7 @@ def test_solve_prints_one_object_a_file_in_order_and_does_the_others_too(
     for record in records:
         assert list(record) == KEYS
         assert list(record["time_s"]) == ["read", "measure", "identify", "total"]
-        assert (record["reason"] is None) == record["solved"]
+        assert (record["reason"] is None) == (record["reason_code"] is None) == record["solved"]
     solved = records[1]
     miss_arcsec = separation_arcsec(
         Icrs(solved["ra_deg"], solved["dec_deg"]), Icrs(truth["ra"], truth["dec"])
@@ -113,6 +119,14 @@ def test_solve_prints_one_object_a_file_in_order_and_does_the_others_too(
     assert solved["scale_arcsec_px"] == pytest.approx(truth["scale"], rel=0.005)
     assert solved["parity"] in {1, -1}
     assert solved["wcs"]["CTYPE1"].startswith("RA---TAN")
+    assert 0 < solved["center_sigma_arcsec"] < 0.1 * truth["scale"]
+    assert solved["contradictions"] == []
+    quality = solved["quality"]
+    assert quality["images"] == "well sampled"
+    assert quality["fwhm_px"] == pytest.approx(truth["fwhm"], rel=0.1)
+    assert quality["fwhm_arcsec"] == pytest.approx(quality["fwhm_px"] * truth["scale"], rel=0.01)
+    assert 12.0 < quality["limiting_mag"] < 22.0
+    assert quality["sky_mag_arcsec2"] is None  # without a bias nothing tells how much of the level is sky
 
 
 def test_solve_for_people_exits_0_when_all_are_solved(frame: tuple[Path, dict[str, Any]]) -> None:
@@ -251,3 +265,23 @@ def test_output_into_a_closed_pipe_is_no_crash() -> None:
     with process.stderr as trouble:
         assert "Traceback" not in trouble.read()
     process.wait()
+
+
+def test_solve_tells_of_a_wrong_hint_and_takes_the_paper_profile(frame: tuple[Path, dict[str, Any]]) -> None:
+    path, truth = frame
+    hint = truth["hint"]
+    done = _run(
+        *("solve", "--json", path, "--ra", str(hint["ra"]), "--dec", str(hint["dec"]), "--radius", "1.5"),
+        *("--scale", str(1.2 * truth["scale"])),
+    )
+    record = json.loads(done.stdout)
+    assert record["solved"], record["reason"]
+    assert len(record["contradictions"]) == 1
+    assert record["contradictions"][0].startswith("scale: caller says")
+    for options, told in (
+        (["--profile", "papr"], "measured or paper"),
+        (["--config", "none.toml"], "none.toml"),
+    ):
+        done = _run("solve", path, *options)
+        assert done.returncode == 2, done.stderr
+        assert told in done.stderr

@@ -1,0 +1,135 @@
+"""The record of an accuracy run: what `mountnav accuracy --json` prints; its tables are made from it."""
+
+from __future__ import annotations
+
+import math
+
+from pydantic import BaseModel, Field
+
+from mountnav.identification.accuracy import (
+    PARAMETERS,
+    AccuracyRow,
+    Indicators,
+    accuracy_table,
+    deviations,
+    fit_factor,
+    model_degree,
+    pooled,
+)
+from mountnav.solution import Solution
+
+
+class IndicatorRecord(BaseModel):
+    """Indicators of one kind of deviation; null where there are too few values."""
+
+    number: int
+    mean: float | None
+    standard_deviation: float | None
+    least_modulus: float | None
+    most_modulus: float | None
+
+
+class RowRecord(BaseModel):
+    """One column of the paper's Table 1."""
+
+    rejected_percent: float
+    ra_arcsec: IndicatorRecord = Field(description="ΔRA cos δ")
+    dec_arcsec: IndicatorRecord
+    mag: IndicatorRecord
+
+
+class FrameAccuracy(BaseModel):
+    """One frame: its indicators, or why it was not solved."""
+
+    file: str
+    solved: bool
+    reason: str | None = None
+    mode: str | None = None
+    pairs: int | None = Field(default=None, description="In the fit")
+    fit_factor: float | None = Field(
+        default=None,
+        description="sqrt(1 - p/n): so much smaller than their errors are deviations of the fit's own pairs",
+    )
+    rows: list[RowRecord] = []
+
+
+class AccuracyRecord(BaseModel):
+    """Table 1 for a set of frames."""
+
+    frames: list[FrameAccuracy]
+    solved: int
+    catalog: str
+    every_pair: bool = Field(description="Also the pairs that K_rej rejected")
+    leave_one_out: bool
+    fit_factor: float | None
+    overall: list[RowRecord]
+
+
+def accuracy_record(
+    outcomes: list[tuple[str, Solution | str]],
+    rejected_percent: tuple[float, ...],
+    *,
+    every: bool,
+    leave_one_out: bool,
+) -> AccuracyRecord:
+    """Make the record of a run.
+
+    Parameters
+    ----------
+    outcomes : list of (file, Solution or reason)
+    rejected_percent : tuple of float
+    every, leave_one_out : bool
+        See `mountnav.identification.accuracy.deviations`.
+    """
+    frames, parts, parameters, pairs = [], [], 0, 0
+    for file, outcome in outcomes:
+        if isinstance(outcome, str):
+            frames.append(FrameAccuracy(file=file, solved=False, reason=outcome))
+            continue
+        found = deviations(outcome, every=every, leave_one_out=leave_one_out)
+        parts.append(found)
+        free = PARAMETERS[model_degree(outcome)]
+        parameters, pairs = parameters + free, pairs + outcome.pairs
+        frames.append(
+            FrameAccuracy(
+                file=file,
+                solved=True,
+                mode=outcome.mode,
+                pairs=outcome.pairs,
+                fit_factor=fit_factor(outcome.pairs, free),
+                rows=[_row(row) for row in accuracy_table(found, rejected_percent)],
+            )
+        )
+    catalogs = {outcome.catalog for _, outcome in outcomes if isinstance(outcome, Solution)}
+    return AccuracyRecord(
+        frames=frames,
+        solved=len(parts),
+        catalog=", ".join(sorted(catalogs)),
+        every_pair=every,
+        leave_one_out=leave_one_out,
+        fit_factor=fit_factor(pairs, parameters) if parts else None,
+        overall=[_row(row) for row in accuracy_table(pooled(parts), rejected_percent)],
+    )
+
+
+def _row(row: AccuracyRow) -> RowRecord:
+    return RowRecord(
+        rejected_percent=row.rejected_percent,
+        ra_arcsec=_indicators(row.ra),
+        dec_arcsec=_indicators(row.dec),
+        mag=_indicators(row.mag),
+    )
+
+
+def _indicators(one: Indicators) -> IndicatorRecord:
+    return IndicatorRecord(
+        number=one.number,
+        mean=_finite(one.mean),
+        standard_deviation=_finite(one.standard_deviation),
+        least_modulus=_finite(one.least_modulus),
+        most_modulus=_finite(one.most_modulus),
+    )
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,1 @@
+"""A series of frames of one field: one is solved, the rest are followed by their shift."""

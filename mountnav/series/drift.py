@@ -1,0 +1,231 @@
+"""Drift of a series: jumps cut it into segments, and each segment's centers give a rate with its error."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mountnav.sky.sphere import half_turn_deg
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+LEAST_FRAMES = 3
+JUMP_MADS = 8.0
+FEW_STEPS = 4
+TUKEY = 4.685
+MAD_TO_SIGMA = 1.4826
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """Centers over time; each array has shape (n,), in order of time.
+
+    Attributes
+    ----------
+    minutes : ndarray
+        Since any instant.
+    ra_deg, dec_deg : ndarray
+        Centers.
+    sigma_arcsec : ndarray
+        Error per coordinate of each center relative to its anchor.
+    anchor : ndarray of int
+        Which solved frame each was followed from; centers with the same anchor share its error.
+    anchor_sigma_arcsec : ndarray
+        Error per coordinate of that frame's own center.
+    """
+
+    minutes: Array
+    ra_deg: Array
+    dec_deg: Array
+    sigma_arcsec: Array
+    anchor: Index
+    anchor_sigma_arcsec: Array
+
+    def __len__(self) -> int:
+        return int(self.minutes.size)
+
+    def part(self, start: int, stop: int) -> Track:
+        """Points start to stop."""
+        return Track(
+            self.minutes[start:stop],
+            self.ra_deg[start:stop],
+            self.dec_deg[start:stop],
+            self.sigma_arcsec[start:stop],
+            self.anchor[start:stop],
+            self.anchor_sigma_arcsec[start:stop],
+        )
+
+    def east_north_arcsec(self) -> tuple[Array, Array]:
+        """Δα·cos δ (δ: the mean of the track) and Δδ from the first point, arcsec; shape (n,) each."""
+        cosine = math.cos(math.radians(float(np.mean(self.dec_deg))))
+        east = np.array([half_turn_deg(float(one)) for one in self.ra_deg - self.ra_deg[0]])
+        return east * 3600.0 * cosine, (self.dec_deg - self.dec_deg[0]) * 3600.0
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """Rates at which the frame's center moves over the sky.
+
+    Attributes
+    ----------
+    ra_arcsec_min, dec_arcsec_min : float
+        d(α)/dt · cos δ, and d(δ)/dt.
+    ra_sigma_arcsec_min, dec_sigma_arcsec_min : float
+        Standard errors, scaled up by the scatter about the straight line where that exceeds the errors.
+    rms_arcsec : float
+        Scatter about the line, both coordinates in quadrature.
+    frames : int
+        Points in the fit.
+    outliers : int
+        Points of next to no weight.
+    """
+
+    ra_arcsec_min: float
+    dec_arcsec_min: float
+    ra_sigma_arcsec_min: float
+    dec_sigma_arcsec_min: float
+    rms_arcsec: float
+    frames: int
+    outliers: int
+
+
+def jumps(track: Track, least_arcsec: float) -> list[int]:
+    """Find where a series jumps: dithers, slews, a slipped mount.
+
+    Parameters
+    ----------
+    track : Track
+    least_arcsec : float
+        Nothing smaller counts.
+
+    Returns
+    -------
+    list of int
+        Points that a jump led to. A step is a jump when it departs from the median rate by more than
+        `least_arcsec`, by more than 8 times the median departure, and by more than 5 of its errors.
+    """
+    if len(track) < 2:
+        return []
+    east, north = track.east_north_arcsec()
+    step = np.diff(east) + 1j * np.diff(north)
+    gap = np.maximum(np.diff(track.minutes), 1e-6)
+    rate = step / gap
+    if rate.size < FEW_STEPS:
+        usual = complex(rate[int(np.argmin(np.abs(rate)))])  # of two or three steps the calmest
+    else:
+        usual = complex(float(np.median(rate.real)), float(np.median(rate.imag)))
+    off = np.abs(step - usual * gap)
+    scatter = MAD_TO_SIGMA * float(np.median(off)) if rate.size >= FEW_STEPS else 0.0
+    variance = track.sigma_arcsec[1:] ** 2 + track.sigma_arcsec[:-1] ** 2
+    changed = track.anchor[1:] != track.anchor[:-1]
+    variance += np.where(
+        changed, track.anchor_sigma_arcsec[1:] ** 2 + track.anchor_sigma_arcsec[:-1] ** 2, 0.0
+    )
+    limit = np.maximum(max(least_arcsec, JUMP_MADS * scatter), 5.0 * np.sqrt(variance))
+    return [int(one) + 1 for one in np.flatnonzero(off > limit)]
+
+
+def fit_drift(track: Track) -> Drift | None:
+    """Fit straight lines to a segment's centers, by weighted, robust regression.
+
+    Centers followed from one solved frame share its error: an offset of each solved frame but the first is
+    fitted too, held to zero by that frame's error. A wrong center is weighted down (Tukey's biweight).
+
+    Parameters
+    ----------
+    track : Track
+        Without jumps.
+
+    Returns
+    -------
+    Drift or None
+        None for fewer than three points, or for points of one instant.
+    """
+    if len(track) < LEAST_FRAMES or float(np.ptp(track.minutes)) <= 0.0:
+        return None
+    east, north = track.east_north_arcsec()
+    time = track.minutes - float(track.minutes.mean())
+    columns, ties = _columns(track, time)
+    floor = max(1e-4, 0.1 * float(np.median(track.sigma_arcsec)))
+    sigma = np.maximum(track.sigma_arcsec, floor)
+    robust = np.ones(len(track))
+    for _ in range(12):
+        root = np.sqrt(robust) / sigma
+        rows = np.vstack((columns * root[:, None], ties))
+        right = np.zeros((rows.shape[0], 2))
+        right[: len(track)] = np.column_stack((east, north)) * root[:, None]
+        got = np.linalg.lstsq(rows, right, rcond=None)[0]
+        rest = np.column_stack((east, north)) - columns @ got
+        z = np.hypot(rest[:, 0], rest[:, 1]) / sigma
+        scatter = max(1.0, float(np.median(z)) / 1.1774)  # the median of a Rayleigh deviate
+        weight = np.clip(1.0 - (z / (TUKEY * scatter)) ** 2, 0.0, None) ** 2
+        if float(np.max(np.abs(weight - robust))) < 1e-3:
+            break
+        robust = np.where(np.sum(weight > 0.1) >= LEAST_FRAMES, weight, robust)
+    inverse = np.linalg.pinv(rows.T @ rows)
+    free = max(float(robust.sum()) - 2.0, 1.0)
+    chi2 = (robust[:, None] * (rest / sigma[:, None]) ** 2).sum(axis=0) / free
+    errors = np.sqrt(inverse[1, 1] * np.maximum(chi2, 1.0))
+    return Drift(
+        ra_arcsec_min=float(got[1, 0]),
+        dec_arcsec_min=float(got[1, 1]),
+        ra_sigma_arcsec_min=float(errors[0]),
+        dec_sigma_arcsec_min=float(errors[1]),
+        rms_arcsec=float(np.sqrt((robust[:, None] * rest**2).sum() / robust.sum())),
+        frames=len(track),
+        outliers=int((robust < 0.1).sum()),
+    )
+
+
+def joined(drifts: list[Drift]) -> Drift | None:
+    """Weighted mean of segments' rates; errors grow where the segments disagree.
+
+    Parameters
+    ----------
+    drifts : list of Drift
+
+    Returns
+    -------
+    Drift or None
+        None if there is none.
+    """
+    if len(drifts) < 2:
+        return drifts[0] if drifts else None
+    rates = np.array([(one.ra_arcsec_min, one.dec_arcsec_min) for one in drifts])
+    errors = np.array([(one.ra_sigma_arcsec_min, one.dec_sigma_arcsec_min) for one in drifts])
+    weight = 1.0 / np.maximum(errors, 1e-9) ** 2
+    mean = (weight * rates).sum(axis=0) / weight.sum(axis=0)
+    chi2 = (weight * (rates - mean) ** 2).sum(axis=0) / (len(drifts) - 1)
+    sigma = np.sqrt(np.maximum(chi2, 1.0) / weight.sum(axis=0))
+    frames = np.array([one.frames for one in drifts], dtype=float)
+    rms = np.array([one.rms_arcsec for one in drifts])
+    return Drift(
+        float(mean[0]),
+        float(mean[1]),
+        float(sigma[0]),
+        float(sigma[1]),
+        float(np.sqrt((frames * rms**2).sum() / frames.sum())),
+        int(frames.sum()),
+        sum(one.outliers for one in drifts),
+    )
+
+
+def _columns(track: Track, time: Array) -> tuple[Array, Array]:
+    """Columns of the fit (1, time, one for each anchor but the first), and rows that hold those offsets."""
+    names, first = np.unique(track.anchor, return_index=True)
+    order = np.argsort(first)
+    others = names[order][1:]
+    columns = np.column_stack(
+        [np.ones(len(track)), time, *((track.anchor == name).astype(float) for name in others)]
+    )
+    ties = np.zeros((others.size, columns.shape[1]))
+    of_first = float(track.anchor_sigma_arcsec[first[order][0]])
+    for number, place in enumerate(first[order][1:]):
+        ties[number, 2 + number] = 1.0 / max(
+            math.hypot(of_first, float(track.anchor_sigma_arcsec[place])), 1e-3
+        )
+    return columns, ties

@@ -1,0 +1,125 @@
+"""Summing up a series: its centers in order of time, cut at jumps, each segment with its drift."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from mountnav.series.drift import LEAST_FRAMES, Drift, Track, fit_drift, joined, jumps
+from mountnav.series.persistence import PersistentSources
+from mountnav.series.results import FrameResult, Segment, SeriesReport, SeriesSettings
+from mountnav.sky.coordinates import Icrs
+from mountnav.sky.sphere import Offset, offset_arcsec
+
+
+def series_report(
+    frames: tuple[FrameResult, ...],
+    settings: SeriesSettings,
+    *,
+    persistent: PersistentSources | None = None,
+    anchor: int | None = None,
+) -> SeriesReport:
+    """Sum up a series.
+
+    Parameters
+    ----------
+    frames : tuple of FrameResult
+    settings : SeriesSettings
+    persistent : PersistentSources, optional
+    anchor : int, optional
+        The frame that `persistent` is given in.
+
+    Returns
+    -------
+    SeriesReport
+        Frames without a time or a center take no part in the drift.
+    """
+    placed = [one for one in frames if one.solution is not None]
+    timed = [one for one in placed if one.mid_exposure_utc is not None]
+    if not timed:
+        reason = "no frame tells when it was taken" if placed else "no frame was solved"
+        return SeriesReport(frames, (), None, reason, persistent, anchor)
+    timed.sort(key=lambda one: (one.mid_exposure_utc, one.number))
+    track = _track(timed)
+    scales = [one.solution.scale_arcsec_px for one in timed if one.solution is not None]
+    edges = [0, *jumps(track, settings.jump_px * float(np.median(scales))), len(timed)]
+    bounds = list(pairwise(edges))
+    parts = [fit_drift(track.part(start, stop)) for start, stop in bounds]
+    whole = joined([one for one in parts if one is not None])
+    segments = [
+        Segment(
+            frames=tuple(one.number for one in timed[start:stop]),
+            drift=drift,
+            reason="" if drift else _no_drift(stop - start),
+            jump=_jump(track, timed, start, whole) if start else None,
+        )
+        for (start, stop), drift in zip(bounds, parts, strict=True)
+    ]
+    reason = ""
+    if whole is None:
+        missing = len(placed) - len(timed)
+        reason = _no_drift(max(len(one.frames) for one in segments))
+        if missing:
+            reason += f"; {missing} frames don't tell when they were taken"
+    return SeriesReport(frames, tuple(segments), whole, reason, persistent, anchor)
+
+
+def _no_drift(frames: int) -> str:
+    if frames < LEAST_FRAMES:
+        return f"{frames} timed frames without a jump between them, {LEAST_FRAMES} are needed"
+    return "all frames are of one instant"
+
+
+def _jump(track: Track, timed: list[FrameResult], to: int, drift: Drift | None) -> Offset:
+    """How far the center went to a point beyond what the drift took it."""
+    step = offset_arcsec(_center(timed[to]), _center(timed[to - 1]))
+    if drift is None:
+        return step
+    gap = float(track.minutes[to] - track.minutes[to - 1])
+    return Offset(
+        step.east_arcsec - drift.ra_arcsec_min * gap, step.north_arcsec - drift.dec_arcsec_min * gap
+    )
+
+
+def _center(frame: FrameResult) -> Icrs:
+    """The center as followed, so that neighbors share their anchor's error; else as solved."""
+    if frame.followed is not None:
+        return frame.followed
+    assert frame.solution is not None
+    return frame.solution.center
+
+
+def _track(timed: list[FrameResult]) -> Track:
+    start = timed[0].mid_exposure_utc
+    by_number = {one.number: one for one in timed}
+    minutes, ra, dec, sigma, anchor, anchor_sigma = [], [], [], [], [], []
+    for one in timed:
+        assert one.mid_exposure_utc is not None
+        assert start is not None
+        assert one.solution is not None
+        place = _center(one)
+        minutes.append((one.mid_exposure_utc - start).total_seconds() / 60.0)
+        ra.append(place.ra_deg)
+        dec.append(place.dec_deg)
+        if one.followed is not None and one.shift is not None:
+            anchor.append(one.shift.anchor)
+            of = by_number.get(one.shift.anchor)
+            own = one.solution.center_sigma_arcsec
+            anchor_sigma.append(of.solution.center_sigma_arcsec if of and of.solution else own)
+            error_px = 0.5 * (one.shift.dx_sigma_px + one.shift.dy_sigma_px)
+            sigma.append(error_px * one.solution.scale_arcsec_px)
+        else:
+            anchor.append(one.number)
+            anchor_sigma.append(one.solution.center_sigma_arcsec)
+            sigma.append(
+                0.01 * one.solution.scale_arcsec_px
+            )  # followed from itself: its own noise is the anchor's
+    return Track(
+        np.array(minutes),
+        np.array(ra),
+        np.array(dec),
+        np.array(sigma),
+        np.array(anchor, dtype=np.int64),
+        np.array(anchor_sigma),
+    )

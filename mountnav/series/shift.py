@@ -1,0 +1,249 @@
+"""A plate moved over the sky: where a frame's center lies, from pairs with a frame that is solved.
+
+A shift in pixels is exact only on a small, undistorted field. Here the pairs' places on the sky, through the
+solved frame's plate, are projected about the new center, and the plate itself is held: exact for projection
+and distortion, as long as telescope and camera stay the same and the field doesn't turn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mountnav.errors import BadRequest
+from mountnav.identification.plate import ARCSEC_PER_RAD, Plate, powers
+from mountnav.sky.coordinates import Icrs
+from mountnav.sky.sphere import gnomonic_inverse
+
+Array = NDArray[np.float64]
+
+MOST_STEPS = 20
+STILL_ARCSEC = 1e-5
+"""Steps for the center end here. Each is wrong by the field's curvature and by how north turns on the way."""
+
+
+def plate_from_cards(cards: Mapping[str, str | int | float], *, width_px: int, height_px: int) -> Plate:
+    """Read the plate back from a solution's WCS cards; inverse of `mountnav.identification.wcs.wcs_cards`.
+
+    Parameters
+    ----------
+    cards : mapping
+        TAN or TAN-SIP with CRPIX at the frame's center, as a `Solution` has them.
+    width_px, height_px : int
+
+    Returns
+    -------
+    Plate
+
+    Raises
+    ------
+    BadRequest
+        CRPIX isn't the center of such a frame, or a card is missing.
+    """
+    middle = ((width_px - 1) / 2.0, (height_px - 1) / 2.0)
+    try:
+        crpix = (float(cards["CRPIX1"]) - 1.0, float(cards["CRPIX2"]) - 1.0)
+        tangent = Icrs(float(cards["CRVAL1"]), float(cards["CRVAL2"]))
+        cd = np.array([[float(cards[f"CD{i}_{j}"]) for j in (1, 2)] for i in (1, 2)])
+    except KeyError as missing:
+        raise BadRequest(f"the WCS has no card {missing}", advice="give the cards of a solution") from None
+    if max(abs(crpix[0] - middle[0]), abs(crpix[1] - middle[1])) > 1e-6:
+        raise BadRequest("CRPIX is not the frame's center", advice="give the cards of a solution")
+    degree = int(cards.get("A_ORDER", 1))
+    unit = 0.5 * max(width_px, height_px)
+    xi, eta = [], []
+    for i, j in powers(degree):
+        along = float(cards.get(f"A_{i}_{j}", 0.0)) + (1.0 if (i, j) == (1, 0) else 0.0)
+        across = float(cards.get(f"B_{i}_{j}", 0.0)) + (1.0 if (i, j) == (0, 1) else 0.0)
+        value = cd @ (along, across) * 3600.0 * unit ** (i + j) if i + j else np.zeros(2)
+        xi.append(float(value[0]))
+        eta.append(float(value[1]))
+    return Plate(
+        tangent=tangent,
+        center_x_px=middle[0],
+        center_y_px=middle[1],
+        unit_px=unit,
+        degree=degree,
+        parity=-1 if np.linalg.det(cd) > 0 else 1,
+        xi=np.array(xi),
+        eta=np.array(eta),
+    )
+
+
+def places(plate: Plate, x_px: Array, y_px: Array) -> tuple[Array, Array]:
+    """Right ascension and declination (degrees, shape (n,)) at pixels, through a plate."""
+    xi, eta = plate.tangential(x_px, y_px)
+    ra, dec = gnomonic_inverse(
+        xi / ARCSEC_PER_RAD, eta / ARCSEC_PER_RAD, plate.tangent.ra_deg, plate.tangent.dec_deg
+    )
+    return np.asarray(ra), np.asarray(dec)
+
+
+def pixels(plate: Plate, ra_deg: Array, dec_deg: Array) -> tuple[Array, Array]:
+    """Pixels (shape (n,)) of places, through a plate; NaN for places behind."""
+    xi, eta = plate.project(ra_deg, dec_deg)
+    return plate.pixels(xi, eta)
+
+
+@dataclass(frozen=True, slots=True)
+class Moved:
+    """A plate moved to where a frame lies.
+
+    Attributes
+    ----------
+    plate : Plate
+        Its tangent point is the frame's center.
+    sigma_arcsec : (float, float)
+        Standard error of the move, east and north; the solved frame's own error comes on top.
+    dx_px, dy_px : float
+        Where the frame's center lies in the solved frame, from that frame's center: the exact shift, with the
+        sign of [S23 eq. 1, 2].
+    rms_arcsec : float
+        RMS over pairs of the residual (both coordinates in quadrature).
+    residual_x_arcsec, residual_y_arcsec : ndarray, shape (n,)
+        Measured minus expected, east and north.
+    turn_deg, stretch : float
+        Turn (north through east) and change of scale (a share) that the residuals show.
+    trend_px : float
+        What turn and stretch amount to in the frame's corner.
+    trend_sigma : float
+        How many standard errors that is.
+    """
+
+    plate: Plate
+    sigma_arcsec: tuple[float, float]
+    dx_px: float
+    dy_px: float
+    rms_arcsec: float
+    residual_x_arcsec: Array
+    residual_y_arcsec: Array
+    turn_deg: float
+    stretch: float
+    trend_px: float
+    trend_sigma: float
+
+    @property
+    def center(self) -> Icrs:
+        """The frame's center."""
+        return self.plate.tangent
+
+    @property
+    def sigma_px(self) -> tuple[float, float]:
+        """Standard error of the move along x and y."""
+        inverse = np.linalg.inv(self.plate.matrix())
+        x, y = np.sqrt(inverse**2 @ np.square(self.sigma_arcsec))
+        return float(x), float(y)
+
+
+def moved(plate: Plate, ra_deg: Array, dec_deg: Array, x_px: Array, y_px: Array, weight: Array) -> Moved:
+    """Move a plate over the sky so that pairs fall where they were measured.
+
+    Parameters
+    ----------
+    plate : Plate
+        Of the solved frame, tangent at its center.
+    ra_deg, dec_deg : ndarray, shape (n,)
+        The pairs' places on the sky, n >= 3.
+    x_px, y_px : ndarray, shape (n,)
+        Where the new frame shows them.
+    weight : ndarray, shape (n,)
+        Weights of the pairs, px^-2.
+
+    Returns
+    -------
+    Moved
+        With orientation held to the celestial north, as an equatorial mount holds it.
+    """
+    share = weight / weight.sum()
+    seen_xi, seen_eta = plate.tangential(x_px, y_px)
+    center = plate.tangent
+    for _ in range(MOST_STEPS):
+        xi, eta = replace(plate, tangent=center).project(ra_deg, dec_deg)
+        east, north = float(share @ (xi - seen_xi)), float(share @ (eta - seen_eta))
+        ra, dec = gnomonic_inverse(
+            east / ARCSEC_PER_RAD, north / ARCSEC_PER_RAD, center.ra_deg, center.dec_deg
+        )
+        center = Icrs(float(ra), float(dec))
+        if math.hypot(east, north) < STILL_ARCSEC:
+            break
+    xi, eta = replace(plate, tangent=center).project(ra_deg, dec_deg)
+    residual = (seen_xi - xi) + 1j * (seen_eta - eta)
+    z = seen_xi + 1j * seen_eta
+    about = z - share @ z
+    lever = float(share @ np.abs(about) ** 2)
+    spread2 = float(share @ np.abs(residual) ** 2)  # both coordinates
+    trend = complex(-(share @ (np.conj(about) * residual)) / lever) if lever > 0 else 0j
+    rest2 = max(spread2 - abs(trend) ** 2 * lever, 0.0)
+    free = max(x_px.size - 2, 1)
+    scale = plate.scale_arcsec_px()
+    # never better than the stated errors of the measurements
+    expected2 = 2.0 * scale**2 * x_px.size / float(weight.sum())
+    trend_sigma = math.sqrt(max(rest2, expected2) / free / lever / 2.0) if lever > 0 else math.inf
+    corner_arcsec = math.hypot(plate.center_x_px + 0.5, plate.center_y_px + 0.5) * scale
+    sums = 1.0 / float(weight.sum())
+    count = max(x_px.size - 1, 1)
+    sigma = []
+    for part in (residual.real, residual.imag):
+        chi2 = float(weight @ part**2) / scale**2 / count
+        sigma.append(scale * math.sqrt(max(chi2, 1.0) * sums))
+    dx, dy = _center_shift(plate, center)
+    return Moved(
+        plate=replace(plate, tangent=center, xi=_at_rest(plate.xi), eta=_at_rest(plate.eta)),
+        sigma_arcsec=(sigma[0], sigma[1]),
+        dx_px=dx,
+        dy_px=dy,
+        rms_arcsec=math.sqrt(spread2),
+        residual_x_arcsec=residual.real,
+        residual_y_arcsec=residual.imag,
+        turn_deg=math.degrees(-trend.imag),
+        stretch=trend.real,
+        trend_px=abs(trend) * corner_arcsec / scale,
+        trend_sigma=abs(trend) / trend_sigma if trend_sigma > 0 else 0.0,
+    )
+
+
+def turned(
+    move: Moved, solved: Plate, ra_deg: Array, dec_deg: Array, x_px: Array, y_px: Array, weight: Array
+) -> Moved:
+    """Let the plate turn and stretch as the residuals ask, and move it again.
+
+    Parameters
+    ----------
+    move : Moved
+        From `moved` with the same pairs.
+    solved : Plate
+        Of the solved frame.
+    ra_deg, dec_deg, x_px, y_px, weight : ndarray, shape (n,)
+        As in `moved`.
+
+    Returns
+    -------
+    Moved
+        Its turn and stretch are those taken up.
+    """
+    plate, again, turn_deg, stretch = move.plate, move, 0.0, 0.0
+    for _ in range(2):
+        turn_deg, stretch = turn_deg + again.turn_deg, stretch + again.stretch
+        w = (plate.xi + 1j * plate.eta) * complex(1.0 + again.stretch, -math.radians(again.turn_deg))
+        plate = replace(plate, xi=np.asarray(w.real), eta=np.asarray(w.imag))
+        again = moved(plate, ra_deg, dec_deg, x_px, y_px, weight)
+        plate = again.plate
+    dx, dy = _center_shift(solved, again.center)
+    return replace(again, turn_deg=turn_deg, stretch=stretch, dx_px=dx, dy_px=dy)
+
+
+def _center_shift(solved: Plate, center: Icrs) -> tuple[float, float]:
+    """Where a center lies in the solved frame, from that frame's center, pixels."""
+    x, y = pixels(solved, np.array([center.ra_deg]), np.array([center.dec_deg]))
+    return float(x[0]) - solved.center_x_px, float(y[0]) - solved.center_y_px
+
+
+def _at_rest(coefficients: Array) -> Array:
+    """Coefficients without the constant term: the tangent point is the center."""
+    out = coefficients.copy()
+    out[0] = 0.0
+    return out

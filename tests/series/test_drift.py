@@ -1,0 +1,141 @@
+"""Drift rates: the true rate within the stated error; jumps cut a series and never count as drift."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mountnav.series.drift import Drift, Track, fit_drift, joined, jumps
+
+
+def track(
+    minutes,
+    rate=(20.0, -6.0),
+    *,
+    ra=100.0,
+    dec=30.0,
+    noise=0.05,
+    seed=1,
+    steps=(),
+    anchors=None,
+    anchor_errors=None,
+) -> Track:
+    """Centers of a drifting mount; `steps` are (point, east, north) jumps."""
+    rng = np.random.default_rng(seed)
+    minutes = np.asarray(minutes, dtype=float)
+    east, north = rate[0] * minutes, rate[1] * minutes
+    for point, across, along in steps:
+        east[point:] += across
+        north[point:] += along
+    anchor = np.zeros(minutes.size, dtype=np.int64) if anchors is None else np.asarray(anchors)
+    if anchor_errors is not None:
+        east += np.asarray(anchor_errors)[anchor]
+        north -= np.asarray(anchor_errors)[anchor]
+    east, north = east + rng.normal(0, noise, east.size), north + rng.normal(0, noise, north.size)
+    decs = dec + north / 3600
+    middle = decs.mean() if decs.size else dec
+    return Track(
+        minutes,
+        (ra + east / 3600 / np.cos(np.radians(middle))) % 360,
+        decs,
+        np.full(minutes.size, noise),
+        anchor,
+        np.full(minutes.size, 0.5),
+    )
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    st.floats(-900, 900),
+    st.floats(-900, 900),
+    st.floats(0, 359.999),
+    st.floats(-80, 80),
+    st.integers(0, 10**6),
+)
+def test_rate_within_its_error(east, north, ra, dec, seed) -> None:
+    got = fit_drift(track(np.arange(12), (east / 10, north / 10), ra=ra, dec=dec, seed=seed))
+    assert got is not None
+    # six errors: eleven degrees of freedom and a hundred numbers drawn
+    assert abs(got.ra_arcsec_min - east / 10) < 6 * got.ra_sigma_arcsec_min
+    assert abs(got.dec_arcsec_min - north / 10) < 6 * got.dec_sigma_arcsec_min
+    assert got.ra_sigma_arcsec_min < 0.05
+
+
+def test_stated_errors_are_what_repeated_draws_scatter_by() -> None:
+    drifts = [fit_drift(track(np.arange(15), seed=seed)) for seed in range(200)]
+    off = np.std([one.ra_arcsec_min - 20.0 for one in drifts])
+    stated = np.median([one.ra_sigma_arcsec_min for one in drifts])
+    assert 0.8 < off / stated < 1.3
+
+
+def test_over_the_seam_of_right_ascension() -> None:
+    whole = track(np.arange(10), (600.0, 0.0), ra=359.5)
+    assert whole.ra_deg.min() < 1 < 359 < whole.ra_deg.max()
+    assert fit_drift(whole).ra_arcsec_min == pytest.approx(600.0, abs=0.1)
+    assert jumps(whole, 5.0) == []
+
+
+def test_jumps_cut_and_the_rate_is_untouched_by_them() -> None:
+    one = track(np.arange(20), steps=((7, 40.0, 0.0), (13, -15.0, 22.0)))
+    assert jumps(one, 10.0) == [7, 13]
+    parts = [fit_drift(one.part(a, b)) for a, b in ((0, 7), (7, 13), (13, 20))]
+    whole = joined(parts)
+    assert whole.ra_arcsec_min == pytest.approx(20.0, abs=5 * whole.ra_sigma_arcsec_min)
+    assert whole.dec_arcsec_min == pytest.approx(-6.0, abs=5 * whole.dec_sigma_arcsec_min)
+    assert whole.frames == 20
+
+
+def test_a_gap_in_time_is_no_jump() -> None:
+    assert jumps(track([0, 1, 2, 3, 60, 61, 62, 63]), 10.0) == []
+
+
+def test_a_jump_among_three_frames() -> None:
+    assert jumps(track([0, 1, 2], (1.0, 0.0), steps=((2, 300.0, 0.0),)), 10.0) == [2]
+
+
+def test_one_wrong_center_has_no_say() -> None:
+    one = track(np.arange(16))
+    one.ra_deg[9] += 2.0 / 3600
+    got = fit_drift(one)
+    assert got.outliers == 1
+    assert got.ra_arcsec_min == pytest.approx(20.0, abs=0.03)
+
+
+def test_scatter_beyond_the_errors_widens_them() -> None:
+    quiet, restless = track(np.arange(20)), track(np.arange(20), noise=2.0)
+    restless = Track(
+        restless.minutes, restless.ra_deg, restless.dec_deg, quiet.sigma_arcsec, quiet.anchor,
+        quiet.anchor_sigma_arcsec,
+    )  # fmt: skip
+    assert fit_drift(restless).ra_sigma_arcsec_min > 10 * fit_drift(quiet).ra_sigma_arcsec_min
+
+
+def test_an_anchors_error_is_no_drift() -> None:
+    """Each solved frame is off by half an arcsecond: that must neither tilt the line nor go unseen."""
+    off, stated = [], []
+    for seed in range(60):
+        errors = np.random.default_rng(seed).normal(0, 0.5, 3)
+        got = fit_drift(
+            track(np.arange(18), anchors=[0] * 6 + [1] * 6 + [2] * 6, anchor_errors=errors, seed=seed)
+        )
+        off.append(got.ra_arcsec_min - 20.0)
+        stated.append(got.ra_sigma_arcsec_min)
+    assert 0.6 < np.std(off) / np.median(stated) < 1.4
+    assert np.std(off) < 0.02
+
+
+@pytest.mark.parametrize("minutes", [[], [0], [0, 1], [5, 5, 5]])
+def test_no_rate_from_too_little(minutes) -> None:
+    assert fit_drift(track(minutes)) is None
+
+
+def test_joining_disagreeing_segments_widens_the_error() -> None:
+    one = Drift(10.0, 0.0, 0.1, 0.1, 0.2, 5, 0)
+    other = Drift(12.0, 0.0, 0.1, 0.1, 0.2, 5, 0)
+    both = joined([one, other])
+    assert both.ra_arcsec_min == pytest.approx(11.0)
+    assert both.ra_sigma_arcsec_min == pytest.approx(1.0, rel=0.05)
+    assert both.dec_sigma_arcsec_min == pytest.approx(0.1 / np.sqrt(2), rel=0.01)
+    assert joined([]) is None
