@@ -2,26 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-_PATTERN_CARDS = ("BAYERPAT", "BAYRPAT", "CFA_PAT", "CFATYPE", "COLORTYP")
+_PATTERN_CARDS = ("BAYERPAT", "BAYRPAT", "CFA_PAT", "CFATYPE", "COLORTYP", "CFAIMAGE", "FILTER")
 _PATTERNS = ("RGGB", "BGGR", "GRBG", "GBRG")
 _BLOCKS = 4
 _SMALLEST_BLOCK_PX = 24
+_BLOCK_PX = 64
+#: By how much of the noise the phases' levels must differ; their own error is about 0.02 of it.
+_SHARE_NAMED = 0.1
+_SHARE_UNNAMED = 0.3
+#: How alike the two green phases must be, as a part of the whole difference.
+_GREENS_ALIKE = 0.35
+_VOTES = 0.7
+_SAME_DIAGONAL = 0.8
 
 
-def is_mosaic(pixels: NDArray[np.generic], header: dict[str, str | int | float | bool]) -> bool:
+def is_mosaic(pixels: NDArray[np.generic], header: Mapping[str, str | int | float | bool]) -> bool:
     """Tell whether a frame is a raw Bayer mosaic.
 
-    A card is believed only if the pixels agree (many programs leave the card in after debayering or
-    binning), and a clear pattern is believed without a card.
+    A card is believed only if the pixels agree (many programs leave the card in after debayering or binning).
+    Without a card the four phases must show the arrangement of a Bayer mosaic in most parts of the frame: two
+    of them on a diagonal alike, and the same diagonal everywhere. Frames of floats without a card are
+    never taken for one: they are processed already.
 
     Parameters
     ----------
     pixels : ndarray, shape (height, width)
-    header : dict
+    header : mapping
+        Values by keyword. Offsets (``XBAYROFF``, ``YBAYROFF``) are no matter: no phase is treated otherwise.
 
     Returns
     -------
@@ -34,30 +47,53 @@ def is_mosaic(pixels: NDArray[np.generic], header: dict[str, str | int | float |
     blocks = min(_BLOCKS, height // (2 * _SMALLEST_BLOCK_PX), width // (2 * _SMALLEST_BLOCK_PX))
     if blocks < 1:
         return False
-    votes, orders = 0, []
+    greens = []
     for band in np.array_split(np.arange(height // 2), blocks):
         for strip in np.array_split(np.arange(width // 2), blocks):
-            rows = slice(2 * int(band[0]), 2 * int(band[0]) + 2 * min(band.size, 64))
-            columns = slice(2 * int(strip[0]), 2 * int(strip[0]) + 2 * min(strip.size, 64))
-            block = pixels[rows, columns].astype(np.float32)
-            phases = np.stack([block[j::2, i::2].ravel() for j in (0, 1) for i in (0, 1)])
-            middle = np.median(phases, axis=1)
-            spread = float(np.median(np.abs(phases - middle[:, None]))) * 1.4826
-            share = 0.25 if named else 0.8
-            if np.ptp(middle) > max(share * spread, 2.0 if not named else 0.0):
-                votes += 1
-                orders.append((int(np.argmax(middle)), int(np.argmin(middle))))
-    if votes < 0.7 * blocks * blocks:
-        return False
-    commonest = max(orders.count(order) for order in set(orders))
-    return commonest >= 0.6 * len(orders)
+            rows = slice(2 * int(band[0]), 2 * (int(band[0]) + min(band.size, _BLOCK_PX)))
+            columns = slice(2 * int(strip[0]), 2 * (int(strip[0]) + min(strip.size, _BLOCK_PX)))
+            share = _SHARE_NAMED if named else _SHARE_UNNAMED
+            green = _green_diagonal(pixels[rows, columns].astype(np.float32), share)
+            if green is not None:
+                greens.append(green)
+    commonest = max(greens.count(0), greens.count(1))
+    return commonest >= _VOTES * blocks * blocks and commonest >= _SAME_DIAGONAL * len(greens)
+
+
+def _green_diagonal(block: NDArray[np.float32], share: float) -> int | None:
+    """Tell on which diagonal a block's green pixels lie; None where it doesn't look like a mosaic.
+
+    The phases differ by more than a share of the noise, and two on a diagonal are alike: unlike the odd
+    rows, columns or slopes of other frames.
+    """
+    phases = np.stack([block[j::2, i::2].ravel() for j in (0, 1) for i in (0, 1)])
+    phases = np.where(np.isfinite(phases), phases, np.nan)
+    if np.isnan(phases).mean() > 0.5 or np.isnan(phases).all(axis=1).any():
+        return None
+    levels, noise = _levels(phases)
+    span = float(np.ptp(levels))
+    apart = abs(levels[0] - levels[3]), abs(levels[1] - levels[2])
+    if span <= share * noise or min(apart) > _GREENS_ALIKE * span:
+        return None
+    return int(apart[1] < apart[0])
+
+
+def _levels(phases: NDArray[np.floating]) -> tuple[NDArray[np.float64], float]:
+    """Clipped means of the phases (medians of whole numbers jump), and the noise around them."""
+    middle = np.nanmedian(phases, axis=1)
+    spread = np.nanmedian(np.abs(phases - middle[:, None])) * 1.4826
+    noise = max(float(spread), 0.3)
+    inside = np.abs(phases - middle[:, None]) <= 2.5 * noise
+    count = np.maximum(inside.sum(axis=1), 1)
+    return np.where(inside, phases, 0.0).sum(axis=1, dtype=np.float64) / count, noise
 
 
 def without_mosaic(pixels: NDArray[np.generic]) -> NDArray[np.float32]:
     """Smooth a mosaic with (1 2 1)/4 along both axes.
 
     Around every pixel this kernel gives each of the four phases the same total weight, a quarter, so that
-    neither the sky's color nor a star's leaves a pattern, and being symmetric it moves nothing.
+    neither the sky's color nor a star's leaves a pattern, and being symmetric it moves nothing. A missing
+    pixel (NaN) makes its neighbors missing too.
 
     Parameters
     ----------
@@ -68,5 +104,8 @@ def without_mosaic(pixels: NDArray[np.generic]) -> NDArray[np.float32]:
     ndarray of float32, shape (height, width)
     """
     kernel = np.array([0.25, 0.5, 0.25], dtype=np.float32)
-    smooth = ndimage.correlate1d(pixels.astype(np.float32), kernel, axis=0, mode="mirror")
-    return np.asarray(ndimage.correlate1d(smooth, kernel, axis=1, mode="mirror"), dtype=np.float32)
+    smooth = pixels.astype(np.float32)
+    # a line is buffered before it is written back: no second array is needed
+    for axis in (0, 1):
+        ndimage.correlate1d(smooth, kernel, axis=axis, output=smooth, mode="mirror")
+    return smooth

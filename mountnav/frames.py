@@ -25,6 +25,9 @@ class Hint:
         Between what bounds the scale lies.
     center_source, scale_source : str
         Who says so ("caller", "OBJCTRA", "FOCALLEN and XPIXSZ", ...); for the report of a contradiction.
+    alternatives : tuple of Hint
+        Other readings of the same words, to be tried after this one fails: right ascension in hours or
+        degrees, pixels counted with or without binning. None of them has alternatives of its own.
     """
 
     center: Icrs | None = None
@@ -33,6 +36,7 @@ class Hint:
     scale_high_arcsec_px: float | None = None
     center_source: str = "caller"
     scale_source: str = "caller"
+    alternatives: tuple[Hint, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +58,8 @@ class Frame:
         File name, or which camera it came from.
     header : dict
         The header's cards as plain values, for whoever wants more.
+    mosaic : bool
+        The pixels are a raw Bayer mosaic: `mountnav.reading.demosaiced` evens it out before measuring.
     """
 
     pixels: NDArray[np.generic]
@@ -63,6 +69,7 @@ class Frame:
     hint: Hint = field(default_factory=Hint)
     source: str = "frame"
     header: dict[str, str | int | float | bool] = field(default_factory=dict)
+    mosaic: bool = False
 
     @property
     def width_px(self) -> int:
