@@ -9,12 +9,20 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import CubicSpline
 
+from mountnav.measuring.steps import Steps, find_steps
+
 Image = NDArray[np.float32]
 
 _CLIP_SIGMA = 3.0
-_CLIP_ROUNDS = 4
+_CLIP_ROUNDS = 3
 _ENOUGH_SAMPLES = 1024
 _LEAST_VALID = 0.25
+_SMOOTH_PX = 17
+_MANY_LINES = 12
+_FINE_BOX_PX = 24
+_FINE_FWHM = 8.0
+_FINE_SURE = 0.2
+_FINE_LEAST_SHARE = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,16 +35,22 @@ class Background:
         Sky level and noise per pixel of each cell, in the frame's unit.
     height_px, width_px : int
         Size of the frame that the mesh covers.
+    steps : Steps or None
+        Jumps of the level between amplifiers, which come on top of the mesh.
     """
 
     level: NDArray[np.float64]
     noise: NDArray[np.float64]
     height_px: int
     width_px: int
+    steps: Steps | None = None
 
     def level_image(self) -> Image:
         """Return the sky level at each pixel, shape (height, width), by cubic splines along both axes."""
-        return _spread(self.level, self.height_px, self.width_px)
+        image = _spread(self.level, self.height_px, self.width_px)
+        if self.steps is not None:
+            self.steps.add_to(image, 1.0)
+        return image
 
     def noise_at(self, x_px: NDArray[np.float64], y_px: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the noise per pixel at places, shape (n,), by bilinear interpolation."""
@@ -74,11 +88,14 @@ def box_for(height_px: int, width_px: int) -> int:
     return int(np.clip(min(height_px, width_px) // 16, 32, 64))
 
 
-def estimate_background(image: Image, *, box_px: int | None = None, step_adu: float = 0.0) -> Background:
+def estimate_background(
+    image: Image, *, box_px: int | None = None, step_adu: float = 0.0, look_for_steps: bool = True
+) -> Background:
     """Estimate sky level and noise of a frame.
 
     Each cell's samples are clipped at three sigma round their median, where sigma is the width of the lower
-    half, which stars don't touch; the mesh is then freed from single odd cells by a 3 × 3 median.
+    half, which stars don't touch; the mesh is then freed from single odd cells by a 3 × 3 median. The noise
+    is that of the samples without their running mean along the line, so that a slope isn't taken for noise.
 
     Parameters
     ----------
@@ -89,13 +106,63 @@ def estimate_background(image: Image, *, box_px: int | None = None, step_adu: fl
     step_adu : float, optional
         Step of whole-numbered pixels. Samples are spread evenly over one step, always alike, since medians of
         whole numbers would be off by up to half a step, which is a whole sigma in 8-bit pictures.
+    look_for_steps : bool
+        Whether the level may jump between amplifiers.
 
     Returns
     -------
     Background
     """
+    steps = find_steps(image) if look_for_steps else None
+    if steps is not None:
+        image = image.copy()
+        steps.add_to(image, -1.0)
+    level, noise = _mesh(image, box_px or box_for(*image.shape), step_adu)
     height, width = image.shape
-    box = box_px or box_for(height, width)
+    return Background(_mended(level, image), _mended(noise, image), height, width, steps)
+
+
+def fine_structure(sky_free: Image, background: Background, fwhm_px: float) -> Background | None:
+    """Find what the coarse mesh left over: nebulae, galaxies, halos, the unresolved stars of a cluster.
+
+    Parameters
+    ----------
+    sky_free : ndarray of float32, shape (height, width)
+        Without the coarse background, missing pixels zero.
+    background : Background
+        The coarse one, for its noise.
+    fwhm_px : float
+        The stars' width; a cell is eight times as wide, so that a star doesn't fill it.
+
+    Returns
+    -------
+    Background or None
+        Levels to subtract, zero where nothing is significant; None where that is nearly everywhere.
+    """
+    height, width = sky_free.shape
+    even = sky_free[: height - height % 2, : width - width % 2]
+    lines = even[0::2] + even[1::2]
+    halved = (lines[:, 0::2] + lines[:, 1::2]) * np.float32(0.25)
+    level, own = _mesh(halved, max(_FINE_BOX_PX, round(_FINE_FWHM * fwhm_px)) // 2, 0.0, noise_too=False)
+    rows, columns = level.shape
+    y, x = (
+        (np.arange(n) + 0.5) * size / n - 0.5
+        for n, size in ((rows, sky_free.shape[0]), (columns, sky_free.shape[1]))
+    )
+    places = np.meshgrid(x, y)
+    noise = background.noise_at(places[0].ravel(), places[1].ravel()).reshape(level.shape)
+    strength = np.abs(np.nan_to_num(level)) / np.maximum(noise, 1e-20)
+    share = np.clip((strength - _FINE_SURE) / _FINE_SURE, 0.0, 1.0)
+    if np.mean(share > 0) < _FINE_LEAST_SHARE:
+        return None
+    return Background(share * np.nan_to_num(level), own, *sky_free.shape)
+
+
+def _mesh(
+    image: Image, box: int, step_adu: float, *, noise_too: bool = True
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Level and noise of each cell; NaN where too few pixels are valid."""
+    height, width = image.shape
     rows, columns = max(1, round(height / box)), max(1, round(width / box))
     row_edges = np.linspace(0, height, rows + 1).astype(int)
     column_edges = np.linspace(0, width, columns + 1).astype(int)
@@ -107,11 +174,37 @@ def estimate_background(image: Image, *, box_px: int | None = None, step_adu: fl
         lines = row_edges[j + 1] - row_edges[j]
         step = max(1, int(lines * cell_width // _ENOUGH_SAMPLES))
         band = image[row_edges[j] : row_edges[j + 1] : step]
-        cells = np.stack([band[:, e : e + cell_width].ravel() for e in column_edges[:-1]])
         if step_adu > 0.0:
-            cells += np.float32(step_adu) * (spread.random(cells.shape, dtype=np.float32) - np.float32(0.5))
-        level[j], noise[j] = _clipped(cells)
-    return Background(_mended(level, image), _mended(noise, image), height, width)
+            band = band + np.float32(step_adu) * (
+                spread.random(band.shape, dtype=np.float32) - np.float32(0.5)
+            )
+        level[j], wide = _clipped(_cells(band, column_edges, cell_width))
+        if noise_too:
+            flat = _without_slopes(band[::2] if band.shape[0] >= _MANY_LINES else band, level[j], wide)
+            noise[j] = _clipped(_cells(flat, column_edges, cell_width))[1]
+    return level, noise
+
+
+def _cut(cells: NDArray[np.float64], width: int) -> Image:
+    """Spread one value a cell over a line's pixels."""
+    centers = (np.arange(cells.size) + 0.5) * width / cells.size
+    known = np.isfinite(cells)
+    if not known.any():
+        return np.zeros(width, dtype=np.float32)
+    return np.interp(np.arange(width), centers[known], cells[known]).astype(np.float32)
+
+
+def _without_slopes(band: Image, level: NDArray[np.float64], sigma: NDArray[np.float64]) -> Image:
+    """Take the running mean along each line away; what stands out is cut, so stars hardly count."""
+    middle, reach = _cut(level, band.shape[1]), _CLIP_SIGMA * _cut(sigma, band.shape[1])
+    tame = np.clip(np.where(np.isfinite(band), band, middle), middle - reach, middle + reach)
+    gain = np.float32(np.sqrt(_SMOOTH_PX / (_SMOOTH_PX - 1.0)))
+    return np.asarray((band - ndimage.uniform_filter1d(tame, _SMOOTH_PX, axis=1, mode="nearest")) * gain)
+
+
+def _cells(band: Image, column_edges: NDArray[np.intp], cell_width: int) -> Image:
+    """Cut a band of lines in cells, one a row."""
+    return np.stack([band[:, e : e + cell_width].ravel() for e in column_edges[:-1]])
 
 
 def _clipped(cells: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -143,4 +236,8 @@ def _mended(mesh: NDArray[np.float64], image: Image) -> NDArray[np.float64]:
     if empty.any():
         nearest = ndimage.distance_transform_edt(empty, return_distances=False, return_indices=True)
         mesh = mesh[tuple(np.asarray(nearest))]
-    return np.asarray(ndimage.median_filter(mesh, size=3, mode="nearest")) if min(mesh.shape) >= 3 else mesh
+    if min(mesh.shape) < 3:
+        return mesh
+    # a slope that goes on beyond the frame is no odd cell: the corners of an amplifier's glow stay
+    framed = np.pad(mesh, 1, mode="reflect", reflect_type="odd")
+    return np.asarray(ndimage.median_filter(framed, size=3))[1:-1, 1:-1]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import KDTree
 
-from mountnav.measuring.background import Background, Image
+from mountnav.measuring.background import Background, Image, estimate_background
 
 Array = NDArray[np.float64]
 
@@ -17,6 +17,10 @@ _NEIGHBORS = [(-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 
 _SADDLE_STEPS = np.array([0.25, 0.4, 0.5, 0.6, 0.75])
 _SADDLE_CONTRAST = 0.08
 _MOST_PEAKS = 20_000
+_TAME_SIGMA = 3.0
+_SURROUND_SIGMAS = 4.0
+_SCATTER_BOX_PX = 64
+_LEAST_SCATTER = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,16 +82,22 @@ def smooth(sky_free: Image, background: Background, sigma_px: float, bin_px: int
         lines = even[0::2] + even[1::2]
         sky_free = (lines[:, 0::2] + lines[:, 1::2]) * np.float32(0.25)
     sigma = sigma_px / bin_px
+    noise = np.maximum(background.noise_image(*sky_free.shape), np.float32(1e-20))
     smoothed = ndimage.gaussian_filter(sky_free, sigma, mode="nearest", truncate=2.5)
-    smoothed /= np.maximum(background.noise_image(*smoothed.shape), 1e-20)
     # independent pixels smoothed by a Gaussian keep 1 / (2 √π σ) of their noise
     expected = 1.0 / (2.0 * np.sqrt(np.pi) * max(sigma, 0.3)) / bin_px
-    sample = np.sort(smoothed[::7, ::5], axis=None)
-    low, middle = sample[int(0.158655 * sample.size)], sample[sample.size // 2]
-    measured = float(middle - low)
-    scale = max(measured, 0.3 * expected)
-    smoothed -= middle
-    smoothed /= np.float32(scale)
+    # what is wider than a star (nebulae, halos, haze) goes; stars are cut low, so they leave no bowls
+    tame = np.minimum(smoothed, np.float32(_TAME_SIGMA * expected) * noise)
+    box = 2 * round(_SURROUND_SIGMAS * sigma) + 1
+    for _ in range(2):
+        tame = ndimage.uniform_filter(tame, box, mode="nearest")
+    smoothed -= tame
+    smoothed /= noise
+    scatter = estimate_background(smoothed, box_px=max(16, _SCATTER_BOX_PX // bin_px), look_for_steps=False)
+    measured = float(np.median(scatter.noise))
+    scale = np.maximum(scatter.noise, _LEAST_SCATTER * expected)
+    smoothed -= scatter.level_image()
+    smoothed /= Background(scatter.level, scale, *smoothed.shape).noise_image(*smoothed.shape)
     return Smoothed(smoothed, bin_px, max(1.0, measured / expected))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.measuring.artifacts import Blob, Streak
+from mountnav.measuring.artifacts import Artifacts
 from mountnav.measuring.measurements import Flag
 from mountnav.measuring.profile import Profiles
 
@@ -15,8 +15,11 @@ Array = NDArray[np.float64]
 
 _TOO_NARROW = 0.62
 _TOO_WIDE = 2.0
+_SWOLLEN_MISFIT = 0.1
+_SWOLLEN_ELLIPTICITY = 0.2
 _TOO_LONG = 0.25
 _LEAST_ELLIPTICITY = 0.4
+_ALL_LONG = 0.4
 _POOR_FIT = 0.15
 _POOR_FIT_RATIO = 3.0
 _HOT_FWHM_PX = 0.95
@@ -27,7 +30,8 @@ class Setting:
     """What the judgement looks at besides the fits: noise, masks, the typical width and what isn't sky.
 
     ``noise`` and ``restless`` have shape (n,): the noise per pixel, and whether it is so far above that of
-    the frame's quiet parts that the place is likely a tree, a roof or the heart of a nebula.
+    the frame's quiet parts that the place is likely a tree, a roof or the heart of a nebula; ``struck``, of
+    shape (n,), tells the cosmic rays.
     """
 
     noise: Array
@@ -35,8 +39,8 @@ class Setting:
     good: NDArray[np.bool_]
     saturated: NDArray[np.bool_]
     fwhm_px: float
-    blobs: list[Blob]
-    streaks: list[Streak]
+    artifacts: Artifacts
+    struck: NDArray[np.bool_]
 
 
 def judge(
@@ -76,29 +80,24 @@ def judge(
     fwhm = np.sqrt(fits.minor_fwhm_px * fits.major_fwhm_px)
     typical, typical_ellipticity, typical_misfit = _typical(fits, fwhm, snr, full | edge, setting.fwhm_px)
     narrow = fits.minor_fwhm_px * (1.0 + slack) < _TOO_NARROW * typical * (1.0 - typical_ellipticity) ** 0.5
-    wide = fwhm * (1.0 - slack) > _TOO_WIDE * typical
+    ellipticity = 1.0 - fits.minor_fwhm_px / fits.major_fwhm_px
+    # stretched pictures swell their brightest stars, round and well fitted as they are
+    top = np.percentile(fits.amplitude, 99.0)
+    swollen = (
+        (fits.amplitude > 0.5 * top) & (fits.misfit < _SWOLLEN_MISFIT) & (ellipticity < _SWOLLEN_ELLIPTICITY)
+    )
+    wide = (fwhm * (1.0 - slack) > _TOO_WIDE * typical) & ~swollen
     # the noise's own share of the residuals is taken off before the profile is blamed
     rest = fits.misfit - 1.5 * setting.noise / np.maximum(fits.amplitude, 1e-12)
     poor = (rest > max(_POOR_FIT, _POOR_FIT_RATIO * typical_misfit)) | ~fits.converged
     flags[(narrow | wide | poor | setting.restless) & ~full] |= Flag.NO_PEAK
-    ellipticity = 1.0 - fits.minor_fwhm_px / fits.major_fwhm_px
-    long = ellipticity > max(_LEAST_ELLIPTICITY, typical_ellipticity + _TOO_LONG) + slack
+    # where all stars are drawn out alike, all are elongated; else it takes more than the frame's own share
+    odd = 0.0 if typical_ellipticity > _ALL_LONG else typical_ellipticity + _TOO_LONG
+    long = ellipticity > max(_LEAST_ELLIPTICITY, odd) + slack
     flags[long] |= Flag.ELONGATED
     flags[neighbor_px < 1.5 * typical + 1.0] |= Flag.BLENDED
-    for streak in setting.streaks:
-        flags[streak.touches(x, y, max(2.0, setting.fwhm_px))] |= Flag.TRAIL
-    for blob in setting.blobs:
-        if blob.bleeds:
-            room = 0.5 * setting.fwhm_px + 1.0
-            on = (
-                (x > blob.left - room)
-                & (x < blob.right + room)
-                & (y > blob.top - room)
-                & (y < blob.bottom + room)
-            )
-            flags[on] |= Flag.BLEED
-    bleeding = (flags & Flag.BLEED) > 0
-    flags[bleeding] &= ~int(Flag.TRAIL)
+    flags[setting.struck & ~full] |= Flag.NO_PEAK
+    flags |= setting.artifacts.flags_at(x, y, max(2.0, setting.fwhm_px))
     return flags, x, y
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,14 +10,33 @@ from scipy.spatial import KDTree
 
 from mountnav.errors import BadFrame
 from mountnav.frames import Frame
-from mountnav.measuring.artifacts import Blob, Streak, bad_lines, find_blobs, find_streaks, heal_lines
-from mountnav.measuring.background import Background, Image, estimate_background
+from mountnav.measuring.artifacts import Artifacts, find_artifacts
+from mountnav.measuring.background import Background, Image, estimate_background, fine_structure
+from mountnav.measuring.bad_lines import bad_lines, heal_lines
+from mountnav.measuring.bleeds import Blob
+from mountnav.measuring.common_fit import fit_common
+from mountnav.measuring.common_image import (
+    CommonImage,
+    find_common_image,
+    smooth_alike,
+    without_sidelobes,
+)
+from mountnav.measuring.cosmics import find_cosmics
 from mountnav.measuring.detection import Peaks, Smoothed, find_peaks, smooth
+from mountnav.measuring.fitting import Fitted, fit_peaks, half_px, known_gain, nearest_other
 from mountnav.measuring.flags import Setting, judge
 from mountnav.measuring.measurements import Flag, Measurements
-from mountnav.measuring.profile import FWHM_PER_SIGMA, Profiles, cut_stamps, fit_profiles
+from mountnav.measuring.profile import FWHM_PER_SIGMA, PIXEL_FWHM2, Shape
+from mountnav.measuring.quality import SkyQuality
 from mountnav.measuring.saturation import saturation_level
 from mountnav.measuring.settings import MeasuringSettings
+from mountnav.measuring.summary import (
+    bell_image,
+    ellipse_of,
+    limiting_flux,
+    matched_limit,
+    summed_up,
+)
 from mountnav.measuring.width import typical_fwhm
 
 Array = NDArray[np.float64]
@@ -26,8 +45,9 @@ _SMALLEST_SIDE_PX = 16
 _LEAST_FINITE = 0.05
 _MOST_SATURATED = 0.5
 _WIDE_FWHM_PX = 4.5
-_PIXELS_AT_ONCE = 60_000
 _RESTLESS = 4.0
+_LEAST_FLUX_SIGMA = 2.5
+_LEAST_FLUX_SIGMA_WIDE = 3.5
 _DEFAULTS = MeasuringSettings()
 
 
@@ -71,8 +91,8 @@ def measure(frame: Frame, *, settings: MeasuringSettings = _DEFAULTS) -> Measure
         if lines.size:
             heal_lines(image, good, lines, axis)
     search = _search(image, saturated, background, settings)
-    gain = settings.gain_e_adu or _gain(frame, sky, noise)
     good &= ~saturated
+    gain = known_gain(frame, settings.gain_e_adu, sky, noise)
     return _measured(frame, image, good, saturated, background, search, gain, settings)
 
 
@@ -82,10 +102,12 @@ class _Search:
 
     peaks: Peaks
     fwhm_px: float
-    blobs: list[Blob]
-    streaks: list[Streak]
+    artifacts: Artifacts
     noise_ratio: float
     radius_px: Array
+    smoothing_px: float
+    bin_px: int
+    common: CommonImage | None
 
 
 def _checked(frame: Frame) -> tuple[Image, NDArray[np.bool_]]:
@@ -123,15 +145,7 @@ def _with_least_noise(background: Background, pixels: NDArray[np.generic]) -> Ba
     else:
         typical = float(np.median(background.noise))
         least = max(0.02 * typical, 1e-6 * float(np.abs(level).max()), 1e-12)
-    return Background(level, np.maximum(background.noise, least), background.height_px, background.width_px)
-
-
-def _gain(frame: Frame, sky: float, noise: float) -> float:
-    """Electrons per ADU from the header, else as the sky's own noise suggests."""
-    card = frame.header.get("EGAIN")
-    if isinstance(card, (int, float)) and not isinstance(card, bool) and 0.005 < card < 1000.0:
-        return float(card)
-    return float(np.clip(sky / noise**2 if sky > 0 else 1.0, 0.02, 100.0))
+    return replace(background, noise=np.maximum(background.noise, least))
 
 
 def _search(
@@ -140,15 +154,27 @@ def _search(
     bin_px = 2 if image.size > settings.bin_above_px else 1
     smoothed: Smoothed = smooth(image, background, settings.detection_sigma_px, bin_px)
     peaks = find_peaks(smoothed, settings.threshold_sigma, 8.0)
-    fwhm = typical_fwhm(image, saturated, peaks, float(np.median(background.noise)))
-    if fwhm > _WIDE_FWHM_PX:
-        wide = min(fwhm, 14.0) / FWHM_PER_SIGMA
-        smoothed = smooth(image, background, wide, bin_px)
+    sigma = settings.detection_sigma_px
+    noise = float(np.median(background.noise))
+    fwhm = typical_fwhm(image, saturated, peaks, noise)
+    common = find_common_image(image, saturated, peaks, noise)
+    plain = smoothed if common is not None else None  # smeared along their streaks, stars would join to lines
+    if common is not None:
+        fwhm = common.fwhm_px
+        smoothed = smooth_alike(image, background, common, bin_px)
+        peaks = find_peaks(smoothed, settings.threshold_sigma, 2.0 * common.half_px)
+        peaks = without_sidelobes(peaks, common)
+    elif fwhm > _WIDE_FWHM_PX:
+        sigma = min(fwhm, 14.0) / FWHM_PER_SIGMA
+        smoothed = smooth(image, background, sigma, bin_px)
         peaks = find_peaks(smoothed, settings.threshold_sigma, 3.0 * fwhm)
-    blobs = find_blobs(saturated, fwhm) if saturated.any() else []
-    peaks, radius = _one_peak_each(peaks, blobs, fwhm)
-    streaks = find_streaks(smoothed, fwhm)
-    return _Search(peaks, fwhm, blobs, streaks, smoothed.noise_ratio, radius)
+    elif (structure := fine_structure(image, background, fwhm)) is not None:
+        image -= structure.level_image()
+        smoothed = smooth(image, background, sigma, bin_px)
+        peaks = find_peaks(smoothed, settings.threshold_sigma, 8.0)
+    artifacts = find_artifacts(image, saturated, plain or smoothed, noise, fwhm)
+    peaks, radius = _one_peak_each(artifacts.without_grain(peaks), artifacts.blobs, fwhm)
+    return _Search(peaks, fwhm, artifacts, smoothed.noise_ratio, radius, sigma, bin_px, common)
 
 
 def _one_peak_each(peaks: Peaks, blobs: list[Blob], fwhm_px: float) -> tuple[Peaks, Array]:
@@ -173,6 +199,24 @@ def _one_peak_each(peaks: Peaks, blobs: list[Blob], fwhm_px: float) -> tuple[Pea
     return Peaks(x[keep], y[keep], height[keep]), radius[keep]
 
 
+def _stars_first(
+    search: _Search, image: Image, good: NDArray[np.bool_], background: Background, gain: float, most: int
+) -> tuple[_Search, NDArray[np.bool_], tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Put cosmic rays behind the stars, lest they fill the list; tell them, and the pixels they spoil."""
+    peaks, some = search.peaks, slice(0, 4 * most)
+    x, y = peaks.x_px[some], peaks.y_px[some]
+    narrow = search.fwhm_px
+    if search.common is not None:
+        narrow = 0.0 if search.common.hollow else search.common.minor_fwhm_px
+    found, *pixels = find_cosmics(image, good, x, y, background.noise_at(x, y), narrow, gain)
+    struck = np.zeros(peaks.x_px.size, dtype=bool)
+    struck[some] = found & (search.radius_px[some] == 0.0)  # the edges of a full well are sharp too
+    order = np.argsort(struck, kind="stable")
+    ordered = Peaks(peaks.x_px[order], peaks.y_px[order], peaks.height[order])
+    search = replace(search, peaks=ordered, radius_px=search.radius_px[order])
+    return search, struck[order][:most], (pixels[0], pixels[1])
+
+
 def _measured(
     frame: Frame,
     image: Image,
@@ -180,33 +224,45 @@ def _measured(
     saturated: NDArray[np.bool_],
     background: Background,
     search: _Search,
-    gain: float,
+    gain: tuple[float, bool],
     settings: MeasuringSettings,
 ) -> Measurements:
     most = settings.max_sources + settings.max_sources // 4
+    search, struck, (rows, columns) = _stars_first(search, image, good, background, gain[0], most)
     x, y = search.peaks.x_px[:most], search.peaks.y_px[:most]
-    radius = search.radius_px[:most]
     noise = background.noise_at(x, y)
-    neighbors = _neighbors(search.peaks, x, y, search.fwhm_px)
-    fits = _fit_all(image, good, x, y, radius, noise, search.fwhm_px, gain)
+    neighbors = nearest_other(search.peaks, x, y, 10.0 * search.fwhm_px)
+    clean = search.artifacts.spoil(good, search.peaks, search.fwhm_px)
+    clean[rows, columns] = False
+    if search.common is None:
+        fitted = fit_peaks(
+            image, clean, saturated, background, search.peaks, search.radius_px, search.fwhm_px, gain, most
+        )
+    else:
+        profiles, bell = fit_common(image, clean & ~saturated, x, y, noise, search.common, gain)
+        fitted = Fitted(profiles, bell, None, np.arange(x.size), np.full(x.size, np.inf))
+    fits, origin = fitted.profiles, fitted.origin
+    x, y, noise, struck = x[origin], y[origin], noise[origin], struck[origin]
+    neighbors = np.minimum(neighbors[origin], fitted.apart_px)
     setting = Setting(
         noise=noise,
         restless=noise > _RESTLESS * np.percentile(background.noise, 25.0),
         good=good,
         saturated=saturated,
         fwhm_px=search.fwhm_px,
-        blobs=search.blobs,
-        streaks=search.streaks,
+        artifacts=search.artifacts,
+        struck=struck,
     )
     flags, places_x, places_y = judge(fits, x, y, neighbors, setting)
     error = search.noise_ratio
     flux_sigma = fits.flux_sigma * error
-    real = (fits.flux > 3.0 * flux_sigma) | ((flags & Flag.SATURATED) > 0)
+    least = _LEAST_FLUX_SIGMA if search.fwhm_px <= _WIDE_FWHM_PX else _LEAST_FLUX_SIGMA_WIDE
+    real = (fits.flux > least * flux_sigma) | ((flags & Flag.SATURATED) > 0)
     real &= fits.amplitude > 0
     flux = np.where(np.isfinite(fits.flux), fits.flux, 0.0)
     order = np.argsort(-flux, kind="stable")
     order = order[real[order]]
-    order = order[_first_of_twins(places_x[order], places_y[order], 0.5 * search.fwhm_px)]
+    order = order[_first_of_twins(places_x[order], places_y[order], 0.4 * search.fwhm_px)]
     order = order[: settings.max_sources]
     return Measurements(
         x_px=places_x[order],
@@ -215,23 +271,38 @@ def _measured(
         y_sigma_px=fits.y_sigma_px[order] * error,
         flux=flux[order],
         flux_sigma=flux_sigma[order],
-        fwhm_px=np.sqrt(fits.minor_fwhm_px * fits.major_fwhm_px)[order],
+        fwhm_px=_without_pixel(fits.minor_fwhm_px * fits.major_fwhm_px)[order],
         ellipticity=(1.0 - fits.minor_fwhm_px / fits.major_fwhm_px)[order],
         flags=flags[order],
         width_px=frame.width_px,
         height_px=frame.height_px,
         background_adu=float(np.median(background.level)),
         noise_adu=float(np.median(background.noise)),
+        elongation_deg=(np.where(fits.angle_deg >= 90.0, fits.angle_deg - 180.0, fits.angle_deg))[order],
+        quality=_quality(background, flags[order], float(saturated.mean()), search, fitted),
     )
 
 
-def _neighbors(peaks: Peaks, x: Array, y: Array, fwhm_px: float) -> Array:
-    """Distance of each measured peak to the nearest other peak, pixels."""
-    if peaks.x_px.size < 2:
-        return np.full(x.size, np.inf)
-    tree = KDTree(np.stack([peaks.x_px, peaks.y_px], axis=1))
-    distance, _ = tree.query(np.stack([x, y], axis=1), k=2, distance_upper_bound=10.0 * fwhm_px)
-    return np.asarray(distance, dtype=np.float64)[:, 1]
+def _quality(
+    background: Background, flags: NDArray[np.int64], saturated_share: float, search: _Search, fitted: Fitted
+) -> SkyQuality:
+    noise = float(np.median(background.noise))
+    common = search.common
+    if common is not None:
+        ellipse = common.minor_fwhm_px, common.major_fwhm_px, common.angle_deg
+        limit = matched_limit(common.pixels, noise, search.noise_ratio)
+        hollow = common.hollow
+    else:
+        shape, hollow = fitted.shape or Shape.round(search.fwhm_px, fitted.bell), False
+        ellipse = ellipse_of(shape.p, shape.q, shape.r, fitted.bell.fwhm_per_width)
+        star = bell_image(shape.p, shape.q, shape.r, fitted.bell, 2 * half_px(search.fwhm_px))
+        limit = limiting_flux(star, noise, search.noise_ratio, search.smoothing_px, search.bin_px)
+    return summed_up(background, flags, saturated_share, ellipse, hollow=hollow, limit=limit)
+
+
+def _without_pixel(fwhm2: Array) -> Array:
+    """Width of the image itself, the pixels' own width taken off its square."""
+    return np.asarray(np.sqrt(np.maximum(fwhm2 - PIXEL_FWHM2, 0.04 * fwhm2)))
 
 
 def _first_of_twins(x: Array, y: Array, reach_px: float) -> NDArray[np.bool_]:
@@ -241,38 +312,3 @@ def _first_of_twins(x: Array, y: Array, reach_px: float) -> NDArray[np.bool_]:
         pairs = KDTree(np.stack([x, y], axis=1)).query_pairs(reach_px, output_type="ndarray")
         keep[pairs.max(axis=1)] = False
     return keep
-
-
-def _fit_all(
-    image: Image,
-    good: NDArray[np.bool_],
-    x: Array,
-    y: Array,
-    radius: Array,
-    noise: Array,
-    fwhm_px: float,
-    gain: float,
-) -> Profiles:
-    """Fit in handfuls that fit the processor's cache; stamps of saturated stars reach past their cores."""
-    parts: list[tuple[NDArray[np.intp], Profiles]] = []
-    plain_half = int(np.clip(np.ceil(1.5 * fwhm_px), 4, 20))
-    wide_half = np.clip(np.ceil(radius + 1.5 * fwhm_px), plain_half, 30).astype(int)
-    wide_half = np.where(wide_half > plain_half, (wide_half + 3) // 4 * 4, plain_half)
-    for half in np.unique(wide_half):
-        members = np.flatnonzero(wide_half == half)
-        share = max(1, _PIXELS_AT_ONCE // (2 * int(half) + 1) ** 2)
-        for start in range(0, members.size, share):
-            some = members[start : start + share]
-            stamps = cut_stamps(image, good, x[some], y[some], noise[some], int(half))
-            parts.append((some, fit_profiles(stamps, x[some], y[some], fwhm_px / FWHM_PER_SIGMA, gain)))
-    return _joined(parts, x.size)
-
-
-def _joined(parts: list[tuple[NDArray[np.intp], Profiles]], count: int) -> Profiles:
-    columns: dict[str, NDArray[np.generic]] = {}
-    for name in Profiles.__dataclass_fields__:
-        whole = np.zeros(count, dtype=bool if name == "converged" else np.float64)
-        for some, part in parts:
-            whole[some] = getattr(part, name)
-        columns[name] = whole
-    return Profiles(**columns)  # type: ignore[arg-type]  # names and types follow the dataclass itself

@@ -1,8 +1,8 @@
-"""A star's sub-pixel place and shape: an elliptical Gaussian fitted to many stamps at once [S23 §0.2]."""
+"""A star's sub-pixel place and shape: an elliptical bell fitted to many stamps at once [S23 §0.2]."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,64 @@ _STILL_PX = 5e-4
 _STRAGGLERS = 0.03
 _PARAMETERS = 7
 _NARROWEST_SIGMA_PX = 0.3
+_LEAST_VARIANCE_PX2 = 0.03
+_SHAPE = np.arange(3, 6)
 _FAR_DRIFT_SIGMAS = 2.5
+#: Squared FWHM that a pixel's own width adds to an image's: 8 ln 2 / 12.
+PIXEL_FWHM2 = 8.0 * np.log(2.0) / 12.0
+# three-point Gauss-Legendre rule over a pixel
+_NODES = np.sqrt(0.6) / 2.0 * np.array([-1.0, 0.0, 1.0])
+_NODE_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
+
+
+@dataclass(frozen=True, slots=True)
+class Bell:
+    """What all stars of a frame share: the fall of the wings, and how the pixels' noise grows with light.
+
+    The bell is (1 + wing Q / 2)^(-1 / wing), a Moffat function of exponent 1 / wing, and exp(-Q / 2) at
+    wing = 0, where Q is the squared distance in widths.
+
+    Attributes
+    ----------
+    wing : float
+        0 for a Gaussian, 0.3 for typical seeing.
+    gain_e_adu : float
+        Electrons per ADU.
+    misfit : float
+        Rms of what the model doesn't explain, as a share of the light in the pixel.
+    integrated : bool
+        Integrate over the pixels; for stars so narrow that their value at the pixel's center won't do.
+    """
+
+    wing: float = 0.0
+    gain_e_adu: float = 1.0
+    misfit: float = 0.0
+    integrated: bool = False
+
+    def of(self, q: Array) -> tuple[Array, Array]:
+        """Return the bell and -2 times its derivative at squared distances ``q``."""
+        if self.wing < 1e-3:
+            bell = np.exp(-0.5 * q)
+            return bell, bell
+        inner = 1.0 + (0.5 * self.wing) * q
+        bell = np.exp(np.log(inner) * (-1.0 / self.wing))
+        return bell, bell / inner
+
+    @property
+    def fwhm_per_width(self) -> float:
+        """Full width at half maximum over the width in Q."""
+        if self.wing < 1e-3:
+            return float(FWHM_PER_SIGMA)
+        return float(2.0 * np.sqrt(2.0 * (2.0**self.wing - 1.0) / self.wing))
+
+    @property
+    def volume(self) -> float:
+        """Integral of the bell of unit width."""
+        return float(2.0 * np.pi / (1.0 - self.wing))
+
+    def variance(self, sky_variance: Array, light: Array) -> Array:
+        """Return the variance of pixels that hold sky and some light of a star."""
+        return np.asarray(sky_variance + light / self.gain_e_adu + (self.misfit * light) ** 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +107,10 @@ class Stamps:
 class Profiles:
     """Fitted profiles, each array of shape (n,); lengths in pixels, flux in ADU.
 
-    ``minor_fwhm_px`` and ``major_fwhm_px`` are along the ellipse's axes; ``misfit`` is the residuals' rms
-    inside the core over the amplitude; ``converged`` tells whether place and shape are those of a star.
+    ``minor_fwhm_px`` and ``major_fwhm_px`` are along the ellipse's axes, the pixels' own width included;
+    ``angle_deg`` is the major axis' direction from +x towards +y; ``misfit`` is the residuals' rms inside the
+    core over the amplitude, ``chi2`` the reduced one of the whole stamp; ``converged`` tells whether place
+    and shape are those of a star.
     """
 
     x_px: Array
@@ -63,7 +122,9 @@ class Profiles:
     flux_sigma: Array
     minor_fwhm_px: Array
     major_fwhm_px: Array
+    angle_deg: Array
     misfit: Array
+    chi2: Array
     converged: NDArray[np.bool_]
 
 
@@ -104,12 +165,58 @@ def cut_stamps(
     )
 
 
-def fit_profiles(stamps: Stamps, x_px: Array, y_px: Array, sigma_px: float, gain_e_adu: float) -> Profiles:
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """The typical star's p, q, r, and how far a fit may stray from them: for stars that can't tell their own.
+
+    ``slack`` is the one-sigma share of p and r, and of their mean for q: one for all, or one each.
+    """
+
+    p: float
+    q: float
+    r: float
+    slack: float | Array
+
+    @classmethod
+    def round(cls, fwhm_px: float, bell: Bell) -> Shape:
+        """A round star that looks so wide."""
+        inverse = (bell.fwhm_per_width / fwhm_px) ** 2
+        return cls(inverse, 0.0, inverse, 1.0)
+
+    def precision(self) -> Array:
+        """Inverse variances of p, q, r, shape (3,) or (n, 3)."""
+        scale = np.array([self.p, 0.5 * (self.p + self.r), self.r])
+        slack = np.asarray(self.slack, dtype=np.float64)
+        return np.asarray(1.0 / (slack[..., None] * scale) ** 2)
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """The state of a fit: parameters (n, 7), their information matrix (n, 7, 7), residuals and slopes."""
+
+    params: Array
+    normal: Array
+    residual: Array
+    jacobian: Array
+    weights: Array
+
+
+def fit_profiles(
+    stamps: Stamps,
+    x_px: Array,
+    y_px: Array,
+    width_px: float,
+    bell: Bell,
+    *,
+    shape: Shape | None = None,
+    rounds: int = _ROUNDS,
+    height: Array | None = None,
+) -> Profiles:
     """Fit amplitude, place, an elliptical width and a local sky to each stamp.
 
-    The model is a exp(-(p u² + 2 q u v + r v²) / 2) + b with u, v relative to the place. All stamps go
-    through a damped Gauss-Newton iteration together. A pixel's variance is that of the sky plus that of the
-    star's own photons, model / gain; with these weights the place's error is the Cramér-Rao bound of the
+    The model is a B(p u² + 2 q u v + r v²) + b with u, v relative to the place and B the frame's bell. All
+    stamps go through a damped Gauss-Newton iteration together. A pixel's variance is that of the sky plus
+    that of the star's own photons; with these weights the place's error is the Cramér-Rao bound of the
     model, and the reported sigmas are its inverse information matrix. Saturated pixels are left out, so that
     the wings alone place a saturated star.
 
@@ -118,89 +225,170 @@ def fit_profiles(stamps: Stamps, x_px: Array, y_px: Array, sigma_px: float, gain
     stamps : Stamps
     x_px, y_px : ndarray, shape (n,)
         Where to start, pixels of the frame.
-    sigma_px : float
-        Width to start from.
-    gain_e_adu : float
-        Electrons per ADU.
+    width_px : float
+        Width to start from, pixels: a Gaussian's sigma.
+    bell : Bell
+    shape : Shape, optional
+        Known beforehand: for saturated stars and blends.
+    rounds : int, optional
+        At most so many.
+    height : ndarray, shape (n,), optional
+        Amplitudes to start from.
 
     Returns
     -------
     Profiles
     """
+    fit = fit_bells(stamps, x_px, y_px, width_px, bell, shape=shape, rounds=rounds, height=height)
+    return _profiles(fit, stamps, float(stamps.dx.max()), width_px, bell)
+
+
+def fit_bells(
+    stamps: Stamps,
+    x_px: Array,
+    y_px: Array,
+    width_px: float,
+    bell: Bell,
+    *,
+    shape: Shape | None = None,
+    rounds: int = _ROUNDS,
+    height: Array | None = None,
+) -> Fit:
+    """Do the work of `fit_profiles`; return the fit's inside for those who judge its residuals."""
     count = stamps.values.shape[0]
     dx, dy = stamps.dx[None, :], stamps.dy[None, :]
     half = float(stamps.dx.max())
     mask = stamps.good
     values = np.where(mask, stamps.values, 0.0)
     start_u, start_v = dx - (x_px - stamps.x0)[:, None], dy - (y_px - stamps.y0)[:, None]
-    shape = np.exp(-0.5 * (start_u**2 + start_v**2) / sigma_px**2) * mask
-    amplitude = np.maximum((values * shape).sum(axis=1) / np.maximum((shape * shape).sum(axis=1), 1e-3), 1e-9)
-    inverse = 1.0 / sigma_px**2
-    params = np.zeros((count, _PARAMETERS))
-    params[:, 0] = amplitude
-    params[:, 1], params[:, 2] = x_px - stamps.x0, y_px - stamps.y0
-    params[:, 3], params[:, 5] = inverse, inverse
+    form = np.exp(-0.5 * (start_u**2 + start_v**2) / width_px**2) * mask
+    amplitude = np.maximum((values * form).sum(axis=1) / np.maximum((form * form).sum(axis=1), 1e-3), 1e-9)
+    inverse = 1.0 / width_px**2
+    kept = np.zeros((count, _PARAMETERS))
+    kept[:, 0] = amplitude if height is None else height
+    kept[:, 1], kept[:, 2] = x_px - stamps.x0, y_px - stamps.y0
+    kept[:, 3], kept[:, 5] = inverse, inverse
+    mean, precision = np.zeros(3), np.zeros(3)
+    if shape is not None:
+        mean, precision = np.array([shape.p, shape.q, shape.r]), shape.precision()
+        kept[:, 3:6] = mean
     damping = np.full(count, 1e-2)
-    weights = _weights(params, dx, dy, mask, stamps.variance, gain_e_adu)
     widest = half * 0.8
-    kept = params
-    jacobian, residual = _linear(params, dx, dy, values)
-    cost = (weights * residual**2).sum(axis=1)
-    for turn in range(_ROUNDS):
+    coarse = replace(bell, integrated=False)
+    now = coarse
+    weights = _weights(kept, dx, dy, mask, stamps.variance, coarse)
+    jacobian, residual = _linear(kept, dx, dy, values, now)
+
+    def costs(params: Array, residual: Array) -> Array:
+        prior = (precision * (params[:, 3:6] - mean) ** 2).sum(axis=1)
+        return np.asarray((weights * residual**2).sum(axis=1) + prior)
+
+    cost = costs(kept, residual)
+    for turn in range(rounds):
         weighted = jacobian * weights[:, None, :]
         normal = weighted @ jacobian.transpose(0, 2, 1)
+        normal[:, _SHAPE, _SHAPE] += precision
         gradient = (weighted @ residual[:, :, None])[:, :, 0]
+        gradient[:, 3:6] += precision * (mean - kept[:, 3:6])
         step = _solve(normal, gradient, damping)
         trial = _bounded(kept + step, kept, half, widest)
-        trial_jacobian, trial_residual = _linear(trial, dx, dy, values)
-        trial_cost = (weights * trial_residual**2).sum(axis=1)
+        trial_jacobian, trial_residual = _linear(trial, dx, dy, values, now)
+        trial_cost = costs(trial, trial_residual)
         better = trial_cost <= cost * (1.0 + 1e-9)
         damping = np.where(better, damping * 0.2, damping * 8.0)
         kept = np.where(better[:, None], trial, kept)
         jacobian = np.where(better[:, None, None], trial_jacobian, jacobian)
         residual = np.where(better[:, None], trial_residual, residual)
         if turn in (1, 3):  # the photons' share of the variance follows the model, twice
-            weights = _weights(kept, dx, dy, mask, stamps.variance, gain_e_adu)
-            cost = (weights * residual**2).sum(axis=1)
+            weights = _weights(kept, dx, dy, mask, stamps.variance, coarse)
+            cost = costs(kept, residual)
         else:
             cost = np.where(better, trial_cost, cost)
         moving = np.abs(step[:, 1:3]).max(axis=1) > _STILL_PX
-        if turn > 4 and np.count_nonzero(moving) <= _STRAGGLERS * count:
+        still = turn > 4 and np.count_nonzero(moving) <= _STRAGGLERS * count
+        if still and (now is bell or not bell.integrated or turn > rounds - 4):
             break
-    weights = _weights(kept, dx, dy, mask, stamps.variance, gain_e_adu)
+        if bell.integrated and now is coarse and turn == min(4, rounds // 2 - 1):
+            # near enough for the pixels' width to be told from the star's
+            now = bell
+            kept[:, 0] *= kept[:, 0] / np.maximum(_seen_amplitude(kept), 1e-12)
+            jacobian, residual = _linear(kept, dx, dy, values, now)
+            cost = costs(kept, residual)
+            damping = np.full(count, 1e-3)
+    weights = _weights(kept, dx, dy, mask, stamps.variance, now)
     weighted = jacobian * weights[:, None, :]
     normal = weighted @ jacobian.transpose(0, 2, 1)
-    return _profiles(kept, normal, residual, mask, stamps, half, sigma_px)
+    normal[:, _SHAPE, _SHAPE] += precision
+    return Fit(kept, normal, residual, jacobian, weights)
 
 
-def _linear(params: Array, dx: Array, dy: Array, values: Array) -> tuple[Array, Array]:
-    """Jacobian (n, 7, pixels) and residual data - model (n, pixels)."""
-    a, x, y, p, q, r, b = (params[:, i, None] for i in range(_PARAMETERS))
+def _narrowed(params: Array) -> tuple[Array, Array, Array]:
+    """Take the pixels' own variance, 1/12, off the widths: p, q, r of the image that falls on the pixels."""
+    p, q, r = params[:, 3], params[:, 4], params[:, 5]
+    determinant = p * r - q * q
+    xx, yy = (np.maximum(w / determinant - 1.0 / 12.0, _LEAST_VARIANCE_PX2) for w in (r, p))
+    room = 0.97 * np.sqrt(xx * yy)
+    xy = np.clip(-q / determinant, -room, room)
+    determinant = xx * yy - xy * xy
+    return yy / determinant, -xy / determinant, xx / determinant
+
+
+def _linear(params: Array, dx: Array, dy: Array, values: Array, bell: Bell) -> tuple[Array, Array]:
+    """Jacobian (n, 7, pixels) and residual data - model (n, pixels).
+
+    Integrated, only the model's value comes from points within the pixels; the slopes of the bell as wide
+    as it looks are near enough to lead there.
+    """
+    if not bell.integrated:
+        jacobian = _slopes(params, params[:, 0], dx, dy, bell)
+    else:
+        jacobian = _slopes(params, _seen_amplitude(params), dx, dy, bell)
+        p, q, r = (w[:, None] for w in _narrowed(params))
+        height = np.zeros((params.shape[0], dx.shape[1]))
+        for shift_y, weight_y in zip(_NODES, _NODE_WEIGHTS, strict=True):
+            v = dy - params[:, 2, None] + shift_y
+            rv2 = r * v * v
+            for shift_x, weight_x in zip(_NODES, _NODE_WEIGHTS, strict=True):
+                u = dx - params[:, 1, None] + shift_x
+                height += (weight_x * weight_y) * bell.of(p * u * u + 2.0 * q * u * v + rv2)[0]
+        jacobian[:, 0] = height
+    return jacobian, values - params[:, 0, None] * jacobian[:, 0] - params[:, 6, None]
+
+
+def _seen_amplitude(params: Array) -> Array:
+    """Amplitude of the bell of seen width that holds as much light as the narrowed one of amplitude a."""
+    p, q, r = _narrowed(params)
+    seen = params[:, 3] * params[:, 5] - params[:, 4] ** 2
+    return np.asarray(params[:, 0] * np.sqrt(seen / (p * r - q * q)))
+
+
+def _slopes(params: Array, amplitude: Array, dx: Array, dy: Array, bell: Bell) -> Array:
+    """Derivatives of the model by its parameters at points, (n, 7, points)."""
+    x, y, p, q, r = (params[:, i, None] for i in range(1, 6))
     u, v = dx - x, dy - y
-    bell = np.exp(-0.5 * (p * u * u + 2.0 * q * u * v + r * v * v))
-    model = a * bell
-    jacobian = np.stack(
-        [
-            bell,
-            model * (p * u + q * v),
-            model * (q * u + r * v),
-            -0.5 * model * u * u,
-            -model * u * v,
-            -0.5 * model * v * v,
-            np.ones_like(model),
-        ],
-        axis=1,
-    )
-    return jacobian, values - model - b
+    pu, qu, qv, rv = p * u, q * u, q * v, r * v
+    height, slope = bell.of(pu * u + 2.0 * qu * v + rv * v)
+    slope = amplitude[:, None] * slope
+    jacobian = np.empty((params.shape[0], _PARAMETERS, dx.shape[1]))
+    jacobian[:, 0] = height
+    jacobian[:, 1] = slope * (pu + qv)
+    jacobian[:, 2] = slope * (qu + rv)
+    jacobian[:, 4] = -slope * u * v
+    slope *= -0.5
+    jacobian[:, 3] = slope * u * u
+    jacobian[:, 5] = slope * v * v
+    jacobian[:, 6] = 1.0
+    return jacobian
 
 
 def _weights(
-    params: Array, dx: Array, dy: Array, mask: NDArray[np.bool_], variance: Array, gain: float
+    params: Array, dx: Array, dy: Array, mask: NDArray[np.bool_], variance: Array, bell: Bell
 ) -> Array:
-    a, x, y, p, q, r, _ = (params[:, i, None] for i in range(_PARAMETERS))
+    x, y, p, q, r = (params[:, i, None] for i in range(1, 6))
     u, v = dx - x, dy - y
-    model = np.maximum(a, 0.0) * np.exp(-0.5 * (p * u * u + 2.0 * q * u * v + r * v * v))
-    return mask / (variance + model / gain)
+    amplitude = _seen_amplitude(params) if bell.integrated else params[:, 0]
+    light = np.maximum(amplitude, 0.0)[:, None] * bell.of(p * u * u + 2.0 * q * u * v + r * v * v)[0]
+    return mask / bell.variance(variance, light)
 
 
 def _solve(normal: Array, gradient: Array, damping: Array) -> Array:
@@ -226,27 +414,19 @@ def _bounded(trial: Array, before: Array, half: float, widest: float) -> Array:
     return trial
 
 
-def _profiles(
-    params: Array,
-    normal: Array,
-    residual: Array,
-    mask: NDArray[np.bool_],
-    stamps: Stamps,
-    half: float,
-    sigma: float,
-) -> Profiles:
+def _profiles(fit: Fit, stamps: Stamps, half: float, sigma: float, bell: Bell) -> Profiles:
+    params, normal, residual, mask = fit.params, fit.normal, fit.residual, stamps.good
     a, x, y, p, q, r, _ = params.T
-    diagonal = np.sqrt(np.maximum(np.einsum("nii->ni", normal), 1e-30))
-    scaled = normal / (diagonal[:, :, None] * diagonal[:, None, :]) + 1e-9 * np.eye(_PARAMETERS)
-    covariance = np.linalg.inv(scaled) / (diagonal[:, :, None] * diagonal[:, None, :])
+    covariance = covariances(normal)
     sigmas = np.sqrt(np.maximum(np.einsum("nii->ni", covariance), 0.0))
     mean, swing = 0.5 * (p + r), np.hypot(0.5 * (p - r), q)
     narrow = 1.0 / np.sqrt(mean + swing)
     wide = 1.0 / np.sqrt(np.maximum(mean - swing, 1e-6))
-    area = 2.0 * np.pi * narrow * wide
-    # flux = a · 2π / √(pr − q²): its error takes the shape's covariance along
+    area = bell.volume * narrow * wide
+    a = _seen_amplitude(params) if bell.integrated else a
+    # flux = a · volume / √(pr − q²): its error takes the shape's covariance along
     slope = np.zeros_like(params)
-    slope[:, 0] = area
+    slope[:, 0] = area * a / np.maximum(params[:, 0], 1e-12)
     excess = np.maximum(p * r - q * q, 1e-12)
     slope[:, 3], slope[:, 5] = -0.5 * a * area * r / excess, -0.5 * a * area * p / excess
     slope[:, 4] = a * area * q / excess
@@ -265,8 +445,56 @@ def _profiles(
         amplitude=a,
         flux=a * area,
         flux_sigma=flux_sigma,
-        minor_fwhm_px=FWHM_PER_SIGMA * narrow,
-        major_fwhm_px=FWHM_PER_SIGMA * wide,
+        minor_fwhm_px=bell.fwhm_per_width * narrow,
+        major_fwhm_px=bell.fwhm_per_width * wide,
+        # the model's Q grows fastest along the minor axis; the major one is square to it
+        angle_deg=np.degrees(0.5 * np.arctan2(-2.0 * q, r - p)),
         misfit=misfit,
+        chi2=(fit.weights * residual**2).sum(axis=1) / np.maximum(mask.sum(axis=1) - _PARAMETERS, 1.0),
         converged=np.asarray(converged),
     )
+
+
+def covariances(normal: Array) -> Array:
+    """Invert information matrices (n, 7, 7) after scaling them to a unit diagonal."""
+    diagonal = np.sqrt(np.maximum(np.einsum("nii->ni", normal), 1e-30))
+    scaled = normal / (diagonal[:, :, None] * diagonal[:, None, :]) + 1e-9 * np.eye(normal.shape[1])
+    return np.asarray(np.linalg.inv(scaled) / (diagonal[:, :, None] * diagonal[:, None, :]))
+
+
+def inverse_widths(fits: Profiles, bell: Bell) -> tuple[Array, Array, Array]:
+    """Return p, q, r of Q = p u² + 2 q u v + r v², each of shape (n,)."""
+    angle = np.radians(fits.angle_deg)
+    along, across = ((bell.fwhm_per_width / w) ** 2 for w in (fits.major_fwhm_px, fits.minor_fwhm_px))
+    cos, sin = np.cos(angle), np.sin(angle)
+    return (
+        along * cos * cos + across * sin * sin,
+        (along - across) * sin * cos,
+        along * sin * sin + across * cos * cos,
+    )
+
+
+def light_on(
+    fits: Profiles, which: NDArray[np.intp], x0: Array, y0: Array, stamps: Stamps, bell: Bell
+) -> Array:
+    """Light of fitted stars on stamps of the same form as others, shape (len(which), pixels).
+
+    Parameters
+    ----------
+    fits : Profiles
+    which : ndarray of int, shape (k,)
+        Whose light.
+    x0, y0 : ndarray, shape (k,)
+        Center pixel of the stamp that it falls on.
+    stamps : Stamps
+        For the form alone.
+    bell : Bell
+
+    Returns
+    -------
+    ndarray
+    """
+    u = x0[:, None] + stamps.dx - fits.x_px[which, None]
+    v = y0[:, None] + stamps.dy - fits.y_px[which, None]
+    p, q, r = (w[which, None] for w in inverse_widths(fits, bell))
+    return np.asarray(fits.amplitude[which, None] * bell.of(p * u * u + 2.0 * q * u * v + r * v * v)[0])

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+_FEWEST_PAIRS = 3
+_FAR_MAG = 0.05
 
 
 class StarImages(StrEnum):
@@ -33,7 +39,7 @@ class SkyQuality:
     sky_gradient : float
         Largest difference of the smooth sky level over the frame, in units of the noise.
     limiting_flux_adu : float or None
-        Flux of a star of typical width that stands 5 σ above the sky.
+        Flux of a star of typical width that stands 5 σ above the smoothed sky, where detection sets in.
     saturated_share : float
         Share of saturated pixels.
     fwhm_arcsec, zero_point_mag, limiting_mag, sky_mag_arcsec2 : float or None
@@ -55,3 +61,55 @@ class SkyQuality:
     zero_point_mag: float | None = None
     limiting_mag: float | None = None
     sky_mag_arcsec2: float | None = None
+
+
+def with_plate(
+    quality: SkyQuality,
+    *,
+    scale_arcsec_px: float,
+    mag: NDArray[np.float64],
+    flux: NDArray[np.float64],
+    bias_adu: float | None = None,
+) -> SkyQuality:
+    """Fill in what needs a solved frame.
+
+    Parameters
+    ----------
+    quality : SkyQuality
+        From `measure`.
+    scale_arcsec_px : float
+    mag, flux : ndarray, shape (n,)
+        Catalog magnitudes and fluxes (ADU) of identified, unsaturated stars; what isn't finite or positive
+        is passed over.
+    bias_adu : float, optional
+        Level of an unlit pixel; the sky's surface brightness can't be told without.
+
+    Returns
+    -------
+    SkyQuality
+        The zero point is that of the whole exposure: the magnitude of a star that gave 1 ADU in it.
+    """
+    mag, flux = np.asarray(mag, dtype=np.float64), np.asarray(flux, dtype=np.float64)
+    usable = np.isfinite(mag) & np.isfinite(flux) & (flux > 0)
+    fwhm = None if quality.fwhm_px is None else quality.fwhm_px * scale_arcsec_px
+    if usable.sum() < _FEWEST_PAIRS:
+        return replace(quality, fwhm_arcsec=fwhm)
+    zero_point = _clipped_median(mag[usable] + 2.5 * np.log10(flux[usable]))
+    limit = quality.limiting_flux_adu
+    sky = None if bias_adu is None else quality.sky_adu - bias_adu
+    return replace(
+        quality,
+        fwhm_arcsec=fwhm,
+        zero_point_mag=zero_point,
+        limiting_mag=None if limit is None or limit <= 0 else float(zero_point - 2.5 * np.log10(limit)),
+        sky_mag_arcsec2=None
+        if sky is None or sky <= 0
+        else float(zero_point - 2.5 * np.log10(sky / scale_arcsec_px**2)),
+    )
+
+
+def _clipped_median(values: NDArray[np.float64]) -> float:
+    """Median of what lies within three sigma of the median, sigma from the quartiles."""
+    low, middle, high = np.percentile(values, [25.0, 50.0, 75.0])
+    near = np.abs(values - middle) <= 3.0 * max(0.7413 * (high - low), _FAR_MAG)
+    return float(np.median(values[near]))

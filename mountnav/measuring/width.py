@@ -17,6 +17,7 @@ _FALLBACK_FWHM_PX = 2.5
 _STAR_AREA_PX = 4
 _CLEAR_OF_NOISE = 12.0
 _SMOOTHING_SIGMA_PX = 1.5
+_RINGS = ((6.0, 10.0, 4.5), (15.0, 20.5, np.inf))
 
 
 def typical_fwhm(sky_free: Image, saturated: NDArray[np.bool_], peaks: Peaks, noise: float) -> float:
@@ -56,6 +57,20 @@ def typical_fwhm(sky_free: Image, saturated: NDArray[np.bool_], peaks: Peaks, no
     stamps = stamps[clean][:_BRIGHTEST]
     if stamps.shape[0] == 0:
         return _FALLBACK_FWHM_PX
+    # what the stars stand on (a nebula, a halo) is no part of them; wide ones need their surroundings wide
+    fwhm_px = _FALLBACK_FWHM_PX
+    for near, far, most in _RINGS:
+        radius = np.hypot(offset[:, None], offset[None, :])
+        ground = np.median(stamps[:, (radius >= near) & (radius < far)], axis=1)
+        fwhm_px = _width(stamps - ground[:, None, None], noise)
+        if fwhm_px < most:
+            break
+    return fwhm_px
+
+
+def _width(stamps: Image, noise: float) -> float:
+    """Median width of the patches above half maximum in the middle of stamps."""
+    middle = slice(_HALF_PX - 1, _HALF_PX + 2)
     wider2 = 0.0
     middle_heights = stamps[:, middle, middle].max(axis=(1, 2))
     if float(np.median(middle_heights)) < _CLEAR_OF_NOISE * noise:

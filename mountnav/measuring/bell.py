@@ -1,0 +1,150 @@
+"""The bell that all stars of a frame share, learned from its bright stars: wings, gain, misfit [S23 §0.2]."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from mountnav.measuring.profile import Bell, Fit, Stamps, covariances, fit_bells
+
+Array = NDArray[np.float64]
+
+_WINGS = (0.0, 0.15, 0.3, 0.45)
+_MOST_WING = 0.5
+_PRIOR_WING = 0.1
+_FEWEST_STARS = 5
+_BINS = 14
+_LEAST_PER_BIN = 25
+_MEDIAN_CHI2 = 0.4549
+_SURE_GAIN = 4.0
+_UNLIKE = 2.0
+_SURE_MISFIT = 2.0
+_MOST_MISFIT = 0.1
+_OUTLIER = 3.0
+
+
+def learn_bell(
+    stamps: Stamps,
+    x_px: Array,
+    y_px: Array,
+    width_px: float,
+    gain_e_adu: float,
+    *,
+    integrated: bool,
+    card: bool,
+) -> Bell:
+    """Find the wings, the gain and the misfit that the stamps of a frame's bright stars tell of.
+
+    The wing is the one whose fits leave the least χ². Then the squared residuals, freed from what the fit
+    took up itself (the leverage), are compared with the light in the pixel: sky noise at none, photons in
+    proportion, and what the profile doesn't explain as its square.
+
+    Parameters
+    ----------
+    stamps : Stamps
+        Of unsaturated stars well above the noise; some may be blends or worse.
+    x_px, y_px : ndarray, shape (n,)
+        Where to start, pixels of the frame.
+    width_px : float
+        A Gaussian's sigma to start from.
+    gain_e_adu : float
+        What else is known of the gain.
+    integrated : bool
+        Integrate over the pixels.
+    card : bool
+        The gain is from the header: only a clear contradiction overrules it.
+
+    Returns
+    -------
+    Bell
+    """
+    bell = Bell(0.0, gain_e_adu, 0.0, integrated)
+    if x_px.size < _FEWEST_STARS:
+        return bell
+    first = fit_bells(stamps, x_px, y_px, width_px, bell)
+    alike = _alike(first, width_px)
+    if alike.sum() < _FEWEST_STARS:
+        return bell
+    stamps, x_px, y_px = _part(stamps, alike), x_px[alike], y_px[alike]
+    fits = [fit_bells(stamps, x_px, y_px, width_px, replace(bell, wing=wing)) for wing in _WINGS]
+    # the same weights for all: a fatter bell must not win by believing in more noise
+    chi2 = np.stack([(fits[1].weights * fit.residual**2).sum(axis=1) for fit in fits])
+    best = chi2.min(axis=0)
+    # a blend's χ² says nothing of wings
+    usual = best <= _OUTLIER * np.median(best)
+    # each star by the logarithm of its own χ²: stars count alike however bright they are
+    unlikely = stamps.values.shape[1] * np.log(chi2[:, usual]).sum(axis=1)
+    wing = _lowest(unlikely + (np.array(_WINGS) / _PRIOR_WING) ** 2)
+    bell = replace(bell, wing=wing)
+    for _ in range(2):
+        fit = fit_bells(stamps, x_px, y_px, width_px, bell)
+        bell = with_noise_law(bell, fit, stamps, gain_e_adu, card=card)
+    return bell
+
+
+def _alike(fit: Fit, width_px: float) -> NDArray[np.bool_]:
+    """Tell which fits are about as wide as the typical one: no hot pixels, no smudges."""
+    p, q, r = fit.params[:, 3], fit.params[:, 4], fit.params[:, 5]
+    width = np.maximum(p * r - q * q, 1e-12) ** -0.25
+    plausible = (width > 0.6 * width_px) & (width < 1.7 * width_px)
+    if not plausible.any():
+        return plausible
+    typical = float(np.median(width[plausible]))
+    return np.asarray((width > 0.75 * typical) & (width < 1.4 * typical))
+
+
+def _part(stamps: Stamps, some: NDArray[np.bool_]) -> Stamps:
+    return replace(
+        stamps,
+        values=stamps.values[some],
+        variance=stamps.variance[some],
+        good=stamps.good[some],
+        x0=stamps.x0[some],
+        y0=stamps.y0[some],
+    )
+
+
+def _lowest(total: Array) -> float:
+    """Where the parabola through the lowest value and its neighbors is lowest."""
+    wings = np.array(_WINGS)
+    i = int(np.clip(total.argmin(), 1, wings.size - 2))
+    before, here, after = total[i - 1 : i + 2]
+    bend = before - 2.0 * here + after
+    step = 0.5 * (before - after) / bend if bend > 0 else float(np.sign(before - after))
+    return float(np.clip(wings[i] + np.clip(step, -1.5, 1.5) * (wings[1] - wings[0]), 0.0, _MOST_WING))
+
+
+def with_noise_law(bell: Bell, fit: Fit, stamps: Stamps, gain: float, *, card: bool) -> Bell:
+    """Learn gain and misfit from the residuals; what they can't tell stays."""
+    light = fit.params[:, 0, None] * fit.jacobian[:, 0]
+    covariance = covariances(fit.normal)
+    leverage = fit.weights * np.einsum(
+        "nip,nij,njp->np", fit.jacobian, covariance, fit.jacobian, optimize=True
+    )
+    use = stamps.good & (light > 0.3 * np.sqrt(stamps.variance)) & (leverage < 0.8)
+    if use.sum() < 4 * _LEAST_PER_BIN:
+        return bell
+    square = fit.residual[use] ** 2 / (1.0 - leverage[use])
+    light, sky = light[use], stamps.variance[use]
+    order = np.argsort(light)
+    parts = np.array_split(order, min(_BINS, order.size // _LEAST_PER_BIN))
+    # the median of χ² of one degree is 0.4549, and sure to about 1.9 times the root of 1 / n
+    level = np.array([np.median(square[part]) / _MEDIAN_CHI2 for part in parts])
+    sure = 1.9 * level / np.sqrt([part.size for part in parts])
+    middle = np.array([np.median(light[part]) for part in parts])
+    ground = np.array([np.median(sky[part]) for part in parts])
+    table = np.stack([middle, middle**2], axis=1) / sure[:, None]
+    right = (level - ground) / sure
+    (per_photon, misfit2), _ = nnls(table, right)
+    spread = np.linalg.pinv(table.T @ table)
+    clear = per_photon > _SURE_GAIN * np.sqrt(spread[0, 0])
+    if clear and (not card or not 1.0 / _UNLIKE < per_photon * gain < _UNLIKE):
+        gain = 1.0 / per_photon
+    else:
+        misfit2 = float((table[:, 1] @ (right - table[:, 0] / gain)) / (table[:, 1] @ table[:, 1]))
+    if misfit2 < _SURE_MISFIT / np.sqrt(table[:, 1] @ table[:, 1]):
+        misfit2 = 0.0
+    return replace(bell, gain_e_adu=float(gain), misfit=float(min(np.sqrt(misfit2), _MOST_MISFIT)))

@@ -1,0 +1,289 @@
+"""Sources that one star doesn't explain are tried as two of the typical shape, fitted together [S23 §0.3]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mountnav.measuring.background import Image
+from mountnav.measuring.profile import Bell, Fit, Profiles, Shape, Stamps, covariances, cut_stamps, fit_bells
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_CLEAR = 40.0
+_ODD_CHI2 = 1.5
+_LONG = 1.13
+_FAT = 1.25
+_NARROW = 0.8
+_MOST_SHARE = 0.3
+_MOST_TRIED = 150
+_ROUNDS = 15
+_LEAST_GAIN = 30.0
+_LEAST_PART = 0.5
+_LEAST_RATIO = 0.05
+_NEAREST_FWHM = 0.5
+_FARTHEST_FWHM = 2.2
+_STARTS = ((0.35, 1.0), (0.35, -1.0), (0.8, 1.0))
+_EXPLAINED = 0.9
+_HELD = 0.02
+_AT_ONCE = 60
+_STILL_PX = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """Sources that turned out to be two; each array has shape (k,).
+
+    ``which`` are their indices; ``bright`` and ``faint`` the two stars as measured together.
+    """
+
+    which: NDArray[np.intp]
+    bright: Profiles
+    faint: Profiles
+
+
+def find_pairs(
+    sky_free: Image,
+    good: Mask,
+    fits: Profiles,
+    usable: Mask,
+    noise: Array,
+    half_px: int,
+    bell: Bell,
+    shape: Shape,
+) -> Pairs | None:
+    """Try the sources that are too long, or fitted too badly, as two stars.
+
+    Where a large share of the stars is like that it is the optics' doing, and none is split.
+
+    Parameters
+    ----------
+    sky_free : ndarray of float32, shape (height, width)
+    good : ndarray of bool, shape (height, width)
+    fits : Profiles
+        Each source by itself.
+    usable : ndarray of bool, shape (n,)
+        Whole stars that stand clear of other peaks.
+    noise : ndarray, shape (n,)
+        Per pixel.
+    half_px : int
+        Half side of one star's stamp.
+    bell : Bell
+    shape : Shape
+        Of the typical star.
+
+    Returns
+    -------
+    Pairs or None
+    """
+    minor, major = _axes(bell, shape)
+    clear = usable & fits.converged & (fits.flux > _CLEAR * fits.flux_sigma)
+    clear &= fits.minor_fwhm_px > _NARROW * minor  # no hot pixels, no tracks
+    slack = 4.0 * fits.flux_sigma / np.maximum(np.abs(fits.flux), 1e-12)
+    long = (fits.major_fwhm_px > (_LONG + slack) * major) & (fits.minor_fwhm_px < _FAT * minor)
+    usual = float(np.median(fits.chi2[clear])) if clear.any() else 1.0
+    odd = clear & (long | (fits.chi2 > max(_ODD_CHI2, _ODD_CHI2 * usual)))
+    which = np.flatnonzero(odd)[:_MOST_TRIED]
+    if which.size == 0 or odd.sum() > max(1.0, _MOST_SHARE * clear.sum()):
+        return None
+    found = [
+        _tried(sky_free, good, fits, some, long, noise, half_px, bell, shape)
+        for some in np.split(which, np.arange(_AT_ONCE, which.size, _AT_ONCE))
+    ]
+    parts = [pair for pair in found if pair is not None]
+    if not parts:
+        return None
+    return Pairs(
+        np.concatenate([part.which for part in parts]),
+        _together([part.bright for part in parts]),
+        _together([part.faint for part in parts]),
+    )
+
+
+def _axes(bell: Bell, shape: Shape) -> tuple[float, float]:
+    """FWHM of the typical star along its minor and major axis."""
+    mean, swing = 0.5 * (shape.p + shape.r), np.hypot(0.5 * (shape.p - shape.r), shape.q)
+    return float(bell.fwhm_per_width / np.sqrt(mean + swing)), float(
+        bell.fwhm_per_width / np.sqrt(mean - swing)
+    )
+
+
+def _together(parts: list[Profiles]) -> Profiles:
+    names = Profiles.__dataclass_fields__
+    return Profiles(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+
+def _tried(
+    sky_free: Image,
+    good: Mask,
+    fits: Profiles,
+    which: NDArray[np.intp],
+    long: Mask,
+    noise: Array,
+    half_px: int,
+    bell: Bell,
+    shape: Shape,
+) -> Pairs | None:
+    minor, major = _axes(bell, shape)
+    x, y = fits.x_px[which], fits.y_px[which]
+    wide_px = half_px + int(np.ceil(np.sqrt(minor * major)))
+    stamps = cut_stamps(sky_free, good, x, y, noise[which], wide_px)
+    width = float(np.sqrt(minor * major)) / bell.fwhm_per_width
+    # held to the typical shape it stays on the brighter star, and leaves the other where it is
+    single = fit_bells(stamps, x, y, width, bell, shape=replace(shape, slack=_HELD))
+    weights = single.weights
+    free = fit_bells(stamps, x, y, width, bell)
+    alone = (weights * single.residual**2).sum(axis=1)
+    alone = np.minimum(alone, (weights * free.residual**2).sum(axis=1))
+    params, cost = _two(stamps, single, alone, fits, which, long[which], np.sqrt(minor * major), bell, shape)
+    a1, x1, y1, a2, x2, y2, _ = params.T
+    apart = np.hypot(x1 - x2, y1 - y2) / np.sqrt(minor * major)
+    gained, freedom = alone - cost, stamps.good.sum(axis=1) - 7.0
+    ratio = np.minimum(a1, a2) / np.maximum(np.maximum(a1, a2), 1e-12)
+    sure = (gained > _LEAST_GAIN) & (gained > _LEAST_PART * (alone - freedom))
+    sure &= (ratio > _LEAST_RATIO) & (apart > _NEAREST_FWHM) & (apart < _FARTHEST_FWHM)
+    if not sure.any():
+        return None
+    # once more with the noise of both stars' own photons
+    weights = _weights_of(params, stamps, bell, shape)
+    params, _ = _descended(params, stamps, weights, bell, shape)
+    jacobian, _ = _linear(params, stamps, bell, shape)
+    covariance = covariances((jacobian * weights[:, None, :]) @ jacobian.transpose(0, 2, 1))
+    sigmas = np.sqrt(np.maximum(np.einsum("nii->ni", covariance), 0.0))[sure]
+    chi2 = (cost / np.maximum(freedom, 1.0))[sure]
+    params, x0, y0 = params[sure], stamps.x0[sure], stamps.y0[sure]
+    swapped = params[:, 3] > params[:, 0]
+    order = np.where(swapped[:, None], [3, 4, 5, 0, 1, 2, 6], [0, 1, 2, 3, 4, 5, 6])
+    params, sigmas = np.take_along_axis(params, order, axis=1), np.take_along_axis(sigmas, order, axis=1)
+    area = bell.volume / np.sqrt(shape.p * shape.r - shape.q**2)
+    angle = float(np.degrees(0.5 * np.arctan2(-2.0 * shape.q, shape.r - shape.p)))
+    ones = np.ones(params.shape[0])
+
+    def star(first: int) -> Profiles:
+        a, x, y = (params[:, first + i] for i in range(3))
+        return Profiles(
+            x_px=x0 + x,
+            y_px=y0 + y,
+            x_sigma_px=sigmas[:, first + 1],
+            y_sigma_px=sigmas[:, first + 2],
+            amplitude=a,
+            flux=a * area,
+            flux_sigma=sigmas[:, first] * area,
+            minor_fwhm_px=minor * ones,
+            major_fwhm_px=major * ones,
+            angle_deg=angle * ones,
+            misfit=fits.misfit[which[sure]] * np.sqrt(chi2 / np.maximum(fits.chi2[which[sure]], 1e-9)),
+            chi2=chi2,
+            converged=np.ones(params.shape[0], dtype=bool),
+        )
+
+    return Pairs(which[sure], star(0), star(3))
+
+
+def _two(
+    stamps: Stamps,
+    single: Fit,
+    alone: Array,
+    fits: Profiles,
+    which: NDArray[np.intp],
+    long: Mask,
+    fwhm: float,
+    bell: Bell,
+    shape: Shape,
+) -> tuple[Array, Array]:
+    """Fit two stars to each stamp from several starts along the long axis; return the best and its χ²."""
+    angle = np.radians(fits.angle_deg[which])
+    along_x, along_y = np.cos(angle), np.sin(angle)
+    excess = np.maximum(fits.major_fwhm_px[which] ** 2 - fwhm**2, 0.05 * fwhm**2) / (8.0 * np.log(2.0))
+    x, y = fits.x_px[which] - stamps.x0, fits.y_px[which] - stamps.y0
+    # first guess: the second star is where the single one leaves most
+    left = single.residual * np.sqrt(single.weights)
+    left[np.hypot(stamps.dx - x[:, None], stamps.dy - y[:, None]) < 0.8 * fwhm] = 0.0
+    most = left.argmax(axis=1)
+    height = fits.amplitude[which]
+    rest = np.maximum(single.residual[np.arange(which.size), most], 0.05 * height)
+    start = np.stack([height, x, y, rest, stamps.dx[most], stamps.dy[most], np.zeros_like(x)], axis=1)
+    weights = single.weights
+    best, lowest = _descended(start, stamps, weights, bell, shape)
+    # else along the axis of those that are long
+    todo = long & (alone - lowest < _EXPLAINED * (alone - stamps.good.sum(axis=1)))
+    for ratio, sign in _STARTS:
+        some = np.flatnonzero(todo)
+        if some.size == 0:
+            break
+        # two points of this ratio have the variance ratio / (1 + ratio)² · distance²
+        distance = np.clip((1.0 + ratio) * np.sqrt(excess / ratio), 0.7 * fwhm, 1.8 * fwhm)
+        near, far = sign * distance * ratio / (1.0 + ratio), -sign * distance / (1.0 + ratio)
+        height = fits.amplitude[which] * fits.major_fwhm_px[which] / fwhm / (1.0 + ratio)
+        start = np.stack(
+            [
+                height,
+                x + near * along_x,
+                y + near * along_y,
+                ratio * height,
+                x + far * along_x,
+                y + far * along_y,
+                np.zeros_like(height),
+            ],
+            axis=1,
+        )[some]
+        part = replace(stamps, values=stamps.values[some], good=stamps.good[some])
+        params, cost = _descended(start, part, weights[some], bell, shape)
+        better = cost < lowest[some]
+        best[some[better]], lowest[some[better]] = params[better], cost[better]
+    return best, lowest
+
+
+def _descended(start: Array, stamps: Stamps, weights: Array, bell: Bell, shape: Shape) -> tuple[Array, Array]:
+    """Damped Gauss-Newton over (height, x, y) of both stars and the sky."""
+    kept = start
+    damping = np.full(start.shape[0], 1e-2)
+    jacobian, residual = _linear(kept, stamps, bell, shape)
+    cost = (weights * residual**2).sum(axis=1)
+    for _ in range(_ROUNDS):
+        weighted = jacobian * weights[:, None, :]
+        normal = weighted @ jacobian.transpose(0, 2, 1)
+        diagonal = np.sqrt(np.maximum(np.einsum("nii->ni", normal), 1e-30))
+        scaled = normal / (diagonal[:, :, None] * diagonal[:, None, :])
+        scaled += (damping[:, None, None] + 1e-9) * np.eye(7)
+        gradient = (weighted @ residual[:, :, None])[:, :, 0] / diagonal
+        step = np.linalg.solve(scaled, gradient[:, :, None])[:, :, 0] / diagonal
+        places = [1, 2, 4, 5]
+        step[:, places] = np.clip(step[:, places], -1.0, 1.0)
+        trial = kept + step
+        trial[:, [0, 3]] = np.maximum(trial[:, [0, 3]], 0.1 * np.abs(kept[:, [0, 3]]))
+        trial_jacobian, trial_residual = _linear(trial, stamps, bell, shape)
+        trial_cost = (weights * trial_residual**2).sum(axis=1)
+        better = trial_cost <= cost
+        damping = np.where(better, damping * 0.2, damping * 8.0)
+        kept = np.where(better[:, None], trial, kept)
+        jacobian = np.where(better[:, None, None], trial_jacobian, jacobian)
+        residual = np.where(better[:, None], trial_residual, residual)
+        cost = np.where(better, trial_cost, cost)
+        if (np.abs(step[:, places]).max(axis=1) < _STILL_PX).mean() > 0.95:
+            break
+    return kept, np.asarray(cost)
+
+
+def _weights_of(params: Array, stamps: Stamps, bell: Bell, shape: Shape) -> Array:
+    jacobian, _ = _linear(params, stamps, bell, shape)
+    light = params[:, 0, None] * jacobian[:, 0] + params[:, 3, None] * jacobian[:, 3]
+    return np.asarray(stamps.good / bell.variance(stamps.variance, np.maximum(light, 0.0)))
+
+
+def _linear(params: Array, stamps: Stamps, bell: Bell, shape: Shape) -> tuple[Array, Array]:
+    columns: list[Array] = []
+    model = params[:, 6, None] * np.ones_like(stamps.values)
+    for first in (0, 3):
+        height, x, y = (params[:, first + i, None] for i in range(3))
+        u, v = stamps.dx - x, stamps.dy - y
+        pu, rv = shape.p * u, shape.r * v
+        value, slope = bell.of(pu * u + 2.0 * shape.q * u * v + rv * v)
+        slope = height * slope
+        columns += [value, slope * (pu + shape.q * v), slope * (shape.q * u + rv)]
+        model = model + height * value
+    columns.append(np.ones_like(stamps.values))
+    return np.stack(columns, axis=1), np.where(stamps.good, stamps.values - model, 0.0)
