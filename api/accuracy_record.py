@@ -7,13 +7,11 @@ import math
 from pydantic import BaseModel, Field
 
 from mountnav.identification.accuracy import (
-    PARAMETERS,
     AccuracyRow,
     Indicators,
     accuracy_table,
     deviations,
     fit_factor,
-    model_degree,
     pooled,
 )
 from mountnav.solution import Solution
@@ -81,14 +79,14 @@ def accuracy_record(
     every, leave_one_out : bool
         See `mountnav.identification.accuracy.deviations`.
     """
-    frames, parts, parameters, pairs = [], [], 0, 0
+    frames, parts, parameters, pairs = [], [], 0.0, 0
     for file, outcome in outcomes:
         if isinstance(outcome, str):
             frames.append(FrameAccuracy(file=file, solved=False, reason=outcome))
             continue
         found = deviations(outcome, every=every, leave_one_out=leave_one_out)
         parts.append(found)
-        free = PARAMETERS[model_degree(outcome)]
+        free = float(outcome.identified.leverage.sum())
         parameters, pairs = parameters + free, pairs + outcome.pairs
         frames.append(
             FrameAccuracy(

@@ -19,13 +19,11 @@ from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Hint
 from mountnav.identification.accuracy import (
-    PARAMETERS,
     Deviations,
     accuracy_table,
     deviations,
     east_north_arcsec,
     fit_factor,
-    model_degree,
     pooled,
 )
 from mountnav.identification.wcs import places_at_pixels
@@ -206,7 +204,7 @@ def report(done: list[Reduced], refused: list[str], when: datetime, factor: floa
     """All tables, as Markdown."""
     found, parts = pooled([one.deviations for one in done]), joined([one.parts for one in done])
     pairs = sum(one.solution.pairs for one in done)
-    free = sum(PARAMETERS[model_degree(one.solution)] for one in done)
+    free = sum(float(one.solution.identified.leverage.sum()) for one in done)
     errors = np.array([one.center_error_px for one in done])
     modes = [one.solution.mode for one in done]
     out = [

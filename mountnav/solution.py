@@ -19,7 +19,6 @@ class Reason(StrEnum):
     """Why a frame was not solved."""
 
     TOO_FEW_MEASUREMENTS = "too few stars measured"
-    TOO_FEW_CATALOG_STARS = "too few catalog stars here for a field this size"
     NO_MATCH = "stars enough, but no arrangement matches the catalog"
     CHANCE = "the best match could be chance"
     CLOUD_OR_DEFOCUS = "cloud, dew or defocus: far fewer or far wider stars than the catalog promises"
@@ -62,6 +61,9 @@ class IdentifiedPairs:
         The measurements' flags.
     used : ndarray of bool
         In the fit; False for those that were rejected by their deviation (K_rej).
+    leverage : ndarray
+        How much each pair holds the plate at its own place: its deviation is (1 - leverage) times the one from
+        a plate that was fit without it. 0 for those not in the fit.
     """
 
     x_px: Array
@@ -77,6 +79,7 @@ class IdentifiedPairs:
     catalog_sigma_arcsec: Array
     flags: NDArray[np.int64]
     used: NDArray[np.bool_]
+    leverage: Array
 
     def __len__(self) -> int:
         return int(self.x_px.size)

@@ -13,7 +13,7 @@ from mountnav.catalog.stars import Catalog, Stars
 from mountnav.contradictions import contradictions_of_hints, contradictions_with
 from mountnav.errors import BadFrame
 from mountnav.frames import Frame, Hint
-from mountnav.identification.plate import NAMES, center_covariance
+from mountnav.identification.plate import NAMES
 from mountnav.identification.reference import Reference, identified_pairs
 from mountnav.identification.search import Identified, identify
 from mountnav.identification.settings import IdentificationSettings
@@ -252,9 +252,8 @@ def _solution(
     reference: Reference, stars: Stars, measurements: Measurements, catalog: str, false_probability: float
 ) -> Solution:
     plate, pairs = reference.plate, reference.pairs
-    x, y = measurements.x_px[pairs.measurement], measurements.y_px[pairs.measurement]
     dxi, deta = reference.dxi_arcsec, reference.deta_arcsec
-    covariance = center_covariance(plate, x, y, dxi, deta, reference.sigma_arcsec)
+    covariance = reference.center_covariance_arcsec2
     return Solution(
         center=plate.center(),
         center_sigma_arcsec=float(np.sqrt(0.5 * np.trace(covariance))),

@@ -10,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.errors import BadRequest
-from mountnav.identification.plate import NAMES, SIMILARITY, terms
-from mountnav.identification.settings import IdentificationSettings
 from mountnav.identification.wcs import places_at_pixels
 from mountnav.measuring.measurements import Flag
 from mountnav.solution import IdentifiedPairs, Solution
@@ -19,8 +17,6 @@ from mountnav.solution import IdentifiedPairs, Solution
 Array = NDArray[np.float64]
 
 ARCSEC_PER_RAD = 180.0 * 3600.0 / np.pi
-PARAMETERS = (2, 3, 6, 10)
-"""Free parameters per coordinate: similarity (4 for both), linear, quadratic, cubic."""
 FEWEST_FOR_ZERO_POINT = 3
 _FULL_LEVERAGE = 1.0 - 1e-6
 
@@ -98,14 +94,6 @@ class AccuracyRow:
     mag: Indicators
 
 
-def model_degree(solution: Solution) -> int:
-    """Degree of the solution's plate: 0 similarity, 1 linear, 2 quadratic, 3 cubic."""
-    name = solution.mode.rsplit("/", 1)[-1]
-    if name in NAMES:
-        return NAMES.index(name)
-    return int(solution.wcs.get("A_ORDER", 1))
-
-
 def deviations(solution: Solution, *, every: bool = False, leave_one_out: bool = False) -> Deviations:
     """Deviations of a solution's pairs, measured through its own WCS.
 
@@ -127,7 +115,7 @@ def deviations(solution: Solution, *, every: bool = False, leave_one_out: bool =
     east, north = east_north_arcsec(ra_deg, dec_deg, pairs.ra_deg, pairs.dec_deg)
     along_x, along_y = _along_axes(solution)
     if leave_one_out:
-        held = leverage(pairs, model_degree(solution), solution.scale_arcsec_px)
+        held = pairs.leverage
         # a pair that alone holds a parameter has no independent deviation
         alone = held >= _FULL_LEVERAGE
         stretch = np.where(alone, np.nan, 1.0 / (1.0 - np.where(alone, 0.0, held)))
@@ -203,53 +191,7 @@ def magnitude_deviations(pairs: IdentifiedPairs) -> Array:
     return np.asarray(instrumental + float(np.median(zero)) - pairs.mag)
 
 
-def leverage(pairs: IdentifiedPairs, degree: int, scale_arcsec_px: float) -> Array:
-    """How much each pair holds its own place on the plate: the diagonal of the hat matrix.
-
-    The fit's deviation of a pair is (1 - h) times the one from a fit without it. Weights are the pairs'
-    stated errors with the default floor, as in the fit.
-
-    Parameters
-    ----------
-    pairs : IdentifiedPairs
-    degree : int
-        0 (similarity) to 3.
-    scale_arcsec_px : float
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        0 for pairs that are not in the fit; sums up to the parameters per coordinate.
-    """
-    held = np.zeros(len(pairs))
-    used = np.flatnonzero(pairs.used)
-    if used.size == 0:
-        return held
-    x, y = pairs.x_px[used], pairs.y_px[used]
-    unit = max(float(np.ptp(x)), float(np.ptp(y)), 1.0) / 2.0
-    u, v = (x - x.mean()) / unit, (y - y.mean()) / unit
-    weight = 1.0 / fit_sigma_arcsec(pairs, scale_arcsec_px)[used]
-    # a similarity is w = a + b·z in complex numbers, whichever the parity
-    rows = np.column_stack((np.ones(u.size), u + 1j * v)) if degree == SIMILARITY else terms(u, v, degree)
-    q, _ = np.linalg.qr(rows * weight[:, None])
-    held[used] = np.minimum((np.abs(q) ** 2).sum(axis=1), 1.0)
-    return held
-
-
-def fit_sigma_arcsec(pairs: IdentifiedPairs, scale_arcsec_px: float) -> Array:
-    """Error of each pair per coordinate as the plate's weights have it; shape (n,)."""
-    centroid = np.where(
-        np.isfinite(pairs.centroid_sigma_arcsec), pairs.centroid_sigma_arcsec, 0.5 * scale_arcsec_px
-    )
-    catalog = np.where(np.isfinite(pairs.catalog_sigma_arcsec), pairs.catalog_sigma_arcsec, 1.0)
-    floor = IdentificationSettings().floor_px * scale_arcsec_px
-    sigma: Array = np.sqrt(centroid**2 + catalog**2 + floor**2)
-    if pairs.used.any():
-        sigma = np.maximum(sigma, 0.3 * float(np.median(sigma[pairs.used])))
-    return sigma
-
-
-def fit_factor(pairs: int, parameters: int) -> float:
+def fit_factor(pairs: int, parameters: float) -> float:
     """By what factor the spread of a fit's own pairs falls short of their errors: sqrt(1 - p/n).
 
     The plate follows its pairs, in the mean over them by p/n of their variance. Pairs that had no part in the
@@ -258,7 +200,8 @@ def fit_factor(pairs: int, parameters: int) -> float:
     Parameters
     ----------
     pairs : int
-    parameters : int
+    parameters : float
+        Per coordinate, as many as the pairs really determine: the sum of their leverages.
         Per coordinate (`PARAMETERS`), summed over frames if several are taken together.
     """
     return math.sqrt(1.0 - parameters / pairs) if pairs > parameters else 0.0

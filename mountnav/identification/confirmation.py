@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mountnav.catalog.stars import Stars
-from mountnav.identification.odds import area_share, at_least, chance_at
+from mountnav.identification.odds import density, together
 from mountnav.identification.plate import SIMILARITY, Plate, fit_plate
 
 Array = NDArray[np.float64]
@@ -18,6 +18,11 @@ Index = NDArray[np.int64]
 MOST_STARS = 150
 FEW_STARS = 40
 LINEAR_PAIRS = 7
+MANY_MEASUREMENTS = 60
+FEW_MEASUREMENTS = 15
+"""At least so many of the brightest measurements are asked."""
+NEAREST_PX = 0.1
+"""No pair counts as closer than this: centroids are no better, and real ones may sit on a raster."""
 LEAST_CHANCE = 1e-300
 """Below this a probability is not told apart from zero."""
 
@@ -74,9 +79,12 @@ class Witnesses:
         corner = np.isin(stars.ra_deg[seen], corners.ra_deg) & np.isin(stars.dec_deg[seen], corners.dec_deg)
         seen = seen[~corner]
         self._xi, self._eta = xi[seen], eta[seen]
-        bright = slice(0, max(60, 2 * int(seen.size)))
+        bright = slice(0, max(MANY_MEASUREMENTS, 2 * int(seen.size)))
         free = ~(np.isin(x_px[bright], corners.x_px) & np.isin(y_px[bright], corners.y_px))
         self._x, self._y = x_px[bright][free], y_px[bright][free]
+        few = max(FEW_MEASUREMENTS, 3 * int(seen.size))
+        # a poor catalog's stars are the brightest in the frame; among fewer measurements a pair says more
+        self._looks = (self._x.size, few) if few < self._x.size else (self._x.size,)
         corner_xi, corner_eta = self._plate.project(corners.ra_deg, corners.dec_deg)
         self._corners = (corners.x_px, corners.y_px, corner_xi, corner_eta)
 
@@ -91,11 +99,12 @@ class Witnesses:
 
         The stars predicted in the frame are dealt in two hands (three if they are few). One hand teaches:
         the triangle and that hand's pairs make a plate, and all other stars are predicted with it. For a
-        wrong plate the number of those that fall within a strobe of a measurement is binomial, the chance of
-        each given by the density of measurements where it falls. Neither the triangle's three stars and
-        measurements, nor anything fit to the stars asked, takes part. Each hand teaches once, if stars are
-        few the triangle also alone, and two strobes are looked at: the least probability is multiplied by the
-        number of looks.
+        wrong plate the distance from a predicted star to the nearest measurement that had no part in the
+        plate is distributed as the density there has it, so the chance of one as near is uniform;
+        `together` tells how probable all of them are. Neither the triangle's three stars and measurements,
+        nor anything fit to the stars asked, takes part. Each hand teaches once, if stars are few the
+        triangle also alone and the brightest measurements are also asked alone: the least probability is
+        multiplied by the number of looks.
 
         Returns
         -------
@@ -105,51 +114,61 @@ class Witnesses:
         count = int(self._xi.size)
         if count == 0 or self._x.size == 0:
             return 1.0
-        tree = cKDTree(np.column_stack((self._x, self._y)))
         few = count < FEW_STARS
         hands = 3 if few else 2
         hand = np.arange(count) % hands
-        strobe_px = max(2.5, min(self._match_px, 0.006 * min(self._width, self._height)))
-        strobes = (strobe_px, strobe_px / 3.0)
         lessons = [hand == teaching for teaching in range(hands)]
         if few:
             lessons.append(np.zeros(count, dtype=bool))
-        shares = [
-            area_share(self._x, self._y, strobe, width_px=self._width, height_px=self._height)
-            for strobe in strobes
-        ]
         least = 1.0
         for teaching in lessons:
-            taught = self._taught(teaching, strobe_px, tree)
+            taught, used = self._taught(teaching)
             x, y = taught.pixels(self._xi[~teaching], self._eta[~teaching])
             inside = self._inside(x, y)
-            x, y = x[inside], y[inside]
-            if x.size == 0:
-                continue
-            distance, nearest = (np.asarray(one) for one in tree.query(np.column_stack((x, y))))
-            for strobe, share in zip(strobes, shares, strict=True):
-                hits = np.unique(nearest[distance <= strobe]).size
-                chance = chance_at(share, x, y, width_px=self._width, height_px=self._height)
-                least = min(least, float(at_least(np.array([hits]), np.array([x.size]), chance)[0]))
-        return float(np.clip(len(lessons) * len(strobes) * least, LEAST_CHANCE, 1.0))
+            for brightest in self._looks:
+                least = min(least, self._agreement(x[inside], y[inside], used, brightest))
+        return float(np.clip(len(lessons) * len(self._looks) * least, LEAST_CHANCE, 1.0))
 
-    def _taught(self, teaching: NDArray[np.bool_], strobe_px: float, tree: cKDTree) -> Plate:
-        """The plate of the triangle and the pairs of one hand, found without the stars to be asked."""
-        plate = self._plate
+    def _agreement(self, x: Array, y: Array, used: Index, brightest: int) -> float:
+        """How probable it is that predicted places lie so near to the brightest measurements by chance."""
+        free = np.setdiff1d(np.arange(min(brightest, self._x.size)), used)
+        if x.size == 0 or free.size == 0:
+            return 1.0
+        mx, my = self._x[free], self._y[free]
+        distance, nearest = (
+            np.asarray(one) for one in cKDTree(np.column_stack((mx, my))).query(np.column_stack((x, y)))
+        )
+        dense = density(
+            self._x[:brightest], self._y[:brightest], x, y, width_px=self._width, height_px=self._height
+        )
+        chance = -np.expm1(-dense * np.pi * np.maximum(distance, NEAREST_PX) ** 2)
+        # a measurement speaks for one star: two stars of a pair at the same place are one event
+        order = np.argsort(chance, kind="stable")
+        again = np.ones(order.size, dtype=bool)
+        again[np.unique(nearest[order], return_index=True)[1]] = False
+        chance[order[again]] = 1.0
+        return together(chance)
+
+    def _taught(self, teaching: NDArray[np.bool_]) -> tuple[Plate, Index]:
+        """The plate of the triangle and the pairs of one hand, and which measurements made it."""
+        plate, used = self._plate, np.zeros(0, dtype=np.int64)
+        if not teaching.any():
+            return plate, used
+        strobe_px = max(2.5, min(self._match_px, 0.006 * min(self._width, self._height)))
+        tree = cKDTree(np.column_stack((self._x, self._y)))
         for radius in (self._match_px, strobe_px):
             x, y = plate.pixels(self._xi[teaching], self._eta[teaching])
-            if x.size == 0:
-                break
             distance, nearest = (np.asarray(one) for one in tree.query(np.column_stack((x, y))))
             near = distance <= radius
             found = np.flatnonzero(teaching)[near]
+            used = nearest[near].astype(np.int64)
             corner_x, corner_y, corner_xi, corner_eta = self._corners
-            pair_x = np.concatenate((corner_x, self._x[nearest[near]]))
-            pair_y = np.concatenate((corner_y, self._y[nearest[near]]))
+            pair_x = np.concatenate((corner_x, self._x[used]))
+            pair_y = np.concatenate((corner_y, self._y[used]))
             pair_xi = np.concatenate((corner_xi, self._xi[found]))
             pair_eta = np.concatenate((corner_eta, self._eta[found]))
             degree = 1 if pair_x.size >= LINEAR_PAIRS else SIMILARITY
             plate = fit_plate(self._plate, pair_x, pair_y, pair_xi, pair_eta, np.ones(pair_x.size), degree)
             if plate.parity != self._plate.parity:
-                return self._plate
-        return plate
+                return self._plate, np.zeros(0, dtype=np.int64)
+        return plate, used

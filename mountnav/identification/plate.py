@@ -111,6 +111,12 @@ class Plate:
         matrix = self.matrix()
         return float(np.degrees(np.arctan2(matrix[0, 1], matrix[1, 1])) % 360.0)
 
+    def turned(self, turn: complex, shift: complex) -> Plate:
+        """The plate after w → turn·w + shift of its tangential coordinates w = ξ + iη (arcsec)."""
+        w = turn * (self.xi + 1j * self.eta)
+        w[0] += shift
+        return replace(self, xi=np.array(w.real), eta=np.array(w.imag))
+
     def moved_to(self, tangent: Icrs) -> Plate:
         """The same plate with another tangent point: right at the center to first order; to be fit again."""
         here = replace(self, tangent=tangent)

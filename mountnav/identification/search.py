@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,22 +13,23 @@ from mountnav.catalog.stars import Catalog, Stars
 from mountnav.frames import Hint
 from mountnav.identification.area import WIDEST_DEG, stars_round
 from mountnav.identification.confirmation import Witnesses
+from mountnav.identification.contradictions import contradictions
 from mountnav.identification.full import Hypothesis, OutOfTime, Points, Search, hypotheses, match_radius
+from mountnav.identification.odds import looks
+from mountnav.identification.paper import published_share
 from mountnav.identification.reference import Reference, Selection
+from mountnav.identification.refusal import Refusal, refusal
+from mountnav.identification.rounds import Round, plan
 from mountnav.identification.selection import Index, all_finite, star_like
-from mountnav.identification.settings import IdentificationSettings, Stage
+from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.measurements import Measurements
 from mountnav.sky.coordinates import Icrs
-from mountnav.solution import Reason
+from mountnav.solution import Contradiction, Reason
 
-SCALE_LEAST_ARCSEC_PX = 0.3
-SCALE_MOST_ARCSEC_PX = 200.0
-SCALE_STEP = 1.6
-"""With no scale given, it is sought in windows this wide."""
 PLATE_STARS = 1000
 """Stars fetched for the plate, brightest first."""
-WIDER = 1.3
-"""When the hinted scale fails, its bounds are widened by this factor once."""
+CENTER_SIGMA_PX = 2.0
+"""A plate that leaves the frame's center less certain than this rests on a corner and is refused."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,9 +43,13 @@ class Identified:
         The list that `reference.pairs.star` points into.
     reason : Reason or None
     detail : str
-        The numbers behind it.
+        For people.
     false_probability : float
-        Chance that a wrong place would have looked as good: that of one hypothesis times all plates tried.
+        Chance that a wrong place would have looked as good: that of one hypothesis times all that were tried.
+    numbers : dict of str to float
+        The numbers behind it.
+    contradictions : tuple of Contradiction
+        Hints that the solution disproves, or that disprove each other.
     """
 
     reference: Reference | None
@@ -53,31 +57,8 @@ class Identified:
     reason: Reason | None
     detail: str
     false_probability: float = 1.0
-
-
-def scale_windows(hint: Hint) -> list[tuple[float, float]]:
-    """Bounds of the scale to be tried in turn, arcsec per pixel.
-
-    Parameters
-    ----------
-    hint : Hint
-
-    Returns
-    -------
-    list of (float, float)
-        The hinted bounds and then wider ones; without a hint windows of `SCALE_STEP` over the whole range,
-        the coarsest first: it
-        has the fewest tiles.
-    """
-    low, high = hint.scale_low_arcsec_px, hint.scale_high_arcsec_px
-    if low is not None and high is not None:
-        return [(low, high), (low / WIDER, high * WIDER)]
-    least = low if low is not None else SCALE_LEAST_ARCSEC_PX
-    most = high if high is not None else SCALE_MOST_ARCSEC_PX
-    steps = max(1, math.ceil(math.log(most / least) / math.log(SCALE_STEP)))
-    edges = [least * (most / least) ** (i / steps) for i in range(steps + 1)]
-    windows = list(pairwise(edges))
-    return windows[::-1]
+    numbers: dict[str, float] = field(default_factory=dict)
+    contradictions: tuple[Contradiction, ...] = ()
 
 
 def identify(
@@ -96,7 +77,8 @@ def identify(
     measurements : Measurements
     catalog : Catalog
     hint : Hint
-        `center` must be known.
+        Its `center`, or that of one of its alternatives, must be known. What it says is tried first, then its
+        alternatives, then what may be if it is wrong: other scales, places farther out.
     epoch_yr : float
         Julian year of the frame.
     settings : IdentificationSettings, optional
@@ -109,124 +91,96 @@ def identify(
         With a reference whose false-positive probability is below the limit, or with a reason.
     """
     settings = settings or IdentificationSettings()
-    if hint.center is None:
-        return Identified(
-            None, None, Reason.NO_HINT, "no assumed center; searching the whole sky is not built"
-        )
-    clean, every = star_like(measurements), all_finite(measurements)
-    if every.size < settings.min_pairs:
-        return Identified(
-            None,
-            None,
-            Reason.TOO_FEW_MEASUREMENTS,
-            f"{every.size} stars measured, {settings.min_pairs} needed: expose longer, check focus, cap",
+    believed = [_reconciled(one) for one in (hint, *hint.alternatives) if one.center is not None]
+    if not believed:
+        return _refused(
+            Refusal(Reason.NO_HINT, "no assumed center; searching the whole sky is not built"), 1.0, ()
         )
     search = Search(deadline_s=time.monotonic() + budget_s)
+    clean, every = star_like(measurements), all_finite(measurements)
+    late: float | None = None
     try:
-        for usable, window, stage in _plan(clean, every, hint, settings):
-            found = _attempt(
-                measurements,
-                usable,
-                stage,
-                catalog,
-                hint.center,
-                hint.radius_deg,
-                window,
-                epoch_yr,
-                settings,
-                search,
-            )
-            if found is not None:
-                return found
+        if every.size >= settings.min_pairs:
+            for center, turn in _turns(believed, measurements, settings, flagged=clean.size < every.size):
+                usable = every if turn.flagged else clean
+                found = _attempt(measurements, usable, turn, catalog, center, epoch_yr, settings, search)
+                if found is not None:
+                    disproved = contradictions(hint, found.reference.plate) if found.reference else ()
+                    return replace(found, contradictions=disproved)
     except OutOfTime:
-        return Identified(
-            None,
-            None,
-            Reason.TIMED_OUT,
-            f"{budget_s:.0f} s spent on {search.tiles_tried} tiles and {search.hypotheses} hypotheses; "
-            "a closer center or scale makes it faster",
-        )
-    return _refusal(measurements, search, settings, hint)
-
-
-def _plan(
-    clean: Index, every: Index, hint: Hint, settings: IdentificationSettings
-) -> list[tuple[Index, tuple[float, float], Stage]]:
-    """What is tried in turn: which measurements, which bounds of the scale, how many stars."""
-    windows = scale_windows(hint)
-    if hint.scale_low_arcsec_px is None or hint.scale_high_arcsec_px is None:
-        # the cheap stage over all scales before the dear one over any
-        return [(clean, window, stage) for stage in settings.stages for window in windows]
-    plan = [(clean, windows[0], stage) for stage in settings.stages]
-    if clean.size < every.size:  # a sharp frame's stars may all look like hot pixels
-        plan += [(every, windows[0], stage) for stage in settings.stages]
-    return plan + [(clean, window, stage) for window in windows[1:] for stage in settings.stages]
-
-
-def _refusal(
-    measurements: Measurements, search: Search, settings: IdentificationSettings, hint: Hint
-) -> Identified:
-    tried = f"{len(measurements)} measurements, {search.tiles_tried} tiles, {search.hypotheses} hypotheses"
-    if search.frame_triangles == 0:
-        return Identified(
-            None,
-            None,
-            Reason.TOO_FEW_MEASUREMENTS,
-            f"{len(measurements)} measurements make no triangle large enough: expose longer, check focus",
-        )
-    if search.most_stars < settings.min_pairs:
-        return Identified(
-            None,
-            None,
-            Reason.TOO_FEW_CATALOG_STARS,
-            f"the catalog has at most {search.most_stars} stars in a field this size here, "
-            f"{settings.min_pairs} are needed: a deeper catalog or a wider field",
-        )
-    if search.best_probability < 1e-3:
-        return Identified(
-            None,
-            None,
-            Reason.CHANCE,
-            f"the best match has a false-positive probability of {search.best_probability:.1e}, "
-            f"allowed is {settings.false_probability_max:.0e} ({tried})",
+        late = budget_s
+    empty = _empty_bounds(hint)
+    if empty and late is None:
+        return _refused(
+            Refusal(
+                Reason.HINT_CONTRADICTS,
+                f"{empty[0]}; and with the scale unknown nothing matches",
+                {
+                    "scale_low_arcsec_px": hint.scale_low_arcsec_px or 0.0,
+                    "scale_high_arcsec_px": hint.scale_high_arcsec_px or 0.0,
+                    "measured": float(len(measurements)),
+                },
+            ),
             search.best_probability,
+            empty,
         )
-    return Identified(
-        None,
-        None,
-        Reason.NO_MATCH,
-        f"{tried} within {hint.radius_deg:g}° of the assumed center",
-        search.best_probability,
+    why = refusal(measurements, catalog, believed[0], search, settings, epoch_yr=epoch_yr, out_of_time_s=late)
+    return _refused(why, search.best_probability, empty)
+
+
+def _refused(why: Refusal, probability: float, disproved: tuple[Contradiction, ...]) -> Identified:
+    return Identified(None, None, why.reason, why.detail, probability, why.numbers, disproved)
+
+
+def _empty_bounds(hint: Hint) -> tuple[Contradiction, ...]:
+    """Say so, if no scale lies between the bounds."""
+    low, high = hint.scale_low_arcsec_px, hint.scale_high_arcsec_px
+    if low is None or high is None or 0 < low <= high:
+        return ()
+    return (
+        Contradiction(
+            "scale", hint.scale_source, f"at least {low:g} ″/px", f"at most {high:g} ″/px is said too"
+        ),
     )
+
+
+def _reconciled(hint: Hint) -> Hint:
+    """The hint without bounds that rule each other out: the scale is unknown then."""
+    if not _empty_bounds(hint):
+        return hint
+    return replace(hint, scale_low_arcsec_px=None, scale_high_arcsec_px=None)
+
+
+def _turns(
+    believed: list[Hint], measurements: Measurements, settings: IdentificationSettings, *, flagged: bool
+) -> Iterator[tuple[Icrs, Round]]:
+    """Centers and rounds as they are tried: what each hint says, then what may be if it is wrong."""
+    shorter_px = min(measurements.width_px, measurements.height_px)
+    plans = [(one, plan(one, shorter_px, settings, flagged=flagged)) for one in believed]
+    for part in range(2):
+        for one, parts in plans:
+            for turn in parts[part]:
+                if one.center is not None:
+                    yield one.center, turn
 
 
 def _attempt(
     measurements: Measurements,
     usable: Index,
-    stage: Stage,
+    turn: Round,
     catalog: Catalog,
     center: Icrs,
-    radius_deg: float,
-    window: tuple[float, float],
     epoch_yr: float,
     settings: IdentificationSettings,
     search: Search,
 ) -> Identified | None:
-    """One window of scales and one choice of measurements."""
+    """One round."""
     width, height = measurements.width_px, measurements.height_px
-    if usable.size < settings.min_pairs or math.hypot(width, height) * window[0] / 3600 > WIDEST_DEG:
+    if usable.size < settings.min_pairs or math.hypot(width, height) * turn.scales[0] / 3600 > WIDEST_DEG:
         return None
     points = Points(measurements.x_px[usable], measurements.y_px[usable], width, height)
     proposals: Iterator[Hypothesis] = hypotheses(
-        points,
-        stage,
-        catalog,
-        center,
-        radius_deg,
-        *window,
-        epoch_yr=epoch_yr,
-        settings=settings,
-        search=search,
+        points, turn, catalog, center, epoch_yr=epoch_yr, settings=settings, search=search
     )
     for one in proposals:
         found = _verified(one, measurements, usable, catalog, epoch_yr, settings, search)
@@ -244,33 +198,39 @@ def _verified(
     settings: IdentificationSettings,
     search: Search,
 ) -> Identified | None:
-    """Grow the plate of a hypothesis and ask what the odds of the outcome are."""
+    """Ask what the odds of a hypothesis are, and grow its plate."""
     width, height = measurements.width_px, measurements.height_px
+    x, y = measurements.x_px[usable], measurements.y_px[usable]
     diagonal_deg = math.hypot(width, height) * one.plate.scale_arcsec_px() / 3600
     stars = stars_round(catalog, one.plate.center(), 0.52 * diagonal_deg, PLATE_STARS, epoch_yr=epoch_yr)
     if len(stars) < settings.min_pairs:
         return None
-    selection = Selection(measurements, usable, stars, settings)
+    if settings.v_min_ident is not None:
+        share = published_share(one.plate, stars, x, y, width_px=width, height_px=height, settings=settings)
+        search.most_published = max(search.most_published, share)
+        if share < settings.v_min_ident:
+            return None
     strobe_px = match_radius(settings, width, height)
-    reference = selection.grow(one.plate, strobe_px)
-    if reference is None:
-        return None
-    if not _sound(reference, selection, measurements, one, settings, strobe_px):
-        return None
     witnesses = Witnesses(
-        one.plate,
-        one.corners,
-        stars,
-        measurements.x_px[usable],
-        measurements.y_px[usable],
-        width_px=width,
-        height_px=height,
-        match_px=strobe_px,
+        one.plate, one.corners, stars, x, y, width_px=width, height_px=height, match_px=strobe_px
     )
-    probability = min(1.0, witnesses.chance() * search.hypotheses)
-    search.best_probability = min(search.best_probability, probability)
+    probability = min(1.0, witnesses.chance() * looks(search.hypotheses))
     if probability > settings.false_probability_max:
+        search.best_probability = min(search.best_probability, probability)
         return None
+    selection = Selection(measurements, usable, stars, settings)
+    reference = selection.grow(one.plate, strobe_px)
+    if reference is None or not _sound(reference, selection, measurements, one, settings, strobe_px):
+        return None
+    numbers = {
+        "pairs": float(len(reference.pairs)),
+        "hypotheses": float(search.hypotheses),
+        "tiles": float(search.tiles_tried),
+        "searched_deg": search.reach_deg,
+        "false_probability": probability,
+    }
+    if settings.v_min_ident is not None:
+        numbers["confirmed_share"] = share
     return Identified(
         reference,
         stars,
@@ -278,6 +238,7 @@ def _verified(
         f"{len(reference.pairs)} pairs, {reference.rejected} rejected, {search.hypotheses} hypotheses, "
         f"{search.tiles_tried} tiles",
         probability,
+        numbers,
     )
 
 
@@ -301,12 +262,13 @@ def _sound(
     singular = np.linalg.svd(plate.matrix(), compute_uv=False)
     if singular[1] < (1 - 2 * settings.skew_max) * singular[0]:
         return False
-    if abs(math.log(plate.scale_arcsec_px() / one.plate.scale_arcsec_px())) > 0.05:
+    scale = plate.scale_arcsec_px()
+    if abs(math.log(scale / one.plate.scale_arcsec_px())) > 0.05:
         return False
-    rms_px = (
-        float(np.sqrt(np.mean(reference.dxi_arcsec**2 + reference.deta_arcsec**2))) / plate.scale_arcsec_px()
-    )
-    if rms_px > 0.5 * strobe_px:
+    dxi, deta = reference.dxi_arcsec, reference.deta_arcsec
+    if float(np.sqrt(np.mean(dxi**2 + deta**2))) > 0.5 * strobe_px * scale:
+        return False
+    if math.sqrt(0.5 * float(np.trace(reference.center_covariance_arcsec2))) > CENTER_SIGMA_PX * scale:
         return False
     # of few stars nearly all must be there; of many a fair share
     return len(pairs) >= 0.5 * settings.min_share * min(selection.allowed(plate), 100)

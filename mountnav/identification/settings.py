@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mountnav.errors import BadSettings
+
 Stage = tuple[int, int]
 
 
@@ -33,8 +35,11 @@ class IdentificationSettings:
         Radius of confirmation Δr_ident; never more than `match_share` of the frame's shorter side.
     match_share : float
         See `match_px`.
+    v_min_ident : float or None
+        Share of Ω_bl100 that must pair with stars for a hypothesis to hold: the paper's rule. None: the odds
+        decide alone.
     min_share : float
-        Least share of the pairs that could be, that must be (v_min_ident).
+        A final plate rests on at least half this share of the pairs that could be (of at most 100).
     frame_triangles : int
         At most this many of the frame's triangles are tried per stage, brightest first.
     skew_max : float
@@ -43,6 +48,9 @@ class IdentificationSettings:
         Distance of neighboring search tiles in shorter frame sides.
     tile_radius : float
         Radius of a tile's stars in frame diagonals.
+    outward_fields, outward_max_deg : float
+        When nothing is found within the hinted radius, the center is sought so many shorter frame sides
+        farther out, and at most so many degrees.
     false_probability_max : float
         A solution whose odds of being chance exceed this is refused.
     min_pairs : int
@@ -54,7 +62,12 @@ class IdentificationSettings:
     group_magnitudes : float
         Neighbors fainter by more than this make no group.
     floor_px : float
-        Position error added in quadrature to every pair: what centroid and catalog don't know of.
+        Position error per coordinate that neither centroid nor catalog knows of, as expected before any pair
+        is seen; the pairs then tell what it is.
+    fragments : int
+        The frame is cut in fragments × fragments parts that give pairs alike [S23 §3.1].
+    fragment_cap : float
+        A fragment gives at most this many times its fair share of the pairs.
     degree_max : int
         Highest degree of the plate model.
     cross_validation_gain : float
@@ -70,11 +83,14 @@ class IdentificationSettings:
     angle_arcmin: float = 30.0
     match_px: float = 10.0
     match_share: float = 0.012
+    v_min_ident: float | None = None
     min_share: float = 0.3
     frame_triangles: int = 4000
     skew_max: float = 0.03
     tile_step: float = 0.6
     tile_radius: float = 0.6
+    outward_fields: float = 5.0
+    outward_max_deg: float = 10.0
     false_probability_max: float = 1e-9
     min_pairs: int = 5
     k_rej: float = 3.0
@@ -82,6 +98,8 @@ class IdentificationSettings:
     measurement_group_fwhm: float = 1.5
     group_magnitudes: float = 1.5
     floor_px: float = 0.03
+    fragments: int = 4
+    fragment_cap: float = 1.5
     degree_max: int = 3
     cross_validation_gain: float = 0.97
 
@@ -96,6 +114,28 @@ class IdentificationSettings:
             angle_arcmin=60.0,
             match_px=10.0,
             match_share=1.0,
-            min_share=0.7,
+            v_min_ident=0.7,
             frame_triangles=19600,
+        )
+
+    @classmethod
+    def profile(cls, name: str) -> IdentificationSettings:
+        """Give a profile by its name.
+
+        Parameters
+        ----------
+        name : str
+            "measured" (the defaults) or "paper".
+
+        Raises
+        ------
+        BadSettings
+            There is no such profile.
+        """
+        if name == "measured":
+            return cls()
+        if name == "paper":
+            return cls.paper()
+        raise BadSettings(
+            f"there is no identification profile {name!r}", advice="choose one of: measured, paper"
         )

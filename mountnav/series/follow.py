@@ -550,6 +550,7 @@ def _moved_solution(anchor: _Anchor, found: _Followed, look: _Look) -> Solution:
             catalog_sigma_arcsec=anchor.sources.sigma_px[pairing.first] * scale,
             flags=m.flags[chosen],
             used=np.ones(chosen.size, dtype=bool),
+            leverage=np.full(chosen.size, 1.0 / max(chosen.size, 1)),  # only the shift was fit
         ),
         catalog=old.catalog,
     )

@@ -69,6 +69,21 @@ def test_cards_mean_the_same_to_astropy(degree, ra, dec, mirrored):
         assert np.allclose((focal[0] + add[0], focal[1] + add[1]), (x, y), atol=0.05)
 
 
+@pytest.mark.parametrize("degree", [1, 3])
+@pytest.mark.parametrize("dec", [-89.9, 89.9])
+@pytest.mark.parametrize("ra", [0.0, 359.9999, 180.0])
+def test_cards_hold_at_the_poles_and_across_the_seam(degree, ra, dec):
+    plate = plate_of(degree, ra=ra, dec=dec)
+    header = fits.Header()
+    for key, value in wcs_cards(plate, width_px=WIDTH, height_px=HEIGHT).items():
+        header[key] = value
+    x, y = (side.ravel() for side in np.meshgrid(np.linspace(0, WIDTH - 1, 7), np.linspace(0, HEIGHT - 1, 5)))
+    theirs = WCS(header).all_pix2world(x, y, 0)
+    ours = plate.pixels(*plate.project(*theirs))
+    assert np.allclose(ours, (x, y), atol=1e-4)
+    assert np.allclose(WCS(header).all_world2pix(*theirs, 0, tolerance=1e-6), (x, y), atol=1e-3)
+
+
 def test_center_rotation_and_parity_are_those_of_the_drawing():
     # the sky as seen: x right is west, y up is north
     seen = plate_of(1, rotation_deg=180, mirrored=True, scale=2.0)

@@ -8,20 +8,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from listed_sky import listed
 
 from mountnav.catalog.stars import Stars
 from mountnav.frames import Hint
 from mountnav.identification.area import tiles
-from mountnav.identification.confirmation import Corners, Witnesses
-from mountnav.identification.odds import area_share, at_least
-from mountnav.identification.plate import similarity_plate
-from mountnav.identification.search import identify, scale_windows
+from mountnav.identification.rounds import scale_windows
+from mountnav.identification.search import identify
 from mountnav.identification.selection import spread_brightest, star_like
-from mountnav.identification.settings import IdentificationSettings
-from mountnav.measuring.measurements import Flag, Measurements
+from mountnav.measuring.measurements import Flag
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, gnomonic, gnomonic_inverse, separation_arcsec
-from mountnav.solution import Reason
 
 WIDTH, HEIGHT = 1000, 800
 PLACE = Icrs(210.0, 40.0)
@@ -56,16 +53,6 @@ def invented_sky(seed=3, count=3000, half_deg=3.0):
 SKY = invented_sky()
 
 
-def listed(x, y, flux, width=WIDTH, height=HEIGHT, flags=None):
-    order = np.argsort(-flux)
-    x, y, flux = x[order], y[order], flux[order]
-    one = np.ones(x.size)
-    flags = np.zeros(x.size, dtype=np.int64) if flags is None else flags[order]
-    return Measurements(
-        x, y, 0.1 * one, 0.1 * one, flux, 0.01 * flux, 3 * one, 0 * one, flags, width, height, 100.0, 10.0
-    )
-
-
 def seen(center, *, scale, rotation_deg, parity, seed=0, junk=30, lost=0.1):
     """What a camera would measure: the sky's stars, some lost, with noise and sources that are no stars."""
     rng = np.random.default_rng(seed)
@@ -87,6 +74,8 @@ def seen(center, *, scale, rotation_deg, parity, seed=0, junk=30, lost=0.1):
         np.concatenate((x[keep] + rng.normal(0, 0.1, keep.sum()), extra_x)),
         np.concatenate((y[keep] + rng.normal(0, 0.1, keep.sum()), extra_y)),
         np.concatenate((flux, extra)),
+        WIDTH,
+        HEIGHT,
     )
 
 
@@ -116,20 +105,16 @@ def test_the_solution_turns_mirrors_scales_and_shifts_with_the_camera(
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(5, 150))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=10, deadline=None)
 def test_random_lists_never_solve(seed, count):
     rng = np.random.default_rng(seed)
     measurements = listed(
-        rng.uniform(0, WIDTH, count), rng.uniform(0, HEIGHT, count), rng.exponential(1, count)
+        rng.uniform(0, WIDTH, count), rng.uniform(0, HEIGHT, count), rng.exponential(1, count), WIDTH, HEIGHT
     )
-    got = identify(measurements, SKY, Hint(PLACE, 0.1, 5.7, 6.3), epoch_yr=2000.0, budget_s=4)
+    got = identify(measurements, SKY, Hint(PLACE, 0.1, 5.7, 6.3), epoch_yr=2000.0, budget_s=1)
     assert got.reference is None
-    assert got.reason in (
-        Reason.NO_MATCH,
-        Reason.CHANCE,
-        Reason.TIMED_OUT,
-        Reason.TOO_FEW_MEASUREMENTS,
-    )
+    assert got.reason is not None
+    assert got.numbers["measured"] == count
 
 
 def test_scale_unknown_or_wrong_still_solves_rightly():
@@ -138,37 +123,6 @@ def test_scale_unknown_or_wrong_still_solves_rightly():
         got = identify(measurements, SKY, hint, epoch_yr=2000.0)
         assert got.reference is not None, got.detail
         assert separation_arcsec(got.reference.plate.center(), PLACE) < 1.0
-
-
-def test_the_papers_parameters_solve_too():
-    measurements = seen(PLACE, scale=6.0, rotation_deg=20, parity=-1, junk=5, lost=0.0)
-    got = identify(
-        measurements,
-        SKY,
-        Hint(PLACE, 0.2, 5.8, 6.2),
-        epoch_yr=2000.0,
-        settings=IdentificationSettings.paper(),
-    )
-    assert got.reference is not None, got.detail
-
-
-def test_each_refusal_says_why():
-    measurements = seen(PLACE, scale=6.0, rotation_deg=20, parity=1)
-    few = listed(np.arange(4.0), np.arange(4.0), np.ones(4))
-    assert identify(measurements, SKY, Hint(), epoch_yr=2000.0).reason is Reason.NO_HINT
-    got = identify(few, SKY, Hint(PLACE, 0.2, 5.8, 6.2), epoch_yr=2000.0)
-    assert got.reason is Reason.TOO_FEW_MEASUREMENTS
-    assert "4 stars" in got.detail
-    line = listed(np.linspace(100, 900, 8), np.linspace(100, 700, 8), np.ones(8))
-    got = identify(line, SKY, Hint(PLACE, 0.2, 5.8, 6.2), epoch_yr=2000.0)
-    assert got.reason is Reason.TOO_FEW_MEASUREMENTS
-    assert "no triangle" in got.detail
-    empty = Hint(Icrs(30.0, -40.0), 0.2, 5.8, 6.2)
-    assert identify(measurements, SKY, empty, epoch_yr=2000.0).reason is Reason.TOO_FEW_CATALOG_STARS
-    wrong = Hint(displaced(PLACE, 6000, 6000), 0.2, 5.8, 6.2)
-    assert identify(measurements, SKY, wrong, epoch_yr=2000.0).reason in (Reason.NO_MATCH, Reason.CHANCE)
-    late = identify(measurements, SKY, Hint(PLACE, 0.2, 5.8, 6.2), epoch_yr=2000.0, budget_s=0)
-    assert late.reason is Reason.TIMED_OUT
 
 
 def test_selection_is_bright_even_and_without_what_is_no_star():
@@ -181,19 +135,12 @@ def test_selection_is_bright_even_and_without_what_is_no_star():
     assert np.bincount(cell.astype(int)).max() <= 2
     assert np.all(np.diff(chosen) > 0)
     flags = np.array([0, Flag.TRAIL, Flag.SATURATED, Flag.NO_PEAK, Flag.BLEED])
-    assert list(star_like(listed(np.arange(5.0), np.arange(5.0), np.arange(5.0, 0, -1), flags=flags))) == [
+    assert list(
+        star_like(listed(np.arange(5.0), np.arange(5.0), np.arange(5.0, 0, -1), 9, 9, flags=flags))
+    ) == [
         0,
         2,
     ]
-
-
-def test_odds_are_binomial_and_follow_the_density():
-    assert at_least(np.array([0]), np.array([5]), 0.1)[0] == 1
-    assert at_least(np.array([6]), np.array([5]), 0.1)[0] == 0
-    assert at_least(np.array([5]), np.array([5]), 0.1)[0] == pytest.approx(1e-5)
-    assert at_least(np.array([1]), np.array([2]), 0.5)[0] == pytest.approx(0.75)
-    share = area_share(np.full(50, 10.0), np.full(50, 10.0), 2.0, width_px=100, height_px=100)
-    assert share[0, 0] > 10 * share[3, 3] > 0
 
 
 def test_tiles_cover_the_circle_nearest_first():
@@ -210,40 +157,9 @@ def test_tiles_cover_the_circle_nearest_first():
 
 
 def test_windows_cover_the_scales():
-    assert scale_windows(Hint(None, 1.0, 2.0, 2.2))[0] == (2.0, 2.2)
-    windows = sorted(scale_windows(Hint()))
+    assert scale_windows(2.0, 2.2) == [(2.0, 2.2)]
+    assert scale_windows(2.2, 2.0) == []
+    windows = sorted(scale_windows(None, None))
     assert windows[0][0] == pytest.approx(0.3)
     assert windows[-1][1] == pytest.approx(200)
     assert all(a[1] == pytest.approx(b[0]) for a, b in pairwise(windows))
-
-
-def test_the_odds_of_wrong_plates_are_not_understated():
-    """Of random plates through three made-up pairs, no more than 5 % may look like a 5 % chance."""
-    rng = np.random.default_rng(11)
-    stars = SKY.cone(PLACE, 1.0, epoch_yr=2000.0, mag_limit=9.5)
-    chances = []
-    for _ in range(400):
-        turn = 6.0 * np.exp(2j * np.pi * rng.random())
-        middle = complex((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
-        plate = similarity_plate(
-            PLACE, turn, -turn * middle, mirrored=False, width_px=WIDTH, height_px=HEIGHT
-        )
-        x, y = plate.pixels(*plate.project(stars.ra_deg, stars.dec_deg))
-        inside = np.flatnonzero((x > 0) & (x < WIDTH) & (y > 0) & (y < HEIGHT))
-        three = rng.choice(inside, 3, replace=False)
-        corners = Corners(x[three], y[three], stars.ra_deg[three], stars.dec_deg[three])
-        junk_x, junk_y = rng.uniform(0, WIDTH, 60), rng.uniform(0, HEIGHT, 60)
-        witnesses = Witnesses(
-            plate,
-            corners,
-            stars,
-            np.concatenate((x[three], junk_x)),
-            np.concatenate((y[three], junk_y)),
-            width_px=WIDTH,
-            height_px=HEIGHT,
-            match_px=9.6,
-        )
-        chances.append(witnesses.chance())
-    chances = np.array(chances)
-    for level in (0.2, 0.05, 0.01):
-        assert np.mean(chances < level) <= level + 3 * math.sqrt(level / chances.size)

@@ -63,7 +63,8 @@ def test_frames_without_sky_are_refused(frames):
             verdict = solve(frame, embedded_catalog(), hint=hint, settings=BUDGET)
             assert not verdict.solved, known.path
             assert verdict.reason in (
-                Reason.TOO_FEW_CATALOG_STARS,
+                Reason.CATALOG_TOO_SHALLOW,
+                Reason.CLOUD_OR_DEFOCUS,
                 Reason.TIMED_OUT,
                 Reason.TOO_FEW_MEASUREMENTS,
                 Reason.NO_MATCH,

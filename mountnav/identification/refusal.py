@@ -1,0 +1,218 @@
+"""Why a frame was not solved: a typed reason, a sentence, and the numbers behind it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mountnav.catalog.stars import Catalog
+from mountnav.frames import Hint
+from mountnav.identification.full import Search
+from mountnav.identification.selection import star_like
+from mountnav.identification.settings import IdentificationSettings
+from mountnav.measuring.measurements import Measurements
+from mountnav.measuring.quality import StarImages
+from mountnav.solution import Reason
+
+SURE_STARS = 8
+"""With fewer stars than this a failure is laid to their number."""
+CLOUD_SHARE = 0.2
+"""Fewer star-like sources than this share of the promised ones: something is in the way."""
+PROMISED_LEAST = 12
+"""A promise of fewer stars than this says nothing about the sky's state."""
+WIDE_FWHM_PX = 9.0
+CHANCE_WORTH_TELLING = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """A reason and what it rests on.
+
+    Attributes
+    ----------
+    reason : Reason
+    detail : str
+    numbers : dict of str to float
+    """
+
+    reason: Reason
+    detail: str
+    numbers: dict[str, float] = field(default_factory=dict)
+
+
+def promised_depth_mag(scale_arcsec_px: float) -> float:
+    """Magnitude that a camera of this scale reaches in any useful exposure.
+
+    Parameters
+    ----------
+    scale_arcsec_px : float
+
+    Returns
+    -------
+    float
+        11 from 3 ″/px down (telescopes), 8.1 at 30 ″/px (short lenses), 7 at 70 ″/px.
+    """
+    return float(np.clip(11.0 - 2.9 * math.log10(scale_arcsec_px / 3.0), 6.0, 11.0))
+
+
+def in_field(
+    catalog: Catalog,
+    hint: Hint,
+    width_px: int,
+    height_px: int,
+    *,
+    epoch_yr: float,
+    mag_limit: float | None = None,
+) -> float | None:
+    """How many stars the catalog has in a field this size, on the mean over the hinted area.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    hint : Hint
+    width_px, height_px : int
+    epoch_yr : float
+    mag_limit : float, optional
+
+    Returns
+    -------
+    float or None
+        None when center or scale are not known.
+    """
+    low, high = hint.scale_low_arcsec_px, hint.scale_high_arcsec_px
+    if hint.center is None or low is None or high is None or not 0 < low <= high:
+        return None
+    side_deg = math.sqrt(low * high) / 3600.0
+    field_deg2 = width_px * height_px * side_deg**2
+    # some fields wide, so that a star more or less means little
+    radius_deg = min(max(hint.radius_deg, math.sqrt(2.0 * field_deg2 / math.pi)), 20.0)
+    stars = catalog.cone(hint.center, radius_deg, epoch_yr=epoch_yr, mag_limit=mag_limit)
+    return len(stars) * field_deg2 / (math.pi * radius_deg**2)
+
+
+def refusal(
+    measurements: Measurements,
+    catalog: Catalog,
+    hint: Hint,
+    search: Search,
+    settings: IdentificationSettings,
+    *,
+    epoch_yr: float,
+    out_of_time_s: float | None = None,
+) -> Refusal:
+    """Find the likely reason why nothing was identified.
+
+    Parameters
+    ----------
+    measurements : Measurements
+    catalog : Catalog
+    hint : Hint
+    search : Search
+        What was tried.
+    settings : IdentificationSettings
+    epoch_yr : float
+    out_of_time_s : float, optional
+        The budget, if it was what ended the search: then the reason is that, and the likely one is told.
+
+    Returns
+    -------
+    Refusal
+    """
+    likely = _likely(measurements, catalog, hint, search, settings, epoch_yr)
+    if out_of_time_s is None:
+        return likely
+    return Refusal(
+        Reason.TIMED_OUT,
+        f"{out_of_time_s:g} s spent on {search.tiles_tried} tiles and {search.hypotheses} hypotheses, out to "
+        f"{search.reach_deg:.1f}° from the assumed center; likely: {likely.detail}",
+        likely.numbers | {"budget_s": out_of_time_s},
+    )
+
+
+def _likely(
+    measurements: Measurements,
+    catalog: Catalog,
+    hint: Hint,
+    search: Search,
+    settings: IdentificationSettings,
+    epoch_yr: float,
+) -> Refusal:
+    m = measurements
+    clean = star_like(m)
+    numbers: dict[str, float] = {
+        "measured": float(len(m)),
+        "star_like": float(clean.size),
+        "tiles": float(search.tiles_tried),
+        "hypotheses": float(search.hypotheses),
+        "searched_deg": search.reach_deg,
+        "best_false_probability": search.best_probability,
+        "allowed_false_probability": settings.false_probability_max,
+    }
+    if settings.v_min_ident is not None:
+        numbers["most_confirmed_share"] = search.most_published
+        numbers["v_min_ident"] = settings.v_min_ident
+    width = m.fwhm_px[clean]
+    width = width[np.isfinite(width) & (width > 0)]
+    if width.size:
+        numbers["fwhm_px"] = float(np.median(width))
+    has = in_field(catalog, hint, m.width_px, m.height_px, epoch_yr=epoch_yr)
+    promised = None
+    if has is not None:
+        numbers["catalog_stars"] = has
+        low, high = hint.scale_low_arcsec_px, hint.scale_high_arcsec_px
+        depth = promised_depth_mag(math.sqrt((low or 1.0) * (high or 1.0)))
+        promised = in_field(catalog, hint, m.width_px, m.height_px, epoch_yr=epoch_yr, mag_limit=depth)
+        numbers["promised_stars"], numbers["promised_to_mag"] = promised or 0.0, depth
+    if promised is not None and promised >= PROMISED_LEAST and clean.size < CLOUD_SHARE * promised:
+        return Refusal(
+            Reason.CLOUD_OR_DEFOCUS,
+            f"{clean.size} star-like sources, where the catalog promises about {promised:.0f} stars to "
+            f"magnitude {numbers['promised_to_mag']:.1f}: cloud, dew, a closed cover, "
+            "defocus or a very short exposure",
+            numbers,
+        )
+    defocused = m.quality is not None and m.quality.images is StarImages.DEFOCUSED
+    if clean.size >= 3 and (defocused or numbers.get("fwhm_px", 0.0) > WIDE_FWHM_PX):
+        return Refusal(
+            Reason.CLOUD_OR_DEFOCUS,
+            f"the images of {clean.size} sources are {numbers.get('fwhm_px', math.nan):.1f} px wide: "
+            "defocus, dew, or no stars at all",
+            numbers,
+        )
+    if clean.size < settings.min_pairs or search.frame_triangles == 0:
+        what = (
+            f"{clean.size} stars measured, {settings.min_pairs} needed"
+            if clean.size < settings.min_pairs
+            else f"{clean.size} stars measured, and they make no triangle large enough"
+        )
+        return Refusal(Reason.TOO_FEW_MEASUREMENTS, f"{what}: expose longer, check focus and cover", numbers)
+    tried = f"{search.tiles_tried} tiles and {search.hypotheses} hypotheses out to {search.reach_deg:.1f}°"
+    if has is not None and has < settings.min_pairs:
+        return Refusal(
+            Reason.CATALOG_TOO_SHALLOW,
+            f"{catalog.name} has about {has:.1f} stars in a field this size here, {settings.min_pairs} are "
+            f"needed: a deeper catalog or a wider field ({clean.size} stars measured, {tried})",
+            numbers,
+        )
+    if search.best_probability < CHANCE_WORTH_TELLING:
+        return Refusal(
+            Reason.CHANCE,
+            f"the best match has a false-positive probability of {search.best_probability:.1e}, allowed is "
+            f"{settings.false_probability_max:.0e} ({clean.size} stars, {tried})",
+            numbers,
+        )
+    if clean.size < SURE_STARS:
+        return Refusal(
+            Reason.TOO_FEW_MEASUREMENTS,
+            f"{clean.size} stars measured, of which no five match ({tried}): "
+            "expose longer, check focus and cover",
+            numbers,
+        )
+    detail = f"{clean.size} stars match nowhere ({tried})"
+    if settings.v_min_ident is not None:
+        detail += (
+            f"; at most {search.most_published:.0%} were confirmed, {settings.v_min_ident:.0%} are asked for"
+        )
+    return Refusal(Reason.NO_MATCH, detail, numbers)

@@ -1,0 +1,171 @@
+"""What is tried in turn: the cheap and likely first, each round with a bound on its work."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+
+from mountnav.frames import Hint
+from mountnav.identification.settings import IdentificationSettings, Stage
+
+Scales = tuple[float, float]
+
+SCALE_LEAST_ARCSEC_PX = 0.3
+SCALE_MOST_ARCSEC_PX = 200.0
+SCALE_STEP = 1.6
+"""With no scale given, it is sought in windows this wide."""
+WIDER = 1.3
+"""When the hinted scale fails, its bounds are widened by this factor before it is taken as unknown."""
+NEAREST_TRIANGLES = 2_000_000
+"""Work of a round that looks at the nearest tiles only, in catalog triangles; about a second."""
+WHOLE_TRIANGLES = 20_000_000
+"""Work of a round over the whole hinted area."""
+LAST_TRIANGLES = 12_000_000
+"""Work of the last and dearest round."""
+
+
+@dataclass(frozen=True, slots=True)
+class Round:
+    """One pass over a part of the search area.
+
+    Attributes
+    ----------
+    stage : (int, int)
+        How many of the brightest measurements and of a tile's stars make triangles.
+    scales : (float, float)
+        Bounds of the scale, arcsec per pixel.
+    inner_deg, outer_deg : float
+        Tiles between these distances from the assumed center.
+    flagged : bool
+        Also measurements that look like no stars take part.
+    most_triangles : int
+        The round ends when its tiles have made so many catalog triangles: the same on any machine.
+    most_tiles : int
+        And after so many tiles.
+    from_triangles : int
+        The nearest tiles, up to so many catalog triangles, are passed over: an earlier round was there.
+    """
+
+    stage: Stage
+    scales: Scales
+    inner_deg: float
+    outer_deg: float
+    flagged: bool = False
+    most_triangles: int = WHOLE_TRIANGLES
+    most_tiles: int = 4000
+    from_triangles: int = 0
+
+
+def scale_windows(low: float | None, high: float | None) -> list[Scales]:
+    """Cut a range of scales in windows of `SCALE_STEP`, the coarsest first: it has the fewest tiles.
+
+    Parameters
+    ----------
+    low, high : float or None
+        Bounds, arcsec per pixel; None means `SCALE_LEAST_ARCSEC_PX` and `SCALE_MOST_ARCSEC_PX`.
+
+    Returns
+    -------
+    list of (float, float)
+    """
+    least = low if low is not None else SCALE_LEAST_ARCSEC_PX
+    most = high if high is not None else SCALE_MOST_ARCSEC_PX
+    if most <= least:
+        return []
+    steps = max(1, math.ceil(math.log(most / least) / math.log(SCALE_STEP)))
+    edges = [least * (most / least) ** (i / steps) for i in range(steps + 1)]
+    return list(pairwise(edges))[::-1]
+
+
+def outward_deg(
+    hint: Hint, scale_arcsec_px: float, shorter_px: int, settings: IdentificationSettings
+) -> float:
+    """How far out the center is sought when it is not within the hinted radius.
+
+    Parameters
+    ----------
+    hint : Hint
+    scale_arcsec_px : float
+    shorter_px : int
+        The frame's shorter side.
+    settings : IdentificationSettings
+        `outward_fields` and `outward_max_deg`.
+
+    Returns
+    -------
+    float
+        Degrees from the hinted center.
+    """
+    field_deg = shorter_px * scale_arcsec_px / 3600.0
+    wanted = hint.radius_deg + settings.outward_fields * field_deg
+    return max(hint.radius_deg, min(wanted, hint.radius_deg + settings.outward_max_deg))
+
+
+def plan(
+    hint: Hint, shorter_px: int, settings: IdentificationSettings, *, flagged: bool
+) -> list[list[Round]]:
+    """Rounds to be tried, in two parts: what the hint says, and what may be if it is wrong.
+
+    Parameters
+    ----------
+    hint : Hint
+    shorter_px : int
+        The frame's shorter side.
+    settings : IdentificationSettings
+    flagged : bool
+        Whether there are flagged measurements that could take part: a sharp frame's stars may all look
+        like hot pixels.
+
+    Returns
+    -------
+    list of two lists of Round
+        The parts of several hints are tried one after the other: all first parts, then all second ones.
+    """
+    low, high, radius = hint.scale_low_arcsec_px, hint.scale_high_arcsec_px, hint.radius_deg
+    stages = settings.stages
+    if low is None or high is None:
+        windows = scale_windows(low, high)
+        # the cheap stage over all scales before the dear one over any, and the near tiles before the far ones
+        first = [
+            Round(stage, window, 0.0, radius, most_triangles=NEAREST_TRIANGLES)
+            for stage in stages[:2]
+            for window in windows
+        ]
+        second = [
+            Round(stage, window, 0.0, radius, from_triangles=NEAREST_TRIANGLES if stage in stages[:2] else 0)
+            for stage in stages
+            for window in windows
+        ]
+        return [first, second]
+    window = (low, high)
+    first = [Round(stage, window, 0.0, radius) for stage in stages[:2]]
+    first += [Round(stage, window, 0.0, radius, most_triangles=NEAREST_TRIANGLES) for stage in stages[2:]]
+    sides = [(high, high * WIDER), (low / WIDER, low)]
+    second = [Round(stages[0], side, 0.0, radius, most_triangles=NEAREST_TRIANGLES) for side in sides]
+    if flagged:
+        second += [
+            Round(stage, window, 0.0, radius, flagged=True, most_triangles=NEAREST_TRIANGLES)
+            for stage in stages[:2]
+        ]
+    far = outward_deg(hint, math.sqrt(low * high), shorter_px, settings)
+    if far > radius:
+        second.append(Round(stages[0], window, radius, far, most_triangles=NEAREST_TRIANGLES))
+    others = scale_windows(high * WIDER, SCALE_MOST_ARCSEC_PX) + scale_windows(
+        SCALE_LEAST_ARCSEC_PX, low / WIDER
+    )
+    likely = sorted(others, key=lambda one: abs(math.log(one[0] * one[1] / (low * high))))
+    second += [
+        Round(stages[0], one, 0.0, radius, most_triangles=NEAREST_TRIANGLES // 4, most_tiles=200)
+        for one in likely
+    ]
+    second += [
+        Round(stage, side, 0.0, radius, most_triangles=NEAREST_TRIANGLES)
+        for stage in stages[1:2]
+        for side in sides
+    ]
+    second += [
+        Round(stage, window, 0.0, radius, from_triangles=NEAREST_TRIANGLES, most_triangles=LAST_TRIANGLES)
+        for stage in stages[2:]
+    ]
+    return [first, second]

@@ -1,0 +1,112 @@
+"""The odds that are claimed: never smaller than chance really has it, and small enough for true matches."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from listed_sky import EPOCH, anywhere
+
+from mountnav.catalog.embedded import embedded_catalog
+from mountnav.identification.confirmation import Corners, Witnesses
+from mountnav.identification.odds import area_share, at_least, density, looks, together
+from mountnav.identification.plate import similarity_plate
+from mountnav.sky.sphere import displaced
+
+WIDTH, HEIGHT = 1000, 800
+
+
+def test_odds_are_binomial_and_follow_the_density():
+    assert at_least(np.array([0]), np.array([5]), 0.1)[0] == 1
+    assert at_least(np.array([6]), np.array([5]), 0.1)[0] == 0
+    assert at_least(np.array([5]), np.array([5]), 0.1)[0] == pytest.approx(1e-5)
+    assert at_least(np.array([1]), np.array([2]), 0.5)[0] == pytest.approx(0.75)
+    share = area_share(np.full(50, 10.0), np.full(50, 10.0), 2.0, width_px=100, height_px=100)
+    assert share[0, 0] > 10 * share[3, 3] > 0
+
+
+def test_density_is_never_less_than_the_mean_and_sees_a_crowd():
+    rng = np.random.default_rng(1)
+    x = np.concatenate((rng.uniform(0, 1000, 40), rng.normal(300, 5, 40)))
+    y = np.concatenate((rng.uniform(0, 800, 40), rng.normal(300, 5, 40)))
+    at = np.array([300.0, 900.0])
+    dense = density(x, y, at, np.array([300.0, 700.0]), width_px=1000, height_px=800)
+    assert dense[0] > 100 * dense[1]
+    assert dense[1] >= 80 / 800_000
+
+
+@given(st.integers(1, 40), st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_together_grows_with_each_chance_and_is_at_most_one(count, seed):
+    rng = np.random.default_rng(seed)
+    chances = rng.random(count)
+    assert 0 <= together(chances * 0.5) <= together(chances) <= 1
+    assert together(np.zeros(0)) == 1
+    assert together(np.full(4, 1e-4)) == pytest.approx(4e-16)
+
+
+def test_together_of_uniform_values_is_no_smaller_than_uniform():
+    rng = np.random.default_rng(2)
+    got = np.array([together(rng.random(12)) for _ in range(4000)])
+    for level in (0.2, 0.05, 0.01, 0.002):
+        assert np.mean(got < level) <= level + 3 * math.sqrt(level / got.size)
+
+
+def test_looks_cover_a_search_that_stops_at_the_first_success():
+    """Of searches that stop when looks(n)·p falls below 5 %, no more than 5 % are fooled."""
+    rng = np.random.default_rng(3)
+    factor = np.array([looks(n) for n in range(1, 2001)])
+    fooled = np.mean([np.any(rng.random(2000) * factor < 0.05) for _ in range(3000)])
+    assert fooled <= 0.05 + 3 * math.sqrt(0.05 / 3000)
+    assert fooled > 0.02
+
+
+@pytest.mark.parametrize("kind", ["even", "cluster", "another sky"])
+@pytest.mark.parametrize("count", [10, 60, 400])
+def test_the_odds_of_wrong_plates_are_not_understated(kind, count):
+    """Plates through three made-up pairs: no more than 5 % of them may look like a 5 % chance."""
+    rng = np.random.default_rng(count)
+    scale, chances = 5.0, []
+    middle = complex((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
+    while len(chances) < 120:
+        place = anywhere(rng)
+        stars = embedded_catalog().cone(place, 0.9, epoch_yr=EPOCH, mag_limit=11.0)
+        turn = scale * np.exp(2j * np.pi * rng.random())
+        plate = similarity_plate(
+            place, turn, -turn * middle, mirrored=False, width_px=WIDTH, height_px=HEIGHT
+        )
+        x, y = plate.pixels(*plate.project(stars.ra_deg, stars.dec_deg))
+        inside = np.flatnonzero((x > 0) & (x < WIDTH) & (y > 0) & (y < HEIGHT))
+        if inside.size < 5:
+            continue
+        three = rng.choice(inside, 3, replace=False)
+        corners = Corners(x[three], y[three], stars.ra_deg[three], stars.dec_deg[three])
+        junk_x, junk_y = rng.uniform(0, WIDTH, count), rng.uniform(0, HEIGHT, count)
+        if kind == "cluster":
+            part = count // 2
+            junk_x[:part] = np.clip(rng.normal(rng.uniform(0, WIDTH), 60, part), 0, WIDTH - 1)
+            junk_y[:part] = np.clip(rng.normal(rng.uniform(0, HEIGHT), 60, part), 0, HEIGHT - 1)
+        elif kind == "another sky":
+            off = displaced(place, 20000.0 + rng.uniform(0, 9000), 0.0)
+            others = embedded_catalog().cone(off, 0.9, epoch_yr=EPOCH, mag_limit=11.5)
+            there = similarity_plate(
+                off, turn, -turn * middle, mirrored=False, width_px=WIDTH, height_px=HEIGHT
+            )
+            junk_x, junk_y = there.pixels(*there.project(others.ra_deg, others.dec_deg))
+            seen = (junk_x > 0) & (junk_x < WIDTH) & (junk_y > 0) & (junk_y < HEIGHT)
+            junk_x, junk_y = junk_x[seen][:count], junk_y[seen][:count]
+        witnesses = Witnesses(
+            plate,
+            corners,
+            stars,
+            np.concatenate((x[three], junk_x)),
+            np.concatenate((y[three], junk_y)),
+            width_px=WIDTH,
+            height_px=HEIGHT,
+            match_px=9.6,
+        )
+        chances.append(witnesses.chance())
+    claimed = np.array(chances)
+    for level in (0.2, 0.05, 0.01):
+        assert np.mean(claimed < level) <= level + 3 * math.sqrt(level / claimed.size)

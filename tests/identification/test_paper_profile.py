@@ -1,0 +1,114 @@
+"""The method as published: its parameters by name, its count rule, and the same plates as ours."""
+
+import numpy as np
+import pytest
+from listed_sky import EPOCH, asked, drawn, galactic
+
+from benchmarks.frames import read, rendered
+from mountnav.catalog.embedded import embedded_catalog
+from mountnav.errors import BadFrame, BadSettings
+from mountnav.identification.paper import published_share
+from mountnav.identification.search import identify
+from mountnav.identification.settings import IdentificationSettings
+from mountnav.measuring.measure import measure
+from mountnav.sky.sphere import separation_arcsec
+
+PAPER = IdentificationSettings.profile("paper")
+
+
+def test_the_profile_holds_the_papers_values():
+    n_bl50, n_star100 = PAPER.stages[0]
+    assert (len(PAPER.stages), n_bl50, n_star100) == (1, 50, 100)
+    assert (PAPER.n_confirm_measurements, PAPER.n_confirm_stars) == (100, 200)
+    assert PAPER.n_confirm_measurements / n_bl50 == 2  # k_blob
+    assert PAPER.n_confirm_stars / n_star100 == 2  # k_star
+    assert (PAPER.m_reg, PAPER.region_cap) == (4, 1.0)
+    assert (PAPER.k_height, PAPER.angle_arcmin, PAPER.match_px, PAPER.v_min_ident) == (0.1, 60.0, 10.0, 0.7)
+    assert PAPER.frame_triangles == 50 * 49 * 48 // 6
+    assert PAPER.false_probability_max == 1e-9
+
+
+def test_profiles_have_names():
+    assert IdentificationSettings.profile("measured") == IdentificationSettings()
+    assert IdentificationSettings.paper() == PAPER
+    with pytest.raises(BadSettings, match="measured, paper"):
+        IdentificationSettings.profile("papre")
+
+
+def crowded(rng):
+    return galactic(rng.uniform(60, 90), rng.uniform(-2, 2))
+
+
+def test_both_profiles_find_the_same_plate_of_a_list():
+    rng = np.random.default_rng(3)
+    for _ in range(3):
+        one = drawn(crowded, rng, depth=10.5, junk=5, lost=0.02)
+        hint = asked(rng, one)
+        plates = []
+        for settings in (PAPER, IdentificationSettings()):
+            got = identify(one.measurements, embedded_catalog(), hint, epoch_yr=EPOCH, settings=settings)
+            assert got.reference is not None, got.detail
+            assert got.false_probability < 1e-9
+            plates.append(got.reference.plate)
+        paper, ours = plates
+        assert separation_arcsec(paper.center(), ours.center()) < 0.05 * one.scale
+        assert separation_arcsec(paper.center(), one.center) < 0.1 * one.scale
+        assert paper.parity == ours.parity == one.parity
+        assert paper.scale_arcsec_px() == pytest.approx(ours.scale_arcsec_px(), rel=1e-4)
+
+
+def test_the_count_decides_in_the_paper_and_the_odds_in_ours():
+    """Two thirds of the measurements are no catalog stars: they can't confirm 70 % of Ω_bl100."""
+    rng = np.random.default_rng(6)
+    one = drawn(crowded, rng, depth=10.5, junk=150, lost=0.0)
+    hint = asked(rng, one)
+    got = identify(one.measurements, embedded_catalog(), hint, epoch_yr=EPOCH, settings=PAPER, budget_s=1)
+    assert got.reference is None
+    assert got.numbers["v_min_ident"] == 0.7
+    assert 0.0 <= got.numbers["most_confirmed_share"] < 0.7
+    ours = identify(one.measurements, embedded_catalog(), hint, epoch_yr=EPOCH)
+    assert ours.reference is not None
+    stars = ours.stars
+    assert stars is not None
+    m = one.measurements
+    share = published_share(
+        ours.reference.plate, stars, m.x_px, m.y_px, width_px=1000, height_px=800, settings=PAPER
+    )
+    assert 0.1 < share < 0.7
+
+
+def test_the_odds_refuse_in_the_paper_too():
+    rng = np.random.default_rng(3)
+    one = drawn(crowded, rng, depth=10.5, junk=5, lost=0.02)
+    strict = IdentificationSettings(
+        **{
+            name: getattr(PAPER, name)
+            for name in PAPER.__dataclass_fields__
+            if name != "false_probability_max"
+        },
+        false_probability_max=0.0,
+    )
+    got = identify(
+        one.measurements, embedded_catalog(), asked(rng, one), epoch_yr=EPOCH, settings=strict, budget_s=2
+    )
+    assert got.reference is None
+    assert got.numbers["best_false_probability"] < 1e-9
+    assert got.numbers["most_confirmed_share"] >= 0.7
+
+
+@pytest.mark.shared
+def test_both_profiles_find_the_same_plate_of_a_frame(shared):
+    """B01 and C02 have catalog stars enough for the paper's count."""
+    for known in rendered(shared):
+        if known.path.name[:3] not in ("B01", "C02"):
+            continue
+        frame = read(known)
+        assert not isinstance(frame, BadFrame)
+        measurements = measure(frame)
+        plates = []
+        for settings in (PAPER, IdentificationSettings()):
+            got = identify(measurements, embedded_catalog(), known.hint, epoch_yr=2000.0, settings=settings)
+            assert got.reference is not None, got.detail
+            plates.append(got.reference.plate)
+        assert separation_arcsec(plates[0].center(), plates[1].center()) < 0.01 * known.scale_arcsec_px
+        assert separation_arcsec(plates[0].center(), known.center) < 0.1 * known.scale_arcsec_px
