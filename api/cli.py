@@ -182,9 +182,9 @@ def series(
     Exit code 0 if all frames were placed, 1 if some were not, 2 on bad usage.
     """
     from api.series_command import run
-    from api.solving import chosen_settings
+    from api.solving import chosen_section, solve_settings
 
-    solving = chosen_settings(config=config, profile=profile, budget_s=budget, calibration=calibration)
+    section = chosen_section(config, profile, budget)
     raise typer.Exit(
         run(
             frames,
@@ -193,8 +193,8 @@ def series(
             radius=radius,
             scale=scale,
             audit=audit,
-            profile=profile,
-            solving=solving,
+            preliminary=section.preliminary_settings,
+            solving=solve_settings(section, calibration=calibration),
             as_json=as_json,
         )
     )

@@ -29,7 +29,7 @@ def run(
     radius: float | None,
     scale: float | None,
     audit: int,
-    profile: str | None,
+    preliminary: PreliminarySettings,
     solving: SolveSettings,
     as_json: bool,
 ) -> int:
@@ -43,7 +43,6 @@ def run(
     if audit < 0:
         raise BadRequest(f"--audit {audit} is out of range", advice="0 (never) or more")
     hint = asked_hint(ra, dec, radius, scale)
-    preliminary = PreliminarySettings() if profile == "paper" else PreliminarySettings.measured()
     settings = SeriesSettings(solving=solving, audit_every=audit, preliminary=preliminary)
     follower = SeriesFollower(embedded_catalog(), hint=hint, settings=settings)
     for number, path in enumerate(files):

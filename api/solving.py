@@ -34,10 +34,8 @@ def solve_settings(section: SolvingSettings, *, calibration: Path | None = None)
     )
 
 
-def chosen_settings(
-    *, config: Path | None, profile: str | None, budget_s: float | None, calibration: Path | None
-) -> SolveSettings:
-    """Make the settings of a solve from a command's options; those given go before the file's.
+def chosen_section(config: Path | None, profile: str | None, budget_s: float | None) -> SolvingSettings:
+    """Make `[solving]` from a command's options; those given go before the file's.
 
     Raises
     ------
@@ -53,4 +51,19 @@ def chosen_settings(
         section = section.model_copy(update={"profile": profile})
     if budget_s is not None:
         section = section.model_copy(update={"budget_s": budget_s})
-    return solve_settings(section, calibration=calibration)
+    return section
+
+
+def chosen_settings(
+    *, config: Path | None, profile: str | None, budget_s: float | None, calibration: Path | None
+) -> SolveSettings:
+    """Make the settings of a solve from a command's options; those given go before the file's.
+
+    Raises
+    ------
+    BadSettings
+        The file is wrong.
+    BadRequest
+        There is no such profile.
+    """
+    return solve_settings(chosen_section(config, profile, budget_s), calibration=calibration)

@@ -62,8 +62,8 @@ class IdentifiedPairs:
     used : ndarray of bool
         In the fit; False for those that were rejected by their deviation (K_rej).
     leverage : ndarray
-        How much each pair holds the plate at its own place: its deviation is (1 - leverage) times the one from
-        a plate that was fit without it. 0 for those not in the fit.
+        How much each pair holds the plate at its own place: its deviation is (1 - leverage) times the one
+        from a plate that was fit without it. 0 for those not in the fit.
     """
 
     x_px: Array

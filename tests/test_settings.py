@@ -10,6 +10,7 @@ import pytest
 
 from mountnav.errors import BadSettings
 from mountnav.identification.settings import IdentificationSettings
+from mountnav.identification.sources import PreliminarySettings
 from mountnav.measuring.settings import MeasuringSettings
 from mountnav.settings import FolderCameraSettings, Settings, SimulatedCameraSettings
 from mountnav.toml_lines import line_of
@@ -167,6 +168,10 @@ def test_lines_of_tables_in_tables() -> None:
         ('[solving.identification]\nk_height = "wide"', "valid number"),
         ("[solving.identification]\nm_reg = 2.5", "valid integer"),
         ("[solving.identification]\nk_height = inf", "finite"),
+        ("[solving.identification]\nv_min_ident = 70", "at most 1"),
+        ("[solving.identification]\nk_rej = -3.0", "at least 0"),
+        ("[solving.preliminary]\nm_reg = 0", "at least 1"),
+        ("[solving.preliminary]\nr_rej = 20", "did you mean r_rej_px?"),
         ("[solving.measuring]\nthreshold = 6.0", "did you mean threshold_sigma?"),
     ],
 )
@@ -183,3 +188,5 @@ def test_single_parameters_lie_over_the_profile() -> None:
     paper = IdentificationSettings.paper()
     assert solving.identification_settings == replace(paper, min_share=0.5)
     assert solving.measuring_settings == MeasuringSettings()
+    assert solving.preliminary_settings == PreliminarySettings()
+    assert Settings.parse(GOOD).solving.preliminary_settings == PreliminarySettings.measured()

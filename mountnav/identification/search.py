@@ -10,10 +10,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mountnav.catalog.stars import Catalog, Stars
+from mountnav.contradictions import contradictions_with
 from mountnav.frames import Hint
 from mountnav.identification.area import WIDEST_DEG, stars_round
 from mountnav.identification.confirmation import Witnesses
-from mountnav.identification.contradictions import contradictions
 from mountnav.identification.full import Hypothesis, OutOfTime, Points, Search, hypotheses, match_radius
 from mountnav.identification.odds import looks
 from mountnav.identification.paper import published_share
@@ -105,7 +105,7 @@ def identify(
                 usable = every if turn.flagged else clean
                 found = _attempt(measurements, usable, turn, catalog, center, epoch_yr, settings, search)
                 if found is not None:
-                    disproved = contradictions(hint, found.reference.plate) if found.reference else ()
+                    disproved = _disproved(hint, found.reference)
                     return replace(found, contradictions=disproved)
     except OutOfTime:
         late = budget_s
@@ -126,6 +126,12 @@ def identify(
         )
     why = refusal(measurements, catalog, believed[0], search, settings, epoch_yr=epoch_yr, out_of_time_s=late)
     return _refused(why, search.best_probability, empty)
+
+
+def _disproved(hint: Hint, reference: Reference | None) -> tuple[Contradiction, ...]:
+    if reference is None:
+        return ()
+    return contradictions_with(hint, reference.plate.center(), reference.plate.scale_arcsec_px())
 
 
 def _refused(why: Refusal, probability: float, disproved: tuple[Contradiction, ...]) -> Identified:

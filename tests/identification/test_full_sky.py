@@ -153,7 +153,9 @@ def test_wrong_hints_cost_time_and_are_reported():
         assert is_right(got, one)
         assert [each.about for each in got.contradictions] == [about]
     assert looked_up(one, good).contradictions == ()
-    assert "OBJCTRA says within 0.2°" in str(looked_up(one, far_off).contradictions[0])
+    told = str(looked_up(one, far_off).contradictions[0])
+    assert told.startswith("center: OBJCTRA says")
+    assert "within 0.2°" in told
 
 
 def test_alternatives_are_tried_after_the_main_hint():
