@@ -45,8 +45,8 @@ def is_mosaic(pixels: NDArray[np.generic], header: Mapping[str, str | int | floa
         return False
     height, width = pixels.shape
     blocks = min(_BLOCKS, height // (2 * _SMALLEST_BLOCK_PX), width // (2 * _SMALLEST_BLOCK_PX))
-    if blocks < 1:
-        return False
+    if blocks < (1 if named else 2):
+        return False  # one part alone may look like a mosaic by chance
     greens = []
     for band in np.array_split(np.arange(height // 2), blocks):
         for strip in np.array_split(np.arange(width // 2), blocks):
@@ -82,7 +82,8 @@ def _levels(phases: NDArray[np.floating]) -> tuple[NDArray[np.float64], float]:
     """Clipped means of the phases (medians of whole numbers jump), and the noise around them."""
     middle = np.nanmedian(phases, axis=1)
     spread = np.nanmedian(np.abs(phases - middle[:, None])) * 1.4826
-    noise = max(float(spread), 0.3)
+    # few and whole counts have no spread by the median: the plain one is right there, and large enough
+    noise = max(float(spread), 0.3 if spread > 0.5 else float(np.nanstd(phases)), 0.3)
     inside = np.abs(phases - middle[:, None]) <= 2.5 * noise
     count = np.maximum(inside.sum(axis=1), 1)
     return np.where(inside, phases, 0.0).sum(axis=1, dtype=np.float64) / count, noise

@@ -16,6 +16,7 @@ Image = NDArray[np.float32]
 _CLIP_SIGMA = 3.0
 _CLIP_ROUNDS = 3
 _ENOUGH_SAMPLES = 1024
+_SAMPLES_AT_ONCE = 2_000_000
 _LEAST_VALID = 0.25
 _SMOOTH_PX = 17
 _MANY_LINES = 12
@@ -89,7 +90,12 @@ def box_for(height_px: int, width_px: int) -> int:
 
 
 def estimate_background(
-    image: Image, *, box_px: int | None = None, step_adu: float = 0.0, look_for_steps: bool = True
+    image: Image,
+    *,
+    box_px: int | None = None,
+    step_adu: float = 0.0,
+    look_for_steps: bool = True,
+    samples: int = _ENOUGH_SAMPLES,
 ) -> Background:
     """Estimate sky level and noise of a frame.
 
@@ -108,6 +114,8 @@ def estimate_background(
         whole numbers would be off by up to half a step, which is a whole sigma in 8-bit pictures.
     look_for_steps : bool
         Whether the level may jump between amplifiers.
+    samples : int
+        About how many pixels of a cell are looked at.
 
     Returns
     -------
@@ -117,7 +125,7 @@ def estimate_background(
     if steps is not None:
         image = image.copy()
         steps.add_to(image, -1.0)
-    level, noise = _mesh(image, box_px or box_for(*image.shape), step_adu)
+    level, noise = _mesh(image, box_px or box_for(*image.shape), step_adu, samples)
     height, width = image.shape
     return Background(_mended(level, image), _mended(noise, image), height, width, steps)
 
@@ -143,7 +151,8 @@ def fine_structure(sky_free: Image, background: Background, fwhm_px: float) -> B
     even = sky_free[: height - height % 2, : width - width % 2]
     lines = even[0::2] + even[1::2]
     halved = (lines[:, 0::2] + lines[:, 1::2]) * np.float32(0.25)
-    level, own = _mesh(halved, max(_FINE_BOX_PX, round(_FINE_FWHM * fwhm_px)) // 2, 0.0, noise_too=False)
+    box = max(_FINE_BOX_PX, round(_FINE_FWHM * fwhm_px)) // 2
+    level, own = _mesh(halved, box, 0.0, _ENOUGH_SAMPLES, noise_too=False)
     rows, columns = level.shape
     y, x = (
         (np.arange(n) + 0.5) * size / n - 0.5
@@ -159,7 +168,7 @@ def fine_structure(sky_free: Image, background: Background, fwhm_px: float) -> B
 
 
 def _mesh(
-    image: Image, box: int, step_adu: float, *, noise_too: bool = True
+    image: Image, box: int, step_adu: float, samples: int, *, noise_too: bool = True
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Level and noise of each cell; NaN where too few pixels are valid."""
     height, width = image.shape
@@ -167,51 +176,65 @@ def _mesh(
     row_edges = np.linspace(0, height, rows + 1).astype(int)
     column_edges = np.linspace(0, width, columns + 1).astype(int)
     level, noise = np.full((rows, columns), np.nan), np.full((rows, columns), np.nan)
-    cell_width = int(np.diff(column_edges).min())
-    spread = np.random.default_rng(0)
-    for j in range(rows):
-        # whole lines are read, only so many that a cell has samples enough
-        lines = row_edges[j + 1] - row_edges[j]
-        step = max(1, int(lines * cell_width // _ENOUGH_SAMPLES))
-        band = image[row_edges[j] : row_edges[j + 1] : step]
-        if step_adu > 0.0:
-            band = band + np.float32(step_adu) * (
-                spread.random(band.shape, dtype=np.float32) - np.float32(0.5)
-            )
-        level[j], wide = _clipped(_cells(band, column_edges, cell_width))
+    lines, cell_width = int(np.diff(row_edges).min()), int(np.diff(column_edges).min())
+    # whole lines are read, only so many that a cell has samples enough
+    step = max(1, lines * cell_width // samples)
+    offset = np.arange(0, lines, step)
+    spread = np.float32(0.0)
+    if step_adu > 0.0:
+        even = np.random.default_rng(0).random((offset.size, width), dtype=np.float32)
+        spread = np.float32(step_adu) * (even - np.float32(0.5))
+    at_once = max(1, _SAMPLES_AT_ONCE // (offset.size * width))
+    for start in range(0, rows, at_once):
+        some = slice(start, min(start + at_once, rows))
+        bands = image[row_edges[some, None] + offset]
+        bands += spread
+        level[some], wide = _clipped(_cells(bands, column_edges, cell_width))
         if noise_too:
-            flat = _without_slopes(band[::2] if band.shape[0] >= _MANY_LINES else band, level[j], wide)
-            noise[j] = _clipped(_cells(flat, column_edges, cell_width))[1]
+            bands = bands[:, ::2] if offset.size >= _MANY_LINES else bands
+            flat = _without_slopes(bands, level[some], wide)
+            noise[some] = _clipped(_cells(flat, column_edges, cell_width))[1]
     return level, noise
 
 
 def _cut(cells: NDArray[np.float64], width: int) -> Image:
-    """Spread one value a cell over a line's pixels."""
-    centers = (np.arange(cells.size) + 0.5) * width / cells.size
-    known = np.isfinite(cells)
-    if not known.any():
-        return np.zeros(width, dtype=np.float32)
-    return np.interp(np.arange(width), centers[known], cells[known]).astype(np.float32)
+    """Spread one value a cell over the pixels of a band's lines, shape (bands, 1, width)."""
+    centers, places = (np.arange(cells.shape[1]) + 0.5) * width / cells.shape[1], np.arange(width)
+    wide = np.zeros((cells.shape[0], 1, width), dtype=np.float32)
+    for band, row in zip(wide, cells, strict=True):
+        known = np.isfinite(row)
+        if known.any():
+            band[0] = np.interp(places, centers[known], row[known])
+    return wide
 
 
-def _without_slopes(band: Image, level: NDArray[np.float64], sigma: NDArray[np.float64]) -> Image:
+def _without_slopes(bands: Image, level: NDArray[np.float64], sigma: NDArray[np.float64]) -> Image:
     """Take the running mean along each line away; what stands out is cut, so stars hardly count."""
-    middle, reach = _cut(level, band.shape[1]), _CLIP_SIGMA * _cut(sigma, band.shape[1])
-    tame = np.clip(np.where(np.isfinite(band), band, middle), middle - reach, middle + reach)
+    width = bands.shape[2]
+    middle, reach = _cut(level, width), np.float32(_CLIP_SIGMA) * _cut(sigma, width)
+    tame = np.clip(bands, middle - reach, middle + reach)
+    missing = np.isnan(tame)
+    if missing.any():
+        tame = np.where(missing, middle, tame)
     gain = np.float32(np.sqrt(_SMOOTH_PX / (_SMOOTH_PX - 1.0)))
-    return np.asarray((band - ndimage.uniform_filter1d(tame, _SMOOTH_PX, axis=1, mode="nearest")) * gain)
+    return np.asarray((bands - ndimage.uniform_filter1d(tame, _SMOOTH_PX, axis=2, mode="nearest")) * gain)
 
 
-def _cells(band: Image, column_edges: NDArray[np.intp], cell_width: int) -> Image:
-    """Cut a band of lines in cells, one a row."""
-    return np.stack([band[:, e : e + cell_width].ravel() for e in column_edges[:-1]])
+def _cells(bands: Image, column_edges: NDArray[np.intp], cell_width: int) -> Image:
+    """Cut bands (n, lines, width) in cells, shape (n, cells, samples)."""
+    cells = np.empty((bands.shape[0], column_edges.size - 1, bands.shape[1], cell_width), dtype=np.float32)
+    for i, edge in enumerate(column_edges[:-1]):
+        cells[:, i] = bands[:, :, edge : edge + cell_width]
+    return cells.reshape(*cells.shape[:2], -1)
 
 
 def _clipped(cells: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return clipped median and lower-half sigma of each row; NaN where too few pixels are valid."""
-    cells = np.sort(cells, axis=1)  # NaN go to the end
-    count = np.isfinite(cells).sum(axis=1)
-    low, high = np.zeros_like(count), count.copy()
+    """Return clipped median and lower-half sigma of each cell; NaN where too few pixels are valid."""
+    shape = cells.shape[:2]
+    cells = cells.reshape(shape[0] * shape[1], -1)
+    cells.sort(axis=1)  # NaN go to the end
+    low = np.zeros(cells.shape[0], dtype=np.intp)
+    count = high = _below(cells, np.full(cells.shape[0], np.inf))
     index = np.arange(cells.shape[0])
 
     def at(share: float) -> NDArray[np.float64]:
@@ -220,12 +243,24 @@ def _clipped(cells: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
     for _ in range(_CLIP_ROUNDS):
         middle = at(0.5)
-        sigma = (middle - at(0.158655)) + 1e-12
-        low = (cells < (middle - _CLIP_SIGMA * sigma)[:, None]).sum(axis=1)
-        high = (cells <= (middle + _CLIP_SIGMA * sigma)[:, None]).sum(axis=1)
+        reach = _CLIP_SIGMA * (middle - at(0.158655) + 1e-12)
+        low, high = _below(cells, middle - reach), _below(cells, np.nextafter(middle + reach, np.inf))
     middle, sigma = at(0.5), at(0.5) - at(0.158655)
     few = count < _LEAST_VALID * cells.shape[1]
-    return np.where(few, np.nan, middle), np.where(few, np.nan, sigma)
+    return np.where(few, np.nan, middle).reshape(shape), np.where(few, np.nan, sigma).reshape(shape)
+
+
+def _below(ranked: Image, limit: NDArray[np.float64]) -> NDArray[np.intp]:
+    """How many samples of each sorted row are below the row's limit, by halving."""
+    low = np.zeros(limit.size, dtype=np.intp)
+    high = np.full(limit.size, ranked.shape[1], dtype=np.intp)
+    index = np.arange(limit.size)
+    for _ in range(ranked.shape[1].bit_length()):
+        middle = (low + high) // 2
+        inside = middle < high
+        below = inside & (ranked[index, np.minimum(middle, ranked.shape[1] - 1)] < limit)
+        low, high = np.where(below, middle + 1, low), np.where(below | ~inside, high, middle)
+    return low
 
 
 def _mended(mesh: NDArray[np.float64], image: Image) -> NDArray[np.float64]:

@@ -20,6 +20,7 @@ _MOST_PEAKS = 20_000
 _TAME_SIGMA = 3.0
 _SURROUND_SIGMAS = 4.0
 _SCATTER_BOX_PX = 64
+_SCATTER_SAMPLES = 512
 _LEAST_SCATTER = 0.3
 
 
@@ -93,7 +94,10 @@ def smooth(sky_free: Image, background: Background, sigma_px: float, bin_px: int
         tame = ndimage.uniform_filter(tame, box, mode="nearest")
     smoothed -= tame
     smoothed /= noise
-    scatter = estimate_background(smoothed, box_px=max(16, _SCATTER_BOX_PX // bin_px), look_for_steps=False)
+    # neighbors are alike now: few samples tell as much
+    scatter = estimate_background(
+        smoothed, box_px=max(16, _SCATTER_BOX_PX // bin_px), look_for_steps=False, samples=_SCATTER_SAMPLES
+    )
     measured = float(np.median(scatter.noise))
     scale = np.maximum(scatter.noise, _LEAST_SCATTER * expected)
     smoothed -= scatter.level_image()

@@ -28,7 +28,7 @@ from mountnav.measuring.profile import (
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_PIXELS_AT_ONCE = 60_000
+_PIXELS_AT_ONCE = 30_000
 _BELL_CANDIDATES = 400
 _BELL_STARS = 60
 _BELL_HEIGHT = 40.0

@@ -23,6 +23,9 @@ _ALL_LONG = 0.4
 _POOR_FIT = 0.15
 _POOR_FIT_RATIO = 3.0
 _HOT_FWHM_PX = 0.95
+_ALIKE = 0.85
+_CLEAR_SNR = 15.0
+_WIDE_FWHM_PX = 6.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +99,10 @@ def judge(
     long = ellipticity > max(_LEAST_ELLIPTICITY, odd) + slack
     flags[long] |= Flag.ELONGATED
     flags[neighbor_px < 1.5 * typical + 1.0] |= Flag.BLENDED
-    flags[setting.struck & ~full] |= Flag.NO_PEAK
+    # a ray is masked in the fit: a wide star that it hit still looks like one, and hardly moves
+    alike = (fwhm > _ALIKE * typical) & (fwhm < typical / _ALIKE) & (snr > _CLEAR_SNR) & ~poor
+    alike &= typical > _WIDE_FWHM_PX
+    flags[setting.struck & ~full & ~alike] |= Flag.NO_PEAK
     flags |= setting.artifacts.flags_at(x, y, max(2.0, setting.fwhm_px))
     return flags, x, y
 

@@ -75,6 +75,7 @@ class Bell:
 
     def variance(self, sky_variance: Array, light: Array) -> Array:
         """Return the variance of pixels that hold sky and some light of a star."""
+        light = np.maximum(light, 0.0)  # a fit may dip below the sky
         return np.asarray(sky_variance + light / self.gain_e_adu + (self.misfit * light) ** 2)
 
 
