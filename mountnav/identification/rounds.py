@@ -105,7 +105,7 @@ def outward_deg(
 def plan(
     hint: Hint, shorter_px: int, settings: IdentificationSettings, *, flagged: bool
 ) -> list[list[Round]]:
-    """Rounds to be tried, in two parts: what the hint says, and what may be if it is wrong.
+    """Rounds to be tried, in three parts: what the hint says; what may be else; both again, deeper.
 
     Parameters
     ----------
@@ -119,8 +119,9 @@ def plan(
 
     Returns
     -------
-    list of two lists of Round
-        The parts of several hints are tried one after the other: all first parts, then all second ones.
+    list of three lists of Round
+        The parts of several hints are tried one after the other: all first parts, then all second ones, and
+        last the dear ones, so that a wrong hint doesn't use up the time before the right one is asked.
     """
     low, high, radius = hint.scale_low_arcsec_px, hint.scale_high_arcsec_px, hint.radius_deg
     stages = settings.stages
@@ -137,7 +138,7 @@ def plan(
             for stage in stages
             for window in windows
         ]
-        return [first, second]
+        return [first[: len(windows)], [], first[len(windows) :] + second]
     window = (low, high)
     first = [Round(stage, window, 0.0, radius) for stage in stages[:2]]
     first += [Round(stage, window, 0.0, radius, most_triangles=NEAREST_TRIANGLES) for stage in stages[2:]]
@@ -150,7 +151,7 @@ def plan(
         ]
     far = outward_deg(hint, math.sqrt(low * high), shorter_px, settings)
     if far > radius:
-        second.append(Round(stages[0], window, radius, far, most_triangles=NEAREST_TRIANGLES))
+        second.append(Round(stages[0], window, radius, far))
     others = scale_windows(high * WIDER, SCALE_MOST_ARCSEC_PX) + scale_windows(
         SCALE_LEAST_ARCSEC_PX, low / WIDER
     )
@@ -168,4 +169,6 @@ def plan(
         Round(stage, window, 0.0, radius, from_triangles=NEAREST_TRIANGLES, most_triangles=LAST_TRIANGLES)
         for stage in stages[2:]
     ]
-    return [first, second]
+    cheap = [one for one in second if one.stage == stages[0]]
+    dear = [one for one in second if one.stage != stages[0]]
+    return [first[:1], cheap, first[1:] + dear]

@@ -163,7 +163,7 @@ def _turns(
     """Centers and rounds as they are tried: what each hint says, then what may be if it is wrong."""
     shorter_px = min(measurements.width_px, measurements.height_px)
     plans = [(one, plan(one, shorter_px, settings, flagged=flagged)) for one in believed]
-    for part in range(2):
+    for part in range(3):
         for one, parts in plans:
             for turn in parts[part]:
                 if one.center is not None:

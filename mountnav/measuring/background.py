@@ -24,6 +24,7 @@ _FINE_BOX_PX = 24
 _FINE_FWHM = 8.0
 _FINE_SURE = 0.2
 _FINE_LEAST_SHARE = 0.01
+_FINE_FIRST_LOOK = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,25 +153,31 @@ def fine_structure(sky_free: Image, background: Background, fwhm_px: float) -> B
     lines = even[0::2] + even[1::2]
     halved = (lines[:, 0::2] + lines[:, 1::2]) * np.float32(0.25)
     box = max(_FINE_BOX_PX, round(_FINE_FWHM * fwhm_px)) // 2
-    level, own = _mesh(halved, box, 0.0, _ENOUGH_SAMPLES, noise_too=False)
-    rows, columns = level.shape
-    y, x = (
-        (np.arange(n) + 0.5) * size / n - 0.5
-        for n, size in ((rows, sky_free.shape[0]), (columns, sky_free.shape[1]))
-    )
-    places = np.meshgrid(x, y)
-    noise = background.noise_at(places[0].ravel(), places[1].ravel()).reshape(level.shape)
-    strength = np.abs(np.nan_to_num(level)) / np.maximum(noise, 1e-20)
-    share = np.clip((strength - _FINE_SURE) / _FINE_SURE, 0.0, 1.0)
-    if np.mean(share > 0) < _FINE_LEAST_SHARE:
-        return None
+    # plain skies are the rule, and a few lines of cells tell them
+    for every in (_FINE_FIRST_LOOK, 1):
+        level, own = _mesh(halved, box, 0.0, _ENOUGH_SAMPLES, noise_too=False, every=every)
+        share = _clear_share(level, background, sky_free.shape)
+        if np.mean(share[::every] > 0) < _FINE_LEAST_SHARE * (1.0 if every == 1 else 0.5):
+            return None
     return Background(share * np.nan_to_num(level), own, *sky_free.shape)
 
 
+def _clear_share(
+    level: NDArray[np.float64], background: Background, size: tuple[int, int]
+) -> NDArray[np.float64]:
+    """How much of each cell's level is to be believed: none of what noise alone makes."""
+    rows, columns = level.shape
+    y, x = ((np.arange(n) + 0.5) * size / n - 0.5 for n, size in ((rows, size[0]), (columns, size[1])))
+    places = np.meshgrid(x, y)
+    noise = background.noise_at(places[0].ravel(), places[1].ravel()).reshape(level.shape)
+    strength = np.abs(np.nan_to_num(level)) / np.maximum(noise, 1e-20)
+    return np.asarray(np.clip((strength - _FINE_SURE) / _FINE_SURE, 0.0, 1.0))
+
+
 def _mesh(
-    image: Image, box: int, step_adu: float, samples: int, *, noise_too: bool = True
+    image: Image, box: int, step_adu: float, samples: int, *, noise_too: bool = True, every: int = 1
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Level and noise of each cell; NaN where too few pixels are valid."""
+    """Level and noise of each cell, or of the cells in every so many rows; NaN where nothing is known."""
     height, width = image.shape
     rows, columns = max(1, round(height / box)), max(1, round(width / box))
     row_edges = np.linspace(0, height, rows + 1).astype(int)
@@ -178,15 +185,16 @@ def _mesh(
     level, noise = np.full((rows, columns), np.nan), np.full((rows, columns), np.nan)
     lines, cell_width = int(np.diff(row_edges).min()), int(np.diff(column_edges).min())
     # whole lines are read, only so many that a cell has samples enough
-    step = max(1, lines * cell_width // samples)
+    step = max(1, round(lines * cell_width / samples))
     offset = np.arange(0, lines, step)
-    spread = np.float32(0.0)
+    used = np.arange(0, rows, every)
+    spread = np.zeros((1, 1), dtype=np.float32)
     if step_adu > 0.0:
         even = np.random.default_rng(0).random((offset.size, width), dtype=np.float32)
-        spread = np.float32(step_adu) * (even - np.float32(0.5))
+        spread = np.asarray(np.float32(step_adu) * (even - np.float32(0.5)), dtype=np.float32)
     at_once = max(1, _SAMPLES_AT_ONCE // (offset.size * width))
-    for start in range(0, rows, at_once):
-        some = slice(start, min(start + at_once, rows))
+    for start in range(0, used.size, at_once):
+        some = used[start : start + at_once]
         bands = image[row_edges[some, None] + offset]
         bands += spread
         level[some], wide = _clipped(_cells(bands, column_edges, cell_width))
@@ -234,7 +242,10 @@ def _clipped(cells: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     cells = cells.reshape(shape[0] * shape[1], -1)
     cells.sort(axis=1)  # NaN go to the end
     low = np.zeros(cells.shape[0], dtype=np.intp)
-    count = high = _below(cells, np.full(cells.shape[0], np.inf))
+    count = np.full(cells.shape[0], cells.shape[1])
+    if not np.isfinite(cells[:, -1]).all():
+        count = _below(cells, np.full(cells.shape[0], np.inf))
+    high = count
     index = np.arange(cells.shape[0])
 
     def at(share: float) -> NDArray[np.float64]:

@@ -22,6 +22,7 @@ _MEDIAN_CHI2 = 0.4549
 _SURE_GAIN = 4.0
 _UNLIKE = 2.0
 _SURE_MISFIT = 2.0
+_LAWFUL = 0.4
 _MOST_MISFIT = 0.1
 _OUTLIER = 3.0
 
@@ -141,6 +142,10 @@ def with_noise_law(bell: Bell, fit: Fit, stamps: Stamps, gain: float, *, card: b
     (per_photon, misfit2), _ = nnls(table, right)
     spread = np.linalg.pinv(table.T @ table)
     clear = per_photon > _SURE_GAIN * np.sqrt(spread[0, 0])
+    # photons are a law for faint and bright pixels alike; wings that no bell fits are not
+    law = ground + per_photon * middle + misfit2 * middle**2
+    off = np.abs(np.log(level / np.maximum(law, 1e-30)))
+    clear &= float(np.percentile(off, 80.0)) < _LAWFUL
     if clear and (not card or not 1.0 / _UNLIKE < per_photon * gain < _UNLIKE):
         gain = 1.0 / per_photon
     else:

@@ -19,6 +19,8 @@ _REACH_PX = 30
 _CANDIDATES = 400
 _OBJECTS = 40
 _FEWEST_OBJECTS = 4
+_FIRST_LOOK = 12
+_ORDINARY = 0.75
 _LEAST_HEIGHT = 20.0
 _LIGHT_SMOOTHING_PX = 1.2
 _LIGHTER_SMOOTHING_PX = 0.8
@@ -90,6 +92,8 @@ def find_common_image(sky_free: Image, saturated: Mask, peaks: Peaks, noise: flo
     if x.size < _FEWEST_OBJECTS:
         return None
     stamps = _cut(sky_free, x, y)
+    if _ordinary(stamps[:_FIRST_LOOK], noise):
+        return None
     patches, areas = _patches(stamps, noise)
     fine = areas >= _LEAST_AREA_PX
     if fine.sum() < max(_FEWEST_OBJECTS, 0.4 * x.size):
@@ -109,6 +113,19 @@ def find_common_image(sky_free: Image, saturated: Mask, peaks: Peaks, noise: flo
     centers = np.array([m[0] for m in moments])
     mean = _stacked(stamps, patches, centers, noise)
     return None if mean is None else _described(mean, hollow=hollow)
+
+
+def _ordinary(stamps: Array, noise: float) -> bool:
+    """Tell whether a few objects show already that these are ordinary stars: small and round."""
+    patches, areas = _patches(stamps, noise)
+    fine = areas > 0
+    if fine.sum() < 0.5 * _FIRST_LOOK or np.median(areas[fine]) >= _HOLLOW_AREA_PX:
+        return False
+    moments = [
+        _moments(np.where(patch, stamp, 0.0))
+        for stamp, patch in zip(stamps[fine], patches[fine], strict=True)
+    ]
+    return bool(np.median([m[2] / m[1] for m in moments]) < _ORDINARY * _TRAIL_RATIO)
 
 
 def _apart(

@@ -97,17 +97,19 @@ def find_cosmics(
     usable = good[rows, columns]
     inner = (slice(None), slice(1, -1), slice(1, -1))
     values = stamps[inner]
-    sky2 = (noise * noise)[:, None, None]
-    scatter = np.sqrt(1.5 * sky2 + np.maximum(values, 0.0) / gain_e_adu)
+    sky2 = (1.5 * noise * noise)[:, None, None].astype(np.float32)
+    scatter = np.sqrt(sky2 + np.maximum(values, np.float32(0.0)) / np.float32(gain_e_adu))
     # along rows and along columns, each by itself: a track that follows one is sharp across
     rise = np.full(values.shape, -np.inf, dtype=np.float32)
+    spoilt = not usable.all()
     for before, after in (
         ((slice(None), slice(None, -2), slice(1, -1)), (slice(None), slice(2, None), slice(1, -1))),
         ((slice(None), slice(1, -1), slice(None, -2)), (slice(None), slice(1, -1), slice(2, None))),
     ):
         fall = values - np.float32(0.5) * (stamps[before] + stamps[after])
-        known = usable[before] & usable[after] & usable[inner]
-        rise = np.where(known, np.maximum(rise, fall), rise)
+        if spoilt:
+            fall[~(usable[before] & usable[after] & usable[inner])] = -np.inf
+        np.maximum(rise, fall, out=rise)
     core = slice(_HALF_PX - _CORE_PX, _HALF_PX + _CORE_PX + 1)
     middle = np.where(usable[inner], values, -np.inf)[:, core, core].reshape(x_px.size, -1)
     top = middle.argmax(axis=1)
@@ -123,16 +125,18 @@ def find_cosmics(
         place = (index, top_row + dy, top_column + dx)
         bright = values[place] > 0.5 * values[index, top_row, top_column]
         struck |= sharp[place] & bright
+    which = np.flatnonzero(sharp.any(axis=(1, 2)))
+    sharp, values = sharp[which], values[which]
+    line = np.arange(2 * _HALF_PX + 1)
     far = np.hypot(
-        np.arange(-_HALF_PX, _HALF_PX + 1)[None, :, None] - (top_row - _HALF_PX)[:, None, None],
-        np.arange(-_HALF_PX, _HALF_PX + 1)[None, None, :] - (top_column - _HALF_PX)[:, None, None],
+        line[None, :, None] - top_row[which, None, None], line[None, None, :] - top_column[which, None, None]
     )
     # a ray so near and so bright spoils the star even without its sharpest pixels
     close = sharp & (far > 1.5) & (far < max(3.0, _CLOSE_FWHM * fwhm_px))
-    heights = values[index, top_row, top_column]
-    struck |= (close & (values > _CLOSE_SHARE * heights[:, None, None])).any(axis=(1, 2))
+    heights = values[np.arange(which.size), top_row[which], top_column[which]]
+    struck[which] |= (close & (values > _CLOSE_SHARE * heights[:, None, None])).any(axis=(1, 2))
     # the rest of a track is less sharp than its ends
     grown = ndimage.binary_dilation(sharp & (far > 1.5), structure=np.ones((1, 3, 3), dtype=bool))
-    beside = grown & (far > 1.5) & ~struck[:, None, None]
-    which, j, i = np.nonzero(beside)
-    return struck, rows[which, j + 1, 0], columns[which, 0, i + 1]
+    beside = grown & (far > 1.5) & ~struck[which, None, None]
+    star, j, i = np.nonzero(beside)
+    return struck, rows[which[star], j + 1, 0], columns[which[star], 0, i + 1]

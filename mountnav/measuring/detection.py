@@ -120,7 +120,7 @@ def find_peaks(smoothed: Smoothed, threshold_sigma: float, separation_px: float)
     Peaks
     """
     image = smoothed.significance
-    rows, columns = np.nonzero(image > threshold_sigma)
+    rows, columns = np.divmod(np.flatnonzero(image > threshold_sigma), image.shape[1])
     values = image[rows, columns]
     framed = np.pad(image, 1, constant_values=-np.inf)  # stars on the edge are peaks as well
     keep = np.ones(values.size, dtype=bool)

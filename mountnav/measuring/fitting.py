@@ -38,6 +38,8 @@ _LONELY_FWHM = 2.7
 _OVERFLOW_SIGMA = 6.0
 _OVERFLOW_SHARE = 0.4
 _OVERFLOW_ROUNDS = 4
+_SOME_SKY = 3.0
+_FAINT_SKY_E = 100.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +85,9 @@ def known_gain(frame: Frame, wish: float | None, sky: float, noise: float) -> tu
     card = wish or frame.header.get("EGAIN")
     if isinstance(card, (int, float)) and not isinstance(card, bool) and 0.005 < card < 1000.0:
         return float(card), True
-    return float(np.clip(sky / noise**2 if sky > 0 else 1.0, 0.02, 100.0)), False
+    if sky < _SOME_SKY * noise:  # already taken off: a faint sky's worth of electrons, in whatever unit
+        return _FAINT_SKY_E**0.5 / noise, False
+    return float(np.clip(sky / noise**2, 0.02, 100.0)), False
 
 
 def fit_peaks(
@@ -225,9 +229,8 @@ def _fit_all(
         for start in range(0, members.size, share):
             some = members[start : start + share]
             stamps = cut_stamps(sky_free, good, x[some], y[some], noise[some], int(half))
-            parts.append(
-                (some, fit_profiles(stamps, x[some], y[some], fwhm_px / FWHM_PER_SIGMA, bell, shape=shape))
-            )
+            width_px = fwhm_px / bell.fwhm_per_width
+            parts.append((some, fit_profiles(stamps, x[some], y[some], width_px, bell, shape=shape)))
     return _joined(parts, x.size)
 
 
@@ -258,7 +261,7 @@ def _fit_saturated(
         stamps, top = _without_flood(stamps, radius[some], bell, shape)
         for turn in range(_OVERFLOW_ROUNDS):
             fits = fit_profiles(
-                stamps, x[some], y[some], fwhm_px / FWHM_PER_SIGMA, bell, shape=shape, height=top
+                stamps, x[some], y[some], fwhm_px / bell.fwhm_per_width, bell, shape=shape, height=top
             )
             if turn == _OVERFLOW_ROUNDS - 1:
                 break
@@ -286,7 +289,7 @@ def _without_flood(stamps: Stamps, radius: Array, bell: Bell, shape: Shape) -> t
 
 def _without_rims(good: Mask, saturated: Mask) -> Mask:
     """Take out pixels that may hold some overflow: those next to saturated ones, three in line with three."""
-    rows, columns = np.nonzero(saturated)
+    rows, columns = np.divmod(np.flatnonzero(saturated), saturated.shape[1])
     if rows.size == 0:
         return good
     trusted = good.copy()

@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 
 _TOO_NARROW = 0.62
 _TOO_WIDE = 2.0
+_CLEAR_OF_KNOTS = 5.0
+_KNOT_WIDE = 1.5
 _SWOLLEN_MISFIT = 0.1
 _SWOLLEN_ELLIPTICITY = 0.2
 _TOO_LONG = 0.25
@@ -33,12 +35,13 @@ class Setting:
     """What the judgement looks at besides the fits: noise, masks, the typical width and what isn't sky.
 
     ``noise`` and ``restless`` have shape (n,): the noise per pixel, and whether it is so far above that of
-    the frame's quiet parts that the place is likely a tree, a roof or the heart of a nebula; ``struck``, of
-    shape (n,), tells the cosmic rays.
+    the frame's quiet parts that the place is likely a tree, a roof or the heart of a nebula; ``knotty``, of
+    shape (n,), tells the places on nebulae, galaxies and the like; ``struck``, likewise, the cosmic rays.
     """
 
     noise: Array
     restless: NDArray[np.bool_]
+    knotty: NDArray[np.bool_]
     good: NDArray[np.bool_]
     saturated: NDArray[np.bool_]
     fwhm_px: float
@@ -90,10 +93,14 @@ def judge(
         (fits.amplitude > 0.5 * top) & (fits.misfit < _SWOLLEN_MISFIT) & (ellipticity < _SWOLLEN_ELLIPTICITY)
     )
     wide = (fwhm * (1.0 - slack) > _TOO_WIDE * typical) & ~swollen
+    # a nebula has knots of its own: on it a star must be clear, or at least not too wide
+    knot = (
+        setting.knotty & ((snr < _CLEAR_OF_KNOTS) | (fwhm * (1.0 - slack) > _KNOT_WIDE * typical)) & ~swollen
+    )
     # the noise's own share of the residuals is taken off before the profile is blamed
     rest = fits.misfit - 1.5 * setting.noise / np.maximum(fits.amplitude, 1e-12)
     poor = (rest > max(_POOR_FIT, _POOR_FIT_RATIO * typical_misfit)) | ~fits.converged
-    flags[(narrow | wide | poor | setting.restless) & ~full] |= Flag.NO_PEAK
+    flags[(narrow | wide | poor | knot | setting.restless) & ~full] |= Flag.NO_PEAK
     # where all stars are drawn out alike, all are elongated; else it takes more than the frame's own share
     odd = 0.0 if typical_ellipticity > _ALL_LONG else typical_ellipticity + _TOO_LONG
     long = ellipticity > max(_LEAST_ELLIPTICITY, odd) + slack

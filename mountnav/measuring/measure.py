@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 from scipy.spatial import KDTree
 
 from mountnav.errors import BadFrame
@@ -46,6 +47,7 @@ _LEAST_FINITE = 0.05
 _MOST_SATURATED = 0.5
 _WIDE_FWHM_PX = 4.5
 _RESTLESS = 4.0
+_KNOTTY = 0.6
 _LEAST_FLUX_SIGMA = 2.5
 _LEAST_FLUX_SIGMA_WIDE = 3.5
 _DEFAULTS = MeasuringSettings()
@@ -108,6 +110,7 @@ class _Search:
     smoothing_px: float
     bin_px: int
     common: CommonImage | None
+    structure: Background | None
 
 
 def _checked(frame: Frame) -> tuple[Image, NDArray[np.bool_]]:
@@ -158,6 +161,7 @@ def _search(
     noise = float(np.median(background.noise))
     fwhm = typical_fwhm(image, saturated, peaks, noise)
     common = find_common_image(image, saturated, peaks, noise)
+    structure = None
     plain = smoothed if common is not None else None  # smeared along their streaks, stars would join to lines
     if common is not None:
         fwhm = common.fwhm_px
@@ -174,7 +178,7 @@ def _search(
         peaks = find_peaks(smoothed, settings.threshold_sigma, 8.0)
     artifacts = find_artifacts(image, saturated, plain or smoothed, noise, fwhm)
     peaks, radius = _one_peak_each(artifacts.without_grain(peaks), artifacts.blobs, fwhm)
-    return _Search(peaks, fwhm, artifacts, smoothed.noise_ratio, radius, sigma, bin_px, common)
+    return _Search(peaks, fwhm, artifacts, smoothed.noise_ratio, radius, sigma, bin_px, common, structure)
 
 
 def _one_peak_each(peaks: Peaks, blobs: list[Blob], fwhm_px: float) -> tuple[Peaks, Array]:
@@ -203,7 +207,7 @@ def _stars_first(
     search: _Search, image: Image, good: NDArray[np.bool_], background: Background, gain: float, most: int
 ) -> tuple[_Search, NDArray[np.bool_], tuple[NDArray[np.intp], NDArray[np.intp]]]:
     """Put cosmic rays behind the stars, lest they fill the list; tell them, and the pixels they spoil."""
-    peaks, some = search.peaks, slice(0, 4 * most)
+    peaks, some = search.peaks, slice(0, most)
     x, y = peaks.x_px[some], peaks.y_px[some]
     narrow = search.fwhm_px
     if search.common is not None:
@@ -214,7 +218,7 @@ def _stars_first(
     order = np.argsort(struck, kind="stable")
     ordered = Peaks(peaks.x_px[order], peaks.y_px[order], peaks.height[order])
     search = replace(search, peaks=ordered, radius_px=search.radius_px[order])
-    return search, struck[order][:most], (pixels[0], pixels[1])
+    return search, struck[order], (pixels[0], pixels[1])
 
 
 def _measured(
@@ -227,8 +231,14 @@ def _measured(
     gain: tuple[float, bool],
     settings: MeasuringSettings,
 ) -> Measurements:
-    most = settings.max_sources + settings.max_sources // 4
-    search, struck, (rows, columns) = _stars_first(search, image, good, background, gain[0], most)
+    most = settings.max_sources + settings.max_sources // 8
+    # where few peaks are rays, as many as are needed and some more are looked at
+    for looked_at in (most + most // 5, 4 * most):
+        stars = _stars_first(search, image, good, background, gain[0], looked_at)
+        if looked_at >= search.peaks.x_px.size or not stars[1][:most].any():
+            break
+    search, struck, (rows, columns) = stars
+    struck = struck[:most]
     x, y = search.peaks.x_px[:most], search.peaks.y_px[:most]
     noise = background.noise_at(x, y)
     neighbors = nearest_other(search.peaks, x, y, 10.0 * search.fwhm_px)
@@ -247,6 +257,7 @@ def _measured(
     setting = Setting(
         noise=noise,
         restless=noise > _RESTLESS * np.percentile(background.noise, 25.0),
+        knotty=_knotty(search.structure, float(np.median(background.noise)), x, y),
         good=good,
         saturated=saturated,
         fwhm_px=search.fwhm_px,
@@ -298,6 +309,17 @@ def _quality(
         star = bell_image(shape.p, shape.q, shape.r, fitted.bell, 2 * half_px(search.fwhm_px))
         limit = limiting_flux(star, noise, search.noise_ratio, search.smoothing_px, search.bin_px)
     return summed_up(background, flags, saturated_share, ellipse, hollow=hollow, limit=limit)
+
+
+def _knotty(structure: Background | None, noise: float, x: Array, y: Array) -> NDArray[np.bool_]:
+    """Tell which places, shape (n,), lie on or beside what is no plain sky."""
+    if structure is None:
+        return np.zeros(x.size, dtype=bool)
+    knots = np.abs(structure.level) > _KNOTTY * noise
+    near = ndimage.binary_dilation(knots, structure=np.ones((3, 3), dtype=bool))
+    rows = (y * near.shape[0] / structure.height_px).astype(np.intp)
+    columns = (x * near.shape[1] / structure.width_px).astype(np.intp)
+    return np.asarray(near[np.clip(rows, 0, near.shape[0] - 1), np.clip(columns, 0, near.shape[1] - 1)])
 
 
 def _without_pixel(fwhm2: Array) -> Array:

@@ -8,7 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.measuring.background import Image
-from mountnav.measuring.profile import Bell, Fit, Profiles, Shape, Stamps, covariances, cut_stamps, fit_bells
+from mountnav.measuring.profile import (
+    Bell,
+    Fit,
+    Pixels,
+    Profiles,
+    Reals,
+    Shape,
+    Stamps,
+    covariances,
+    cut_stamps,
+    fit_bells,
+)
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -19,7 +30,7 @@ _LONG = 1.13
 _FAT = 1.25
 _NARROW = 0.8
 _MOST_SHARE = 0.3
-_MOST_TRIED = 150
+_MOST_TRIED = 100
 _ROUNDS = 15
 _LEAST_GAIN = 30.0
 _LEAST_PART = 0.5
@@ -31,6 +42,7 @@ _EXPLAINED = 0.9
 _HELD = 0.02
 _AT_ONCE = 60
 _STILL_PX = 1e-3
+_EVEN = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,11 +146,13 @@ def _tried(
     width = float(np.sqrt(minor * major)) / bell.fwhm_per_width
     # held to the typical shape it stays on the brighter star, and leaves the other where it is
     single = fit_bells(stamps, x, y, width, bell, shape=replace(shape, slack=_HELD))
-    weights = single.weights
     free = fit_bells(stamps, x, y, width, bell)
+    weights: Reals = free.weights
     alone = (weights * single.residual**2).sum(axis=1)
     alone = np.minimum(alone, (weights * free.residual**2).sum(axis=1))
-    params, cost = _two(stamps, single, alone, fits, which, long[which], np.sqrt(minor * major), bell, shape)
+    params, cost = _two(
+        stamps, single, weights, alone, fits, which, long[which], np.sqrt(minor * major), bell, shape
+    )
     a1, x1, y1, a2, x2, y2, _ = params.T
     apart = np.hypot(x1 - x2, y1 - y2) / np.sqrt(minor * major)
     gained, freedom = alone - cost, stamps.good.sum(axis=1) - 7.0
@@ -151,7 +165,8 @@ def _tried(
     weights = _weights_of(params, stamps, bell, shape)
     params, _ = _descended(params, stamps, weights, bell, shape)
     jacobian, _ = _linear(params, stamps, bell, shape)
-    covariance = covariances((jacobian * weights[:, None, :]) @ jacobian.transpose(0, 2, 1))
+    normal = (jacobian * weights[:, None, :]) @ jacobian.transpose(0, 2, 1)
+    covariance = covariances(normal.astype(np.float64))
     sigmas = np.sqrt(np.maximum(np.einsum("nii->ni", covariance), 0.0))[sure]
     chi2 = (cost / np.maximum(freedom, 1.0))[sure]
     params, x0, y0 = params[sure], stamps.x0[sure], stamps.y0[sure]
@@ -186,6 +201,7 @@ def _tried(
 def _two(
     stamps: Stamps,
     single: Fit,
+    weights: Reals,
     alone: Array,
     fits: Profiles,
     which: NDArray[np.intp],
@@ -199,17 +215,28 @@ def _two(
     along_x, along_y = np.cos(angle), np.sin(angle)
     excess = np.maximum(fits.major_fwhm_px[which] ** 2 - fwhm**2, 0.05 * fwhm**2) / (8.0 * np.log(2.0))
     x, y = fits.x_px[which] - stamps.x0, fits.y_px[which] - stamps.y0
-    # first guess: the second star is where the single one leaves most
-    left = single.residual * np.sqrt(single.weights)
-    left[np.hypot(stamps.dx - x[:, None], stamps.dy - y[:, None]) < 0.8 * fwhm] = 0.0
-    most = left.argmax(axis=1)
     height = fits.amplitude[which]
-    rest = np.maximum(single.residual[np.arange(which.size), most], 0.05 * height)
-    start = np.stack([height, x, y, rest, stamps.dx[most], stamps.dy[most], np.zeros_like(x)], axis=1)
-    weights = single.weights
-    best, lowest = _descended(start, stamps, weights, bell, shape)
+    best, lowest = np.zeros((which.size, 7)), np.full(which.size, np.inf)
+    todo = np.ones(which.size, dtype=bool)
+    # first guess: the second star is where the single one leaves most, held to the typical shape or not
+    u, v = stamps.dx - x[:, None], stamps.dy - y[:, None]
+    there = height[:, None] * bell.of(shape.p * u * u + 2.0 * shape.q * u * v + shape.r * v * v)[0]
+    for residual in (single.residual, stamps.values - there):
+        some = np.flatnonzero(todo)
+        if some.size == 0:
+            break
+        left = np.where(stamps.good[some], residual[some], 0.0) * np.sqrt(weights[some])
+        left[np.hypot(u[some], v[some]) < 0.8 * fwhm] = 0.0
+        most = left.argmax(axis=1)
+        rest = np.maximum(residual[some, most], 0.05 * height[some])
+        start = np.stack(
+            [height[some], x[some], y[some], rest, stamps.dx[most], stamps.dy[most], np.zeros(some.size)],
+            axis=1,
+        )
+        _improve(best, lowest, some, start, stamps, weights, bell, shape)
+        todo = alone - lowest < _EXPLAINED * (alone - stamps.good.sum(axis=1))
     # else along the axis of those that are long
-    todo = long & (alone - lowest < _EXPLAINED * (alone - stamps.good.sum(axis=1)))
+    todo &= long
     for ratio, sign in _STARTS:
         some = np.flatnonzero(todo)
         if some.size == 0:
@@ -230,14 +257,28 @@ def _two(
             ],
             axis=1,
         )[some]
-        part = replace(stamps, values=stamps.values[some], good=stamps.good[some])
-        params, cost = _descended(start, part, weights[some], bell, shape)
-        better = cost < lowest[some]
-        best[some[better]], lowest[some[better]] = params[better], cost[better]
+        _improve(best, lowest, some, start, stamps, weights, bell, shape)
     return best, lowest
 
 
-def _descended(start: Array, stamps: Stamps, weights: Array, bell: Bell, shape: Shape) -> tuple[Array, Array]:
+def _improve(
+    best: Array,
+    lowest: Array,
+    some: NDArray[np.intp],
+    start: Array,
+    stamps: Stamps,
+    weights: Reals,
+    bell: Bell,
+    shape: Shape,
+) -> None:
+    """Fit some of the stamps from another start; keep, in place, what is better than before."""
+    part = replace(stamps, values=stamps.values[some], good=stamps.good[some])
+    params, cost = _descended(start, part, weights[some], bell, shape)
+    better = cost < lowest[some]
+    best[some[better]], lowest[some[better]] = params[better], cost[better]
+
+
+def _descended(start: Array, stamps: Stamps, weights: Reals, bell: Bell, shape: Shape) -> tuple[Array, Array]:
     """Damped Gauss-Newton over (height, x, y) of both stars and the sky."""
     kept = start
     damping = np.full(start.shape[0], 1e-2)
@@ -245,11 +286,11 @@ def _descended(start: Array, stamps: Stamps, weights: Array, bell: Bell, shape: 
     cost = (weights * residual**2).sum(axis=1)
     for _ in range(_ROUNDS):
         weighted = jacobian * weights[:, None, :]
-        normal = weighted @ jacobian.transpose(0, 2, 1)
+        normal = (weighted @ jacobian.transpose(0, 2, 1)).astype(np.float64)
         diagonal = np.sqrt(np.maximum(np.einsum("nii->ni", normal), 1e-30))
         scaled = normal / (diagonal[:, :, None] * diagonal[:, None, :])
         scaled += (damping[:, None, None] + 1e-9) * np.eye(7)
-        gradient = (weighted @ residual[:, :, None])[:, :, 0] / diagonal
+        gradient = (weighted @ residual[:, :, None])[:, :, 0].astype(np.float64) / diagonal
         step = np.linalg.solve(scaled, gradient[:, :, None])[:, :, 0] / diagonal
         places = [1, 2, 4, 5]
         step[:, places] = np.clip(step[:, places], -1.0, 1.0)
@@ -257,33 +298,39 @@ def _descended(start: Array, stamps: Stamps, weights: Array, bell: Bell, shape: 
         trial[:, [0, 3]] = np.maximum(trial[:, [0, 3]], 0.1 * np.abs(kept[:, [0, 3]]))
         trial_jacobian, trial_residual = _linear(trial, stamps, bell, shape)
         trial_cost = (weights * trial_residual**2).sum(axis=1)
-        better = trial_cost <= cost
-        damping = np.where(better, damping * 0.2, damping * 8.0)
-        kept = np.where(better[:, None], trial, kept)
-        jacobian = np.where(better[:, None, None], trial_jacobian, jacobian)
-        residual = np.where(better[:, None], trial_residual, residual)
-        cost = np.where(better, trial_cost, cost)
+        worse = ~(trial_cost <= cost * (1.0 + _EVEN))
+        damping = np.where(worse, damping * 8.0, damping * 0.2)
+        trial[worse], trial_cost[worse] = kept[worse], cost[worse]
+        trial_jacobian[worse], trial_residual[worse] = jacobian[worse], residual[worse]
+        kept, cost, jacobian, residual = trial, trial_cost, trial_jacobian, trial_residual
         if (np.abs(step[:, places]).max(axis=1) < _STILL_PX).mean() > 0.95:
             break
     return kept, np.asarray(cost)
 
 
-def _weights_of(params: Array, stamps: Stamps, bell: Bell, shape: Shape) -> Array:
+def _weights_of(params: Array, stamps: Stamps, bell: Bell, shape: Shape) -> Reals:
     jacobian, _ = _linear(params, stamps, bell, shape)
     light = params[:, 0, None] * jacobian[:, 0] + params[:, 3, None] * jacobian[:, 3]
-    return np.asarray(stamps.good / bell.variance(stamps.variance, np.maximum(light, 0.0)))
+    return np.asarray(stamps.good / bell.variance(stamps.variance, np.maximum(light, 0.0)), dtype=np.float32)
 
 
-def _linear(params: Array, stamps: Stamps, bell: Bell, shape: Shape) -> tuple[Array, Array]:
-    columns: list[Array] = []
-    model = params[:, 6, None] * np.ones_like(stamps.values)
+def _linear(params: Array, stamps: Stamps, bell: Bell, shape: Shape) -> tuple[Pixels, Pixels]:
+    count, pixels = stamps.values.shape
+    jacobian = np.empty((count, 7, pixels), dtype=np.float32)
+    dx, dy = stamps.dx.astype(np.float32), stamps.dy.astype(np.float32)
+    small = params.astype(np.float32)
+    residual = stamps.values.astype(np.float32) - small[:, 6, None]
+    p, q, r = np.float32(shape.p), np.float32(shape.q), np.float32(shape.r)
     for first in (0, 3):
-        height, x, y = (params[:, first + i, None] for i in range(3))
-        u, v = stamps.dx - x, stamps.dy - y
-        pu, rv = shape.p * u, shape.r * v
-        value, slope = bell.of(pu * u + 2.0 * shape.q * u * v + rv * v)
+        height, x, y = (small[:, first + i, None] for i in range(3))
+        u, v = dx - x, dy - y
+        along_x, along_y = p * u + q * v, q * u + r * v
+        value, slope = bell.of(along_x * u + along_y * v)
         slope = height * slope
-        columns += [value, slope * (pu + shape.q * v), slope * (shape.q * u + rv)]
-        model = model + height * value
-    columns.append(np.ones_like(stamps.values))
-    return np.stack(columns, axis=1), np.where(stamps.good, stamps.values - model, 0.0)
+        jacobian[:, first] = value
+        np.multiply(slope, along_x, out=jacobian[:, first + 1])
+        np.multiply(slope, along_y, out=jacobian[:, first + 2])
+        residual -= height * value
+    jacobian[:, 6] = 1.0
+    residual[~stamps.good] = 0.0
+    return jacobian, residual

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,13 +11,17 @@ from numpy.typing import NDArray
 from mountnav.measuring.background import Image
 
 Array = NDArray[np.float64]
+Pixels = NDArray[np.float32]
+Reals = NDArray[np.floating[Any]]
 
 #: Full width at half maximum over sigma of a Gaussian.
 FWHM_PER_SIGMA = 2.0 * np.sqrt(2.0 * np.log(2.0))
 _ROUNDS = 12
 _STILL_PX = 5e-4
 _STRAGGLERS = 0.03
+_FEW_MOVING = 0.7
 _PARAMETERS = 7
+_EVEN = 1e-6
 _NARROWEST_SIGMA_PX = 0.3
 _LEAST_VARIANCE_PX2 = 0.03
 _SHAPE = np.arange(3, 6)
@@ -24,8 +29,8 @@ _FAR_DRIFT_SIGMAS = 2.5
 #: Squared FWHM that a pixel's own width adds to an image's: 8 ln 2 / 12.
 PIXEL_FWHM2 = 8.0 * np.log(2.0) / 12.0
 # three-point Gauss-Legendre rule over a pixel
-_NODES = np.sqrt(0.6) / 2.0 * np.array([-1.0, 0.0, 1.0])
-_NODE_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
+_NODES = (np.sqrt(0.6) / 2.0 * np.array([-1.0, 0.0, 1.0])).astype(np.float32)
+_NODE_WEIGHTS = (np.array([5.0, 8.0, 5.0]) / 18.0).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +78,7 @@ class Bell:
         """Integral of the bell of unit width."""
         return float(2.0 * np.pi / (1.0 - self.wing))
 
-    def variance(self, sky_variance: Array, light: Array) -> Array:
+    def variance(self, sky_variance: Reals, light: Reals) -> Array:
         """Return the variance of pixels that hold sky and some light of a star."""
         light = np.maximum(light, 0.0)  # a fit may dip below the sky
         return np.asarray(sky_variance + light / self.gain_e_adu + (self.misfit * light) ** 2)
@@ -197,9 +202,9 @@ class Fit:
 
     params: Array
     normal: Array
-    residual: Array
-    jacobian: Array
-    weights: Array
+    residual: Reals
+    jacobian: Reals
+    weights: Reals
 
 
 def fit_profiles(
@@ -257,70 +262,134 @@ def fit_bells(
 ) -> Fit:
     """Do the work of `fit_profiles`; return the fit's inside for those who judge its residuals."""
     count = stamps.values.shape[0]
-    dx, dy = stamps.dx[None, :], stamps.dy[None, :]
+    # single precision for the pixels, double for what is fitted: noise is far coarser than either
+    dx, dy = stamps.dx[None, :].astype(np.float32), stamps.dy[None, :].astype(np.float32)
     half = float(stamps.dx.max())
     mask = stamps.good
-    values = np.where(mask, stamps.values, 0.0)
-    start_u, start_v = dx - (x_px - stamps.x0)[:, None], dy - (y_px - stamps.y0)[:, None]
-    form = np.exp(-0.5 * (start_u**2 + start_v**2) / width_px**2) * mask
+    values = np.where(mask, stamps.values, 0.0).astype(np.float32)
+    variance = stamps.variance.astype(np.float32)
+    start_u = dx - (x_px - stamps.x0)[:, None].astype(np.float32)
+    start_v = dy - (y_px - stamps.y0)[:, None].astype(np.float32)
+    form = np.exp(-0.5 * (start_u * start_u + start_v * start_v) / np.float32(width_px**2)) * mask
     amplitude = np.maximum((values * form).sum(axis=1) / np.maximum((form * form).sum(axis=1), 1e-3), 1e-9)
     inverse = 1.0 / width_px**2
     kept = np.zeros((count, _PARAMETERS))
     kept[:, 0] = amplitude if height is None else height
     kept[:, 1], kept[:, 2] = x_px - stamps.x0, y_px - stamps.y0
     kept[:, 3], kept[:, 5] = inverse, inverse
-    mean, precision = np.zeros(3), np.zeros(3)
+    mean, precision = np.zeros(3), np.zeros((count, 3))
     if shape is not None:
-        mean, precision = np.array([shape.p, shape.q, shape.r]), shape.precision()
+        mean = np.array([shape.p, shape.q, shape.r])
+        precision[:] = shape.precision()
         kept[:, 3:6] = mean
-    damping = np.full(count, 1e-2)
     widest = half * 0.8
     coarse = replace(bell, integrated=False)
     now = coarse
-    weights = _weights(kept, dx, dy, mask, stamps.variance, coarse)
-    jacobian, residual = _linear(kept, dx, dy, values, now)
-
-    def costs(params: Array, residual: Array) -> Array:
-        prior = (precision * (params[:, 3:6] - mean) ** 2).sum(axis=1)
-        return np.asarray((weights * residual**2).sum(axis=1) + prior)
-
-    cost = costs(kept, residual)
+    weights = _weights(kept, dx, dy, mask, variance, coarse)
+    whole = _Descent(values, mask, variance, precision, mean, weights, kept, np.full(count, 1e-2))
+    whole.look(dx, dy, now)
+    some, index = whole, None
+    switch = min(3, rounds // 2 - 1) if bell.integrated else -1
     for turn in range(rounds):
-        weighted = jacobian * weights[:, None, :]
-        normal = weighted @ jacobian.transpose(0, 2, 1)
-        normal[:, _SHAPE, _SHAPE] += precision
-        gradient = (weighted @ residual[:, :, None])[:, :, 0]
-        gradient[:, 3:6] += precision * (mean - kept[:, 3:6])
-        step = _solve(normal, gradient, damping)
-        trial = _bounded(kept + step, kept, half, widest)
-        trial_jacobian, trial_residual = _linear(trial, dx, dy, values, now)
-        trial_cost = costs(trial, trial_residual)
-        better = trial_cost <= cost * (1.0 + 1e-9)
-        damping = np.where(better, damping * 0.2, damping * 8.0)
-        kept = np.where(better[:, None], trial, kept)
-        jacobian = np.where(better[:, None, None], trial_jacobian, jacobian)
-        residual = np.where(better[:, None], trial_residual, residual)
-        if turn in (1, 3):  # the photons' share of the variance follows the model, twice
-            weights = _weights(kept, dx, dy, mask, stamps.variance, coarse)
-            cost = costs(kept, residual)
-        else:
-            cost = np.where(better, trial_cost, cost)
-        moving = np.abs(step[:, 1:3]).max(axis=1) > _STILL_PX
-        still = turn > 4 and np.count_nonzero(moving) <= _STRAGGLERS * count
-        if still and (now is bell or not bell.integrated or turn > rounds - 4):
-            break
-        if bell.integrated and now is coarse and turn == min(4, rounds // 2 - 1):
+        moving = some.step(dx, dy, now, half, widest)
+        if turn in (1, 2):  # the photons' share of the variance follows the model, twice
+            some.weigh(dx, dy, coarse)
+        if turn == switch:
             # near enough for the pixels' width to be told from the star's
             now = bell
-            kept[:, 0] *= kept[:, 0] / np.maximum(_seen_amplitude(kept), 1e-12)
-            jacobian, residual = _linear(kept, dx, dy, values, now)
-            cost = costs(kept, residual)
-            damping = np.full(count, 1e-3)
-    weights = _weights(kept, dx, dy, mask, stamps.variance, now)
+            some.params[:, 0] *= some.params[:, 0] / np.maximum(_seen_amplitude(some.params), 1e-12)
+            some.damping = np.full(count, 1e-3)
+            some.look(dx, dy, now)
+        if turn < max(3, switch + 2):
+            continue
+        if np.count_nonzero(moving) <= _STRAGGLERS * count:
+            break
+        if np.count_nonzero(moving) < _FEW_MOVING * moving.size:  # go on with those alone
+            whole.put(index, some)
+            index = np.flatnonzero(moving) if index is None else index[moving]
+            some = whole.part(index)
+    whole.put(index, some)
+    weights = _weights(whole.params, dx, dy, mask, variance, now)
+    normal = _information(whole.jacobian, weights, precision)[0]
+    return Fit(whole.params, normal, whole.residual, whole.jacobian, weights)
+
+
+@dataclass(slots=True)
+class _Descent:
+    """Damped Gauss-Newton of many stamps at once: what it works on, and how far it has come."""
+
+    values: Pixels
+    mask: NDArray[np.bool_]
+    variance: Pixels
+    precision: Array
+    mean: Array
+    weights: Pixels
+    params: Array
+    damping: Array
+    jacobian: Pixels = field(default_factory=lambda: np.zeros((0, 0, 0), dtype=np.float32))
+    residual: Pixels = field(default_factory=lambda: np.zeros((0, 0), dtype=np.float32))
+    cost: Array = field(default_factory=lambda: np.zeros(0))
+
+    def look(self, dx: Pixels, dy: Pixels, bell: Bell) -> None:
+        """Start (again) from the parameters as they are."""
+        self.jacobian, self.residual = _linear(self.params, dx, dy, self.values, bell)
+        self.cost = self._costs(self.params, self.residual)
+
+    def weigh(self, dx: Pixels, dy: Pixels, bell: Bell) -> None:
+        """Renew the weights by the model as it is."""
+        self.weights = _weights(self.params, dx, dy, self.mask, self.variance, bell)
+        self.cost = self._costs(self.params, self.residual)
+
+    def step(self, dx: Pixels, dy: Pixels, bell: Bell, half: float, widest: float) -> NDArray[np.bool_]:
+        """Take one step, where it leads down; tell which places still move."""
+        normal, weighted = _information(self.jacobian, self.weights, self.precision)
+        gradient = (weighted @ self.residual[:, :, None])[:, :, 0].astype(np.float64)
+        gradient[:, 3:6] += self.precision * (self.mean - self.params[:, 3:6])
+        step = _solve(normal, gradient, self.damping)
+        trial = _bounded(self.params + step, self.params, half, widest)
+        jacobian, residual = _linear(trial, dx, dy, self.values, bell)
+        cost = self._costs(trial, residual)
+        worse = ~(cost <= self.cost * (1.0 + _EVEN))
+        trial[worse], cost[worse] = self.params[worse], self.cost[worse]
+        jacobian[worse], residual[worse] = self.jacobian[worse], self.residual[worse]
+        self.damping = np.where(worse, self.damping * 8.0, self.damping * 0.2)
+        self.params, self.jacobian, self.residual, self.cost = trial, jacobian, residual, cost
+        return np.asarray(np.abs(step[:, 1:3]).max(axis=1) > _STILL_PX)
+
+    def part(self, index: NDArray[np.intp]) -> _Descent:
+        """Those of some stamps."""
+        return _Descent(
+            self.values[index],
+            self.mask[index],
+            self.variance[index],
+            self.precision[index],
+            self.mean,
+            self.weights[index],
+            self.params[index],
+            self.damping[index],
+            self.jacobian[index],
+            self.residual[index],
+            self.cost[index],
+        )
+
+    def put(self, index: NDArray[np.intp] | None, part: _Descent) -> None:
+        """Write back what a part came to; without an index it is this itself."""
+        if index is None:
+            return
+        for name in ("weights", "params", "damping", "jacobian", "residual", "cost"):
+            getattr(self, name)[index] = getattr(part, name)
+
+    def _costs(self, params: Array, residual: Pixels) -> Array:
+        prior = (self.precision * (params[:, 3:6] - self.mean) ** 2).sum(axis=1)
+        return np.asarray((self.weights * residual * residual).sum(axis=1) + prior, dtype=np.float64)
+
+
+def _information(jacobian: Pixels, weights: Pixels, precision: Array) -> tuple[Array, Pixels]:
+    """Information matrices (n, 7, 7), and the weighted Jacobian."""
     weighted = jacobian * weights[:, None, :]
-    normal = weighted @ jacobian.transpose(0, 2, 1)
+    normal = (weighted @ jacobian.transpose(0, 2, 1)).astype(np.float64)
     normal[:, _SHAPE, _SHAPE] += precision
-    return Fit(kept, normal, residual, jacobian, weights)
+    return normal, weighted
 
 
 def _narrowed(params: Array) -> tuple[Array, Array, Array]:
@@ -334,7 +403,7 @@ def _narrowed(params: Array) -> tuple[Array, Array, Array]:
     return yy / determinant, -xy / determinant, xx / determinant
 
 
-def _linear(params: Array, dx: Array, dy: Array, values: Array, bell: Bell) -> tuple[Array, Array]:
+def _linear(params: Array, dx: Pixels, dy: Pixels, values: Pixels, bell: Bell) -> tuple[Pixels, Pixels]:
     """Jacobian (n, 7, pixels) and residual data - model (n, pixels).
 
     Integrated, only the model's value comes from points within the pixels; the slopes of the bell as wide
@@ -344,16 +413,18 @@ def _linear(params: Array, dx: Array, dy: Array, values: Array, bell: Bell) -> t
         jacobian = _slopes(params, params[:, 0], dx, dy, bell)
     else:
         jacobian = _slopes(params, _seen_amplitude(params), dx, dy, bell)
-        p, q, r = (w[:, None] for w in _narrowed(params))
-        height = np.zeros((params.shape[0], dx.shape[1]))
+        p, q, r = (w[:, None].astype(np.float32) for w in _narrowed(params))
+        x, y = params[:, 1, None].astype(np.float32), params[:, 2, None].astype(np.float32)
+        height = np.zeros((params.shape[0], dx.shape[1]), dtype=np.float32)
         for shift_y, weight_y in zip(_NODES, _NODE_WEIGHTS, strict=True):
-            v = dy - params[:, 2, None] + shift_y
-            rv2 = r * v * v
+            v = dy - (y - shift_y)
+            rv2, qv = r * v * v, np.float32(2.0) * q * v
             for shift_x, weight_x in zip(_NODES, _NODE_WEIGHTS, strict=True):
-                u = dx - params[:, 1, None] + shift_x
-                height += (weight_x * weight_y) * bell.of(p * u * u + 2.0 * q * u * v + rv2)[0]
+                u = dx - (x - shift_x)
+                height += (weight_x * weight_y) * bell.of((p * u + qv) * u + rv2)[0]
         jacobian[:, 0] = height
-    return jacobian, values - params[:, 0, None] * jacobian[:, 0] - params[:, 6, None]
+    sky = params[:, 6, None].astype(np.float32)
+    return jacobian, values - params[:, 0, None].astype(np.float32) * jacobian[:, 0] - sky
 
 
 def _seen_amplitude(params: Array) -> Array:
@@ -363,33 +434,38 @@ def _seen_amplitude(params: Array) -> Array:
     return np.asarray(params[:, 0] * np.sqrt(seen / (p * r - q * q)))
 
 
-def _slopes(params: Array, amplitude: Array, dx: Array, dy: Array, bell: Bell) -> Array:
+def _slopes(params: Array, amplitude: Array, dx: Pixels, dy: Pixels, bell: Bell) -> Pixels:
     """Derivatives of the model by its parameters at points, (n, 7, points)."""
-    x, y, p, q, r = (params[:, i, None] for i in range(1, 6))
+    x, y, p, q, r = (params[:, i, None].astype(np.float32) for i in range(1, 6))
     u, v = dx - x, dy - y
-    pu, qu, qv, rv = p * u, q * u, q * v, r * v
-    height, slope = bell.of(pu * u + 2.0 * qu * v + rv * v)
-    slope = amplitude[:, None] * slope
-    jacobian = np.empty((params.shape[0], _PARAMETERS, dx.shape[1]))
+    along_x, along_y = p * u + q * v, q * u + r * v
+    height, slope = bell.of(along_x * u + along_y * v)
+    slope = amplitude[:, None].astype(np.float32) * slope
+    jacobian = np.empty((params.shape[0], _PARAMETERS, dx.shape[1]), dtype=np.float32)
     jacobian[:, 0] = height
-    jacobian[:, 1] = slope * (pu + qv)
-    jacobian[:, 2] = slope * (qu + rv)
-    jacobian[:, 4] = -slope * u * v
-    slope *= -0.5
-    jacobian[:, 3] = slope * u * u
-    jacobian[:, 5] = slope * v * v
+    np.multiply(slope, along_x, out=jacobian[:, 1])
+    np.multiply(slope, along_y, out=jacobian[:, 2])
+    u *= slope
+    np.multiply(u, v, out=jacobian[:, 4])
+    np.negative(jacobian[:, 4], out=jacobian[:, 4])
+    v *= v
+    v *= slope
+    np.multiply(v, np.float32(-0.5), out=jacobian[:, 5])
+    u *= dx - x
+    np.multiply(u, np.float32(-0.5), out=jacobian[:, 3])
     jacobian[:, 6] = 1.0
     return jacobian
 
 
 def _weights(
-    params: Array, dx: Array, dy: Array, mask: NDArray[np.bool_], variance: Array, bell: Bell
-) -> Array:
-    x, y, p, q, r = (params[:, i, None] for i in range(1, 6))
+    params: Array, dx: Pixels, dy: Pixels, mask: NDArray[np.bool_], variance: Pixels, bell: Bell
+) -> Pixels:
+    x, y, p, q, r = (params[:, i, None].astype(np.float32) for i in range(1, 6))
     u, v = dx - x, dy - y
     amplitude = _seen_amplitude(params) if bell.integrated else params[:, 0]
-    light = np.maximum(amplitude, 0.0)[:, None] * bell.of(p * u * u + 2.0 * q * u * v + r * v * v)[0]
-    return mask / bell.variance(variance, light)
+    height = np.maximum(amplitude, 0.0)[:, None].astype(np.float32)
+    light = height * bell.of((p * u + 2.0 * q * v) * u + r * v * v)[0]
+    return np.asarray(mask / bell.variance(variance, light), dtype=np.float32)
 
 
 def _solve(normal: Array, gradient: Array, damping: Array) -> Array:
@@ -419,7 +495,10 @@ def _profiles(fit: Fit, stamps: Stamps, half: float, sigma: float, bell: Bell) -
     params, normal, residual, mask = fit.params, fit.normal, fit.residual, stamps.good
     a, x, y, p, q, r, _ = params.T
     covariance = covariances(normal)
-    sigmas = np.sqrt(np.maximum(np.einsum("nii->ni", covariance), 0.0))
+    # where nearly all pixels are masked the matrix is singular: such a fit knows nothing, and says so
+    diagonal = np.einsum("nii->ni", covariance)
+    known = (diagonal[:, :3] > 0.0).all(axis=1)
+    sigmas = np.where(known[:, None], np.sqrt(np.maximum(diagonal, 0.0)), half)
     mean, swing = 0.5 * (p + r), np.hypot(0.5 * (p - r), q)
     narrow = 1.0 / np.sqrt(mean + swing)
     wide = 1.0 / np.sqrt(np.maximum(mean - swing, 1e-6))
@@ -431,13 +510,17 @@ def _profiles(fit: Fit, stamps: Stamps, half: float, sigma: float, bell: Bell) -
     excess = np.maximum(p * r - q * q, 1e-12)
     slope[:, 3], slope[:, 5] = -0.5 * a * area * r / excess, -0.5 * a * area * p / excess
     slope[:, 4] = a * area * q / excess
-    flux_sigma = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", slope, covariance, slope), 0.0))
+    flux_variance = np.einsum("ni,nij,nj->n", slope, covariance, slope)
+    known &= flux_variance > 0.0
+    flux_sigma = np.where(known, np.sqrt(np.maximum(flux_variance, 0.0)), np.abs(a * area))
     u, v = stamps.dx[None, :] - x[:, None], stamps.dy[None, :] - y[:, None]
     core = mask & (p[:, None] * u * u + 2.0 * q[:, None] * u * v + r[:, None] * v * v < 4.0)
     pixels = np.maximum(core.sum(axis=1), 1)
     misfit = np.sqrt((residual**2 * core).sum(axis=1) / pixels) / np.maximum(a, 1e-12)
     drift = np.hypot(x, y)
-    converged = (drift < max(_FAR_DRIFT_SIGMAS * sigma, 1.5)) & (a > 0) & np.isfinite(sigmas).all(axis=1)
+    converged = (
+        (drift < max(_FAR_DRIFT_SIGMAS * sigma, 1.5)) & (a > 0) & known & np.isfinite(sigmas).all(axis=1)
+    )
     return Profiles(
         x_px=stamps.x0 + x,
         y_px=stamps.y0 + y,

@@ -19,6 +19,7 @@ _THRESHOLD = 6.0
 _LEAST_LENGTH_PX = 50.0
 _LEAST_LENGTH_FWHM = 12.0
 _MOST_TRIALS = 25
+_MOST_FAILURES = 10
 _MOST_TRAILS = 20
 _SAME_BINS = 5.0
 _PIECE_PX = 20.0
@@ -140,14 +141,17 @@ def find_trails(smoothed: Smoothed, fwhm_px: float) -> list[Trail]:
     )
     kept: list[Trail] = []
     left = np.ones(segments.x0.size, dtype=bool)
+    failures = 0
     for _ in range(_MOST_TRIALS):
-        if not left.any() or len(kept) == _MOST_TRAILS:
+        if not left.any() or len(kept) == _MOST_TRAILS or failures == _MOST_FAILURES:
             break
         best = int(np.flatnonzero(left)[0])  # they come best first
         trail = follower.follow(*_ends(segments, best, share))
         left &= ~_alike(segments, best)
         if trail is None or any(_on(trail, other, follower.gap) for other in kept):
+            failures += trail is None
             continue
+        failures = 0
         kept.append(trail)
         for fraction in (0.2, 0.5, 0.8):
             # pieces that lie on a trail we have, or run through it: only those off it stay
@@ -327,8 +331,7 @@ class _Follower:
         self, x0: float, y0: float, ux: float, uy: float, bend: tuple[float, float, float]
     ) -> tuple[float, float] | None:
         """Follow the line through the whole picture; return where its best stretch starts and ends."""
-        diagonal = float(np.hypot(*self.picture.shape))
-        middle, _, ridge = self._ridge(x0, y0, ux, uy, bend, -diagonal, diagonal)
+        middle, _, ridge = self._ridge(x0, y0, ux, uy, bend, *self._in_picture(x0, y0, ux, uy, bend))
         known = np.isfinite(ridge)
         if not known.any():
             return None
@@ -344,6 +347,20 @@ class _Follower:
         if end - start < 0.8 * self.least:
             return None
         return self._to_the_edge(x0, y0, ux, uy, bend, start, end)
+
+    def _in_picture(
+        self, x0: float, y0: float, ux: float, uy: float, bend: tuple[float, float, float]
+    ) -> tuple[float, float]:
+        """Between which places along it, at most, the line is in the picture."""
+        diagonal = float(np.hypot(*self.picture.shape))
+        first, last = -diagonal, diagonal
+        off = max(abs(bend[0] + t * (bend[1] + t * bend[2])) for t in (first, 0.0, last)) + self.outer
+        for start, way, size in ((x0, ux, self.picture.shape[1]), (y0, uy, self.picture.shape[0])):
+            if abs(way) < 1e-3:
+                continue
+            ends = sorted(((-off - start) / way, (size + off - start) / way))
+            first, last = max(first, ends[0]), min(last, ends[1])
+        return first, max(last, first + self.piece)
 
     def _to_the_edge(
         self,

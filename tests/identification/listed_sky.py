@@ -14,6 +14,7 @@ from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, gnomonic
 
 EPOCH = 2026.0
+JUNK = 30
 
 
 def listed(x, y, flux, width, height, flags=None):
@@ -46,7 +47,7 @@ def seen(
     width=1000,
     height=800,
     depth=11.5,
-    junk=30,
+    junk=JUNK,
     lost=0.1,
     noise=0.1,
 ):
