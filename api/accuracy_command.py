@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from api.accuracy_record import AccuracyRecord, IndicatorRecord, RowRecord, accuracy_record
+from api.file_names import shown
 from api.hints import asked_hint
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.stars import Catalog
@@ -48,7 +49,7 @@ def run(
     if plot is not None:
         _make_folder(plot)
     catalog = embedded_catalog()
-    outcomes = [(str(path), _outcome(path, catalog, hint, settings)) for path in files]
+    outcomes = [(shown(path), _outcome(path, catalog, hint, settings)) for path in files]
     record = accuracy_record(outcomes, percents, every=every, leave_one_out=leave_one_out)
     if as_json:
         sys.stdout.write(record.model_dump_json() + "\n")

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from api.file_names import shown
 from mountnav.errors import BadFrame, BadRequest
 from mountnav.frames import Frame
 from mountnav.measuring.calibration import Calibration, CalibrationPolicy, CalibrationReport
@@ -137,7 +138,7 @@ def _output_name(path: Path) -> str:
 
 def _show_applied(path: Path, report: CalibrationReport | None, text: str, as_json: bool) -> None:
     if as_json:
-        facts = {"file": str(path), "out": None if report is None else text}
+        facts = {"file": shown(path), "out": None if report is None else text}
         facts |= {"reason": text} if report is None else asdict(report)
         sys.stdout.write(json.dumps(facts) + "\n")
     elif report is None:

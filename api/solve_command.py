@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from api.file_names import shown
 from api.hints import asked_hint
 from api.solve_record import SolveRecord, solve_record, unread_record
 from mountnav.catalog.embedded import embedded_catalog
@@ -56,11 +57,14 @@ def _solve(
     path: Path, catalog: Catalog, hint: Hint | None, hdu: int | str | None, settings: SolveSettings
 ) -> SolveRecord:
     try:
-        return solve_record(str(path), solve_file(path, catalog, hint, hdu=hdu, settings=settings))
+        return solve_record(
+            shown(path),
+            solve_file(path, catalog, hint, name=shown(Path(path.name)), hdu=hdu, settings=settings),
+        )
     except BadFrame as error:
-        return unread_record(str(path), error.what)
+        return unread_record(shown(path), error.what)
     except OSError as error:
-        return unread_record(str(path), f"the file can't be read: {error.strerror or error}")
+        return unread_record(shown(path), f"the file can't be read: {error.strerror or error}")
 
 
 def _show(record: SolveRecord) -> None:
@@ -101,5 +105,7 @@ def _show_more(console: Console, record: SolveRecord) -> None:
         if quality.limiting_mag is not None:
             told.append(f"limiting magnitude {quality.limiting_mag:.1f}")
         console.print(f"    [dim]{escape(', '.join(told))}[/dim]")
+    for one in record.notes:
+        console.print(f"    [yellow]note:[/yellow] {escape(one)}")
     for one in record.contradictions:
         console.print(f"    [yellow]hint wrong:[/yellow] {escape(one)}")

@@ -64,6 +64,7 @@ class SolveRecord(BaseModel):
     reason_code: str | None = Field(default=None, description="The same for programs: NO_MATCH, ...")
     numbers: dict[str, float] | None = Field(default=None, description="The numbers behind the reason")
     contradictions: list[str] = Field(default=[], description="Hints that turned out wrong")
+    notes: list[str] = Field(default=[], description="Masters not applied, a date that is unknown, ...")
     quality: QualityRecord | None = Field(default=None, description="What the frame tells about the night")
 
 
@@ -82,6 +83,7 @@ def solve_record(file: str, verdict: Verdict) -> SolveRecord:
             reason_code=verdict.reason.name if verdict.reason else None,
             numbers={name: value for name, value in verdict.numbers.items() if math.isfinite(value)},
             contradictions=[str(one) for one in verdict.contradictions],
+            notes=list(verdict.notes),
             quality=_quality(verdict.quality),
         )
     return SolveRecord(
@@ -101,6 +103,7 @@ def solve_record(file: str, verdict: Verdict) -> SolveRecord:
         wcs=dict(solution.wcs),
         rejected_by=dict(solution.rejected_by),
         contradictions=[str(one) for one in verdict.contradictions],
+        notes=list(verdict.notes),
         quality=_quality(verdict.quality),
     )
 

@@ -44,7 +44,7 @@ def chosen_section(config: Path | None, profile: str | None, budget_s: float | N
     BadRequest
         There is no such profile.
     """
-    section = SolvingSettings() if config is None else Settings.load(config).solving
+    section = SolvingSettings() if config is None else Settings.load_solving(config)
     if profile is not None:
         if profile not in ("measured", "paper"):
             raise BadRequest(f"there is no profile {profile!r}", advice="measured or paper")

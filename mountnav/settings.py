@@ -5,9 +5,9 @@ from __future__ import annotations
 import ipaddress
 import tomllib
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import ConfigDict, Field, ValidationError, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from mountnav.errors import BadSettings
@@ -196,6 +196,14 @@ class TelescopeSettings(Section):
         return self
 
 
+class _SolvingAlone(Section):
+    """A file of which only `[solving]` matters; what else it holds is for others."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    solving: SolvingSettings = SolvingSettings()
+
+
 class Settings(Section):
     """The whole file."""
 
@@ -232,33 +240,56 @@ class Settings(Section):
         BadSettings
             With the file, the line, the field, what is wrong, and the fix.
         """
+        return cls.parse(_text(path), name=str(path))
+
+    @classmethod
+    def load_solving(cls, path: Path) -> SolvingSettings:
+        """Read `[solving]` of a settings file that may hold nothing else.
+
+        Raises
+        ------
+        BadSettings
+            As `load`, of that table alone.
+        """
+        text, name = _text(path), str(path)
+        data = _parsed(text, name)
         try:
-            text = Path(path).read_text(encoding="utf-8")
-        except OSError as error:
-            raise BadSettings(
-                f"the settings file can't be read: {error.strerror}",
-                device=str(path),
-                advice="give its path with --config; deploy/observatory.toml is an example",
-            ) from error
-        except UnicodeDecodeError as error:
-            raise BadSettings(
-                f"the settings file is not UTF-8 text (byte {error.start})",
-                device=str(path),
-                advice="save it as UTF-8",
-            ) from error
-        return cls.parse(text, name=str(path))
+            return _SolvingAlone.model_validate(data).solving
+        except ValidationError as error:
+            raise explain(error, name, text, data, known=_known_keys()) from error
 
     @classmethod
     def parse(cls, text: str, *, name: str = "settings") -> Self:
         """Read settings from TOML text; `name` stands in the messages. Raises `BadSettings`."""
-        try:
-            data = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            raise syntax_fault(name, text, error) from error
+        data = _parsed(text, name)
         try:
             return cls.model_validate(data)
         except ValidationError as error:
             raise explain(error, name, text, data, known=_known_keys()) from error
+
+
+def _text(path: Path) -> str:
+    try:
+        return Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise BadSettings(
+            f"the settings file can't be read: {error.strerror}",
+            device=str(path),
+            advice="give its path with --config; deploy/observatory.toml is an example",
+        ) from error
+    except UnicodeDecodeError as error:
+        raise BadSettings(
+            f"the settings file is not UTF-8 text (byte {error.start})",
+            device=str(path),
+            advice="save it as UTF-8",
+        ) from error
+
+
+def _parsed(text: str, name: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise syntax_fault(name, text, error) from error
 
 
 def _known_keys() -> frozenset[str]:

@@ -186,6 +186,8 @@ class Verdict:
         Hints that turned out wrong; a wrong hint never makes a wrong answer.
     quality : SkyQuality or None
         What the frame tells about the night, solved or not.
+    notes : tuple of str
+        What else should be known of this verdict: masters that were not applied, a date that is unknown.
     """
 
     solution: Solution | None
@@ -196,6 +198,7 @@ class Verdict:
     numbers: Mapping[str, float] = field(default_factory=dict)
     contradictions: tuple[Contradiction, ...] = ()
     quality: SkyQuality | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def solved(self) -> bool:

@@ -170,12 +170,13 @@ def solve(
     return Verdict(
         solution=solution,
         reason=identified.reason,
-        detail="; ".join([identified.detail, *notes]),
+        detail=identified.detail,
         measured=len(measurements),
         times=Times(measure_s=measured - began, identify_s=ended - measured, total_s=ended - began),
         numbers=identified.numbers,
         contradictions=_disproved(frame.hint, hint, solution, identified),
         quality=quality,
+        notes=tuple(notes),
     )
 
 

@@ -139,6 +139,8 @@ def with_noise_law(bell: Bell, fit: Fit, stamps: Stamps, gain: float, *, card: b
     ground = np.array([np.median(sky[part]) for part in parts])
     table = np.stack([middle, middle**2], axis=1) / sure[:, None]
     right = (level - ground) / sure
+    if not (np.isfinite(table).all() and np.isfinite(right).all()):
+        return bell
     (per_photon, misfit2), _ = nnls(table, right)
     spread = np.linalg.pinv(table.T @ table)
     clear = per_photon > _SURE_GAIN * np.sqrt(spread[0, 0])

@@ -25,6 +25,7 @@ _ALL_LONG = 0.4
 _POOR_FIT = 0.15
 _POOR_FIT_RATIO = 3.0
 _HOT_FWHM_PX = 0.95
+_ENOUGH_ALIKE = 8
 _ALIKE = 0.85
 _CLEAR_SNR = 15.0
 _WIDE_FWHM_PX = 6.0
@@ -120,7 +121,10 @@ def _typical(
     """Median width, ellipticity and misfit of the clean bright fits; the guess where there are too few."""
     clean = fits.converged & ~spoilt & (snr > 15.0) & (fits.misfit < 0.2)
     stars = clean & (fwhm > max(_HOT_FWHM_PX, 0.6 * guess_px))
-    if stars.sum() >= max(3.0, 0.2 * clean.sum()):
+    alike = stars & (fwhm < guess_px / 0.6)
+    if alike.sum() >= _ENOUGH_ALIKE:  # however many hot pixels there are besides
+        clean = alike
+    elif stars.sum() >= max(3.0, 0.2 * clean.sum()):
         clean = stars
     if clean.sum() < 3:
         return guess_px, 0.0, 0.0

@@ -71,6 +71,12 @@ def measure(frame: Frame, *, settings: MeasuringSettings = _DEFAULTS) -> Measure
     BadFrame
         The frame is too small, without finite pixels, constant, or saturated all over.
     """
+    # absurd pixels (1e30 ADU, only two values) make infinities on the way; fits that hold any are dropped
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return _measure(frame, settings)
+
+
+def _measure(frame: Frame, settings: MeasuringSettings) -> Measurements:
     image, good = _checked(frame)
     background = estimate_background(
         image, box_px=settings.box_px, step_adu=1.0 if frame.pixels.dtype.kind in "ui" else 0.0

@@ -13,8 +13,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import serial
+from astropy.io import fits
 
 from mountnav import __version__
 from mountnav.sky.coordinates import Icrs
@@ -41,6 +43,7 @@ KEYS = [
     "reason_code",
     "numbers",
     "contradictions",
+    "notes",
     "quality",
 ]
 
@@ -285,3 +288,46 @@ def test_solve_tells_of_a_wrong_hint_and_takes_the_paper_profile(frame: tuple[Pa
         done = _run("solve", path, *options)
         assert done.returncode == 2, done.stderr
         assert told in done.stderr
+
+
+def test_names_of_any_bytes_and_full_disks_are_borne(
+    frame: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
+    odd = tmp_path / os.fsdecode(b"odd\xff\x1b[31m.fits")
+    odd.write_bytes(b"no image")
+    done = _run("solve", "--json", odd)
+    assert done.returncode == 1
+    assert json.loads(done.stdout)["file"].endswith("odd\ufffd\ufffd[31m.fits")
+    with Path("/dev/full").open("w") as full:
+        command = [*MOUNTNAV, "solve", "--json", str(odd)]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == "mountnav: No space left on device\n"
+
+
+def test_masters_that_do_not_fit_are_told(frame: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    path, truth = frame
+    rng = np.random.default_rng(1)
+    for number in range(3):
+        bias = rng.normal(300.0, 5.0, (64, 64)).astype(np.uint16)
+        fits.PrimaryHDU(bias, fits.Header([("IMAGETYP", "Bias Frame"), ("EXPTIME", 0.0)])).writeto(
+            tmp_path / f"b{number}.fits"
+        )
+    masters = tmp_path / "masters"
+    built = _run("calibrate", "build", "--bias", tmp_path / "b0.fits", tmp_path / "b1.fits", "--out", masters)
+    assert built.returncode == 0, built.stderr
+    hint = truth["hint"]
+    asked = (
+        "--ra",
+        str(hint["ra"]),
+        "--dec",
+        str(hint["dec"]),
+        "--radius",
+        "1.5",
+        "--scale",
+        str(hint["scale"]),
+    )
+    done = _run("solve", "--json", path, *asked, "--calibration", masters)
+    record = json.loads(done.stdout)
+    assert record["solved"]
+    assert any("bias" in note for note in record["notes"])

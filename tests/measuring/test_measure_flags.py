@@ -11,6 +11,7 @@ from scipy.spatial import KDTree
 
 from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Flag
+from mountnav.measuring.quality import StarImages
 
 SIZE = (900, 900)
 TOP = 45_000.0
@@ -120,3 +121,28 @@ def test_stars_on_the_edge_are_told() -> None:
     assert (distance < 1.5).mean() > 0.95
     assert edge[:48].all()
     assert not edge[48:].any()
+
+
+@pytest.mark.parametrize("count", [300, 1500])
+def test_hot_pixels_never_pass_for_the_typical_star(count: int) -> None:
+    rng = np.random.default_rng(count)
+    x, y = scattered(80, (700, 900), 5)
+    flux = 10 ** rng.uniform(3.3, 5.0, 80)
+    image = painted(x, y, flux, size=(700, 900), fwhm_px=2.8, seed=5)
+    columns, rows = rng.integers(0, 900, count), rng.integers(0, 700, count)
+    image[rows, columns] += 10 ** rng.uniform(3.0, 4.5, count)
+    found = measure(as_frame(image))
+    assert found.quality is not None
+    assert found.quality.fwhm_px == pytest.approx(2.8, rel=0.05)
+    assert found.quality.images is StarImages.WELL_SAMPLED
+    distance, nearest = KDTree(np.column_stack((found.x_px, found.y_px))).query(np.column_stack((x, y)))
+    pixels = np.column_stack((columns, rows))
+    unhit = KDTree(pixels).query(np.column_stack((x, y)))[0] > 6.0
+    assert unhit.sum() > 30
+    assert (distance[unhit] < 0.2).mean() > 0.97
+    assert ((found.flags[nearest[unhit]] & int(Flag.NO_PEAK)) == 0).mean() > 0.97
+    hot_distance, hot = KDTree(np.column_stack((found.x_px, found.y_px))).query(pixels)
+    away = KDTree(np.column_stack((x, y))).query(pixels)[0] > 8.0
+    listed = away & (hot_distance < 0.7)
+    assert listed.sum() > 50
+    assert ((found.flags[hot[listed]] & int(Flag.NO_PEAK)) > 0).mean() > 0.99

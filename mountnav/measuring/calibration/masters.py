@@ -175,8 +175,16 @@ def read_master(path: Path) -> Master | None:
                     if key and isinstance(value, (str, int, float))
                 }
                 start = int(info["datLoc"])
-        except (OSError, ValueError, KeyError, IndexError, fits.VerifyError):
-            return None
+        except FileNotFoundError:
+            return None  # replaced just now
+        except (OSError, ValueError, KeyError, IndexError, fits.VerifyError) as fault:
+            if path.name.partition("_")[0] not in {str(kind.value) for kind in Kind}:
+                return None
+            raise BadFrame(
+                f"this has a master's name, and can't be read: {fault}",
+                device=str(path),
+                advice="build it anew, or take it out of the folder",
+            ) from fault
     if "MNMASTER" not in cards:
         return None
     try:
