@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from hashlib import blake2b
 from pathlib import Path
 
 import numpy as np
@@ -110,6 +111,7 @@ class SeriesFollower:
         self._failures: dict[Size, int] = {}
         self._last: Solution | None = None
         self._results: list[FrameResult] = []
+        self._known: dict[bytes, int] = {}
 
     @property
     def results(self) -> tuple[FrameResult, ...]:
@@ -129,6 +131,11 @@ class SeriesFollower:
             Never raises for what the sky or the frame are like.
         """
         blank = FrameResult(len(self._results), frame.source, frame.mid_exposure_utc, Mode.NONE)
+        # noise never repeats: equal pixels are the same exposure, and would count as one more sighting
+        pixels = blake2b(np.ascontiguousarray(frame.pixels).data, digest_size=16).digest()
+        if pixels in self._known:
+            return self._done(replace(blank, notes=(f"a copy of frame {self._known[pixels]}, left out",)))
+        self._known[pixels] = blank.number
         began = time.perf_counter()
         calibration = self._settings.solving.calibration
         try:

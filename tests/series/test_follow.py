@@ -352,3 +352,14 @@ def test_an_audit_that_contradicts_the_shift_starts_anew(draw, catalog) -> None:
     after = follower.add(draw(3, centers[3]))
     assert after.shift.anchor == 2
     assert separation_arcsec(after.center, centers[3]) < 0.1 * SCALE
+
+
+def test_copies_of_a_frame_are_told_and_count_once(draw, catalog) -> None:
+    first, second = (draw(number, center) for number, center in enumerate(drifting(2, 3.0, 0.0)))
+    report = followed([first, replace(first), second, first], catalog)
+    assert [one.mode is Mode.NONE for one in report.frames] == [False, True, False, True]
+    assert "a copy of frame 0" in report.frames[1].notes[0]
+    plain = followed([first, second], catalog)
+    assert [one.persistent for one in report.frames if one.mode is not Mode.NONE] == [
+        one.persistent for one in plain.frames
+    ]
