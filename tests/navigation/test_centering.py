@@ -6,6 +6,7 @@ import asyncio
 from dataclasses import replace
 from datetime import timedelta
 
+import numpy as np
 import pytest
 
 from mountnav.errors import (
@@ -89,13 +90,30 @@ async def test_an_offset_beyond_the_cap_is_never_synced(make_rig: MakeRig) -> No
 
 
 async def test_an_unsolved_frame_moves_and_syncs_nothing(make_rig: MakeRig) -> None:
-    # 3° off: the frame lies outside the area that is searched
-    rig = await make_rig(
-        errors=PointingErrors(id_arcsec=-3.5 * 3600), policy=replace(POLICY, search_radius_deg=0.3)
-    )
+    rig = await make_rig()
+    expose = rig.navigator.camera.expose
+    noise = np.random.default_rng(1).normal(500.0, 10.0, (800, 1000)).astype(np.uint16)
+
+    async def expose_with_the_cap_on(exposure_s: float) -> Frame:
+        return replace(await expose(exposure_s), pixels=noise)
+
+    rig.navigator.camera.expose = expose_with_the_cap_on
     with pytest.raises(NotSolved):
         await rig.navigator.sync()
     assert rig.kinds().count("not-solved") == POLICY.solve_retries
+    assert "syncing" not in rig.kinds()
+
+
+async def test_a_frame_solved_far_outside_the_hint_is_not_believed_blindly(make_rig: MakeRig) -> None:
+    # 3.5° off, sought within 0.3°: it is found all the same, and too far off to be synced on
+    rig = await make_rig(
+        errors=PointingErrors(id_arcsec=-3.5 * 3600), policy=replace(POLICY, search_radius_deg=0.3)
+    )
+    with pytest.raises(OffsetImplausible):
+        await rig.navigator.sync()
+    solved = next(data for kind, data in rig.events if kind == "solved")
+    assert solved["offset_arcsec"] == pytest.approx(3.5 * 3600, rel=0.01)
+    assert "the mount's reading says" in str(solved["contradictions"])
     assert "syncing" not in rig.kinds()
 
 
