@@ -100,6 +100,7 @@ def test_bleeding_stars_of_the_rendered_frames_are_where_they_are(shared: Path) 
         assert (np.abs(found.fwhm_px[kept] / truth["fwhm"] - 1.0) < 0.4).all(), truth["file"]
 
 
+@pytest.mark.long
 def test_no_frame_without_a_trail_gets_one(shared: Path) -> None:
     data = shared / "data"
     files = [
