@@ -127,7 +127,7 @@ def solve(
     settings = settings or SolveSettings()
     began = time.monotonic()
     believed = merged_hint(frame.hint, hint)
-    if believed.center is None:
+    if all(one.center is None for one in (believed, *believed.alternatives)):
         return Verdict(
             None,
             Reason.NO_HINT,

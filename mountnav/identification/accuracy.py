@@ -202,7 +202,7 @@ def fit_factor(pairs: int, parameters: float) -> float:
     pairs : int
     parameters : float
         Per coordinate, as many as the pairs really determine: the sum of their leverages.
-        Per coordinate (`PARAMETERS`), summed over frames if several are taken together.
+        Summed over frames if several are taken together.
     """
     return math.sqrt(1.0 - parameters / pairs) if pairs > parameters else 0.0
 

@@ -34,7 +34,8 @@ class CameraFit:
     sigma_arcsec : ndarray, shape (n,)
         Error per coordinate with which each pair went in: known, extra, and more for pairs in the tails.
     apart_arcsec : ndarray, shape (n,)
-        Distance of each pair from a plate that was fit without it (leave-one-out).
+        Distance of each pair from a plate that was fit without it (leave-one-out); exact for one strength of
+        distortion, to a few percent for the average over several.
     leverage : ndarray, shape (n,)
         How much each pair holds the plate at its own place, mean of both coordinates.
     center_covariance_arcsec2 : ndarray, shape (2, 2)

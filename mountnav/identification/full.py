@@ -70,14 +70,10 @@ class Hypothesis:
         Similarity.
     corners : Corners
         The triangle.
-    hits, predicted : int
-        Measurements hit, of stars predicted in the frame; the triangle's three not counted.
     """
 
     plate: Plate
     corners: Corners
-    hits: int
-    predicted: int
 
 
 @dataclass(slots=True)
@@ -306,6 +302,4 @@ def _in_tile(
                     ra_deg=ra_deg[chosen][b[best]],
                     dec_deg=dec_deg[chosen][b[best]],
                 ),
-                hits=int(hits[best]) - 3,
-                predicted=int(predicted[best]) - 3,
             )

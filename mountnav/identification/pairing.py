@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from mountnav.catalog.stars import Stars
 from mountnav.identification.plate import Plate
+from mountnav.identification.selection import rank_in_cell
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -142,10 +143,9 @@ def spread_over_fragments(
     column = np.clip(((x_px + 0.5) / width_px * fragments).astype(np.int64), 0, fragments - 1)
     row = np.clip(((y_px + 0.5) / height_px * fragments).astype(np.int64), 0, fragments - 1)
     cell = row * fragments + column
-    order = np.lexsort((mag, cell))
-    starts = np.searchsorted(cell[order], np.arange(fragments * fragments))
+    order = np.argsort(mag, kind="stable")
     rank = np.empty(x_px.size, dtype=np.int64)
-    rank[order] = np.arange(x_px.size) - starts[cell[order]]
+    rank[order] = rank_in_cell(cell[order])
     fair = x_px.size / max(1, np.unique(cell).size)
     most = max(LEAST_PER_FRAGMENT, math.ceil(cap * fair))
     taken: Mask = rank < most

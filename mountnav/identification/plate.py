@@ -238,31 +238,3 @@ def fit_plate(
         xi=np.array(got[:, 0]),
         eta=np.array(got[:, 1]),
     )
-
-
-def center_covariance(plate: Plate, x_px: Array, y_px: Array, dxi: Array, deta: Array, sigma: Array) -> Array:
-    """Covariance of the center's place, arcsec², from the fit's geometry and its residuals.
-
-    Parameters
-    ----------
-    plate : Plate
-        The fitted plate.
-    x_px, y_px, dxi, deta, sigma : ndarray, shape (n,)
-        The pairs, their residuals and errors (arcsec).
-
-    Returns
-    -------
-    ndarray, shape (2, 2)
-        Scaled up when the residuals exceed the stated errors, never down.
-    """
-    u, v = (x_px - plate.center_x_px) / plate.unit_px, (y_px - plate.center_y_px) / plate.unit_px
-    rows = terms(u, v, plate.degree) / sigma[:, None]
-    variance = float(np.linalg.pinv(rows.T @ rows)[0, 0])
-    free = max(x_px.size - rows.shape[1], 1)
-    z = np.vstack((dxi, deta)) / sigma
-    spread = z @ z.T / free
-    scaled = np.diag(np.maximum(np.diag(spread), 1.0))
-    if np.all(np.diag(spread) > 1.0):
-        scaled[0, 1] = scaled[1, 0] = spread[0, 1]
-    covariance: Array = variance * scaled
-    return covariance

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mountnav.catalog.stars import Catalog, Stars
-from mountnav.contradictions import contradictions_with
 from mountnav.frames import Hint
 from mountnav.identification.area import WIDEST_DEG, stars_round
 from mountnav.identification.confirmation import Witnesses
@@ -49,7 +48,8 @@ class Identified:
     numbers : dict of str to float
         The numbers behind it.
     contradictions : tuple of Contradiction
-        Hints that the solution disproves, or that disprove each other.
+        Hints that disprove each other. Who has the solution compares it with the hints
+        (`mountnav.contradictions`).
     """
 
     reference: Reference | None
@@ -105,8 +105,7 @@ def identify(
                 usable = every if turn.flagged else clean
                 found = _attempt(measurements, usable, turn, catalog, center, epoch_yr, settings, search)
                 if found is not None:
-                    disproved = _disproved(hint, found.reference)
-                    return replace(found, contradictions=disproved)
+                    return found
     except OutOfTime:
         late = budget_s
     empty = _empty_bounds(hint)
@@ -126,12 +125,6 @@ def identify(
         )
     why = refusal(measurements, catalog, believed[0], search, settings, epoch_yr=epoch_yr, out_of_time_s=late)
     return _refused(why, search.best_probability, empty)
-
-
-def _disproved(hint: Hint, reference: Reference | None) -> tuple[Contradiction, ...]:
-    if reference is None:
-        return ()
-    return contradictions_with(hint, reference.plate.center(), reference.plate.scale_arcsec_px())
 
 
 def _refused(why: Refusal, probability: float, disproved: tuple[Contradiction, ...]) -> Identified:

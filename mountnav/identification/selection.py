@@ -69,12 +69,27 @@ def spread_brightest(x: Array, y: Array, count: int, *, regions: int, cap: float
     column = _region(x, regions)
     row = _region(y, regions)
     cell = row * regions + column
-    order = np.argsort(cell, kind="stable")
-    starts = np.searchsorted(cell[order], np.arange(regions * regions))
-    rank = np.empty(x.size, dtype=np.int64)
-    rank[order] = np.arange(x.size) - starts[cell[order]]
     most = max(1, math.ceil(cap * count / regions**2))
-    return np.flatnonzero(rank < most)[:count]
+    return np.flatnonzero(rank_in_cell(cell) < most)[:count]
+
+
+def rank_in_cell(cell: Index) -> Index:
+    """How many of those before it share each one's cell.
+
+    Parameters
+    ----------
+    cell : ndarray of int, shape (n,)
+        In order of brightness.
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+    """
+    order = np.argsort(cell, kind="stable")
+    sorted_cell = cell[order]
+    rank = np.empty(cell.size, dtype=np.int64)
+    rank[order] = np.arange(cell.size) - np.searchsorted(sorted_cell, sorted_cell)
+    return rank
 
 
 def _region(value: Array, regions: int) -> Index:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mountnav.identification.selection import all_finite, star_like
+from mountnav.identification.selection import all_finite, rank_in_cell, star_like
 from mountnav.measuring.measurements import Measurements
 
 Array = NDArray[np.float64]
@@ -212,9 +212,4 @@ def _rank_in_region(x: Array, y: Array, box: tuple[float, float, float, float], 
     left, low, right, high = box
     column = np.clip((x - left) / (right - left) * regions, 0, regions - 1).astype(np.int64)
     row = np.clip((y - low) / (high - low) * regions, 0, regions - 1).astype(np.int64)
-    cell = row * regions + column
-    order = np.argsort(cell, kind="stable")
-    starts = np.searchsorted(cell[order], np.arange(regions * regions))
-    rank = np.empty(x.size, dtype=np.int64)
-    rank[order] = np.arange(x.size) - starts[cell[order]]
-    return rank
+    return rank_in_cell(row * regions + column)

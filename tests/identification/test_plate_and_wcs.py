@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mountnav.errors import BadRequest
-from mountnav.identification.plate import Plate, center_covariance, fit_plate, powers, similarity_plate
+from mountnav.identification.plate import Plate, fit_plate, powers, similarity_plate
 from mountnav.identification.wcs import icrs_at_pixel, places_at_pixels, wcs_cards
 from mountnav.sky.coordinates import Icrs
 
@@ -99,18 +99,6 @@ def test_center_rotation_and_parity_are_those_of_the_drawing():
     assert center.dec_deg == pytest.approx(-35.0)
     assert icrs_at_pixel(cards, 0.0, (HEIGHT - 1) / 2).ra_deg > center.ra_deg
     assert icrs_at_pixel(cards, (WIDTH - 1) / 2, HEIGHT - 1.0).dec_deg > center.dec_deg
-
-
-def test_covariance_shrinks_with_the_number_of_pairs():
-    plate = plate_of(1)
-    rng = np.random.default_rng(5)
-    sigmas = []
-    for count in (20, 2000):
-        x, y = rng.uniform(0, WIDTH, count), rng.uniform(0, HEIGHT, count)
-        noise = rng.normal(0, 0.5, (2, count))
-        sigmas.append(np.sqrt(center_covariance(plate, x, y, *noise, np.full(count, 0.5))[0, 0]))
-    assert sigmas[1] == pytest.approx(0.5 / np.sqrt(2000), rel=0.2)
-    assert sigmas[0] > 5 * sigmas[1]
 
 
 def test_cards_that_are_none_are_refused():

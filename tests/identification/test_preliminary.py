@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scipy.spatial import cKDTree
 
 from benchmarks.series import star_list, two_lists
 from mountnav.identification.preliminary import ADVICE, Outcome, preliminary
@@ -40,7 +41,13 @@ def test_any_shift_up_to_half_the_frame_is_found_by_the_measured_profile(seed, s
     shift = (across * SIZE[0], along * SIZE[1])
     first, second = two_lists(np.random.default_rng(seed), stars, SIZE, shift, 0.0)
     got = preliminary(first, second, MEASURED)
-    assert got.found, got.detail
+    if not got.found:
+        # a quarter of a frame of 40 stars may hold so few of them that no shift can be proved
+        places = np.column_stack((first.x_px - shift[0], first.y_px - shift[1]))
+        distance, _ = cKDTree(np.column_stack((second.x_px, second.y_px))).query(places)
+        assert (distance < 0.5).sum() <= 5, got.detail
+        assert got.outcome in (Outcome.CHANCE, Outcome.NO_SHIFT, Outcome.TOO_FEW)
+        return
     assert error_px(got, shift) < 0.15
     assert got.false_probability <= 1e-9
 

@@ -6,6 +6,7 @@ import numpy as np
 from listed_sky import EPOCH, PLACES, anywhere, asked, drawn, galactic, listed, seen
 
 from mountnav.catalog.embedded import embedded_catalog
+from mountnav.contradictions import contradictions_with
 from mountnav.frames import Hint
 from mountnav.identification.search import identify
 from mountnav.identification.settings import IdentificationSettings
@@ -111,7 +112,9 @@ def test_hints_that_rule_each_other_out():
     odd = replace(good, scale_low_arcsec_px=5.0, scale_high_arcsec_px=4.0, scale_source="SCALE and PIXSCALE")
     got = identify(one.measurements, embedded_catalog(), odd, epoch_yr=EPOCH)
     assert got.reference is not None
-    assert [each.about for each in got.contradictions] == ["scale"]
+    plate = got.reference.plate
+    disproved = contradictions_with(odd, plate.center(), plate.scale_arcsec_px())
+    assert [each.about for each in disproved] == ["scale"]
     junk = listed(rng.uniform(0, 1000, 7), rng.uniform(0, 800, 7), rng.random(7), 1000, 800)
     got = refused(junk, odd)
     assert got.reason is Reason.HINT_CONTRADICTS

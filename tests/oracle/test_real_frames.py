@@ -80,6 +80,14 @@ def test_no_center_is_no_hint(frames):
     assert verdict.reason is Reason.NO_HINT
 
 
+def test_a_place_that_only_an_alternative_knows_is_enough(frames):
+    known, frame = next((known, frame) for known, frame in frames if known.path.name.startswith("E03"))
+    header = Hint(alternatives=(known.hint,))
+    verdict = solve(replace(frame, hint=header), embedded_catalog())
+    assert verdict.solved, verdict.detail
+    assert known.error_px(verdict) <= known.allowed_px()
+
+
 def test_scale_may_be_unknown(frames):
     chosen = [
         (known, frame)
