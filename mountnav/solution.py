@@ -24,7 +24,7 @@ class Reason(StrEnum):
     CLOUD_OR_DEFOCUS = "cloud, dew or defocus: far fewer or far wider stars than the catalog promises"
     HINT_CONTRADICTS = "the hints contradict each other"
     CATALOG_TOO_SHALLOW = "outside the catalog's depth for this field"
-    NO_HINT = "no position or scale hint, and none in the header"
+    NO_HINT = "no position hint, none in the header, and no blind search"
     BAD_FRAME = "no usable image"
     TIMED_OUT = "out of time"
 
@@ -131,7 +131,8 @@ class Solution:
     false_probability : float
         Chance that a wrong place would have looked as good.
     mode : str
-        Which identification and model: e.g. "full/cubic".
+        Which identification and model: e.g. "full/cubic", or "blind/linear" when it was found over the whole
+        sky, not where the hint said.
     wcs : dict
         FITS cards (1-based CRPIX), TAN or TAN-SIP.
     center_covariance_arcsec2 : ndarray, shape (2, 2)
@@ -178,7 +179,7 @@ class Verdict:
     detail : str
         For people, with the numbers behind it.
     measured : int
-        Sources measured.
+        Sources measured; for a frame solved at a glance, those that the glance found.
     times : Times
     numbers : mapping
         The numbers behind the reason, by name with unit ("measured", "catalog_stars", "hypotheses", ...).

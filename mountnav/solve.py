@@ -6,6 +6,7 @@ import time
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -13,9 +14,11 @@ from mountnav.catalog.stars import Catalog, Stars
 from mountnav.contradictions import contradictions_of_hints, contradictions_with
 from mountnav.errors import BadFrame
 from mountnav.frames import Frame, Hint
+from mountnav.identification.at_a_glance import at_a_glance
+from mountnav.identification.identified import Identified
 from mountnav.identification.plate import NAMES
 from mountnav.identification.reference import Reference, identified_pairs
-from mountnav.identification.search import Identified, identify
+from mountnav.identification.search import Reach, identify
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.identification.wcs import wcs_cards
 from mountnav.measuring.calibration import Calibration
@@ -26,6 +29,9 @@ from mountnav.measuring.settings import MeasuringSettings
 from mountnav.reading import demosaiced, read_frame
 from mountnav.sky.coordinates import utc_now
 from mountnav.solution import Contradiction, Reason, Solution, Times, Verdict
+
+if TYPE_CHECKING:
+    from mountnav.identification.blind.index import BlindIndex
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +46,22 @@ class SolveSettings:
         Wall time for identification; measuring comes on top.
     calibration : Calibration or None
         Masters that frames are freed from the camera's own signal with.
+    index : BlindIndex or None
+        For searching the whole sky; without one no blind search takes place.
+    blind : {"after", "only", "never"}
+        Search the whole sky after the hint failed; at once, without asking any hint; or not at all.
+    glance : bool
+        Try with a glance first: the brightest sources, found coarsely, and then precise centroids of the
+        identified ones only. What a glance doesn't solve is measured in full.
     """
 
     measuring: MeasuringSettings = field(default_factory=MeasuringSettings)
     identification: IdentificationSettings = field(default_factory=IdentificationSettings)
     budget_s: float = 30.0
     calibration: Calibration | None = None
+    index: BlindIndex | None = None
+    blind: Literal["after", "only", "never"] = "after"
+    glance: bool = True
 
 
 def merged_hint(header: Hint, given: Hint | None) -> Hint:
@@ -127,57 +143,89 @@ def solve(
     settings = settings or SolveSettings()
     began = time.monotonic()
     believed = merged_hint(frame.hint, hint)
-    if all(one.center is None for one in (believed, *believed.alternatives)):
+    reach = Reach(settings.index, settings.blind)
+    placeless = settings.blind == "only" or all(
+        one.center is None for one in (believed, *believed.alternatives)
+    )
+    if placeless and (settings.index is None or settings.blind == "never"):
         return Verdict(
             None,
             Reason.NO_HINT,
-            f"{frame.source}: neither the header nor the caller says where it was taken",
+            f"{frame.source}: {_no_hint(settings)}",
             0,
             Times(total_s=time.monotonic() - began),
             contradictions=contradictions_of_hints(frame.hint, hint),
         )
     notes: list[str] = []
     zero_adu: float | None = None
+    utc = frame.mid_exposure_utc
+    epoch_yr = epoch_of(utc if utc is not None else utc_now())
+    found, measured, measure_s = None, 0, 0.0
     try:
-        if settings.calibration is not None and measurements is None:
-            frame, done = settings.calibration.applied(frame)
-            notes += [*done.not_applied, *done.warnings]
-            zero_adu = done.zero_adu
         if measurements is None:
-            measurements = measure(demosaiced(frame), settings=settings.measuring)
+            if settings.calibration is not None:
+                frame, done = settings.calibration.applied(frame)
+                notes += [*done.not_applied, *done.warnings]
+                zero_adu = done.zero_adu
+            frame = demosaiced(frame)
+            measure_s = time.monotonic() - began
+            if settings.glance and settings.identification.v_min_ident is None:
+                first = at_a_glance(
+                    frame,
+                    catalog,
+                    believed,
+                    epoch_yr=epoch_yr,
+                    settings=settings.identification,
+                    measuring=settings.measuring,
+                    budget_s=settings.budget_s,
+                    reach=reach,
+                )
+                found, measurements, measured = first.identified, first.measurements, first.seen
+                reach = replace(reach, tried=first.tried)
+                measure_s += first.measure_s
+            if found is None:
+                before = time.monotonic()
+                measurements = measure(frame, settings=settings.measuring)
+                measure_s += time.monotonic() - before
     except BadFrame as fault:
         spent = time.monotonic() - began
         return Verdict(None, Reason.BAD_FRAME, str(fault), 0, Times(measure_s=spent, total_s=spent))
-    measured = time.monotonic()
-    utc = frame.mid_exposure_utc
-    identified = identify(
-        measurements,
-        catalog,
-        believed,
-        epoch_yr=epoch_of(utc if utc is not None else utc_now()),
-        settings=settings.identification,
-        budget_s=settings.budget_s,
-    )
-    solution, quality = None, measurements.quality
-    if identified.reference is not None and identified.stars is not None:
-        solution = _solution(
-            identified.reference, identified.stars, measurements, catalog.name, identified.false_probability
+    assert measurements is not None
+    if found is None:
+        measured = len(measurements)
+        found = identify(
+            measurements,
+            catalog,
+            believed,
+            epoch_yr=epoch_yr,
+            settings=settings.identification,
+            budget_s=max(0.0, settings.budget_s - (time.monotonic() - began - measure_s)),
+            reach=reach,
         )
+    solution, quality = None, measurements.quality
+    if found.reference is not None and found.stars is not None:
+        solution = _solution(found, found.reference, found.stars, measurements, catalog.name)
         quality = _quality(quality, solution, zero_adu)
-    ended = time.monotonic()
+    total_s = time.monotonic() - began
     if utc is None:
         notes.append("the date is unknown, so stars were taken at today's places")
     return Verdict(
         solution=solution,
-        reason=identified.reason,
-        detail=identified.detail,
-        measured=len(measurements),
-        times=Times(measure_s=measured - began, identify_s=ended - measured, total_s=ended - began),
-        numbers=identified.numbers,
-        contradictions=_disproved(frame.hint, hint, solution, identified),
+        reason=found.reason,
+        detail=found.detail,
+        measured=measured,
+        times=Times(measure_s=measure_s, identify_s=total_s - measure_s, total_s=total_s),
+        numbers=found.numbers | ({"blind": 1.0} if found.blind else {}),
+        contradictions=_disproved(frame.hint, hint, solution, found),
         quality=quality,
         notes=tuple(notes),
     )
+
+
+def _no_hint(settings: SolveSettings) -> str:
+    if settings.blind == "never":
+        return "neither the header nor the caller says where it was taken, and blind search is switched off"
+    return "neither the header nor the caller says where it was taken, and there is no index of the sky"
 
 
 def _disproved(
@@ -250,7 +298,7 @@ def solve_file(
 
 
 def _solution(
-    reference: Reference, stars: Stars, measurements: Measurements, catalog: str, false_probability: float
+    found: Identified, reference: Reference, stars: Stars, measurements: Measurements, catalog: str
 ) -> Solution:
     plate, pairs = reference.plate, reference.pairs
     dxi, deta = reference.dxi_arcsec, reference.deta_arcsec
@@ -264,8 +312,8 @@ def _solution(
         rms_arcsec=float(np.sqrt(np.mean(dxi**2 + deta**2))),
         pairs=len(pairs),
         rejected=reference.rejected,
-        false_probability=false_probability,
-        mode=f"full/{NAMES[plate.degree]}",
+        false_probability=found.false_probability,
+        mode=f"{'blind' if found.blind else 'full'}/{NAMES[plate.degree]}",
         wcs=wcs_cards(plate, width_px=measurements.width_px, height_px=measurements.height_px),
         center_covariance_arcsec2=covariance,
         identified=identified_pairs(reference, stars, measurements),

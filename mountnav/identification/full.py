@@ -96,6 +96,8 @@ class Search:
         Least false-positive probability among refused hypotheses.
     most_published : float
         Largest share of Ω_bl100 confirmed, in the paper's count.
+    whole_sky : bool
+        The index of the whole sky was asked.
     """
 
     deadline_s: float
@@ -103,6 +105,7 @@ class Search:
     frame_triangles: int = 0
     best_probability: float = 1.0
     tiles_tried: int = 0
+    whole_sky: bool = False
     reach_deg: float = 0.0
     most_published: float = 0.0
     _patches: dict[tuple[float, ...], Patch] = field(default_factory=dict)

@@ -125,10 +125,16 @@ def refusal(
         return likely
     return Refusal(
         Reason.TIMED_OUT,
-        f"{out_of_time_s:g} s spent on {search.tiles_tried} tiles and {search.hypotheses} hypotheses, out to "
-        f"{search.reach_deg:.1f}° from the assumed center; likely: {likely.detail}",
+        f"{out_of_time_s:g} s spent on {_tried(search)}; likely: {likely.detail}",
         likely.numbers | {"budget_s": out_of_time_s},
     )
+
+
+def _tried(search: Search) -> str:
+    tried = f"{search.hypotheses} hypotheses"
+    if search.tiles_tried:
+        tried = f"{search.tiles_tried} tiles and {tried} out to {search.reach_deg:.1f}° from the hint"
+    return f"{tried}, and the index of the whole sky" if search.whole_sky else tried
 
 
 def _likely(
@@ -181,14 +187,14 @@ def _likely(
             "defocus, dew, or no stars at all",
             numbers,
         )
-    if clean.size < settings.min_pairs or search.frame_triangles == 0:
+    if clean.size < settings.min_pairs or (search.frame_triangles == 0 and not search.whole_sky):
         what = (
             f"{clean.size} stars measured, {settings.min_pairs} needed"
             if clean.size < settings.min_pairs
             else f"{clean.size} stars measured, and they make no triangle large enough"
         )
         return Refusal(Reason.TOO_FEW_MEASUREMENTS, f"{what}: expose longer, check focus and cover", numbers)
-    tried = f"{search.tiles_tried} tiles and {search.hypotheses} hypotheses out to {search.reach_deg:.1f}°"
+    tried = _tried(search)
     if has is not None and has < settings.min_pairs:
         return Refusal(
             Reason.CATALOG_TOO_SHALLOW,

@@ -5,60 +5,51 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-
-from mountnav.catalog.stars import Catalog, Stars
+from mountnav.catalog.stars import Catalog
 from mountnav.frames import Hint
-from mountnav.identification.area import WIDEST_DEG, stars_round
-from mountnav.identification.confirmation import Witnesses
-from mountnav.identification.full import Hypothesis, OutOfTime, Points, Search, hypotheses, match_radius
-from mountnav.identification.odds import looks
-from mountnav.identification.paper import published_share
-from mountnav.identification.reference import Reference, Selection
+from mountnav.identification.area import WIDEST_DEG
+from mountnav.identification.full import Hypothesis, OutOfTime, Points, Search, hypotheses
+from mountnav.identification.identified import Identified
 from mountnav.identification.refusal import Refusal, refusal
 from mountnav.identification.rounds import Round, plan
 from mountnav.identification.selection import Index, all_finite, star_like
 from mountnav.identification.settings import IdentificationSettings
+from mountnav.identification.verification import verified
 from mountnav.measuring.measurements import Measurements
 from mountnav.sky.coordinates import Icrs
 from mountnav.solution import Contradiction, Reason
 
-PLATE_STARS = 1000
-"""Stars fetched for the plate, brightest first."""
-CENTER_SIGMA_PX = 2.0
-"""A plate that leaves the frame's center less certain than this rests on a corner and is refused."""
+if TYPE_CHECKING:
+    from mountnav.identification.blind.index import BlindIndex
+
+NEAR_FIELDS = 3.0
+"""A hinted radius of up to so many fields is searched tile by tile; beyond it the index is faster."""
 
 
 @dataclass(frozen=True, slots=True)
-class Identified:
-    """What came of a search.
+class Reach:
+    """How far a search goes.
 
     Attributes
     ----------
-    reference : Reference or None
-    stars : Stars or None
-        The list that `reference.pairs.star` points into.
-    reason : Reason or None
-    detail : str
-        For people.
-    false_probability : float
-        Chance that a wrong place would have looked as good: that of one hypothesis times all that were tried.
-    numbers : dict of str to float
-        The numbers behind it.
-    contradictions : tuple of Contradiction
-        Hints that disprove each other. Who has the solution compares it with the hints
-        (`mountnav.contradictions`).
+    index : BlindIndex or None
+        For the whole sky.
+    blind : {"after", "only", "never"}
+        Whether the whole sky is searched after the hint failed, at once without asking any hint, or not.
+    thorough : bool
+        Also what may be if the hint is wrong, and the dear rounds; else only what the hint says at first, and
+        the whole sky.
+    tried : int
+        Hypotheses of an earlier search for the same frame: each was one more chance to be fooled.
     """
 
-    reference: Reference | None
-    stars: Stars | None
-    reason: Reason | None
-    detail: str
-    false_probability: float = 1.0
-    numbers: dict[str, float] = field(default_factory=dict)
-    contradictions: tuple[Contradiction, ...] = ()
+    index: BlindIndex | None = None
+    blind: Literal["after", "only", "never"] = "after"
+    thorough: bool = True
+    tried: int = 0
 
 
 def identify(
@@ -69,6 +60,7 @@ def identify(
     epoch_yr: float,
     settings: IdentificationSettings | None = None,
     budget_s: float = 30.0,
+    reach: Reach | None = None,
 ) -> Identified:
     """Find out which stars the measurements are.
 
@@ -77,33 +69,36 @@ def identify(
     measurements : Measurements
     catalog : Catalog
     hint : Hint
-        Its `center`, or that of one of its alternatives, must be known. What it says is tried first, then its
-        alternatives, then what may be if it is wrong: other scales, places farther out.
+        What it says is tried first, then its alternatives, then the whole sky if there is an index, then
+        what may be if the hint is wrong: other scales, places farther out.
     epoch_yr : float
         Julian year of the frame.
     settings : IdentificationSettings, optional
     budget_s : float
         Wall time allowed.
+    reach : Reach, optional
+        How far the search goes; without it, as far as is possible without an index.
 
     Returns
     -------
     Identified
         With a reference whose false-positive probability is below the limit, or with a reason.
     """
-    settings = settings or IdentificationSettings()
-    believed = [_reconciled(one) for one in (hint, *hint.alternatives) if one.center is not None]
-    if not believed:
-        return _refused(
-            Refusal(Reason.NO_HINT, "no assumed center; searching the whole sky is not built"), 1.0, ()
-        )
-    search = Search(deadline_s=time.monotonic() + budget_s)
-    clean, every = star_like(measurements), all_finite(measurements)
+    settings, reach = settings or IdentificationSettings(), reach or Reach()
+    index = None if reach.blind == "never" else reach.index
+    believed = [_reconciled(one) for one in (hint, *hint.alternatives)]
+    placed = [] if reach.blind == "only" else [one for one in believed if one.center is not None]
+    search = Search(deadline_s=time.monotonic() + budget_s, hypotheses=reach.tried)
     late: float | None = None
+    if not placed and index is None:
+        return _refused(_no_hint(reach), 1.0, (), search)
+    clean, every = star_like(measurements), all_finite(measurements)
     try:
         if every.size >= settings.min_pairs:
-            for center, turn in _turns(believed, measurements, settings, flagged=clean.size < every.size):
-                usable = every if turn.flagged else clean
-                found = _attempt(measurements, usable, turn, catalog, center, epoch_yr, settings, search)
+            flagged = clean.size < every.size
+            for step in _steps(believed, placed, index, measurements, settings, reach, flagged=flagged):
+                usable = every if step.flagged or (step.turn is None and clean.size < 8) else clean
+                found = _attempt(step, measurements, usable, catalog, index, epoch_yr, settings, search)
                 if found is not None:
                     return found
     except OutOfTime:
@@ -122,13 +117,102 @@ def identify(
             ),
             search.best_probability,
             empty,
+            search,
         )
-    why = refusal(measurements, catalog, believed[0], search, settings, epoch_yr=epoch_yr, out_of_time_s=late)
-    return _refused(why, search.best_probability, empty)
+    likeliest = placed[0] if placed else Hint()
+    why = refusal(measurements, catalog, likeliest, search, settings, epoch_yr=epoch_yr, out_of_time_s=late)
+    return _refused(why, search.best_probability, empty, search)
 
 
-def _refused(why: Refusal, probability: float, disproved: tuple[Contradiction, ...]) -> Identified:
-    return Identified(None, None, why.reason, why.detail, probability, why.numbers, disproved)
+@dataclass(frozen=True, slots=True)
+class _Step:
+    """One thing to try: a round about a center, or (without a round) a look into the index."""
+
+    turn: Round | None
+    center: Icrs | None
+    radius_deg: float = 180.0
+    scales: tuple[float, float] | None = None
+
+    @property
+    def flagged(self) -> bool:
+        return self.turn is not None and self.turn.flagged
+
+
+def _steps(
+    believed: list[Hint],
+    placed: list[Hint],
+    index: BlindIndex | None,
+    measurements: Measurements,
+    settings: IdentificationSettings,
+    reach: Reach,
+    *,
+    flagged: bool,
+) -> Iterator[_Step]:
+    """What is tried in turn: what the hints say, the whole sky, then what may be if the hints are wrong."""
+    shorter_px = min(measurements.width_px, measurements.height_px)
+    plans = [(one, plan(one, shorter_px, settings, flagged=flagged)) for one in placed]
+
+    def part(number: int) -> Iterator[_Step]:
+        for one, parts in plans:
+            for turn in parts[number]:
+                yield _Step(turn, one.center)
+
+    sky = [] if index is None else _looks_into_index(believed, placed, shorter_px, only=reach.blind == "only")
+    near = all(_is_near(one, shorter_px) for one in placed)
+    if near:
+        yield from part(0)
+    yield from sky
+    if not near and (reach.thorough or not sky):
+        yield from part(0)
+    if reach.thorough:
+        yield from part(1)
+        yield from part(2)
+
+
+def _looks_into_index(
+    believed: list[Hint], placed: list[Hint], shorter_px: int, *, only: bool
+) -> Iterator[_Step]:
+    """First with what is said of the place and the scale, then with nothing."""
+    if not only:
+        said = [
+            _Step(
+                None,
+                None if _is_near(one, shorter_px) else one.center,
+                one.radius_deg if one.center is not None else 180.0,
+                _scales(one),
+            )
+            for one in (placed or believed)
+        ]
+        told = [one for one in said if one.center is not None or one.scales is not None]
+        yield from dict.fromkeys(told)
+    yield _Step(None, None)
+
+
+def _scales(hint: Hint) -> tuple[float, float] | None:
+    low, high = hint.scale_low_arcsec_px, hint.scale_high_arcsec_px
+    return None if low is None and high is None else (low or 0.0, high or math.inf)
+
+
+def _is_near(hint: Hint, shorter_px: int) -> bool:
+    """Whether the hinted area is so small that its tiles are searched sooner than the index."""
+    low, high = hint.scale_low_arcsec_px, hint.scale_high_arcsec_px
+    if hint.center is None or low is None or high is None:
+        return False
+    return hint.radius_deg <= NEAR_FIELDS * shorter_px * math.sqrt(low * high) / 3600.0
+
+
+def _no_hint(reach: Reach) -> Refusal:
+    why = "and blind search is switched off" if reach.blind == "never" else "and there is no index of the sky"
+    return Refusal(
+        Reason.NO_HINT, f"neither the header nor the caller says where it was taken, {why}", {}
+    )
+
+
+def _refused(
+    why: Refusal, probability: float, disproved: tuple[Contradiction, ...], search: Search
+) -> Identified:
+    numbers = why.numbers | {"hypotheses": float(search.hypotheses)}
+    return Identified(None, None, why.reason, why.detail, probability, numbers, disproved)
 
 
 def _empty_bounds(hint: Hint) -> tuple[Contradiction, ...]:
@@ -150,124 +234,46 @@ def _reconciled(hint: Hint) -> Hint:
     return replace(hint, scale_low_arcsec_px=None, scale_high_arcsec_px=None)
 
 
-def _turns(
-    believed: list[Hint], measurements: Measurements, settings: IdentificationSettings, *, flagged: bool
-) -> Iterator[tuple[Icrs, Round]]:
-    """Centers and rounds as they are tried: what each hint says, then what may be if it is wrong."""
-    shorter_px = min(measurements.width_px, measurements.height_px)
-    plans = [(one, plan(one, shorter_px, settings, flagged=flagged)) for one in believed]
-    for part in range(3):
-        for one, parts in plans:
-            for turn in parts[part]:
-                if one.center is not None:
-                    yield one.center, turn
-
-
 def _attempt(
+    step: _Step,
     measurements: Measurements,
     usable: Index,
-    turn: Round,
     catalog: Catalog,
-    center: Icrs,
+    index: BlindIndex | None,
     epoch_yr: float,
     settings: IdentificationSettings,
     search: Search,
 ) -> Identified | None:
-    """One round."""
+    """One step."""
     width, height = measurements.width_px, measurements.height_px
-    if usable.size < settings.min_pairs or math.hypot(width, height) * turn.scales[0] / 3600 > WIDEST_DEG:
+    if usable.size < settings.min_pairs:
         return None
     points = Points(measurements.x_px[usable], measurements.y_px[usable], width, height)
-    proposals: Iterator[Hypothesis] = hypotheses(
-        points, turn, catalog, center, epoch_yr=epoch_yr, settings=settings, search=search
-    )
-    for one in proposals:
-        found = _verified(one, measurements, usable, catalog, epoch_yr, settings, search)
-        if found is not None:
-            return found
-    return None
-
-
-def _verified(
-    one: Hypothesis,
-    measurements: Measurements,
-    usable: Index,
-    catalog: Catalog,
-    epoch_yr: float,
-    settings: IdentificationSettings,
-    search: Search,
-) -> Identified | None:
-    """Ask what the odds of a hypothesis are, and grow its plate."""
-    width, height = measurements.width_px, measurements.height_px
-    x, y = measurements.x_px[usable], measurements.y_px[usable]
-    diagonal_deg = math.hypot(width, height) * one.plate.scale_arcsec_px() / 3600
-    stars = stars_round(catalog, one.plate.center(), 0.52 * diagonal_deg, PLATE_STARS, epoch_yr=epoch_yr)
-    if len(stars) < settings.min_pairs:
-        return None
-    if settings.v_min_ident is not None:
-        share = published_share(one.plate, stars, x, y, width_px=width, height_px=height, settings=settings)
-        search.most_published = max(search.most_published, share)
-        if share < settings.v_min_ident:
+    turn = step.turn
+    proposals: Iterator[Hypothesis] = iter(())
+    if turn is not None and step.center is not None:
+        if math.hypot(width, height) * turn.scales[0] / 3600 > WIDEST_DEG:
             return None
-    strobe_px = match_radius(settings, width, height)
-    witnesses = Witnesses(
-        one.plate, one.corners, stars, x, y, width_px=width, height_px=height, match_px=strobe_px
-    )
-    probability = min(1.0, witnesses.chance() * looks(search.hypotheses))
-    if probability > settings.false_probability_max:
-        search.best_probability = min(search.best_probability, probability)
-        return None
-    selection = Selection(measurements, usable, stars, settings)
-    reference = selection.grow(one.plate, strobe_px)
-    if reference is None or not _sound(reference, selection, measurements, one, settings, strobe_px):
-        return None
-    numbers = {
-        "pairs": float(len(reference.pairs)),
-        "hypotheses": float(search.hypotheses),
-        "tiles": float(search.tiles_tried),
-        "searched_deg": search.reach_deg,
-        "false_probability": probability,
-    }
-    if settings.v_min_ident is not None:
-        numbers["confirmed_share"] = share
-    return Identified(
-        reference,
-        stars,
-        None,
-        f"{len(reference.pairs)} pairs, {reference.rejected} rejected, {search.hypotheses} hypotheses, "
-        f"{search.tiles_tried} tiles",
-        probability,
-        numbers,
-    )
+        proposals = hypotheses(
+            points, turn, catalog, step.center, epoch_yr=epoch_yr, settings=settings, search=search
+        )
+    elif index is not None:
+        from mountnav.identification.blind.searching import blind_hypotheses
 
-
-def _sound(
-    reference: Reference,
-    selection: Selection,
-    measurements: Measurements,
-    one: Hypothesis,
-    settings: IdentificationSettings,
-    strobe_px: float,
-) -> bool:
-    """Whether the final plate is still a camera's, and rests on pairs from more than a corner."""
-    pairs, plate = reference.pairs, reference.plate
-    if len(pairs) < settings.min_pairs or plate.parity != one.plate.parity:
-        return False
-    x, y = measurements.x_px[pairs.measurement], measurements.y_px[pairs.measurement]
-    frame = min(measurements.width_px, measurements.height_px)
-    spread = np.sqrt(np.linalg.eigvalsh(np.cov(np.vstack((x, y)))))
-    if spread[0] < 0.05 * frame:
-        return False
-    singular = np.linalg.svd(plate.matrix(), compute_uv=False)
-    if singular[1] < (1 - 2 * settings.skew_max) * singular[0]:
-        return False
-    scale = plate.scale_arcsec_px()
-    if abs(math.log(scale / one.plate.scale_arcsec_px())) > 0.05:
-        return False
-    dxi, deta = reference.dxi_arcsec, reference.deta_arcsec
-    if float(np.sqrt(np.mean(dxi**2 + deta**2))) > 0.5 * strobe_px * scale:
-        return False
-    if math.sqrt(0.5 * float(np.trace(reference.center_covariance_arcsec2))) > CENTER_SIGMA_PX * scale:
-        return False
-    # of few stars nearly all must be there; of many a fair share
-    return len(pairs) >= 0.5 * settings.min_share * min(selection.allowed(plate), 100)
+        search.whole_sky = True
+        proposals = blind_hypotheses(
+            points,
+            index,
+            catalog,
+            scales=step.scales,
+            center=step.center,
+            radius_deg=step.radius_deg,
+            epoch_yr=epoch_yr,
+            settings=settings,
+            search=search,
+        )
+    for one in proposals:
+        found = verified(one, measurements, usable, catalog, epoch_yr, settings, search)
+        if found is not None:
+            return replace(found, blind=True) if turn is None else found
+    return None

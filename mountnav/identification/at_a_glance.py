@@ -1,0 +1,123 @@
+"""A frame solved by its brightest sources: identify a coarse list, then measure only what was identified."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mountnav.catalog.stars import Catalog
+from mountnav.frames import Frame, Hint
+from mountnav.identification.identified import Identified
+from mountnav.identification.reference import Reference, Selection
+from mountnav.identification.search import Reach, identify
+from mountnav.identification.selection import star_like
+from mountnav.identification.settings import IdentificationSettings
+from mountnav.identification.pairing import predicted
+from mountnav.identification.verification import sound
+from mountnav.measuring.glance import glance
+from mountnav.measuring.measurements import Measurements
+from mountnav.measuring.settings import MeasuringSettings
+
+LEAST_REACH_PX, MOST_REACH_PX = 2.5, 8.0
+"""How near to a predicted place its source is looked for: the coarse plate's own deviations, within these."""
+
+
+@dataclass(frozen=True, slots=True)
+class AtAGlance:
+    """What a glance came to.
+
+    Attributes
+    ----------
+    identified : Identified or None
+        With a reference, or None: measure the frame in full.
+    measurements : Measurements or None
+        The precise ones, which `identified.reference.pairs.measurement` points into.
+    seen : int
+        Sources found.
+    tried : int
+        Hypotheses tried; a later search for the same frame has to count them.
+    measure_s : float
+        Wall time of looking and measuring.
+    """
+
+    identified: Identified | None = None
+    measurements: Measurements | None = None
+    seen: int = 0
+    tried: int = 0
+    measure_s: float = 0.0
+
+
+def at_a_glance(
+    frame: Frame,
+    catalog: Catalog,
+    hint: Hint,
+    *,
+    epoch_yr: float,
+    settings: IdentificationSettings,
+    measuring: MeasuringSettings,
+    budget_s: float,
+    reach: Reach,
+) -> AtAGlance:
+    """Identify a frame's brightest sources, and measure precisely where the plate has stars.
+
+    Parameters
+    ----------
+    frame : Frame
+        Calibrated, no mosaic.
+    catalog : Catalog
+    hint : Hint
+    epoch_yr : float
+        Julian year of the frame.
+    settings : IdentificationSettings
+    measuring : MeasuringSettings
+    budget_s : float
+        Wall time allowed for identification.
+    reach : Reach
+        Only what the hint says and the whole sky are asked, however far it goes.
+
+    Returns
+    -------
+    AtAGlance
+        The odds are those of the coarse list; the plate rests on the precise one.
+    """
+    began = time.monotonic()
+    look = glance(frame, settings=measuring)
+    looked_s = time.monotonic() - began
+    if look is None:
+        return AtAGlance(measure_s=looked_s, tried=reach.tried)
+    found = identify(
+        look.measurements,
+        catalog,
+        hint,
+        epoch_yr=epoch_yr,
+        settings=settings,
+        budget_s=budget_s,
+        reach=replace(reach, thorough=False),
+    )
+    seen, tried = len(look.measurements), int(found.numbers.get("hypotheses", reach.tried))
+    coarse = found.reference
+    if coarse is None or found.stars is None:
+        return AtAGlance(seen=seen, tried=tried, measure_s=looked_s)
+    plate = coarse.plate
+    off_px = _deviation_px(coarse)
+    reach_px = float(np.clip(1.5 + 4.0 * off_px, LEAST_REACH_PX, MOST_REACH_PX))
+    places = predicted(plate, found.stars, width_px=frame.width_px, height_px=frame.height_px)
+    again = time.monotonic()
+    precise = look.measured_at(places.x_px, places.y_px, reach_px=reach_px)
+    measure_s = looked_s + time.monotonic() - again
+    selection = Selection(precise, star_like(precise), found.stars, settings)
+    reference = selection.grow(plate, reach_px)
+    if reference is None or not sound(reference, selection, precise, plate, settings, reach_px):
+        return AtAGlance(seen=seen, tried=tried, measure_s=measure_s)
+    numbers = found.numbers | {"pairs": float(len(reference.pairs)), "seen": float(seen)}
+    detail = f"{len(reference.pairs)} pairs, {reference.rejected} rejected, {tried} hypotheses, at a glance"
+    identified = replace(found, reference=reference, numbers=numbers, detail=detail)
+    return AtAGlance(identified, precise, seen, tried, measure_s)
+
+
+def _deviation_px(reference: Reference) -> float:
+    """Root mean square deviation of the pairs, pixels."""
+    square = reference.dxi_arcsec**2 + reference.deta_arcsec**2
+    return float(np.sqrt(np.mean(square))) / reference.plate.scale_arcsec_px()
