@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
+# the index of the sky is built once per checkout, apart from the user's own
+os.environ.setdefault("MOUNTNAV_CACHE", str(ROOT / ".cache"))
 
 
 def shared_folder() -> Path:
@@ -29,3 +31,12 @@ def _no_network_for_iers() -> None:
     from mountnav.sky.iers import prepare
 
     prepare()
+
+
+@pytest.fixture(scope="session")
+def sky_index():
+    """The index of the whole sky over the embedded catalog; built by the first test that needs it."""
+    from mountnav.catalog.embedded import embedded_catalog
+    from mountnav.identification.blind.cache import cached_index
+
+    return cached_index(embedded_catalog())
