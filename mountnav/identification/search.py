@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from mountnav.identification.blind.index import BlindIndex
 
 NEAR_FIELDS = 3.0
-"""A hinted radius of up to so many fields is searched tile by tile; beyond it the index is faster."""
+"""A hinted radius of up to so many fields is searched tile by tile before the whole sky is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Reach:
     Attributes
     ----------
     index : BlindIndex or None
-        For the whole sky.
+        Also what a hint says is looked up in it first.
     blind : {"after", "only", "never"}
         Whether the whole sky is searched after the hint failed, at once without asking any hint, or not.
     thorough : bool
@@ -85,12 +85,12 @@ def identify(
         With a reference whose false-positive probability is below the limit, or with a reason.
     """
     settings, reach = settings or IdentificationSettings(), reach or Reach()
-    index = None if reach.blind == "never" else reach.index
+    index = reach.index
     believed = [_reconciled(one) for one in (hint, *hint.alternatives)]
     placed = [] if reach.blind == "only" else [one for one in believed if one.center is not None]
     search = Search(deadline_s=time.monotonic() + budget_s, hypotheses=reach.tried)
     late: float | None = None
-    if not placed and index is None:
+    if not placed and (index is None or reach.blind == "never"):
         return _refused(_no_hint(reach), 1.0, (), search)
     clean, every = star_like(measurements), all_finite(measurements)
     try:
@@ -157,11 +157,15 @@ def _steps(
             for turn in parts[number]:
                 yield _Step(turn, one.center)
 
-    sky = [] if index is None else _looks_into_index(believed, placed, shorter_px, only=reach.blind == "only")
+    only = reach.blind == "only"
     near = all(_is_near(one, shorter_px) for one in placed)
+    if index is not None and not only:
+        yield from _asked_of_index(placed)
     if near:
         yield from part(0)
-    yield from sky
+    sky = index is not None and reach.blind != "never"
+    if sky:
+        yield from _whole_sky([] if only else believed)
     if not near and (reach.thorough or not sky):
         yield from part(0)
     if reach.thorough:
@@ -169,23 +173,16 @@ def _steps(
         yield from part(2)
 
 
-def _looks_into_index(
-    believed: list[Hint], placed: list[Hint], shorter_px: int, *, only: bool
-) -> Iterator[_Step]:
-    """First with what is said of the place and the scale, then with nothing."""
-    if not only:
-        said = [
-            _Step(
-                None,
-                None if _is_near(one, shorter_px) else one.center,
-                one.radius_deg if one.center is not None else 180.0,
-                _scales(one),
-            )
-            for one in (placed or believed)
-        ]
-        told = [one for one in said if one.center is not None or one.scales is not None]
-        yield from dict.fromkeys(told)
-    yield _Step(None, None)
+def _asked_of_index(placed: list[Hint]) -> Iterator[_Step]:
+    """Where the hints say, looked up in the index: some milliseconds, where triangles cost ten times that."""
+    steps = [_Step(None, one.center, one.radius_deg, _scales(one)) for one in placed]
+    yield from dict.fromkeys(steps)
+
+
+def _whole_sky(believed: list[Hint]) -> Iterator[_Step]:
+    """First at the scales that are believed, then at any."""
+    steps = [_Step(None, None, scales=_scales(one)) for one in believed]
+    yield from dict.fromkeys([*steps, _Step(None, None)])
 
 
 def _scales(hint: Hint) -> tuple[float, float] | None:
@@ -260,7 +257,7 @@ def _attempt(
     elif index is not None:
         from mountnav.identification.blind.searching import blind_hypotheses
 
-        search.whole_sky = True
+        search.whole_sky = search.whole_sky or step.center is None
         proposals = blind_hypotheses(
             points,
             index,
@@ -275,5 +272,5 @@ def _attempt(
     for one in proposals:
         found = verified(one, measurements, usable, catalog, epoch_yr, settings, search)
         if found is not None:
-            return replace(found, blind=True) if turn is None else found
+            return replace(found, blind=turn is None and step.center is None)
     return None
