@@ -10,11 +10,11 @@ import numpy as np
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Frame, Hint
 from mountnav.identification.identified import Identified
+from mountnav.identification.pairing import predicted
 from mountnav.identification.reference import Reference, Selection
 from mountnav.identification.search import Reach, identify
 from mountnav.identification.selection import star_like
 from mountnav.identification.settings import IdentificationSettings
-from mountnav.identification.pairing import predicted
 from mountnav.identification.verification import sound
 from mountnav.measuring.glance import glance
 from mountnav.measuring.measurements import Measurements

@@ -39,23 +39,29 @@ class Board:
         self.size = int(x_px.size)
         columns = int(np.ceil(width_px / self._cell)) + 1
         rows = int(np.ceil(height_px / self._cell)) + 1
-        self._board = np.full((rows, columns), -1, dtype=np.int32)
-        self._close = np.full((rows, columns), -1, dtype=np.int32)
-        offset = np.arange(-CELLS - 1, CELLS + 2)
-        for number in range(self.size - 1, -1, -1):  # the brightest last: it owns what overlaps
-            x, y = x_px[number] / self._cell, y_px[number] / self._cell
-            column, row = int(x) + offset, int(y) + offset
-            away = np.hypot(column[None, :] + 0.5 - x, row[:, None] + 0.5 - y)
-            away[(row < 0) | (row >= rows), :] = np.inf
-            away[:, (column < 0) | (column >= columns)] = np.inf
-            for board, reach in ((self._board, CELLS), (self._close, CLOSE_CELLS)):
-                r, c = np.nonzero(away <= reach)
-                board[row[r], column[c]] = number
+        # zeros: pages that no measurement touches are never written
+        self._board = np.zeros((rows, columns), dtype=np.int16)
+        self._close = np.zeros((rows, columns), dtype=np.int16)
+        self._paint(x_px[::-1] / self._cell, y_px[::-1] / self._cell)
         self.chances = tuple(
             float(area_share(x_px, y_px, radius, width_px=width_px, height_px=height_px).mean())
             for radius in (radius_px, radius_px * CLOSE_CELLS / CELLS)
         )
         """Chance of a hit within the radius, and within the close one."""
+
+    def _paint(self, x: Array, y: Array) -> None:
+        """Write measurements' numbers, from 1, round their places (in cells); the last owns what overlaps."""
+        rows, columns = self._board.shape
+        for board, reach in ((self._board, CELLS), (self._close, CLOSE_CELLS)):
+            offset = np.arange(-reach - 1, reach + 2)
+            down, right = (side.ravel() for side in np.meshgrid(offset, offset, indexing="ij"))
+            nearest = np.maximum(np.abs(down) - 1, 0) ** 2 + np.maximum(np.abs(right) - 1, 0) ** 2
+            down, right = down[nearest <= reach**2], right[nearest <= reach**2]
+            row, column = y.astype(np.int64)[:, None] + down, x.astype(np.int64)[:, None] + right
+            hit = (row + 0.5 - y[:, None]) ** 2 + (column + 0.5 - x[:, None]) ** 2 <= reach**2
+            hit &= (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+            number = np.broadcast_to((x.size - np.arange(x.size))[:, None], hit.shape)
+            board[row[hit], column[hit]] = number[hit]
 
     def _cells(
         self,
@@ -83,7 +89,7 @@ class Board:
         if w.size <= FIRST_LOOK:
             return np.arange(turn.size, dtype=np.int64)
         row, column, inside = self._cells(turn, shift, mirrored, w[:FIRST_LOOK])
-        hits = ((self._board[row, column] >= 0) & inside).sum(axis=1)
+        hits = ((self._board[row, column] > 0) & inside).sum(axis=1)
         return np.flatnonzero(hits >= FIRST_HITS)
 
     def count(
@@ -95,14 +101,12 @@ class Board:
     ) -> tuple[Array, Array, Array]:
         """Hits, close hits (each measurement once at most) and predictions in the frame; shape (n,) each."""
         row, column, inside = self._cells(turn, shift, mirrored, w)
-        counts = [
-            _different(np.where(inside, board[row, column], -1)) for board in (self._board, self._close)
-        ]
+        counts = [_different(np.where(inside, board[row, column], 0)) for board in (self._board, self._close)]
         return counts[0], counts[1], inside.sum(axis=1).astype(float)
 
 
-def _different(owner: NDArray[np.int32]) -> Array:
-    """How many different measurements stand in each row, -1 being none; shape (n,)."""
+def _different(owner: NDArray[np.int16]) -> Array:
+    """How many different measurements stand in each row, 0 being none; shape (n,)."""
     owner.sort(axis=1)
-    fresh = (owner[:, 1:] != owner[:, :-1]) & (owner[:, 1:] >= 0)
-    return np.asarray(fresh.sum(axis=1) + (owner[:, 0] >= 0), dtype=float)
+    fresh = (owner[:, 1:] != owner[:, :-1]) & (owner[:, 1:] > 0)
+    return np.asarray(fresh.sum(axis=1) + (owner[:, 0] > 0), dtype=float)

@@ -7,23 +7,27 @@ least-squares polynomial; where they say nothing a term stays near zero.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.identification.distortion import BASES, WIDTHS
+from mountnav.identification.distortion import BASES
 from mountnav.identification.evidence import Belief, NormalEquations
-from mountnav.identification.plate import Plate
+from mountnav.identification.plate import Plate, products
 
 Array = NDArray[np.float64]
 
 TAIL_Z2 = 8.0
 """Pairs with a squared deviation (both coordinates, in sigma²) beyond this lose weight: 2 % of the honest."""
 ROUNDS = 4
+SETTLED = 1e-3
+"""Largest change of a weight that ends the rounds."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class CameraFit:
     """A plate fitted to pairs.
 
@@ -31,8 +35,58 @@ class CameraFit:
     ----------
     plate : Plate
     belief : Belief
-    sigma_arcsec : ndarray, shape (n,)
-        Error per coordinate with which each pair went in: known, extra, and more for pairs in the tails.
+    trust : ndarray, shape (n,)
+        Weight of each pair against long tails, 1 for those in the bell.
+    """
+
+    plate: Plate
+    belief: Belief
+    trust: Array
+    _like: Plate
+    _equations: NormalEquations
+    _frame: Array
+    _left_over: Array
+    _sigma2: Array
+
+    @property
+    def sigma_arcsec(self) -> Array:
+        """Error per coordinate of each pair: known, extra, and more for pairs in the tails; shape (n,)."""
+        return np.asarray(np.sqrt(self._sigma2) * _scale(self._frame))
+
+    @property
+    def off_arcsec(self) -> Array:
+        """Distance of each pair from the plate, shape (n,)."""
+        return np.asarray(np.hypot(*self._left_over) * _scale(self._frame))
+
+    def of(self, chosen: NDArray[np.bool_]) -> CameraFit:
+        """Fit some of the pairs, with the same belief."""
+        equations = self._equations.those(chosen)
+        degree = self.plate.degree
+        return _converged(
+            self._like, self._frame, equations, self.trust[chosen], degree, lambda *_: self.belief, None
+        )
+
+    @cached_property
+    def influence(self) -> Influence:
+        """How much the pairs hold the plate, and how sure it is; told on demand, since few fits are asked."""
+        answer = self._equations.answer(self.trust, self.belief)
+        used = float((answer.smoother * answer.normal).sum())
+        left_over, sigma2 = self._left_over, self._sigma2
+        at_center = answer.covariance[:2, :2] * _excess((left_over**2).sum(axis=0) / sigma2, used)
+        xx, xy, yy = (part / sigma2 for part in self._equations.hat(answer.smoother))
+        return Influence(
+            apart_arcsec=_apart(xx, xy, yy, left_over) * _scale(self._frame),
+            leverage=0.5 * (xx + yy),
+            center_covariance_arcsec2=self._frame @ at_center @ self._frame.T,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Influence:
+    """What a fit's pairs do to it.
+
+    Attributes
+    ----------
     apart_arcsec : ndarray, shape (n,)
         Distance of each pair from a plate that was fit without it (leave-one-out); exact for one strength of
         distortion, to a few percent for the average over several.
@@ -42,9 +96,6 @@ class CameraFit:
         East and north, scaled up by the residuals.
     """
 
-    plate: Plate
-    belief: Belief
-    sigma_arcsec: Array
     apart_arcsec: Array
     leverage: Array
     center_covariance_arcsec2: Array
@@ -58,6 +109,10 @@ def similarity_part(plate: Plate) -> Array:
     return np.array([[p, -s * q], [q, s * p]])
 
 
+def _scale(frame: Array) -> float:
+    return float(np.sqrt(abs(frame[0, 0] * frame[1, 1] - frame[0, 1] * frame[1, 0])))
+
+
 def fit_camera(
     like: Plate,
     x_px: Array,
@@ -69,6 +124,7 @@ def fit_camera(
     *,
     floor_px: float,
     belief: Belief | None = None,
+    near: Belief | None = None,
 ) -> CameraFit:
     """Fit a plate of a degree.
 
@@ -88,62 +144,69 @@ def fit_camera(
         What the error beyond the known is expected to be.
     belief : Belief, optional
         Of an earlier fit, to be kept.
+    near : Belief, optional
+        Of an earlier fit, to start from.
 
     Returns
     -------
     CameraFit
     """
-    basis, unit = BASES[degree], like.unit_px
+    unit = like.unit_px
     u, v = (x_px - like.center_x_px) / unit, (y_px - like.center_y_px) / unit
     frame = similarity_part(like)
-    scale = float(np.sqrt(abs(np.linalg.det(frame))))
-    back = np.linalg.inv(frame)
-    target = back @ np.vstack((xi - like.xi[0], eta - like.eta[0]))
-    off = target - np.vstack((u, v))
+    scale = _scale(frame)
     known2 = (known_arcsec / scale) ** 2
-    design = basis.design(u, v, degree)
-    start = np.vstack(like.tangential(x_px, y_px)) - np.vstack((xi, eta))
-    distance2 = (start**2).sum(axis=0) / scale**2
+    off = np.linalg.inv(frame) @ np.stack((xi - like.xi[0], eta - like.eta[0]))
+    off[0] -= u
+    off[1] -= v
+    equations = NormalEquations(u, v, off, known2, unit, degree)
+    seen = products(u, v, like.degree)
+    distance2 = ((like.xi @ seen - xi) ** 2 + (like.eta @ seen - eta) ** 2) / scale**2
     spread2 = 0.5 * float(np.median(distance2)) / np.log(2.0)
     trust = _trust(distance2, known2 + spread2)
-    held = belief
-    equations = NormalEquations(design, off, known2, unit)
-    for _ in range(ROUNDS):
-        if belief is None or held is None:
-            held = equations.most_probable(trust, WIDTHS[degree], floor_px, held)
-        answer = equations.answer(trust, held)
-        residual = off - design @ answer.parameters
-        sigma2 = known2 + (held.extra_px / unit) ** 2
-        before, trust = trust, _trust((residual**2).sum(axis=0), sigma2)
-        if np.abs(trust - before).max() < 1e-3:
+
+    def believed(trust: Array, near: Belief | None) -> Belief:
+        return equations.most_probable(trust, floor_px, near) if belief is None else belief
+
+    return _converged(like, frame, equations, trust, degree, believed, near)
+
+
+def _converged(
+    like: Plate,
+    frame: Array,
+    equations: NormalEquations,
+    trust: Array,
+    degree: int,
+    belief: Callable[[Array, Belief | None], Belief],
+    near: Belief | None,
+) -> CameraFit:
+    """Parameters, trust and belief in turns until they agree."""
+    held = belief(trust, near)
+    for turn in range(ROUNDS + 1):
+        if 0 < turn < ROUNDS:
+            held = belief(trust, held)
+        parameters = equations.parameters(trust, held)
+        left_over = equations.left_over(parameters)
+        again = _trust((left_over**2).sum(axis=0), equations.sigma2(held.extra_px))
+        if turn == ROUNDS or np.abs(again - trust).max() < SETTLED:
             break
-    assert held is not None
-    answer = equations.answer(trust, held)
-    residual = off - design @ answer.parameters
-    sigma2 = (known2 + (held.extra_px / unit) ** 2) / trust
-    x, y = basis.x @ answer.parameters, basis.y @ answer.parameters
+        trust = again
+    x, y = BASES[degree].displacements(parameters)
     x[1] += 1.0
     y[2] += 1.0
-    plate = replace(
-        like,
-        degree=degree,
-        xi=frame[0, 0] * x + frame[0, 1] * y,
-        eta=frame[1, 0] * x + frame[1, 1] * y,
-    )
-    plate.xi[0] += like.xi[0]
-    plate.eta[0] += like.eta[0]
-    matrix = plate.matrix()
-    plate = replace(plate, parity=-1 if np.linalg.det(matrix) > 0 else 1)
-    used = float((design * (design @ answer.smoother)).sum(axis=2).sum(axis=0) @ (1.0 / sigma2))
-    at_center = answer.covariance[:2, :2] * _excess((residual**2).sum(axis=0) / sigma2, used)
-    hat = _hat(design, answer.smoother, sigma2)
+    xi, eta = frame[0, 0] * x + frame[0, 1] * y, frame[1, 0] * x + frame[1, 1] * y
+    mirrored = xi[1] * eta[2] - xi[2] * eta[1] > 0
+    xi[0] += like.xi[0]
+    eta[0] += like.eta[0]
     return CameraFit(
-        plate=plate,
+        plate=replace(like, degree=degree, parity=-1 if mirrored else 1, xi=xi, eta=eta),
         belief=held,
-        sigma_arcsec=np.sqrt(sigma2) * scale,
-        apart_arcsec=_apart(hat, residual) * scale,
-        leverage=0.5 * np.einsum("nii->n", hat),
-        center_covariance_arcsec2=frame @ at_center @ frame.T,
+        trust=trust,
+        _like=like,
+        _equations=equations,
+        _frame=frame,
+        _left_over=left_over,
+        _sigma2=equations.sigma2(held.extra_px) / trust,
     )
 
 
@@ -161,13 +224,9 @@ def _excess(z2: Array, used: float) -> float:
     return max(1.0, float(z2.sum()) / free) * (free + 2.0) / free
 
 
-def _hat(design: Array, smoother: Array, sigma2: Array) -> Array:
-    """The 2 × 2 blocks on the hat matrix' diagonal, shape (n, 2, 2)."""
-    rows = design.transpose(1, 0, 2)
-    return np.asarray(rows @ smoother @ rows.transpose(0, 2, 1) / sigma2[:, None, None])
-
-
-def _apart(hat: Array, residual: Array) -> Array:
-    """Leave-one-out distances: (1 − H)⁻¹ residual; shape (n,)."""
-    rest = np.eye(2) * (1.0 + 1e-9) - hat
-    return np.asarray(np.linalg.norm(np.linalg.solve(rest, residual.T[:, :, None])[:, :, 0], axis=1))
+def _apart(xx: Array, xy: Array, yy: Array, left_over: Array) -> Array:
+    """Leave-one-out distances: (1 − H)⁻¹ left over, with the hat matrix' 2 × 2 blocks H; shape (n,)."""
+    a, d = 1.0 + 1e-9 - xx, 1.0 + 1e-9 - yy
+    determinant = a * d - xy**2
+    x, y = left_over
+    return np.asarray(np.hypot(d * x + xy * y, xy * x + a * y) / np.abs(determinant))

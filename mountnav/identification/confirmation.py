@@ -76,11 +76,11 @@ class Witnesses:
         xi, eta = self._plate.project(stars.ra_deg, stars.dec_deg)
         x, y = self._plate.pixels(xi, eta)
         seen = np.flatnonzero(self._inside(x, y))[:MOST_STARS]
-        corner = np.isin(stars.ra_deg[seen], corners.ra_deg) & np.isin(stars.dec_deg[seen], corners.dec_deg)
+        corner = _among(stars.ra_deg[seen], corners.ra_deg) & _among(stars.dec_deg[seen], corners.dec_deg)
         seen = seen[~corner]
         self._xi, self._eta = xi[seen], eta[seen]
         bright = slice(0, max(MANY_MEASUREMENTS, 2 * int(seen.size)))
-        free = ~(np.isin(x_px[bright], corners.x_px) & np.isin(y_px[bright], corners.y_px))
+        free = ~(_among(x_px[bright], corners.x_px) & _among(y_px[bright], corners.y_px))
         self._x, self._y = x_px[bright][free], y_px[bright][free]
         few = max(FEW_MEASUREMENTS, 3 * int(seen.size))
         # a poor catalog's stars are the brightest in the frame; among fewer measurements a pair says more
@@ -131,10 +131,11 @@ class Witnesses:
 
     def _agreement(self, x: Array, y: Array, used: Index, brightest: int) -> float:
         """How probable it is that predicted places lie so near to the brightest measurements by chance."""
-        free = np.setdiff1d(np.arange(min(brightest, self._x.size)), used)
-        if x.size == 0 or free.size == 0:
+        unused = np.ones(self._x.size, dtype=bool)
+        unused[used] = False
+        mx, my = self._x[:brightest][unused[:brightest]], self._y[:brightest][unused[:brightest]]
+        if x.size == 0 or mx.size == 0:
             return 1.0
-        mx, my = self._x[free], self._y[free]
         distance, nearest = (
             np.asarray(one) for one in cKDTree(np.column_stack((mx, my))).query(np.column_stack((x, y)))
         )
@@ -144,10 +145,11 @@ class Witnesses:
         chance = -np.expm1(-dense * np.pi * np.maximum(distance, NEAREST_PX) ** 2)
         # a measurement speaks for one star: two stars of a pair at the same place are one event
         order = np.argsort(chance, kind="stable")
-        again = np.ones(order.size, dtype=bool)
-        again[np.unique(nearest[order], return_index=True)[1]] = False
-        chance[order[again]] = 1.0
-        return together(chance)
+        best = np.full(mx.size, -1)
+        best[nearest[order[::-1]]] = order[::-1]
+        once = np.ones(chance.size)
+        once[best[best >= 0]] = chance[best[best >= 0]]
+        return together(once)
 
     def _taught(self, teaching: NDArray[np.bool_]) -> tuple[Plate, Index]:
         """The plate of the triangle and the pairs of one hand, and which measurements made it."""
@@ -172,3 +174,9 @@ class Witnesses:
             if plate.parity != self._plate.parity:
                 return self._plate, np.zeros(0, dtype=np.int64)
         return plate, used
+
+
+def _among(values: Array, few: Array) -> NDArray[np.bool_]:
+    """Which of the values are one of a few."""
+    among: NDArray[np.bool_] = (values[:, None] == few).any(axis=1)
+    return among

@@ -29,7 +29,7 @@ def cross_validated(fit: CameraFit, sigma_arcsec: Array) -> float:
     -------
     float
     """
-    apart = fit.apart_arcsec / sigma_arcsec
+    apart = fit.influence.apart_arcsec / sigma_arcsec
     return float(np.sqrt(np.mean(np.minimum(apart, OUTLYING * np.median(apart)) ** 2)))
 
 

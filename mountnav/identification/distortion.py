@@ -7,12 +7,11 @@ distortion.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.identification.plate import SIMILARITY, powers, terms
+from mountnav.identification.plate import SIMILARITY, powers
 
 Array = NDArray[np.float64]
 
@@ -35,28 +34,39 @@ class Basis:
     x, y : ndarray, shape (monomials, parameters)
         Coefficients.
     kind : tuple of str
-        What each parameter is: "free" (shift, turn, scale), "shear", "radial", "decentering", "other".
+        What each parameter is: "free" (shift, turn, scale), "other", "shear", "radial", "decentering"; in
+        this order.
+    bordered : ndarray, shape (sums, (parameters + 1)²)
+        Turns weighted sums over pairs into normal equations, flattened: the normal matrix, the right side
+        as one more row and column, and in the corner the square of what is to be explained. The sums are
+        those of the monomials up to twice the degree; of the monomials times what is to be explained in x,
+        and in y; and of its square.
     """
 
     x: Array
     y: Array
     kind: tuple[str, ...]
+    bordered: Array
 
-    def design(self, u: Array, v: Array, degree: int) -> Array:
-        """Displacements by each parameter, shape (2, n, parameters)."""
-        rows = terms(u, v, degree)
-        return np.stack((rows @ self.x, rows @ self.y))
+    def displacements(self, parameters: Array) -> Array:
+        """Polynomials of a set of parameters: x and y, shape (2, monomials)."""
+        return np.stack((self.x @ parameters, self.y @ parameters))
 
-    def widths(self, shear: float, radial: float, other: float) -> Array:
-        """Expected size of each parameter, shape (parameters,)."""
-        size = {
-            "free": 1.0,
-            "shear": shear,
-            "radial": radial,
-            "decentering": max(other, DECENTERED * radial),
-            "other": other,
-        }
-        return np.array([size[kind] for kind in self.kind])
+
+@dataclass(frozen=True, slots=True)
+class Strengths:
+    """Expected sizes of a degree's parameters under each strength in question.
+
+    Attributes
+    ----------
+    head : ndarray, shape (h, a)
+        Of the free and the other parameters, for each size of the other ones.
+    tail : ndarray, shape (h, s, r, b)
+        Of shear, radial and decentering, for each of these and each choice of shear and of radial.
+    """
+
+    head: Array
+    tail: Array
 
 
 def _basis(degree: int) -> Basis:
@@ -68,6 +78,9 @@ def _basis(degree: int) -> Basis:
         ("free", {(1, 0): 1}, {(0, 1): 1}),
         ("free", {(0, 1): -1}, {(1, 0): 1}),
     ]
+    for power in powers(degree):
+        if 2 <= sum(power) <= degree:
+            columns += [("other", {power: 1}, {}), ("other", {}, {power: 1})]
     if degree >= 1:
         columns += [("shear", {(1, 0): 1}, {(0, 1): -1}), ("shear", {(0, 1): 1}, {(1, 0): 1})]
     if degree >= 3:
@@ -76,27 +89,49 @@ def _basis(degree: int) -> Basis:
             ("decentering", {(2, 0): 3, (0, 2): 1}, {(1, 1): 2}),
             ("decentering", {(1, 1): 2}, {(2, 0): 1, (0, 2): 3}),
         ]
-    for power in powers(degree):
-        if 2 <= sum(power) <= degree:
-            columns += [("other", {power: 1}, {}), ("other", {}, {power: 1})]
     x, y = np.zeros((2, len(index), len(columns)))
     for number, (_, in_x, in_y) in enumerate(columns):
         for side, given in ((x, in_x), (y, in_y)):
             for power, factor in given.items():
                 side[index[power], number] = factor
-    return Basis(x, y, tuple(kind for kind, _, _ in columns))
+    return Basis(x, y, tuple(kind for kind, _, _ in columns), _bordered(degree, x, y))
 
 
-def _strengths(degree: int) -> list[tuple[float, float, float]]:
-    """Strengths in question at a degree: shear, radial, other."""
+def _bordered(degree: int, x: Array, y: Array) -> Array:
+    single, double = powers(degree), powers(2 * max(degree, 1))
+    place = {power: i for i, power in enumerate(double)}
+    count, first = x.shape[1], len(double)
+    out = np.zeros((first + 2 * len(single) + 1, count + 1, count + 1))
+    for a, (i, j) in enumerate(single):
+        for b, (k, m) in enumerate(single):
+            out[place[i + k, j + m], :count, :count] += np.outer(x[a], x[b]) + np.outer(y[a], y[b])
+        for row, side in ((first + a, x), (first + len(single) + a, y)):
+            out[row, count, :count] = out[row, :count, count] = side[a]
+    out[-1, count, count] = 1.0
+    return out.reshape(out.shape[0], -1)
+
+
+def _strengths(degree: int, basis: Basis) -> Strengths:
     shears = SHEARS if degree >= 1 else SHEARS[:1]
     radials = RADIALS if degree >= 3 else RADIALS[:1]
     others = OTHERS if degree >= 2 else OTHERS[:1]
-    return list(product(shears, radials, others))
+    in_head = sum(kind in ("free", "other") for kind in basis.kind)
+
+    def widths(shear: float, radial: float, other: float) -> list[float]:
+        size = {
+            "free": 1.0,
+            "other": other,
+            "shear": shear,
+            "radial": radial,
+            "decentering": max(other, DECENTERED * radial),
+        }
+        return [size[kind] for kind in basis.kind]
+
+    every = np.array(
+        [[[widths(shear, radial, other) for radial in radials] for shear in shears] for other in others]
+    )
+    return Strengths(head=every[:, 0, 0, :in_head], tail=every[..., in_head:])
 
 
 BASES = {degree: _basis(degree) for degree in range(SIMILARITY, 4)}
-WIDTHS = {
-    degree: np.array([basis.widths(*one) for one in _strengths(degree)]) for degree, basis in BASES.items()
-}
-"""Expected sizes of the parameters under each strength in question; shape (strengths, parameters)."""
+STRENGTHS = {degree: _strengths(degree, basis) for degree, basis in BASES.items()}

@@ -260,12 +260,14 @@ def _in_tile(
     chosen = spread_brightest(xi, eta, turn.stage[1], regions=regions, cap=cap)
     proved = spread_brightest(xi, eta, settings.n_confirm_stars, regions=regions, cap=cap)
     least_arcsec = settings.k_height * 0.5 * (frame.width_px + frame.height_px) * scales[0] * 0.99
+    shortest_arcsec, longest_arcsec = index.length_bounds()
     catalog_triangles = make_triangles(
         xi[chosen],
         eta[chosen],
         min_side=least_arcsec,
         min_height=least_arcsec,
-        max_side=float(np.hypot(frame.width_px, frame.height_px)) * scales[1] * 1.01,
+        max_side=min(float(np.hypot(frame.width_px, frame.height_px)) * scales[1] * 1.01, longest_arcsec),
+        min_longest=shortest_arcsec,
     )
     of_frame, of_catalog = index.like(catalog_triangles)
     z = frame.x_px + 1j * frame.y_px

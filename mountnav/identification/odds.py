@@ -30,6 +30,15 @@ def at_least(hits: Array, trials: Array, chance: Array | float) -> Array:
     return np.asarray(np.where(k <= 0, 1.0, np.where(k > n, 0.0, tail)), dtype=float)
 
 
+def _counts_in_parts(x_px: Array, y_px: Array, width_px: int, height_px: int, cells: int) -> Array:
+    """How many points lie in each of cells × cells parts of the frame; shape (cells, cells), rows first."""
+    column = np.floor((x_px + 0.5) * (cells / width_px)).astype(np.int64)
+    row = np.floor((y_px + 0.5) * (cells / height_px)).astype(np.int64)
+    inside = (column >= 0) & (column < cells) & (row >= 0) & (row < cells)
+    counts = np.bincount((row * cells + column)[inside], minlength=cells**2)
+    return counts.reshape(cells, cells).astype(float)
+
+
 def area_share(
     x_px: Array, y_px: Array, radius_px: float, *, width_px: int, height_px: int, cells: int = 4
 ) -> Array:
@@ -50,9 +59,7 @@ def area_share(
         1 − exp(−density·π·radius²) with the density of the part or of the frame, whichever is more: stars
         of the catalog crowd where measurements crowd, and chance matches with them.
     """
-    counts, _, _ = np.histogram2d(
-        y_px, x_px, bins=cells, range=((-0.5, height_px - 0.5), (-0.5, width_px - 0.5))
-    )
+    counts = _counts_in_parts(x_px, y_px, width_px, height_px, cells)
     per_part = width_px * height_px / cells**2
     density = np.maximum(counts, x_px.size / cells**2) / per_part
     share: Array = 1.0 - np.exp(-density * np.pi * radius_px**2)
@@ -90,9 +97,7 @@ def density(
     ndarray, shape (k,)
         Measurements per square pixel: the most of the frame's mean, the part's, and the crowd's.
     """
-    counts, _, _ = np.histogram2d(
-        y_px, x_px, bins=cells, range=((-0.5, height_px - 0.5), (-0.5, width_px - 0.5))
-    )
+    counts = _counts_in_parts(x_px, y_px, width_px, height_px, cells)
     column = np.clip(((at_x_px + 0.5) / width_px * cells).astype(int), 0, cells - 1)
     row = np.clip(((at_y_px + 0.5) / height_px * cells).astype(int), 0, cells - 1)
     per_part = width_px * height_px / cells**2

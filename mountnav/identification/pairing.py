@@ -65,7 +65,15 @@ class Predicted:
         return int(self.star.size)
 
 
-def predicted(plate: Plate, stars: Stars, *, width_px: int, height_px: int) -> Predicted:
+def predicted(
+    plate: Plate,
+    stars: Stars,
+    *,
+    width_px: int,
+    height_px: int,
+    margin_px: float = 0.0,
+    projected: tuple[Array, Array] | None = None,
+) -> Predicted:
     """Put stars in the frame.
 
     Parameters
@@ -73,16 +81,22 @@ def predicted(plate: Plate, stars: Stars, *, width_px: int, height_px: int) -> P
     plate : Plate
     stars : Stars
     width_px, height_px : int
+    margin_px : float
+        Stars so far outside the frame's edges are taken as well.
+    projected : two ndarrays, shape (len(stars),), optional
+        What `plate.project` makes of the stars, if that is known.
 
     Returns
     -------
     Predicted
     """
-    xi, eta = plate.project(stars.ra_deg, stars.dec_deg)
+    xi, eta = projected if projected is not None else plate.project(stars.ra_deg, stars.dec_deg)
     reach = REACH * plate.unit_px * plate.scale_arcsec_px()
-    seen = np.flatnonzero(np.isfinite(xi) & (np.hypot(xi - plate.xi[0], eta - plate.eta[0]) < reach))
+    # NaN, a star behind, is never near
+    seen = np.flatnonzero((xi - plate.xi[0]) ** 2 + (eta - plate.eta[0]) ** 2 < reach**2)
     x, y = plate.pixels(xi[seen], eta[seen])
-    inside = (x > -0.5) & (x < width_px - 0.5) & (y > -0.5) & (y < height_px - 0.5)
+    least, right, high = -0.5 - margin_px, width_px - 0.5 + margin_px, height_px - 0.5 + margin_px
+    inside = (x > least) & (x < right) & (y > least) & (y < high)
     return Predicted(seen[inside], x[inside], y[inside])
 
 

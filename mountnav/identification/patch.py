@@ -17,6 +17,10 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
+ASKED_DIRECTLY = 8
+"""So many tiles are cut out by distance; only then a tree is built, which most searches never need."""
+
+
 @dataclass(frozen=True, slots=True)
 class Tile:
     """A part of the search area.
@@ -77,24 +81,28 @@ class Patch:
         cone_deg = min(float(self._off_deg.max()) + tile_deg, 180.0)
         limit = magnitude_for(count, np.pi * tile_deg**2)
         self.stars: Stars = catalog.cone(center, cone_deg, epoch_yr=epoch_yr, mag_limit=limit)
-        chord = 2.0 * np.sin(np.radians(tile_deg) / 2.0)
-        if len(self.stars):
-            tree = cKDTree(_axes(self.stars.ra_deg, self.stars.dec_deg))
-            self._found = tree.query_ball_point(axes, chord, return_sorted=True)
-        else:
-            self._found = np.empty(len(self._places), dtype=object)
-            self._found[:] = [[] for _ in self._places]
+        self._chord = 2.0 * float(np.sin(np.radians(tile_deg) / 2.0))
+        self._axes, self._star_axes = axes, _axes(self.stars.ra_deg, self.stars.dec_deg)
+        self._tree: cKDTree | None = None
+        self._asked = 0
 
     def __len__(self) -> int:
         return len(self._places)
 
     def tile(self, number: int) -> Tile:
         """One of the tiles, 0 being the assumed center's."""
-        return Tile(
-            self._places[number],
-            float(self._off_deg[number]),
-            np.asarray(self._found[number], dtype=np.int64),
-        )
+        return Tile(self._places[number], float(self._off_deg[number]), self._within(self._axes[number]))
+
+    def _within(self, axis: Array) -> Index:
+        """Stars of the tile round an axis, brightest first."""
+        self._asked += 1
+        if self._asked <= ASKED_DIRECTLY:
+            away = self._star_axes - axis
+            return np.flatnonzero(np.einsum("ij,ij->i", away, away) <= self._chord**2)
+        if self._tree is None:
+            self._tree = cKDTree(self._star_axes)
+        found = self._tree.query_ball_point(axis, self._chord, return_sorted=True)
+        return np.asarray(found, dtype=np.int64)
 
 
 def _axes(ra_deg: Array, dec_deg: Array) -> Array:

@@ -16,6 +16,8 @@ Index = NDArray[np.int64]
 ARCSEC_PER_RAD = 180.0 * 3600.0 / np.pi
 SIMILARITY = 0
 """Degree that stands for a similarity: four parameters, for frames with a handful of stars."""
+INVERSE_PX = 1e-7
+"""Steps of the inverse smaller than this end it."""
 NAMES = ("similarity", "linear", "quadratic", "cubic")
 
 
@@ -25,9 +27,18 @@ def powers(degree: int) -> list[tuple[int, int]]:
     return [(total - j, j) for total in range(top + 1) for j in range(total + 1)]
 
 
-def terms(u: Array, v: Array, degree: int) -> Array:
-    """Monomials u^i v^j; shape (n, len(powers(degree)))."""
-    return np.column_stack([u**i * v**j for i, j in powers(degree)])
+def products(u: Array, v: Array, degree: int) -> Array:
+    """Monomials u^i v^j in the order of `powers`, each from a lower one; shape (len(powers(degree)), n)."""
+    top = max(degree, 1)
+    rows = np.empty(((top + 1) * (top + 2) // 2, u.size))
+    rows[0] = 1.0
+    lower = 0
+    for total in range(1, top + 1):
+        start = lower + total
+        np.multiply(rows[lower:start], u, out=rows[start : start + total])
+        np.multiply(rows[start - 1], v, out=rows[start + total])
+        lower = start
+    return rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,10 +72,9 @@ class Plate:
 
     def tangential(self, x_px: Array, y_px: Array) -> tuple[Array, Array]:
         """Tangential coordinates ξ, η (arcsec, shape (n,)) of pixels (0-based)."""
-        a = terms(
-            (x_px - self.center_x_px) / self.unit_px, (y_px - self.center_y_px) / self.unit_px, self.degree
-        )
-        return a @ self.xi, a @ self.eta
+        u, v = (x_px - self.center_x_px) / self.unit_px, (y_px - self.center_y_px) / self.unit_px
+        rows = products(u, v, self.degree)
+        return self.xi @ rows, self.eta @ rows
 
     def matrix(self) -> Array:
         """Derivatives at the center, arcsec per pixel: [[dξ/dx, dξ/dy], [dη/dx, dη/dy]]."""
@@ -79,12 +89,21 @@ class Plate:
             return x, y
         # far outside the frame a polynomial means nothing: leave the linear guess there
         reach = 1.5 * self.unit_px
-        near = (np.abs(x - self.center_x_px) < reach) & (np.abs(y - self.center_y_px) < reach)
+        near = np.flatnonzero((np.abs(x - self.center_x_px) < reach) & (np.abs(y - self.center_y_px) < reach))
+        if near.size == 0:
+            return x, y
+        near_x, near_y, near_xi, near_eta = x[near], y[near], xi[near], eta[near]
         for _ in range(6):
-            got_xi, got_eta = self.tangential(x[near], y[near])
-            dxi, deta = xi[near] - got_xi, eta[near] - got_eta
-            x[near] += inverse[0, 0] * dxi + inverse[0, 1] * deta
-            y[near] += inverse[1, 0] * dxi + inverse[1, 1] * deta
+            got_xi, got_eta = self.tangential(near_x, near_y)
+            dxi, deta = near_xi - got_xi, near_eta - got_eta
+            dx = inverse[0, 0] * dxi + inverse[0, 1] * deta
+            dy = inverse[1, 0] * dxi + inverse[1, 1] * deta
+            near_x += dx
+            near_y += dy
+            # each step shrinks by the distortion's share: what is left to go is less than the last step
+            if max(np.abs(dx).max(), np.abs(dy).max()) < INVERSE_PX:
+                break
+        x[near], y[near] = near_x, near_y
         return x, y
 
     def project(self, ra_deg: Array, dec_deg: Array) -> tuple[Array, Array]:
@@ -104,7 +123,7 @@ class Plate:
 
     def scale_arcsec_px(self) -> float:
         """sqrt(|det|) of the matrix at the center."""
-        return float(np.sqrt(abs(np.linalg.det(self.matrix()))))
+        return float(np.sqrt(abs(self.xi[1] * self.eta[2] - self.xi[2] * self.eta[1]))) / self.unit_px
 
     def rotation_deg(self) -> float:
         """Position angle of the +y axis, east of north, in [0, 360)."""
@@ -120,9 +139,8 @@ class Plate:
     def moved_to(self, tangent: Icrs) -> Plate:
         """The same plate with another tangent point: right at the center to first order; to be fit again."""
         here = replace(self, tangent=tangent)
-        middle_x = self.center_x_px + np.array([0.0, 1.0, 0.0])
-        middle_y = self.center_y_px + np.array([0.0, 0.0, 1.0])
-        xi, eta = self.tangential(middle_x, middle_y)
+        step = np.array([0.0, 1.0, 1.0]) / self.unit_px
+        xi, eta = self.xi[0] + step * self.xi[:3], self.eta[0] + step * self.eta[:3]
         ra, dec = gnomonic_inverse(
             xi / ARCSEC_PER_RAD, eta / ARCSEC_PER_RAD, self.tangent.ra_deg, self.tangent.dec_deg
         )
@@ -226,7 +244,7 @@ def fit_plate(
         answer = np.linalg.lstsq(rows * both[:, None], np.concatenate((xi, eta)) * both, rcond=None)[0]
         a, b, p, q = (float(value) for value in answer)
         return replace(like, degree=degree, xi=np.array([a, p, -s * q]), eta=np.array([b, q, s * p]))
-    rows = terms(u, v, degree) * weight[:, None]
+    rows = products(u, v, degree).T * weight[:, None]
     got: Array = np.asarray(
         np.linalg.lstsq(rows, np.column_stack((xi, eta)) * weight[:, None], rcond=None)[0], dtype=np.float64
     )

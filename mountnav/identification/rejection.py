@@ -34,14 +34,34 @@ def grouped(x_px: Array, y_px: Array, magnitude: Array, radius_px: float, depth_
     -------
     ndarray of bool, shape (n,)
     """
-    inside = np.zeros(x_px.size, dtype=bool)
     if x_px.size < 2:
-        return inside
+        return np.zeros(x_px.size, dtype=bool)
     close = cKDTree(np.column_stack((x_px, y_px))).query_pairs(radius_px, output_type="ndarray")
-    if close.size:
-        a, b = close[:, 0], close[:, 1]
-        inside[a[magnitude[b] < magnitude[a] + depth_mag]] = True
-        inside[b[magnitude[a] < magnitude[b] + depth_mag]] = True
+    return in_groups(close, x_px, y_px, magnitude, radius_px, depth_mag)
+
+
+def in_groups(
+    close: Index, x_px: Array, y_px: Array, magnitude: Array, radius_px: float, depth_mag: float
+) -> Mask:
+    """`grouped`, when it is known which points may be close.
+
+    Parameters
+    ----------
+    close : ndarray of int, shape (k, 2)
+        All couples of points within the radius, and perhaps some others.
+    x_px, y_px, magnitude, radius_px, depth_mag
+        As of `grouped`.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    inside = np.zeros(x_px.size, dtype=bool)
+    a, b = close.T
+    near = np.flatnonzero((x_px[a] - x_px[b]) ** 2 + (y_px[a] - y_px[b]) ** 2 <= radius_px**2)
+    a, b = a[near], b[near]
+    inside[a[magnitude[b] < magnitude[a] + depth_mag]] = True
+    inside[b[magnitude[a] < magnitude[b] + depth_mag]] = True
     return inside
 
 

@@ -200,9 +200,7 @@ def _is_near(hint: Hint, shorter_px: int) -> bool:
 
 def _no_hint(reach: Reach) -> Refusal:
     why = "and blind search is switched off" if reach.blind == "never" else "and there is no index of the sky"
-    return Refusal(
-        Reason.NO_HINT, f"neither the header nor the caller says where it was taken, {why}", {}
-    )
+    return Refusal(Reason.NO_HINT, f"neither the header nor the caller says where it was taken, {why}", {})
 
 
 def _refused(

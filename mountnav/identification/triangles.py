@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations, product
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,33 +41,18 @@ class Triangles:
 
 @lru_cache(maxsize=16)
 def _triples(count: int) -> tuple[Index, Index]:
-    """All index triples below `count`, those of the brightest points first; shape (C(count, 3), 3).
+    """All index triples below `count`, those of the brightest points first; shape (3, C(count, 3)).
 
     And for each corner where the side opposite to it stands in a flattened table of distances.
     """
     if count < 3:
-        return np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3), dtype=np.int64)
-    triples = np.array(list(combinations(range(count), 3)), dtype=np.int64)
-    triples = triples[np.argsort(triples.sum(axis=1), kind="stable")]
-    return triples, triples[:, [1, 2, 0]] * count + triples[:, [2, 0, 1]]
-
-
-def corner_angle(at_x: Array, at_y: Array, u_x: Array, u_y: Array, v_x: Array, v_y: Array) -> Array:
-    """Signed angle at a corner, from the ray to `u` to the ray to `v` [S23 eq. 11-16, corrected].
-
-    Parameters
-    ----------
-    at_x, at_y, u_x, u_y, v_x, v_y : ndarray, shape (n,)
-        The corner and the two other points.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        atan2(u × v, u · v) in radians.
-    """
-    ax, ay, bx, by = u_x - at_x, u_y - at_y, v_x - at_x, v_y - at_y
-    angle: Array = np.arctan2(ax * by - ay * bx, ax * bx + ay * by)
-    return angle
+        return np.zeros((3, 0), dtype=np.int64), np.zeros((3, 0), dtype=np.int64)
+    first, second = np.triu_indices(count, 1)
+    left = count - 1 - second
+    third = np.arange(left.sum()) - np.repeat(np.cumsum(left) - left - second - 1, left)
+    triples = np.stack((np.repeat(first, left), np.repeat(second, left), third))
+    triples = triples[:, np.argsort(triples.sum(axis=0), kind="stable")]
+    return triples, triples[[1, 2, 0]] * count + triples[[2, 0, 1]]
 
 
 def make_triangles(
@@ -77,6 +62,7 @@ def make_triangles(
     min_side: float,
     min_height: float,
     max_side: float = np.inf,
+    min_longest: float = 0.0,
     limit: int | None = None,
 ) -> Triangles:
     """All triangles that are large enough [S23 eq. 9, 10], those of the brightest points first.
@@ -85,8 +71,8 @@ def make_triangles(
     ----------
     x, y : ndarray, shape (n,)
         Points, brightest first.
-    min_side, min_height, max_side : float
-        Least side, least height over the longest side, longest side; in the points' unit.
+    min_side, min_height, max_side, min_longest : float
+        Least side, least height over the longest side, bounds of the longest side; in the points' unit.
     limit : int, optional
         Keep this many.
 
@@ -96,35 +82,45 @@ def make_triangles(
     """
     count = int(x.size)
     triples, opposite = _triples(count)
-    place = x + 1j * y
-    length = np.abs(place[:, None] - place[None, :]).ravel()
+    length2 = ((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2).ravel()
     # sides opposite to each corner: looked up, since each pair belongs to many triangles
-    fits = (length >= min_side) & (length <= max_side)
-    chosen = np.flatnonzero(fits[opposite[:, 0]] & fits[opposite[:, 1]] & fits[opposite[:, 2]])
-    triples, sides = triples[chosen], length[opposite[chosen]]
-    order = np.argsort(-sides, axis=1, kind="stable")  # the largest angle faces the longest side
-    corners, sides = np.take_along_axis(triples, order, axis=1), np.take_along_axis(sides, order, axis=1)
-    a, b, c = (place[corners[:, number]] for number in range(3))
-    twice_area = ((b - a).conj() * (c - a)).imag
-    with np.errstate(divide="ignore", invalid="ignore"):
-        high = np.flatnonzero(np.abs(twice_area) / sides[:, 0] >= min_height)[:limit]
-    corners, sides, twice_area = corners[high], sides[high], twice_area[high]
-    a, b, c = a[high], b[high], c[high]
-    angles = np.abs(
-        np.stack(
-            [
-                corner_angle(at.real, at.imag, to.real, to.imag, off.real, off.imag)
-                for at, to, off in ((a, b, c), (b, c, a), (c, a, b))
-            ],
-            axis=1,
-        )
-    )
+    fits = (length2 >= min_side**2) & (length2 <= max_side**2)
+    fit = [fits.take(side) for side in opposite]
+    chosen = np.flatnonzero(fit[0] & fit[1] & fit[2])
+    sides = [length2.take(side.take(chosen)) for side in opposite]
+    longest = np.maximum(np.maximum(sides[0], sides[1]), sides[2])
+    # Heron: four times the area, squared
+    squared = 4.0 * sides[0] * sides[1] - (sides[0] + sides[1] - sides[2]) ** 2
+    high = (squared >= 4.0 * min_height**2 * longest) & (longest >= min_longest**2) & (longest > 0)
+    high = np.flatnonzero(high)[:limit]
+    corners, sides = [one.take(chosen[high]) for one in triples], [one[high] for one in sides]
+    a, b, c = corners
+    twice_area = (x[b] - x[a]) * (y[c] - y[a]) - (y[b] - y[a]) * (x[c] - x[a])
+    parity = _by_side(corners, sides, twice_area)
+    # u · v at a corner is half of what the squares of its sides exceed that of the opposite one by
+    cross = np.abs(twice_area)
+    first = np.arctan2(cross, 0.5 * (sides[1] + sides[2] - sides[0]))
+    last = np.arctan2(cross, 0.5 * (sides[0] + sides[1] - sides[2]))
     return Triangles(
-        corners=corners,
-        angles_rad=angles,
-        parity=np.where(twice_area >= 0, 1, -1).astype(np.int64),
-        log_length=np.log(sides[:, 0]),
+        corners=np.stack(corners).T,
+        angles_rad=np.stack((first, np.pi - first - last, last)).T,
+        parity=parity,
+        log_length=0.5 * np.log(sides[0]),
     )
+
+
+def _by_side(corners: list[Index], sides: list[Array], twice_area: Array) -> Index:
+    """Order corners by the opposite side, the longest first, in place; tell which way they turn then."""
+    parity = np.where(twice_area >= 0, 1, -1)
+    for one, other in ((0, 1), (1, 2), (0, 1)):
+        swap = sides[other] > sides[one]
+        for part in (corners, sides):
+            part[one], part[other] = (
+                np.where(swap, part[other], part[one]),
+                np.where(swap, part[one], part[other]),
+            )
+        parity = np.where(swap, -parity, parity)
+    return parity.astype(np.int64)
 
 
 class TriangleIndex:
@@ -154,7 +150,7 @@ class TriangleIndex:
         self._tree = None
         if len(triangles) == 0:
             return
-        place = self._place(triangles, self._log_scale)
+        place = np.stack(self._place(triangles, self._log_scale), axis=1)
         self._tree = cKDTree(place)
         cell = np.floor(place).astype(np.int64)
         self._low = cell.min(axis=0) - 1
@@ -164,13 +160,23 @@ class TriangleIndex:
             at = cell - self._low + np.array((a, b, c))
             self._near[at[:, 0], at[:, 1], at[:, 2]] = True
 
-    def _place(self, triangles: Triangles, log_scale: float) -> Array:
-        return np.column_stack(
-            (
-                triangles.angles_rad[:, 0] / self._angle_rad,
-                triangles.angles_rad[:, 2] / self._angle_rad,
-                (triangles.log_length + log_scale) / self._log_width,
-            )
+    def length_bounds(self) -> tuple[float, float]:
+        """Between which lengths (arcsec) the longest side of a catalog triangle like any here must lie."""
+        length = self._triangles.log_length
+        if length.size == 0:
+            return 0.0, 0.0
+        least, most = float(length.min()), float(length.max())
+        return (
+            float(np.exp(least + self._log_scale - self._log_width)),
+            float(np.exp(most + self._log_scale + self._log_width)),
+        )
+
+    def _place(self, triangles: Triangles, log_scale: float) -> tuple[Array, Array, Array]:
+        """Largest and smallest angle and length, in tolerances."""
+        return (
+            triangles.angles_rad[:, 0] / self._angle_rad,
+            triangles.angles_rad[:, 2] / self._angle_rad,
+            (triangles.log_length + log_scale) / self._log_width,
         )
 
     def like(self, triangles: Triangles) -> tuple[Index, Index]:
@@ -190,20 +196,22 @@ class TriangleIndex:
         if self._tree is None or len(triangles) == 0:
             return empty, empty
         place = self._place(triangles, 0.0)
-        cell = np.floor(place).astype(np.int64) - self._low
-        inside = np.flatnonzero(np.all((cell >= 0) & (cell < self._shape), axis=1))
-        cell = cell[inside]
-        likely = inside[self._near[cell[:, 0], cell[:, 1], cell[:, 2]]]
+        inside = np.ones(len(triangles), dtype=bool)
+        cells = []
+        for one, low, count in zip(place, self._low, self._shape, strict=True):
+            cell = np.floor(one).astype(np.int64) - low
+            inside &= (cell >= 0) & (cell < count)
+            cells.append(cell)
+        chosen = np.flatnonzero(inside)
+        likely = chosen[self._near[cells[0][chosen], cells[1][chosen], cells[2][chosen]]]
         if likely.size == 0:
             return empty, empty
-        found = self._tree.query_ball_point(place[likely], 1.0, p=np.inf)
-        counts = np.array([len(one) for one in found], dtype=np.int64)
-        if counts.sum() == 0:
-            return empty, empty
-        catalog = np.repeat(likely, counts)
-        frame = np.concatenate([np.asarray(one, dtype=np.int64) for one in found if one])
+        found = self._tree.sparse_distance_matrix(
+            cKDTree(np.stack([one[likely] for one in place], axis=1)), 1.0, p=np.inf, output_type="ndarray"
+        )
+        frame, catalog = found["i"].astype(np.int64), likely[found["j"]]
         # two angles within Δγ leave the third free to differ by 2 Δγ
         third = np.abs(self._triangles.angles_rad[frame, 1] - triangles.angles_rad[catalog, 1])
         alike = np.flatnonzero(third <= self._angle_rad)
-        order = alike[np.argsort(frame[alike], kind="stable")]
+        order = alike[np.lexsort((catalog[alike], frame[alike]))]
         return frame[order], catalog[order]

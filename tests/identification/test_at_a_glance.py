@@ -1,4 +1,4 @@
-"""What is solved at a glance is as right as what is measured in full, and what isn't costs nothing but time."""
+"""What is solved at a glance is as right as what is measured in full; what is not costs only time."""
 
 from dataclasses import replace
 
@@ -56,7 +56,9 @@ def test_a_glance_tells_of_the_night_what_measuring_in_full_tells(shared):
 
 def test_the_errors_of_the_precise_centroids_are_honest(shared):
     one = known(shared, "A01")
-    pairs = solve(read_frame(one.path), embedded_catalog(), hint=one.hint, settings=GLANCE).solution.identified
+    pairs = solve(
+        read_frame(one.path), embedded_catalog(), hint=one.hint, settings=GLANCE
+    ).solution.identified
     pull = np.hypot(pairs.dx_arcsec, pairs.dy_arcsec)[pairs.used]
     sigma = np.hypot(pairs.centroid_sigma_arcsec, pairs.catalog_sigma_arcsec)[pairs.used]
     # for two coordinates the median of the modulus over sigma is 1.18

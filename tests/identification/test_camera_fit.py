@@ -25,7 +25,7 @@ def test_leverage_and_distance_are_those_of_a_fit_without_the_pair(degree, count
     whole = fit_camera(like, x, y, xi, eta, known, degree, floor_px=0.03)
     got = whole.plate.tangential(x, y)
     residual = np.hypot(got[0] - xi, got[1] - eta)
-    assert np.all((whole.leverage > 0) & (whole.leverage < 1))
+    assert np.all((whole.influence.leverage > 0) & (whole.influence.leverage < 1))
     for one in range(0, count, 5):
         rest = np.arange(count) != one
         without = fit_camera(
@@ -42,5 +42,5 @@ def test_leverage_and_distance_are_those_of_a_fit_without_the_pair(degree, count
         seen = without.plate.tangential(x[[one]], y[[one]])
         distance = float(np.hypot(seen[0][0] - xi[one], seen[1][0] - eta[one]))
         # exact for one strength of distortion; the answer is an average over several
-        assert whole.apart_arcsec[one] == pytest.approx(distance, rel=0.05)
-        assert residual[one] / (1.0 - whole.leverage[one]) == pytest.approx(distance, rel=0.15)
+        assert whole.influence.apart_arcsec[one] == pytest.approx(distance, rel=0.05)
+        assert residual[one] / (1.0 - whole.influence.leverage[one]) == pytest.approx(distance, rel=0.15)

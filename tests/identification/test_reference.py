@@ -305,3 +305,35 @@ def test_too_few_pairs_hold_nothing():
     camera = Camera()
     measurements, stars = draw(np.random.default_rng(1), camera, 4)
     assert grown(measurements, stars, camera.plate()) is None
+
+
+@pytest.mark.parametrize("radial_px", [0.0, 3.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_refining_a_good_plate_gives_what_growing_anew_gives(radial_px, seed):
+    rng = np.random.default_rng(seed)
+    camera = Camera(radial_px=radial_px)
+    precise, stars = draw(rng, camera, 150, centroid_px=(0.02, 0.05))
+    off_px, sigma_px = rng.normal(0, 0.3, (2, len(precise))), np.full(len(precise), 0.3)
+    x_px, y_px = precise.x_px + off_px[0], precise.y_px + off_px[1]
+    rough = replace(precise, x_px=x_px, y_px=y_px, x_sigma_px=sigma_px, y_sigma_px=sigma_px)
+    first = grown(rough, stars, camera.plate())
+    assert first is not None
+    assert field_errors_px(first.plate, camera).max() > 0.03
+    selection = Selection(precise, np.arange(len(precise)), stars, IdentificationSettings())
+    anew, refined = selection.grow(camera.plate(), 10.0), selection.refine(first.plate, 2.5)
+    assert anew is not None
+    assert refined is not None
+    assert np.array_equal(np.sort(refined.pairs.star), np.sort(anew.pairs.star))
+    x, y = np.meshgrid(np.linspace(0, WIDTH, 7), np.linspace(0, HEIGHT, 7))
+    one, two = (
+        got.plate.moved_to(anew.plate.tangent).tangential(x.ravel(), y.ravel()) for got in (anew, refined)
+    )
+    assert np.hypot(one[0] - two[0], one[1] - two[1]).max() < 1e-3 * camera.scale
+
+
+def test_a_plate_that_is_nowhere_near_is_not_refined():
+    camera = Camera()
+    measurements, stars = draw(np.random.default_rng(1), camera, 40)
+    selection = Selection(measurements, np.arange(40), stars, IdentificationSettings())
+    far = camera.plate().turned(1.0 + 0j, complex(300.0, 200.0))
+    assert selection.refine(far, 1.5) is None

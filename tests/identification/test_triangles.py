@@ -1,35 +1,48 @@
-"""Triangles: angles that sum to π, and an index that knows a triangle under any similarity."""
+"""Triangles: their angles and limits, and an index that knows a triangle under any similarity."""
+
+from itertools import combinations
 
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mountnav.identification.plate import constants
-from mountnav.identification.triangles import TriangleIndex, corner_angle, make_triangles
-
-coordinate = st.floats(-1000, 1000, allow_nan=False)
-
-
-def test_corner_angle_signs_the_turn():
-    one, zero = np.ones(1), np.zeros(1)
-    assert np.allclose(corner_angle(zero, zero, one, zero, zero, one), np.pi / 2)
-    assert np.allclose(corner_angle(zero, zero, zero, one, one, zero), -np.pi / 2)
+from mountnav.identification.triangles import TriangleIndex, make_triangles
 
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=50, deadline=None)
-def test_angles_sum_to_a_half_turn_and_sides_keep_the_limits(seed):
+def test_angles_are_those_of_the_corners_and_sides_keep_the_limits(seed):
     x, y = np.random.default_rng(seed).uniform(0, 1000, (2, 12))
-    triangles = make_triangles(x, y, min_side=100, min_height=50, max_side=900)
-    assert np.allclose(triangles.angles_rad.sum(axis=1), np.pi)
-    assert np.all(np.diff(triangles.angles_rad, axis=1) <= 0)
+    triangles = make_triangles(x, y, min_side=100, min_height=50, max_side=900, min_longest=400)
+    assert np.all(np.diff(triangles.angles_rad, axis=1) <= 1e-12)
     p = x[triangles.corners] + 1j * y[triangles.corners]
+    for at in range(3):  # atan2(u × v, u · v) of the rays that leave a corner [S23 eq. 11-16]
+        u, v = p[:, (at + 1) % 3] - p[:, at], p[:, (at + 2) % 3] - p[:, at]
+        angle = np.angle(u.conj() * v)
+        assert np.allclose(np.abs(angle), triangles.angles_rad[:, at])
+        assert np.array_equal(np.sign(angle).astype(int), triangles.parity)
     sides = np.abs(p - np.roll(p, 1, axis=1))
     assert np.all(sides >= 100)
     assert np.all(sides <= 900)
     assert np.allclose(np.log(sides.max(axis=1)), triangles.log_length)
-    turn = np.imag((p[:, 1] - p[:, 0]).conj() * (p[:, 2] - p[:, 0]))
-    assert np.array_equal(np.sign(turn).astype(int), triangles.parity)
+    assert np.all(sides.max(axis=1) >= 400)
+    assert len(triangles) == _count_by_hand(x, y, 100, 50, 900, 400)
+
+
+def _count_by_hand(x, y, min_side, min_height, max_side, min_longest):
+    count = 0
+    for corners in combinations(x + 1j * y, 3):
+        a, b, c = corners
+        sides = [abs(a - b), abs(b - c), abs(c - a)]
+        height = abs(((b - a).conjugate() * (c - a)).imag) / max(sides)
+        count += (
+            min(sides) >= min_side
+            and height >= min_height
+            and max(sides) <= max_side
+            and max(sides) >= min_longest
+        )
+    return count
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0, 360), st.floats(0.5, 50), st.booleans())
