@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.interpolate import CubicSpline
 
 from mountnav.measuring.steps import Steps, find_steps
 
@@ -75,6 +74,8 @@ def _weights(cells: int, length: int, *, smooth: bool) -> Image:
     places = np.clip(np.arange(length), centers[0], centers[-1])
     unit = np.eye(cells)
     if smooth and cells >= 4:
+        from scipy.interpolate import CubicSpline  # dear to import, and a glance does without
+
         return np.asarray(CubicSpline(centers, unit, bc_type="natural")(places), dtype=np.float32)
     return np.stack([np.interp(places, centers, row) for row in unit], axis=1).astype(np.float32)
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from mountnav.measuring.profile import Bell, Fit, Stamps, covariances, fit_bells
 
@@ -141,7 +140,7 @@ def with_noise_law(bell: Bell, fit: Fit, stamps: Stamps, gain: float, *, card: b
     right = (level - ground) / sure
     if not (np.isfinite(table).all() and np.isfinite(right).all()):
         return bell
-    (per_photon, misfit2), _ = nnls(table, right)
+    per_photon, misfit2 = nonnegative_pair(table, right)
     spread = np.linalg.pinv(table.T @ table)
     clear = per_photon > _SURE_GAIN * np.sqrt(spread[0, 0])
     # photons are a law for faint and bright pixels alike; wings that no bell fits are not
@@ -155,3 +154,28 @@ def with_noise_law(bell: Bell, fit: Fit, stamps: Stamps, gain: float, *, card: b
     if misfit2 < _SURE_MISFIT / np.sqrt(table[:, 1] @ table[:, 1]):
         misfit2 = 0.0
     return replace(bell, gain_e_adu=float(gain), misfit=float(min(np.sqrt(misfit2), _MOST_MISFIT)))
+
+
+def nonnegative_pair(table: Array, right: Array) -> tuple[float, float]:
+    """Least squares of two unknowns neither of which may be negative.
+
+    Two unknowns leave four cases, so that scipy.optimize, dear to import, isn't needed.
+
+    Parameters
+    ----------
+    table : ndarray, shape (n, 2)
+    right : ndarray, shape (n,)
+
+    Returns
+    -------
+    tuple of two floats
+        The same as `scipy.optimize.nnls` finds.
+    """
+    free = np.linalg.lstsq(table, right, rcond=None)[0]
+    if bool((free >= 0.0).all()):
+        return float(free[0]), float(free[1])
+    # the best lies on an edge: one unknown is zero, and the other one's parabola ends at zero
+    square, slope = (table**2).sum(axis=0), table.T @ right
+    alone = np.where((slope > 0.0) & (square > 0.0), slope / np.where(square > 0.0, square, 1.0), 0.0)
+    gain = alone * slope
+    return (float(alone[0]), 0.0) if gain[0] >= gain[1] else (0.0, float(alone[1]))

@@ -33,6 +33,8 @@ _POOR_FIT = 0.15
 _LEAST_FLUX_SIGMA = 2.5
 _SAME_PX = 0.75
 _AROUND_FWHM = 1.75
+_ALIKE = 1.15
+"""Up to this ratio neighboring pixels count as independent: a small sample tells it no better."""
 
 
 def measured_near(
@@ -143,7 +145,8 @@ def quality_of(
     p, q, r = shape.seen()
     bin_px = 2 if scene.frame.pixels.size > settings.bin_above_px else 1
     star = bell_image(p, q, r, shape.bell, 2 * half_px)
-    limit = limiting_flux(star, scene.noise_adu, scene.noise_ratio, settings.detection_sigma_px, bin_px)
+    ratio = scene.noise_ratio if scene.noise_ratio > _ALIKE else 1.0
+    limit = limiting_flux(star, scene.noise_adu, ratio, settings.detection_sigma_px, bin_px)
     full = full_patches(scene, known.x_px, known.y_px, np.where(known.flags & Flag.SATURATED, np.inf, 0.0))
     return summed_up(
         background,
