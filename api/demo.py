@@ -205,6 +205,7 @@ def _service(settings: Settings) -> Iterator[tuple[str, Callable[[], Icrs]]]:
     host, port = settings.service.host, settings.service.port
     try:
         listening = socket.create_server((host, port))
+        listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # as `api.serving.bind`
     except OSError as error:
         raise DeviceMissing(
             f"the service can't listen at {host}:{port}: {error.strerror}",

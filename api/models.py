@@ -10,7 +10,15 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from api.faults import Problem
 from api.jobs import Job, JobState
-from mountnav.navigation.reports import CenterReport, Look, SlewReport, SyncReport, TelescopeState, Try
+from mountnav.navigation.reports import (
+    CenterReport,
+    Look,
+    RecoverReport,
+    SlewReport,
+    SyncReport,
+    TelescopeState,
+    Try,
+)
 from mountnav.sky.coordinates import Apparent, Icrs
 
 
@@ -87,7 +95,7 @@ class LookView(BaseModel):
     rms_arcsec: Finite
     pairs: int
     false_probability: Finite
-    mode: str
+    mode: str = Field(description="blind/... if found by searching the whole sky, else full/...")
     wcs: dict[str, str | int | float]
     solve_s: Finite
 
@@ -111,6 +119,21 @@ class SyncView(BaseModel):
     look: LookView
     read_back: Place
     read_back_miss_arcsec: Finite
+
+
+class RecoverView(BaseModel):
+    """How a recovery ended: two looks that agree, and the mount's reading after the sync on the second."""
+
+    kind: Literal["recover"] = "recover"
+    outcome: str
+    first: LookView
+    second: LookView
+    apart_arcsec: Finite
+    altitude_deg: Finite
+    believed_altitude_deg: Finite
+    read_back: Place
+    read_back_miss_arcsec: Finite
+    elapsed_s: Finite
 
 
 class AttemptView(BaseModel):
@@ -145,14 +168,14 @@ class CenterView(BaseModel):
     elapsed_s: Finite
 
 
-Result = Annotated[LookView | SlewView | SyncView | CenterView, Field(discriminator="kind")]
+Result = Annotated[LookView | SlewView | SyncView | RecoverView | CenterView, Field(discriminator="kind")]
 
 
 class JobView(BaseModel):
     """A job resource."""
 
     id: str
-    kind: Literal["center", "slew", "sync", "look"]
+    kind: Literal["center", "slew", "sync", "look", "recover"]
     telescope: str
     state: JobState
     phase: str = Field(description="starting, slewing, exposing, solving, syncing, ..., cancelling, ended")
@@ -205,6 +228,10 @@ class HealthView(BaseModel):
     status: Literal["ok", "degraded"]
     version: str
     telescopes: dict[str, bool]
+    solver: str = Field(
+        description='"starting", "ready", "solving", "failed: ..." (why); "in this process" without a worker'
+    )
+    blind_index: str = Field(description='"ready", "building 40 %", or "none: ..." (why)')
     earth_rotation: EarthRotationView
 
 
@@ -266,7 +293,7 @@ def _attempt(one: Try) -> AttemptView:
     )
 
 
-def result_view(report: object) -> LookView | SlewView | SyncView | CenterView | None:
+def result_view(report: object) -> LookView | SlewView | SyncView | RecoverView | CenterView | None:
     """View of what a job brought."""
     match report:
         case Look():
@@ -285,6 +312,18 @@ def result_view(report: object) -> LookView | SlewView | SyncView | CenterView |
                 look=look_view(report.look),
                 read_back=place(report.read_back),
                 read_back_miss_arcsec=report.read_back_miss_arcsec,
+            )
+        case RecoverReport():
+            return RecoverView(
+                outcome=str(report.outcome),
+                first=look_view(report.first),
+                second=look_view(report.second),
+                apart_arcsec=report.apart_arcsec,
+                altitude_deg=report.altitude_deg,
+                believed_altitude_deg=report.believed_altitude_deg,
+                read_back=place(report.read_back),
+                read_back_miss_arcsec=report.read_back_miss_arcsec,
+                elapsed_s=report.elapsed_s,
             )
         case CenterReport():
             return CenterView(

@@ -16,6 +16,7 @@ from drivers.simulated.camera import SimulatedCamera
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import DeviceError, DeviceMissing, DeviceSilent, MountnavError, Unknown
 from mountnav.navigation.devices import Camera, Mount
+from mountnav.navigation.looking import Solve
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.reports import TelescopeState
@@ -151,18 +152,20 @@ class Observatory:
         await asyncio.gather(*(telescope.close() for telescope in self.telescopes))
 
 
-def build_observatory(settings: Settings, catalog: Catalog, heard: Heard) -> Observatory:
+def build_observatory(settings: Settings, catalog: Catalog, heard: Heard, solve: Solve) -> Observatory:
     """Put the telescopes of the settings together; fakes are started, nothing else is opened.
 
     Parameters
     ----------
     settings : Settings
     catalog : Catalog
-        For solving, and for drawing simulated frames.
+        For drawing simulated frames.
     heard : callable
         ``heard(telescope_id, kind, data)``: told of each step.
+    solve : Solve
+        For all telescopes.
     """
-    return Observatory([_build(one, settings, catalog, heard) for one in settings.telescope])
+    return Observatory([_build(one, settings, catalog, heard, solve) for one in settings.telescope])
 
 
 def link_is_lost(error: BaseException) -> bool:
@@ -179,7 +182,9 @@ async def _open_quietly(telescope: Telescope) -> None:
         )
 
 
-def _build(one: TelescopeSettings, settings: Settings, catalog: Catalog, heard: Heard) -> Telescope:
+def _build(
+    one: TelescopeSettings, settings: Settings, catalog: Catalog, heard: Heard, solve: Solve
+) -> Telescope:
     bench: FakeOnPty | None = None
     mechanics: Mechanics | None = None
     url = one.mount.url
@@ -198,6 +203,7 @@ def _build(one: TelescopeSettings, settings: Settings, catalog: Catalog, heard: 
         policy=_policy(one),
         listen=lambda kind, data: heard(one.id, kind, data),
         solving=solve_settings(settings.solving, calibration=one.calibration),
+        solve=solve,
     )
     return Telescope(one.id, navigator, url, bench, mechanics)
 

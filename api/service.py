@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated
 
 from fastapi import Depends, Request
@@ -12,6 +12,7 @@ from fastapi import Depends, Request
 from api.events import Events
 from api.jobs import Job, Jobs
 from api.observatory import Observatory, Telescope, build_observatory, link_is_lost
+from api.solver import Solver
 from api.solving import solve_settings
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import DeviceError
@@ -20,7 +21,6 @@ from mountnav.settings import Settings
 from mountnav.solve import SolveSettings
 
 _END_OF_JOB_S = 1.0
-SOLVES_AT_ONCE = 2
 
 
 @dataclass(slots=True)
@@ -32,7 +32,7 @@ class Service:
     events: Events
     jobs: Jobs
     observatory: Observatory
-    solving: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(SOLVES_AT_ONCE))
+    solver: Solver
     _halted: bool = False
 
     def solve_settings(self, telescope_id: str | None) -> SolveSettings:
@@ -97,22 +97,29 @@ class Service:
         await _wait(job, wait_s)
 
     async def halt(self) -> None:
-        """Cancel all jobs, stop and release all telescopes, end all event streams. Twice is fine."""
+        """Cancel all jobs, stop and release all telescopes, end solver and event streams. Twice is fine."""
         if self._halted:
             return
         self._halted = True
         await self.jobs.close()
         await self.observatory.close()
+        await self.solver.close()
         self.events.close()
 
 
 async def open_service(settings: Settings, catalog: Catalog) -> Service:
-    """Build the service and open its telescopes."""
+    """Build the service and open its telescopes; the solver gets warm meanwhile, and nobody waits for it."""
     events = Events(settings.service.events_kept)
     jobs = Jobs(events, settings.service.jobs_kept)
-    observatory = build_observatory(settings, catalog, jobs.heard)
+
+    def tell(kind: str, data: dict[str, object]) -> None:
+        events.publish(kind, data)
+
+    solver = Solver(catalog, worker=settings.solving.worker, tell=tell)
+    observatory = build_observatory(settings, catalog, jobs.heard, solver)
+    solver.open()
     await observatory.open()
-    return Service(settings, catalog, events, jobs, observatory)
+    return Service(settings, catalog, events, jobs, observatory, solver)
 
 
 async def _wait(job: Job, wait_s: float) -> None:

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 from mountnav.errors import BadRequest
-from mountnav.measuring.calibration import Calibration
-from mountnav.settings import Settings
-from mountnav.settings_solving import SolvingSettings
+from mountnav.identification.settings import IdentificationSettings
 from mountnav.solve import SolveSettings
+
+if TYPE_CHECKING:
+    from mountnav.measuring.calibration import Calibration
+    from mountnav.settings_solving import SolvingSettings
+
+Blind = Literal["after", "only", "never"]
 
 
 def solve_settings(section: SolvingSettings, *, calibration: Path | None = None) -> SolveSettings:
@@ -30,7 +36,8 @@ def solve_settings(section: SolvingSettings, *, calibration: Path | None = None)
         measuring=section.measuring_settings,
         identification=section.identification_settings,
         budget_s=section.budget_s,
-        calibration=None if calibration is None else Calibration.load(calibration),
+        blind=section.blind,
+        calibration=_masters(calibration),
     )
 
 
@@ -44,10 +51,12 @@ def chosen_section(config: Path | None, profile: str | None, budget_s: float | N
     BadRequest
         There is no such profile.
     """
+    from mountnav.settings import Settings
+    from mountnav.settings_solving import SolvingSettings
+
     section = SolvingSettings() if config is None else Settings.load_solving(config)
     if profile is not None:
-        if profile not in ("measured", "paper"):
-            raise BadRequest(f"there is no profile {profile!r}", advice="measured or paper")
+        _require_profile(profile)
         section = section.model_copy(update={"profile": profile})
     if budget_s is not None:
         section = section.model_copy(update={"budget_s": budget_s})
@@ -55,9 +64,25 @@ def chosen_section(config: Path | None, profile: str | None, budget_s: float | N
 
 
 def chosen_settings(
-    *, config: Path | None, profile: str | None, budget_s: float | None, calibration: Path | None
+    *,
+    config: Path | None,
+    profile: str | None,
+    budget_s: float | None,
+    calibration: Path | None,
+    blind: Blind | None = None,
 ) -> SolveSettings:
     """Make the settings of a solve from a command's options; those given go before the file's.
+
+    Parameters
+    ----------
+    config : Path or None
+        A settings file, of which `[solving]` counts.
+    profile : str or None
+        "measured" or "paper".
+    budget_s : float or None
+    calibration : Path or None
+        A folder of masters.
+    blind : {"after", "only", "never"} or None
 
     Raises
     ------
@@ -66,4 +91,27 @@ def chosen_settings(
     BadRequest
         There is no such profile.
     """
-    return solve_settings(chosen_section(config, profile, budget_s), calibration=calibration)
+    if config is None:
+        # the defaults need none of the models of the settings file, which are dear to import
+        _require_profile(profile or "measured")
+        settings = SolveSettings(
+            identification=IdentificationSettings.profile(profile or "measured"),
+            calibration=_masters(calibration),
+        )
+        settings = settings if budget_s is None else replace(settings, budget_s=budget_s)
+    else:
+        settings = solve_settings(chosen_section(config, profile, budget_s), calibration=calibration)
+    return settings if blind is None else replace(settings, blind=blind)
+
+
+def _require_profile(profile: str) -> None:
+    if profile not in ("measured", "paper"):
+        raise BadRequest(f"there is no profile {profile!r}", advice="measured or paper")
+
+
+def _masters(folder: Path | None) -> Calibration | None:
+    if folder is None:
+        return None
+    from mountnav.measuring.calibration import Calibration
+
+    return Calibration.load(folder)

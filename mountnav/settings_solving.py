@@ -29,11 +29,14 @@ class SolvingSettings(Section):
     """`[solving]`: how frames are measured and identified.
 
     `identification`, `preliminary` and `measuring` hold single parameters over those of the profile; their
-    names are the fields of `IdentificationSettings`, `PreliminarySettings` and `MeasuringSettings`.
+    names are the fields of `IdentificationSettings`, `PreliminarySettings` and `MeasuringSettings`. `worker`
+    lets the service solve in a process of its own.
     """
 
     profile: Literal["measured", "paper"] = "measured"
     budget_s: float = Field(default=30.0, gt=0, le=3600)
+    blind: Literal["after", "only", "never"] = "after"
+    worker: bool = True
     identification: Values = Field(default_factory=dict)
     preliminary: Values = Field(default_factory=dict)
     measuring: Values = Field(default_factory=dict)

@@ -19,12 +19,15 @@ async def get_health(service: TheService) -> HealthView:
     """Tell that the service lives, what is connected, and until when UT1 is known. Asks no device."""
     connected = {telescope.id: telescope.is_open for telescope in service.observatory.telescopes}
     rotation = iers_status()
-    well = all(connected.values()) and rotation.warning is None
+    solver = service.solver
+    well = all(connected.values()) and rotation.warning is None and not solver.state.startswith("failed")
     status: Literal["ok", "degraded"] = "ok" if well else "degraded"
     return HealthView(
         status=status,
         version=__version__,
         telescopes=connected,
+        solver=solver.state,
+        blind_index=solver.blind_index.state,
         earth_rotation=EarthRotationView(
             dut1_s=rotation.dut1_s,
             dut1_overridden=rotation.dut1_overridden,

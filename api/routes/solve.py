@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 import asyncio
-import time
+from collections.abc import Coroutine
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request
-from starlette.datastructures import UploadFile
-from starlette.exceptions import HTTPException
-from starlette.formparsers import MultiPartException
-from starlette.types import Message, Receive
 
-from api.faults import Refused, problem, responses
+from api.faults import responses
 from api.hints import make_hint
 from api.service import TheService
 from api.solve_record import SolveRecord, solve_record
-from mountnav.catalog.stars import Catalog
-from mountnav.errors import BadFrame, BadRequest
-from mountnav.frames import Hint
-from mountnav.reading import read_frame
+from api.uploads import received
+from mountnav.errors import BadFrame, Cancelled
 from mountnav.solution import Reason, Verdict
-from mountnav.solve import SolveSettings, solve
 
 router = APIRouter(tags=["solve"])
+
+LONGEST_BUDGET_S = 120.0
+"""A single frame must not keep the solver from all others for long."""
 
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 _FORM = {
@@ -51,6 +47,24 @@ Radius = Annotated[
 ]
 Scale = Annotated[float | None, Query(gt=0, le=3600, allow_inf_nan=False, description="Arcseconds per pixel")]
 
+Blind = Annotated[
+    Literal["after", "only", "never"] | None,
+    Query(
+        description="Search the whole sky: after the hint failed; only so, without asking any hint; never. "
+        "Else as the settings have it"
+    ),
+]
+Budget = Annotated[
+    float | None,
+    Query(
+        gt=0,
+        le=LONGEST_BUDGET_S,
+        allow_inf_nan=False,
+        description="Seconds for identifying it, waiting for the blind index included; reading and measuring "
+        "come on top. Else as the settings have it",
+    ),
+]
+
 
 @router.post("/solve", responses=responses(413), openapi_extra=_BODY)
 async def solve_upload(
@@ -62,70 +76,39 @@ async def solve_upload(
     scale_low_arcsec_px: Scale = None,
     scale_high_arcsec_px: Scale = None,
     telescope: Annotated[str | None, Query(description="Whose calibration masters to apply")] = None,
+    blind: Blind = None,
+    budget_s: Budget = None,
 ) -> SolveRecord:
-    """Solve an uploaded frame. Hints not given are taken from its header. Not solved is an answer: 200."""
+    """Solve an uploaded frame. Hints not given are taken from its header. Not solved is an answer: 200.
+
+    One that was found by searching the whole sky has a `mode` that begins with `blind/`.
+    """
     hint = make_hint(ra_deg, dec_deg, radius_deg, scale_low_arcsec_px, scale_high_arcsec_px)
-    name, content = await _upload(request, int(service.settings.service.max_upload_mb * 1e6))
-    if not content:
-        raise BadFrame("the upload is empty", advice="send the file as the body, or as the form part `file`")
     settings = service.solve_settings(telescope)
-    async with service.solving:
-        verdict = await asyncio.to_thread(_solve, content, name, service.catalog, hint, settings)
+    settings = replace(settings, blind=blind or settings.blind, budget_s=budget_s or settings.budget_s)
+    async with received(request, int(service.settings.service.max_upload_mb * 1e6)) as upload:
+        verdict = await _unless_gone(request, service.solver.solve_upload(upload, hint, settings))
     if verdict.reason is Reason.BAD_FRAME:
-        raise BadFrame(verdict.detail or str(verdict.reason), device=name)
-    return solve_record(name, verdict)
+        raise BadFrame(verdict.detail or str(verdict.reason), device=upload.name)
+    return solve_record(upload.name, verdict)
 
 
-def _solve(
-    content: bytes, name: str, catalog: Catalog, hint: Hint | None, settings: SolveSettings
-) -> Verdict:
-    began = time.perf_counter()
-    frame = read_frame(content, name=name, raw=True)
-    read_s = time.perf_counter() - began
-    verdict = solve(frame, catalog, hint=hint, settings=settings)
-    times = replace(verdict.times, read_s=read_s, total_s=verdict.times.total_s + read_s)
-    return replace(verdict, times=times)
-
-
-async def _upload(request: Request, limit_bytes: int) -> tuple[str, bytes]:
-    """Name and content of the upload; refused as soon as it is longer than the limit."""
-    announced = request.headers.get("content-length", "0")
-    if announced.isascii() and announced.isdigit() and int(announced[:20]) > limit_bytes:
-        raise _too_large(limit_bytes)
-    limited = Request(request.scope, _limited(request.receive, limit_bytes))
-    if not request.headers.get("content-type", "").startswith("multipart/form-data"):
-        return "upload", await limited.body()
+async def _unless_gone(request: Request, solving: Coroutine[None, None, Verdict]) -> Verdict:
+    """Wait for the verdict, as long as the client does."""
+    solved = asyncio.create_task(solving)
+    gone = asyncio.create_task(_gone(request))
+    both: set[asyncio.Task[Any]] = {solved, gone}
     try:
-        async with limited.form(max_files=1, max_fields=20) as form:
-            file = form.get("file")
-            if not isinstance(file, UploadFile):
-                raise BadRequest("the form has no part `file`", advice="curl -F file=@frame.fits URL")
-            return file.filename or "upload", await file.read()
-    except (MultiPartException, HTTPException) as error:
-        told = error.message if isinstance(error, MultiPartException) else error.detail
-        raise BadRequest(f"the form can't be read: {told}", advice="curl -F file=@frame.fits URL") from error
+        await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
+        if solved.done():
+            return solved.result()
+        raise Cancelled("the client is gone", advice="send it again")
+    finally:
+        for task in both:
+            task.cancel()
+        await asyncio.gather(*both, return_exceptions=True)
 
 
-def _limited(receive: Receive, limit_bytes: int) -> Receive:
-    taken = 0
-
-    async def receive_limited() -> Message:
-        nonlocal taken
-        message = await receive()
-        taken += len(message.get("body", b""))
-        if taken > limit_bytes:
-            raise _too_large(limit_bytes)
-        return message
-
-    return receive_limited
-
-
-def _too_large(limit_bytes: int) -> Refused:
-    limit_mb = limit_bytes / 1e6
-    found = problem(
-        "too-large",
-        413,
-        f"the upload is larger than {limit_mb:g} MB",
-        advice="send a smaller file, or raise service.max_upload_mb",
-    )
-    return Refused(found)
+async def _gone(request: Request) -> None:
+    while (await request.receive())["type"] != "http.disconnect":
+        pass

@@ -1,4 +1,4 @@
-"""Telescopes: their state, and the orders center, slew, sync, look and stop."""
+"""Telescopes: their state, and the orders center, slew, sync, look, recover and stop."""
 
 from __future__ import annotations
 
@@ -114,6 +114,26 @@ async def look_telescope(
         return await navigator.look(body.exposure_s if body else None)
 
     return _start(service, telescope, "look", body, order, response, key)
+
+
+@router.post("/{telescope_id}/recover", status_code=202, responses=_STARTING)
+async def recover_telescope(
+    service: TheService,
+    telescope: TheTelescope,
+    response: Response,
+    key: Key = None,
+    body: Annotated[LookBody | None, Body()] = None,
+) -> JobView:
+    """Tell a lost mount where it points: two looks anywhere in the sky that agree, then a sync. Never moves.
+
+    However far the place is from what the mount believes; it must stand within the telescope's limits now.
+    The body may be left out.
+    """
+
+    async def order(navigator: Navigator) -> object:
+        return await navigator.recover(body.exposure_s if body else None)
+
+    return _start(service, telescope, "recover", body, order, response, key)
 
 
 @router.post(

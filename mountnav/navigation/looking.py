@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import datetime
+from typing import Protocol
 from uuid import uuid4
 
 from mountnav.catalog.stars import Catalog
@@ -25,13 +26,40 @@ from mountnav.solve import SolveSettings, solve
 Listener = Callable[[str, dict[str, object]], None]
 
 
+class Solve(Protocol):
+    """Finds out where a frame was taken, while everything else goes on: a stop never waits for it."""
+
+    async def __call__(self, frame: Frame, hint: Hint, settings: SolveSettings) -> Verdict:
+        """Answer with a verdict, as `mountnav.solve.solve` does."""
+        ...
+
+
+def in_thread(catalog: Catalog) -> Solve:
+    """Solve in a thread of this process, for whoever has no solver of his own.
+
+    Parameters
+    ----------
+    catalog : Catalog
+
+    Returns
+    -------
+    Solve
+        Cancelling it frees the caller at once; the thread goes on to its end.
+    """
+
+    async def solve_in_thread(frame: Frame, hint: Hint, settings: SolveSettings) -> Verdict:
+        return await asyncio.to_thread(solve, frame, catalog, hint=hint, settings=settings)
+
+    return solve_in_thread
+
+
 @dataclass(frozen=True, slots=True)
 class Instruments:
-    """The devices, the catalog and the settings of solving that a look needs."""
+    """The devices, the solver and the settings of solving that a look needs."""
 
     mount: Mount
     camera: Camera
-    catalog: Catalog
+    solve: Solve
     solving: SolveSettings
 
 
@@ -75,9 +103,7 @@ async def look(
         believed = _at_instant(before, after, middle)
         hint = _hint(believed, policy)
         listen("solving", {"source": frame.source})
-        last = await asyncio.to_thread(
-            solve, frame, instruments.catalog, hint=hint, settings=instruments.solving
-        )
+        last = await instruments.solve(frame, hint, instruments.solving)
         if last.solution is not None:
             seen = last.solution.icrs_at((frame.width_px - 1) / 2, (frame.height_px - 1) / 2)
             found = Look(
@@ -175,6 +201,7 @@ def _solved_facts(found: Look) -> dict[str, object]:
         "pairs": solution.pairs,
         "rms_arcsec": solution.rms_arcsec,
         "false_probability": solution.false_probability,
+        "blind": found.blind,
         "offset_east_arcsec": found.offset.east_arcsec,
         "offset_north_arcsec": found.offset.north_arcsec,
         "offset_arcsec": found.offset.total_arcsec,

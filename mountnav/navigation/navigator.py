@@ -1,4 +1,4 @@
-"""The navigator of one telescope: look, sync, slew, center, stop; one motion at a time, named ends."""
+"""The navigator of one telescope: look, sync, slew, center, recover, stop; one at a time, named ends."""
 
 from __future__ import annotations
 
@@ -22,13 +22,15 @@ from mountnav.errors import (
 )
 from mountnav.navigation.devices import Camera, Mount, SlewOutcome
 from mountnav.navigation.kinds import for_mount, from_mount
-from mountnav.navigation.looking import Instruments, Listener
+from mountnav.navigation.looking import Instruments, Listener, Solve, in_thread
 from mountnav.navigation.looking import look as take_look
 from mountnav.navigation.policy import CenteringPolicy
+from mountnav.navigation.recovering import agreement_arcsec, everywhere, require_above_ground
 from mountnav.navigation.reports import (
     CenterOutcome,
     CenterReport,
     Look,
+    RecoverReport,
     SlewReport,
     SyncOutcome,
     SyncReport,
@@ -59,6 +61,8 @@ class Navigator:
         Told of each step; it never steers.
     solving : SolveSettings, optional
         How frames are calibrated, measured and identified.
+    solve : Solve, optional
+        Who solves them; a thread of this process with the catalog if left out.
     """
 
     def __init__(
@@ -73,12 +77,15 @@ class Navigator:
         policy: CenteringPolicy,
         listen: Listener,
         solving: SolveSettings | None = None,
+        solve: Solve | None = None,
     ) -> None:
         self.name = name
         self.policy = policy
         self.mount = mount
         self.camera = camera
-        self._instruments = Instruments(mount, camera, catalog, solving or SolveSettings())
+        self._instruments = Instruments(
+            mount, camera, solve or in_thread(catalog), solving or SolveSettings()
+        )
         self._site = site
         self._air = air
         self._limits = Limits(min_altitude_deg=policy.min_altitude_deg)
@@ -139,6 +146,67 @@ class Navigator:
         async with self._motion("syncing"):
             found = await self._look(None)
             return await self._sync(found)
+
+    async def recover(self, exposure_s: float | None = None) -> RecoverReport:
+        """Find out where a mount points that doesn't know, and tell it. Never moves it.
+
+        A look, solved anywhere in the sky; its place must stand within the limits at this hour; a second
+        look, taken afterwards, must agree with it. Then the mount is synced on the second one, however far
+        that is from what it believed, and read back.
+
+        Parameters
+        ----------
+        exposure_s : float, optional
+            Instead of the policy's.
+
+        Returns
+        -------
+        RecoverReport
+
+        Raises
+        ------
+        NotSolved, BadFrame, MountMoved
+            As a look does.
+        OutsideLimits
+            The solved place is below the limit: clock, site or frame are wrong; nothing was synced.
+        OffsetImplausible
+            The two frames disagree; nothing was synced.
+        SyncIgnored, DeviceError
+        """
+        async with self._motion("recovering"):
+            began = time.monotonic()
+            self._listen("recovering", {})
+            first = await self._look(exposure_s, anywhere=True)
+            altitude_deg = require_above_ground(first, self._limits, self._site, self._air)
+            second = await self._look(exposure_s, anywhere=True)
+            apart = agreement_arcsec(first, second, self.policy, self.mount.resolution_arcsec)
+            believed_altitude_deg = icrs_to_observed(
+                second.believed, second.mid_exposure_utc, self._site, self._air
+            ).alt_deg
+            self._listen(
+                "confirmed",
+                {
+                    "look_id": second.look_id,
+                    "ra_deg": second.seen.ra_deg,
+                    "dec_deg": second.seen.dec_deg,
+                    "apart_arcsec": apart,
+                    "offset_arcsec": second.offset.total_arcsec,
+                    "altitude_deg": altitude_deg,
+                    "believed_altitude_deg": believed_altitude_deg,
+                },
+            )
+            done = await self._sync(second, confirmed=True)
+            return RecoverReport(
+                outcome=done.outcome,
+                first=first,
+                second=second,
+                apart_arcsec=apart,
+                altitude_deg=altitude_deg,
+                believed_altitude_deg=believed_altitude_deg,
+                read_back=done.read_back,
+                read_back_miss_arcsec=done.read_back_miss_arcsec,
+                elapsed_s=time.monotonic() - began,
+            )
 
     async def center(
         self,
@@ -268,10 +336,13 @@ class Navigator:
                     advice="does the mount's resolution allow this tolerance? is there backlash or slip?",
                 )
 
-    async def _look(self, exposure_s: float | None) -> Look:
+    async def _look(self, exposure_s: float | None, *, anywhere: bool = False) -> Look:
         if self.policy.settle_s > 0:
             await asyncio.sleep(self.policy.settle_s)
-        return await take_look(self._instruments, self.policy, self._listen, exposure_s=exposure_s)
+        instruments = self._instruments
+        if anywhere:
+            instruments = replace(instruments, solving=everywhere(instruments.solving))
+        return await take_look(instruments, self.policy, self._listen, exposure_s=exposure_s)
 
     async def _slew(self, target: Icrs, aim: Icrs) -> SlewReport:
         """Slew to `aim`; both the target and the aim are checked before anything is sent."""
@@ -297,9 +368,13 @@ class Navigator:
             )
         return report
 
-    async def _sync(self, found: Look) -> SyncReport:
-        """Send the solved place, unless the mount moved since its frame, and read back."""
-        check_offset(found.offset, self.policy.max_sync_arcsec)
+    async def _sync(self, found: Look, *, confirmed: bool = False) -> SyncReport:
+        """Send the solved place, unless the mount moved since its frame, and read back.
+
+        The offset must be one that an honest mount can have, unless a second frame confirmed it.
+        """
+        if not confirmed:
+            check_offset(found.offset, self.policy.max_sync_arcsec)
         since = separation_arcsec(from_mount((await self.mount.reading()).place), found.believed)
         if since > self.policy.max_motion_arcsec + self.mount.resolution_arcsec:
             raise MountMoved(

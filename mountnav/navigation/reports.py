@@ -1,4 +1,4 @@
-"""What navigation answers: a look, a slew, a sync, a centering; absolute values, never only "how far off"."""
+"""What navigation answers about a look, a slew, a sync, ...: absolute values, never only "how far off"."""
 
 from __future__ import annotations
 
@@ -40,6 +40,11 @@ class Look:
     after: MountReading
     mid_exposure_utc: datetime
 
+    @property
+    def blind(self) -> bool:
+        """Whether it was found by searching the whole sky, since the mount's belief led nowhere."""
+        return self.solution.mode.startswith("blind/")
+
 
 @dataclass(frozen=True, slots=True)
 class SlewReport:
@@ -67,6 +72,40 @@ class SyncReport:
     look: Look
     read_back: Icrs
     read_back_miss_arcsec: float
+
+
+@dataclass(frozen=True, slots=True)
+class RecoverReport:
+    """A lost mount told where it points, by two frames that agree.
+
+    Attributes
+    ----------
+    outcome : SyncOutcome
+        Always `SEEN`; every other end is an error.
+    first, second : Look
+        The first look, and the one that confirmed it and was synced on.
+    apart_arcsec : float
+        Between the two solved places, what the mount moved meanwhile taken off.
+    altitude_deg : float
+        Of the solved place, for the site and this machine's clock.
+    believed_altitude_deg : float
+        Of the place the mount believed in: below the ground if it was quite lost.
+    read_back : Icrs
+        The mount's reading afterwards.
+    read_back_miss_arcsec : float
+        Its distance from the solved place.
+    elapsed_s : float
+    """
+
+    outcome: SyncOutcome
+    first: Look
+    second: Look
+    apart_arcsec: float
+    altitude_deg: float
+    believed_altitude_deg: float
+    read_back: Icrs
+    read_back_miss_arcsec: float
+    elapsed_s: float
 
 
 class CenterOutcome(StrEnum):

@@ -15,6 +15,9 @@ from mountnav.settings import Settings
 OBSERVATORY = """
 [service]
 port = 0
+[solving]
+worker = false
+blind = "never"
 [site]
 latitude_deg = 47.0
 longitude_deg = 11.0
@@ -45,7 +48,10 @@ Serve = Callable[[str], AbstractAsyncContextManager[httpx.AsyncClient]]
 
 @pytest.fixture
 def observatory_toml() -> str:
-    """Settings with one telescope that works, `east`, and one whose port is missing, `gone`."""
+    """Settings with one telescope that works, `east`, and one whose port is missing, `gone`.
+
+    Frames are solved in threads: a process for each of so many services would cost more than all the rest.
+    """
     return OBSERVATORY
 
 

@@ -8,19 +8,25 @@ import threading
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
 
 import httpx
 import pytest
+from moody_catalog import HANGS, MoodyCatalog
 
 from api.app import create_app
 from api.events import Event
 from api.jobs import JobState
 from api.service import Service
 from api.serving import ObservatoryServer, bind, make_server
+from api.solver_warmup import as_fits
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.stars import Catalog, Stars
 from mountnav.errors import BadSettings
 from mountnav.settings import Settings
+from mountnav.simulation.optics import SimulatedOptics
+from mountnav.simulation.render import draw_frame
 from mountnav.sky.coordinates import Icrs
 
 EAST = "/v1/telescopes/east"
@@ -189,3 +195,72 @@ def test_a_taken_port_is_told() -> None:
         pytest.raises(BadSettings, match=r"can't listen on 127\.0\.0\.1"),
     ):
         bind("127.0.0.1", listener.getsockname()[1])
+
+
+def _drawn(place: Icrs) -> bytes:
+    optics = SimulatedOptics(800, 600, 4.0)
+    instant = datetime(2026, 11, 21, tzinfo=UTC)
+    return as_fits(
+        draw_frame(place, optics, embedded_catalog(), exposure_s=2.0, mid_exposure_utc=instant, seed=(1, 2))
+    )
+
+
+def _near(place: Icrs) -> dict[str, float]:
+    return {
+        "ra_deg": place.ra_deg,
+        "dec_deg": place.dec_deg,
+        "scale_low_arcsec_px": 3.8,
+        "scale_high_arcsec_px": 4.2,
+    }
+
+
+async def test_a_service_with_a_worker(observatory_toml: str, tmp_path: Path) -> None:
+    truth = Icrs(85.0, 30.0)
+    content = _drawn(truth)
+    toml = observatory_toml.replace("worker = false", "worker = true")
+    async with _running(toml, MoodyCatalog(tmp_path)) as running:
+        client, solver = running.client, running.service.solver
+        assert solver.worker is not None
+
+        # nobody waits for the worker to get warm
+        assert (await client.get("/v1/health")).json()["solver"] == "starting"
+        started = await client.post(f"{EAST}/look", json={"exposure_s": 0.2})
+        look = (await client.get(started.headers["location"], params={"wait": 60})).json()
+        assert look["state"] == "succeeded", look
+        for upload in ({"content": content}, {"files": {"file": ("taurus.fits", content)}}):
+            record = (await client.post("/v1/solve", params=_near(truth), **upload)).json()
+            assert record["solved"], record
+        assert (await client.get("/v1/health")).json()["solver"] == "ready"
+
+        # a client that leaves takes its frame along: the process that hangs on it makes room for another
+        before = solver.worker.pid
+        with pytest.raises(httpx.ReadTimeout):
+            await client.post("/v1/solve", params=_near(HANGS), content=content, timeout=0.5)
+        hanging = asyncio.create_task(client.post("/v1/solve", params=_near(HANGS), content=content))
+        while solver.state != "solving" or solver.worker.pid == before:
+            await asyncio.sleep(0.02)
+        # status and stop answer meanwhile, and so does going down
+        assert (await client.get(EAST)).status_code == 200
+        assert (await client.post(f"{EAST}/stop")).json()["stopped"] is True
+        last = solver.worker.pid
+        running.server.should_exit = True
+        refused = await hanging
+        assert (refused.status_code, refused.json()["type"]) == (503, "urn:mountnav:problem:closing")
+        await running.task
+    assert last is not None
+    assert not Path(f"/proc/{last}").exists()
+
+
+async def test_a_blind_search_without_an_index_says_so(observatory_toml: str, tmp_path: Path) -> None:
+    content = _drawn(Icrs(85.0, 30.0))
+    toml = observatory_toml.replace('blind = "never"', 'blind = "after"')
+    async with _running(toml, MoodyCatalog(tmp_path)) as running:
+        for params in ({"blind": "only"}, {"budget_s": 0.5}):
+            record = (await running.client.post("/v1/solve", params=params, content=content)).json()
+            assert not record["solved"]
+            assert "the catalog moody can't have one" in str(record["notes"])
+        never = await running.client.post("/v1/solve", params={"blind": "never"}, content=content)
+        assert not any("blind" in note for note in never.json()["notes"])
+        for wrong in ({"blind": "maybe"}, {"budget_s": 0}, {"budget_s": 1e6}, {"budget_s": "nan"}):
+            answer = await running.client.post("/v1/solve", params=wrong, content=content)
+            assert (answer.status_code, answer.json()["type"]) == (422, "urn:mountnav:problem:bad-request")

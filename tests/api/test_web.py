@@ -64,6 +64,21 @@ async def test_look_and_sync_need_no_body(client: httpx.AsyncClient) -> None:
     assert again["result"]["offset"]["total_arcsec"] < 30.0
 
 
+async def test_a_recovery_confirms_by_a_second_look_and_syncs(client: httpx.AsyncClient) -> None:
+    # a mount that isn't lost: the hint leads there, and the way is the same
+    job = await _ended(client, await client.post(f"{EAST}/recover", json={"exposure_s": 0.2}))
+    assert (job["state"], job["kind"]) == ("succeeded", "recover"), job
+    result = job["result"]
+    assert result["kind"] == "recover"
+    assert result["first"]["look_id"] != result["second"]["look_id"]
+    assert result["first"]["mid_exposure_utc"] < result["second"]["mid_exposure_utc"]
+    assert result["apart_arcsec"] < 5.0
+    assert result["altitude_deg"] == pytest.approx(90.0, abs=0.5)
+    assert result["read_back_miss_arcsec"] < 30.0
+    look = await _ended(client, await client.post(f"{EAST}/look"))
+    assert look["result"]["offset"]["total_arcsec"] < 30.0
+
+
 async def test_a_slew_in_apparent_coordinates_of_now(client: httpx.AsyncClient) -> None:
     reading = (await client.get(EAST)).json()["reading"]
     body = {"ra_deg": reading["ra_deg"], "dec_deg": reading["dec_deg"] - 3, "frame": "jnow-apparent"}
@@ -120,6 +135,8 @@ async def test_a_missing_port_names_those_that_exist_and_kills_nothing(client: h
     assert (stop.status_code, _slug(stop)) == (503, "device-missing")
     health = (await client.get("/v1/health")).json()
     assert (health["status"], health["telescopes"]) == ("degraded", {"east": True, "gone": False})
+    assert health["solver"] == "in this process"
+    assert health["blind_index"].split(":")[0] in {"ready", "none"}
     assert abs(health["earth_rotation"]["dut1_s"]) < 0.9
     assert not health["earth_rotation"]["dut1_overridden"]
 

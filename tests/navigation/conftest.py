@@ -13,13 +13,16 @@ from drivers.lx200.fake import FakeLx200
 from drivers.registry import open_mount
 from drivers.simulated.camera import SimulatedCamera
 from mountnav.catalog.embedded import embedded_catalog
+from mountnav.catalog.stars import Catalog
 from mountnav.navigation.devices import Mount
+from mountnav.navigation.looking import Solve
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.sky.chain import hour_angle_to_icrs
 from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site, utc_now
+from mountnav.solve import SolveSettings
 
 SITE = Site(48.93, 22.27, 700.0)
 AIR = Air(pressure_hpa=930.0, temperature_c=5.0, relative_humidity=0.7)
@@ -55,6 +58,7 @@ class Rig:
 
 
 MakeRig = Callable[..., Awaitable[Rig]]
+MakeSolve = Callable[[Mechanics, Catalog], Solve]
 
 
 def up_now(ha_deg: float = -20.0, dec_deg: float = 30.0) -> Icrs:
@@ -73,6 +77,9 @@ async def make_rig() -> AsyncIterator[MakeRig]:
             policy: CenteringPolicy = POLICY,
             wrap: Callable[[Mount], Mount] = lambda mount: mount,
             slew_rate_deg_s: float = 15.0,
+            solve: MakeSolve | None = None,
+            solving: SolveSettings | None = None,
+            site: Site = SITE,
         ) -> Rig:
             mechanics = Mechanics(
                 SITE, AIR, errors, slew_rate_deg_s=slew_rate_deg_s, acceleration_deg_s2=40.0
@@ -89,10 +96,12 @@ async def make_rig() -> AsyncIterator[MakeRig]:
                 mount=wrap(open_mount(f"lx200+serial://{bench.address}")),
                 camera=SimulatedCamera(mechanics.truth, optics, catalog, seed=7),
                 catalog=catalog,
-                site=SITE,
+                site=site,
                 air=AIR,
                 policy=policy,
                 listen=lambda kind, data: events.append((kind, data)),
+                solving=solving,
+                solve=None if solve is None else solve(mechanics, catalog),
             )
             await navigator.open()
             stack.push_async_callback(navigator.close)

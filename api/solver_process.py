@@ -1,0 +1,192 @@
+"""The process that solves: everything opened and imported once, then one frame after the other.
+
+It is started by `api.solver_link`, never by hand: ``python -m api.solver_process DESCRIPTOR``. It ends when
+the other end of its socket is closed, also in the middle of a solve, so that no service leaves one behind.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import gc
+import mmap
+import os
+import select
+import signal
+import socket
+import sys
+import threading
+import time
+import traceback
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from api.solver_messages import Done, Ready, Setup, SharedPixels, Task, packed, receive, send, unpacked
+from api.solver_warmup import warmed_up
+from mountnav.catalog.stars import Catalog
+from mountnav.errors import MountnavError
+from mountnav.frames import Frame, Hint
+from mountnav.reading import read_frame
+from mountnav.solution import Verdict
+from mountnav.solve import SolveSettings, solve
+
+if TYPE_CHECKING:
+    from mountnav.identification.blind.index import BlindIndex
+    from mountnav.measuring.calibration import Calibration
+
+
+_IDLE_S = 0.5
+
+
+class Bench:
+    """What the process keeps between two frames.
+
+    Parameters
+    ----------
+    setup : Setup
+    """
+
+    def __init__(self, setup: Setup) -> None:
+        self._catalog = setup.catalog
+        self._calibrations: dict[int, Calibration] = {}
+        self._index: BlindIndex | None = None
+        self._trouble = ""
+        self._open(setup.index)
+
+    def warmed_up(self) -> tuple[str, ...]:
+        """Solve a drawn frame each way there is; return what went wrong."""
+        return warmed_up(self._catalog, self._index)
+
+    def verdict(self, task: Task, file: int) -> Verdict:
+        """Solve one frame, whose pixels or bytes lie in `file`."""
+        if task.calibration is not None and task.calibration_number is not None:
+            self._calibrations[task.calibration_number] = task.calibration
+        self._open(task.index)
+        settings = replace(
+            task.settings,
+            calibration=None
+            if task.calibration_number is None
+            else self._calibrations[task.calibration_number],
+            index=self._index if task.index is not None else None,
+        )
+        if isinstance(task.source, SharedPixels):
+            frame = _frame(task.source, file)
+            verdict = solve(frame, self._catalog, hint=task.hint, settings=settings)
+        else:
+            verdict = solved_upload(file, task.source.name, self._catalog, task.hint, settings)
+        if self._trouble and task.index is not None:
+            verdict = replace(verdict, notes=(*verdict.notes, self._trouble))
+        return verdict
+
+    def _open(self, index: Path | None) -> None:
+        if index is None or (self._index is not None and self._index.path == index):
+            return
+        from mountnav.identification.blind.index import BlindIndex
+
+        try:
+            self._index, self._trouble = BlindIndex.open(index), ""
+        except MountnavError as error:
+            self._index, self._trouble = None, f"no blind search: {error}"
+
+
+def solved_upload(
+    file: int, name: str, catalog: Catalog, hint: Hint | None, settings: SolveSettings
+) -> Verdict:
+    """Read and solve an upload that lies in an open file.
+
+    Raises
+    ------
+    BadFrame
+        It is no usable image.
+    """
+    began = time.perf_counter()
+    # by the name of an open file: whoever reads it may map it, and nothing is copied for it
+    frame = read_frame(Path(f"/proc/self/fd/{file}"), name=name, raw=True)
+    read_s = time.perf_counter() - began
+    verdict = solve(frame, catalog, hint=hint, settings=settings)
+    times = replace(verdict.times, read_s=read_s, total_s=verdict.times.total_s + read_s)
+    return replace(verdict, times=times)
+
+
+def _frame(source: SharedPixels, file: int) -> Frame:
+    """The frame on pixels that are mapped, not copied; they live as long as the frame."""
+    length = os.fstat(file).st_size
+    mapped = mmap.mmap(file, length, flags=mmap.MAP_SHARED | mmap.MAP_POPULATE, prot=mmap.PROT_READ)
+    return replace(source.frame, pixels=np.frombuffer(mapped, dtype=source.dtype).reshape(source.shape))
+
+
+def end_with(link: socket.socket) -> None:
+    """End this process at once when the other end of its socket is closed, whatever it is doing."""
+    hung_up = select.poll()
+    hung_up.register(link, 0)  # a hang-up is told in any case, and nothing else is wanted
+
+    def watch() -> None:
+        while not hung_up.poll():
+            pass
+        os._exit(0)
+
+    threading.Thread(target=watch, name="watch", daemon=True).start()
+
+
+def sendable(error: Exception) -> Exception:
+    """The error as it can be sent: with its way through the code as a note, and surely pickled."""
+    told = "".join(traceback.format_exception(error))
+    try:
+        unpacked(packed(error))
+    except Exception:  # whatever an error's own pickling does: its text must arrive
+        error = RuntimeError(f"{type(error).__name__}: {error}")
+    error.add_note(f"in the solving process:\n{told}")
+    return error
+
+
+def _give_back() -> None:
+    """Return the memory of the last frames to the system, now that nobody waits: 20 to 60 MB."""
+    with contextlib.suppress(OSError, AttributeError):  # the C library may have no such function
+        ctypes.CDLL(None).malloc_trim(0)
+
+
+def attached() -> socket.socket:
+    """The socket that this process was started with; the service alone decides when it ends."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    link = socket.socket(fileno=int(sys.argv[1]))
+    end_with(link)
+    return link
+
+
+def main() -> None:
+    """Set up, warm up, then solve until the service is gone."""
+    began = time.monotonic()
+    link = attached()
+    try:
+        setup, _ = receive(link)
+        assert isinstance(setup, Setup)
+        bench = Bench(setup)
+        troubles = bench.warmed_up()
+        # what is here by now stays: the collector needn't go through it again during a solve
+        gc.collect()
+        gc.freeze()
+        send(link, Ready(time.monotonic() - began, troubles))
+        while True:
+            if not select.select([link], [], [], _IDLE_S)[0]:
+                _give_back()
+            task, files = receive(link)
+            assert isinstance(task, Task)
+            try:
+                done = Done(verdict=bench.verdict(task, files[0]))
+            except Exception as error:  # it belongs to whoever asked
+                done = Done(error=sendable(error))
+            finally:
+                for file in files:
+                    os.close(file)
+            del task
+            send(link, done)
+    except (EOFError, OSError):
+        return
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,29 @@
+"""What builds an index, in the hands of a test: it tells how far it is and goes on when a file appears."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+from api.solver_messages import Built, Done, Progress, Setup, receive, send
+from api.solver_process import attached
+from mountnav.errors import BadSettings
+
+
+def main() -> None:
+    folder = Path(os.environ["SLOW_BUILDER"])
+    link = attached()
+    setup, _ = receive(link)
+    assert isinstance(setup, Setup)
+    send(link, Progress(0.42))
+    while not (folder / "go on").exists():
+        time.sleep(0.02)
+    if (folder / "fail").exists():
+        send(link, Done(error=BadSettings("no room", device="the cache", advice="make some")))
+    else:
+        send(link, Built(folder / "index"))
+
+
+if __name__ == "__main__":
+    main()

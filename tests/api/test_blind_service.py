@@ -1,0 +1,156 @@
+"""The blind search's index in the service: told, waited for, built once; and a lost mount that it finds."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+
+from api import blind_index
+from api.app import create_app
+from api.blind_index import BlindIndexKeeper
+from mountnav.catalog.error_classes import error_curve
+from mountnav.catalog.packed import PackedStore
+from mountnav.catalog.packing import CatalogColumns, pack
+from mountnav.settings import Settings
+from mountnav.sky.chain import icrs_to_apparent
+from mountnav.sky.coordinates import Icrs, utc_now
+from mountnav.sky.sphere import separation_arcsec
+
+STARS = 12_000
+WIDE = """
+[service]
+port = 0
+[solving]
+budget_s = 6.0
+[site]
+latitude_deg = 47.0
+longitude_deg = 11.0
+[[telescope]]
+id = "east"
+exposure_s = 0.3
+[telescope.mount]
+url = "fake+lx200://"
+slew_rate_deg_s = 45.0
+[telescope.camera]
+kind = "simulated"
+width_px = 1000
+height_px = 800
+scale_arcsec_px = 40.0
+[telescope.centering]
+settle_s = 0.0
+tolerance_arcsec = 60.0
+"""
+
+
+@pytest.fixture(scope="module")
+def made_up_sky(tmp_path_factory: pytest.TempPathFactory) -> PackedStore:
+    """A small sky of its own, whose index is built in a second."""
+    rng = np.random.default_rng(20261121)
+    sigma = np.full(STARS, 10.0)
+    columns = CatalogColumns(
+        ra_deg=rng.uniform(0, 360, STARS),
+        dec_deg=np.degrees(np.arcsin(rng.uniform(-1, 1, STARS))),
+        pm_ra_cosdec_mas_yr=rng.normal(0, 30, STARS),
+        pm_dec_mas_yr=rng.normal(0, 30, STARS),
+        mag=7.0 + np.log10(rng.uniform(1e-3, 1.0, STARS)) / 0.5,
+        error_curve=error_curve((sigma, sigma), (0.1 * sigma, 0.1 * sigma), (200 * sigma, 200 * sigma)),
+    )
+    path = tmp_path_factory.mktemp("sky") / "made_up.mnc"
+    pack(columns, path, name="made up", band="V", epoch_yr=2000.0, nside=8)
+    return PackedStore(path)
+
+
+@pytest.fixture
+def _empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MOUNTNAV_CACHE", str(tmp_path / "cache"))
+
+
+@pytest.mark.usefixtures("_empty_cache")
+@pytest.mark.parametrize("fails", [False, True])
+async def test_who_needs_it_waits_but_not_for_long(
+    made_up_sky: PackedStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: bool
+) -> None:
+    monkeypatch.setenv("SLOW_BUILDER", str(tmp_path))
+    monkeypatch.setattr(blind_index, "BUILDER", "slow_builder")
+    told: list[object] = []
+    keeper = BlindIndexKeeper(made_up_sky, lambda kind, data: told.append(data["state"]))
+    await keeper.find()
+    assert keeper.state.startswith("none: not built yet")
+    assert await keeper.wait(0.0) is None
+    async with asyncio.timeout(30):
+        while keeper.state != "building 42 %":
+            assert await keeper.wait(0.05) is None  # twice is once: nobody starts a second one
+    if fails:
+        (tmp_path / "fail").touch()
+    (tmp_path / "go on").touch()
+    found = await keeper.wait(30.0)
+    if fails:
+        assert found is None
+        assert keeper.state == "none: it could not be built: the cache: no room (make some)"
+        assert await keeper.wait(5.0) is None  # at once: it isn't tried with each frame
+    else:
+        assert (found, keeper.state) == (tmp_path / "index", "ready")
+    assert told[:2] == ["building 0 %", "building 42 %"]
+    assert told[2] == keeper.state
+    assert len(told) == 3
+    await keeper.close()
+
+
+@pytest.mark.usefixtures("_empty_cache")
+async def test_closing_ends_the_building(
+    made_up_sky: PackedStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SLOW_BUILDER", str(tmp_path))
+    monkeypatch.setattr(blind_index, "BUILDER", "slow_builder")
+    keeper = BlindIndexKeeper(made_up_sky, lambda kind, data: None)
+    await keeper.wait(0.3)
+    async with asyncio.timeout(10):
+        await keeper.close()
+    assert keeper.state.startswith("none")
+
+
+@pytest.mark.usefixtures("_empty_cache")
+async def test_a_lost_mount_is_found_blind_and_recovered(made_up_sky: PackedStore) -> None:
+    app = create_app(Settings.parse(WIDE), catalog=made_up_sky)
+    transport = httpx.ASGITransport(app=app, raise_app_exceptions=False)
+    async with (
+        app.router.lifespan_context(app),
+        httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1", timeout=90) as client,
+    ):
+
+        async def ordered(order: str, **body: object) -> dict[str, object]:
+            started = await client.post(f"/v1/telescopes/east/{order}", json=body or None)
+            assert started.status_code == 202, started.text
+            found: dict[str, object] = (
+                await client.get(started.headers["location"], params={"wait": 80})
+            ).json()
+            return found
+
+        assert (await client.get("/v1/health")).json()["blind_index"].startswith("none: not built yet")
+        mechanics = app.state.service.observatory.telescope("east").mechanics
+        now = utc_now()
+        truth = mechanics.truth(now)
+        elsewhere = Icrs((truth.ra_deg + 75.0) % 360.0, truth.dec_deg - 30.0)
+        mechanics.sync(icrs_to_apparent(elsewhere, now))
+
+        look = await ordered("look")
+        assert look["state"] == "succeeded", look
+        assert look["result"]["mode"].startswith("blind/"), look["result"]
+        assert look["result"]["offset"]["total_arcsec"] > 50.0 * 3600.0
+        assert (await client.get("/v1/health")).json()["blind_index"] == "ready"
+
+        sync = await ordered("sync")
+        assert sync["problem"]["type"] == "urn:mountnav:problem:offset-too-large", sync
+        recovered = await ordered("recover")
+        assert recovered["state"] == "succeeded", recovered
+        assert recovered["result"]["second"]["mode"].startswith("blind/")
+        target = (await client.get("/v1/telescopes/east")).json()["icrs"]
+        assert separation_arcsec(Icrs(target["ra_deg"], target["dec_deg"]), mechanics.truth()) < 40.0
+        centered = await ordered("center", ra_deg=target["ra_deg"], dec_deg=target["dec_deg"] - 5.0)
+        assert centered["state"] == "succeeded", centered
+        wanted = Icrs(target["ra_deg"], target["dec_deg"] - 5.0)
+        assert separation_arcsec(mechanics.truth(), wanted) < 75.0

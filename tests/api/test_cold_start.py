@@ -1,0 +1,120 @@
+"""What the command line imports: what is dear stays out where it is no use. Times: benchmarks/start_up.py."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from astropy.io import fits
+
+DEAR = (
+    *("astropy", "astropy_healpix", "PIL", "matplotlib", "rich", "fastapi", "uvicorn", "httpx", "asyncio"),
+    *("scipy.optimize", "scipy.interpolate", "scipy.stats", "scipy.signal", "scipy.integrate"),
+    *("mountnav.settings", "mountnav.simulation", "mountnav.measuring.calibration"),
+)
+RUN = """
+import json, sys
+from api.main import main
+sys.argv = ["mountnav", *sys.argv[1:]]
+try:
+    main()
+except SystemExit:
+    pass
+print(json.dumps(sorted(sys.modules)), file=sys.stderr)
+"""
+
+
+def _imported(*arguments: str | Path, cache: Path) -> tuple[set[str], str]:
+    """The modules that a command imports, and what it prints."""
+    done = subprocess.run(
+        [sys.executable, "-c", RUN, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=os.environ | {"MOUNTNAV_CACHE": str(cache)},
+    )
+    return set(json.loads(done.stderr.splitlines()[-1])), done.stdout
+
+
+def _among(dear: tuple[str, ...], imported: set[str]) -> list[str]:
+    return [name for name in dear if name in imported]
+
+
+@pytest.fixture(scope="module")
+def plain(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+    """A rendered frame as a camera writes it, and the options of its hint."""
+    folder = shared / "data" / "rendered"
+    truth = next(
+        one for one in json.loads((folder / "truth.json").read_text()) if one["file"].startswith("A01")
+    )
+    file = tmp_path_factory.mktemp("plain") / "a01.fits"
+    with fits.open(folder / truth["file"]) as opened:
+        image = next(hdu for hdu in opened if hdu.data is not None)
+        fits.PrimaryHDU(image.data).writeto(file)
+    hint = truth["hint"]
+    options = [f"--{name}={value}" for name, value in (*hint.items(), ("radius", 1))]
+    return file, options
+
+
+@pytest.mark.shared
+def test_a_hinted_plain_fits_file_is_solved_without_what_is_dear(
+    plain: tuple[Path, list[str]], tmp_path: Path
+) -> None:
+    file, options = plain
+    imported, printed = _imported("solve", file, *options, "--no-blind", "--json", cache=tmp_path)
+    assert json.loads(printed)["solved"]
+    assert _among(DEAR, imported) == []
+    assert "mountnav.measuring.measure" not in imported  # a glance was enough
+
+
+@pytest.mark.shared
+def test_looking_for_the_index_of_the_sky_costs_no_astropy(
+    plain: tuple[Path, list[str]], tmp_path: Path
+) -> None:
+    file, options = plain
+    imported, printed = _imported("solve", file, *options, "--json", cache=tmp_path)
+    assert json.loads(printed)["solved"]
+    assert _among(("astropy", "astropy_healpix"), imported) == []
+    assert list(tmp_path.iterdir()) == []  # nothing was built
+
+
+@pytest.mark.parametrize("arguments", [["--version"], ["--help"], ["solve", "--help"]])
+def test_help_comes_without_numpy(arguments: list[str], tmp_path: Path) -> None:
+    imported, printed = _imported(*arguments, cache=tmp_path)
+    assert "mountnav" in printed
+    assert _among(("numpy", "scipy", *DEAR[:4], "mountnav.solve"), imported) == []
+
+
+@pytest.mark.parametrize(
+    ("module", "dear"),
+    [
+        ("mountnav", ("numpy", "importlib.metadata")),
+        ("mountnav.sky.coordinates", ("numpy", "erfa", "astropy_iers_data")),
+        ("mountnav.reading", ("scipy", "erfa", *DEAR)),
+        ("mountnav.catalog.embedded", ("scipy", *DEAR)),
+        ("mountnav.solve", DEAR),
+        ("mountnav.identification.blind.index", DEAR),
+        ("mountnav.identification.blind.cache", DEAR),
+    ],
+)
+def test_modules_bring_little_with_them(module: str, dear: tuple[str, ...]) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", f"import json, sys, {module}; print(json.dumps(sorted(sys.modules)))"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert _among(dear, set(json.loads(done.stdout))) == []
+
+
+def test_the_public_names_of_the_sky_are_all_there() -> None:
+    import mountnav.sky
+
+    for name in mountnav.sky.__all__:
+        assert getattr(mountnav.sky, name).__name__ == name
+    with pytest.raises(AttributeError, match="nothing"):
+        mountnav.sky.nothing  # noqa: B018
