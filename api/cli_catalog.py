@@ -1,4 +1,4 @@
-"""`mountnav catalog`: what the embedded catalog holds, and the stars round a place."""
+"""`mountnav catalog`: what the embedded catalog holds, stars round a place, the index for blind solving."""
 
 from __future__ import annotations
 
@@ -34,3 +34,14 @@ def cone(
     from api.catalog_command import show_cone
 
     show_cone(ra, dec, radius, mag, epoch, as_json)
+
+
+@catalog_app.command()
+def index(
+    force: Annotated[bool, typer.Option("--force", help="Build it anew if it is there.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Build the index for blind solving, once, into the user's cache; takes half a minute."""
+    from api.catalog_index_command import show_index
+
+    show_index(force, as_json)

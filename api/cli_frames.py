@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from api.cli_options import Budget, Calibration, Config, Dec, Json, Profile, Ra, Radius, Scale
+from api.cli_options import Blind, Budget, Calibration, Config, Dec, Json, Profile, Ra, Radius, Scale
 
 
 def solve(
@@ -19,6 +19,7 @@ def solve(
     scale_low: Annotated[float | None, typer.Option(help="Lower bound, arcseconds per pixel.")] = None,
     scale_high: Annotated[float | None, typer.Option(help="Upper bound, arcseconds per pixel.")] = None,
     hdu: Annotated[str | None, typer.Option(help="FITS extension, by number or name.")] = None,
+    blind: Blind = None,
     calibration: Calibration = None,
     profile: Profile = None,
     budget: Budget = None,
@@ -27,12 +28,21 @@ def solve(
 ) -> None:
     """Find out where images lie in the sky. Hints not given are taken from the header.
 
+    A frame that no hint helps with is searched for in the whole sky. The index for that is built once, on
+    first need (`mountnav catalog index` builds it beforehand).
+
     Exit code 0 if all were solved, 1 if some were not, 2 on bad usage.
     """
     from api.solve_command import run
     from api.solving import chosen_settings
 
-    settings = chosen_settings(config=config, profile=profile, budget_s=budget, calibration=calibration)
+    settings = chosen_settings(
+        config=config,
+        profile=profile,
+        budget_s=budget,
+        calibration=calibration,
+        blind=None if blind is None else "only" if blind else "never",
+    )
     raise typer.Exit(
         run(
             files,

@@ -18,6 +18,15 @@ Budget = Annotated[
     float | None,
     typer.Option(min=0.01, max=3600, help="Seconds for identifying a frame; 30 if not given."),
 ]
+Blind = Annotated[
+    bool | None,
+    typer.Option(
+        "--blind/--no-blind",
+        help="Search the whole sky and ask no hint, or never search it; else it is searched after the hint "
+        "failed.",
+        show_default=False,
+    ),
+]
 Config = Annotated[
     Path | None, typer.Option("--config", "-c", help="Settings file: its solving table is used.")
 ]

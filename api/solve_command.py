@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from api.file_names import shown
 from api.hints import asked_hint
-from api.solve_record import SolveRecord, solve_record, unread_record
+from api.solve_answer import Answer, solve_answer, unread_answer
 from mountnav.catalog.embedded import embedded_catalog
-from mountnav.catalog.stars import Catalog
-from mountnav.errors import BadFrame
+from mountnav.catalog.packed import PackedStore
+from mountnav.errors import BadFrame, BadSettings
 from mountnav.frames import Hint
+from mountnav.solution import Reason, Verdict
 from mountnav.solve import SolveSettings, solve_file
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from api.solve_record import SolveRecord
+    from mountnav.identification.blind.index import BlindIndex
+
+_HOPELESS = (Reason.BAD_FRAME, Reason.TOO_FEW_MEASUREMENTS)
+"""Without stars the whole sky is no help."""
 
 
 def run(
@@ -38,33 +47,102 @@ def run(
     ------
     BadRequest
         Options that make no sense, alone or together; nothing was solved.
+    BadSettings
+        The whole sky is to be searched, and the index for it can't be built; nothing was solved.
     """
     hint = asked_hint(ra, dec, radius, scale, low, high)
-    catalog = embedded_catalog()
+    solver = _Solver(hint, int(hdu) if hdu is not None and hdu.isdigit() else hdu, settings)
     all_solved = True
     for path in files:
-        record = _solve(path, catalog, hint, int(hdu) if hdu is not None and hdu.isdigit() else hdu, settings)
-        all_solved = all_solved and record.solved
+        answer = solver.answer(path)
+        all_solved = all_solved and answer["solved"]
         if as_json:
-            sys.stdout.write(record.model_dump_json() + "\n")
+            sys.stdout.write(json.dumps(answer, ensure_ascii=False, separators=(",", ":"), allow_nan=False))
+            sys.stdout.write("\n")
             sys.stdout.flush()
         else:
-            _show(record)
+            from api.solve_record import SolveRecord
+
+            _show(SolveRecord.model_validate(answer))
     return 0 if all_solved else 1
 
 
-def _solve(
-    path: Path, catalog: Catalog, hint: Hint | None, hdu: int | str | None, settings: SolveSettings
-) -> SolveRecord:
-    try:
-        return solve_record(
-            shown(path),
-            solve_file(path, catalog, hint, name=shown(Path(path.name)), hdu=hdu, settings=settings),
+class _Solver:
+    """Solves one file after the other; the index of the whole sky is got when the first one needs it.
+
+    Parameters
+    ----------
+    hint : Hint or None
+    hdu : int, str or None
+    settings : SolveSettings
+
+    Raises
+    ------
+    BadSettings
+        The index is needed at once and can't be built.
+    """
+
+    def __init__(self, hint: Hint | None, hdu: int | str | None, settings: SolveSettings) -> None:
+        self._catalog = embedded_catalog()
+        self._hint = hint
+        self._hdu = hdu
+        self._no_index: str | None = None
+        if settings.blind == "only":
+            settings = replace(settings, index=_index(self._catalog))
+        elif settings.blind == "after":
+            settings = replace(settings, index=_index_at_hand(self._catalog))
+        self._settings = settings
+
+    def answer(self, path: Path) -> Answer:
+        """Solve a file: without an index first, if there is none yet."""
+        try:
+            verdict = self._verdict(path)
+            if self._worth_an_index(verdict):
+                try:
+                    self._settings = replace(self._settings, index=_index(self._catalog))
+                except BadSettings as refused:
+                    self._no_index = f"the whole sky was not searched: {refused}"
+                else:
+                    verdict = self._verdict(path)
+        except BadFrame as error:
+            return unread_answer(shown(path), error.what)
+        except OSError as error:
+            return unread_answer(shown(path), f"the file can't be read: {error.strerror or error}")
+        if self._no_index is not None and verdict.solution is None:
+            verdict = replace(verdict, notes=(*verdict.notes, self._no_index))
+        return solve_answer(shown(path), verdict)
+
+    def _verdict(self, path: Path) -> Verdict:
+        name = shown(Path(path.name))
+        return solve_file(path, self._catalog, self._hint, name=name, hdu=self._hdu, settings=self._settings)
+
+    def _worth_an_index(self, verdict: Verdict) -> bool:
+        return (
+            verdict.solution is None
+            and verdict.reason not in _HOPELESS
+            and self._settings.blind == "after"
+            and self._settings.index is None
+            and self._no_index is None
         )
-    except BadFrame as error:
-        return unread_record(shown(path), error.what)
-    except OSError as error:
-        return unread_record(shown(path), f"the file can't be read: {error.strerror or error}")
+
+
+def _index_at_hand(catalog: PackedStore) -> BlindIndex | None:
+    """Open the index if it was built before; a damaged one is built anew when it is needed."""
+    from mountnav.identification.blind.cache import index_path
+    from mountnav.identification.blind.index import BlindIndex
+
+    path = index_path(catalog)
+    try:
+        return BlindIndex.open(path) if path.is_file() else None
+    except (OSError, BadSettings):
+        return None
+
+
+def _index(catalog: PackedStore) -> BlindIndex:
+    """Open the index, or build it under a progress bar."""
+    from api.catalog_index_command import built_with_progress
+
+    return built_with_progress(catalog)
 
 
 def _show(record: SolveRecord) -> None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import Literal
 
 from pydantic import BaseModel, Field
 
-from mountnav.measuring.quality import SkyQuality
-from mountnav.solution import Reason, Times, Verdict
+from api.solve_answer import solve_answer
+from mountnav.solution import Verdict
 
 
 class SolveTimes(BaseModel):
@@ -70,83 +69,4 @@ class SolveRecord(BaseModel):
 
 def solve_record(file: str, verdict: Verdict) -> SolveRecord:
     """Make the record of a verdict; NaN and infinities become null."""
-    times = _times(verdict.times)
-    solution = verdict.solution
-    if solution is None:
-        reason = str(verdict.reason) if verdict.reason else "not solved"
-        told = f"{reason}: {verdict.detail}" if verdict.detail else reason
-        return SolveRecord(
-            file=file,
-            solved=False,
-            time_s=times,
-            reason=told,
-            reason_code=verdict.reason.name if verdict.reason else None,
-            numbers={name: value for name, value in verdict.numbers.items() if math.isfinite(value)},
-            contradictions=[str(one) for one in verdict.contradictions],
-            notes=list(verdict.notes),
-            quality=_quality(verdict.quality),
-        )
-    return SolveRecord(
-        file=file,
-        solved=True,
-        ra_deg=_finite(solution.center.ra_deg),
-        dec_deg=_finite(solution.center.dec_deg),
-        scale_arcsec_px=_finite(solution.scale_arcsec_px),
-        rotation_deg=_finite(solution.rotation_deg),
-        parity=1 if solution.parity > 0 else -1,
-        center_sigma_arcsec=_finite(solution.center_sigma_arcsec),
-        rms_arcsec=_finite(solution.rms_arcsec),
-        pairs=solution.pairs,
-        false_probability=_finite(solution.false_probability),
-        mode=solution.mode,
-        time_s=times,
-        wcs=dict(solution.wcs),
-        rejected_by=dict(solution.rejected_by),
-        contradictions=[str(one) for one in verdict.contradictions],
-        notes=list(verdict.notes),
-        quality=_quality(verdict.quality),
-    )
-
-
-def unread_record(file: str, why: str) -> SolveRecord:
-    """Make the record of a file that is no image."""
-    return SolveRecord(
-        file=file, solved=False, time_s=_times(Times()), reason=why, reason_code=Reason.BAD_FRAME.name
-    )
-
-
-def _quality(quality: SkyQuality | None) -> QualityRecord | None:
-    if quality is None:
-        return None
-    return QualityRecord(
-        stars=quality.stars,
-        images=str(quality.images),
-        fwhm_px=_maybe(quality.fwhm_px),
-        fwhm_arcsec=_maybe(quality.fwhm_arcsec),
-        ellipticity=_maybe(quality.ellipticity),
-        elongation_deg=_maybe(quality.elongation_deg),
-        sky_adu=_maybe(quality.sky_adu),
-        noise_adu=_maybe(quality.noise_adu),
-        sky_gradient=_maybe(quality.sky_gradient),
-        saturated_share=_maybe(quality.saturated_share),
-        zero_point_mag=_maybe(quality.zero_point_mag),
-        limiting_mag=_maybe(quality.limiting_mag),
-        sky_mag_arcsec2=_maybe(quality.sky_mag_arcsec2),
-    )
-
-
-def _maybe(value: float | None) -> float | None:
-    return None if value is None else _finite(value)
-
-
-def _times(times: Times) -> SolveTimes:
-    return SolveTimes(
-        read=round(times.read_s, 4),
-        measure=round(times.measure_s, 4),
-        identify=round(times.identify_s, 4),
-        total=round(times.total_s, 4),
-    )
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
+    return SolveRecord.model_validate(solve_answer(file, verdict))

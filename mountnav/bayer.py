@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 _PATTERN_CARDS = ("BAYERPAT", "BAYRPAT", "CFA_PAT", "CFATYPE", "COLORTYP", "CFAIMAGE", "FILTER")
 _PATTERNS = ("RGGB", "BGGR", "GRBG", "GBRG")
@@ -47,15 +46,19 @@ def is_mosaic(pixels: NDArray[np.generic], header: Mapping[str, str | int | floa
     blocks = min(_BLOCKS, height // (2 * _SMALLEST_BLOCK_PX), width // (2 * _SMALLEST_BLOCK_PX))
     if blocks < (1 if named else 2):
         return False  # one part alone may look like a mosaic by chance
-    greens = []
+    greens: list[int] = []
+    tried = 0
     for band in np.array_split(np.arange(height // 2), blocks):
         for strip in np.array_split(np.arange(width // 2), blocks):
             rows = slice(2 * int(band[0]), 2 * (int(band[0]) + min(band.size, _BLOCK_PX)))
             columns = slice(2 * int(strip[0]), 2 * (int(strip[0]) + min(strip.size, _BLOCK_PX)))
             share = _SHARE_NAMED if named else _SHARE_UNNAMED
             green = _green_diagonal(pixels[rows, columns].astype(np.float32), share)
+            tried += 1
             if green is not None:
                 greens.append(green)
+            elif tried - len(greens) > (1.0 - _VOTES) * blocks * blocks:
+                return False  # the parts that are left can't make it a mosaic any more
     commonest = max(greens.count(0), greens.count(1))
     return commonest >= _VOTES * blocks * blocks and commonest >= _SAME_DIAGONAL * len(greens)
 
@@ -67,9 +70,11 @@ def _green_diagonal(block: NDArray[np.float32], share: float) -> int | None:
     rows, columns or slopes of other frames.
     """
     phases = np.stack([block[j::2, i::2].ravel() for j in (0, 1) for i in (0, 1)])
-    phases = np.where(np.isfinite(phases), phases, np.nan)
-    if np.isnan(phases).mean() > 0.5 or np.isnan(phases).all(axis=1).any():
-        return None
+    finite = np.isfinite(phases)
+    if not finite.all():
+        phases = np.where(finite, phases, np.nan)
+        if finite.mean() < 0.5 or not finite.any(axis=1).all():
+            return None
     levels, noise = _levels(phases)
     span = float(np.ptp(levels))
     apart = abs(levels[0] - levels[3]), abs(levels[1] - levels[2])
@@ -80,13 +85,23 @@ def _green_diagonal(block: NDArray[np.float32], share: float) -> int | None:
 
 def _levels(phases: NDArray[np.floating]) -> tuple[NDArray[np.float64], float]:
     """Clipped means of the phases (medians of whole numbers jump), and the noise around them."""
-    middle = np.nanmedian(phases, axis=1)
-    spread = np.nanmedian(np.abs(phases - middle[:, None])) * 1.4826
+    missing = bool(np.isnan(phases).any())
+    middle = np.nanmedian(phases, axis=1) if missing else _medians(phases)
+    off = np.abs(phases - middle[:, None])
+    spread = 1.4826 * float(np.nanmedian(off) if missing else _medians(off.reshape(1, -1))[0])
     # few and whole counts have no spread by the median: the plain one is right there, and large enough
-    noise = max(float(spread), 0.3 if spread > 0.5 else float(np.nanstd(phases)), 0.3)
-    inside = np.abs(phases - middle[:, None]) <= 2.5 * noise
+    noise = max(spread, 0.3 if spread > 0.5 else float(np.nanstd(phases)), 0.3)
+    inside = off <= 2.5 * noise
     count = np.maximum(inside.sum(axis=1), 1)
     return np.where(inside, phases, 0.0).sum(axis=1, dtype=np.float64) / count, noise
+
+
+def _medians(rows: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Median of each row. np.median asks for several ranks at once, which numpy has no fast way for."""
+    half = rows.shape[1] // 2
+    parted = np.partition(rows, half, axis=1)
+    upper = parted[:, half]
+    return upper if rows.shape[1] % 2 else np.asarray(0.5 * (parted[:, :half].max(axis=1) + upper))
 
 
 def without_mosaic(pixels: NDArray[np.generic]) -> NDArray[np.float32]:
@@ -104,6 +119,8 @@ def without_mosaic(pixels: NDArray[np.generic]) -> NDArray[np.float32]:
     -------
     ndarray of float32, shape (height, width)
     """
+    from scipy import ndimage  # dear to import, and few frames are mosaics
+
     kernel = np.array([0.25, 0.5, 0.25], dtype=np.float32)
     smooth = pixels.astype(np.float32)
     # a line is buffered before it is written back: no second array is needed

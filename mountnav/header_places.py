@@ -6,8 +6,6 @@ import math
 import re
 from dataclasses import dataclass
 
-import erfa
-
 from mountnav.header_times import mid_exposure_from_header
 from mountnav.header_values import Comments, Header, number, sexagesimal
 from mountnav.sky.coordinates import Icrs
@@ -107,6 +105,8 @@ def to_icrs(place: Icrs, equinox_yr: float | None) -> Icrs:
     """
     if equinox_yr is None or abs(equinox_yr - 2000.0) < 0.5:
         return place
+    import erfa
+
     vector = erfa.s2c(math.radians(place.ra_deg), math.radians(place.dec_deg))
     lon, lat = erfa.c2s(erfa.ltp(equinox_yr).T @ vector)
     turned = math.degrees(float(lon)) % 360.0

@@ -21,8 +21,6 @@ from mountnav.identification.reference import Reference, identified_pairs
 from mountnav.identification.search import Reach, identify
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.identification.wcs import wcs_cards
-from mountnav.measuring.calibration import Calibration
-from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Flag, Measurements
 from mountnav.measuring.quality import SkyQuality, with_plate
 from mountnav.measuring.settings import MeasuringSettings
@@ -32,6 +30,7 @@ from mountnav.solution import Contradiction, Reason, Solution, Times, Verdict
 
 if TYPE_CHECKING:
     from mountnav.identification.blind.index import BlindIndex
+    from mountnav.measuring.calibration import Calibration
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +183,8 @@ def solve(
                 reach = replace(reach, tried=first.tried)
                 measure_s += first.measure_s
             if found is None:
+                from mountnav.measuring.measure import measure  # dear to import, and a glance does without
+
                 before = time.monotonic()
                 measurements = measure(frame, settings=settings.measuring)
                 measure_s += time.monotonic() - before

@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from astropy import units
-from astropy_healpix import healpix_to_lonlat
 from numpy.typing import NDArray
 
 from mountnav.catalog.packed_format import (
@@ -29,6 +27,7 @@ from mountnav.catalog.packed_format import (
     decode_header,
     malformed,
 )
+from mountnav.catalog.pixel_centers import pixel_centers
 from mountnav.catalog.space_motion import MAS_RAD, motion_vectors, motions_seen, places, unit_vectors
 from mountnav.catalog.stars import Stars
 from mountnav.errors import BadRequest, BadSettings
@@ -72,10 +71,7 @@ class PackedStore:
         self._stars = section("stars", STAR)
         self._mag = self._stars["mag"]
         _require_sound(path, self.header, layout, self._offsets, classes, self._fast)
-        lon, lat = healpix_to_lonlat(
-            np.arange(12 * self.header.nside**2), nside=self.header.nside, order="nested"
-        )
-        self._centers = unit_vectors(lon.to_value(units.deg), lat.to_value(units.deg))
+        self._centers = pixel_centers(self.header.nside)
         self._pixel_radius_rad = _largest_pixel_radius_rad(self.header.nside)
 
     @property

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import bz2
-import gzip
-import io
+import os
 import re
-import zlib
 from collections.abc import Mapping
 from dataclasses import replace
+from io import FileIO
 from pathlib import Path
+from stat import S_ISREG
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +19,13 @@ from mountnav.frames import Frame
 from mountnav.header_hints import hint_from_header
 from mountnav.header_times import exposure_s_from_header, mid_exposure_from_header
 from mountnav.header_values import number
+from mountnav.reading.content import Content, OnDisk
 from mountnav.reading.fits_cards import Value
 from mountnav.reading.fits_images import read_fits
-from mountnav.reading.pictures import read_picture
+from mountnav.reading.unpacking import unpacked
 
 Pixels = NDArray[np.generic]
 
-_MOST_BYTES = 2_500_000_000
 _SMALLEST_SIDE_PX = 16
 _SATURATION_CARDS = ("SATURATE", "SATLEVEL", "SATURATI", "SATUR")
 _ROWS_AT_ONCE = 256
@@ -68,36 +67,21 @@ def read_frame(
     BadFrame
         Not readable, empty, cut short, no image inside, or of an absurd size.
     """
-    if isinstance(source, Path):
-        label = name or source.name
-        try:
-            content = source.read_bytes()
-        except OSError as fault:
-            raise BadFrame(
-                f"the file can't be read: {fault.strerror or fault}",
-                device=label,
-                advice="check the path and the rights on it",
-            ) from fault
-    else:
-        label = name or "upload"
-        content = source
-    if not content:
+    if not isinstance(source, Path):
+        frame = _read(source, name or "upload", hdu)
+        return frame if raw else demosaiced(frame)
+    label = name or source.name
+    try:
+        with FileIO(source) as file:
+            # a pipe has no length, and can't be read out of order
+            content = OnDisk(file) if S_ISREG(os.fstat(file.fileno()).st_mode) else file.readall()
+            frame = _read(content, label, hdu)
+    except OSError as fault:
         raise BadFrame(
-            "the file is empty",
+            f"the file can't be read: {fault.strerror or fault}",
             device=label,
-            advice="the camera may still be writing it, or the disk is full",
-        )
-    content = _unpacked(content, label)
-    if content[:6] == b"SIMPLE":
-        image = read_fits(content, label, hdu)
-        frame = _frame(image.pixels, image.values, image.comments, label, own=True)
-    elif hdu not in (None, 0):
-        raise BadFrame(
-            f"there is no extension {hdu}: this is no FITS file", device=label, advice="leave the choice out"
-        )
-    else:
-        frame = _frame(read_picture(content, label), {}, {}, label, own=True)
-    del content
+            advice="check the path and the rights on it",
+        ) from fault
     return frame if raw else demosaiced(frame)
 
 
@@ -161,25 +145,24 @@ def demosaiced(frame: Frame) -> Frame:
     return replace(frame, pixels=without_mosaic(frame.pixels), mosaic=False)
 
 
-def _unpacked(content: bytes, label: str) -> bytes:
-    """Take the gzip or bzip2 wrapping off, if there is one."""
-    if content[:2] != b"\x1f\x8b" and content[:3] != b"BZh":
-        return content
-    stream = io.BytesIO(content)
-    try:
-        with gzip.GzipFile(fileobj=stream) if content[:1] == b"\x1f" else bz2.BZ2File(stream) as packed:
-            plain = packed.read(_MOST_BYTES + 1)
-    except (OSError, EOFError, zlib.error) as fault:
+def _read(content: Content, label: str, hdu: int | str | None) -> Frame:
+    if not content:
         raise BadFrame(
-            f"the compressed file is damaged or cut short: {fault}",
+            "the file is empty",
             device=label,
-            advice="copy it again, or wait until it is written completely",
-        ) from fault
-    if len(plain) > _MOST_BYTES:
-        raise BadFrame("the file unpacks to an absurd size", device=label, advice="send a single image")
-    if not plain:
-        raise BadFrame("the compressed file is empty", device=label, advice="copy it again")
-    return plain
+            advice="the camera may still be writing it, or the disk is full",
+        )
+    content = unpacked(content, label)
+    if content[:6] == b"SIMPLE":
+        image = read_fits(content, label, hdu)
+        return _frame(image.pixels, image.values, image.comments, label, own=True)
+    if hdu not in (None, 0):
+        raise BadFrame(
+            f"there is no extension {hdu}: this is no FITS file", device=label, advice="leave the choice out"
+        )
+    from mountnav.reading.pictures import read_picture
+
+    return _frame(read_picture(bytes(content[:]), label), {}, {}, label, own=True)
 
 
 def _frame(

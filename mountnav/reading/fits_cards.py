@@ -7,12 +7,16 @@ process (`warnings.catch_warnings` swaps global state), while frames are read in
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
+
+from mountnav.reading.content import Content
 
 Value = str | int | float | bool
 
 CARD_LENGTH = 80
 BLOCK_LENGTH = 2880
+_BLOCKS_AT_ONCE = 4
 _NOT_VALUES = ("COMMENT", "HISTORY", "CONTINUE", "")
 _STRING = re.compile(r"'((?:[^']|'')*)'\s*(?:/(.*))?$")
 _INTEGER = re.compile(r"[+-]?\d+$")
@@ -52,12 +56,12 @@ class Cards:
         return default if isinstance(value, (str, bool)) else float(value)
 
 
-def read_cards(content: bytes, start: int) -> Cards | None:
+def read_cards(content: Content, start: int) -> Cards | None:
     """Read the header that starts at an offset.
 
     Parameters
     ----------
-    content : bytes
+    content : bytes, bytearray or OnDisk
         The whole file.
     start : int
         Offset of the header's first card.
@@ -70,8 +74,7 @@ def read_cards(content: bytes, start: int) -> Cards | None:
     values: dict[str, Value] = {}
     comments: dict[str, str] = {}
     open_key = ""  # of the string that the next CONTINUE card goes on with
-    for at in range(start, len(content) - CARD_LENGTH + 1, CARD_LENGTH):
-        card = content[at : at + CARD_LENGTH].decode("latin-1")
+    for at, card in _cards(content, start):
         key = card[:8].strip()
         if key == "END" and not card[3:].strip(" \0"):
             blocks = -(-(at + CARD_LENGTH - start) // BLOCK_LENGTH)
@@ -95,6 +98,14 @@ def read_cards(content: bytes, start: int) -> Cards | None:
             if comment:
                 comments[key] = comment
     return None
+
+
+def _cards(content: Content, start: int) -> Iterator[tuple[int, str]]:
+    """The whole cards from an offset on, each with its own; some blocks are read at once."""
+    for at in range(start, len(content), _BLOCKS_AT_ONCE * BLOCK_LENGTH):
+        text = content[at : at + _BLOCKS_AT_ONCE * BLOCK_LENGTH].decode("latin-1")
+        for place in range(0, len(text) - CARD_LENGTH + 1, CARD_LENGTH):
+            yield at + place, text[place : place + CARD_LENGTH]
 
 
 def _split(card: str, key: str) -> tuple[str, str | None]:

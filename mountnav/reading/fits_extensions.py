@@ -7,6 +7,7 @@ import re
 from dataclasses import dataclass
 
 from mountnav.errors import BadFrame
+from mountnav.reading.content import Content
 from mountnav.reading.fits_cards import BLOCK_LENGTH, Cards, read_cards
 
 #: More pixels than any camera on a telescope has; guards against decompression bombs.
@@ -57,7 +58,7 @@ class Hdu:
         return self.cards.integer("ZBITPIX" if self.tiled else "BITPIX")
 
 
-def walk(content: bytes, label: str) -> list[Hdu]:
+def walk(content: Content, label: str) -> list[Hdu]:
     """List a file's headers; what follows the last sound one is passed over.
 
     Raises

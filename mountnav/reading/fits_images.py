@@ -7,16 +7,16 @@ cut down to what describes the tiles. Meaning of BZERO, BSCALE and BLANK: [FITS 
 
 from __future__ import annotations
 
-import io
 import math
 import re
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from astropy.io import fits
 from numpy.typing import NDArray
 
 from mountnav.errors import BadFrame
+from mountnav.reading.content import Content, stored
 from mountnav.reading.fits_cards import BLOCK_LENGTH, CARD_LENGTH, Value
 from mountnav.reading.fits_extensions import Hdu, check_size, chosen_hdu, walk
 
@@ -35,7 +35,9 @@ _EMPTY_PRIMARY = (
     "NAXIS   =                    0",
     "EXTEND  =                    T",
 )
-_ROWS_AT_ONCE = 256
+_MOST_COLORS = 4
+#: Stored numbers that are turned into physical values in one go.
+_BYTES_AT_ONCE = 1 << 19
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,12 +59,12 @@ class FitsImage:
     comments: dict[str, str]
 
 
-def read_fits(content: bytes, label: str, wanted: int | str | None = None) -> FitsImage:
+def read_fits(content: Content, label: str, wanted: int | str | None = None) -> FitsImage:
     """Read the image of a FITS file.
 
     Parameters
     ----------
-    content : bytes
+    content : bytes, bytearray or OnDisk
         The file, not wrapped in gzip or bzip2.
     label : str
         What to call it in messages.
@@ -85,37 +87,54 @@ def read_fits(content: bytes, label: str, wanted: int | str | None = None) -> Fi
     check_size(chosen, label)
     end = chosen.data_start + chosen.data_length
     if end > len(content):
-        raise BadFrame(
-            f"the FITS file is cut short: {len(content)} of {end} bytes are there",
-            device=label,
-            advice="copy it again, or wait until the camera has written it completely",
-        )
-    stored = _tiled(content, chosen, label) if chosen.tiled else _plain(content, chosen)
+        raise _cut_short(f"{len(content)} of {end} bytes are there", label)
+    try:
+        pixels = _pixels(content, chosen, label)
+    except EOFError as fault:
+        raise _cut_short(f"it became shorter while it was read, {fault}", label) from fault
     values, comments = _exposure_cards(hdus[0], chosen)
-    return FitsImage(_one_plane(stored, chosen), values, comments)
+    return FitsImage(pixels, values, comments)
 
 
-def _plain(content: bytes, hdu: Hdu) -> Pixels:
-    """View the stored numbers; nothing is copied yet."""
+def _cut_short(how: str, label: str) -> BadFrame:
+    return BadFrame(
+        f"the FITS file is cut short: {how}",
+        device=label,
+        advice="copy it again, or wait until the camera has written it completely",
+    )
+
+
+def _pixels(content: Content, hdu: Hdu, label: str) -> Pixels:
+    """Read the chosen image as one plane of physical values."""
+    if hdu.tiled:
+        flat = _tiled(content, hdu, label).reshape(-1)
+        return _one_plane(hdu, flat.dtype, lambda first, count: flat[first : first + count])
     kind = np.dtype(_TYPES[hdu.bitpix])
-    stored = np.frombuffer(content, kind, count=math.prod(hdu.shape), offset=hdu.data_start)
-    return _planes(stored.reshape(hdu.shape))
+    return _one_plane(
+        hdu,
+        kind,
+        lambda first, count: stored(content, kind, count, hdu.data_start + first * kind.itemsize),
+    )
 
 
-def _tiled(content: bytes, hdu: Hdu, label: str) -> Pixels:
+def _tiled(content: Content, hdu: Hdu, label: str) -> Pixels:
     """Unpack the tiles; whole numbers come as stored, floats as they were before."""
     cards = [
-        content[at : at + CARD_LENGTH]
+        bytes(content[at : at + CARD_LENGTH])
         for at in range(hdu.start, hdu.data_start, CARD_LENGTH)
         if _OWN_OF_TILES.match(content[at : at + 8].decode("latin-1").strip())
     ]
+    from io import BytesIO
+
+    from astropy.io import fits  # a quarter of a second, and plain images do without
+
     table = content[hdu.data_start : hdu.data_start + hdu.data_length]
     primary = [card.ljust(CARD_LENGTH).encode() for card in _EMPTY_PRIMARY]
     alone = (
         _header(primary) + _header(cards) + table.ljust(-(-len(table) // BLOCK_LENGTH) * BLOCK_LENGTH, b"\0")
     )
     try:
-        with fits.open(io.BytesIO(alone), memmap=False, mode="readonly") as opened:
+        with fits.open(BytesIO(alone), memmap=False, mode="readonly") as opened:
             pixels = np.asarray(opened[1].data)
     except Exception as fault:  # damaged tiles raise all kinds, some of them private to astropy
         raise BadFrame(
@@ -129,7 +148,7 @@ def _tiled(content: bytes, hdu: Hdu, label: str) -> Pixels:
             device=label,
             advice="the file is damaged; copy it again",
         )
-    return _planes(pixels)
+    return pixels
 
 
 def _header(cards: list[bytes]) -> bytes:
@@ -137,24 +156,57 @@ def _header(cards: list[bytes]) -> bytes:
     return text.ljust(-(-len(text) // BLOCK_LENGTH) * BLOCK_LENGTH)
 
 
-def _planes(stored: Pixels) -> Pixels:
-    """Take idle axes off, and of a cube's leading axes the first plane; color planes stay."""
-    idle = tuple(axis for axis in range(stored.ndim) if stored.shape[axis] == 1)
-    stored = stored.squeeze(axis=idle[: max(0, stored.ndim - 2)])
-    while stored.ndim > 3 or (stored.ndim == 3 and stored.shape[0] > 4 and stored.shape[2] > 4):
-        stored = stored[0]
-    return stored
+def _one_plane(hdu: Hdu, kind: np.dtype[np.generic], read: Callable[[int, int], Pixels]) -> Pixels:
+    """Make physical values of stored numbers, some rows at a time, while these are in cache.
+
+    `read` gives stored numbers, by the first one and how many; a color image becomes the mean of its planes.
+    """
+    shape = _without_idle_axes(hdu.shape)
+    height, width = shape[-2:] if len(shape) == 2 or shape[0] <= _MOST_COLORS else shape[:2]
+    at_once = max(1, _BYTES_AT_ONCE // (width * kind.itemsize))
+    plane: Pixels | None = None
+    for at in range(0, height, at_once):
+        rows = min(at_once, height - at)
+        colors = [_physical(color, hdu) for color in _colors(shape, at, rows, read)]
+        brightness = colors[0] if len(shape) == 2 else _mean(colors)
+        if plane is None:
+            plane = np.empty((height, width), brightness.dtype)
+        plane[at : at + rows] = brightness
+    assert plane is not None  # an image has at least one row
+    return plane
 
 
-def _one_plane(stored: Pixels, hdu: Hdu) -> Pixels:
-    """Bring color down to one plane, a plane at a time."""
-    if stored.ndim < 3:
-        return _physical(stored, hdu)
-    planes = stored if stored.shape[0] <= 4 else np.moveaxis(stored, 2, 0)
-    mean = np.zeros(planes.shape[1:], np.float32)
-    for plane in planes[:3]:
-        np.add(mean, _physical(plane, hdu), out=mean, casting="same_kind")
-    mean /= min(3, planes.shape[0])
+def _without_idle_axes(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Two axes, or three where one of them may be color; of a cube's leading axes the first plane is kept."""
+    idle = [axis for axis, side in enumerate(shape) if side == 1][: max(0, len(shape) - 2)]
+    kept = tuple(side for axis, side in enumerate(shape) if axis not in idle)
+    while len(kept) > 3 or (len(kept) == 3 and kept[0] > _MOST_COLORS and kept[2] > _MOST_COLORS):
+        kept = kept[1:]
+    return kept
+
+
+def _colors(
+    shape: tuple[int, ...], at: int, rows: int, read: Callable[[int, int], Pixels]
+) -> Iterator[Pixels]:
+    """Some rows of the image, or of its first three color planes."""
+    if len(shape) == 2:
+        yield read(at * shape[1], rows * shape[1]).reshape(rows, shape[1])
+    elif shape[0] <= _MOST_COLORS:
+        planes, height, width = shape
+        for plane in range(min(3, planes)):
+            yield read((plane * height + at) * width, rows * width).reshape(rows, width)
+    else:
+        _, width, planes = shape
+        together = read(at * width * planes, rows * width * planes).reshape(rows, width, planes)
+        for plane in range(min(3, planes)):
+            yield together[:, :, plane]
+
+
+def _mean(colors: list[Pixels]) -> NDArray[np.float32]:
+    mean = np.zeros(colors[0].shape, np.float32)
+    for color in colors:
+        np.add(mean, color, out=mean, casting="same_kind")
+    mean /= len(colors)
     return mean
 
 
@@ -178,15 +230,11 @@ def _physical(stored: Pixels, hdu: Hdu) -> Pixels:
             return stored.astype(kind.newbyteorder("="))
         if abs(zero) == 2.0 ** (8 * kind.itemsize - 1) and (zero < 0) == (kind.kind == "u"):
             return _other_sign(stored)
-    # Single precision holds 24 bits; a block of rows at a time is reckoned in double.
-    values = np.empty(stored.shape, np.float32)
-    for at in range(0, stored.shape[0], _ROWS_AT_ONCE):
-        rows = stored[at : at + _ROWS_AT_ONCE]
-        scaled = rows.astype(np.float64) * scale + zero
-        if blank is not None:
-            scaled[rows == blank] = np.nan
-        values[at : at + _ROWS_AT_ONCE] = scaled
-    return values
+    # single precision holds 24 bits, so it is reckoned in double
+    scaled = stored.astype(np.float64) * scale + zero
+    if blank is not None:
+        scaled[stored == blank] = np.nan
+    return scaled.astype(np.float32)
 
 
 def _other_sign(stored: Pixels) -> Pixels:

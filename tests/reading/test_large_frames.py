@@ -1,4 +1,4 @@
-"""A frame of 60 megapixels is read within three times the memory of its pixels in single precision."""
+"""What memory a frame of 60 megapixels takes to read, in units of its pixels in single precision."""
 
 from __future__ import annotations
 
@@ -29,8 +29,17 @@ print(peak_kb() - before, frame.pixels.dtype)
 
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="the peak is read from /proc")
-@pytest.mark.parametrize("kind", ["uint16", "mosaic", "float32", "tiled", "color"])
-def test_peak_memory(kind: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("kind", "least", "most"),
+    [
+        ("uint16", 0.48, 0.6),  # the pixels, and some rows of the file
+        ("mosaic", 1.4, 1.9),  # the mosaic and its smooth frame of floats
+        ("float32", 0.95, 1.2),
+        ("tiled", 0.9, 1.9),  # what astropy unpacks, and the pixels
+        ("color", 0.95, 1.2),  # one plane of floats, however many the file has
+    ],
+)
+def test_peak_memory(kind: str, least: float, most: float, tmp_path: Path) -> None:
     data = np.random.default_rng(0).integers(900, 1100, SIDES).astype(np.uint16)
     if kind == "mosaic":
         data[::2, ::2] -= 400
@@ -47,6 +56,6 @@ def test_peak_memory(kind: str, tmp_path: Path) -> None:
     ).stdout.split()
     peak_mb = int(told[0]) / 1024
     print(f"| {kind} | {told[1]} | {peak_mb:.0f} MB | {peak_mb / SINGLE_MB:.2f} |")
-    assert 0.9 * SINGLE_MB < peak_mb < 3.1 * SINGLE_MB
+    assert least * SINGLE_MB < peak_mb < most * SINGLE_MB
     assert told[1] == ("uint16" if kind in ("uint16", "tiled") else "float32")
     file.unlink()
