@@ -1,0 +1,102 @@
+"""Where the index lies in the user's cache, and how it gets there: built once, then shared."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from mountnav.catalog.packed import PackedStore
+from mountnav.errors import BadSettings
+from mountnav.identification.blind.file_format import VERSION
+from mountnav.identification.blind.index import BlindIndex
+
+Progress = Callable[[float], None]
+
+
+def cache_folder() -> Path:
+    """$MOUNTNAV_CACHE, else $XDG_CACHE_HOME/mountnav, else ~/.cache/mountnav; it may not exist yet."""
+    if own := os.environ.get("MOUNTNAV_CACHE"):
+        return Path(own)
+    if shared := os.environ.get("XDG_CACHE_HOME"):
+        return Path(shared) / "mountnav"
+    return Path.home() / ".cache" / "mountnav"
+
+
+def index_path(catalog: PackedStore) -> Path:
+    """Where the index of a catalog lies or would lie.
+
+    Parameters
+    ----------
+    catalog : PackedStore
+
+    Returns
+    -------
+    Path
+        Its name carries the hash of the catalog's stars and the version of the format: another catalog, or
+        another mountnav, has another file.
+    """
+    return cache_folder() / f"quads-{catalog.header.sections_sha256[:16]}-v{VERSION}.mnq"
+
+
+def cached_index(
+    catalog: PackedStore, *, progress: Progress | None = None, force: bool = False
+) -> BlindIndex:
+    """Open the index of a catalog; on first need it is built, which takes half a minute of one core.
+
+    Parameters
+    ----------
+    catalog : PackedStore
+    progress : callable, optional
+        Told the share that is done, 0 to 1, if it is built here.
+    force : bool
+        Build it even if it is there.
+
+    Returns
+    -------
+    BlindIndex
+        Of processes that ask at the same time one builds, and the others wait for it.
+
+    Raises
+    ------
+    BadSettings
+        The cache can't be written.
+    """
+    path = index_path(catalog)
+    if not force and (found := _opened(path)) is not None:
+        return found
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with _locked(path.with_suffix(".lock")):
+            # another process may have built it meanwhile; a damaged one is built anew
+            if force or (found := _opened(path)) is None:
+                # imported here: whoever finds an index needs nothing of what builds it
+                from mountnav.identification.blind.building import build
+
+                build(catalog, path, progress=progress)
+    except OSError as refused:
+        raise BadSettings(
+            f"the index for blind solving can't be written: {refused.strerror or refused}",
+            device=str(path),
+            advice="free 200 MB there, or set MOUNTNAV_CACHE to a folder that can be written",
+        ) from refused
+    return BlindIndex.open(path)
+
+
+def _opened(path: Path) -> BlindIndex | None:
+    if not path.is_file():
+        return None
+    try:
+        return BlindIndex.open(path)
+    except BadSettings:
+        return None
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Hold an advisory lock; it goes with the process that holds it."""
+    with path.open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield

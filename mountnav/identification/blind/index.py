@@ -1,0 +1,203 @@
+"""The index in use: a memory-mapped file of quads, opened once and shared by any number of threads."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mountnav.errors import BadSettings
+from mountnav.identification.blind.file_format import (
+    LONGEST_HEADER_BYTES,
+    PREAMBLE_BYTES,
+    RASTER,
+    STEP,
+    STEPS_PER_CELL,
+    STRIDES,
+    damaged,
+    decode_header,
+    stepped,
+    unpack,
+)
+from mountnav.identification.blind.grid import Grid, densities
+from mountnav.identification.blind.mapping import let_go, mapped
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+MOST_TOLERANCE = 0.99 * 0.5 * STEPS_PER_CELL * STEP
+"""Half a cell, 0.0103: a wider question would reach three cells of a row."""
+RESTS_AFTER = 12_000
+"""Questions after which the file's pages are let go of; a frame that is found at once asks 200 to 3000."""
+
+
+class BlindIndex:
+    """Quads of the whole sky, found by their shape. Threads may share it.
+
+    Parameters
+    ----------
+    path : Path
+        A file written by `mountnav.identification.blind.building.build`.
+
+    Raises
+    ------
+    BadSettings
+        The file can't be opened, or is no whole index of this version.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            with path.open("rb") as file:
+                self.header, start = decode_header(
+                    file.read(PREAMBLE_BYTES + LONGEST_HEADER_BYTES), file=str(path)
+                )
+            size = path.stat().st_size
+            layout = self.header.layout()
+            if size != start + layout["end"][0]:
+                raise damaged(str(path), f"{size} bytes long, not {start + layout['end'][0]}")
+            self._mapped = mapped(path)
+        except OSError as refused:
+            raise BadSettings(
+                f"can't be opened: {refused.strerror}",
+                device=str(path),
+                advice="check the path and its rights, or build it: mountnav catalog index",
+            ) from refused
+
+        def section(name: str, kind: str) -> NDArray[Any]:
+            at, length = layout[name]
+            dtype = np.dtype(kind)
+            return np.frombuffer(self._mapped, dtype, count=length // dtype.itemsize, offset=start + at)
+
+        self._codes = section("codes", "<u4")
+        self._cells = section("cells", "<u4")
+        self._quads = section("quads", "<u8")
+        self._rows = section("rows", "<u4")
+        self._grid = section("grid", "<u4")
+        self._grid_starts = np.concatenate(([0], np.cumsum(self.header.grid_lengths)))
+        self.first_star: Index = np.concatenate(([0], np.cumsum(self.header.level_stars)))
+        self.density_deg2: Array = np.array([kind[2] for kind in densities(len(self.header.level_stars))])
+        self._asked = 0
+        self._grids = [Grid.of(float(density)) for density in self.density_deg2]
+        if self._cells[-1] != self.header.quads or any(
+            grid.cells + 1 != length
+            for grid, length in zip(self._grids, self.header.grid_lengths, strict=True)
+        ):
+            raise damaged(str(path), "damaged: its tables don't fit its header")
+
+    @classmethod
+    def open(cls, path: Path) -> BlindIndex:
+        """Map an index file."""
+        return cls(path)
+
+    @property
+    def name(self) -> str:
+        """Name for provenance."""
+        return f"quads of {self.header.catalog}"
+
+    def __len__(self) -> int:
+        return self.header.quads
+
+    def __reduce__(self) -> tuple[type[BlindIndex], tuple[Path]]:
+        # a worker process maps the same file, and shares its pages
+        return BlindIndex, (self.path,)
+
+    def __repr__(self) -> str:
+        return f"BlindIndex({self.name!r}, {len(self)} quads, {self.path})"
+
+    def alike(self, code: Array, tolerance: Array) -> tuple[Index, Index]:
+        """Quads of the sky shaped like those asked for.
+
+        Parameters
+        ----------
+        code : ndarray, shape (n, 4)
+            From `patterns.codes`.
+        tolerance : ndarray, shape (n,)
+            How far each of a code's four numbers may differ; at most `MOST_TOLERANCE`.
+
+        Returns
+        -------
+        asked, quad : ndarray of int, shape (m,)
+            Which question, and the number of the quad.
+        """
+        self._asked += len(code)
+        step, reach = stepped(code), np.minimum(tolerance, MOST_TOLERANCE)[:, None] / STEP
+        low, high = np.floor(step - reach).astype(np.int64), np.floor(step + reach).astype(np.int64)
+        top = np.array(RASTER) - 1
+        low_cell = np.clip(low // STEPS_PER_CELL, 0, top)
+        high_cell = np.clip(high // STEPS_PER_CELL, 0, top)
+        spans = high_cell > low_cell
+        asked, cells = [], []
+        for corner in product((0, 1), repeat=4):
+            there = np.flatnonzero(np.all(spans | (np.array(corner) == 0), axis=1))
+            if there.size:
+                asked.append(there)
+                cells.append(low_cell[there] + np.array(corner))
+        if not asked:
+            return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+        which, cell = np.concatenate(asked), np.concatenate(cells)
+        number = cell @ STRIDES
+        first, end = self._cells[number].astype(np.int64), self._cells[number + 1].astype(np.int64)
+        slot, quad = _runs(first, end)
+        # in 16 bits: both bounds lie within two cells of the cell they are compared in
+        origin = cell * STEPS_PER_CELL
+        at_least = np.clip(low[which] - origin, -1, STEPS_PER_CELL).astype(np.int16)
+        at_most = np.clip(high[which] - origin, -1, STEPS_PER_CELL).astype(np.int16)
+        place = self._codes[quad].view(np.uint8).reshape(-1, 4)
+        for k in (3, 1, 2, 0):
+            here = place[:, k]
+            kept = np.flatnonzero((here >= at_least[slot, k]) & (here <= at_most[slot, k]))
+            place, slot, quad = place[kept], slot[kept], quad[kept]
+        return which[slot], quad
+
+    def rest(self) -> bool:
+        """Let go of the file's pages if much was asked since the last rest; tells whether it did.
+
+        Finding the pages again costs the next search a millisecond, so not every search rests.
+        """
+        if self._asked < RESTS_AFTER:
+            return False
+        self._asked = 0
+        let_go(self._mapped)
+        return True
+
+    def stars(self, quad: Index) -> Index:
+        """Star numbers of quads in the order A, B, C, D; shape (n, 4)."""
+        return unpack(self._quads[quad])
+
+    def rows(self, star: Index) -> Index:
+        """Catalog rows of star numbers; shape as given."""
+        rows: Index = self._rows[star].astype(np.int64)
+        return rows
+
+    def level(self, star: Index) -> Index:
+        """The level a star number belongs to; shape as given."""
+        return np.searchsorted(self.first_star, star, side="right") - 1
+
+    def around(self, level: int, ra_deg: Array, dec_deg: Array, radius_deg: Array) -> tuple[Index, Index]:
+        """Stars of a level round places, at the index' epoch, and some more.
+
+        Parameters
+        ----------
+        level : int
+        ra_deg, dec_deg, radius_deg : ndarray, shape (n,)
+
+        Returns
+        -------
+        circle, star : ndarray of int, shape (m,)
+            Which circle, and the star's number. Whole cells: those outside are for the caller to drop.
+        """
+        circle, first, end = self._grids[level].slices(ra_deg, dec_deg, radius_deg)
+        at = self._grid_starts[level]
+        slot, star = _runs(self._grid[at + first].astype(np.int64), self._grid[at + end].astype(np.int64))
+        return circle[slot], star + self.first_star[level]
+
+
+def _runs(first: Index, end: Index) -> tuple[Index, Index]:
+    """All numbers first..end-1 of many runs, and which run each is of."""
+    counts = end - first
+    run = np.repeat(np.arange(first.size), counts)
+    return run, np.arange(run.size) + np.repeat(first - (np.cumsum(counts) - counts), counts)

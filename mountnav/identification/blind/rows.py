@@ -1,0 +1,99 @@
+"""Any rows of a packed catalog at any epoch: the index names stars by their row."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mountnav.catalog.packed_format import (
+    DEC_STEP_DEG,
+    FAST,
+    LONGEST_HEADER_BYTES,
+    MAG_STEP,
+    MAG_ZERO,
+    PM_IN_SIDECAR,
+    PM_STEP_MAS_YR,
+    PM_UNKNOWN,
+    PREAMBLE_BYTES,
+    RA_STEP_DEG,
+    STAR,
+    decode_header,
+)
+from mountnav.catalog.space_motion import motion_vectors, unit_vectors
+from mountnav.identification.blind.mapping import let_go, mapped
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+class CatalogRows:
+    """The stars of a packed catalog by row number, mapped, not read.
+
+    Parameters
+    ----------
+    path : Path
+        Of a `PackedStore`.
+
+    Raises
+    ------
+    BadSettings
+        The file is gone or no packed catalog any more.
+    """
+
+    def __init__(self, path: Path) -> None:
+        with path.open("rb") as file:
+            header, start = decode_header(file.read(PREAMBLE_BYTES + LONGEST_HEADER_BYTES), file=str(path))
+        layout = header.layout()
+        self._mapped = mapped(path)
+        self._epoch_yr = header.epoch_yr
+        self._stars = np.frombuffer(
+            self._mapped, dtype=STAR, count=header.count, offset=start + layout["stars"][0]
+        )
+        self._fast = np.frombuffer(
+            self._mapped, dtype=FAST, count=header.fast_count, offset=start + layout["fast"][0]
+        )
+
+    def __len__(self) -> int:
+        return int(self._stars.size)
+
+    def rest(self) -> None:
+        """Let go of the pages that were looked at."""
+        let_go(self._mapped)
+
+    def vectors(self, rows: Index, *, epoch_yr: float) -> Array:
+        """Unit vectors of stars at an epoch.
+
+        Parameters
+        ----------
+        rows : ndarray of int, shape (n,)
+        epoch_yr : float
+            Julian year.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            ICRS.
+        """
+        found = self._stars[rows]
+        ra_deg, dec_deg = found["ra"] * RA_STEP_DEG, found["dec"] * DEC_STEP_DEG
+        raw_ra, raw_dec = found["pm_ra"], found["pm_dec"]
+        unknown = raw_ra == PM_UNKNOWN
+        pm_ra = np.where(unknown, 0.0, raw_ra * PM_STEP_MAS_YR)
+        pm_dec = np.where(unknown, 0.0, raw_dec * PM_STEP_MAS_YR)
+        fast = np.flatnonzero(raw_ra == PM_IN_SIDECAR)
+        if fast.size:
+            entries = self._fast[np.searchsorted(self._fast["star"], rows[fast])]
+            pm_ra[fast] = entries["pm_ra"] * PM_STEP_MAS_YR
+            pm_dec[fast] = entries["pm_dec"] * PM_STEP_MAS_YR
+        moved = unit_vectors(ra_deg, dec_deg) + motion_vectors(ra_deg, dec_deg, pm_ra, pm_dec) * (
+            epoch_yr - self._epoch_yr
+        )
+        moved /= np.sqrt((moved**2).sum(axis=0))
+        return np.ascontiguousarray(moved.T)
+
+    def magnitudes(self, rows: Index) -> Array:
+        """Magnitudes of stars, shape (n,)."""
+        mag: Array = self._stars["mag"][rows] * MAG_STEP + MAG_ZERO
+        return mag
