@@ -93,6 +93,7 @@ def _rounds(
     """What each round proposes."""
     seen: set[bytes] = set()
     told: list[Array] = []
+    before = search.hypotheses
     for ask in ASKS:
         search.check_time()
         if ask.side_deg and view.scale_known:
@@ -110,7 +111,7 @@ def _rounds(
         for start, end in ((0, FIRST), *((at, at + BATCH) for at in range(FIRST, len(some), BATCH))):
             search.check_time()
             part = some.only(np.arange(start, min(end, len(some))))
-            yield from _promising(part, sky, view, search, told)
+            yield from _promising(part, sky, view, search, told, before)
         sky.rest()
 
 
@@ -125,14 +126,17 @@ def _fresh(some: Candidates, seen: set[bytes]) -> Candidates:
 
 
 def _promising(
-    some: Candidates, sky: IndexedSky, view: View, search: Search, told: list[Array]
+    some: Candidates, sky: IndexedSky, view: View, search: Search, told: list[Array], before: int
 ) -> Iterator[Hypothesis]:
-    """Those round whose quad other stars fall on measurements, best first."""
+    """Those round whose quad other stars fall on measurements, best first.
+
+    What earlier searches tried (`before`) counts in the odds, not in what is worth asking them.
+    """
     if not len(some):
         return
     chance = chances(some, sky, view)
     search.hypotheses += len(some)
-    good = np.flatnonzero(chance * search.hypotheses < WORTH_A_LOOK)
+    good = np.flatnonzero(chance * (search.hypotheses - before) < WORTH_A_LOOK)
     left = FINALISTS
     for number in good[np.argsort(chance[good], kind="stable")]:
         axis = some.fit.axis[number]
