@@ -108,7 +108,7 @@ def at_a_glance(
     precise = look.measured_at(places.x_px, places.y_px, reach_px=reach_px)
     measure_s = looked_s + time.monotonic() - again
     selection = Selection(precise, star_like(precise), found.stars, settings)
-    reference = selection.grow(plate, reach_px)
+    reference = selection.refine(plate, reach_px)
     if reference is None or not sound(reference, selection, precise, plate, settings, reach_px):
         return AtAGlance(seen=seen, tried=tried, measure_s=measure_s)
     numbers = found.numbers | {"pairs": float(len(reference.pairs)), "seen": float(seen)}
