@@ -1,6 +1,6 @@
 """Print how well the plate of every rendered frame holds over the whole field, against exact truth.
 
-Run: python -m benchmarks.rendered [word in the file's name]
+Run: python -m benchmarks.rendered [--full] [word in the file's name]; --full measures in full, without a glance
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mountnav.identification.wcs import places_at_pixels
 from mountnav.reading import read_frame
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.solution import Verdict
-from mountnav.solve import solve
+from mountnav.solve import SolveSettings, solve
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +77,11 @@ def field_errors_px(
     return errors
 
 
-def score(known: Known, test: dict[str, list[float]], catalog: Catalog) -> Score | Verdict:
+def score(
+    known: Known, test: dict[str, list[float]], catalog: Catalog, settings: SolveSettings | None = None
+) -> Score | Verdict:
     """Solve one rendered frame and compare; the verdict itself when it was refused."""
-    verdict = solve(read_frame(known.path), catalog, hint=known.hint)
+    verdict = solve(read_frame(known.path), catalog, hint=known.hint, settings=settings)
     solution = verdict.solution
     if solution is None or known.center is None or known.scale_arcsec_px is None:
         return verdict
@@ -101,7 +103,8 @@ def score(known: Known, test: dict[str, list[float]], catalog: Catalog) -> Score
 
 
 def main() -> None:
-    word = sys.argv[1] if len(sys.argv) > 1 else ""
+    words = [one for one in sys.argv[1:] if one != "--full"]
+    word, settings = words[0] if words else "", SolveSettings(glance="--full" not in sys.argv)
     shared, catalog = shared_folder(), embedded_catalog()
     points = truths(shared)
     titles = (
@@ -113,7 +116,7 @@ def main() -> None:
     for known in rendered(shared):
         if word not in known.path.name:
             continue
-        got = score(known, points[known.path.name], catalog)
+        got = score(known, points[known.path.name], catalog, settings)
         if isinstance(got, Verdict):
             print(f"| {known.path.name} | {got.reason}: {got.detail} |", flush=True)
             continue
