@@ -18,7 +18,7 @@ from mountnav import __version__
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.stars import Catalog
 from mountnav.settings import Settings
-from mountnav.sky.iers import override_dut1, prepare
+from mountnav.sky.iers import iers_status, override_dut1
 
 _ABOUT = """Finds out where telescopes really point, and puts them where they should.
 
@@ -39,7 +39,7 @@ def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        await asyncio.to_thread(prepare)
+        await asyncio.to_thread(iers_status)  # the tables are read before the first request
         override_dut1(settings.site.dut1_s)
         service = await open_service(settings, embedded_catalog() if catalog is None else catalog)
         app.state.service = service

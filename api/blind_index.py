@@ -147,7 +147,7 @@ class BlindIndexKeeper:
 
 def _existing(catalog: PackedStore) -> Path | None:
     # imported late: the service itself never searches, and saves the memory
-    from mountnav.identification.blind.cache import index_path
+    from mountnav.identification.blind.cache import index_at_hand
 
-    path = index_path(catalog)
-    return path if path.is_file() else None
+    found = index_at_hand(catalog)
+    return None if found is None else found.path

@@ -56,18 +56,22 @@ def _opened(catalog: PackedStore, *, force: bool) -> tuple[BlindIndex, bool]:
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     told: list[float] = []
+    console = Console(stderr=True)
     bar = Progress(
         TextColumn("building the index for blind solving"),
         BarColumn(),
         TimeRemainingColumn(),
-        console=Console(stderr=True),
+        console=console,
         transient=True,
+        disable=not console.is_terminal,
     )
     task = bar.add_task("", total=1.0)
 
     def tell(share: float) -> None:
         if not told:
             bar.start()  # not before something is to be seen: an index that is there is opened silently
+            if not console.is_terminal:
+                sys.stderr.write("building the index for blind solving: once, about half a minute\n")
         told.append(share)
         bar.update(task, completed=share)
 

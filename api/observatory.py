@@ -12,7 +12,6 @@ from drivers.bench import FakeOnPty
 from drivers.folder.camera import FolderCamera
 from drivers.lx200.fake import FakeLx200
 from drivers.registry import open_mount
-from drivers.simulated.camera import SimulatedCamera
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import DeviceError, DeviceMissing, DeviceSilent, MountnavError, Unknown
 from mountnav.navigation.devices import Camera, Mount
@@ -28,7 +27,6 @@ from mountnav.settings import (
     TelescopeSettings,
 )
 from mountnav.simulation.mechanics import Mechanics
-from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.pointing_errors import PointingErrors
 
 _log = logging.getLogger(__name__)
@@ -231,6 +229,10 @@ def _camera(one: TelescopeSettings, mechanics: Mechanics | None, catalog: Catalo
             return FolderCamera(path, pattern, timeout_s)
         case SimulatedCameraSettings() as optics:
             assert mechanics is not None, "the settings let a simulated camera stand on a fake mount alone"
+            # what draws its frames is dear, and no real telescope needs it
+            from drivers.simulated.camera import SimulatedCamera
+            from mountnav.simulation.optics import SimulatedOptics
+
             return SimulatedCamera(
                 mechanics.truth,
                 SimulatedOptics(**optics.model_dump(exclude={"kind"})),

@@ -11,7 +11,7 @@ from typing import Any
 from api.hints import asked_hint
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.errors import BadFrame, BadRequest
-from mountnav.identification.sources import PreliminarySettings
+from mountnav.identification.preliminary_settings import PreliminarySettings
 from mountnav.reading import read_frame
 from mountnav.series.drift import Drift
 from mountnav.series.follow import SeriesFollower

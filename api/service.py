@@ -18,7 +18,7 @@ from mountnav.catalog.stars import Catalog
 from mountnav.errors import DeviceError
 from mountnav.navigation.navigator import Navigator
 from mountnav.settings import Settings
-from mountnav.solve import SolveSettings
+from mountnav.solve_settings import SolveSettings
 
 _END_OF_JOB_S = 1.0
 

@@ -96,14 +96,19 @@ class _Solver:
     def answer(self, path: Path) -> Answer:
         """Solve a file: without an index first, if there is none yet."""
         try:
-            verdict = self._verdict(path)
-            if self._worth_an_index(verdict):
+            budget_s = self._settings.budget_s
+            # once in an installation's life: half of the time stays for what the index finds
+            verdict = self._verdict(path, 0.5 * budget_s if self._index_may_come else budget_s)
+            if self._index_may_come and verdict.solution is None and verdict.reason not in _HOPELESS:
+                left_s = budget_s - verdict.times.identify_s
                 try:
                     self._settings = replace(self._settings, index=_index(self._catalog))
                 except BadSettings as refused:
                     self._no_index = f"the whole sky was not searched: {refused}"
+                    if verdict.reason is Reason.TIMED_OUT:
+                        verdict = self._verdict(path, budget_s)
                 else:
-                    verdict = self._verdict(path)
+                    verdict = self._verdict(path, max(left_s, 0.25 * budget_s))
         except BadFrame as error:
             return unread_answer(shown(path), error.what)
         except OSError as error:
@@ -112,30 +117,22 @@ class _Solver:
             verdict = replace(verdict, notes=(*verdict.notes, self._no_index))
         return solve_answer(shown(path), verdict)
 
-    def _verdict(self, path: Path) -> Verdict:
+    def _verdict(self, path: Path, budget_s: float) -> Verdict:
         name = shown(Path(path.name))
-        return solve_file(path, self._catalog, self._hint, name=name, hdu=self._hdu, settings=self._settings)
+        settings = replace(self._settings, budget_s=budget_s)
+        return solve_file(path, self._catalog, self._hint, name=name, hdu=self._hdu, settings=settings)
 
-    def _worth_an_index(self, verdict: Verdict) -> bool:
-        return (
-            verdict.solution is None
-            and verdict.reason not in _HOPELESS
-            and self._settings.blind == "after"
-            and self._settings.index is None
-            and self._no_index is None
-        )
+    @property
+    def _index_may_come(self) -> bool:
+        """Whether a frame that isn't solved has the index built."""
+        return self._settings.blind == "after" and self._settings.index is None and self._no_index is None
 
 
 def _index_at_hand(catalog: PackedStore) -> BlindIndex | None:
     """Open the index if it was built before; a damaged one is built anew when it is needed."""
-    from mountnav.identification.blind.cache import index_path
-    from mountnav.identification.blind.index import BlindIndex
+    from mountnav.identification.blind.cache import index_at_hand
 
-    path = index_path(catalog)
-    try:
-        return BlindIndex.open(path) if path.is_file() else None
-    except (OSError, BadSettings):
-        return None
+    return index_at_hand(catalog)
 
 
 def _index(catalog: PackedStore) -> BlindIndex:

@@ -16,7 +16,7 @@ from api.solver_worker import Tell, Worker
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Frame, Hint
 from mountnav.solution import Reason, Verdict
-from mountnav.solve import SolveSettings
+from mountnav.solve_settings import SolveSettings
 
 if TYPE_CHECKING:
     from mountnav.identification.blind.index import BlindIndex

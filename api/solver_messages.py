@@ -11,12 +11,15 @@ import socket
 import struct
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Frame, Hint
-from mountnav.measuring.calibration import Calibration
 from mountnav.solution import Verdict
-from mountnav.solve import SolveSettings
+from mountnav.solve_settings import SolveSettings
+
+if TYPE_CHECKING:
+    from mountnav.measuring.calibration import Calibration
 
 HEADER = struct.Struct("<Q")
 """Length of the pickle that follows, bytes."""

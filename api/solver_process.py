@@ -27,7 +27,7 @@ import numpy as np
 from api.solver_messages import Done, Ready, Setup, SharedPixels, Task, packed, receive, send, unpacked
 from api.solver_warmup import warmed_up
 from mountnav.catalog.stars import Catalog
-from mountnav.errors import MountnavError
+from mountnav.errors import BadSettings, MountnavError
 from mountnav.frames import Frame, Hint
 from mountnav.reading import read_frame
 from mountnav.solution import Verdict
@@ -54,14 +54,30 @@ class Bench:
         self._calibrations: dict[int, Calibration] = {}
         self._index: BlindIndex | None = None
         self._trouble = ""
+        self._damaged: tuple[Path, int] | None = None
         self._open(setup.index)
 
     def warmed_up(self) -> tuple[str, ...]:
         """Solve a drawn frame each way there is; return what went wrong."""
-        return warmed_up(self._catalog, self._index)
+        try:
+            return warmed_up(self._catalog, self._index)
+        except BadSettings as error:
+            if self._index is None:
+                raise
+            self._give_up_index(error)
+            return (self._trouble,)
 
     def verdict(self, task: Task, file: int) -> Verdict:
-        """Solve one frame, whose pixels or bytes lie in `file`."""
+        """Solve one frame, whose pixels or bytes lie in `file`; without the index if that is damaged."""
+        try:
+            return self._verdict(task, file)
+        except BadSettings as error:
+            if self._index is None or task.index is None:
+                raise
+            self._give_up_index(error)
+            return self._verdict(replace(task, calibration=None), file)
+
+    def _verdict(self, task: Task, file: int) -> Verdict:
         if task.calibration is not None and task.calibration_number is not None:
             self._calibrations[task.calibration_number] = task.calibration
         self._open(task.index)
@@ -84,12 +100,28 @@ class Bench:
     def _open(self, index: Path | None) -> None:
         if index is None or (self._index is not None and self._index.path == index):
             return
+        if self._damaged is not None and self._damaged == (index, _written(index)):
+            return
         from mountnav.identification.blind.index import BlindIndex
 
         try:
             self._index, self._trouble = BlindIndex.open(index), ""
         except MountnavError as error:
             self._index, self._trouble = None, f"no blind search: {error}"
+
+    def _give_up_index(self, error: BadSettings) -> None:
+        """Damage that shows in use costs the blind search, not what a hint finds; a new file is tried."""
+        assert self._index is not None
+        self._damaged = self._index.path, _written(self._index.path)
+        self._index, self._trouble = None, f"no blind search: {error}"
+
+
+def _written(path: Path) -> int:
+    """When the file there was written, ns; 0 if there is none."""
+    try:
+        return path.stat().st_mtime_ns
+    except OSError:
+        return 0
 
 
 def solved_upload(

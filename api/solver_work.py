@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from api.solver_messages import SharedFile, SharedPixels
 from mountnav.frames import Frame, Hint
-from mountnav.solve import SolveSettings
+from mountnav.solve_settings import SolveSettings
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from api.faults import Refused, problem
 from api.solver_link import ProcessEnded, ProcessLink
@@ -23,8 +23,10 @@ from api.solver_work import Upload, Work, described, in_memory
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import DeviceError
 from mountnav.frames import Frame
-from mountnav.measuring.calibration import Calibration
 from mountnav.solution import Reason, Times, Verdict
+
+if TYPE_CHECKING:
+    from mountnav.measuring.calibration import Calibration
 
 _log = logging.getLogger(__name__)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from mountnav.errors import BadRequest
 from mountnav.identification.settings import IdentificationSettings
-from mountnav.solve import SolveSettings
+from mountnav.solve_settings import SolveSettings
 
 if TYPE_CHECKING:
     from mountnav.measuring.calibration import Calibration

@@ -73,6 +73,10 @@ class Client:
         body = {"ra_deg": ra_deg, "dec_deg": dec_deg, "frame": "icrs", **options}
         return self._json("POST", f"/v1/telescopes/{telescope_id}/center", json=body)
 
+    def recover(self, telescope_id: str) -> Json:
+        """Start the recovery of a mount that doesn't know where it points; the job. Moves nothing."""
+        return self._json("POST", f"/v1/telescopes/{telescope_id}/recover")
+
     def stop(self, telescope_id: str) -> Json:
         """Stop all motion now."""
         return self._json("POST", f"/v1/telescopes/{telescope_id}/stop")

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -19,48 +18,15 @@ from mountnav.identification.identified import Identified
 from mountnav.identification.plate import NAMES
 from mountnav.identification.reference import Reference, identified_pairs
 from mountnav.identification.search import Reach, identify
-from mountnav.identification.settings import IdentificationSettings
 from mountnav.identification.wcs import wcs_cards
 from mountnav.measuring.measurements import Flag, Measurements
 from mountnav.measuring.quality import SkyQuality, with_plate
-from mountnav.measuring.settings import MeasuringSettings
 from mountnav.reading import demosaiced, read_frame
 from mountnav.sky.coordinates import utc_now
 from mountnav.solution import Contradiction, Reason, Solution, Times, Verdict
+from mountnav.solve_settings import SolveSettings
 
-if TYPE_CHECKING:
-    from mountnav.identification.blind.index import BlindIndex
-    from mountnav.measuring.calibration import Calibration
-
-
-@dataclass(frozen=True, slots=True)
-class SolveSettings:
-    """What may be set about a solve.
-
-    Attributes
-    ----------
-    measuring : MeasuringSettings
-    identification : IdentificationSettings
-    budget_s : float
-        Wall time for identification; measuring comes on top.
-    calibration : Calibration or None
-        Masters that frames are freed from the camera's own signal with.
-    index : BlindIndex or None
-        For searching the whole sky; without one no blind search takes place.
-    blind : {"after", "only", "never"}
-        Search the whole sky after the hint failed; at once, without asking any hint; or not at all.
-    glance : bool
-        Try with a glance first: the brightest sources, found coarsely, and then precise centroids of the
-        identified ones only. What a glance doesn't solve is measured in full.
-    """
-
-    measuring: MeasuringSettings = field(default_factory=MeasuringSettings)
-    identification: IdentificationSettings = field(default_factory=IdentificationSettings)
-    budget_s: float = 30.0
-    calibration: Calibration | None = None
-    index: BlindIndex | None = None
-    blind: Literal["after", "only", "never"] = "after"
-    glance: bool = True
+__all__ = ["SolveSettings", "epoch_of", "merged_hint", "solve", "solve_file"]
 
 
 def merged_hint(header: Hint, given: Hint | None) -> Hint:

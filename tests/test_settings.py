@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from mountnav.errors import BadSettings
+from mountnav.identification.preliminary_settings import PreliminarySettings
 from mountnav.identification.settings import IdentificationSettings
-from mountnav.identification.sources import PreliminarySettings
 from mountnav.measuring.settings import MeasuringSettings
 from mountnav.settings import FolderCameraSettings, Settings, SimulatedCameraSettings
 from mountnav.toml_lines import line_of

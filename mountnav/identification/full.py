@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.catalog.stars import Catalog
+from mountnav.identification.anchor_count import Anchors
 from mountnav.identification.area import arcsec
 from mountnav.identification.board import Board
 from mountnav.identification.confirmation import Corners
@@ -98,6 +99,8 @@ class Search:
         Largest share of Ω_bl100 confirmed, in the paper's count.
     whole_sky : bool
         The index of the whole sky was asked.
+    anchors : Anchors
+        Which parts of the sky were searched, at what scales: the second kind of odds needs it.
     """
 
     deadline_s: float
@@ -108,6 +111,7 @@ class Search:
     whole_sky: bool = False
     reach_deg: float = 0.0
     most_published: float = 0.0
+    anchors: Anchors = field(default_factory=Anchors)
     _patches: dict[tuple[float, ...], Patch] = field(default_factory=dict)
 
     def check_time(self) -> None:

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.identification.odds import area_share, at_least
+from mountnav.identification.preliminary_settings import PreliminarySettings
 from mountnav.identification.shift import Pairing, paired, rival_share
-from mountnav.identification.sources import PreliminarySettings, Sources, sources_of
+from mountnav.identification.sources import Sources, sources_of
 from mountnav.measuring.measurements import Measurements
 
 __all__ = ["Outcome", "Preliminary", "PreliminarySettings", "find_shift", "preliminary"]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Hint
+from mountnav.identification.anchor_count import Area
 from mountnav.identification.area import WIDEST_DEG
 from mountnav.identification.full import Hypothesis, OutOfTime, Points, Search, hypotheses
 from mountnav.identification.identified import Identified
@@ -132,6 +133,7 @@ class _Step:
     center: Icrs | None
     radius_deg: float = 180.0
     scales: tuple[float, float] | None = None
+    first_only: bool = False
 
     @property
     def flagged(self) -> bool:
@@ -160,7 +162,7 @@ def _steps(
     only = reach.blind == "only"
     near = all(_is_near(one, shorter_px) for one in placed)
     if index is not None and not only:
-        yield from _asked_of_index(placed)
+        yield from _asked_of_index(placed, first_only=near)
     if near:
         yield from part(0)
     sky = index is not None and reach.blind != "never"
@@ -173,9 +175,12 @@ def _steps(
         yield from part(2)
 
 
-def _asked_of_index(placed: list[Hint]) -> Iterator[_Step]:
-    """Where the hints say, looked up in the index: some milliseconds, where triangles cost ten times that."""
-    steps = [_Step(None, one.center, one.radius_deg, _scales(one)) for one in placed]
+def _asked_of_index(placed: list[Hint], *, first_only: bool) -> Iterator[_Step]:
+    """Where the hints say, looked up in the index: some milliseconds, where triangles cost ten times that.
+
+    Where triangles follow, the later rounds of the index are left to the look over the whole sky.
+    """
+    steps = [_Step(None, one.center, one.radius_deg, _scales(one), first_only) for one in placed]
     yield from dict.fromkeys(steps)
 
 
@@ -249,6 +254,7 @@ def _attempt(
     if turn is not None and step.center is not None:
         if math.hypot(width, height) * turn.scales[0] / 3600 > WIDEST_DEG:
             return None
+        search.anchors.searched(Area(step.center, turn.outer_deg, turn.scales, usable.size))
         proposals = hypotheses(
             points, turn, catalog, step.center, epoch_yr=epoch_yr, settings=settings, search=search
         )
@@ -256,6 +262,12 @@ def _attempt(
         from mountnav.identification.blind.searching import blind_hypotheses
 
         search.whole_sky = search.whole_sky or step.center is None
+        if (
+            step.center is not None
+            and step.scales is not None
+            and 0 < step.scales[0] < step.scales[1] < math.inf
+        ):
+            search.anchors.searched(Area(step.center, step.radius_deg, step.scales, usable.size))
         proposals = blind_hypotheses(
             points,
             index,
@@ -266,6 +278,7 @@ def _attempt(
             epoch_yr=epoch_yr,
             settings=settings,
             search=search,
+            first_only=step.first_only,
         )
     for one in proposals:
         found = verified(one, measurements, usable, catalog, epoch_yr, settings, search)

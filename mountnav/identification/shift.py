@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.identification.sources import MOST_SOURCES, PreliminarySettings, Sources
+from mountnav.identification.preliminary_settings import PreliminarySettings
+from mountnav.identification.sources import MOST_SOURCES, Sources
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

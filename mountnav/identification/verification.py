@@ -7,6 +7,8 @@ import math
 import numpy as np
 
 from mountnav.catalog.stars import Catalog
+from mountnav.identification.anchor_count import Sources
+from mountnav.identification.anchored import anchored_odds
 from mountnav.identification.area import stars_round
 from mountnav.identification.confirmation import Witnesses
 from mountnav.identification.full import Hypothesis, Search, match_radius
@@ -21,6 +23,8 @@ from mountnav.measuring.measurements import Measurements
 
 PLATE_STARS = 1000
 """Stars fetched for the plate, brightest first."""
+WORTH_COUNTING = 1e-5
+"""Below this chance of one hypothesis the anchors are counted, if the search was too long for its odds."""
 CENTER_SIGMA_PX = 2.0
 """A plate that leaves the frame's center less certain than this rests on a corner and is refused."""
 
@@ -69,7 +73,22 @@ def verified(
     witnesses = Witnesses(
         one.plate, one.corners, stars, x, y, width_px=width, height_px=height, match_px=strobe_px
     )
-    probability = min(1.0, witnesses.chance() * looks(search.hypotheses))
+    chance = witnesses.chance()
+    probability = min(1.0, chance * looks(search.hypotheses))
+    if probability > settings.false_probability_max and chance < WORTH_COUNTING:
+        again = anchored_odds(
+            one.plate,
+            stars,
+            Sources.of(measurements, usable),
+            search.anchors,
+            catalog,
+            epoch_yr,
+            match_px=strobe_px,
+            limit=settings.false_probability_max,
+        )
+        # should no sound plate grow, these odds are what the refusal tells of
+        search.best_probability = min(search.best_probability, probability)
+        probability = min(probability, again)
     if probability > settings.false_probability_max:
         search.best_probability = min(search.best_probability, probability)
         return None

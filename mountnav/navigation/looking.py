@@ -21,7 +21,7 @@ from mountnav.navigation.reports import Look
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, offset_arcsec, separation_arcsec
 from mountnav.solution import Verdict
-from mountnav.solve import SolveSettings, solve
+from mountnav.solve_settings import SolveSettings
 
 Listener = Callable[[str, dict[str, object]], None]
 
@@ -46,6 +46,7 @@ def in_thread(catalog: Catalog) -> Solve:
     Solve
         Cancelling it frees the caller at once; the thread goes on to its end.
     """
+    from mountnav.solve import solve  # a service that has a solver needs none of its parts
 
     async def solve_in_thread(frame: Frame, hint: Hint, settings: SolveSettings) -> Verdict:
         return await asyncio.to_thread(solve, frame, catalog, hint=hint, settings=settings)

@@ -42,7 +42,7 @@ from mountnav.pointing.plausible import check_offset
 from mountnav.sky.chain import icrs_to_observed
 from mountnav.sky.coordinates import Air, Icrs, Site, utc_now
 from mountnav.sky.sphere import displaced, offset_arcsec, separation_arcsec
-from mountnav.solve import SolveSettings
+from mountnav.solve_settings import SolveSettings
 
 
 class Navigator:

@@ -15,7 +15,7 @@ from mountnav.pointing.limits import Limits
 from mountnav.sky.chain import icrs_to_observed
 from mountnav.sky.coordinates import Air, Site
 from mountnav.sky.sphere import displaced, offset_arcsec, separation_arcsec
-from mountnav.solve import SolveSettings
+from mountnav.solve_settings import SolveSettings
 
 
 def everywhere(solving: SolveSettings) -> SolveSettings:

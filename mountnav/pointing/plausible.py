@@ -37,5 +37,5 @@ def check_offset(offset: Offset, max_arcsec: float) -> None:
         f"({offset.east_arcsec:+.0f}″ east, {offset.north_arcsec:+.0f}″ north); "
         f"more than {max_arcsec / 60.0:.1f}′ is not believed",
         advice="check the mount's alignment, date, time zone, longitude and epoch; "
-        "if it is really that far off, align it roughly by hand or raise the cap",
+        "if it is really that far off, order a recovery, or align it roughly by hand",
     )

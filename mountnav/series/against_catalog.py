@@ -12,7 +12,8 @@ from mountnav.catalog.stars import Catalog
 from mountnav.identification.area import stars_round
 from mountnav.identification.plate import Plate
 from mountnav.identification.preliminary import Preliminary, find_shift
-from mountnav.identification.sources import PreliminarySettings, Sources, make_sources, sources_of
+from mountnav.identification.preliminary_settings import PreliminarySettings
+from mountnav.identification.sources import Sources, make_sources, sources_of
 from mountnav.measuring.measurements import Measurements
 from mountnav.series.shift import Moved, moved, pixels, places
 from mountnav.sky.coordinates import Icrs

@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum
 
-from mountnav.identification.sources import PreliminarySettings
+from mountnav.identification.preliminary_settings import PreliminarySettings
 from mountnav.series.drift import Drift
 from mountnav.series.persistence import PersistentSources
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import Offset
 from mountnav.solution import Solution
-from mountnav.solve import SolveSettings
+from mountnav.solve_settings import SolveSettings
 
 
 class Mode(StrEnum):

@@ -12,7 +12,6 @@ from scipy.special import erf
 
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Frame, Hint
-from mountnav.simulation.faint_stars import faint_stars
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.trails import SatelliteTrail, add_trails, centers_during
 from mountnav.sky.coordinates import Icrs
@@ -142,6 +141,8 @@ def _star_light(
     stars = catalog.cone(center, radius_deg, epoch_yr=epoch_yr)
     ra, dec, mag = stars.ra_deg, stars.dec_deg, stars.mag
     if optics.faint_stars_deg2 > 0.0:
+        from mountnav.simulation.faint_stars import faint_stars  # astropy: dear, and seldom wanted
+
         more = faint_stars(center, radius_deg, optics.faint_stars_deg2, optics.faint_brightest_mag)
         ra, dec, mag = (np.concatenate(pair) for pair in zip((ra, dec, mag), more, strict=True))
     mag = np.where(np.isfinite(mag), mag, _UNKNOWN_MAG)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 from pathlib import Path
 
 import httpx
@@ -12,13 +13,24 @@ import pytest
 from api import blind_index
 from api.app import create_app
 from api.blind_index import BlindIndexKeeper
+from api.solver_messages import Setup, SharedFile, Task
+from api.solver_process import Bench
+from api.solver_warmup import as_fits
 from mountnav.catalog.error_classes import error_curve
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.packing import CatalogColumns, pack
+from mountnav.frames import Hint
+from mountnav.identification.blind.cache import cached_index, index_path
+from mountnav.identification.blind.file_format import decode_header
+from mountnav.identification.blind.index import BlindIndex
 from mountnav.settings import Settings
+from mountnav.simulation.optics import SimulatedOptics
+from mountnav.simulation.render import draw_frame
 from mountnav.sky.chain import icrs_to_apparent
 from mountnav.sky.coordinates import Icrs, utc_now
 from mountnav.sky.sphere import separation_arcsec
+from mountnav.solution import Verdict
+from mountnav.solve_settings import SolveSettings
 
 STARS = 12_000
 WIDE = """
@@ -98,6 +110,59 @@ async def test_who_needs_it_waits_but_not_for_long(
     assert told[2] == keeper.state
     assert len(told) == 3
     await keeper.close()
+
+
+@pytest.mark.usefixtures("_empty_cache")
+async def test_an_index_cut_short_is_none_and_is_built_anew(made_up_sky: PackedStore) -> None:
+    path = index_path(made_up_sky)
+    path.parent.mkdir()
+    path.write_bytes(b"MNAVQUAD and no more")
+    keeper = BlindIndexKeeper(made_up_sky, lambda kind, data: None)
+    await keeper.find()
+    assert keeper.state.startswith("none: not built yet")
+    assert await keeper.wait(60.0) == path
+    assert keeper.state == "ready"
+    assert BlindIndex.open(path).header.catalog_sha256 == made_up_sky.header.sections_sha256
+    await keeper.close()
+
+
+@pytest.mark.usefixtures("_empty_cache")
+def test_damage_within_the_index_costs_the_blind_search_alone(
+    made_up_sky: PackedStore, tmp_path: Path
+) -> None:
+    path = cached_index(made_up_sky).path
+    sound = path.read_bytes()
+    header, start = decode_header(sound[:70_000], file="the index")
+    at, length = header.layout()["rows"]
+    path.write_bytes(sound[: start + at] + b"\xee" * length + sound[start + at + length :])
+    place = Icrs(83.0, 22.0)
+    frame = draw_frame(
+        place,
+        SimulatedOptics(1000, 800, 40.0),
+        made_up_sky,
+        exposure_s=2.0,
+        mid_exposure_utc=utc_now(),
+        seed=(0, 1),
+    )
+    (tmp_path / "drawn.fits").write_bytes(as_fits(frame))
+    bench = Bench(Setup(made_up_sky, path))
+    hint = Hint(center=place, radius_deg=1.0, scale_low_arcsec_px=39.0, scale_high_arcsec_px=41.0)
+
+    def solved(hint: Hint | None) -> Verdict:
+        with (tmp_path / "drawn.fits").open("rb") as file:
+            task = Task(SharedFile("drawn.fits"), hint, SolveSettings(budget_s=5.0), index=path)
+            return bench.verdict(task, file.fileno())
+
+    lost = solved(None)
+    assert not lost.solved
+    assert any("damaged" in note for note in lost.notes), lost
+    assert solved(hint).solution is not None
+    path.write_bytes(sound)
+    os.utime(path, ns=(1, 1))
+    found = solved(None)
+    assert found.solution is not None, found
+    assert not any("damaged" in note for note in found.notes)
+    assert separation_arcsec(found.solution.center, place) < 20.0
 
 
 @pytest.mark.usefixtures("_empty_cache")

@@ -82,6 +82,17 @@ def test_the_progress_is_shown_on_stderr_alone(
     assert all(shown)
 
 
+def test_without_a_terminal_one_line_tells_of_it(
+    catalog: PackedStore, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("FORCE_COLOR", "TTY_COMPATIBLE"):
+        monkeypatch.delenv(name, raising=False)
+    catalog_index_command.show_index(force=False, as_json=True)
+    assert capsys.readouterr().err.splitlines() == [
+        "building the index for blind solving: once, about half a minute"
+    ]
+
+
 def test_a_cache_that_cant_be_written_ends_it_with_advice(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     done = subprocess.run(

@@ -17,12 +17,13 @@ from mountnav.catalog.space_motion import unit_vectors
 from mountnav.errors import BadSettings
 from mountnav.identification.blind import building
 from mountnav.identification.blind.building import EPOCH_YR, build
-from mountnav.identification.blind.cache import cached_index, index_path
+from mountnav.identification.blind.cache import cached_index, index_at_hand, index_path
 from mountnav.identification.blind.grid import Grid, densities
 from mountnav.identification.blind.index import BlindIndex
 from mountnav.identification.blind.levels import make_levels
 from mountnav.identification.blind.patterns import codes, flattened
 from mountnav.identification.blind.rows import CatalogRows
+from mountnav.identification.blind.sky import IndexedSky
 from mountnav.identification.selection import rank_in_cell
 from mountnav.sky.coordinates import Icrs
 
@@ -255,6 +256,49 @@ def test_it_is_built_once_and_damage_is_mended(store, index, cache):
     first.path.write_bytes(first.path.read_bytes()[:5000])
     assert len(cached_index(store, progress=told.append)) == len(index)
     assert told
+
+
+def test_what_a_killed_builder_left_behind_is_removed(store, index, cache):
+    cache.mkdir()
+    left = index_path(store).with_name(f"{index_path(store).name}.4711.part")
+    left.write_bytes(b"half of it")
+    cached_index(store)
+    assert sorted(one.suffix for one in cache.iterdir()) == [".lock", ".mnq"]
+
+
+def test_an_index_of_other_stars_under_the_name_is_built_anew(store, index, cache):
+    cache.mkdir()
+    own, other = store.header.sections_sha256.encode(), b"0" * 64
+    index_path(store).write_bytes(index.path.read_bytes().replace(own, other, 1))
+    assert index_at_hand(store) is None
+    assert cached_index(store).header.catalog_sha256 == store.header.sections_sha256
+    assert index_at_hand(store) is not None
+
+
+@pytest.mark.parametrize("section", ["cells", "quads", "rows", "grid"])
+def test_damage_within_is_told_when_it_is_come_upon(store, index, tmp_path, section):
+    whole = bytearray(index.path.read_bytes())
+    at, length = index.header.layout()[section]
+    at += len(whole) - index.header.layout()["end"][0]
+    noise = np.random.default_rng(4).integers(0, 256, length - 8, dtype=np.uint8)
+    whole[at + 4 : at + 4 + noise.size] = noise.tobytes()
+    if section == "cells":
+        whole[at : at + 4] = bytes(4)
+    (tmp_path / "spoiled.mnq").write_bytes(whole)
+    sky = IndexedSky(BlindIndex.open(tmp_path / "spoiled.mnq"), store, 2026.0)
+    asked_all(IndexedSky(index, store, 2026.0))
+    with pytest.raises(BadSettings, match="damaged") as caught:
+        asked_all(sky)
+    assert "catalog index --force" in str(caught.value)
+
+
+def asked_all(sky):
+    rng = np.random.default_rng(6)
+    code, _ = codes(rng.uniform(-1, 1, (200, 4)) + 1j * rng.uniform(-1, 1, (200, 4)))
+    _, quad = sky.index.alike(code, np.full(len(code), 5e-3))
+    assert sky.vectors(sky.index.stars(quad)).shape == (quad.size, 4, 3)
+    axis = unit_vectors(np.array([10.0, 200.0]), np.array([30.0, -60.0])).T
+    sky.around(0, axis, np.array([0.3, 0.3]))
 
 
 def test_of_several_that_need_it_one_builds(store, cache):

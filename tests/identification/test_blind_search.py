@@ -1,7 +1,9 @@
 """Star lists of the real sky, without a hint: found wherever they lie, and never at a wrong place."""
 
 import math
+import re
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from listed_sky import EPOCH, JUNK, PLACES, anywhere, drawn, listed, seen
 
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.errors import BadSettings
-from mountnav.identification.blind.index import RESTS_AFTER
+from mountnav.identification.blind.index import MANY
 from mountnav.identification.blind.searching import blind_hypotheses
 from mountnav.identification.full import OutOfTime, Points, Search
 from mountnav.identification.settings import IdentificationSettings
@@ -268,15 +270,33 @@ def test_stars_that_ran_since_the_index_was_made_are_found_where_they_are(sky_in
     assert separation_arcsec(found.reference.plate.center(), hypothesis.plate.center()) < 0.3 * one.scale
 
 
+def held_mb(index):
+    """Memory of this process that is the mapped file's."""
+    held, is_it = 0, False
+    for line in Path("/proc/self/smaps").read_text().splitlines():
+        if re.match(r"[0-9a-f]+-[0-9a-f]+ ", line):
+            is_it = line.endswith(str(index.path))
+        elif is_it and line.startswith("Rss:"):
+            held += int(line.split()[1])
+    return held / 1024
+
+
+@pytest.mark.skipif(not Path("/proc/self/smaps").exists(), reason="only Linux tells it")
 def test_a_search_rests_and_answers_the_same_afterwards(sky_index):
     rng = np.random.default_rng(19)
     one = a_field(anywhere, 3.0, rng)
     before = next(proposals(one.measurements, sky_index)).plate.center()
-    code = np.tile([0.2, 0.3, 0.5, -0.2], (RESTS_AFTER, 1))
-    sky_index.alike(code, np.full(RESTS_AFTER, 1e-3))
-    assert sky_index.rest()
-    assert not sky_index.rest()
+    sky_index.rest()
+    resting_mb = held_mb(sky_index)
+    code = np.array([0.2, 0.3, 0.5, -0.2]) + rng.uniform(-0.1, 0.1, (MANY + 1, 4))
+    sky_index.alike(code[1:], np.full(MANY, 1e-3))
+    assert held_mb(sky_index) > resting_mb + 5.0
+    sky_index.alike(code, np.full(MANY + 1, 1e-3))
+    assert held_mb(sky_index) == resting_mb
+    sky_index.stars(rng.integers(0, len(sky_index), 500))
+    assert held_mb(sky_index) > resting_mb + 5.0
     assert next(proposals(one.measurements, sky_index)).plate.center() == before
+    assert held_mb(sky_index) == resting_mb
 
 
 def test_an_index_of_another_catalog_is_refused(sky_index, tmp_path):

@@ -9,9 +9,12 @@ from hypothesis import strategies as st
 from listed_sky import EPOCH, anywhere
 
 from mountnav.catalog.embedded import embedded_catalog
+from mountnav.identification.anchor_count import Sources
+from mountnav.identification.anchored import Case
 from mountnav.identification.confirmation import Corners, Witnesses
 from mountnav.identification.odds import area_share, at_least, density, looks, together
 from mountnav.identification.plate import similarity_plate
+from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced
 
 WIDTH, HEIGHT = 1000, 800
@@ -110,3 +113,75 @@ def test_the_odds_of_wrong_plates_are_not_understated(kind, count):
     claimed = np.array(chances)
     for level in (0.2, 0.05, 0.01):
         assert np.mean(claimed < level) <= level + 3 * math.sqrt(level / claimed.size)
+
+
+CLUSTERS = (
+    Icrs(56.75, 24.1),
+    Icrs(34.7, 57.15),
+    Icrs(130.1, 19.67),
+    Icrs(160.7, -64.4),
+    Icrs(166.4, -58.7),
+    Icrs(268.4, -34.8),
+)
+
+
+def stars_on_plate(place, turn, radius_deg, mag_limit):
+    """A place's stars and where a camera shows them; those in the frame."""
+    stars = embedded_catalog().cone(place, radius_deg, epoch_yr=EPOCH, mag_limit=mag_limit)
+    middle = complex((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
+    plate = similarity_plate(place, turn, -turn * middle, mirrored=False, width_px=WIDTH, height_px=HEIGHT)
+    x, y = plate.pixels(*plate.project(stars.ra_deg, stars.dec_deg))
+    inside = np.flatnonzero((x > 0) & (x < WIDTH) & (y > 0) & (y < HEIGHT))
+    return plate, stars, x, y, inside
+
+
+def not_there(kind, count, rng, turn, place):
+    """Measurements that have nothing to do with the place."""
+    x, y = rng.uniform(0, WIDTH, count), rng.uniform(0, HEIGHT, count)
+    mag = np.sort(12 - rng.exponential(1.0, count))
+    if kind == "cluster":
+        part = rng.permutation(count)[: count // 2]
+        x[part] = np.clip(rng.normal(rng.uniform(0, WIDTH), 60, part.size), 0, WIDTH - 1)
+        y[part] = np.clip(rng.normal(rng.uniform(0, HEIGHT), 60, part.size), 0, HEIGHT - 1)
+    if kind in ("another sky", "cluster on cluster"):
+        other = displaced(place, 20000.0 + rng.uniform(0, 9000), 0.0)
+        if kind == "cluster on cluster":
+            other = CLUSTERS[(CLUSTERS.index(place) + int(rng.integers(1, len(CLUSTERS)))) % len(CLUSTERS)]
+        _, stars, there_x, there_y, inside = stars_on_plate(
+            other, turn * np.exp(2j * np.pi * rng.random()), 0.9, 11.5
+        )
+        x, y, mag = there_x[inside][:count], there_y[inside][:count], stars.mag[inside][:count]
+    return x, y, mag
+
+
+@pytest.mark.parametrize("kind", ["even", "cluster", "another sky", "cluster on cluster"])
+@pytest.mark.parametrize(("count", "scale"), [(12, 2.5), (60, 2.5), (60, 5.0), (300, 5.0)])
+def test_the_odds_of_wrong_anchors_are_not_understated(kind, count, scale):
+    """Plates through two made-up pairs; the brightest, the many and those alike in brightness are asked."""
+    rng = np.random.default_rng(count)
+    chances = []
+    while len(chances) < 100:
+        place = CLUSTERS[int(rng.integers(len(CLUSTERS)))] if kind == "cluster on cluster" else anywhere(rng)
+        turn = scale * np.exp(2j * np.pi * rng.random())
+        plate, stars, x, y, inside = stars_on_plate(place, turn, 0.18 * scale, 11.0)
+        if inside.size < 5:
+            continue
+        two = rng.choice(inside, 2, replace=False)
+        if np.hypot(*np.diff([x[two], y[two]], axis=1)) < 200:
+            continue
+        junk_x, junk_y, junk_mag = not_there(kind, count, rng, turn, place)
+        mag = np.concatenate((stars.mag[two] + rng.normal(0, 0.2, 2), junk_mag))
+        order = np.argsort(mag, kind="stable")
+        sources = Sources(
+            np.concatenate((x[two], junk_x))[order],
+            np.concatenate((y[two], junk_y))[order],
+            mag[order],
+            WIDTH,
+            HEIGHT,
+        )
+        first, second = np.flatnonzero(order == 0)[0], np.flatnonzero(order == 1)[0]
+        case = Case(plate, stars, sources, 9.6)
+        chances.append(case.chance(np.array([two[0], first]), np.array([two[1], second])))
+    claimed = np.array(chances)
+    for level in (0.2, 0.05, 0.01):
+        assert np.mean(claimed < level) <= level + 2 * math.sqrt(level / claimed.size)

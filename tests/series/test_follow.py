@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mountnav.frames import Frame, Hint
-from mountnav.identification.sources import PreliminarySettings
+from mountnav.identification.preliminary_settings import PreliminarySettings
 from mountnav.measuring.measure import measure
 from mountnav.series.against_catalog import place_by_catalog
 from mountnav.series.follow import SeriesFollower, follow

@@ -65,13 +65,15 @@ def cached_index(
         The cache can't be written.
     """
     path = index_path(catalog)
-    if not force and (found := _opened(path)) is not None:
+    if not force and (found := index_at_hand(catalog)) is not None:
         return found
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with _locked(path.with_suffix(".lock")):
             # another process may have built it meanwhile; a damaged one is built anew
-            if force or (found := _opened(path)) is None:
+            if force or (found := index_at_hand(catalog)) is None:
+                for left_behind in path.parent.glob(f"{path.name}.*.part"):
+                    left_behind.unlink(missing_ok=True)  # by a process that was killed while it wrote
                 # imported here: whoever finds an index needs nothing of what builds it
                 from mountnav.identification.blind.building import build
 
@@ -85,13 +87,26 @@ def cached_index(
     return BlindIndex.open(path)
 
 
-def _opened(path: Path) -> BlindIndex | None:
-    if not path.is_file():
-        return None
+def index_at_hand(catalog: PackedStore) -> BlindIndex | None:
+    """Open the index of a catalog if it was built before. Builds nothing.
+
+    Parameters
+    ----------
+    catalog : PackedStore
+
+    Returns
+    -------
+    BlindIndex or None
+        None as well where the file is cut short, of another form or of other stars: it is to be built anew.
+    """
+    path = index_path(catalog)
     try:
-        return BlindIndex.open(path)
-    except BadSettings:
+        found = BlindIndex.open(path) if path.is_file() else None
+    except (BadSettings, OSError):
         return None
+    if found is None or found.header.catalog_sha256 != catalog.header.sections_sha256:
+        return None
+    return found
 
 
 @contextmanager

@@ -30,8 +30,8 @@ Index = NDArray[np.int64]
 
 MOST_TOLERANCE = 0.99 * 0.5 * STEPS_PER_CELL * STEP
 """Half a cell, 0.0103: a wider question would reach three cells of a row."""
-RESTS_AFTER = 12_000
-"""Questions after which the file's pages are let go of; a frame that is found at once asks 200 to 3000."""
+MANY = 4000
+"""Questions that touch so much of the file that it is let go of at once; a frame mostly asks 200 to 3000."""
 
 
 class BlindIndex:
@@ -80,7 +80,6 @@ class BlindIndex:
         self._grid_starts = np.concatenate(([0], np.cumsum(self.header.grid_lengths)))
         self.first_star: Index = np.concatenate(([0], np.cumsum(self.header.level_stars)))
         self.density_deg2: Array = np.array([kind[2] for kind in densities(len(self.header.level_stars))])
-        self._asked = 0
         self._grids = [Grid.of(float(density)) for density in self.density_deg2]
         if self._cells[-1] != self.header.quads or any(
             grid.cells + 1 != length
@@ -123,7 +122,6 @@ class BlindIndex:
         asked, quad : ndarray of int, shape (m,)
             Which question, and the number of the quad.
         """
-        self._asked += len(code)
         step, reach = stepped(code), np.minimum(tolerance, MOST_TOLERANCE)[:, None] / STEP
         low, high = np.floor(step - reach).astype(np.int64), np.floor(step + reach).astype(np.int64)
         top = np.array(RASTER) - 1
@@ -141,7 +139,7 @@ class BlindIndex:
         which, cell = np.concatenate(asked), np.concatenate(cells)
         number = cell @ STRIDES
         first, end = self._cells[number].astype(np.int64), self._cells[number + 1].astype(np.int64)
-        slot, quad = _runs(first, end)
+        slot, quad = self._runs(first, end, len(self))
         # in 16 bits: both bounds lie within two cells of the cell they are compared in
         origin = cell * STEPS_PER_CELL
         at_least = np.clip(low[which] - origin, -1, STEPS_PER_CELL).astype(np.int16)
@@ -151,25 +149,28 @@ class BlindIndex:
             here = place[:, k]
             kept = np.flatnonzero((here >= at_least[slot, k]) & (here <= at_most[slot, k]))
             place, slot, quad = place[kept], slot[kept], quad[kept]
+        if len(code) > MANY:
+            self.rest()
         return which[slot], quad
 
-    def rest(self) -> bool:
-        """Let go of the file's pages if much was asked since the last rest; tells whether it did.
-
-        Finding the pages again costs the next search a millisecond, so not every search rests.
-        """
-        if self._asked < RESTS_AFTER:
-            return False
-        self._asked = 0
+    def rest(self) -> None:
+        """Let go of the file's pages: a search leaves 10 to 100 MB of them, and the next finds them again."""
         let_go(self._mapped)
-        return True
 
     def stars(self, quad: Index) -> Index:
         """Star numbers of quads in the order A, B, C, D; shape (n, 4)."""
         return unpack(self._quads[quad])
 
     def rows(self, star: Index) -> Index:
-        """Catalog rows of star numbers; shape as given."""
+        """Catalog rows of star numbers; shape as given.
+
+        Raises
+        ------
+        BadSettings
+            There are no such stars: the file is damaged.
+        """
+        if star.size and not 0 <= star.min() <= star.max() < self._rows.size:
+            raise damaged(str(self.path), "damaged: its quads are of stars that it doesn't have")
         rows: Index = self._rows[star].astype(np.int64)
         return rows
 
@@ -192,12 +193,16 @@ class BlindIndex:
         """
         circle, first, end = self._grids[level].slices(ra_deg, dec_deg, radius_deg)
         at = self._grid_starts[level]
-        slot, star = _runs(self._grid[at + first].astype(np.int64), self._grid[at + end].astype(np.int64))
+        stars = int(self.first_star[level + 1] - self.first_star[level])
+        slot, star = self._runs(
+            self._grid[at + first].astype(np.int64), self._grid[at + end].astype(np.int64), stars
+        )
         return circle[slot], star + self.first_star[level]
 
-
-def _runs(first: Index, end: Index) -> tuple[Index, Index]:
-    """All numbers first..end-1 of many runs, and which run each is of."""
-    counts = end - first
-    run = np.repeat(np.arange(first.size), counts)
-    return run, np.arange(run.size) + np.repeat(first - (np.cumsum(counts) - counts), counts)
+    def _runs(self, first: Index, end: Index, size: int) -> tuple[Index, Index]:
+        """Which run each is of, and all numbers first..end-1 of many runs, of which none is above `size`."""
+        counts = end - first
+        if counts.size and (counts.min() < 0 or end.max() > size):
+            raise damaged(str(self.path), "damaged: its tables are out of order")
+        run = np.repeat(np.arange(first.size), counts)
+        return run, np.arange(run.size) + np.repeat(first - (np.cumsum(counts) - counts), counts)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.catalog.stars import Catalog
-from mountnav.identification.blind.asking import ASKS, frame_codes, frame_quads
+from mountnav.identification.blind.asking import ASKS, Ask, frame_codes, frame_quads
 from mountnav.identification.blind.candidates import Candidates, chances, propose
 from mountnav.identification.blind.index import BlindIndex
 from mountnav.identification.blind.sky import IndexedSky
@@ -27,6 +27,7 @@ WORTH_A_LOOK = 0.3
 """Expected number of places as good by chance, below which a place is followed up."""
 FINALISTS = 6
 """Of a batch, so many places are followed up at most."""
+FIRST_ASKS = 3
 SAME_PLACE = 3
 """Quads that propose the same place are followed up so often: another quad's plate may fare better."""
 
@@ -42,6 +43,7 @@ def blind_hypotheses(
     epoch_yr: float,
     settings: IdentificationSettings,
     search: Search,
+    first_only: bool = False,
 ) -> Iterator[Hypothesis]:
     """Propose plates anywhere on the sky, most promising first within each round.
 
@@ -62,6 +64,8 @@ def blind_hypotheses(
     settings : IdentificationSettings
     search : Search
         Counts the places at which other stars than the quad's own were looked for; the odds need it.
+    first_only : bool
+        Only the first rounds, which find most frames in some milliseconds.
 
     Yields
     ------
@@ -82,19 +86,25 @@ def blind_hypotheses(
         points, scales, center, radius_deg, match_radius(settings, points.width_px, points.height_px)
     )
     try:
-        yield from _rounds(points, sky, view, settings, search)
+        asks = ASKS[:FIRST_ASKS] if first_only else ASKS
+        yield from _rounds(points, sky, view, settings, search, asks)
     finally:
         sky.rest()
 
 
 def _rounds(
-    points: Points, sky: IndexedSky, view: View, settings: IdentificationSettings, search: Search
+    points: Points,
+    sky: IndexedSky,
+    view: View,
+    settings: IdentificationSettings,
+    search: Search,
+    asks: Sequence[Ask],
 ) -> Iterator[Hypothesis]:
     """What each round proposes."""
     seen: set[bytes] = set()
     told: list[Array] = []
     before = search.hypotheses
-    for ask in ASKS:
+    for ask in asks:
         search.check_time()
         if ask.side_deg and view.scale_known:
             continue  # every round has its quads laid on the sphere then
@@ -112,7 +122,6 @@ def _rounds(
             search.check_time()
             part = some.only(np.arange(start, min(end, len(some))))
             yield from _promising(part, sky, view, search, told, before)
-        sky.rest()
 
 
 def _fresh(some: Candidates, seen: set[bytes]) -> Candidates:

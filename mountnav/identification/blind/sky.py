@@ -13,6 +13,7 @@ from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.space_motion import places, unit_vectors
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadSettings
+from mountnav.identification.blind.file_format import damaged
 from mountnav.identification.blind.index import BlindIndex
 from mountnav.identification.blind.rows import CatalogRows
 from mountnav.sky.coordinates import Icrs
@@ -53,7 +54,10 @@ class IndexedSky:
 
     def vectors(self, star: Index) -> Array:
         """Unit vectors of star numbers; one axis more than given, of length 3."""
-        flat = self._rows.vectors(self.index.rows(star.ravel()), epoch_yr=self._epoch_yr)
+        rows = self.index.rows(star.ravel())
+        if rows.size and rows.max() >= len(self._rows):
+            raise damaged(str(self.index.path), "damaged: it names stars that the catalog doesn't have")
+        flat = self._rows.vectors(rows, epoch_yr=self._epoch_yr)
         return flat.reshape(*star.shape, 3)
 
     def around(self, level: int, axis: Array, radius_rad: Array) -> tuple[Index, Index, Array]:
@@ -78,9 +82,9 @@ class IndexedSky:
         return circle[inside], star[inside], vectors[inside]
 
     def rest(self) -> None:
-        """Let go of memory that only a long search needs."""
-        if self.index.rest():
-            self._rows.rest()
+        """Let go of memory that only a search needs."""
+        self.index.rest()
+        self._rows.rest()
 
     def catalog_places(self, star: Index) -> tuple[Array, Array]:
         """Places of a few stars to the last bit as the catalog gives them: confirmation compares them so.

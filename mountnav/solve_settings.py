@@ -1,0 +1,43 @@
+"""What may be set about a solve, apart from what solves: whoever only hands it on needs nothing of that."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+from mountnav.identification.settings import IdentificationSettings
+from mountnav.measuring.settings import MeasuringSettings
+
+if TYPE_CHECKING:
+    from mountnav.identification.blind.index import BlindIndex
+    from mountnav.measuring.calibration import Calibration
+
+
+@dataclass(frozen=True, slots=True)
+class SolveSettings:
+    """What may be set about a solve.
+
+    Attributes
+    ----------
+    measuring : MeasuringSettings
+    identification : IdentificationSettings
+    budget_s : float
+        Wall time for identification; measuring comes on top.
+    calibration : Calibration or None
+        Masters that frames are freed from the camera's own signal with.
+    index : BlindIndex or None
+        For searching the whole sky; without one no blind search takes place.
+    blind : {"after", "only", "never"}
+        Search the whole sky after the hint failed; at once, without asking any hint; or not at all.
+    glance : bool
+        Try with a glance first: the brightest sources, found coarsely, and then precise centroids of the
+        identified ones only. What a glance doesn't solve is measured in full.
+    """
+
+    measuring: MeasuringSettings = field(default_factory=MeasuringSettings)
+    identification: IdentificationSettings = field(default_factory=IdentificationSettings)
+    budget_s: float = 30.0
+    calibration: Calibration | None = None
+    index: BlindIndex | None = None
+    blind: Literal["after", "only", "never"] = "after"
+    glance: bool = True
