@@ -115,7 +115,8 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
     def tell(kind: str, data: dict[str, object]) -> None:
         events.publish(kind, data)
 
-    solver = Solver(catalog, worker=settings.solving.worker, tell=tell)
+    early = settings.solving.worker and settings.solving.blind != "never"
+    solver = Solver(catalog, worker=settings.solving.worker, tell=tell, build_early=early)
     observatory = build_observatory(settings, catalog, jobs.heard, solver)
     solver.open()
     await observatory.open()

@@ -38,9 +38,12 @@ class Solver:
         In a process of its own; else in threads of this one.
     tell : callable
         ``tell(kind, data)``: told of what becomes of the process and of the index.
+    build_early : bool
+        Have the index built when the solver opens, not when the first frame needs it, which may be at night.
     """
 
-    def __init__(self, catalog: Catalog, *, worker: bool, tell: Tell) -> None:
+    def __init__(self, catalog: Catalog, *, worker: bool, tell: Tell, build_early: bool = False) -> None:
+        self._build_early = build_early
         self.blind_index = BlindIndexKeeper(catalog, tell)
         self.worker = Worker(catalog, tell) if worker else None
         self._threads = Threads(catalog)
@@ -111,6 +114,8 @@ class Solver:
         await self.blind_index.find()
         if self.worker is not None:
             self.worker.open(self.blind_index.path)
+        if self._build_early:
+            await self.blind_index.wait(0.0)
 
 
 class Threads:

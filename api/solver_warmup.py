@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 _PLACE = Icrs(85.0, 30.0)
 _SCALE_ARCSEC_PX = 6.0
 _INSTANT = datetime(2026, 1, 1, tzinfo=UTC)
+_SMALL, _LARGE = (800, 600), (3000, 2200)
+"""Width and height, pixels. A large frame's buffers are got from the system once, by the drawn one."""
 _BLOCK_BYTES = 2880
 
 
@@ -44,13 +46,16 @@ def warmed_up(catalog: Catalog, index: BlindIndex | None) -> tuple[str, ...]:
     for mapped in (getattr(catalog, "path", None), None if index is None else index.path):
         if isinstance(mapped, Path):
             _read_ahead(mapped)
-    frame = draw_frame(
-        _PLACE,
-        SimulatedOptics(800, 600, _SCALE_ARCSEC_PX),
-        catalog,
-        exposure_s=2.0,
-        mid_exposure_utc=_INSTANT,
-        seed=(0, 1),
+    frame, large = (
+        draw_frame(
+            _PLACE,
+            SimulatedOptics(width_px, height_px, _SCALE_ARCSEC_PX),
+            catalog,
+            exposure_s=2.0,
+            mid_exposure_utc=_INSTANT,
+            seed=(0, 1),
+        )
+        for width_px, height_px in (_SMALL, _LARGE)
     )
     hint = Hint(
         center=_PLACE,
@@ -67,7 +72,7 @@ def warmed_up(catalog: Catalog, index: BlindIndex | None) -> tuple[str, ...]:
 
     with tempfile.TemporaryDirectory(prefix="mountnav-") as folder:
         file = Path(folder) / "drawn.fits"
-        file.write_bytes(as_fits(frame))
+        file.write_bytes(as_fits(large))
         tried("from a file", solve_file(file, catalog, hint, settings=settings))
     tried("in full", solve(frame, catalog, hint=hint, settings=replace(settings, glance=False)))
     if index is not None:

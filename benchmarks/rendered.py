@@ -1,6 +1,8 @@
 """Print how well the plate of every rendered frame holds over the whole field, against exact truth.
 
-Run: python -m benchmarks.rendered [--full] [word in the file's name]; --full measures in full, without a glance
+Run: python -m benchmarks.rendered [--full] [word in the file's name]
+
+--full measures in full, without a glance.
 """
 
 from __future__ import annotations
