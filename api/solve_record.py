@@ -22,7 +22,7 @@ class SolveTimes(BaseModel):
 class QualityRecord(BaseModel):
     """What the frame tells about the night; null where it can't be told."""
 
-    stars: int = Field(description="Star-like sources measured")
+    stars: int = Field(description="Star-like sources measured; at a glance at most 200")
     images: str = Field(description="well sampled, undersampled, defocused, trailed, none seen")
     fwhm_px: float | None
     fwhm_arcsec: float | None
