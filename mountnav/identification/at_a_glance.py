@@ -94,7 +94,7 @@ def at_a_glance(
         epoch_yr=epoch_yr,
         settings=settings,
         budget_s=budget_s,
-        reach=replace(reach, thorough=False),
+        reach=replace(reach, thorough=False, rough=True),
     )
     seen, tried = len(look.measurements), int(found.numbers.get("hypotheses", reach.tried))
     coarse = found.reference

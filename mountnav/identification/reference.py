@@ -34,6 +34,9 @@ CENTERINGS = 5
 CENTERED_ARCSEC = 0.05
 """A tangent point so near to the center is moved there without a new fit: nothing changes by a hundredth."""
 
+ROUGH_CUBIC_PAIRS = 40
+"""So many pairs hold a cubic well enough to find stars by; with fewer a similarity is safer at the edges."""
+
 
 @dataclass(frozen=True, slots=True)
 class Reference:
@@ -264,7 +267,7 @@ class Selection:
                 break
         return replace(fit, plate=fit.plate.moved_to(fit.plate.center()))
 
-    def grow(self, plate: Plate, strobe_px: float) -> Reference | None:
+    def grow(self, plate: Plate, strobe_px: float, *, rough: bool = False) -> Reference | None:
         """From a triangle's plate to the final one [S23 §3].
 
         Parameters
@@ -273,6 +276,9 @@ class Selection:
             A hypothesis.
         strobe_px : float
             How far off it may be.
+        rough : bool
+            The plate is only to tell where stars are to be measured: the number of pairs decides the degree,
+            not what the pairs gain by it, and nobody asks which rule threw out what.
 
         Returns
         -------
@@ -287,7 +293,13 @@ class Selection:
         strobe_px = self._narrower(plate, pairs, strobe_px)
         if len(self._candidates.pairs(plate, strobe_px)) < self._fewest(SIMILARITY):
             return None
-        return self._grown(plate, self._wider(strobe_px))
+        wide_px = self._wider(strobe_px)
+        if not rough:
+            return self._grown(plate, wide_px)
+        again = self._candidates.pairs(plate, wide_px)
+        degree = self._settings.degree_max if len(again) >= ROUGH_CUBIC_PAIRS else SIMILARITY
+        held = self._identified(plate, again, wide_px, degree)
+        return None if held is None else self._reference(held, held.fit, rough=True)
 
     def refine(self, plate: Plate, strobe_px: float) -> Reference | None:
         """From a plate that is good already, of whatever degree, to the final one.
@@ -312,7 +324,7 @@ class Selection:
         held = self._judged(plate, strobe_px)
         return None if held is None else self._reference(held, self._centered(held))
 
-    def _reference(self, held: _Held, fit: CameraFit) -> Reference:
+    def _reference(self, held: _Held, fit: CameraFit, *, rough: bool = False) -> Reference:
         dxi, deta = self._candidates.residuals(fit.plate, held.kept)
         outliers = held.pairs.those(~np.isin(held.pairs.star, held.kept.star))
         influence = fit.influence
@@ -324,7 +336,9 @@ class Selection:
             sigma_arcsec=fit.sigma_arcsec,
             rejected=len(outliers),
             outliers=outliers,
-            rejected_by=self._candidates.rejected_by(fit.plate, held.strobe_px, len(outliers)),
+            rejected_by={}
+            if rough
+            else self._candidates.rejected_by(fit.plate, held.strobe_px, len(outliers)),
             leverage=influence.leverage,
             center_covariance_arcsec2=influence.center_covariance_arcsec2,
             extra_px=fit.belief.extra_px,

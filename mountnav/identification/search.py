@@ -45,12 +45,15 @@ class Reach:
         the whole sky.
     tried : int
         Hypotheses of an earlier search for the same frame: each was one more chance to be fooled.
+    rough : bool
+        A plate to find stars by is enough.
     """
 
     index: BlindIndex | None = None
     blind: Literal["after", "only", "never"] = "after"
     thorough: bool = True
     tried: int = 0
+    rough: bool = False
 
 
 def identify(
@@ -99,7 +102,9 @@ def identify(
             flagged = clean.size < every.size
             for step in _steps(believed, placed, index, measurements, settings, reach, flagged=flagged):
                 usable = every if step.flagged or (step.turn is None and clean.size < 8) else clean
-                found = _attempt(step, measurements, usable, catalog, index, epoch_yr, settings, search)
+                found = _attempt(
+                    step, measurements, usable, catalog, index, epoch_yr, settings, search, rough=reach.rough
+                )
                 if found is not None:
                     return found
     except OutOfTime:
@@ -243,6 +248,8 @@ def _attempt(
     epoch_yr: float,
     settings: IdentificationSettings,
     search: Search,
+    *,
+    rough: bool,
 ) -> Identified | None:
     """One step."""
     width, height = measurements.width_px, measurements.height_px
@@ -281,7 +288,7 @@ def _attempt(
             first_only=step.first_only,
         )
     for one in proposals:
-        found = verified(one, measurements, usable, catalog, epoch_yr, settings, search)
+        found = verified(one, measurements, usable, catalog, epoch_yr, settings, search, rough=rough)
         if found is not None:
             return replace(found, blind=turn is None and step.center is None)
     return None

@@ -37,6 +37,8 @@ def verified(
     epoch_yr: float,
     settings: IdentificationSettings,
     search: Search,
+    *,
+    rough: bool = False,
 ) -> Identified | None:
     """Ask what the odds of a hypothesis are, and grow its plate.
 
@@ -52,6 +54,8 @@ def verified(
     settings : IdentificationSettings
     search : Search
         How many hypotheses were tried so far: the odds need it.
+    rough : bool
+        A plate to find stars by is enough; the odds are the same.
 
     Returns
     -------
@@ -93,7 +97,7 @@ def verified(
         search.best_probability = min(search.best_probability, probability)
         return None
     selection = Selection(measurements, usable, stars, settings)
-    reference = selection.grow(one.plate, strobe_px)
+    reference = selection.grow(one.plate, strobe_px, rough=rough)
     if reference is None or not sound(reference, selection, measurements, one.plate, settings, strobe_px):
         return None
     numbers = {
