@@ -104,7 +104,7 @@ def _rounds(
     seen: set[bytes] = set()
     told: list[Array] = []
     before = search.hypotheses
-    for ask in asks:
+    for number, ask in enumerate(asks):
         search.check_time()
         if ask.side_deg and view.scale_known:
             continue  # every round has its quads laid on the sphere then
@@ -122,6 +122,8 @@ def _rounds(
             search.check_time()
             part = some.only(np.arange(start, min(end, len(some))))
             yield from _promising(part, sky, view, search, told, before)
+        if number >= FIRST_ASKS:
+            sky.rest()  # most of the file would be mapped in the end
 
 
 def _fresh(some: Candidates, seen: set[bytes]) -> Candidates:
