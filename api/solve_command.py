@@ -24,9 +24,6 @@ if TYPE_CHECKING:
     from api.solve_record import SolveRecord
     from mountnav.identification.blind.index import BlindIndex
 
-_HOPELESS = (Reason.BAD_FRAME, Reason.TOO_FEW_MEASUREMENTS)
-"""Without stars the whole sky is no help."""
-
 
 def run(
     files: list[Path],
@@ -99,13 +96,14 @@ class _Solver:
             budget_s = self._settings.budget_s
             # once in an installation's life: half of the time stays for what the index finds
             verdict = self._verdict(path, 0.5 * budget_s if self._index_may_come else budget_s)
-            if self._index_may_come and verdict.solution is None and verdict.reason not in _HOPELESS:
+            reason = verdict.reason
+            if self._index_may_come and reason is not None and reason.whole_sky_may_help:
                 left_s = budget_s - verdict.times.identify_s
                 try:
                     self._settings = replace(self._settings, index=_index(self._catalog))
                 except BadSettings as refused:
                     self._no_index = f"the whole sky was not searched: {refused}"
-                    if verdict.reason is Reason.TIMED_OUT:
+                    if reason is Reason.TIMED_OUT:
                         verdict = self._verdict(path, budget_s)
                 else:
                     verdict = self._verdict(path, max(left_s, 0.25 * budget_s))

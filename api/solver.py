@@ -15,7 +15,7 @@ from api.solver_work import Upload, Work
 from api.solver_worker import Tell, Worker
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Frame, Hint
-from mountnav.solution import Reason, Verdict
+from mountnav.solution import Verdict
 from mountnav.solve_settings import SolveSettings
 
 if TYPE_CHECKING:
@@ -23,9 +23,6 @@ if TYPE_CHECKING:
 
 UPLOADS_AT_ONCE = 2
 """Without a worker, in threads; looks never wait for uploads."""
-
-_HOPELESS = frozenset({Reason.BAD_FRAME, Reason.TOO_FEW_MEASUREMENTS})
-"""What no index helps against."""
 
 
 class Solver:
@@ -97,7 +94,7 @@ class Solver:
             # once in an installation's life: half of the time stays for the index and what it finds
             work = replace(work, settings=replace(settings, budget_s=0.5 * settings.budget_s))
         verdict = await self._carried_out(replace(work, index=index), first=first)
-        if verdict.solved or index is not None or verdict.reason in _HOPELESS:
+        if index is not None or verdict.reason is None or not verdict.reason.whole_sky_may_help:
             return verdict
         index = await self.blind_index.wait(settings.budget_s - (time.monotonic() - began))
         if index is None:

@@ -53,7 +53,7 @@ def in_memory(pixels: NDArray[np.generic]) -> int:
     plain = np.ascontiguousarray(pixels)
     file = os.memfd_create("mountnav-frame")
     try:
-        left = memoryview(plain.reshape(-1).view(np.uint8))  # type: ignore[arg-type]
+        left = plain.reshape(-1).view(np.uint8).data
         while left:
             left = left[os.write(file, left) :]
     except BaseException:

@@ -28,6 +28,11 @@ class Reason(StrEnum):
     BAD_FRAME = "no usable image"
     TIMED_OUT = "out of time"
 
+    @property
+    def whole_sky_may_help(self) -> bool:
+        """Whether the frame may be found blind where its hint failed: not without stars."""
+        return self not in (Reason.BAD_FRAME, Reason.TOO_FEW_MEASUREMENTS)
+
 
 @dataclass(frozen=True, slots=True)
 class Times:

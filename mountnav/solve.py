@@ -17,7 +17,7 @@ from mountnav.identification.at_a_glance import at_a_glance
 from mountnav.identification.identified import Identified
 from mountnav.identification.plate import NAMES
 from mountnav.identification.reference import Reference, identified_pairs
-from mountnav.identification.search import Reach, identify
+from mountnav.identification.search import Reach, identify, without_place
 from mountnav.identification.wcs import wcs_cards
 from mountnav.measuring.measurements import Flag, Measurements
 from mountnav.measuring.quality import SkyQuality, with_plate
@@ -109,14 +109,12 @@ def solve(
     began = time.monotonic()
     believed = merged_hint(frame.hint, hint)
     reach = Reach(settings.index, settings.blind)
-    placeless = settings.blind == "only" or all(
-        one.center is None for one in (believed, *believed.alternatives)
-    )
-    if placeless and (settings.index is None or settings.blind == "never"):
+    nowhere = without_place(believed, reach)
+    if nowhere is not None:
         return Verdict(
             None,
-            Reason.NO_HINT,
-            f"{frame.source}: {_no_hint(settings)}",
+            nowhere.reason,
+            f"{frame.source}: {nowhere.detail}",
             0,
             Times(total_s=time.monotonic() - began),
             contradictions=contradictions_of_hints(frame.hint, hint),
@@ -187,12 +185,6 @@ def solve(
         quality=quality,
         notes=tuple(notes),
     )
-
-
-def _no_hint(settings: SolveSettings) -> str:
-    if settings.blind == "never":
-        return "neither the header nor the caller says where it was taken, and blind search is switched off"
-    return "neither the header nor the caller says where it was taken, and there is no index of the sky"
 
 
 def _disproved(

@@ -17,15 +17,13 @@ from mountnav.catalog.packed_format import (
     MAG_STEP,
     MAG_ZERO,
     OFFSET,
-    PM_IN_SIDECAR,
-    PM_STEP_MAS_YR,
-    PM_UNKNOWN,
     PREAMBLE_BYTES,
     RA_STEP_DEG,
     STAR,
     Header,
     decode_header,
     malformed,
+    proper_motions,
 )
 from mountnav.catalog.pixel_centers import pixel_centers
 from mountnav.catalog.space_motion import MAS_RAD, motion_vectors, motions_seen, places, unit_vectors
@@ -120,7 +118,7 @@ class PackedStore:
         rows = self._rows(axis, radius_deg, years, mag_limit)
         found = self._stars[rows]
         ra_deg, dec_deg = found["ra"] * RA_STEP_DEG, found["dec"] * DEC_STEP_DEG
-        pm_ra, pm_dec, unknown = self._proper_motions(rows, found)
+        pm_ra, pm_dec, unknown = proper_motions(rows, found, self._fast)
         motion = motion_vectors(ra_deg, dec_deg, pm_ra, pm_dec)
         vectors = unit_vectors(ra_deg, dec_deg) + motion * years
         # the chord keeps its precision where the cosine of a small angle has none
@@ -196,21 +194,6 @@ class PackedStore:
             low[open_[bright]] = middle[bright] + 1
             high[open_[~bright]] = middle[~bright]
         return low
-
-    def _proper_motions(
-        self, rows: Indices, found: NDArray[np.void]
-    ) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Proper motions [mas/yr], 0 where unknown, and where they are unknown."""
-        raw_ra, raw_dec = found["pm_ra"], found["pm_dec"]
-        unknown = raw_ra == PM_UNKNOWN
-        pm_ra = np.where(unknown, 0.0, raw_ra * PM_STEP_MAS_YR)
-        pm_dec = np.where(unknown, 0.0, raw_dec * PM_STEP_MAS_YR)
-        fast = np.flatnonzero(raw_ra == PM_IN_SIDECAR)
-        if fast.size:
-            entries = self._fast[np.searchsorted(self._fast["star"], rows[fast])]
-            pm_ra[fast] = entries["pm_ra"] * PM_STEP_MAS_YR
-            pm_dec[fast] = entries["pm_dec"] * PM_STEP_MAS_YR
-        return pm_ra, pm_dec, unknown
 
     def _sigma_arcsec(self, error: NDArray[np.uint8], epoch_yr: float) -> Array:
         sigma_mas = np.hypot(self._sigma_mas, (epoch_yr - self._mean_epoch_yr) * self._sigma_pm_mas_yr)

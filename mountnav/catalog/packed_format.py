@@ -22,6 +22,7 @@ import json
 from dataclasses import asdict, dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mountnav.errors import BadSettings
 
@@ -165,6 +166,39 @@ def decode_header(start: bytes, *, file: str) -> tuple[Header, int]:
     except ValueError as broken:
         raise malformed(file, PREAMBLE_BYTES, "a JSON header", str(broken)) from broken
     return _header_of(fields, file), PREAMBLE_BYTES + length
+
+
+def proper_motions(
+    rows: NDArray[np.int64], found: NDArray[np.void], fast: NDArray[np.void]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Decode the proper motions of some stars.
+
+    Parameters
+    ----------
+    rows : ndarray of int, shape (n,)
+        Their numbers in the section ``stars``.
+    found : ndarray of STAR, shape (n,)
+        Their records.
+    fast : ndarray of FAST
+        The section of that name.
+
+    Returns
+    -------
+    pm_ra_cosdec_mas_yr, pm_dec_mas_yr : ndarray, shape (n,)
+        0 where the catalog has none.
+    unknown : ndarray of bool, shape (n,)
+        Where that is.
+    """
+    raw_ra, raw_dec = found["pm_ra"], found["pm_dec"]
+    unknown = raw_ra == PM_UNKNOWN
+    pm_ra = np.where(unknown, 0.0, raw_ra * PM_STEP_MAS_YR)
+    pm_dec = np.where(unknown, 0.0, raw_dec * PM_STEP_MAS_YR)
+    beside = np.flatnonzero(raw_ra == PM_IN_SIDECAR)
+    if beside.size:
+        entries = fast[np.searchsorted(fast["star"], rows[beside])]
+        pm_ra[beside] = entries["pm_ra"] * PM_STEP_MAS_YR
+        pm_dec[beside] = entries["pm_dec"] * PM_STEP_MAS_YR
+    return pm_ra, pm_dec, unknown
 
 
 def malformed(file: str, offset: int, expected: str, found: str) -> BadSettings:

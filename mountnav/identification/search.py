@@ -94,8 +94,9 @@ def identify(
     placed = [] if reach.blind == "only" else [one for one in believed if one.center is not None]
     search = Search(deadline_s=time.monotonic() + budget_s, hypotheses=reach.tried)
     late: float | None = None
-    if not placed and (index is None or reach.blind == "never"):
-        return _refused(_no_hint(reach), 1.0, (), search)
+    nowhere = without_place(hint, reach)
+    if nowhere is not None:
+        return _refused(nowhere, 1.0, (), search)
     clean, every = star_like(measurements), all_finite(measurements)
     try:
         if every.size >= settings.min_pairs:
@@ -166,7 +167,8 @@ def _steps(
 
     only = reach.blind == "only"
     near = all(_is_near(one, shorter_px) for one in placed)
-    if index is not None and not only:
+    # the paper's own way is by triangles, where the hint says
+    if index is not None and not only and settings.v_min_ident is None:
         yield from _asked_of_index(placed, first_only=near)
     if near:
         yield from part(0)
@@ -201,14 +203,29 @@ def _scales(hint: Hint) -> tuple[float, float] | None:
 
 
 def _is_near(hint: Hint, shorter_px: int) -> bool:
-    """Whether the hinted area is so small that its tiles are searched sooner than the index."""
+    """Whether the hinted area is so small that its tiles are searched before the whole sky is."""
     low, high = hint.scale_low_arcsec_px, hint.scale_high_arcsec_px
     if hint.center is None or low is None or high is None:
         return False
     return hint.radius_deg <= NEAR_FIELDS * shorter_px * math.sqrt(low * high) / 3600.0
 
 
-def _no_hint(reach: Reach) -> Refusal:
+def without_place(hint: Hint, reach: Reach) -> Refusal | None:
+    """Refuse, before anything is measured or searched, what has neither a place nor an index to find one.
+
+    Parameters
+    ----------
+    hint : Hint
+    reach : Reach
+
+    Returns
+    -------
+    Refusal or None
+        None when a search makes sense.
+    """
+    placed = reach.blind != "only" and any(one.center is not None for one in (hint, *hint.alternatives))
+    if placed or (reach.index is not None and reach.blind != "never"):
+        return None
     why = "and blind search is switched off" if reach.blind == "never" else "and there is no index of the sky"
     return Refusal(Reason.NO_HINT, f"neither the header nor the caller says where it was taken, {why}", {})
 

@@ -8,7 +8,7 @@ from benchmarks.frames import read, rendered
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.errors import BadFrame, BadSettings
 from mountnav.identification.paper import published_share
-from mountnav.identification.search import identify
+from mountnav.identification.search import Reach, identify
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.measure import measure
 from mountnav.sky.sphere import separation_arcsec
@@ -112,3 +112,21 @@ def test_both_profiles_find_the_same_plate_of_a_frame(shared):
             plates.append(got.reference.plate)
         assert separation_arcsec(plates[0].center(), plates[1].center()) < 0.01 * known.scale_arcsec_px
         assert separation_arcsec(plates[0].center(), known.center) < 0.1 * known.scale_arcsec_px
+
+
+def test_the_paper_asks_no_index_where_a_hint_is_right(sky_index):
+    one = drawn(crowded, np.random.default_rng(3), depth=10.5, junk=5, lost=0.02)
+    hint = asked(np.random.default_rng(3), one)
+    plain, told = (
+        identify(
+            one.measurements,
+            embedded_catalog(),
+            hint,
+            epoch_yr=EPOCH,
+            settings=settings,
+            reach=Reach(index=sky_index),
+        )
+        for settings in (PAPER, IdentificationSettings())
+    )
+    assert plain.numbers["tiles"] > 0
+    assert told.numbers["tiles"] == 0  # ours asks it first

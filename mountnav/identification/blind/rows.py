@@ -13,13 +13,11 @@ from mountnav.catalog.packed_format import (
     LONGEST_HEADER_BYTES,
     MAG_STEP,
     MAG_ZERO,
-    PM_IN_SIDECAR,
-    PM_STEP_MAS_YR,
-    PM_UNKNOWN,
     PREAMBLE_BYTES,
     RA_STEP_DEG,
     STAR,
     decode_header,
+    proper_motions,
 )
 from mountnav.catalog.space_motion import motion_vectors, unit_vectors
 from mountnav.identification.blind.mapping import let_go, mapped
@@ -78,15 +76,7 @@ class CatalogRows:
         """
         found = self._stars[rows]
         ra_deg, dec_deg = found["ra"] * RA_STEP_DEG, found["dec"] * DEC_STEP_DEG
-        raw_ra, raw_dec = found["pm_ra"], found["pm_dec"]
-        unknown = raw_ra == PM_UNKNOWN
-        pm_ra = np.where(unknown, 0.0, raw_ra * PM_STEP_MAS_YR)
-        pm_dec = np.where(unknown, 0.0, raw_dec * PM_STEP_MAS_YR)
-        fast = np.flatnonzero(raw_ra == PM_IN_SIDECAR)
-        if fast.size:
-            entries = self._fast[np.searchsorted(self._fast["star"], rows[fast])]
-            pm_ra[fast] = entries["pm_ra"] * PM_STEP_MAS_YR
-            pm_dec[fast] = entries["pm_dec"] * PM_STEP_MAS_YR
+        pm_ra, pm_dec, _ = proper_motions(rows, found, self._fast)
         moved = unit_vectors(ra_deg, dec_deg) + motion_vectors(ra_deg, dec_deg, pm_ra, pm_dec) * (
             epoch_yr - self._epoch_yr
         )
