@@ -12,21 +12,26 @@
     ├── SkyError                                                   sky side
     │   ├── NotSolved               solve-failed         yes       the frame was not identified (reason)
     │   ├── OffsetImplausible       offset-too-large     no        solved, but too far off to be believed
-    │   ├── OutsideLimits           outside-limits       no        the target is not allowed
+    │   ├── OutsideLimits           outside-limits       no        target or way are not allowed (which limit)
+    │   ├── SyncRefused             sync-refused         no        solved, but not synced on (why)
+    │   ├── ModelRefused            model-refused        no        a pointing model can't be fitted or applied
     │   ├── MountMoved              mount-moved          yes       the mount moved during an exposure
     │   └── TargetNotReached        target-not-reached   yes       tries or time ran out
     ├── UserError                                                  user side
     │   ├── BadFrame                bad-frame            no        a file that is no usable image
     │   ├── BadSettings             bad-settings         no        the configuration is wrong (line, fix)
+    │   │   └── BadCatalog          bad-catalog          no        a star catalog is damaged or no such thing
     │   ├── BadRequest              bad-request          no        values that make no sense together
     │   └── Unknown                 not-found            no        no telescope, job or file of that name
+    ├── JournalFailed           journal-failed       yes       what is ordered can't be written down
+    ├── StarsUnavailable            stars-unavailable    yes       no catalog has stars for a place just now
     ├── Busy                        busy                 yes       another job holds the telescope
     └── Cancelled                   cancelled            no        somebody stopped it
 """
 
 from __future__ import annotations
 
-from typing import ClassVar
+from enum import StrEnum
 
 
 class MountnavError(Exception):
@@ -42,8 +47,8 @@ class MountnavError(Exception):
         What the user can do about it.
     """
 
-    slug: ClassVar[str] = "error"
-    retryable: ClassVar[bool] = False
+    slug: str = "error"
+    retryable: bool = False
 
     def __init__(self, what: str, *, device: str | None = None, advice: str | None = None) -> None:
         self.what = what
@@ -80,10 +85,43 @@ class DeviceGarbled(DeviceError):
     retryable = True
 
 
+class Refusal(StrEnum):
+    """Why a device said no."""
+
+    BELOW_HORIZON = "below-horizon"
+    LIMIT = "limit"
+    PARKED = "parked"
+    BUSY = "busy"
+    UNTRUSTED = "untrusted"
+    NOT_ALIGNED = "not-aligned"
+    NOT_TRACKING = "not-tracking"
+    UNSUPPORTED = "unsupported"
+    OTHER = "other"
+
+
 class DeviceRefused(DeviceError):
-    """The device understood and said no."""
+    """The device understood and said no.
+
+    Parameters
+    ----------
+    what, device, advice
+        As of every error.
+    reason : Refusal
+        As far as it is known.
+    """
 
     slug = "device-refused"
+
+    def __init__(
+        self,
+        what: str,
+        *,
+        device: str | None = None,
+        advice: str | None = None,
+        reason: Refusal = Refusal.OTHER,
+    ) -> None:
+        super().__init__(what, device=device, advice=advice)
+        self.reason = reason
 
 
 class SyncIgnored(DeviceError):
@@ -99,10 +137,24 @@ class SkyError(MountnavError):
 
 
 class NotSolved(SkyError):
-    """The frame could not be identified; `what` holds the reason."""
+    """The frame was not identified.
+
+    Parameters
+    ----------
+    what, device, advice
+        As of every error.
+    reason : str
+        The verdict's `mountnav.solution.Reason`, in its words.
+    """
 
     slug = "solve-failed"
     retryable = True
+
+    def __init__(
+        self, what: str, *, device: str | None = None, advice: str | None = None, reason: str = ""
+    ) -> None:
+        super().__init__(what, device=device, advice=advice)
+        self.reason = reason
 
 
 class OffsetImplausible(SkyError):
@@ -111,10 +163,98 @@ class OffsetImplausible(SkyError):
     slug = "offset-too-large"
 
 
+class LimitKind(StrEnum):
+    """Which limit it is."""
+
+    ALTITUDE = "altitude"
+    HORIZON = "horizon"
+    HOUR_ANGLE = "hour-angle"
+    DECLINATION = "declination"
+    MERIDIAN = "meridian"
+    SUN = "sun"
+    MOON = "moon"
+    DAYLIGHT = "daylight"
+    UNREACHABLE = "unreachable"
+
+
 class OutsideLimits(SkyError):
-    """The target is below the horizon or outside a limit; nothing was moved."""
+    """The target, or a place on the way to it, is outside a limit; nothing was moved.
+
+    Parameters
+    ----------
+    what, device, advice
+        As of every error.
+    limit : LimitKind
+    """
 
     slug = "outside-limits"
+
+    def __init__(
+        self,
+        what: str,
+        *,
+        device: str | None = None,
+        advice: str | None = None,
+        limit: LimitKind = LimitKind.ALTITUDE,
+    ) -> None:
+        super().__init__(what, device=device, advice=advice)
+        self.limit = limit
+
+
+class SyncDoubt(StrEnum):
+    """Why a solved frame is not synced on; each has its own advice."""
+
+    POLICY_NEVER = "policy-never"
+    NOT_FIRST = "policy-not-the-first-of-the-night"
+    SAME_TARGET = "policy-target-had-its-sync"
+    NOT_OFF_ENOUGH = "policy-not-off-enough"
+    TOO_MANY = "too-many-syncs"
+    TOO_FAR = "offset-too-large"
+    NOT_EXPECTED = "offset-not-expected"
+    TOO_OLD = "frame-too-old"
+    OLDER_THAN_MOVE = "frame-older-than-the-last-move"
+    MOVED = "mount-moved"
+    NEAR_MERIDIAN = "too-near-the-meridian"
+    NEAR_POLE = "too-near-the-pole"
+    TOO_LOW = "altitude-too-low"
+    ODDS = "odds-too-low"
+    FEW_STARS = "too-few-stars"
+    SCALE = "scale-not-as-before"
+    ROTATION = "rotation-not-as-before"
+    PARITY = "parity-not-as-before"
+    WRONG_SIDE = "pier-side-misreported"
+    NOT_TRACKING = "not-tracking"
+
+
+class SyncRefused(SkyError):
+    """The frame was solved, but nothing is synced by it; nothing was sent.
+
+    Parameters
+    ----------
+    what, device, advice
+        As of every error.
+    doubts : tuple of SyncDoubt
+        All that stood against it, the gravest first.
+    """
+
+    slug = "sync-refused"
+
+    def __init__(
+        self,
+        what: str,
+        *,
+        device: str | None = None,
+        advice: str | None = None,
+        doubts: tuple[SyncDoubt, ...] = (),
+    ) -> None:
+        super().__init__(what, device=device, advice=advice)
+        self.doubts = doubts
+
+
+class ModelRefused(SkyError):
+    """A pointing model can't be fitted to what there is, doesn't predict better, or can't be applied."""
+
+    slug = "model-refused"
 
 
 class MountMoved(SkyError):
@@ -124,11 +264,43 @@ class MountMoved(SkyError):
     retryable = True
 
 
+class NotReached(StrEnum):
+    """Why a target was not reached."""
+
+    TRIES = "tries-out"
+    TIME = "time-out"
+    STUCK = "tube-does-not-follow"
+    WORSE = "corrections-make-it-worse"
+    SLIPPING = "pointing-jumps-from-slew-to-slew"
+    REST = "came-to-rest-elsewhere"
+    SIDE = "wrong-side"
+    POLE = "hole-at-the-pole"
+    OTHER = "other"
+
+
 class TargetNotReached(SkyError):
-    """Tries or time ran out before the target was within the tolerance."""
+    """Tries or time ran out, or something stood in the way, before the target was centered.
+
+    Parameters
+    ----------
+    what, device, advice
+        As of every error.
+    reason : NotReached
+    """
 
     slug = "target-not-reached"
     retryable = True
+
+    def __init__(
+        self,
+        what: str,
+        *,
+        device: str | None = None,
+        advice: str | None = None,
+        reason: NotReached = NotReached.OTHER,
+    ) -> None:
+        super().__init__(what, device=device, advice=advice)
+        self.reason = reason
 
 
 class UserError(MountnavError):
@@ -149,6 +321,12 @@ class BadSettings(UserError):
     slug = "bad-settings"
 
 
+class BadCatalog(BadSettings):
+    """A star catalog's file is damaged or is none; tells the offset and what was expected there."""
+
+    slug = "bad-catalog"
+
+
 class BadRequest(UserError):
     """The request's values make no sense."""
 
@@ -159,6 +337,20 @@ class Unknown(UserError):
     """There is nothing of that name."""
 
     slug = "not-found"
+
+
+class JournalFailed(MountnavError):
+    """The journal can't be written: nothing is ordered that would leave no trace, but a stop."""
+
+    slug = "journal-failed"
+    retryable = True
+
+
+class StarsUnavailable(MountnavError):
+    """An online catalog has no stars for a place, neither live nor cached, and there is nothing behind it."""
+
+    slug = "stars-unavailable"
+    retryable = True
 
 
 class Busy(MountnavError):

@@ -2,57 +2,39 @@
 
 from __future__ import annotations
 
-import ipaddress
+import re
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import ConfigDict, Field, ValidationError, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from mountnav.errors import BadSettings
+from mountnav.settings_alpaca_camera import AlpacaCameraSettings
+from mountnav.settings_catalogs import CatalogsSettings
+from mountnav.settings_centering import CenteringSettings
+from mountnav.settings_demo import DemoSettings
+from mountnav.settings_faces import (
+    AlpacaSettings,
+    IndiServerSettings,
+    Lx200ServerSettings,
+    StellariumSettings,
+)
 from mountnav.settings_faults import explain, syntax_fault
+from mountnav.settings_journal import JournalSettings
+from mountnav.settings_limits import LimitSettings
+from mountnav.settings_model import ModelSettings
+from mountnav.settings_night import NightSettings
 from mountnav.settings_section import Section
+from mountnav.settings_service import ServiceSettings
 from mountnav.settings_solving import SolvingSettings
+from mountnav.settings_sync import SyncSettings
 from mountnav.sky.coordinates import Air, Site
 
 FAKE_SCHEME = "fake+"
-
-
-class ServiceSettings(Section):
-    """`[service]`: where the API listens and who may use it."""
-
-    host: str = "127.0.0.1"
-    port: int = Field(default=8000, ge=0, le=65535)
-    api_token_sha256: str | None = Field(default=None, pattern=r"^[0-9a-f]{64}$")
-    max_upload_mb: float = Field(default=256.0, gt=0, le=4096)
-    events_kept: int = Field(default=1000, ge=10, le=100_000)
-    jobs_kept: int = Field(default=1000, ge=10, le=100_000)
-
-    @property
-    def is_loopback(self) -> bool:
-        """Whether only this machine can reach the service."""
-        if self.host == "localhost":
-            return True
-        try:
-            return ipaddress.ip_address(self.host).is_loopback
-        except ValueError:
-            return False
-
-    @model_validator(mode="after")
-    def _wide_needs_token(self) -> Self:
-        if not self.is_loopback and self.api_token_sha256 is None:
-            raise PydanticCustomError(
-                "wide_without_token",
-                "binding {host} lets other machines move the telescope, and no API token is set",
-                {
-                    "host": self.host,
-                    "key": "host",
-                    "fix": 'set host = "127.0.0.1", or set api_token_sha256 to the output of '
-                    "`printf %s YOUR-TOKEN | sha256sum`",
-                },
-            )
-        return self
+FAKES = ("lx200", "nexstar", "synscan", "ioptron", "skywatcher")
+"""Protocols that a fake mount of the service may speak."""
 
 
 class SiteSettings(Section):
@@ -101,7 +83,11 @@ class MountSettings(Section):
     """`mount` of a telescope. `slew_rate_deg_s` and `errors` are for the fake mount alone."""
 
     url: str = Field(pattern=r"^[a-z][a-z0-9]*(\+[a-z0-9]+)?://")
-    epoch: Literal["apparent", "icrs"] = "apparent"
+    epoch: Literal["apparent", "icrs"] | None = None
+    set_clock: bool = False
+    set_site: bool = False
+    trust_on_connect: bool = True
+    mounting: Literal["german", "fork", "altaz"] | None = None
     slew_rate_deg_s: float | None = Field(default=None, gt=0, le=360)
     errors: MountErrorSettings | None = None
 
@@ -110,13 +96,24 @@ class MountSettings(Section):
         """Whether the service starts a fake mount itself."""
         return self.url.startswith(FAKE_SCHEME)
 
+    @property
+    def fake(self) -> tuple[str, str | None]:
+        """Protocol and dialect of the fake mount: of ``fake+lx200://?dialect=onstep``."""
+        protocol, _, rest = self.url.removeprefix(FAKE_SCHEME).partition("://")
+        return protocol, rest.removeprefix("?dialect=") or None
+
     @model_validator(mode="after")
     def _fake_things_need_a_fake(self) -> Self:
-        if self.is_fake and self.url != "fake+lx200://":
+        if self.is_fake and not re.fullmatch(rf"fake\+({'|'.join(FAKES)})://(\?dialect=[\w-]+)?", self.url):
             raise PydanticCustomError(
                 "unknown_fake",
                 "there is no fake mount {url}",
-                {"url": self.url, "key": "url", "fix": 'write url = "fake+lx200://"'},
+                {
+                    "url": self.url,
+                    "key": "url",
+                    "fix": 'write url = "fake+lx200://", or instead of lx200 '
+                    f"{', '.join(FAKES[1:])}; ?dialect= is one of `mountnav fake-mount --list`",
+                },
             )
         for key in ("slew_rate_deg_s", "errors"):
             if not self.is_fake and getattr(self, key) is not None:
@@ -135,6 +132,17 @@ class FolderCameraSettings(Section):
     path: Path
     pattern: str = Field(default="*.fit*", min_length=1)
     timeout_s: float = Field(default=60.0, gt=0, le=3600)
+    width_px: int | None = Field(default=None, ge=16, le=65536)
+    height_px: int | None = Field(default=None, ge=16, le=65536)
+
+
+class IndiCameraSettings(Section):
+    """A camera of an INDI server."""
+
+    kind: Literal["indi"]
+    url: str = Field(pattern=r"^indi://")
+    width_px: int | None = Field(default=None, ge=16, le=65536)
+    height_px: int | None = Field(default=None, ge=16, le=65536)
 
 
 class SimulatedCameraSettings(Section):
@@ -149,37 +157,31 @@ class SimulatedCameraSettings(Section):
     fwhm_px: float = Field(default=2.8, gt=0.5, le=50)
 
 
-CameraSettings = Annotated[FolderCameraSettings | SimulatedCameraSettings, Field(discriminator="kind")]
-
-
-class CenteringSettings(Section):
-    """`centering` of a telescope: when a centering is done, and when it gives up."""
-
-    tolerance_arcsec: float = Field(default=30.0, gt=0, le=3600)
-    max_tries: int = Field(default=5, ge=1, le=50)
-    timeout_s: float = Field(default=300.0, gt=0, le=7200)
-    max_sync_arcsec: float = Field(default=7200.0, gt=0, le=180 * 3600)
-    settle_s: float = Field(default=1.0, ge=0, le=120)
-
-
-class LimitSettings(Section):
-    """`limits` of a telescope: where it may point."""
-
-    min_altitude_deg: float = Field(default=15.0, ge=-90, le=90)
+CameraSettings = Annotated[
+    AlpacaCameraSettings | FolderCameraSettings | IndiCameraSettings | SimulatedCameraSettings,
+    Field(discriminator="kind"),
+]
 
 
 class TelescopeSettings(Section):
     """`[[telescope]]`: a mount, the camera on it, and how they are used."""
 
     id: str = Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,39}$")
+    name: str | None = Field(default=None, min_length=1, max_length=60, pattern=r"^[^\x00-\x1f<>&\"']+$")
+    focal_length_mm: float | None = Field(default=None, gt=0, le=1_000_000)
+    aperture_mm: float | None = Field(default=None, gt=0, le=100_000)
     mount: MountSettings
     camera: CameraSettings
     exposure_s: float = Field(default=2.0, gt=0, le=600)
     scale_arcsec_px: float | None = Field(default=None, gt=0, le=600)
     scale_tolerance: float = Field(default=0.05, gt=0, le=0.5)
+    limiting_mag: float | None = Field(default=None, gt=0, lt=30)
     calibration: Path | None = None
     centering: CenteringSettings = CenteringSettings()
     limits: LimitSettings = LimitSettings()
+    sync: SyncSettings = SyncSettings()
+    model: ModelSettings = ModelSettings()
+    night: NightSettings = NightSettings()
 
     @model_validator(mode="after")
     def _simulated_camera_needs_fake_mount(self) -> Self:
@@ -204,6 +206,14 @@ class _SolvingAlone(Section):
     solving: SolvingSettings = SolvingSettings()
 
 
+class _CatalogsAlone(Section):
+    """A file of which only `[catalogs]` matters; what else it holds is for others."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    catalogs: CatalogsSettings = CatalogsSettings()
+
+
 class Settings(Section):
     """The whole file."""
 
@@ -211,6 +221,13 @@ class Settings(Section):
     site: SiteSettings
     air: AirSettings = AirSettings()
     solving: SolvingSettings = SolvingSettings()
+    catalogs: CatalogsSettings = CatalogsSettings()
+    journal: JournalSettings = JournalSettings()
+    alpaca: AlpacaSettings = AlpacaSettings()
+    indi_server: IndiServerSettings = IndiServerSettings()
+    lx200_server: Lx200ServerSettings = Lx200ServerSettings()
+    stellarium: StellariumSettings = StellariumSettings()
+    demo: DemoSettings | None = None
     telescope: tuple[TelescopeSettings, ...]
 
     @field_validator("telescope")
@@ -230,6 +247,30 @@ class Settings(Section):
                 )
             seen.add(telescope.id)
         return telescopes
+
+    @model_validator(mode="after")
+    def _virtual_time_has_no_hardware(self) -> Self:
+        if self.demo is not None:
+            self.demo.require_no_hardware(self.telescope)
+        return self
+
+    @model_validator(mode="after")
+    def _faces_show_what_is_there(self) -> Self:
+        ids = {one.id for one in self.telescope}
+        for name in ("lx200_server", "stellarium"):
+            wanted = getattr(self, name).telescope
+            if wanted is not None and wanted not in ids:
+                raise PydanticCustomError(
+                    "no_such_telescope",
+                    "{name}.telescope = {wanted} is none of the telescopes",
+                    {
+                        "name": name,
+                        "wanted": repr(wanted),
+                        "key": "telescope",
+                        "fix": "name one that is there",
+                    },
+                )
+        return self
 
     @classmethod
     def load(cls, path: Path) -> Self:
@@ -255,6 +296,22 @@ class Settings(Section):
         data = _parsed(text, name)
         try:
             return _SolvingAlone.model_validate(data).solving
+        except ValidationError as error:
+            raise explain(error, name, text, data, known=_known_keys()) from error
+
+    @classmethod
+    def load_catalogs(cls, path: Path) -> CatalogsSettings:
+        """Read `[catalogs]` of a settings file that may hold nothing else.
+
+        Raises
+        ------
+        BadSettings
+            As `load`, of that table alone.
+        """
+        text, name = _text(path), str(path)
+        data = _parsed(text, name)
+        try:
+            return _CatalogsAlone.model_validate(data).catalogs
         except ValidationError as error:
             raise explain(error, name, text, data, known=_known_keys()) from error
 
@@ -293,18 +350,18 @@ def _parsed(text: str, name: str) -> dict[str, Any]:
 
 
 def _known_keys() -> frozenset[str]:
-    sections = (
-        Settings,
-        ServiceSettings,
-        SiteSettings,
-        AirSettings,
-        SolvingSettings,
-        TelescopeSettings,
-        MountSettings,
-        MountErrorSettings,
-        FolderCameraSettings,
-        SimulatedCameraSettings,
-        CenteringSettings,
-        LimitSettings,
-    )
-    return frozenset(key for section in sections for key in section.model_fields)
+    """The names of all fields of all tables, however deep."""
+    keys: set[str] = set()
+    waiting: list[object] = [Settings]
+    seen: set[object] = set()
+    while waiting:
+        kind = waiting.pop()
+        if kind in seen:
+            continue
+        seen.add(kind)
+        if isinstance(kind, type) and issubclass(kind, Section):
+            keys.update(kind.model_fields)
+            waiting.extend(field.annotation for field in kind.model_fields.values())
+        else:
+            waiting.extend(get_args(kind))
+    return frozenset(keys)

@@ -23,7 +23,7 @@ class Reason(StrEnum):
     CHANCE = "the best match could be chance"
     CLOUD_OR_DEFOCUS = "cloud, dew or defocus: far fewer or far wider stars than the catalog promises"
     HINT_CONTRADICTS = "the hints contradict each other"
-    CATALOG_TOO_SHALLOW = "outside the catalog's depth for this field"
+    CATALOG_TOO_SHALLOW = "field too narrow for the installed catalogs"
     NO_HINT = "no position hint, none in the header, and no blind search"
     BAD_FRAME = "no usable image"
     TIMED_OUT = "out of time"
@@ -59,7 +59,7 @@ class IdentifiedPairs:
     flux, flux_sigma : ndarray
         Measured, ADU.
     mag : ndarray
-        The stars' magnitudes.
+        The stars' magnitudes, in `band`.
     centroid_sigma_arcsec, catalog_sigma_arcsec : ndarray
         Expected errors per coordinate.
     flags : ndarray of int64
@@ -69,6 +69,12 @@ class IdentifiedPairs:
     leverage : ndarray
         How much each pair holds the plate at its own place: its deviation is (1 - leverage) times the one
         from a plate that was fit without it. 0 for those not in the fit.
+    color_mag : ndarray
+        The stars' color index `color_name`; NaN where unknown.
+    star_flags : ndarray of uint8
+        What the catalog warns of: bits of `mountnav.catalog.stars.StarFlag`.
+    band, color_name : str
+        Which magnitudes and colors these are; empty if unknown.
     """
 
     x_px: Array
@@ -85,9 +91,54 @@ class IdentifiedPairs:
     flags: NDArray[np.int64]
     used: NDArray[np.bool_]
     leverage: Array
+    color_mag: Array = field(default_factory=lambda: np.zeros(0))
+    star_flags: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, dtype=np.uint8))
+    band: str = ""
+    color_name: str = ""
+
+    def __post_init__(self) -> None:
+        # pairs without colors or flags needn't say so for each star
+        if self.color_mag.size == 0:
+            object.__setattr__(self, "color_mag", np.full(self.x_px.size, np.nan))
+        if self.star_flags.size == 0:
+            object.__setattr__(self, "star_flags", np.zeros(self.x_px.size, dtype=np.uint8))
 
     def __len__(self) -> int:
         return int(self.x_px.size)
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorBudget:
+    """Where the residuals of the pairs in the fit come from; arcsec per coordinate, root mean square.
+
+    Attributes
+    ----------
+    centroid_arcsec : float
+        Noise of the measured places.
+    catalog_arcsec : float
+        The catalog's own errors at the frame's epoch.
+    other_arcsec : float
+        What neither knows of: seeing, the camera's finer distortions, errors that were stated too small.
+    """
+
+    centroid_arcsec: float
+    catalog_arcsec: float
+    other_arcsec: float
+
+    @property
+    def expected_arcsec(self) -> float:
+        """All of it together."""
+        return float(np.sqrt(self.centroid_arcsec**2 + self.catalog_arcsec**2 + self.other_arcsec**2))
+
+    @property
+    def largest(self) -> str:
+        """What limits the accuracy most: "centroid", "catalog" or "other"."""
+        parts = {
+            "centroid": self.centroid_arcsec,
+            "catalog": self.catalog_arcsec,
+            "other": self.other_arcsec,
+        }
+        return max(parts, key=parts.__getitem__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,6 +199,10 @@ class Solution:
         How many candidate pairs each rule of [S23 §3] threw out, by the rule's name.
     catalog : str
         Which catalog was used.
+    catalog_steps : tuple of str
+        How that catalog's stars were come by: which one was chosen and why, what was asked and what failed.
+    errors : ErrorBudget or None
+        Where the residuals come from; None where only a shift was fit.
     """
 
     center: Icrs
@@ -165,12 +220,22 @@ class Solution:
     identified: IdentifiedPairs
     rejected_by: dict[str, int] = field(default_factory=dict)
     catalog: str = ""
+    catalog_steps: tuple[str, ...] = ()
+    errors: ErrorBudget | None = None
 
     def icrs_at(self, x_px: float, y_px: float) -> Icrs:
         """The place at a pixel (0-based), through the WCS: never read CRVAL as the center."""
         from mountnav.identification.wcs import icrs_at_pixel
 
         return icrs_at_pixel(self.wcs, x_px, y_px)
+
+
+SEEN_AT_MOST = 1000
+"""So many measured places a verdict carries along; more are of no use to who looks at the frame."""
+
+
+def _nothing_seen() -> NDArray[np.float32]:
+    return np.zeros((0, 2), dtype=np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,6 +259,8 @@ class Verdict:
         What the frame tells about the night, solved or not.
     notes : tuple of str
         What else should be known of this verdict: masters that were not applied, a date that is unknown.
+    seen_px : ndarray of float32, shape (n, 2)
+        Where the sources lie that were measured, 0-based, brightest first, at most `SEEN_AT_MOST`.
     """
 
     solution: Solution | None
@@ -205,6 +272,7 @@ class Verdict:
     contradictions: tuple[Contradiction, ...] = ()
     quality: SkyQuality | None = None
     notes: tuple[str, ...] = ()
+    seen_px: NDArray[np.float32] = field(default_factory=_nothing_seen, compare=False, repr=False)
 
     @property
     def solved(self) -> bool:

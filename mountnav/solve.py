@@ -8,22 +8,41 @@ from datetime import datetime
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from mountnav.catalog.shelf import Choice, Shelf
 from mountnav.catalog.stars import Catalog, Stars
 from mountnav.contradictions import contradictions_of_hints, contradictions_with
-from mountnav.errors import BadFrame
+from mountnav.errors import BadCatalog, BadFrame
 from mountnav.frames import Frame, Hint
-from mountnav.identification.at_a_glance import at_a_glance
+from mountnav.identification.at_a_glance import AtAGlance, at_a_glance
+from mountnav.identification.choosing import (
+    advised,
+    at_its_best,
+    catalogs_for,
+    identified_with,
+    index_catalog,
+)
 from mountnav.identification.identified import Identified
 from mountnav.identification.plate import NAMES
 from mountnav.identification.reference import Reference, identified_pairs
-from mountnav.identification.search import Reach, identify, without_place
+from mountnav.identification.search import Reach, without_place
+from mountnav.identification.selection import star_like
 from mountnav.identification.wcs import wcs_cards
 from mountnav.measuring.measurements import Flag, Measurements
 from mountnav.measuring.quality import SkyQuality, with_plate
 from mountnav.reading import demosaiced, read_frame
 from mountnav.sky.coordinates import utc_now
-from mountnav.solution import Contradiction, Reason, Solution, Times, Verdict
+from mountnav.solution import (
+    SEEN_AT_MOST,
+    Contradiction,
+    ErrorBudget,
+    IdentifiedPairs,
+    Reason,
+    Solution,
+    Times,
+    Verdict,
+)
 from mountnav.solve_settings import SolveSettings
 
 __all__ = ["SolveSettings", "epoch_of", "merged_hint", "solve", "solve_file"]
@@ -94,6 +113,7 @@ def solve(
     ----------
     frame : Frame
     catalog : Catalog
+        One, or a `Shelf` of several, of which the frame's field, place and epoch choose.
     hint : Hint, optional
         Goes before what the frame's header says, field by field.
     settings : SolveSettings, optional
@@ -123,7 +143,8 @@ def solve(
     zero_adu: float | None = None
     utc = frame.mid_exposure_utc
     epoch_yr = epoch_of(utc if utc is not None else utc_now())
-    found, measured, measure_s = None, 0, 0.0
+    found, measured, measure_s, asked_s = None, 0, 0.0, 0.0
+    choices: tuple[Choice, ...] = ()
     try:
         if measurements is None:
             if settings.calibration is not None:
@@ -132,17 +153,27 @@ def solve(
                 zero_adu = done.zero_adu
             frame = demosaiced(frame)
             measure_s = time.monotonic() - began
+        asked = time.monotonic()
+        choices = catalogs_for(catalog, believed, frame, settings.blind, epoch_yr=epoch_yr)
+        asked_s = time.monotonic() - asked
+        reach = replace(reach, indexed=index_catalog(catalog, choices[0]))
+        if measurements is None:
             if settings.glance and settings.identification.v_min_ident is None:
-                first = at_a_glance(
-                    frame,
-                    catalog,
-                    believed,
-                    epoch_yr=epoch_yr,
-                    settings=settings.identification,
-                    measuring=settings.measuring,
-                    budget_s=settings.budget_s,
-                    reach=reach,
-                )
+                try:
+                    first = at_a_glance(
+                        frame,
+                        choices[0].catalog,
+                        believed,
+                        epoch_yr=epoch_yr,
+                        settings=settings.identification,
+                        measuring=settings.measuring,
+                        budget_s=settings.budget_s,
+                        reach=reach,
+                    )
+                except BadCatalog:
+                    if len(choices) == 1:
+                        raise
+                    first = AtAGlance(tried=reach.tried)  # the search in full passes the catalog over
                 found, measurements, measured = first.identified, first.measurements, first.seen
                 reach = replace(reach, tried=first.tried)
                 measure_s += first.measure_s
@@ -158,19 +189,21 @@ def solve(
     assert measurements is not None
     if found is None:
         measured = len(measurements)
-        found = identify(
-            measurements,
-            catalog,
-            believed,
-            epoch_yr=epoch_yr,
-            settings=settings.identification,
-            budget_s=max(0.0, settings.budget_s - (time.monotonic() - began - measure_s)),
-            reach=reach,
-        )
-    solution, quality = None, measurements.quality
+        # what a server kept us waiting isn't taken from the search: it has its own limit, `timeout_s`
+        left_s = settings.budget_s - (time.monotonic() - began - measure_s - asked_s)
+        found = identified_with(choices, measurements, believed, reach, settings, epoch_yr, left_s)
+    solution, quality, steps = None, measurements.quality, choices[0].steps
     if found.reference is not None and found.stars is not None:
-        solution = _solution(found, found.reference, found.stars, measurements, catalog.name)
+        found, chosen = at_its_best(catalog, choices, found, measurements, settings.identification, epoch_yr)
+        assert found.reference is not None
+        assert found.stars is not None
+        steps = (*chosen, *found.stars.steps)
+        solution = _solution(found, found.reference, found.stars, measurements, steps)
         quality = _quality(quality, solution, zero_adu)
+    elif found.reason is Reason.CATALOG_TOO_SHALLOW:
+        found = advised(found, catalog, believed, frame, len(star_like(measurements)))
+    if solution is None and isinstance(catalog, Shelf):
+        notes += [f"catalog: {step}" for step in steps]
     total_s = time.monotonic() - began
     if utc is None:
         notes.append("the date is unknown, so stars were taken at today's places")
@@ -184,7 +217,14 @@ def solve(
         contradictions=_disproved(frame.hint, hint, solution, found),
         quality=quality,
         notes=tuple(notes),
+        seen_px=_places_px(measurements),
     )
+
+
+def _places_px(measurements: Measurements) -> NDArray[np.float32]:
+    """Where the brightest of them lie."""
+    places = (measurements.x_px[:SEEN_AT_MOST], measurements.y_px[:SEEN_AT_MOST])
+    return np.column_stack(places).astype(np.float32)
 
 
 def _disproved(
@@ -257,11 +297,16 @@ def solve_file(
 
 
 def _solution(
-    found: Identified, reference: Reference, stars: Stars, measurements: Measurements, catalog: str
+    found: Identified,
+    reference: Reference,
+    stars: Stars,
+    measurements: Measurements,
+    steps: tuple[str, ...],
 ) -> Solution:
     plate, pairs = reference.plate, reference.pairs
     dxi, deta = reference.dxi_arcsec, reference.deta_arcsec
     covariance = reference.center_covariance_arcsec2
+    pairs_told = identified_pairs(reference, stars, measurements)
     return Solution(
         center=plate.center(),
         center_sigma_arcsec=float(np.sqrt(0.5 * np.trace(covariance))),
@@ -275,7 +320,19 @@ def _solution(
         mode=f"{'blind' if found.blind else 'full'}/{NAMES[plate.degree]}",
         wcs=wcs_cards(plate, width_px=measurements.width_px, height_px=measurements.height_px),
         center_covariance_arcsec2=covariance,
-        identified=identified_pairs(reference, stars, measurements),
+        identified=pairs_told,
         rejected_by=dict(reference.rejected_by),
-        catalog=catalog,
+        catalog=stars.source,
+        catalog_steps=steps,
+        errors=_budget(pairs_told, reference.extra_px * plate.scale_arcsec_px()),
     )
+
+
+def _budget(pairs: IdentifiedPairs, other_arcsec: float) -> ErrorBudget:
+    """Errors of the pairs in the fit."""
+
+    def rms(sigma_arcsec: NDArray[np.float64]) -> float:
+        known = sigma_arcsec[pairs.used & np.isfinite(sigma_arcsec)]
+        return float(np.sqrt(np.mean(known**2))) if known.size else 0.0
+
+    return ErrorBudget(rms(pairs.centroid_sigma_arcsec), rms(pairs.catalog_sigma_arcsec), other_arcsec)

@@ -5,11 +5,27 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import hypothesis
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 # the index of the sky is built once per checkout, apart from the user's own
 os.environ.setdefault("MOUNTNAV_CACHE", str(ROOT / ".cache"))
+# new examples are for those who can look into them: CI's answer depends on the commit alone
+# a loaded machine makes no property false: neither an example nor making one has a limit of time
+PATIENT = {"deadline": None, "suppress_health_check": [hypothesis.HealthCheck.too_slow]}
+hypothesis.settings.register_profile("patient", **PATIENT)
+hypothesis.settings.register_profile("ci", derandomize=True, **PATIENT)
+hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "patient")
+# what the user has imported is none of the tests' business
+os.environ["MOUNTNAV_CATALOGS"] = str(ROOT / ".cache" / "no-catalogs")
+# a service in a test never writes into the user's journal; a process of tests has its own
+os.environ["MOUNTNAV_JOURNAL"] = str(ROOT / ".cache" / f"journal-of-tests-{os.getpid()}.sqlite")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin what takes minutes before all else: the other processes share the rest meanwhile."""
+    items.sort(key=lambda item: item.get_closest_marker("first") is None)
 
 
 def shared_folder() -> Path:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.errors import BadRequest
+from mountnav.identification.photometry import NOT_COMPARABLE, fit_photometry
 from mountnav.identification.wcs import places_at_pixels
 from mountnav.measuring.measurements import Flag
 from mountnav.solution import IdentifiedPairs, Solution
@@ -17,7 +18,6 @@ from mountnav.solution import IdentifiedPairs, Solution
 Array = NDArray[np.float64]
 
 ARCSEC_PER_RAD = 180.0 * 3600.0 / np.pi
-FEWEST_FOR_ZERO_POINT = 3
 _FULL_LEVERAGE = 1.0 - 1e-6
 
 
@@ -30,7 +30,7 @@ class Deviations:
     ra_arcsec, dec_arcsec : ndarray
         Δα cos δ and Δδ [S23 eq. 24, 25].
     mag : ndarray
-        Δm [S23 eq. 26]; NaN where it means nothing: saturated, or no magnitude in the catalog.
+        Δm [S23 eq. 26]; NaN where it means nothing: see `magnitude_deviations`.
     x_px, y_px : ndarray
         Where in the frame, 0-based.
     along_x_arcsec, along_y_arcsec : ndarray
@@ -167,10 +167,7 @@ def east_north_arcsec(ra_deg: Array, dec_deg: Array, ra0_deg: Array, dec0_deg: A
 
 
 def magnitude_deviations(pairs: IdentifiedPairs) -> Array:
-    """Δm of each pair, m_mea by the frame's own zero point [S23 eq. 26].
-
-    The zero point is the median of m_cat + 2.5 log flux over the pairs in the fit that are not saturated, so
-    the median of Δm is 0 by construction and its mean tells the skewness alone.
+    """Δm of each pair, m_mea by the frame's own zero point and color term [S23 eq. 26].
 
     Parameters
     ----------
@@ -179,16 +176,16 @@ def magnitude_deviations(pairs: IdentifiedPairs) -> Array:
     Returns
     -------
     ndarray, shape (n,)
-        NaN for saturated stars, those without magnitude or flux, and all if fewer than three are left.
+        NaN for saturated stars, for those without a flux or without a magnitude of their own in the catalog's
+        band, for variable and extended ones; all NaN if fewer than three pairs tell the zero point.
     """
-    good = np.isfinite(pairs.mag) & np.isfinite(pairs.flux) & (pairs.flux > 0)
-    good &= (pairs.flags & int(Flag.SATURATED)) == 0
-    instrumental = np.full(len(pairs), np.nan)
-    instrumental[good] = -2.5 * np.log10(pairs.flux[good])
-    zero = (pairs.mag - instrumental)[good & pairs.used]
-    if zero.size < FEWEST_FOR_ZERO_POINT:
+    photometry = fit_photometry(pairs)
+    if photometry is None:
         return np.full(len(pairs), np.nan)
-    return np.asarray(instrumental + float(np.median(zero)) - pairs.mag)
+    comparable = (pairs.flags & int(Flag.SATURATED)) == 0
+    comparable &= (pairs.star_flags & int(NOT_COMPARABLE)) == 0
+    off = photometry.magnitudes(pairs.flux, pairs.color_mag) - pairs.mag
+    return np.asarray(np.where(comparable & np.isfinite(off), off, np.nan))
 
 
 def fit_factor(pairs: int, parameters: float) -> float:

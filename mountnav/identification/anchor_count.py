@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mountnav.catalog.reading_depth import depth_for
 from mountnav.catalog.space_motion import unit_vectors
 from mountnav.catalog.stars import Catalog, Stars
-from mountnav.identification.area import WIDEST_DEG, magnitude_for
+from mountnav.identification.area import WIDEST_DEG
 from mountnav.identification.plate import ARCSEC_PER_RAD
 from mountnav.measuring.measurements import Measurements
 from mountnav.sky.coordinates import Icrs
@@ -29,8 +30,8 @@ ANCHOR_STARS: Final = 30
 """Anchors are the catalog's stars so deep that a poor frame holds so many."""
 SHARE: Final = 0.15
 """Share of the limit that belongs to this test: the other's sum Σ 1/(n(1 + ln n)²) is 1.69 < 2·(1 − 0.15)."""
-PASSES: Final = 2
-"""A frame is looked at twice, at a glance and in full."""
+PASSES: Final = 7
+"""A frame is looked at so often: at a glance, and in full, twice with each of up to three catalogs."""
 MOST_STARS: Final = 5000
 """In an area with more stars the anchors are so many that this test decides nothing."""
 
@@ -246,7 +247,7 @@ def _sky(area: Area, sources: Sources, catalog: Catalog, epoch_yr: float) -> _Sk
     frame_deg2 = width * height * pixel_deg**2
     if reach_deg > WIDEST_DEG or np.pi * reach_deg**2 > MOST_STARS / ANCHOR_STARS * frame_deg2:
         return None
-    limit = magnitude_for(ANCHOR_STARS, frame_deg2)
+    limit = depth_for(catalog, area.center, ANCHOR_STARS, frame_deg2)
     stars = catalog.cone(area.center, reach_deg, epoch_yr=epoch_yr, mag_limit=limit)
     if len(stars) > MOST_STARS:
         return None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.catalog.stars import Catalog, Stars
 from mountnav.identification.plate import ARCSEC_PER_RAD
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import gnomonic_inverse
@@ -14,7 +13,6 @@ Array = NDArray[np.float64]
 
 WIDEST_DEG = 60.0
 """No frame diagonal beyond this is tried: the tangent plane ends."""
-DEEPEST_MAG = 12.5
 
 
 def tiles(center: Icrs, radius_deg: float, step_deg: float) -> list[Icrs]:
@@ -56,44 +54,6 @@ def tiles(center: Icrs, radius_deg: float, step_deg: float) -> list[Icrs]:
     ]
     places[0] = center
     return places
-
-
-def magnitude_for(count: float, area_deg2: float) -> float | None:
-    """Magnitude down to which even a poor region of the sky holds `count` stars in an area.
-
-    Parameters
-    ----------
-    count : float
-    area_deg2 : float
-
-    Returns
-    -------
-    float or None
-        None when the whole catalog is wanted. From star counts N(V) of the whole sky, a poor region
-        having two fifths of the mean.
-    """
-    all_sky = count / area_deg2 * 41253.0 / 0.4
-    magnitude = 6.0 + (np.log10(all_sky) - 3.7) / 0.45 + 0.3
-    return None if magnitude > DEEPEST_MAG else float(max(magnitude, 2.0))
-
-
-def stars_round(catalog: Catalog, center: Icrs, radius_deg: float, count: int, *, epoch_yr: float) -> Stars:
-    """The brightest stars of a cone, enough to have `count` of them where the catalog has so many.
-
-    Parameters
-    ----------
-    catalog : Catalog
-    center : Icrs
-    radius_deg : float
-    count : int
-    epoch_yr : float
-
-    Returns
-    -------
-    Stars
-    """
-    limit = magnitude_for(count, np.pi * radius_deg**2)
-    return catalog.cone(center, radius_deg, epoch_yr=epoch_yr, mag_limit=limit)
 
 
 def arcsec(value_rad: Array) -> Array:

@@ -5,23 +5,18 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Frame, Hint
 from mountnav.identification.identified import Identified
 from mountnav.identification.pairing import predicted
-from mountnav.identification.reference import Reference, Selection
+from mountnav.identification.reference import Selection
 from mountnav.identification.search import Reach, identify
 from mountnav.identification.selection import star_like
 from mountnav.identification.settings import IdentificationSettings
-from mountnav.identification.verification import sound
+from mountnav.identification.verification import KEPT_SHARE, reach_of, sound, stars_of_frame
 from mountnav.measuring.glance import glance
 from mountnav.measuring.measurements import Measurements
 from mountnav.measuring.settings import MeasuringSettings
-
-LEAST_REACH_PX, MOST_REACH_PX = 2.5, 8.0
-"""How near to a predicted place its source is looked for: the coarse plate's own deviations, within these."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,24 +95,21 @@ def at_a_glance(
     coarse = found.reference
     if coarse is None or found.stars is None:
         return AtAGlance(seen=seen, tried=tried, measure_s=looked_s)
-    plate = coarse.plate
-    off_px = _deviation_px(coarse)
-    reach_px = float(np.clip(1.5 + 4.0 * off_px, LEAST_REACH_PX, MOST_REACH_PX))
-    places = predicted(plate, found.stars, width_px=frame.width_px, height_px=frame.height_px)
+    plate, stars = coarse.plate, found.stars
+    reach_px = reach_of(coarse)
+    if reach.indexed is not None:
+        # found with the stars of the index, perhaps; those of the frame's own catalog are better or more
+        better = stars_of_frame(plate, look.measurements, catalog, epoch_yr)
+        stars = better if len(better) >= KEPT_SHARE * len(stars) else stars
+    places = predicted(plate, stars, width_px=frame.width_px, height_px=frame.height_px)
     again = time.monotonic()
     precise = look.measured_at(places.x_px, places.y_px, reach_px=reach_px)
     measure_s = looked_s + time.monotonic() - again
-    selection = Selection(precise, star_like(precise), found.stars, settings)
+    selection = Selection(precise, star_like(precise), stars, settings)
     reference = selection.refine(plate, reach_px)
     if reference is None or not sound(reference, selection, precise, plate, settings, reach_px):
         return AtAGlance(seen=seen, tried=tried, measure_s=measure_s)
     numbers = found.numbers | {"pairs": float(len(reference.pairs)), "seen": float(seen)}
     detail = f"{len(reference.pairs)} pairs, {reference.rejected} rejected, {tried} hypotheses, at a glance"
-    identified = replace(found, reference=reference, numbers=numbers, detail=detail)
+    identified = replace(found, reference=reference, stars=stars, numbers=numbers, detail=detail)
     return AtAGlance(identified, precise, seen, tried, measure_s)
-
-
-def _deviation_px(reference: Reference) -> float:
-    """Root mean square deviation of the pairs, pixels."""
-    square = reference.dxi_arcsec**2 + reference.deta_arcsec**2
-    return float(np.sqrt(np.mean(square))) / reference.plate.scale_arcsec_px()

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mountnav.catalog.reading_depth import depth_for, stars_deep_enough
 from mountnav.catalog.space_motion import unit_vectors
 from mountnav.catalog.stars import Catalog, Stars
-from mountnav.identification.area import magnitude_for, tiles
+from mountnav.identification.area import tiles
 from mountnav.sky.coordinates import Icrs
 
 Array = NDArray[np.float64]
@@ -79,8 +80,9 @@ class Patch:
         )
         self._off_deg = 2.0 * np.degrees(np.arcsin(np.minimum(np.linalg.norm(axes - axes[0], axis=1) / 2, 1)))
         cone_deg = min(float(self._off_deg.max()) + tile_deg, 180.0)
-        limit = magnitude_for(count, np.pi * tile_deg**2)
-        self.stars: Stars = catalog.cone(center, cone_deg, epoch_yr=epoch_yr, mag_limit=limit)
+        limit = depth_for(catalog, center, count, np.pi * tile_deg**2)
+        wanted = count * min((cone_deg / tile_deg) ** 2, 1e6)
+        self.stars: Stars = stars_deep_enough(catalog, center, cone_deg, limit, wanted, epoch_yr=epoch_yr)
         self._chord = 2.0 * float(np.sin(np.radians(tile_deg) / 2.0))
         self._axes, self._star_axes = axes, _axes(self.stars.ra_deg, self.stars.dec_deg)
         self._tree: cKDTree | None = None

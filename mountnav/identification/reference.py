@@ -125,6 +125,10 @@ def identified_pairs(reference: Reference, stars: Stars, measurements: Measureme
         flags=m.flags[measurement],
         used=np.arange(measurement.size) < len(reference.pairs),
         leverage=np.concatenate((reference.leverage, np.zeros(len(reference.outliers)))),
+        color_mag=stars.color_mag[star],
+        star_flags=stars.flags[star],
+        band=stars.band,
+        color_name=stars.color_name,
     )
 
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mountnav.catalog.packed import PackedStore
+from mountnav.catalog.reading_depth import depth_for
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Hint
 from mountnav.identification.full import Search
@@ -20,6 +22,11 @@ SURE_STARS = 8
 """With fewer stars than this a failure is laid to their number."""
 CLOUD_SHARE = 0.2
 """Fewer star-like sources than this share of the promised ones: something is in the way."""
+WHOLE_SKY_DEG2 = 41252.96
+DEEPER_FRAME = 10.0
+"""A frame with so many times the catalog's stars is deeper by some magnitudes."""
+MANY_STARS = 300
+"""With so many in a field nobody asks how many more a catalog has."""
 PROMISED_LEAST = 12
 """A promise of fewer stars than this says nothing about the sky's state."""
 WIDE_FWHM_PX = 9.0
@@ -88,8 +95,12 @@ def in_field(
     field_deg2 = width_px * height_px * side_deg**2
     # some fields wide, so that a star more or less means little
     radius_deg = min(max(hint.radius_deg, math.sqrt(2.0 * field_deg2 / math.pi)), 20.0)
-    stars = catalog.cone(hint.center, radius_deg, epoch_yr=epoch_yr, mag_limit=mag_limit)
-    return len(stars) * field_deg2 / (math.pi * radius_deg**2)
+    fields = math.pi * radius_deg**2 / field_deg2
+    # a deep catalog's stars needn't be read by the million to know that there are enough
+    deep = depth_for(catalog, hint.center, MANY_STARS, field_deg2)
+    limits = [one for one in (mag_limit, deep) if one is not None]
+    stars = catalog.cone(hint.center, radius_deg, epoch_yr=epoch_yr, mag_limit=min(limits, default=None))
+    return len(stars) / fields
 
 
 def refusal(
@@ -128,6 +139,20 @@ def refusal(
         f"{out_of_time_s:g} s spent on {_tried(search)}; likely: {likely.detail}",
         likely.numbers | {"budget_s": out_of_time_s},
     )
+
+
+def _mean_in_field(catalog: Catalog, hint: Hint, width_px: int, height_px: int) -> float | None:
+    """Stars in a field this size on the mean over the sky, for a frame whose place nobody knows."""
+    low, high = hint.scale_low_arcsec_px, hint.scale_high_arcsec_px
+    if not isinstance(catalog, PackedStore) or low is None or high is None or not 0 < low <= high:
+        return None
+    field_deg2 = width_px * height_px * low * high / 3600.0**2
+    return len(catalog) * field_deg2 / WHOLE_SKY_DEG2
+
+
+def _too_shallow(has: float, measured: int) -> bool:
+    """Whether the catalog has too few stars in a field; the neighbors' mean says little of one poor field."""
+    return has < SURE_STARS or (has < 2.0 * SURE_STARS and measured > DEEPER_FRAME * has)
 
 
 def _tried(search: Search) -> str:
@@ -195,11 +220,13 @@ def _likely(
         )
         return Refusal(Reason.TOO_FEW_MEASUREMENTS, f"{what}: expose longer, check focus and cover", numbers)
     tried = _tried(search)
-    if has is not None and has < settings.min_pairs:
+    if has is None:
+        has = _mean_in_field(catalog, hint, m.width_px, m.height_px)
+    if has is not None and _too_shallow(has, clean.size):
         return Refusal(
             Reason.CATALOG_TOO_SHALLOW,
-            f"{catalog.name} has about {has:.1f} stars in a field this size here, {settings.min_pairs} are "
-            f"needed: a deeper catalog or a wider field ({clean.size} stars measured, {tried})",
+            f"{catalog.name} has about {has:.1f} stars in a field this size, {SURE_STARS} are needed to "
+            f"be sure ({clean.size} stars measured, {tried})",
             numbers,
         )
     if search.best_probability < CHANCE_WORTH_TELLING:

@@ -26,6 +26,8 @@ from mountnav.solution import Contradiction, Reason
 if TYPE_CHECKING:
     from mountnav.identification.blind.index import BlindIndex
 
+INDEX_LEAST_DEG = 0.6
+"""Fields narrower than this are hardly ever found by the index."""
 NEAR_FIELDS = 3.0
 """A hinted radius of up to so many fields is searched tile by tile before the whole sky is."""
 
@@ -47,6 +49,9 @@ class Reach:
         Hypotheses of an earlier search for the same frame: each was one more chance to be fooled.
     rough : bool
         A plate to find stars by is enough.
+    indexed : Catalog or None
+        The catalog that the index was made of, if frames are identified with another one: what the index
+        proposes is judged by its own stars.
     """
 
     index: BlindIndex | None = None
@@ -54,6 +59,7 @@ class Reach:
     thorough: bool = True
     tried: int = 0
     rough: bool = False
+    indexed: Catalog | None = None
 
 
 def identify(
@@ -103,8 +109,9 @@ def identify(
             flagged = clean.size < every.size
             for step in _steps(believed, placed, index, measurements, settings, reach, flagged=flagged):
                 usable = every if step.flagged or (step.turn is None and clean.size < 8) else clean
+                stars_of = catalog if step.turn is not None or reach.indexed is None else reach.indexed
                 found = _attempt(
-                    step, measurements, usable, catalog, index, epoch_yr, settings, search, rough=reach.rough
+                    step, measurements, usable, stars_of, index, epoch_yr, settings, search, rough=reach.rough
                 )
                 if found is not None:
                     return found
@@ -126,7 +133,7 @@ def identify(
             empty,
             search,
         )
-    likeliest = placed[0] if placed else Hint()
+    likeliest = placed[0] if placed else replace(believed[0], center=None)
     why = refusal(measurements, catalog, likeliest, search, settings, epoch_yr=epoch_yr, out_of_time_s=late)
     return _refused(why, search.best_probability, empty, search)
 
@@ -166,13 +173,15 @@ def _steps(
                 yield _Step(turn, one.center)
 
     only = reach.blind == "only"
-    near = all(_is_near(one, shorter_px) for one in placed)
+    # where the index has next to no stars it is asked last
+    narrow = reach.indexed is not None and too_narrow_for_index(placed, shorter_px)
+    near = narrow or all(_is_near(one, shorter_px) for one in placed)
     # the paper's own way is by triangles, where the hint says
     if index is not None and not only and settings.v_min_ident is None:
         yield from _asked_of_index(placed, first_only=near)
     if near:
         yield from part(0)
-    sky = index is not None and reach.blind != "never"
+    sky = index is not None and reach.blind != "never" and (reach.thorough or not narrow)
     if sky:
         yield from _whole_sky([] if only else believed)
     if not near and (reach.thorough or not sky):
@@ -200,6 +209,20 @@ def _whole_sky(believed: list[Hint]) -> Iterator[_Step]:
 def _scales(hint: Hint) -> tuple[float, float] | None:
     low, high = hint.scale_low_arcsec_px, hint.scale_high_arcsec_px
     return None if low is None and high is None else (low or 0.0, high or math.inf)
+
+
+def too_narrow_for_index(believed: list[Hint], shorter_px: int) -> bool:
+    """Whether, by all that is believed, the frame is narrower than what the index is made for.
+
+    Parameters
+    ----------
+    believed : list of Hint
+    shorter_px : int
+        The frame's shorter side.
+    """
+    highs = [one.scale_high_arcsec_px for one in believed]
+    known = [one for one in highs if one is not None]
+    return bool(highs) and len(known) == len(highs) and shorter_px * max(known) / 3600.0 < INDEX_LEAST_DEG
 
 
 def _is_near(hint: Hint, shorter_px: int) -> bool:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
-from mountnav.catalog.stars import Catalog
+from mountnav.catalog.reading_depth import stars_round
+from mountnav.catalog.stars import Catalog, Stars
 from mountnav.identification.anchor_count import Sources
 from mountnav.identification.anchored import anchored_odds
-from mountnav.identification.area import stars_round
 from mountnav.identification.confirmation import Witnesses
 from mountnav.identification.full import Hypothesis, Search, match_radius
 from mountnav.identification.identified import Identified
@@ -25,6 +26,10 @@ PLATE_STARS = 1000
 """Stars fetched for the plate, brightest first."""
 WORTH_COUNTING = 1e-5
 """Below this chance of one hypothesis the anchors are counted, if the search was too long for its odds."""
+LEAST_REACH_PX, MOST_REACH_PX = 2.5, 8.0
+"""How near to a predicted place its source is looked for: the coarse plate's own deviations, within these."""
+KEPT_SHARE = 0.7
+"""A catalog that loses more of the pairs than this leaves is not the better one here."""
 CENTER_SIGMA_PX = 2.0
 """A plate that leaves the frame's center less certain than this rests on a corner and is refused."""
 
@@ -64,8 +69,7 @@ def verified(
     """
     width, height = measurements.width_px, measurements.height_px
     x, y = measurements.x_px[usable], measurements.y_px[usable]
-    diagonal_deg = math.hypot(width, height) * one.plate.scale_arcsec_px() / 3600
-    stars = stars_round(catalog, one.plate.center(), 0.52 * diagonal_deg, PLATE_STARS, epoch_yr=epoch_yr)
+    stars = stars_of_frame(one.plate, measurements, catalog, epoch_yr)
     if len(stars) < settings.min_pairs:
         return None
     if settings.v_min_ident is not None:
@@ -118,6 +122,76 @@ def verified(
         probability,
         numbers,
     )
+
+
+def with_better_stars(
+    found: Identified,
+    measurements: Measurements,
+    usable: Index,
+    catalog: Catalog,
+    epoch_yr: float,
+    settings: IdentificationSettings,
+) -> Identified:
+    """Fit the plate anew to the stars of a more precise catalog than the one that it was found with.
+
+    Parameters
+    ----------
+    found : Identified
+        With a reference; it is sure already, and its odds stay.
+    measurements : Measurements
+        Those its pairs point into.
+    usable : ndarray of int
+    catalog : Catalog
+    epoch_yr : float
+        Julian year of the frame.
+    settings : IdentificationSettings
+
+    Returns
+    -------
+    Identified
+        The same as given where the other catalog's stars don't hold a plate as well.
+    """
+    reference = found.reference
+    assert reference is not None
+    plate = reference.plate
+    stars = stars_of_frame(plate, measurements, catalog, epoch_yr)
+    if len(stars) < settings.min_pairs:
+        return found
+    reach_px = reach_of(reference)
+    selection = Selection(measurements, usable, stars, settings)
+    again = selection.refine(plate, reach_px)
+    if again is None or len(again.pairs) < KEPT_SHARE * len(reference.pairs):
+        return found
+    if not sound(again, selection, measurements, plate, settings, reach_px):
+        return found
+    return replace(found, reference=again, stars=stars)
+
+
+def stars_of_frame(plate: Plate, measurements: Measurements, catalog: Catalog, epoch_yr: float) -> Stars:
+    """The stars that a plate may rest on, brightest first.
+
+    Parameters
+    ----------
+    plate : Plate
+    measurements : Measurements
+        For the frame's size.
+    catalog : Catalog
+    epoch_yr : float
+        Julian year of the frame.
+
+    Returns
+    -------
+    Stars
+    """
+    diagonal_deg = math.hypot(measurements.width_px, measurements.height_px) * plate.scale_arcsec_px() / 3600
+    return stars_round(catalog, plate.center(), 0.52 * diagonal_deg, PLATE_STARS, epoch_yr=epoch_yr)
+
+
+def reach_of(reference: Reference) -> float:
+    """How far from its predicted place a star may be found, pixels, by the deviations of the pairs so far."""
+    square = reference.dxi_arcsec**2 + reference.deta_arcsec**2
+    off_px = float(np.sqrt(np.mean(square))) / reference.plate.scale_arcsec_px()
+    return float(np.clip(1.5 + 4.0 * off_px, LEAST_REACH_PX, MOST_REACH_PX))
 
 
 def sound(

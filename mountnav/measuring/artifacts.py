@@ -11,7 +11,8 @@ from mountnav.measuring.background import Image
 from mountnav.measuring.bleeds import Bleed, Blob, find_bleeds, find_blobs
 from mountnav.measuring.detection import Peaks, Smoothed
 from mountnav.measuring.measurements import Flag
-from mountnav.measuring.trails import Trail, find_trails
+from mountnav.measuring.trail import Trail
+from mountnav.measuring.trails import find_trails
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.measuring.profile import Bell, Fit, Stamps, covariances, fit_bells
+from mountnav.measuring.descent import Fit, covariances, fit_bells
+from mountnav.measuring.stamps import Stamps
+from mountnav.measuring.star_shape import Bell
 
 Array = NDArray[np.float64]
 

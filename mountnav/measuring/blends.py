@@ -9,15 +9,9 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from mountnav.measuring.background import Image
-from mountnav.measuring.profile import (
-    Bell,
-    Profiles,
-    Shape,
-    cut_stamps,
-    fit_profiles,
-    inverse_widths,
-    light_on,
-)
+from mountnav.measuring.profile import Profiles, fit_profiles, inverse_widths, light_on
+from mountnav.measuring.stamps import cut_stamps
+from mountnav.measuring.star_shape import Bell, Shape
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

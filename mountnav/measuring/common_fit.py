@@ -11,7 +11,10 @@ from scipy import ndimage
 from mountnav.measuring.background import Image
 from mountnav.measuring.bell import with_noise_law
 from mountnav.measuring.common_image import CommonImage
-from mountnav.measuring.profile import Bell, Fit, Profiles, Stamps, covariances, cut_stamps
+from mountnav.measuring.descent import Fit, covariances
+from mountnav.measuring.profile import Profiles
+from mountnav.measuring.stamps import Stamps, cut_stamps
+from mountnav.measuring.star_shape import Bell
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

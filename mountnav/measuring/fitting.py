@@ -14,16 +14,9 @@ from mountnav.measuring.bell import learn_bell
 from mountnav.measuring.blends import typical_shape, untangle
 from mountnav.measuring.detection import Peaks
 from mountnav.measuring.pairs import find_pairs
-from mountnav.measuring.profile import (
-    FWHM_PER_SIGMA,
-    Bell,
-    Profiles,
-    Shape,
-    Stamps,
-    cut_stamps,
-    fit_profiles,
-    light_on,
-)
+from mountnav.measuring.profile import Profiles, fit_profiles, light_on
+from mountnav.measuring.stamps import Stamps, cut_stamps
+from mountnav.measuring.star_shape import FWHM_PER_SIGMA, Bell, Shape
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -27,10 +27,10 @@ from mountnav.measuring.detection import Peaks, Smoothed, find_peaks, smooth
 from mountnav.measuring.fitting import Fitted, fit_peaks, half_px, known_gain, nearest_other
 from mountnav.measuring.flags import Setting, judge
 from mountnav.measuring.measurements import Flag, Measurements
-from mountnav.measuring.profile import FWHM_PER_SIGMA, PIXEL_FWHM2, Shape
 from mountnav.measuring.quality import SkyQuality
 from mountnav.measuring.saturation import saturation_level
 from mountnav.measuring.settings import MeasuringSettings
+from mountnav.measuring.star_shape import FWHM_PER_SIGMA, PIXEL_FWHM2, Shape
 from mountnav.measuring.summary import (
     bell_image,
     ellipse_of,

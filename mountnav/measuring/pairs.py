@@ -8,18 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.measuring.background import Image
-from mountnav.measuring.profile import (
-    Bell,
-    Fit,
-    Pixels,
-    Profiles,
-    Reals,
-    Shape,
-    Stamps,
-    covariances,
-    cut_stamps,
-    fit_bells,
-)
+from mountnav.measuring.descent import Fit, Pixels, covariances, fit_bells
+from mountnav.measuring.profile import Profiles
+from mountnav.measuring.stamps import Stamps, cut_stamps
+from mountnav.measuring.star_shape import Bell, Reals, Shape
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -8,8 +8,8 @@ from scipy import ndimage
 
 from mountnav.measuring.background import Background
 from mountnav.measuring.measurements import Flag
-from mountnav.measuring.profile import Bell
 from mountnav.measuring.quality import SkyQuality, StarImages
+from mountnav.measuring.star_shape import Bell
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from mountnav.measuring.background import Image
 from mountnav.measuring.detection import Peaks
-from mountnav.measuring.profile import FWHM_PER_SIGMA
+from mountnav.measuring.star_shape import FWHM_PER_SIGMA
 
 _BRIGHTEST = 200
 _HALF_PX = 20

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 from mountnav.frames import Frame
 from mountnav.sky.coordinates import Apparent, Icrs
@@ -13,17 +14,68 @@ from mountnav.sky.coordinates import Apparent, Icrs
 Epoch = Literal["apparent", "icrs"]
 
 
+class PierSide(StrEnum):
+    """On which side of the pier the tube hangs, as ASCOM counts: east looks west, the normal posture."""
+
+    EAST = "east"
+    WEST = "west"
+    UNKNOWN = "unknown"
+
+
+class TrackingRate(StrEnum):
+    """How fast the hour angle axis follows."""
+
+    SIDEREAL = "sidereal"
+    LUNAR = "lunar"
+    SOLAR = "solar"
+    KING = "king"
+    CUSTOM = "custom"
+
+
+class Direction(StrEnum):
+    """Where a guide pulse moves the tube: north raises the declination, west the hour angle."""
+
+    NORTH = "n"
+    SOUTH = "s"
+    EAST = "e"
+    WEST = "w"
+
+
+class Skill(StrEnum):
+    """What a mount can do besides reading, slew, sync and stop."""
+
+    PARK = "park"
+    UNPARK = "unpark"
+    HOME = "home"
+    FIND_HOME = "find-home"
+    """Its home is found by a sensor: after that its position can be trusted."""
+    SET_PARK = "set-park"
+    TRACK = "track"
+    TRACKING_RATES = "tracking-rates"
+    GUIDE = "guide"
+    PIER_SIDE = "pier-side"
+    DESTINATION_SIDE = "destination-side"
+    CLOCK = "clock"
+    SET_CLOCK = "set-clock"
+    SITE = "site"
+    SET_SITE = "set-site"
+
+
 @dataclass(frozen=True, slots=True)
 class MountReading:
     """What the mount says of itself at `utc` (instant between question and answer).
 
     `place` is in the mount's own kind of coordinates: `Apparent` for JNow mounts, `Icrs` for J2000 mounts.
-    `slewing` is None where the mount was not asked.
+    Everything after it is None where the mount was not asked or can't tell.
     """
 
     place: Apparent | Icrs
     utc: datetime
     slewing: bool | None = None
+    tracking: bool | None = None
+    parked: bool | None = None
+    at_home: bool | None = None
+    pier_side: PierSide | None = None
 
 
 class SlewOutcome(StrEnum):
@@ -32,6 +84,84 @@ class SlewOutcome(StrEnum):
     ARRIVED = "arrived"
     STALLED = "stalled"
     STOPPED = "stopped"
+
+
+class SlewState(StrEnum):
+    """What the last order to move has come to, at any moment."""
+
+    NONE = "none"
+    ACCEPTED = "accepted"
+    UNDER_WAY = "under way"
+    ARRIVED = "arrived"
+    STALLED = "stalled"
+    STOPPED = "stopped"
+    REFUSED = "refused"
+    LOST = "lost"
+    """The mount can't be read any more: whether it still moves is not known."""
+
+
+class SyncOutcome(StrEnum):
+    """What a sync came to, by read-back. A refused one raises `DeviceRefused`."""
+
+    SEEN = "accepted and seen in the read-back"
+    LATE = "accepted and applied late"
+    IGNORED = "accepted and ignored"
+
+
+@dataclass(frozen=True, slots=True)
+class SyncResult:
+    """A sync and what its read-back showed.
+
+    Attributes
+    ----------
+    outcome : SyncOutcome
+    read_back : MountReading
+        The last one.
+    miss_arcsec : float
+        Between it and the place that was synced.
+    after_s : float
+        How long after the order it was taken.
+    """
+
+    outcome: SyncOutcome
+    read_back: MountReading
+    miss_arcsec: float
+    after_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class ConnectReport:
+    """What connecting found, and how it compares with what we know. Nothing was set unless it says so.
+
+    Attributes
+    ----------
+    identity : str
+        What the mount calls itself: product, firmware, dialect.
+    epoch : {"apparent", "icrs"}
+        Kind of coordinates it is taken to speak.
+    clock_off_s : float or None
+        The mount's clock minus ours.
+    site_off_arcsec : float or None
+        Its place on Earth from ours, on the sphere.
+    latitude_off_deg, longitude_off_deg : float or None
+        Its minus ours; longitudes east.
+    trusted : bool
+        Whether its position counts.
+    problems : tuple of str
+        What an operator should know, in words with numbers.
+    done : tuple of str
+        What was set because the configuration says so.
+    """
+
+    identity: str
+    epoch: Epoch
+    clock_off_s: float | None = None
+    site_off_arcsec: float | None = None
+    latitude_off_deg: float | None = None
+    longitude_off_deg: float | None = None
+    trusted: bool = True
+    problems: tuple[str, ...] = ()
+    done: tuple[str, ...] = ()
 
 
 class Mount(Protocol):
@@ -68,12 +198,65 @@ class Mount(Protocol):
         """Go there; return when at rest (arrived, stalled or stopped). `DeviceRefused` when it says no."""
         ...
 
-    async def sync(self, place: Apparent | Icrs) -> None:
-        """Tell the mount that it points there. Raises `DeviceRefused` when it says no. No read-back here."""
+    async def sync(self, place: Apparent | Icrs) -> SyncResult:
+        """Tell the mount that it points there, once, and read back. `DeviceRefused` when it says no."""
         ...
 
     async def stop(self) -> None:
         """Stop all motion now. Own path: never queued behind another exchange."""
+        ...
+
+
+@runtime_checkable
+class Trusts(Protocol):
+    """A mount that knows whether its own position counts; an untrusted one refuses to slew or park."""
+
+    @property
+    def trusted(self) -> bool:
+        """False after power-up, reboot or a lost link, until a sync was seen or its home was found."""
+        ...
+
+    def trust(self) -> None:
+        """An operator's word that the position is right."""
+        ...
+
+
+@runtime_checkable
+class Announces(Protocol):
+    """A mount that tells what happens to its link and its position, unasked."""
+
+    def listen(self, listener: Callable[[str, Mapping[str, object]], None]) -> None:
+        """Tell `listener(what, facts)` of each: `link-silent`, `link-lost`, `link-back`, `untrusted`, ..."""
+        ...
+
+
+@runtime_checkable
+class Skilled(Protocol):
+    """A mount with skills; what it lacks raises `DeviceRefused` for `Refusal.UNSUPPORTED`."""
+
+    @property
+    def skills(self) -> frozenset[Skill]:
+        """What it can do, known after `open`."""
+        ...
+
+    async def park(self) -> SlewOutcome:
+        """Go to its park position and stay; return when it says it is parked."""
+        ...
+
+    async def unpark(self) -> None:
+        """Be ready to move again; return when it says so."""
+        ...
+
+    async def home(self) -> SlewOutcome:
+        """Go to (or find) its home; return when there."""
+        ...
+
+    async def set_tracking(self, on: bool, rate: TrackingRate = TrackingRate.SIDEREAL) -> None:
+        """Follow the sky, or rest; return when the mount says so."""
+        ...
+
+    async def guide(self, direction: Direction, duration_s: float) -> None:
+        """Move at the guide rate for a moment; return when that is over."""
         ...
 
 

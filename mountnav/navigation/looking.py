@@ -1,136 +1,203 @@
-"""A look: read the mount, expose, read again, solve, compare: one frame, one instant, one kind of place."""
+"""A look: read the mount, expose, read again, solve, compare: one frame, one instant, one kind of place.
+
+Whatever comes of it is written down before anything is decided by it.
+"""
 
 from __future__ import annotations
 
-import asyncio
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from datetime import datetime
-from typing import Protocol
-from uuid import uuid4
+from datetime import datetime, timedelta
+from typing import Literal
 
-from mountnav.catalog.stars import Catalog
-from mountnav.errors import BadFrame, MountMoved, NotSolved
+from mountnav.errors import BadFrame, MountMoved
 from mountnav.frames import Frame, Hint
+from mountnav.journal.records import because, new_id
 from mountnav.measuring.quality import SkyQuality
-from mountnav.navigation.devices import Camera, Mount, MountReading
+from mountnav.navigation.devices import MountReading
+from mountnav.navigation.equipment import Equipment, Listener, Solve, in_thread
 from mountnav.navigation.kinds import from_mount
+from mountnav.navigation.looks_written import record_of
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.reports import Look
+from mountnav.navigation.steps import step
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, offset_arcsec, separation_arcsec
 from mountnav.solution import Verdict
-from mountnav.solve_settings import SolveSettings
-
-Listener = Callable[[str, dict[str, object]], None]
-
-
-class Solve(Protocol):
-    """Finds out where a frame was taken, while everything else goes on: a stop never waits for it."""
-
-    async def __call__(self, frame: Frame, hint: Hint, settings: SolveSettings) -> Verdict:
-        """Answer with a verdict, as `mountnav.solve.solve` does."""
-        ...
-
-
-def in_thread(catalog: Catalog) -> Solve:
-    """Solve in a thread of this process, for whoever has no solver of his own.
-
-    Parameters
-    ----------
-    catalog : Catalog
-
-    Returns
-    -------
-    Solve
-        Cancelling it frees the caller at once; the thread goes on to its end.
-    """
-    from mountnav.solve import solve  # a service that has a solver needs none of its parts
-
-    async def solve_in_thread(frame: Frame, hint: Hint, settings: SolveSettings) -> Verdict:
-        return await asyncio.to_thread(solve, frame, catalog, hint=hint, settings=settings)
-
-    return solve_in_thread
 
 
 @dataclass(frozen=True, slots=True)
-class Instruments:
-    """The devices, the solver and the settings of solving that a look needs."""
+class Shot:
+    """How one frame is taken and searched.
 
-    mount: Mount
-    camera: Camera
-    solve: Solve
-    solving: SolveSettings
+    Attributes
+    ----------
+    exposure_s : float
+    radius_deg : float
+        How far from the mount's belief it is sought.
+    blind : {"after", "only", "never"} or None
+        Instead of the solver's settings.
+    scale : {"learned", "settings", "any"}
+        What is believed of the scale.
+    used : str
+        What it is for; the journal tells.
+    """
+
+    exposure_s: float
+    radius_deg: float
+    blind: Literal["after", "only", "never"] | None = None
+    scale: Literal["learned", "settings", "any"] = "learned"
+    used: str = "look"
 
 
-async def look(
-    instruments: Instruments, policy: CenteringPolicy, listen: Listener, *, exposure_s: float | None = None
-) -> Look:
-    """Expose and solve, with the mount read before and after the exposure.
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """A frame that could be used; solved when `look` is set."""
+
+    verdict: Verdict
+    believed: Icrs
+    width_px: int
+    look: Look | None
+
+
+async def take(equipment: Equipment, policy: CenteringPolicy, shot: Shot, *, attempt: int = 1) -> Taken:
+    """Expose and solve one frame, with the mount read before and after the exposure.
 
     Parameters
     ----------
-    instruments : Instruments
+    equipment : Equipment
     policy : CenteringPolicy
-    listen : callable
-        Told of each step: ``listen(kind, data)``.
-    exposure_s : float, optional
-        Instead of the policy's.
+    shot : Shot
+    attempt : int
+        For those who listen.
 
     Returns
     -------
-    Look
+    Taken
 
     Raises
     ------
     MountMoved
         The mount's readings before and after differ by more than its own resolution and the policy allow,
-        or it says that it is slewing.
+        it says that it is slewing, or it was ordered to move meanwhile.
     BadFrame
         The frame tells no time of exposure, or one that doesn't lie between the two readings.
-    NotSolved
-        `policy.solve_retries` frames in a row gave no solution; nothing was moved.
+    DeviceError, JournalFailed
     """
-    seconds = policy.exposure_s if exposure_s is None else exposure_s
-    last: Verdict | None = None
-    for attempt in range(1, policy.solve_retries + 1):
-        listen("exposing", {"exposure_s": seconds, "attempt": attempt})
-        before = await instruments.mount.reading()
-        frame = await instruments.camera.expose(seconds)
-        after = await instruments.mount.reading()
-        middle = _mid_exposure(frame, policy, before, after)
-        _refuse_motion(instruments.mount, policy, before, after)
-        believed = _at_instant(before, after, middle)
-        hint = _hint(believed, policy)
-        listen("solving", {"source": frame.source})
-        last = await instruments.solve(frame, hint, instruments.solving)
-        if last.solution is not None:
-            seen = last.solution.icrs_at((frame.width_px - 1) / 2, (frame.height_px - 1) / 2)
-            found = Look(
-                look_id=uuid4().hex,
-                verdict=last,
-                solution=last.solution,
-                seen=seen,
-                believed=believed,
-                offset=offset_arcsec(seen, believed),
+    look_id = new_id()
+    with because(look_id=look_id):
+        equipment.listen("exposing", {"exposure_s": shot.exposure_s, "attempt": attempt})
+        segment_id, model_id = equipment.mount.segment_id, equipment.pointing.model_id
+        step("look begin")
+        before = await equipment.mount.reading()
+        step("look read")
+        frame = await equipment.camera.expose(shot.exposure_s)
+        step("look exposed")
+        after = await equipment.mount.reading()
+        step("look read again")
+
+        async def write(
+            verdict: Verdict | None, found: Look | None, refused: tuple[str, str] | None = None
+        ) -> None:
+            utc = after.utc if frame.mid_exposure_utc is None else frame.mid_exposure_utc
+            record = record_of(
+                equipment,
+                look_id=look_id,
+                utc=utc,
                 before=before,
                 after=after,
-                mid_exposure_utc=middle,
+                frame=frame,
+                exposure_s=shot.exposure_s,
+                used=shot.used,
+                segment_id=segment_id,
+                model_id=model_id,
+                verdict=verdict,
+                look=found,
+                refused=refused,
             )
-            listen("solved", _solved_facts(found))
-            return found
-        listen("not-solved", {"reason": str(last.reason), "detail": last.detail, "measured": last.measured})
-    assert last is not None
-    raise NotSolved(
-        f"{policy.solve_retries} frame(s) could not be identified: {last.reason} ({last.detail})",
-        device=instruments.camera.name,
-        advice="nothing was moved or synced; check focus, cloud, exposure and the configured scale",
+            await equipment.journal.look(record)
+            step("look written")
+
+        try:
+            middle = _mid_exposure(frame, shot.exposure_s, policy, before, after)
+            _refuse_motion(equipment, policy, before, after)
+        except (BadFrame, MountMoved) as error:
+            await write(None, None, (error.slug, error.what))
+            raise
+        believed = at_instant(before, after, middle)
+        equipment.listen("solving", {"source": frame.source})
+        verdict = await _solved(equipment, policy, shot, frame, believed)
+        step("look solved")
+        if verdict.solution is None:
+            await write(verdict, None)
+            equipment.listen("not-solved", not_solved_facts(verdict))
+            return Taken(verdict, believed, frame.width_px, None)
+        found = look_of(
+            frame,
+            verdict,
+            believed,
+            before,
+            after,
+            middle,
+            look_id=look_id,
+            segment_id=segment_id,
+            model_id=model_id,
+        )
+        await write(verdict, found)
+        equipment.listen("solved", solved_facts(found))
+        await equipment.guard.learn(found)
+        step("look learned")
+        return Taken(verdict, believed, frame.width_px, found)
+
+
+def look_of(
+    frame: Frame,
+    verdict: Verdict,
+    believed: Icrs,
+    before: MountReading,
+    after: MountReading,
+    middle: datetime,
+    *,
+    look_id: str,
+    segment_id: str,
+    model_id: str | None,
+) -> Look:
+    """A solved frame against the readings round it."""
+    assert verdict.solution is not None
+    seen = verdict.solution.icrs_at((frame.width_px - 1) / 2, (frame.height_px - 1) / 2)
+    return Look(
+        look_id=look_id,
+        verdict=verdict,
+        solution=verdict.solution,
+        seen=seen,
+        believed=believed,
+        offset=offset_arcsec(seen, believed),
+        before=before,
+        after=after,
+        mid_exposure_utc=middle,
+        exposure_s=frame.exposure_s,
+        width_px=frame.width_px,
+        height_px=frame.height_px,
+        segment_id=segment_id,
+        model_id=model_id,
     )
 
 
+async def _solved(
+    equipment: Equipment, policy: CenteringPolicy, shot: Shot, frame: Frame, believed: Icrs
+) -> Verdict:
+    solving = equipment.solving if shot.blind is None else replace(equipment.solving, blind=shot.blind)
+    hint = Hint(center=believed, radius_deg=shot.radius_deg, center_source="the mount's reading")
+    if shot.scale != "any" and policy.scale_arcsec_px is not None:
+        low, high = (policy.scale_arcsec_px * (1 + sign * policy.scale_tolerance) for sign in (-1, 1))
+        hint = replace(hint, scale_low_arcsec_px=low, scale_high_arcsec_px=high, scale_source="the settings")
+    if shot.scale == "learned":
+        hint = equipment.guard.learned.hint(hint)
+    return await equipment.solve(frame, hint, solving)
+
+
 def _mid_exposure(
-    frame: Frame, policy: CenteringPolicy, before: MountReading, after: MountReading
+    frame: Frame, asked_s: float, policy: CenteringPolicy, before: MountReading, after: MountReading
 ) -> datetime:
     """The frame's mid-exposure; a frame of another time, say from before the last slew, is never used."""
     if frame.mid_exposure_utc is None:
@@ -139,21 +206,28 @@ def _mid_exposure(
             advice="let the camera write DATE-OBS and EXPTIME: without them a look can't be compared",
         )
     middle = frame.mid_exposure_utc
-    early_s = (before.utc - middle).total_seconds()
-    late_s = (middle - after.utc).total_seconds()
-    if max(early_s, late_s) > policy.max_clock_error_s:
-        when = f"{early_s:.1f} s before" if early_s > 0 else f"{late_s:.1f} s after"
-        raise BadFrame(
-            f"{frame.source}: exposed {when} the time it was asked for",
-            advice="is it an older frame, or does the camera's clock differ from this machine's?",
-        )
+    half = timedelta(seconds=0.5 * (asked_s if frame.exposure_s is None else frame.exposure_s))
+    for early, late in (
+        ((before.utc - middle).total_seconds(), (middle - after.utc).total_seconds()),
+        ((before.utc - (middle - half)).total_seconds(), (middle + half - after.utc).total_seconds()),
+    ):
+        if max(early, late) > policy.max_clock_error_s:
+            when = f"{early:.1f} s before" if early > late else f"{late:.1f} s after"
+            raise BadFrame(
+                f"{frame.source}: exposed {when} the time it was asked for",
+                advice="is it an older frame, or does the camera's clock differ from this machine's?",
+            )
     return middle
 
 
-def _refuse_motion(mount: Mount, policy: CenteringPolicy, before: MountReading, after: MountReading) -> None:
+def _refuse_motion(
+    equipment: Equipment, policy: CenteringPolicy, before: MountReading, after: MountReading
+) -> None:
+    mount = equipment.mount
     moved = separation_arcsec(from_mount(before.place), from_mount(after.place))
     allowed = policy.max_motion_arcsec + mount.resolution_arcsec
-    if moved > allowed or before.slewing or after.slewing:
+    ordered = mount.last_motion_utc is not None and mount.last_motion_utc > before.utc
+    if moved > allowed or before.slewing or after.slewing or ordered:
         raise MountMoved(
             f"the mount moved {moved:.0f}″ during the exposure (allowed {allowed:.0f}″)",
             device=mount.name,
@@ -161,7 +235,7 @@ def _refuse_motion(mount: Mount, policy: CenteringPolicy, before: MountReading, 
         )
 
 
-def _at_instant(before: MountReading, after: MountReading, instant: datetime) -> Icrs:
+def at_instant(before: MountReading, after: MountReading, instant: datetime) -> Icrs:
     """The reading at mid-exposure, on the great circle between the two readings' places."""
     first, second = from_mount(before.place), from_mount(after.place)
     span_s = (after.utc - before.utc).total_seconds()
@@ -170,13 +244,9 @@ def _at_instant(before: MountReading, after: MountReading, instant: datetime) ->
     return displaced(first, share * way.east_arcsec, share * way.north_arcsec)
 
 
-def _hint(believed: Icrs, policy: CenteringPolicy) -> Hint:
-    """What the mount believes about the frame's center; the policy's scale where it is set."""
-    hint = Hint(center=believed, radius_deg=policy.search_radius_deg, center_source="the mount's reading")
-    if policy.scale_arcsec_px is not None:
-        low, high = (policy.scale_arcsec_px * (1 + sign * policy.scale_tolerance) for sign in (-1, 1))
-        hint = replace(hint, scale_low_arcsec_px=low, scale_high_arcsec_px=high, scale_source="the settings")
-    return hint
+def not_solved_facts(verdict: Verdict) -> dict[str, object]:
+    """What an unsolved frame tells."""
+    return {"reason": str(verdict.reason), "detail": verdict.detail, "measured": verdict.measured}
 
 
 def _sky(quality: SkyQuality | None) -> dict[str, object]:
@@ -191,7 +261,8 @@ def _sky(quality: SkyQuality | None) -> dict[str, object]:
     }
 
 
-def _solved_facts(found: Look) -> dict[str, object]:
+def solved_facts(found: Look) -> dict[str, object]:
+    """What a solved look tells."""
     solution = found.solution
     sigma = solution.center_sigma_arcsec
     return {
@@ -211,3 +282,17 @@ def _solved_facts(found: Look) -> dict[str, object]:
         "contradictions": [str(one) for one in found.verdict.contradictions],
         **_sky(found.verdict.quality),
     }
+
+
+__all__ = [
+    "Listener",
+    "Shot",
+    "Solve",
+    "Taken",
+    "at_instant",
+    "in_thread",
+    "look_of",
+    "not_solved_facts",
+    "solved_facts",
+    "take",
+]

@@ -2,56 +2,58 @@
 
 from __future__ import annotations
 
-import asyncio
-import time
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from dataclasses import replace
+from datetime import datetime
 
 from mountnav.catalog.stars import Catalog
-from mountnav.errors import (
-    Busy,
-    Cancelled,
-    DeviceError,
-    DeviceGarbled,
-    DeviceMissing,
-    DeviceSilent,
-    MountMoved,
-    SyncIgnored,
-    TargetNotReached,
-)
-from mountnav.navigation.devices import Camera, Mount, SlewOutcome
+from mountnav.clock import Clock, SystemClock
+from mountnav.errors import NotReached, TargetNotReached
+from mountnav.frames import Frame
+from mountnav.journal.records import Journal, Unwritten
+from mountnav.navigation.between_frames import WITHIN, By, correct, frame_look
+from mountnav.navigation.center_in_time import center_in_time
+from mountnav.navigation.devices import Camera, Mount
+from mountnav.navigation.equipment import Listener, Solve, equipped, in_thread
 from mountnav.navigation.kinds import for_mount, from_mount
-from mountnav.navigation.looking import Instruments, Listener, Solve, in_thread
-from mountnav.navigation.looking import look as take_look
-from mountnav.navigation.policy import CenteringPolicy
-from mountnav.navigation.recovering import agreement_arcsec, everywhere, require_above_ground
+from mountnav.navigation.learned import Learned
+from mountnav.navigation.looking import at_instant
+from mountnav.navigation.mount_orders import MountOrders
+from mountnav.navigation.one_at_a_time import OneAtATime
+from mountnav.navigation.policy import CenteringPolicy, CorrectBy
+from mountnav.navigation.recovering import recover, require_away_from_pole
 from mountnav.navigation.reports import (
-    CenterOutcome,
     CenterReport,
+    Corrected,
+    FrameLook,
     Look,
     RecoverReport,
     SlewReport,
-    SyncOutcome,
     SyncReport,
     TelescopeState,
-    Try,
+    ToldReport,
 )
-from mountnav.pointing.limits import Limits
-from mountnav.pointing.plausible import check_offset
-from mountnav.sky.chain import icrs_to_observed
-from mountnav.sky.coordinates import Air, Icrs, Site, utc_now
-from mountnav.sky.sphere import displaced, offset_arcsec, separation_arcsec
+from mountnav.navigation.slewing import Slewing
+from mountnav.navigation.states import state_of
+from mountnav.navigation.sync_policy import SyncPolicy
+from mountnav.navigation.syncing import GuardedSync, Occasion
+from mountnav.navigation.telling import sync_to
+from mountnav.navigation.unsolved import Persistent, cheap
+from mountnav.pointing.in_force import NoModel, Pointing
+from mountnav.pointing.limits import Limits, Mounting
+from mountnav.sky.coordinates import Air, Icrs, Site
+from mountnav.sky.sphere import displaced
+from mountnav.solution import Verdict
 from mountnav.solve_settings import SolveSettings
 
 
-class Navigator:
+class Navigator(MountOrders):
     """Moves one telescope by what its camera sees.
 
     Parameters
     ----------
     name : str
     mount : Mount
+        The driver; from now on only `self.mount`, which checks and writes down each order, may be used.
     camera : Camera
     catalog : Catalog
     site : Site
@@ -63,6 +65,19 @@ class Navigator:
         How frames are calibrated, measured and identified.
     solve : Solve, optional
         Who solves them; a thread of this process with the catalog if left out.
+    limits : Limits, optional
+        The policy's lowest altitude alone, if left out.
+    sync : SyncPolicy, optional
+    journal : Journal, optional
+    clock : Clock, optional
+    pointing : Pointing, optional
+        The pointing model in force.
+    apply_model : bool
+        Whether slews are aimed by it.
+    learned : Learned, optional
+        What is known of the camera already.
+    mounting : {"german", "fork", "altaz"}, optional
+        None: not known.
     """
 
     def __init__(
@@ -78,135 +93,184 @@ class Navigator:
         listen: Listener,
         solving: SolveSettings | None = None,
         solve: Solve | None = None,
+        limits: Limits | None = None,
+        sync: SyncPolicy | None = None,
+        journal: Journal | None = None,
+        clock: Clock | None = None,
+        pointing: Pointing | None = None,
+        apply_model: bool = True,
+        learned: Learned | None = None,
+        mounting: Mounting | None = None,
     ) -> None:
         self.name = name
         self.policy = policy
-        self.mount = mount
         self.camera = camera
-        self._instruments = Instruments(
-            mount, camera, solve or in_thread(catalog), solving or SolveSettings()
+        self._equipment = equipped(
+            name=name,
+            mount=mount,
+            camera=camera,
+            solve=solve or in_thread(catalog),
+            solving=solving or SolveSettings(),
+            site=site,
+            air=air,
+            limits=limits or Limits(min_altitude_deg=policy.min_altitude_deg),
+            rules=_rules(sync, policy),
+            journal=journal or Unwritten(),
+            clock=clock or SystemClock(),
+            pointing=pointing or NoModel(),
+            learned=learned or Learned(mounting=mounting),
+            mounting=mounting,
+            listen=listen,
+            apply_model=apply_model,
         )
-        self._site = site
-        self._air = air
-        self._limits = Limits(min_altitude_deg=policy.min_altitude_deg)
-        self._listen = listen
-        self._activity = "idle"
-        self._connected = False
-        self._problem: str | None = None
+        checked = self._equipment.mount
+        super().__init__(checked, OneAtATime(name, checked, camera, listen))
+        self._slewing = Slewing(self._equipment)
+
+    # -- what is known -------------------------------------------------------------------------------
 
     @property
     def solving(self) -> SolveSettings:
         """How frames are calibrated, measured and identified."""
-        return self._instruments.solving
+        return self._equipment.solving
 
-    async def open(self) -> None:
-        """Open camera and mount. Nothing moves. Raises `DeviceError`."""
-        try:
-            await self.camera.open()
-            await self.mount.open()
-        except DeviceError as error:
-            self._connected, self._problem = False, str(error)
-            raise
-        self._connected, self._problem = True, None
+    @property
+    def limits(self) -> Limits:
+        """Where it may point."""
+        return self.mount.limits
 
-    async def close(self) -> None:
-        """Release both devices."""
-        self._connected = False
-        try:
-            await self.mount.close()
-        finally:
-            await self.camera.close()
+    @property
+    def guard(self) -> GuardedSync:
+        """Its guarded sync, with what was learned of the camera and the pointing model in force."""
+        return self._equipment.guard
 
-    async def look(self, exposure_s: float | None = None) -> Look:
-        """Expose and solve; compare with the mount's belief. Moves nothing. Errors: see `looking.look`."""
-        async with self._motion("looking"):
-            return await self._look(exposure_s)
+    @property
+    def pointing(self) -> Pointing:
+        """The pointing model in force; may be replaced between two pieces of work."""
+        return self._equipment.guard.pointing
 
-    async def slew(self, target: Icrs) -> SlewReport:
-        """Go to `target` as the mount believes it.
+    @pointing.setter
+    def pointing(self, pointing: Pointing) -> None:
+        self._equipment.guard.pointing = pointing
+
+    @property
+    def learned(self) -> Learned:
+        """What solves have taught of the camera."""
+        return self._equipment.guard.learned
+
+    async def state(self) -> TelescopeState:
+        """Where the telescope believes it points, and what it does. Never raises for device trouble."""
+        return await state_of(
+            self._equipment,
+            activity=self._work.activity,
+            connected=self._work.connected,
+            problem=self._work.problem,
+        )
+
+    def believed(self, utc: datetime) -> Icrs | None:
+        """Where the mount believed to point at `utc`; None when it wasn't read round that time."""
+        around = self._equipment.readings.around(utc, utc, WITHIN)
+        return None if around is None else at_instant(around.before, around.after, utc)
+
+    # -- looks and syncs -----------------------------------------------------------------------------
+
+    async def look(self, exposure_s: float | None = None, *, persistent: bool = False) -> Look:
+        """Expose and solve; compare with the mount's belief. Moves nothing.
+
+        Parameters
+        ----------
+        exposure_s : float, optional
+            Instead of the policy's.
+        persistent : bool
+            Try all that the policy allows and nothing moves for; else another frame and longer exposures.
 
         Raises
         ------
-        OutsideLimits
-            Below the altitude limit; nothing moved.
-        DeviceRefused
-            The mount said no.
+        NotSolved, MountMoved, BadFrame, DeviceError, JournalFailed
         """
-        async with self._motion("slewing"):
-            return await self._slew(target, target)
+        policy = self.policy
+        persistence = policy.persistence if persistent else cheap(policy.persistence, policy.solve_retries)
+        async with self._work.work("looking"):
+            looking = Persistent(self._equipment, policy, persistence, used="look")
+            return (await looking.look(exposure_s)).look
+
+    async def frame(self, frame: Frame, verdict: Verdict, *, used: str = "night") -> FrameLook:
+        """Compare a frame that somebody else exposed with what the mount said round it. See `frame_look`."""
+        return await frame_look(self._equipment, self.policy, frame, verdict, used=used)
 
     async def sync(self) -> SyncReport:
         """Look, and tell the mount where it truly points; read back whether it believed it.
 
         Raises
         ------
-        OffsetImplausible
-            The offset is beyond `policy.max_sync_arcsec`; nothing was sent.
+        SyncRefused
+            What stands against it; nothing was sent.
+        DeviceRefused
+            It is parked: no frame is exposed for that.
+        SyncIgnored, NotSolved, MountMoved, BadFrame, DeviceError, JournalFailed
         """
-        async with self._motion("syncing"):
-            found = await self._look(None)
-            return await self._sync(found)
+        async with self._work.work("syncing"):
+            await self.mount.require_unparked("sync")
+
+            async def look() -> Look:
+                looking = Persistent(self._equipment, self.policy, self.policy.persistence, used="sync")
+                return (await looking.look()).look
+
+            found = await look()
+            require_away_from_pole(found, self.policy, device=self.name)
+            return await self.guard.commit(found, Occasion.ORDERED, look_again=look)
+
+    async def sync_to(self, place: Icrs) -> ToldReport:
+        """Tell the mount that it points at `place`, as somebody said: believed within bounds."""
+        async with self._work.work("syncing"):
+            return await sync_to(self._equipment, place)
 
     async def recover(self, exposure_s: float | None = None) -> RecoverReport:
-        """Find out where a mount points that doesn't know, and tell it. Never moves it.
+        """Find out where a mount points that doesn't know, and tell it. Never moves it. See `recover`."""
+        async with self._work.work("recovering"):
+            return await recover(self._equipment, self.policy, exposure_s)
 
-        A look, solved anywhere in the sky; its place must stand within the limits at this hour; a second
-        look, taken afterwards, must agree with it. Then the mount is synced on the second one, however far
-        that is from what it believed, and read back.
+    # -- motion --------------------------------------------------------------------------------------
 
-        Parameters
-        ----------
-        exposure_s : float, optional
-            Instead of the policy's.
-
-        Returns
-        -------
-        RecoverReport
+    async def slew(self, target: Icrs) -> SlewReport:
+        """Go to `target` as the mount, and the pointing model where one is in force, believe it.
 
         Raises
         ------
-        NotSolved, BadFrame, MountMoved
-            As a look does.
         OutsideLimits
-            The solved place is below the limit: clock, site or frame are wrong; nothing was synced.
-        OffsetImplausible
-            The two frames disagree; nothing was synced.
-        SyncIgnored, DeviceError
+            Target or way are not allowed; nothing moved.
+        DeviceRefused
+            The mount said no.
+        Cancelled, TargetNotReached, DeviceError, JournalFailed
         """
-        async with self._motion("recovering"):
-            began = time.monotonic()
-            self._listen("recovering", {})
-            first = await self._look(exposure_s, anywhere=True)
-            altitude_deg = require_above_ground(first, self._limits, self._site, self._air)
-            second = await self._look(exposure_s, anywhere=True)
-            apart = agreement_arcsec(first, second, self.policy, self.mount.resolution_arcsec)
-            believed_altitude_deg = icrs_to_observed(
-                second.believed, second.mid_exposure_utc, self._site, self._air
-            ).alt_deg
-            self._listen(
-                "confirmed",
-                {
-                    "look_id": second.look_id,
-                    "ra_deg": second.seen.ra_deg,
-                    "dec_deg": second.seen.dec_deg,
-                    "apart_arcsec": apart,
-                    "offset_arcsec": second.offset.total_arcsec,
-                    "altitude_deg": altitude_deg,
-                    "believed_altitude_deg": believed_altitude_deg,
-                },
-            )
-            done = await self._sync(second, confirmed=True)
-            return RecoverReport(
-                outcome=done.outcome,
-                first=first,
-                second=second,
-                apart_arcsec=apart,
-                altitude_deg=altitude_deg,
-                believed_altitude_deg=believed_altitude_deg,
-                read_back=done.read_back,
-                read_back_miss_arcsec=done.read_back_miss_arcsec,
-                elapsed_s=time.monotonic() - began,
-            )
+        async with self._work.work("slewing"):
+            aim = self._slewing.aimed(target, await self._slewing.side_at(target))
+            return await self._slewing.slew(target, aim)
+
+    async def would_slew(self, target: Icrs, *, after_stop: bool = False) -> None:
+        """Tell what a slew to `target` would be refused for now; nothing moves, nothing is written down.
+
+        Parameters
+        ----------
+        target : Icrs
+        after_stop : bool
+            As if what runs now had been stopped: it is no reason then.
+
+        Raises
+        ------
+        OutsideLimits, DeviceRefused, Busy, BadRequest, DeviceError
+        """
+        equipment = self._equipment
+        utc = equipment.clock.utc()
+        self.limits.check(target, utc, equipment.site, equipment.air)
+        aim = self._slewing.aimed(target, await self._slewing.side_at(target))
+        await self.mount.would_slew(for_mount(aim, self.mount.epoch, utc), after_stop=after_stop)
+
+    async def offset(self, east_arcsec: float, north_arcsec: float) -> SlewReport:
+        """Nudge: slew by so much on the sky, east and north positive. Errors: see `slew`."""
+        async with self._work.work("nudging"):
+            here = from_mount((await self.mount.reading()).place)
+            return await self._slewing.slew(displaced(here, east_arcsec, north_arcsec))
 
     async def center(
         self,
@@ -215,17 +279,21 @@ class Navigator:
         tolerance_arcsec: float | None = None,
         max_tries: int | None = None,
         timeout_s: float | None = None,
+        correct_by: CorrectBy | str | None = None,
+        planned_s: float | None = None,
+        key: str | None = None,
     ) -> CenterReport:
-        """Slew, look, sync, slew again, verify, until `target` is at the frame's center.
-
-        A mount that accepts syncs and ignores them is centered by an offset target instead
-        [POINTING §3.7].
+        """Slew, look, correct, slew again, verify, until `target` is at the frame's center.
 
         Parameters
         ----------
         target : Icrs
-        tolerance_arcsec, max_tries, timeout_s : optional
+        tolerance_arcsec, max_tries, timeout_s, correct_by : optional
             Instead of the policy's.
+        planned_s : float, optional
+            How long it is to be followed: the answer tells which limit comes before that.
+        key : str, optional
+            Its name, for the policy of syncs.
 
         Returns
         -------
@@ -234,235 +302,64 @@ class Navigator:
 
         Raises
         ------
-        OutsideLimits, NotSolved, OffsetImplausible, MountMoved, TargetNotReached, DeviceError
+        TargetNotReached
+            With the reason: tries, time, a tube that doesn't follow, ...
+        OutsideLimits, NotSolved, OffsetImplausible, SyncRefused, MountMoved, DeviceError, JournalFailed
         """
-        policy = replace(
-            self.policy,
-            tolerance_arcsec=self.policy.tolerance_arcsec if tolerance_arcsec is None else tolerance_arcsec,
-            max_tries=self.policy.max_tries if max_tries is None else max_tries,
-            timeout_s=self.policy.timeout_s if timeout_s is None else timeout_s,
-        )
-        async with self._motion("centering"):
-            tries: list[Try] = []
-            try:
-                async with asyncio.timeout(policy.timeout_s):
-                    return await self._center(target, policy, tries)
-            except TimeoutError:
-                await self._halt()
+        given = {
+            "tolerance_arcsec": tolerance_arcsec,
+            "max_tries": max_tries,
+            "timeout_s": timeout_s,
+            "correct_by": None if correct_by is None else CorrectBy(correct_by),
+        }
+        policy = replace(self.policy, **{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
+        async with self._work.work("centering"):
+            return await self._center(target, policy, planned_s, key)
+
+    async def flip(
+        self, target: Icrs, *, planned_s: float | None = None, key: str | None = None
+    ) -> CenterReport:
+        """Let a German mount change sides, and center `target` anew, whatever was synced before.
+
+        Raises
+        ------
+        TargetNotReached
+            Centered, and still on the same side (`NotReached.SIDE`); or as `center`.
+        """
+        async with self._work.work("flipping"):
+            before = (await self.mount.reading()).pier_side
+            report = await self._center(target, self.policy, planned_s, key)
+            if before is not None and report.side is before and not report.flipped:
                 raise TargetNotReached(
-                    f"not centered within {policy.timeout_s:.0f} s ({_last_error(tries)}); "
-                    "the mount was stopped",
+                    f"centered, but the tube still hangs {before} of the pier",
                     device=self.name,
-                    advice="allow more time, or see what took it in the job's attempts",
-                ) from None
+                    advice="the target must have crossed the meridian, by as much as the mount asks for",
+                    reason=NotReached.SIDE,
+                )
+            return report
 
-    async def stop(self) -> None:
-        """Stop the mount now, whatever else is going on; then end a running exposure."""
-        self._listen("stopping", {})
-        try:
-            await self.mount.stop()
-        finally:
-            await self.camera.abort()
-        self._listen("stopped", {})
+    async def correct(self, found: Look, *, by: By, target: Icrs | None, key: str | None = None) -> Corrected:
+        """Bring the telescope back by a look, between two frames. See `between_frames.correct`."""
+        async with self._work.work("correcting"):
+            return await correct(self._equipment, self._slewing, found, by=by, target=target, key=key)
 
-    async def state(self) -> TelescopeState:
-        """Where the telescope believes it points, and what it does. Never raises for device trouble."""
-        if not self._connected:
-            return TelescopeState(self.name, False, self._activity, None, None, None, None, self._problem)
-        try:
-            reading = await self.mount.reading()
-        except DeviceError as error:
-            return TelescopeState(self.name, False, self._activity, None, None, None, None, str(error))
-        icrs = from_mount(reading.place)
-        observed = icrs_to_observed(icrs, reading.utc, self._site, self._air)
-        return TelescopeState(
-            self.name, True, self._activity, reading, icrs, observed.alt_deg, observed.az_deg, self._problem
+    # -- inside --------------------------------------------------------------------------------------
+
+    async def _center(
+        self, target: Icrs, policy: CenteringPolicy, planned_s: float | None, key: str | None
+    ) -> CenterReport:
+        return await center_in_time(
+            self._equipment,
+            self._slewing,
+            target,
+            policy,
+            halt=self._work.halt,
+            planned_s=planned_s,
+            key=key,
         )
 
-    async def _center(self, target: Icrs, policy: CenteringPolicy, tries: list[Try]) -> CenterReport:
-        started = time.monotonic()
-        aim = target
-        await self._slew(target, aim)
-        while True:
-            began = time.monotonic()
-            found = await self._look(None)
-            error = offset_arcsec(found.seen, target)
-            centered = error.total_arcsec <= policy.tolerance_arcsec
-            last = len(tries) + 1 >= policy.max_tries
-            outcome: SyncOutcome | None = None
-            if not centered and not last:
-                try:
-                    outcome = (await self._sync(found)).outcome
-                except SyncIgnored:
-                    # The belief stays wrong, so aim beside the target by the error seen, on the sphere.
-                    outcome = SyncOutcome.IGNORED
-                    aim = displaced(aim, -error.east_arcsec, -error.north_arcsec)
-                else:
-                    aim = target
-                await self._slew(target, aim)
-            tries.append(
-                Try(
-                    number=len(tries) + 1,
-                    seen=found.seen,
-                    error_arcsec=error.total_arcsec,
-                    east_arcsec=error.east_arcsec,
-                    north_arcsec=error.north_arcsec,
-                    pairs=found.solution.pairs,
-                    rms_arcsec=found.solution.rms_arcsec,
-                    false_probability=found.solution.false_probability,
-                    synced=outcome is SyncOutcome.SEEN,
-                    sync_outcome=outcome,
-                    slewed=outcome is not None,
-                    elapsed_s=time.monotonic() - began,
-                )
-            )
-            self._listen("attempt", _facts(tries[-1]))
-            if centered:
-                return CenterReport(
-                    outcome=CenterOutcome.CENTERED,
-                    target=target,
-                    tries=tuple(tries),
-                    error_before_arcsec=tries[0].error_arcsec,
-                    error_after_arcsec=tries[-1].error_arcsec,
-                    error_sigma_arcsec=found.solution.center_sigma_arcsec,
-                    tolerance_arcsec=policy.tolerance_arcsec,
-                    elapsed_s=time.monotonic() - started,
-                )
-            if last:
-                raise TargetNotReached(
-                    f"still {error.total_arcsec:.0f}″ off after {len(tries)} looks "
-                    f"(tolerance {policy.tolerance_arcsec:.0f}″)",
-                    device=self.name,
-                    advice="does the mount's resolution allow this tolerance? is there backlash or slip?",
-                )
 
-    async def _look(self, exposure_s: float | None, *, anywhere: bool = False) -> Look:
-        if self.policy.settle_s > 0:
-            await asyncio.sleep(self.policy.settle_s)
-        instruments = self._instruments
-        if anywhere:
-            instruments = replace(instruments, solving=everywhere(instruments.solving))
-        return await take_look(instruments, self.policy, self._listen, exposure_s=exposure_s)
-
-    async def _slew(self, target: Icrs, aim: Icrs) -> SlewReport:
-        """Slew to `aim`; both the target and the aim are checked before anything is sent."""
-        now = utc_now()
-        for place in (target, aim):
-            self._limits.check(place, now, self._site, self._air)
-        self._listen("slewing", {"ra_deg": aim.ra_deg, "dec_deg": aim.dec_deg})
-        began = time.monotonic()
-        outcome = await self.mount.slew(for_mount(aim, self.mount.epoch, now))
-        reported = from_mount((await self.mount.reading()).place)
-        miss = separation_arcsec(reported, aim)
-        report = SlewReport(outcome, aim, reported, miss, time.monotonic() - began)
-        self._listen("slewed", {"outcome": str(outcome), "miss_arcsec": miss, "elapsed_s": report.elapsed_s})
-        if outcome is SlewOutcome.STOPPED:
-            raise Cancelled(
-                "the slew was stopped", device=self.mount.name, advice="send it again when it is safe"
-            )
-        if outcome is SlewOutcome.STALLED:
-            raise TargetNotReached(
-                f"the mount came to rest {miss:.0f}″ from where it was sent",
-                device=self.mount.name,
-                advice="look at the mount before the next slew: is an axis blocked or a clutch open?",
-            )
-        return report
-
-    async def _sync(self, found: Look, *, confirmed: bool = False) -> SyncReport:
-        """Send the solved place, unless the mount moved since its frame, and read back.
-
-        The offset must be one that an honest mount can have, unless a second frame confirmed it.
-        """
-        if not confirmed:
-            check_offset(found.offset, self.policy.max_sync_arcsec)
-        since = separation_arcsec(from_mount((await self.mount.reading()).place), found.believed)
-        if since > self.policy.max_motion_arcsec + self.mount.resolution_arcsec:
-            raise MountMoved(
-                f"the mount moved {since:.0f}″ between the frame and the sync",
-                device=self.mount.name,
-                advice="nothing was synced; look again",
-            )
-        self._listen(
-            "syncing",
-            {"look_id": found.look_id, "ra_deg": found.seen.ra_deg, "dec_deg": found.seen.dec_deg},
-        )
-        await self.mount.sync(for_mount(found.seen, self.mount.epoch, utc_now()))
-        read_back, miss = await self._read_back(found)
-        outcome = SyncOutcome.SEEN if self._followed(found, miss) else SyncOutcome.IGNORED
-        self._listen("synced", {"outcome": str(outcome), "read_back_miss_arcsec": miss})
-        if outcome is SyncOutcome.IGNORED:
-            raise SyncIgnored(
-                f"the sync was accepted, but the reading is {miss:.0f}″ from what was synced",
-                device=self.mount.name,
-                advice="is syncing allowed in the mount's present state?",
-            )
-        return SyncReport(outcome, found, read_back, miss)
-
-    async def _read_back(self, found: Look) -> tuple[Icrs, float]:
-        """Read until the sync shows, since some mounts apply it late; then the place and its distance."""
-        deadline = time.monotonic() + self.policy.sync_read_back_s
-        while True:
-            place = from_mount((await self.mount.reading()).place)
-            miss = separation_arcsec(place, found.seen)
-            if self._followed(found, miss) or time.monotonic() >= deadline:
-                return place, miss
-            await asyncio.sleep(0.2)
-
-    def _followed(self, found: Look, miss_arcsec: float) -> bool:
-        """Whether a reading `miss_arcsec` from the synced place shows the sync.
-
-        A quarter of the offset is left to the mount, but no more than the policy's bound; its own
-        resolution always. So a small sync that was ignored is still recognised.
-        """
-        share = min(0.25 * found.offset.total_arcsec, self.policy.sync_read_back_arcsec)
-        return miss_arcsec <= max(share, self.mount.resolution_arcsec + 5.0)
-
-    @asynccontextmanager
-    async def _motion(self, activity: str) -> AsyncIterator[None]:
-        """Hold the telescope for one piece of work; a second one is refused, not queued.
-
-        Work that is cancelled, or whose mount can't be trusted any more, leaves the mount stopped.
-        """
-        if self._activity != "idle":
-            raise Busy(f"busy {self._activity}", device=self.name, advice="wait for it, or stop it")
-        self._activity = activity
-        try:
-            yield
-        except asyncio.CancelledError:
-            await asyncio.shield(self._halt())
-            raise
-        except (DeviceSilent, DeviceGarbled, DeviceMissing):
-            await self._halt()
-            raise
-        finally:
-            self._activity = "idle"
-
-    async def _halt(self) -> None:
-        """Stop on the way out of trouble; the trouble itself is what the caller hears of."""
-        try:
-            await self.stop()
-        except DeviceError as error:
-            self._problem = f"could not be stopped: {error}"
-            self._listen("stop-failed", {"problem": str(error)})
-
-
-def _last_error(tries: list[Try]) -> str:
-    return f"last seen {tries[-1].error_arcsec:.0f}″ off" if tries else "no look was finished"
-
-
-def _facts(attempt: Try) -> dict[str, object]:
-    return {
-        "number": attempt.number,
-        "ra_deg": attempt.seen.ra_deg,
-        "dec_deg": attempt.seen.dec_deg,
-        "error_arcsec": attempt.error_arcsec,
-        "east_arcsec": attempt.east_arcsec,
-        "north_arcsec": attempt.north_arcsec,
-        "pairs": attempt.pairs,
-        "rms_arcsec": attempt.rms_arcsec,
-        "false_probability": attempt.false_probability,
-        "synced": attempt.synced,
-        "sync_outcome": None if attempt.sync_outcome is None else str(attempt.sync_outcome),
-        "slewed": attempt.slewed,
-        "elapsed_s": attempt.elapsed_s,
-    }
+def _rules(sync: SyncPolicy | None, policy: CenteringPolicy) -> SyncPolicy:
+    """The policy of syncs; the smaller of the two caps on their size holds."""
+    rules = sync or SyncPolicy(read_back_s=policy.sync_read_back_s)
+    return replace(rules, max_arcsec=min(rules.max_arcsec, policy.max_sync_arcsec))

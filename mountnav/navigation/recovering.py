@@ -6,21 +6,202 @@ mount woke up somewhere else, a second frame takes its place: two wrong solution
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Awaitable, Callable
 from dataclasses import replace
 
-from mountnav.errors import BadFrame, MountMoved, OffsetImplausible, OutsideLimits
+from mountnav.errors import (
+    BadFrame,
+    DeviceError,
+    DeviceRefused,
+    MountMoved,
+    MountnavError,
+    OffsetImplausible,
+    OutsideLimits,
+    SyncDoubt,
+    SyncRefused,
+)
+from mountnav.navigation.camera_samples import camera_sample
+from mountnav.navigation.devices import PierSide, Skill
+from mountnav.navigation.equipment import Equipment
+from mountnav.navigation.flipping import side_of
 from mountnav.navigation.policy import CenteringPolicy
-from mountnav.navigation.reports import Look
+from mountnav.navigation.reports import Look, RecoverReport
+from mountnav.navigation.steps import step
+from mountnav.navigation.syncing import Occasion
+from mountnav.navigation.tactics import Tactic
+from mountnav.navigation.unsolved import Persistent
 from mountnav.pointing.limits import Limits
 from mountnav.sky.chain import icrs_to_observed
 from mountnav.sky.coordinates import Air, Site
 from mountnav.sky.sphere import displaced, offset_arcsec, separation_arcsec
-from mountnav.solve_settings import SolveSettings
+
+MOST_LOOKS = 4
+"""So many frames are taken for two that agree: one in between may be wrong."""
 
 
-def everywhere(solving: SolveSettings) -> SolveSettings:
-    """The settings of solving, with the whole sky allowed: a recovery asks for it by name."""
-    return replace(solving, blind="after") if solving.blind == "never" else solving
+async def recover(
+    equipment: Equipment, policy: CenteringPolicy, exposure_s: float | None = None
+) -> RecoverReport:
+    """Find out where a mount points that doesn't know, and tell it. Never slews it.
+
+    A look, solved anywhere in the sky; its place must stand within the limits at this hour; a second look,
+    taken afterwards, must agree with it, or a third with one of the two. Then the mount is synced on the last
+    one, however far that is from what it believed, and read back. A mount that doesn't track is told to.
+
+    Raises
+    ------
+    NotSolved, BadFrame, MountMoved
+        As a look does.
+    OutsideLimits
+        The solved place is below the limit: clock, site or frame are wrong; nothing was synced.
+    OffsetImplausible
+        The frames disagree; nothing was synced.
+    SyncRefused
+        It points so near the pole that a frame doesn't tell the hour angle, or the posture of a German mount
+        is not known; or as `GuardedSync.commit`.
+    SyncIgnored, DeviceError, JournalFailed
+    """
+    equipment.listen("recovering", {})
+    switched_on = await _let_track(equipment)
+    try:
+        return await _recover(equipment, policy, exposure_s)
+    except Exception:
+        # nobody knows where it points: it must not be tracked to wherever that leads
+        if switched_on:
+            with contextlib.suppress(DeviceError):
+                await equipment.mount.set_tracking(False)
+        raise
+
+
+async def _recover(equipment: Equipment, policy: CenteringPolicy, exposure_s: float | None) -> RecoverReport:
+    clock, site, air = equipment.clock, equipment.site, equipment.air
+    began = clock.monotonic_s()
+    # nothing may be slewed, and each frame is asked anew with what the mount believes
+    resting = replace(
+        policy.persistence, tactics=policy.persistence.tactics - {Tactic.NEIGHBOR, Tactic.WIDER}
+    )
+
+    async def look() -> Look:
+        looking = Persistent(equipment, policy, resting, used="recovery", anywhere=True)
+        found = (await looking.look(exposure_s)).look
+        require_away_from_pole(found, policy, device=equipment.name)
+        return found
+
+    first, second, apart = await _agreeing(equipment, policy, look)
+    altitude_deg = require_above_ground(second, equipment.mount.limits, site, air)
+    require_known_posture(second, equipment)
+    believed = icrs_to_observed(second.believed, second.mid_exposure_utc, site, air)
+    equipment.listen(
+        "confirmed",
+        {
+            "look_id": second.look_id,
+            "ra_deg": second.seen.ra_deg,
+            "dec_deg": second.seen.dec_deg,
+            "apart_arcsec": apart,
+            "offset_arcsec": second.offset.total_arcsec,
+            "altitude_deg": altitude_deg,
+            "believed_altitude_deg": believed.alt_deg,
+        },
+    )
+    step("recovery confirmed")
+    done = await equipment.guard.commit(second, Occasion.RECOVERY)
+    return RecoverReport(
+        outcome=done.outcome,
+        first=first,
+        second=second,
+        apart_arcsec=apart,
+        altitude_deg=altitude_deg,
+        believed_altitude_deg=believed.alt_deg,
+        read_back=done.read_back,
+        read_back_miss_arcsec=done.read_back_miss_arcsec,
+        elapsed_s=clock.monotonic_s() - began,
+    )
+
+
+async def _agreeing(
+    equipment: Equipment, policy: CenteringPolicy, look: Callable[[], Awaitable[Look]]
+) -> tuple[Look, Look, float]:
+    """Look until a frame agrees with one before it; the earlier one, the later one, and how far apart."""
+    looks = [await look()]
+    require_above_ground(looks[0], equipment.mount.limits, equipment.site, equipment.air)
+    while True:
+        latest = await look()
+        said: MountnavError | None = None
+        for before in reversed(looks):
+            try:
+                apart = agreement_arcsec(before, latest, policy, equipment.mount.resolution_arcsec)
+            except (BadFrame, MountMoved, OffsetImplausible) as error:
+                said = said or error
+            else:
+                return before, latest, apart
+        looks.append(latest)
+        if len(looks) >= MOST_LOOKS and said is not None:
+            raise said
+
+
+async def _let_track(equipment: Equipment) -> bool:
+    """Let a mount follow the sky unless it says that it does; whether it was told to.
+
+    Two frames of a sky that runs through can't agree.
+    """
+    mount = equipment.mount
+    if Skill.TRACK not in mount.skills or (await mount.reading()).tracking is True:
+        return False
+    try:
+        await mount.set_tracking(True)
+    except DeviceRefused as error:
+        equipment.listen("not-tracking", {"why": error.what})
+        return False
+    return True
+
+
+def require_known_posture(found: Look, equipment: Equipment) -> None:
+    """Refuse to tell a German mount where it points while nobody knows how it stands.
+
+    It takes the place for the posture that it believes in. If that is the wrong one, its declination axis
+    turns the wrong way from then on, and its next slew goes anywhere. The image's rotation tells the posture,
+    once the camera's angle has been learned.
+
+    Raises
+    ------
+    SyncRefused
+    """
+    mounting, said = equipment.mount.mounting, side_of(found)
+    if mounting in ("fork", "altaz"):
+        return
+    learned = equipment.guard.learned
+    sample = camera_sample(found, equipment.site, equipment.air, mounting, lost=True)
+    seen = learned.side_seen(sample)
+    if said is not PierSide.UNKNOWN and said is seen:
+        return
+    raise SyncRefused(
+        f"the mount says that the tube hangs on the side {said}, the image's rotation says {seen}: "
+        "a sync in the wrong posture would turn its next slew the wrong way",
+        device=equipment.name,
+        advice="nothing was synced; home the mount, or put it at its park position, and trust it; "
+        "if it is no German mount, set mount.mounting",
+        doubts=(SyncDoubt.WRONG_SIDE,),
+    )
+
+
+def require_away_from_pole(found: Look, policy: CenteringPolicy, *, device: str) -> None:
+    """Refuse to sync where a frame doesn't tell the hour angle: it would put that of the whole sky wrong.
+
+    Raises
+    ------
+    SyncRefused
+    """
+    away_deg = 90.0 - abs(found.seen.dec_deg)
+    if away_deg >= policy.pole_deg:
+        return
+    raise SyncRefused(
+        f"the tube looks {away_deg:.1f}° from the pole, where a frame doesn't tell the hour angle axis "
+        f"({policy.pole_deg:g}° are needed)",
+        device=device,
+        advice="nothing was synced; home the mount, move it by hand away from the pole, or trust it",
+        doubts=(SyncDoubt.NEAR_POLE,),
+    )
 
 
 def require_above_ground(found: Look, limits: Limits, site: Site, air: Air) -> float:
@@ -52,6 +233,13 @@ def require_above_ground(found: Look, limits: Limits, site: Site, air: Air) -> f
         f"{limits.max_altitude_deg:g}°",
         advice="nothing was synced; check this machine's clock, the site's settings and the frame's time",
     )
+
+
+def apart_arcsec(first: Look, second: Look) -> float:
+    """Distance of the second solved place from where the first one and the mount's own motion lead."""
+    motion = offset_arcsec(second.believed, first.believed)
+    expected = displaced(first.seen, motion.east_arcsec, motion.north_arcsec)
+    return separation_arcsec(second.seen, expected)
 
 
 def agreement_arcsec(first: Look, second: Look, policy: CenteringPolicy, resolution_arcsec: float) -> float:
@@ -92,8 +280,7 @@ def agreement_arcsec(first: Look, second: Look, policy: CenteringPolicy, resolut
             f"the mount moved {motion.total_arcsec:.0f}″ between the two frames (allowed {allowed:.0f}″)",
             advice="nothing was synced; is it tracking? is somebody else moving it?",
         )
-    expected = displaced(first.seen, motion.east_arcsec, motion.north_arcsec)
-    apart = separation_arcsec(second.seen, expected)
+    apart = apart_arcsec(first, second)
     if apart > allowed:
         raise OffsetImplausible(
             f"two frames, one after the other, were solved {_angle(apart)} apart (allowed {allowed:.0f}″)",

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime
-from enum import StrEnum
 
-from mountnav.navigation.devices import MountReading, SlewOutcome
+from mountnav.errors import SyncDoubt
+from mountnav.navigation.center_reports import CenterOutcome, CenterReport, Correction, Crossing, Try
+from mountnav.navigation.devices import MountReading, PierSide, SlewOutcome, SyncOutcome
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import Offset
 from mountnav.solution import Solution, Verdict
@@ -28,6 +29,15 @@ class Look:
         Seen minus believed; east and north positive.
     before, after : MountReading
         Raw readings round the exposure.
+    mid_exposure_utc : datetime
+    exposure_s : float or None
+        As the frame says.
+    width_px, height_px : int
+        Of the frame; 0 where not known.
+    segment_id : str
+        Between two changes of the mount's zero points.
+    model_id : str or None
+        Pointing model in force.
     """
 
     look_id: str
@@ -39,6 +49,11 @@ class Look:
     before: MountReading
     after: MountReading
     mid_exposure_utc: datetime
+    exposure_s: float | None = None
+    width_px: int = 0
+    height_px: int = 0
+    segment_id: str = ""
+    model_id: str | None = None
 
     @property
     def blind(self) -> bool:
@@ -48,20 +63,35 @@ class Look:
 
 @dataclass(frozen=True, slots=True)
 class SlewReport:
-    """How a slew ended: asked, reported afterwards (both ICRS), and their distance."""
+    """How a slew ended: asked, reported afterwards (both ICRS), and their distance.
+
+    Attributes
+    ----------
+    outcome : SlewOutcome
+    target : Icrs
+        Where the mount was sent.
+    reported : Icrs
+    miss_arcsec : float
+    elapsed_s : float
+    side_before, side_after : PierSide or None
+        As the mount says.
+    """
 
     outcome: SlewOutcome
     target: Icrs
     reported: Icrs
     miss_arcsec: float
     elapsed_s: float
+    side_before: PierSide | None = None
+    side_after: PierSide | None = None
 
-
-class SyncOutcome(StrEnum):
-    """How a sync ended."""
-
-    SEEN = "accepted and seen in the read-back"
-    IGNORED = "accepted and ignored"
+    @property
+    def flipped(self) -> bool:
+        """Whether the tube changed sides: a sync made before is worth nothing there [POINTING §5]."""
+        known = (PierSide.EAST, PierSide.WEST)
+        return (
+            self.side_before in known and self.side_after in known and self.side_before is not self.side_after
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,13 +105,37 @@ class SyncReport:
 
 
 @dataclass(frozen=True, slots=True)
+class ToldReport:
+    """A sync on told coordinates.
+
+    Attributes
+    ----------
+    outcome : SyncOutcome
+        `SEEN` or `LATE`; every other end is an error.
+    place : Icrs
+        As told.
+    offset : Offset
+        Told minus believed before.
+    read_back : Icrs
+        The mount's reading afterwards.
+    read_back_miss_arcsec : float
+    """
+
+    outcome: SyncOutcome
+    place: Icrs
+    offset: Offset
+    read_back: Icrs
+    read_back_miss_arcsec: float
+
+
+@dataclass(frozen=True, slots=True)
 class RecoverReport:
     """A lost mount told where it points, by two frames that agree.
 
     Attributes
     ----------
     outcome : SyncOutcome
-        Always `SEEN`; every other end is an error.
+        `SEEN` or `LATE`; every other end is an error.
     first, second : Look
         The first look, and the one that confirmed it and was synced on.
     apart_arcsec : float
@@ -108,46 +162,46 @@ class RecoverReport:
     elapsed_s: float
 
 
-class CenterOutcome(StrEnum):
-    """How a centering ended."""
-
-    CENTERED = "centered"
-
-
 @dataclass(frozen=True, slots=True)
-class Try:
-    """One look of a centering and what was done about it."""
+class FrameLook:
+    """A frame that somebody else exposed, against the mount's readings round it.
 
-    number: int
-    seen: Icrs
-    error_arcsec: float
-    east_arcsec: float
-    north_arcsec: float
-    pairs: int
-    rms_arcsec: float
-    false_probability: float
-    synced: bool
-    sync_outcome: SyncOutcome | None
-    slewed: bool
-    elapsed_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class CenterReport:
-    """A centering: the target, each try, error before and after.
-
-    `error_before_arcsec` is the distance of target and solved place after the first slew,
-    `error_after_arcsec` after the last one, `error_sigma_arcsec` its one-sigma.
+    Attributes
+    ----------
+    look : Look or None
+        None when it was not solved, or the mount was not read round its exposure.
+    doubts : tuple of SyncDoubt
+        Why no correction may be made by it.
+    why : str
+        In words.
     """
 
-    outcome: CenterOutcome
-    target: Icrs
-    tries: tuple[Try, ...]
-    error_before_arcsec: float
-    error_after_arcsec: float
-    error_sigma_arcsec: float
-    tolerance_arcsec: float
-    elapsed_s: float
+    look: Look | None
+    doubts: tuple[SyncDoubt, ...] = ()
+    why: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Corrected:
+    """A correction between frames.
+
+    Attributes
+    ----------
+    by : Correction
+        What was done in the end.
+    outcome : str
+    moved_arcsec : float
+        How far the mount was sent from where it was; 0 when it was only told where it points.
+    moved : Offset or None
+        How far the tube was to move by that; None when nothing was slewed.
+    report : SyncReport or SlewReport or None
+    """
+
+    by: Correction
+    outcome: str
+    moved_arcsec: float
+    report: SyncReport | SlewReport | None = None
+    moved: Offset | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,3 +216,23 @@ class TelescopeState:
     altitude_deg: float | None
     azimuth_deg: float | None
     problem: str | None
+    trusted: bool | None = None
+    link: str | None = None
+    slew_state: str | None = None
+
+
+__all__ = [
+    "CenterOutcome",
+    "CenterReport",
+    "Corrected",
+    "Correction",
+    "Crossing",
+    "FrameLook",
+    "Look",
+    "RecoverReport",
+    "SlewReport",
+    "SyncReport",
+    "TelescopeState",
+    "ToldReport",
+    "Try",
+]

@@ -5,8 +5,19 @@ One accepted wrong solution sent a simulated tube 3.1° off [POINTING §9].
 
 from __future__ import annotations
 
-from mountnav.errors import BadSettings, OffsetImplausible
+from mountnav.errors import BadSettings, OffsetImplausible, SyncRefused
 from mountnav.sky.sphere import Offset
+
+_ADVICE = (
+    "check the mount's alignment, date, time zone, longitude and epoch; "
+    "if it is really that far off, order a recovery, or align it roughly by hand"
+)
+
+
+class TooFarToSync(SyncRefused, OffsetImplausible):
+    """A sync refused above all for its size: nothing was sent."""
+
+    slug: str = "offset-too-large"
 
 
 def check_offset(offset: Offset, max_arcsec: float) -> None:
@@ -26,16 +37,27 @@ def check_offset(offset: Offset, max_arcsec: float) -> None:
     BadSettings
         `max_arcsec` is not positive.
     """
+    words = too_far(offset, max_arcsec)
+    if words is not None:
+        raise OffsetImplausible(words, advice=_ADVICE)
+
+
+def too_far(offset: Offset, max_arcsec: float) -> str | None:
+    """Tell in words why an offset is longer than is believed; None if it is not.
+
+    Raises
+    ------
+    BadSettings
+        `max_arcsec` is not positive.
+    """
     if not max_arcsec > 0.0:
         raise BadSettings(
             f"max_arcsec = {max_arcsec} is not positive", advice="set the cap in arcseconds, say 7200"
         )
     if offset.total_arcsec <= max_arcsec:
-        return
-    raise OffsetImplausible(
+        return None
+    return (
         f"solved {offset.total_arcsec / 60.0:.1f}′ from where the mount believes to be "
         f"({offset.east_arcsec:+.0f}″ east, {offset.north_arcsec:+.0f}″ north); "
-        f"more than {max_arcsec / 60.0:.1f}′ is not believed",
-        advice="check the mount's alignment, date, time zone, longitude and epoch; "
-        "if it is really that far off, order a recovery, or align it roughly by hand",
+        f"more than {max_arcsec / 60.0:.1f}′ is not believed"
     )

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mountnav.catalog.reading_depth import stars_round
+from mountnav.catalog.shelf import suited
 from mountnav.catalog.stars import Catalog
-from mountnav.identification.area import stars_round
 from mountnav.identification.plate import Plate
 from mountnav.identification.preliminary import Preliminary, find_shift
 from mountnav.identification.preliminary_settings import PreliminarySettings
@@ -107,6 +108,7 @@ def _projected(
     extent = 1.0 + 2.0 * MARGIN_SHARE
     radius_deg = 0.5 * extent * math.hypot(width, height) * plate.scale_arcsec_px() / 3600.0
     count = max(FEWEST_STARS, STARS_PER_MEASUREMENT * frame.x_px.size) * extent**2
+    catalog = suited(catalog, plate.tangent, math.pi * radius_deg**2, epoch_yr=epoch_yr)
     stars = stars_round(catalog, plate.tangent, radius_deg, int(count), epoch_yr=epoch_yr)
     x, y = pixels(plate, stars.ra_deg, stars.dec_deg)
     box = (-0.5 - wide, -0.5 - high, width - 0.5 + wide, height - 0.5 + high)

@@ -20,7 +20,7 @@ class Piece:
     """Motion from `start_s` until the next piece: angle, velocity, constant acceleration.
 
     `driven_deg` is the angle of the side behind the play at `start_s`; `steady` tells tracking and rest
-    from a move.
+    from a move, `guiding` a guide pulse from both.
     """
 
     start_s: float
@@ -29,6 +29,7 @@ class Piece:
     acceleration_deg_s2: float
     driven_deg: float
     steady: bool
+    guiding: bool = False
 
     def angle_at(self, t_s: float) -> float:
         """Motor angle at `t_s`, deg."""
@@ -85,6 +86,19 @@ class AxisPath:
         """Whether the axis tracks or rests."""
         return self._piece(t_s).steady
 
+    def guiding_at(self, t_s: float) -> bool:
+        """Whether a guide pulse moves the axis."""
+        return self._piece(t_s).guiding
+
+    def next_pieces(self, t_s: float) -> list[tuple[Piece, float, float]]:
+        """Pieces from `t_s` on, each with the part of it that is still to come: from and until (s)."""
+        first = max(bisect_right(self.pieces, t_s, key=lambda piece: piece.start_s) - 1, 0)
+        ends = [piece.start_s for piece in self.pieces[first + 1 :]] + [math.inf]
+        return [
+            (piece, max(t_s, piece.start_s), end_s)
+            for piece, end_s in zip(self.pieces[first:], ends, strict=True)
+        ]
+
     def _continued(self, t_s: float, legs: list[tuple[float, float]], velocity_deg_s: float) -> AxisPath:
         """Cut the path at `t_s`; lead it on by legs of (duration s, acceleration), then at `velocity_deg_s`.
 
@@ -118,6 +132,42 @@ class AxisPath:
         change = velocity_deg_s - self.velocity_at(t_s)
         legs = [(abs(change) / acceleration_deg_s2, math.copysign(acceleration_deg_s2, change))]
         return self._continued(t_s, legs, velocity_deg_s)._ending(steady)
+
+    def halted(self, t_s: float, *, steady: bool = True) -> AxisPath:
+        """Stand still from `t_s` on, at once: no motor stops like this by itself."""
+        path = self._continued(t_s, [], 0.0)
+        return path._ending(steady)
+
+    def pulsed(
+        self,
+        t_s: float,
+        rate_deg_s: float,
+        velocity_deg_s: float,
+        acceleration_deg_s2: float,
+        duration_s: float,
+    ) -> AxisPath:
+        """Run for a time `rate_deg_s` (signed) faster than `velocity_deg_s`, and go on with that.
+
+        From steady motion it ends exactly rate times duration away from where it would have been: what the
+        first ramp lacks the last one makes up; a pulse shorter than its ramps is lower, and somewhat longer.
+        """
+        a, size = acceleration_deg_s2, abs(rate_deg_s)
+        change = velocity_deg_s + rate_deg_s - self.velocity_at(t_s)
+        first_s = abs(change) / a
+        if first_s <= duration_s:
+            legs = [
+                (first_s, math.copysign(a, change)),
+                (duration_s - first_s, 0.0),
+                (size / a, -math.copysign(a, rate_deg_s)),
+            ]
+        else:
+            ramp_s = math.sqrt(size * duration_s / a)
+            legs = [(ramp_s, math.copysign(a, rate_deg_s)), (ramp_s, -math.copysign(a, rate_deg_s))]
+        path = self._continued(t_s, legs, velocity_deg_s)
+        *pulse, last = (piece for piece in path.pieces if piece.start_s >= t_s)
+        past = (piece for piece in path.pieces if piece.start_s < t_s)
+        pieces = (*past, *(replace(piece, guiding=True) for piece in pulse), last)
+        return replace(path, pieces=pieces)._ending(True)
 
     def to_angle(
         self,

@@ -10,6 +10,7 @@ from scipy.special import ndtri
 
 from mountnav.catalog.space_motion import motion_vectors, places, unit_vectors
 from mountnav.catalog.stars import Catalog, Stars
+from mountnav.simulation.chance import mixed
 from mountnav.sky.coordinates import Icrs
 
 Array = NDArray[np.float64]
@@ -64,8 +65,7 @@ class ErringCatalog:
             unit_vectors(stars.ra_deg, stars.dec_deg) - unit_vectors(center.ra_deg, center.dec_deg)[:, None]
         )
         inside = (chord**2).sum(axis=0) <= (2.0 * np.sin(np.radians(radius_deg) / 2.0)) ** 2
-        columns = ("ra_deg", "dec_deg", "sigma_arcsec", "mag", "pm_ra_cosdec_mas_yr", "pm_dec_mas_yr")
-        return replace(stars, **{column: getattr(stars, column)[inside] for column in columns})
+        return stars.only(inside)
 
     def displaced(self, stars: Stars) -> Stars:
         """Move stars of the catalog to their true places; row for row the same stars.
@@ -82,7 +82,7 @@ class ErringCatalog:
         """
         sigma = np.where(np.isfinite(stars.sigma_arcsec), stars.sigma_arcsec, 0.0) * self._factor
         bits = _identities(stars) + np.uint64(self._seed * 0xD1342543DE82EF95 % 2**64)
-        east, north = (sigma * _deviate(_mixed(bits + np.uint64(which))) for which in (1, 2))
+        east, north = (sigma * _deviate(mixed(bits + np.uint64(which))) for which in (1, 2))
         # the error vector is a motion of one year
         milli = 1000.0
         across = motion_vectors(stars.ra_deg, stars.dec_deg, east * milli, north * milli)
@@ -103,16 +103,8 @@ def _identities(stars: Stars) -> Bits:
     bits: Bits = np.rint(np.nan_to_num(stars.mag, nan=99.0) * 1000.0).astype(np.int64).view(np.uint64)
     # cells of the vector, not of RA and Dec: no seam and no pole
     for component in np.floor(vectors / _CELL_RAD).astype(np.int64):
-        bits = _mixed(bits ^ np.ascontiguousarray(component).view(np.uint64))
+        bits = mixed(bits ^ np.ascontiguousarray(component).view(np.uint64))
     return bits
-
-
-def _mixed(bits: Bits) -> Bits:
-    """Splitmix64's step: neighboring numbers in, unrelated numbers out."""
-    bits = bits + np.uint64(0x9E3779B97F4A7C15)
-    bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return np.asarray(bits ^ (bits >> np.uint64(31)))
 
 
 def _deviate(bits: Bits) -> Array:

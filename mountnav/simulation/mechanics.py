@@ -1,64 +1,50 @@
 """The mechanics of a telescope that points wrong: what the mount believes, and where the tube truly looks.
 
-Two motor axes move along closed formulas of time (`axes`). The belief reads them as perfect geometry, through
-the sync offset, without refraction. The truth adds backlash, periodic error and geometry errors (`geometry`),
-and takes the result as the observed, refracted direction. A sync changes the belief, never the truth.
+Two motor axes move along closed formulas of time (`axes`), up to their limits (`motion_limits`). The belief
+(`belief`) reads them as perfect geometry, through the sync offset, without refraction, by its own clock. The
+truth adds backlash, periodic error and geometry errors (`geometry`), and takes the result as the observed,
+refracted direction. A sync changes the belief, never the truth.
 """
 
 from __future__ import annotations
 
 import math
-import threading
-from bisect import bisect_right
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from datetime import datetime, timedelta
+from dataclasses import replace
+from datetime import datetime
 from typing import Literal
 
-from mountnav.errors import BadSettings
-from mountnav.simulation.axes import PAST_PIECES, AxisPath
-from mountnav.simulation.geometry import perfect_direction, true_direction
+from mountnav.errors import Refusal
+from mountnav.navigation.devices import PierSide
+from mountnav.simulation.belief import believing, with_future
+from mountnav.simulation.geometry import perfect_direction
+from mountnav.simulation.machine import RATES_DEG_S, SIDEREAL_DEG_S, Machine, Mounting
+from mountnav.simulation.mechanics_motors import Order, positive
+from mountnav.simulation.mechanics_stations import MechanicsStations
+from mountnav.simulation.motion import AxisName, Goal, Stage
 from mountnav.simulation.pointing_errors import PointingErrors
-from mountnav.sky.chain import apparent_to_icrs, hour_angle_to_icrs, icrs_to_apparent, icrs_to_hour_angle
-from mountnav.sky.coordinates import Air, Apparent, HourAngle, Icrs, MountAxes, Site, utc_now
-from mountnav.sky.sphere import half_turn_deg
+from mountnav.simulation.posture import axes_at, side_for, side_of, turned_near, within_reach
+from mountnav.sky.coordinates import Air, Apparent, Site, utc_now
+from mountnav.sky.sphere import half_turn_deg, separation_arcsec
 
-__all__ = ["Direction", "Mechanics", "PointingErrors"]
+__all__ = [
+    "RATES_DEG_S",
+    "SIDEREAL_DEG_S",
+    "AxisName",
+    "Direction",
+    "Machine",
+    "Mechanics",
+    "Mounting",
+    "PointingErrors",
+    "SyncBehavior",
+]
 
 Direction = Literal["n", "s", "e", "w"]
-
-SIDEREAL_DEG_S = 360.0 / 86164.0905
-"""Rotation of the Earth against the equinox."""
-
-_NO_AIR = Air(pressure_hpa=0.0)
+SyncBehavior = Literal["normal", "ignore", "refuse", "late"]
 
 
-@dataclass(frozen=True, slots=True)
-class _Sync:
-    """From `start_s` on the believed axes are the motor's plus these offsets (deg)."""
-
-    start_s: float
-    ha_deg: float
-    dec_deg: float
-
-
-@dataclass(frozen=True, slots=True)
-class _Motion:
-    """Everything that orders change, in one value, so that a question sees one consistent state."""
-
-    ha: AxisPath
-    dec: AxisPath
-    syncs: tuple[_Sync, ...]
-    tracking: bool
-
-    def sync_at(self, t_s: float) -> _Sync:
-        """Find the sync in force at `t_s`."""
-        index = bisect_right(self.syncs, t_s, key=lambda sync: sync.start_s) - 1
-        return self.syncs[max(index, 0)]
-
-
-class Mechanics:
-    """An equatorial mount without pier flip; hour angle and declination axis, each moving the shortest way.
+class Mechanics(MechanicsStations):
+    """An equatorial mount on a fork (each axis moves the shortest way) or a German one (it changes sides).
 
     Parameters
     ----------
@@ -66,12 +52,24 @@ class Mechanics:
         Where it stands; `air.pressure_hpa` = 0 leaves refraction out of the truth.
     errors : PointingErrors
         How wrong it points.
-    slew_rate_deg_s, acceleration_deg_s2 : float
-        Of both axes, > 0.
+    machine : Machine, optional
+        How it is built; a fork without limits if None.
+    slew_rate_deg_s, acceleration_deg_s2 : float, optional
+        Of both axes, > 0; instead of the machine's.
     clock : callable
         Gives the present instant, aware UTC. Orders take effect then; questions default to it.
     start : Apparent, optional
-        What it believes to point at when made; the zenith if None. It tracks from the start.
+        What it believes to point at when made; as the machine says if None. It tracks from the start,
+        unless the machine says otherwise.
+
+    Attributes
+    ----------
+    boots : int
+        How often it was rebooted.
+    sync_behavior : {"normal", "ignore", "refuse", "late"}
+        What it does with syncs; may be set at any time.
+    sync_late_s : float
+        How long a late sync takes.
 
     Raises
     ------
@@ -81,7 +79,8 @@ class Mechanics:
     Notes
     -----
     Thread-safe. Any question may be asked of any instant: the past is kept for some hundred orders, the
-    future is the one that follows if no further order comes.
+    future is the one that follows if no further order comes. Orders while it is parked change nothing,
+    except `unpark`, faults and power.
     """
 
     def __init__(
@@ -90,188 +89,181 @@ class Mechanics:
         air: Air,
         errors: PointingErrors,
         *,
-        slew_rate_deg_s: float = 4.0,
-        acceleration_deg_s2: float = 2.0,
+        machine: Machine | None = None,
+        slew_rate_deg_s: float | None = None,
+        acceleration_deg_s2: float | None = None,
         clock: Callable[[], datetime] = utc_now,
         start: Apparent | None = None,
     ) -> None:
-        for name, value in (
-            ("slew_rate_deg_s", slew_rate_deg_s),
-            ("acceleration_deg_s2", acceleration_deg_s2),
-        ):
-            if not (math.isfinite(value) and value > 0.0):
-                raise BadSettings(f"{name} = {value} can't move a mount", advice="> 0")
-        self.site, self.air, self.errors = site, air, errors
-        self.slew_rate_deg_s, self.acceleration_deg_s2 = slew_rate_deg_s, acceleration_deg_s2
-        self._clock = clock
-        self._lock = threading.Lock()
-        self._origin_utc = clock()
-        ha_deg, dec_deg = 0.0, site.latitude_deg
-        if start is not None:
-            ha_deg, dec_deg = self._perfect_axes(start, self._origin_utc)
-        play_deg = errors.backlash_arcsec / 3600.0
-        self._motion = _Motion(
-            AxisPath.resting(0.0, ha_deg, SIDEREAL_DEG_S, play_deg),
-            AxisPath.resting(0.0, dec_deg, 0.0, play_deg),
-            (_Sync(0.0, 0.0, 0.0),),
-            True,
-        )
+        machine = machine or Machine()
+        if slew_rate_deg_s is not None:
+            rate = positive("slew_rate_deg_s", slew_rate_deg_s)
+            machine = replace(machine, slew_rate_deg_s=rate, dec_slew_rate_deg_s=None)
+        if acceleration_deg_s2 is not None:
+            acceleration = positive("acceleration_deg_s2", acceleration_deg_s2)
+            machine = replace(machine, acceleration_deg_s2=acceleration, dec_acceleration_deg_s2=None)
+        super().__init__(site, air, errors, machine, clock, start)
+        self.sync_behavior: SyncBehavior = "normal"
+        self.sync_late_s = 5.0
 
-    # -- questions -------------------------------------------------------------------------------
+    # -- before an order -------------------------------------------------------------------------
 
-    def reported(self, utc: datetime | None = None) -> Apparent:
-        """Where the mount believes it points: the axes as perfect geometry, synced, no refraction."""
-        utc, t_s, motion = self._asked(utc)
-        sync = motion.sync_at(t_s)
-        ha_deg, dec_deg = perfect_direction(
-            motion.ha.angle_at(t_s) + sync.ha_deg, motion.dec.angle_at(t_s) + sync.dec_deg
-        )
-        # the same chain as the truth's, so that a mount without errors reports exactly where it looks
-        return icrs_to_apparent(hour_angle_to_icrs(HourAngle(ha_deg, dec_deg, utc), self.site, _NO_AIR), utc)
+    def refusal(self, place: Apparent, side: PierSide | None = None) -> Refusal | None:
+        """Why a careful controller would not slew there now (parked, below horizon, limit), or None.
 
-    def truth(self, utc: datetime | None = None) -> Icrs:
-        """Where the optical axis really looks, errors and refraction included."""
-        utc, t_s, motion = self._asked(utc)
-        worm_turn_deg = SIDEREAL_DEG_S * self.errors.periodic_period_s
-        periodic_deg = (self.errors.periodic_amplitude_arcsec / 3600.0) * math.sin(
-            math.tau * motion.ha.angle_at(t_s) / worm_turn_deg
-        )
-        ha_deg, dec_deg = true_direction(
-            motion.ha.driven_at(t_s) + periodic_deg,
-            motion.dec.driven_at(t_s),
-            self.errors,
-            self.site.latitude_deg,
-        )
-        return hour_angle_to_icrs(HourAngle(ha_deg, dec_deg, utc), self.site, self.air)
+        `slew` itself is careless: it looks at nothing but being parked, and ends at the limits.
+        """
+        utc, t_s, motion = self._asked(None)
+        if motion.bound_for == "park" and motion.arrived_at(t_s):
+            return Refusal.PARKED
+        belief = motion.belief_at(t_s)
+        ha_deg, dec_deg = belief.hour_angle(place, utc, t_s)
+        lowest_deg = self.machine.lowest_altitude_deg
+        if lowest_deg is not None and belief.altitude_deg(ha_deg, dec_deg) < lowest_deg:
+            return Refusal.BELOW_HORIZON
+        side = side or self._side_for(ha_deg, dec_deg, self.pier_side())
+        axes = axes_at(ha_deg, dec_deg, self.machine, side, belief.site.latitude_deg)
+        return None if within_reach(axes, self.machine) else Refusal.LIMIT
 
-    def axes(self, utc: datetime | None = None) -> MountAxes:
-        """Read the motors' encoders: no sync, no errors."""
-        _, t_s, motion = self._asked(utc)
-        return MountAxes(half_turn_deg(motion.ha.angle_at(t_s)), motion.dec.angle_at(t_s))
+    def destination_side(self, place: Apparent) -> PierSide:
+        """On which side the tube would hang after a slew there; a fork doesn't know any."""
+        utc, t_s, motion = self._asked(None)
+        return self._side_for(*motion.belief_at(t_s).hour_angle(place, utc, t_s), self.pier_side())
 
-    def slewing(self, utc: datetime | None = None) -> bool:
-        """Whether an axis does anything but track or rest."""
-        _, t_s, motion = self._asked(utc)
-        return not (motion.ha.steady_at(t_s) and motion.dec.steady_at(t_s))
+    # -- slew, sync, stop ------------------------------------------------------------------------
 
-    def believed_altitude_deg(self, place: Apparent, utc: datetime | None = None) -> float:
-        """Altitude of an apparent place as the mount computes it now: no refraction, no errors."""
-        utc, _, _ = self._asked(utc)
-        ha_deg, dec_deg = self._perfect_axes(place, utc)
-        h, d, lat = math.radians(ha_deg), math.radians(dec_deg), math.radians(self.site.latitude_deg)
-        sine = math.sin(lat) * math.sin(d) + math.cos(lat) * math.cos(d) * math.cos(h)
-        return math.degrees(math.asin(max(-1.0, min(1.0, sine))))
-
-    @property
-    def tracking(self) -> bool:
-        """Whether the hour angle axis follows the sky when nothing else is ordered."""
-        return self._motion.tracking
-
-    # -- orders ----------------------------------------------------------------------------------
-
-    @tracking.setter
-    def tracking(self, on: bool) -> None:
-        with self._lock:
-            ha = self._motion.ha
-            last = ha.pieces[-1]
-            if last.steady:  # during a slew: when it has arrived
-                t_s = max(self._now_s(), last.start_s)
-                ha = ha.to_velocity(t_s, self._rest_deg_s(on), self.acceleration_deg_s2, steady=True)
-            self._motion = replace(self._motion, ha=ha, tracking=on)
-
-    def slew(self, target: Apparent) -> None:
-        """Set out for a place the shortest way in each axis, and track it from then on.
+    def slew(self, target: Apparent, side: PierSide | None = None) -> Refusal | None:
+        """Set out for a place, and track it from then on; says no only when it is parked.
 
         The place's numbers are taken as of date now, as a mount does. Its altitude is not looked at.
+        A German mount takes the `side` that is asked for, or else `destination_side`.
         """
-        with self._lock:
-            now_utc = self._clock()
-            t_s = self._seconds(now_utc)
-            motion = self._motion
-            sync = motion.sync_at(t_s)
-            ha_deg, dec_deg = self._perfect_axes(target, now_utc)
-            limits = (self.slew_rate_deg_s, self.acceleration_deg_s2)
-            ha_now, dec_now = motion.ha.angle_at(t_s), motion.dec.angle_at(t_s)
-            ha_aim = ha_now + half_turn_deg(ha_deg - sync.ha_deg - ha_now)
-            dec_aim = dec_now + half_turn_deg(dec_deg - sync.dec_deg - dec_now)
-            self._motion = replace(
-                motion,
-                ha=motion.ha.to_angle(t_s, ha_aim, SIDEREAL_DEG_S, *limits),
-                dec=motion.dec.to_angle(t_s, dec_aim, 0.0, *limits),
-                tracking=True,
+        with self._order() as order:
+            if order.parked:
+                return Refusal.PARKED
+            t_s, motion = order.t_s, order.motion
+            belief = motion.belief_at(t_s)
+            ha_deg, dec_deg = belief.hour_angle(target, order.utc, t_s)
+            near = motion.now.ha.path.angle_at(t_s), motion.now.dec.path.angle_at(t_s)
+            present = side_of(near[1] + belief.dec_shift_deg, self.machine)
+            side = side or self._side_for(ha_deg, dec_deg, present)
+            ha_aim, dec_aim = axes_at(ha_deg, dec_deg, self.machine, side, belief.site.latitude_deg)
+            aim = turned_near(
+                (ha_aim - belief.ha_shift_deg, dec_aim - belief.dec_shift_deg),
+                near,
+                self.machine,
+                belief.ha_shift_deg,
             )
+            after = motion.tracking_deg_s(True, -1.0 if side is PierSide.WEST else 1.0)
+            self._send(order, "ha", Goal(t_s, SIDEREAL_DEG_S, self._limits("ha"), aim[0], SIDEREAL_DEG_S))
+            self._send(order, "dec", Goal(t_s, 0.0, self._limits("dec"), aim[1]))
+            ha, dec = order.motion.now.ha, order.motion.now.dec
+            both_s = max(one.arrives_s if math.isfinite(one.arrives_s) else t_s for one in (ha, dec))
+            ha, dec = ha.followed(both_s, after[0]), dec.followed(both_s, after[1])
+            order.motion = replace(order.motion, now=Stage(t_s, ha, dec, True))
+        return None
 
-    def sync(self, place: Apparent) -> None:
-        """From now on believe to point at `place`. The truth doesn't change."""
-        with self._lock:
-            now_utc = self._clock()
-            t_s = self._seconds(now_utc)
-            motion = self._motion
-            ha_deg, dec_deg = self._perfect_axes(place, now_utc)
-            sync = _Sync(
-                t_s,
-                half_turn_deg(ha_deg - motion.ha.angle_at(t_s)),
-                half_turn_deg(dec_deg - motion.dec.angle_at(t_s)),
+    def sync(self, place: Apparent) -> Refusal | None:
+        """From now on believe to point at `place`, in the present posture. The truth doesn't change.
+
+        Says no when it is parked, when `sync_behavior` is "refuse", and beyond the machine's reach.
+        """
+        with self._order(moves=False) as order:
+            if order.parked:
+                return Refusal.PARKED
+            t_s, motion = order.t_s, order.motion
+            belief = motion.belief_at(t_s)
+            ha_deg, dec_deg = self._encoders(motion, belief, t_s)
+            seen = ha_deg + belief.ha_sync_deg, dec_deg + belief.dec_sync_deg
+            reach_deg = self.machine.sync_reach_deg
+            if reach_deg is not None:
+                now = belief.place(*perfect_direction(*seen), order.utc, t_s)
+                if separation_arcsec(now, replace(place, utc=order.utc)) > reach_deg * 3600.0:
+                    return Refusal.OTHER
+            if self.sync_behavior == "refuse":
+                return Refusal.OTHER
+            if self.sync_behavior == "ignore":
+                return None
+            wanted = axes_at(
+                *belief.hour_angle(place, order.utc, t_s),
+                self.machine,
+                side_of(seen[1], self.machine),
+                belief.site.latitude_deg,
             )
-            kept = tuple(old for old in motion.syncs if old.start_s < t_s)[-PAST_PIECES:]
-            self._motion = replace(motion, syncs=(*kept, sync))
+            synced = replace(
+                belief,
+                ha_sync_deg=half_turn_deg(wanted[0] - ha_deg),
+                dec_sync_deg=half_turn_deg(wanted[1] - dec_deg),
+            )
+            if self.sync_behavior == "late":
+                synced = replace(synced, start_s=t_s + self.sync_late_s)
+                beliefs = with_future(motion.beliefs, synced)
+            else:
+                # a homing under way finds its home all the same
+                beliefs = believing(
+                    motion.beliefs, t_s, lambda one: one if one.by_homing and one.start_s > t_s else synced
+                )
+            order.motion = replace(motion, beliefs=beliefs)
+        return None
 
     def stop(self) -> None:
-        """Slow both axes down to tracking (or rest, if tracking is off)."""
-        with self._lock:
-            t_s = self._now_s()
-            self._motion = self._still(t_s, ha=True, dec=True)
+        """Slow both axes down to tracking (or rest, if tracking is off); parking and homing end."""
+        with self._order() as order:
+            if not order.parked:
+                self._still(order, "ha")
+                self._still(order, "dec")
+
+    # -- motion by hand --------------------------------------------------------------------------
 
     def move(self, direction: Direction, rate_deg_s: float) -> None:
         """Move on at a rate (relative to tracking, at most the slew rate) until `stop_move` or `stop`.
 
-        North raises the declination axis, west the hour angle.
+        North raises the declination axis (lowers it where a German mount looks through the pole), west the
+        hour angle.
         """
-        rate = min(abs(rate_deg_s), self.slew_rate_deg_s)
-        with self._lock:
-            t_s = self._now_s()
-            motion, a = self._motion, self.acceleration_deg_s2
-            signed = rate if direction in ("n", "w") else -rate
-            if direction in ("n", "s"):
-                dec = motion.dec.to_velocity(t_s, signed, a, steady=False)
-                self._motion = replace(motion, dec=dec)
-            else:
-                base = self._rest_deg_s(motion.tracking)
-                self._motion = replace(motion, ha=motion.ha.to_velocity(t_s, base + signed, a, steady=False))
+        with self._order() as order:
+            if not order.parked:
+                name, signed, base = self._directed(order, direction, rate_deg_s)
+                goal = Goal(order.t_s, base + signed, self._limits(name), steady=False)
+                self._send(order, name, goal)
 
     def stop_move(self, direction: Direction) -> None:
         """End a `move` in this direction; the other axis is left alone."""
-        with self._lock:
-            polar = direction in ("e", "w")
-            self._motion = self._still(self._now_s(), ha=polar, dec=not polar)
+        with self._order() as order:
+            if not order.parked:
+                self._still(order, "ha" if direction in ("e", "w") else "dec")
+
+    def pulse(self, direction: Direction, rate_deg_s: float, duration_s: float) -> bool:
+        """Carry out a guide pulse: exactly rate times duration, its end planned at once.
+
+        Both axes may be pulsed at once; a new pulse takes the place of one that runs. False, and nothing
+        happens, when it is parked, parking or slewing.
+        """
+        with self._order(moves=False) as order:
+            name, signed, base = self._directed(order, direction, rate_deg_s)
+            now = order.motion.now
+            if order.motion.bound_for == "park" or not (
+                now.ha.quiet_at(order.t_s) and now.dec.quiet_at(order.t_s)
+            ):
+                return False
+            if signed and duration_s > 0.0:
+                goal = Goal(order.t_s, base, self._limits(name))
+                pulsed = order.motion.axis(name).pulsed(order.t_s, signed, goal, duration_s)
+                order.motion = order.motion.with_axis(name, pulsed)
+        return True
 
     # -- inside ----------------------------------------------------------------------------------
 
-    def _still(self, t_s: float, *, ha: bool, dec: bool) -> _Motion:
-        motion, a = self._motion, self.acceleration_deg_s2
-        if ha and not motion.ha.steady_at(t_s):
-            rest = self._rest_deg_s(motion.tracking)
-            motion = replace(motion, ha=motion.ha.to_velocity(t_s, rest, a, steady=True))
-        if dec and not motion.dec.steady_at(t_s):
-            motion = replace(motion, dec=motion.dec.to_velocity(t_s, 0.0, a, steady=True))
-        return motion
+    def _side_for(self, ha_deg: float, dec_deg: float, present: PierSide) -> PierSide:
+        return side_for(ha_deg, dec_deg, self.machine, present, self.site.latitude_deg)
 
-    def _rest_deg_s(self, tracking: bool) -> float:
-        return SIDEREAL_DEG_S if tracking else 0.0
-
-    def _perfect_axes(self, place: Apparent, utc: datetime) -> tuple[float, float]:
-        """Axis angles (deg) at which a perfect, unsynced mount believes to point at these numbers."""
-        angles = icrs_to_hour_angle(apparent_to_icrs(replace(place, utc=utc)), utc, self.site, _NO_AIR)
-        return angles.ha_deg, angles.dec_deg
-
-    def _seconds(self, utc: datetime) -> float:
-        return (utc - self._origin_utc) / timedelta(seconds=1)
-
-    def _now_s(self) -> float:
-        return self._seconds(self._clock())
-
-    def _asked(self, utc: datetime | None) -> tuple[datetime, float, _Motion]:
-        with self._lock:
-            motion = self._motion
-            utc = self._clock() if utc is None else utc
-        return utc, self._seconds(utc), motion
+    def _directed(
+        self, order: Order, direction: Direction, rate_deg_s: float
+    ) -> tuple[AxisName, float, float]:
+        """Axis, signed rate and rate of rest for a direction on the sky."""
+        name: AxisName = "ha" if direction in ("e", "w") else "dec"
+        north = self._north_here(order)
+        rests = order.motion.tracking_deg_s(order.motion.now.tracking, north)
+        rate = min(abs(rate_deg_s), self._rates_deg_s[name])
+        sign = {"n": north, "s": -north, "w": 1.0, "e": -1.0}[direction]
+        return name, sign * rate, rests[0 if name == "ha" else 1]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
+
+from mountnav.sky.present import utc_now
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +85,14 @@ class Air:
     wavelength_um: float = 0.6
 
 
-def utc_now() -> datetime:
-    """Now, as an aware UTC datetime."""
-    return datetime.now(UTC)
+__all__ = [
+    "Air",
+    "Apparent",
+    "GeometricHourAngle",
+    "HourAngle",
+    "Icrs",
+    "MountAxes",
+    "Observed",
+    "Site",
+    "utc_now",
+]

@@ -4,14 +4,27 @@ from __future__ import annotations
 
 import asyncio
 import math
+from collections.abc import Awaitable
 from datetime import UTC
+from typing import Any
 
-from mountnav.errors import BadRequest
-from mountnav.navigation.devices import Mount, MountReading, SlewOutcome
+from mountnav.errors import BadRequest, DeviceRefused, Refusal
+from mountnav.navigation.devices import (
+    Direction,
+    Mount,
+    MountReading,
+    Skill,
+    Skilled,
+    SlewOutcome,
+    SyncOutcome,
+    Trusts,
+)
 from mountnav.sky.coordinates import Apparent, Icrs, utc_now
 from mountnav.sky.sphere import displaced, separation_arcsec
 
-__all__ = ["NonConforming", "check_mount"]
+__all__ = ["NonConforming", "check_mount", "check_skills"]
+
+STOP_ON_WIRE_S = 0.1
 
 
 class NonConforming(AssertionError):
@@ -20,6 +33,10 @@ class NonConforming(AssertionError):
 
 async def check_mount(mount: Mount, *, step_deg: float = 1.0) -> None:
     """Check an opened mount: reading, small slew and back, sync and its undoing, stop, wrong kind of place.
+
+    A mount that is `Skilled` is also parked and unparked, and its tracking switched off and on, where it says
+    it can; one that `Trusts` must do so after connecting, or be told to before. A mount with a `wire_log` is
+    checked for a stop on the wire within 100 ms.
 
     Parameters
     ----------
@@ -37,12 +54,18 @@ async def check_mount(mount: Mount, *, step_deg: float = 1.0) -> None:
     """
     near_arcsec = max(30.0, 2.0 * mount.resolution_arcsec)
     start = await _check_reading(mount)
+    _demand(
+        not isinstance(mount, Trusts) or mount.trusted, "its position doesn't count: nothing can be tried"
+    )
     away = _north_of(start, -step_deg)
     await _check_slew(mount, away, near_arcsec)
     await _check_slew(mount, start, near_arcsec)
+    await _check_refusal(mount)
     await _check_sync(mount, near_arcsec)
     await _check_stop(mount, _north_of(start, -step_deg))
     await _check_kind(mount)
+    if isinstance(mount, Skilled):
+        await check_skills(mount)
 
 
 def _demand(true: bool, what: str) -> None:
@@ -83,7 +106,13 @@ async def _check_sync(mount: Mount, near_arcsec: float) -> None:
     before = (await mount.reading()).place
     shifted = _north_of(before, -1.0 / 6.0)
     for place in (shifted, before):
-        await mount.sync(place)
+        try:
+            result = await mount.sync(place)
+        except DeviceRefused as refusal:
+            _demand(refusal.reason is Refusal.UNSUPPORTED, f"a sync was refused: {refusal.what}")
+            return
+        _demand(result.outcome is not SyncOutcome.IGNORED, f"a sync to {place} was accepted and ignored")
+        _demand(result.miss_arcsec <= near_arcsec, f"a sync that was seen misses by {result.miss_arcsec}")
         reading = await mount.reading()
         off_arcsec = _apart_arcsec(reading.place, place)
         _demand(off_arcsec <= near_arcsec, f"{off_arcsec:.0f} arcsec off after a sync to {place}")
@@ -94,10 +123,91 @@ async def _check_stop(mount: Mount, place: Apparent | Icrs) -> None:
     slew = asyncio.create_task(mount.slew(place))
     # one turn of the loop: the slew has begun to talk, then the stop overtakes it
     await asyncio.sleep(0)
-    await mount.stop()
+    log: Any = getattr(mount, "wire_log", None)
+    noted = 0 if log is None else log.count
+    began_s = 0.0 if log is None else log.now_s()
+    stop = asyncio.create_task(mount.stop())
+    await stop
+    if log is not None:
+        sent = [entry.t_s for entry in log.entries(noted) if entry.way == "driver->mount"]
+        _demand(bool(sent), "a stop sent nothing over the wire")
+        _demand(sent[0] - began_s < STOP_ON_WIRE_S, f"a stop took {sent[0] - began_s:.3f} s to the wire")
     outcome = await slew
     _demand(outcome is not SlewOutcome.STALLED, "a slew that was stopped says stalled")
     _demand((await mount.reading()).slewing is not True, "slewing after a stop")
+
+
+async def _check_refusal(mount: Mount) -> None:
+    """A place that can't be: the mount says no in words, or doesn't arrive; it never says that it has."""
+    reading = await mount.reading()
+    south = -89.9 if reading.place.dec_deg > 0.0 else 89.9
+    if isinstance(reading.place, Icrs):
+        below: Apparent | Icrs = Icrs(reading.place.ra_deg, south)
+    else:
+        below = Apparent(reading.place.ra_deg, south, utc_now())
+    try:
+        outcome = await mount.slew(below)
+    except DeviceRefused:
+        return
+    # a mount without a horizon of its own goes there: what it says must be true all the same
+    now = (await mount.reading()).place
+    off_arcsec = _apart_arcsec(now, below)
+    near_arcsec = max(30.0, 2.0 * mount.resolution_arcsec)
+    _demand(
+        (outcome is SlewOutcome.ARRIVED) == (off_arcsec <= near_arcsec),
+        f"{outcome}, {off_arcsec:.0f} arcsec off",
+    )
+    _demand(await mount.slew(reading.place) is SlewOutcome.ARRIVED, "it does not come back")
+
+
+async def check_skills(mount: Any) -> None:
+    """Check the skills that a mount says it has, and that it refuses the others in words.
+
+    Parameters
+    ----------
+    mount : Mount and Skilled
+        Opened, at rest, tracking.
+
+    Raises
+    ------
+    NonConforming
+        With what was expected and what was found.
+    """
+    if Skill.TRACK in mount.skills:
+        for on in (False, True):
+            await mount.set_tracking(on)
+            _demand((await mount.reading()).tracking in (on, None), f"tracking is not {on}")
+    else:
+        await _must_refuse(mount.set_tracking(False), "tracking off")
+    if Skill.GUIDE in mount.skills:
+        before = (await mount.reading()).place
+        for direction in Direction:
+            await mount.guide(direction, 0.2)
+        off_arcsec = _apart_arcsec((await mount.reading()).place, before)
+        _demand(
+            off_arcsec <= 30.0 + 2.0 * mount.resolution_arcsec, f"guiding went {off_arcsec:.0f} arcsec off"
+        )
+    else:
+        await _must_refuse(mount.guide(Direction.NORTH, 0.1), "a guide pulse")
+    if {Skill.PARK, Skill.UNPARK} <= mount.skills:
+        outcome = await mount.park()
+        _demand(outcome is SlewOutcome.ARRIVED, f"parking ended as {outcome}")
+        reading = await mount.reading()
+        _demand(reading.parked is not False, "it says it is not parked after parking")
+        if reading.parked:
+            await _must_refuse(mount.slew(_north_of(reading.place, -0.5)), "a slew while parked")
+        await mount.unpark()
+        _demand((await mount.reading()).parked is not True, "it says it is parked after unparking")
+    elif Skill.PARK not in mount.skills:
+        await _must_refuse(mount.park(), "parking")
+
+
+async def _must_refuse(order: Awaitable[object], what: str) -> None:
+    try:
+        await order
+    except DeviceRefused:
+        return
+    raise NonConforming(f"it took {what}, which it can't do")
 
 
 async def _check_kind(mount: Mount) -> None:

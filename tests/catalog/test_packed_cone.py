@@ -12,9 +12,11 @@ from astropy.time import Time
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mountnav.catalog.error_classes import error_curve
 from mountnav.catalog.packed import PackedStore
-from mountnav.catalog.packing import CatalogColumns, pack
+from mountnav.catalog.packed.error_classes import error_curve
+from mountnav.catalog.packed.packing import CatalogColumns, pack
+from mountnav.catalog.packed.packing_version_1 import pack_version_1
+from mountnav.catalog.stars import StarFlag
 from mountnav.errors import BadRequest
 from mountnav.sky.coordinates import Icrs
 
@@ -39,7 +41,18 @@ def random_columns() -> CatalogColumns:
     e, e_pm, epoch = rng.uniform(5, 150, COUNT), rng.uniform(0.5, 8, COUNT), rng.uniform(1940, 1992, COUNT)
     # no two alike, so that stars can be told apart by magnitude
     mag = np.round(-1.5 + 0.002 * rng.permutation(COUNT).astype(np.float64), 3)
-    return CatalogColumns(ra, dec, pm[0], pm[1], mag, error_curve((e, e), (e_pm, e_pm), (epoch, epoch)))
+    color = rng.uniform(-0.5, 3.0, COUNT).round(3)
+    color[::9] = np.nan
+    return CatalogColumns(
+        ra,
+        dec,
+        pm[0],
+        pm[1],
+        mag,
+        error_curve((e, e), (e_pm, e_pm), (epoch, epoch)),
+        color,
+        rng.integers(0, 64, COUNT).astype(np.uint8) << 1,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -48,10 +61,19 @@ def columns() -> CatalogColumns:
 
 
 @pytest.fixture(scope="module")
-def store(columns: CatalogColumns, tmp_path_factory: pytest.TempPathFactory) -> PackedStore:
-    path: Path = tmp_path_factory.mktemp("packed") / "random.mnc"
-    pack(columns, path, name="random", band="V", epoch_yr=2000.0)
-    return PackedStore(path)
+def stores(columns: CatalogColumns, tmp_path_factory: pytest.TempPathFactory) -> dict[str, PackedStore]:
+    """The same stars in every form: version 1, and version 2 with pixels from huge to tiny."""
+    folder: Path = tmp_path_factory.mktemp("packed")
+    pack_version_1(columns, folder / "1.mnc", name="random", band="V", epoch_yr=2000.0)
+    for nside in (1, 8, 64, 128, 512):
+        path = folder / f"2-{nside}.mnc"
+        pack(columns, path, name="random", band="V", epoch_yr=2000.0, nside=nside, color_name="B-V")
+    return {path.stem: PackedStore(path) for path in sorted(folder.iterdir())}
+
+
+@pytest.fixture(scope="module", params=["1", "2-64", "2-512"])
+def store(stores: dict[str, PackedStore], request: pytest.FixtureRequest) -> PackedStore:
+    return stores[request.param]
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +100,7 @@ places = st.one_of(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(place=places, radius_deg=st.floats(0.01, 40), limit=st.one_of(st.none(), st.floats(-2, 14)))
 def test_cone_finds_what_brute_force_finds(
     store: PackedStore,
@@ -102,6 +124,72 @@ def test_cone_finds_what_brute_force_finds(
         assert distance.arcsec.max() < ROUNDING_ARCSEC
         assert np.unique(nearest).size == len(stars)
         np.testing.assert_allclose(stars.mag, columns.mag[perhaps][nearest], atol=1e-9)
+
+
+def straight_line_places(columns: CatalogColumns, epoch_yr: float) -> np.ndarray:
+    """Brute force without the library: a tangent to the sphere, as long as the years."""
+    ra, dec = np.radians(columns.ra_deg), np.radians(columns.dec_deg)
+    radial = np.array([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)])
+    east = np.array([-np.sin(ra), np.cos(ra), np.zeros(ra.size)])
+    north = np.cross(radial.T, east.T).T
+    mas_rad = np.pi / 180 / 3.6e6 * (epoch_yr - 2000.0)
+    pm = np.nan_to_num(np.array([columns.pm_ra_cosdec_mas_yr, columns.pm_dec_mas_yr]))
+    moved = radial + (east * pm[0] + north * pm[1]) * mas_rad
+    return moved / np.linalg.norm(moved, axis=0)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    which=st.sampled_from(["1", "2-1", "2-8", "2-64", "2-128", "2-512"]),
+    place=places,
+    radius_deg=st.one_of(st.just(0.0), st.just(180.0), st.floats(0, 1), st.floats(0, 180)),
+    limit=st.one_of(st.none(), st.floats(-6, 14), st.just(1e300), st.just(-1e300)),
+    epoch_yr=st.one_of(st.just(2000.0), st.floats(1850, 2150), st.floats(-3000, 7000)),
+    on_a_star=st.one_of(st.none(), st.integers(0, COUNT - 1)),
+)
+def test_every_form_holds_the_same_stars_at_any_epoch(
+    stores: dict[str, PackedStore],
+    columns: CatalogColumns,
+    which: str,
+    place: tuple[float, float],
+    radius_deg: float,
+    limit: float | None,
+    epoch_yr: float,
+    on_a_star: int | None,
+) -> None:
+    vectors = straight_line_places(columns, epoch_yr)
+    if on_a_star is not None:  # fast ones among them
+        x, y, z = vectors[:, on_a_star]
+        place = float(np.degrees(np.arctan2(y, x))), float(np.degrees(np.arctan2(z, np.hypot(x, y))))
+    a, d = np.radians(place)
+    axis = np.array([np.cos(d) * np.cos(a), np.cos(d) * np.sin(a), np.sin(d)])
+    away = np.degrees(2 * np.arcsin(np.clip(np.linalg.norm(vectors.T - axis, axis=1) / 2, 0, 1)))
+    bright = np.full(COUNT, True) if limit is None else columns.mag <= limit + 1e-6
+    # a far epoch makes much of the 0.05 mas/yr to which proper motions are rounded
+    slack = (ROUNDING_ARCSEC + 1e-4 * abs(epoch_yr - 2000.0)) / 3600
+    surely = set((columns.mag[bright & (away < radius_deg - slack)] * 1000).round().astype(int))
+    perhaps = set((columns.mag[bright & (away < radius_deg + slack)] * 1000).round().astype(int))
+    stars = stores[which].cone(Icrs(*place), radius_deg, epoch_yr=epoch_yr, mag_limit=limit)
+    found = set((stars.mag * 1000).round().astype(int))
+    assert len(found) == len(stars)
+    assert surely <= found <= perhaps
+
+
+def test_colors_and_flags_are_those_of_the_star(
+    stores: dict[str, PackedStore], columns: CatalogColumns
+) -> None:
+    order = np.argsort(columns.mag)
+    still = np.where(np.isnan(columns.pm_dec_mas_yr), StarFlag.NO_PROPER_MOTION, 0)[order]
+    for which, store in stores.items():
+        stars = store.cone(Icrs(0, 0), 180.0, epoch_yr=EPOCH_YR)
+        if which == "1":
+            assert np.isnan(stars.color_mag).all()
+            assert stars.color_name == ""
+            np.testing.assert_array_equal(stars.flags, still)
+            continue
+        np.testing.assert_allclose(stars.color_mag, columns.color_mag[order], atol=0.0006)
+        assert stars.color_name == "B-V"
+        np.testing.assert_array_equal(stars.flags, columns.flags[order] | still)
 
 
 def test_whole_sky_holds_every_star_and_its_motion(

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from astropy_healpix import HEALPix
 
-from mountnav.catalog import pixel_centers as module
-from mountnav.catalog.pixel_centers import TABLE_NSIDE, computed_centers, pixel_centers
+from mountnav.catalog.packed import pixel_centers as module
+from mountnav.catalog.packed.pixel_centers import TABLE_NSIDE, computed_centers, pixel_centers
 
 
 @pytest.mark.parametrize("nside", [1, 8, TABLE_NSIDE])

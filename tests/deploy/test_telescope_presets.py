@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from mountnav.settings import Settings, SimulatedCameraSettings
+from mountnav.catalog.doctor.cameras import camera_facts
+from mountnav.settings import FolderCameraSettings, Settings, SimulatedCameraSettings
 from mountnav.simulation.optics import optics_preset
 from tests.conftest import ROOT
 
@@ -32,6 +33,9 @@ def test_the_file_is_the_published_telescope(name: str) -> None:
     camera = simulated.camera
     assert isinstance(camera, SimulatedCameraSettings)
     assert (camera.width_px, camera.height_px) == (width, height)
+    folder = real.camera
+    assert isinstance(folder, FolderCameraSettings)
+    assert (folder.width_px, folder.height_px) == (width, height)
     for told in (real.scale_arcsec_px, simulated.scale_arcsec_px, camera.scale_arcsec_px):
         assert told == pytest.approx(scale, abs=6e-4)
         assert (width * told / 3600, height * told / 3600) == pytest.approx(field_deg, abs=6e-4)
@@ -58,3 +62,13 @@ def test_the_telescopes_stand_where_they_stand() -> None:
         "vihorlat-vnt": (True, True),
         "mayaki-azt-3": (True, True),
     }
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_the_doctor_needs_no_frame_to_know_the_camera(name: str) -> None:
+    real = Settings.load(FOLDER / f"{name}.toml").telescope[0]
+    facts = camera_facts(real)
+    assert facts.frame is not None
+    assert (facts.frame.width_deg, facts.frame.height_deg) == pytest.approx(PUBLISHED[name][0], abs=6e-4)
+    assert facts.frame.depth_mag == real.limiting_mag
+    assert not facts.depth_is_estimate

@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from mountnav.catalog.stars import StarFlag
 from mountnav.errors import BadRequest
 from mountnav.identification.accuracy import (
     Deviations,
@@ -280,21 +281,33 @@ def test_the_fits_own_deviations_fall_short_by_the_stated_factor() -> None:
 def test_magnitudes_go_by_the_frames_own_zero_point() -> None:
     pairs = made_solution(1).identified
     got = magnitude_deviations(pairs)
-    assert np.median(got) == pytest.approx(0.0, abs=1e-9)
+    assert np.median(got) == pytest.approx(0.0, abs=0.01)
     assert got.std() == pytest.approx(0.05, rel=0.3)
     # another exposure, another gain: nothing changes
-    assert magnitude_deviations(replace(pairs, flux=pairs.flux * 37.0)) == pytest.approx(got)
+    louder = replace(pairs, flux=pairs.flux * 37.0, flux_sigma=pairs.flux_sigma * 37.0)
+    assert magnitude_deviations(louder) == pytest.approx(got)
     # measured minus catalog: a star that is too faint in the frame has a positive deviation
     dimmed = pairs.flux.copy()
     dimmed[3] /= 10.0
     assert magnitude_deviations(replace(pairs, flux=dimmed))[3] == pytest.approx(got[3] + 2.5, abs=0.02)
 
 
+def test_colors_are_taken_out_of_the_deviations() -> None:
+    pairs = made_solution(1).identified
+    color = np.random.default_rng(2).uniform(0.0, 1.6, len(pairs))
+    # a camera that sees red stars brighter than the catalog's band does
+    seen = replace(pairs, color_mag=color, flux=pairs.flux * 10 ** (0.4 * 0.3 * color))
+    plain = magnitude_deviations(replace(seen, color_mag=np.full(60, np.nan)))
+    with_colors = magnitude_deviations(seen)
+    assert plain.std() > 0.13
+    assert with_colors.std() == pytest.approx(magnitude_deviations(pairs).std(), rel=0.1)
+
+
 def test_pairs_out_of_the_fit_have_no_say_in_the_zero_point() -> None:
     pairs = made_solution(1, outliers=25).identified
     wrong = np.where(pairs.used, pairs.flux, pairs.flux / 5.0)  # other stars than they are taken for
     got = magnitude_deviations(replace(pairs, flux=wrong))
-    assert np.median(got[pairs.used]) == pytest.approx(0.0, abs=1e-9)
+    assert np.median(got[pairs.used]) == pytest.approx(0.0, abs=0.02)
     assert np.median(got[~pairs.used]) == pytest.approx(2.5 * math.log10(5.0), abs=0.05)
 
 
@@ -310,6 +323,12 @@ def test_saturated_and_nameless_stars_have_no_magnitude_deviation() -> None:
     flux[0] *= 1e3
     got = magnitude_deviations(replace(pairs, flags=flags, mag=mag, flux=flux))
     assert np.flatnonzero(np.isnan(got)).tolist() == [0, 2, 3]
+    # nor have those whose catalog magnitude is none of this band, or of no star
+    for flag in (StarFlag.NO_MAGNITUDE, StarFlag.OTHER_BAND, StarFlag.VARIABLE, StarFlag.EXTENDED):
+        warned = np.where(np.arange(60) == 7, int(flag), 0).astype(np.uint8)
+        assert np.flatnonzero(np.isnan(magnitude_deviations(replace(pairs, star_flags=warned)))).tolist() == [
+            7
+        ]
     few = replace(pairs, flags=np.where(np.arange(60) < 58, int(Flag.SATURATED), 0))
     assert np.isnan(magnitude_deviations(few)).all()
 

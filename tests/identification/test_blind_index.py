@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mountnav.catalog.error_classes import error_curve
 from mountnav.catalog.packed import PackedStore
-from mountnav.catalog.packing import CatalogColumns, pack
+from mountnav.catalog.packed.error_classes import error_curve
+from mountnav.catalog.packed.packing import CatalogColumns, pack
 from mountnav.catalog.space_motion import unit_vectors
 from mountnav.errors import BadSettings
 from mountnav.identification.blind import building

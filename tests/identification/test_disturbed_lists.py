@@ -91,6 +91,7 @@ def test_lists_and_noise_that_are_no_sky_give_no_answer():
     assert not [one for one in outcomes if one.result in ("wrong", "right")]
 
 
+@pytest.mark.first
 @pytest.mark.long
 @pytest.mark.shared
 def test_hundred_hints_that_point_elsewhere(shared):

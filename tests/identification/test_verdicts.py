@@ -75,7 +75,7 @@ def test_defocus_is_told_by_the_width_and_by_the_quality():
     wide = replace(listed(*places, 1000, 800), fwhm_px=np.full(20, 14.0))
     told = replace(listed(*places, 1000, 800), quality=QUALITY)
     for m in (wide, told):
-        got = refused(m, Hint(PLACES["galactic pole"](rng), 0.5, 3.9, 4.1), budget_s=5)
+        got = refused(m, Hint(PLACES["galactic pole"](rng), 0.5, 3.9, 4.1), budget_s=60)
         assert got.reason is Reason.CLOUD_OR_DEFOCUS
         assert "defocus" in got.detail
 

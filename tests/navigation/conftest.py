@@ -102,6 +102,7 @@ async def make_rig() -> AsyncIterator[MakeRig]:
                 listen=lambda kind, data: events.append((kind, data)),
                 solving=solving,
                 solve=None if solve is None else solve(mechanics, catalog),
+                mounting="fork",
             )
             await navigator.open()
             stack.push_async_callback(navigator.close)

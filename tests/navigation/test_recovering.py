@@ -10,7 +10,7 @@ import pytest
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadFrame, MountMoved, OffsetImplausible, OutsideLimits
 from mountnav.frames import Frame, Hint
-from mountnav.navigation.recovering import agreement_arcsec
+from mountnav.navigation.recovering import MOST_LOOKS, agreement_arcsec
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.sky.chain import icrs_to_apparent
 from mountnav.sky.coordinates import Icrs, utc_now
@@ -28,7 +28,7 @@ class FindsAnywhere:
     mechanics : Mechanics
     catalog : Catalog
     wrong_by_deg : float
-        So far north of the truth is what it says from its second frame on.
+        So far north of the truth is what it says with its second frame, twice as far with its third, ...
     """
 
     def __init__(self, mechanics: Mechanics, catalog: Catalog, *, wrong_by_deg: float = 0.0) -> None:
@@ -45,7 +45,7 @@ class FindsAnywhere:
         assert verdict.solution is not None
         solution = replace(verdict.solution, mode="blind/cubic")
         if len(self.asked) > 1 and self._wrong_by_deg:
-            north = float(solution.wcs["CRVAL2"]) + self._wrong_by_deg
+            north = float(solution.wcs["CRVAL2"]) + self._wrong_by_deg * (len(self.asked) - 1)
             solution = replace(solution, wcs={**solution.wcs, "CRVAL2": north})
         return replace(verdict, solution=solution)
 
@@ -114,6 +114,8 @@ async def test_two_frames_that_disagree_are_never_synced_on(make_rig: MakeRig) -
     with pytest.raises(OffsetImplausible, match="72″ apart"):
         await rig.navigator.recover()
     assert "syncing" not in rig.kinds()
+    # more than two were asked, and no two of them agreed
+    assert rig.kinds().count("solved") == MOST_LOOKS
 
 
 async def test_a_place_below_the_ground_is_never_synced_on(make_rig: MakeRig) -> None:

@@ -110,6 +110,7 @@ def test_files_and_uploads(shared, tmp_path):
     assert bad.reason is Reason.BAD_FRAME
 
 
+@pytest.mark.first
 @pytest.mark.long
 def test_wrong_places_never_solve(frames):
     chance = random.Random(7)

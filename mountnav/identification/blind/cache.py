@@ -3,26 +3,17 @@
 from __future__ import annotations
 
 import fcntl
-import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from mountnav.cache_folder import cache_folder
 from mountnav.catalog.packed import PackedStore
 from mountnav.errors import BadSettings
 from mountnav.identification.blind.file_format import VERSION
 from mountnav.identification.blind.index import BlindIndex
 
 Progress = Callable[[float], None]
-
-
-def cache_folder() -> Path:
-    """$MOUNTNAV_CACHE, else $XDG_CACHE_HOME/mountnav, else ~/.cache/mountnav; it may not exist yet."""
-    if own := os.environ.get("MOUNTNAV_CACHE"):
-        return Path(own)
-    if shared := os.environ.get("XDG_CACHE_HOME"):
-        return Path(shared) / "mountnav"
-    return Path.home() / ".cache" / "mountnav"
 
 
 def index_path(catalog: PackedStore) -> Path:

@@ -7,18 +7,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.catalog.packed_format import (
+from mountnav.catalog.packed.format import (
     DEC_STEP_DEG,
-    FAST,
     LONGEST_HEADER_BYTES,
     MAG_STEP,
     MAG_ZERO,
     PREAMBLE_BYTES,
     RA_STEP_DEG,
     STAR,
-    decode_header,
     proper_motions,
 )
+from mountnav.catalog.packed.header import decode_header
 from mountnav.catalog.space_motion import motion_vectors, unit_vectors
 from mountnav.identification.blind.mapping import let_go, mapped
 
@@ -50,7 +49,7 @@ class CatalogRows:
             self._mapped, dtype=STAR, count=header.count, offset=start + layout["stars"][0]
         )
         self._fast = np.frombuffer(
-            self._mapped, dtype=FAST, count=header.fast_count, offset=start + layout["fast"][0]
+            self._mapped, dtype=header.fast_dtype, count=header.fast_count, offset=start + layout["fast"][0]
         )
 
     def __len__(self) -> int:

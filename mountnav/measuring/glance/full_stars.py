@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from mountnav.measuring.descent import covariances
 from mountnav.measuring.glance.candidates import FullPatches
 from mountnav.measuring.glance.placing import Placed, solved_for
 from mountnav.measuring.glance.scene import Scene
 from mountnav.measuring.glance.star_image import StarShape, drawn
-from mountnav.measuring.profile import covariances
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

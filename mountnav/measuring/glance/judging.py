@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 
 from mountnav.measuring.glance.patches import Moments
 from mountnav.measuring.measurements import Flag
-from mountnav.measuring.profile import FWHM_PER_SIGMA
+from mountnav.measuring.star_shape import FWHM_PER_SIGMA
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -8,11 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.measuring.bell import with_noise_law
+from mountnav.measuring.descent import Fit
 from mountnav.measuring.glance.judging import nearest_px
 from mountnav.measuring.glance.scene import Scene
 from mountnav.measuring.glance.star_image import Pixels, StarShape, drawn_with_shape
 from mountnav.measuring.measurements import Flag, Measurements
-from mountnav.measuring.profile import FWHM_PER_SIGMA, PIXEL_FWHM2, Bell, Fit, Stamps
+from mountnav.measuring.stamps import Stamps
+from mountnav.measuring.star_shape import FWHM_PER_SIGMA, PIXEL_FWHM2, Bell
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

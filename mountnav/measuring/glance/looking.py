@@ -24,9 +24,9 @@ from mountnav.measuring.glance.peaks import coarse_peaks
 from mountnav.measuring.glance.scene import Scene, survey
 from mountnav.measuring.glance.seen import Glance
 from mountnav.measuring.measurements import Flag, Measurements
-from mountnav.measuring.profile import FWHM_PER_SIGMA, PIXEL_FWHM2
 from mountnav.measuring.saturation import saturation_level
 from mountnav.measuring.settings import MeasuringSettings
+from mountnav.measuring.star_shape import FWHM_PER_SIGMA, PIXEL_FWHM2
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

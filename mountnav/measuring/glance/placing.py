@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from mountnav.measuring.descent import covariances
 from mountnav.measuring.glance.scene import Scene
 from mountnav.measuring.glance.star_image import Pixels, StarImage, drawn
-from mountnav.measuring.profile import covariances
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

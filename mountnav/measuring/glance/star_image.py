@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.measuring.profile import Bell
+from mountnav.measuring.star_shape import Bell
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.float32]

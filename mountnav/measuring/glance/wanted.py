@@ -22,9 +22,9 @@ from mountnav.measuring.glance.placing import place
 from mountnav.measuring.glance.scene import Scene
 from mountnav.measuring.glance.star_image import StarImage, StarShape
 from mountnav.measuring.measurements import Flag, Measurements
-from mountnav.measuring.profile import FWHM_PER_SIGMA, PIXEL_FWHM2
 from mountnav.measuring.quality import SkyQuality
 from mountnav.measuring.settings import MeasuringSettings
+from mountnav.measuring.star_shape import FWHM_PER_SIGMA, PIXEL_FWHM2
 from mountnav.measuring.summary import bell_image, ellipse_of, limiting_flux, summed_up
 
 Array = NDArray[np.float64]

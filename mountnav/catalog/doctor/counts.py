@@ -1,0 +1,265 @@
+"""Stars per frame, all over the sky: counted in a catalog that is here, or after the model of the Galaxy."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mountnav.catalog.doctor.places import FIRST, Places
+from mountnav.catalog.doctor.solve_chance import SURE_STARS, failing, failing_on_mean
+from mountnav.catalog.packed import PackedStore
+from mountnav.catalog.star_counts import density_deg2
+from mountnav.catalog.stars import Catalog
+from mountnav.sky.coordinates import Icrs
+from mountnav.sky.sphere import gnomonic
+
+Array = NDArray[np.float64]
+
+RICH = 5 * SURE_STARS
+"""Where the poorest of the first frames holds so many stars, the others are not looked at."""
+WELL_ABOVE = 3 * SURE_STARS
+"""A frame with so many stars to a brighter magnitude is read no deeper."""
+SCATTER_DEX = 0.08
+"""How far the sky is from the model of the Galaxy from frame to frame: fitted to Tycho-2's own counts."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameSize:
+    """What a frame shows.
+
+    Attributes
+    ----------
+    width_deg, height_deg : float
+        > 0.
+    depth_mag : float
+        Faintest star that is measured.
+    """
+
+    width_deg: float
+    height_deg: float
+    depth_mag: float
+
+    @property
+    def half_diagonal_deg(self) -> float:
+        """From the center to a corner."""
+        return math.hypot(self.width_deg, self.height_deg) / 2.0
+
+    @property
+    def area_deg2(self) -> float:
+        """Size."""
+        return self.width_deg * self.height_deg
+
+    def __str__(self) -> str:
+        return f"{self.width_deg:.3g}° × {self.height_deg:.3g}°"
+
+
+@dataclass(frozen=True, slots=True)
+class Counted:
+    """Frames of a catalog over the sky.
+
+    Attributes
+    ----------
+    looked_at : int
+        How many of the places: all, or the first ones if these were rich.
+    fails : ndarray, shape (places,)
+        Probability that a frame there is not solved, from its own number of stars; 1 where the catalog has
+        no sky, 0 where nothing was looked at.
+    covered : ndarray of bool, shape (places,)
+        Whether the catalog has that part of the sky.
+    median, pole, plane : float
+        Stars per frame: the median over the covered places, the means near pole and plane. NaN if none is
+        reached or covered.
+    """
+
+    looked_at: int
+    fails: Array
+    covered: NDArray[np.bool_]
+    median: float
+    pole: float
+    plane: float
+
+
+def counted(
+    catalog: Catalog, frame: FrameSize, places: Places, pole: Places, plane: Places, *, epoch_yr: float
+) -> Counted:
+    """Lay frames over the sky and count the stars of a catalog in each.
+
+    Parameters
+    ----------
+    catalog : Catalog
+        On this machine.
+    frame : FrameSize
+    places, pole, plane : Places
+        From `mountnav.catalog.doctor.places`.
+    epoch_yr : float
+        Julian year.
+
+    Returns
+    -------
+    Counted
+    """
+    covered = np.array([_covers(catalog, frame, at) for at in _centers(places)], dtype=np.bool_)
+    first = np.flatnonzero(covered[:FIRST])
+    numbers, bright = _in_frames(catalog, frame, places.only(first), frame.depth_mag, epoch_yr)
+    fails = np.where(covered, 0.0, 1.0)
+    fails[first] = failing(numbers)
+    looked_at = len(places)
+    if first.size and numbers.min() >= RICH:
+        looked_at = min(FIRST, len(places))
+    else:
+        rest = FIRST + np.flatnonzero(covered[FIRST:])
+        fails[rest] = failing(_at_least(catalog, frame, places.only(rest), bright, epoch_yr))
+    return Counted(
+        looked_at,
+        fails,
+        covered,
+        float(np.median(numbers)) if first.size else math.nan,
+        _mean(catalog, frame, pole, epoch_yr),
+        _mean(catalog, frame, plane, epoch_yr),
+    )
+
+
+def modeled(
+    faintest_mag: float,
+    densest_deg2: float | None,
+    frame: FrameSize,
+    places: Places,
+    pole: Places,
+    plane: Places,
+) -> Counted:
+    """The same for a catalog that isn't here, after the model of the Galaxy.
+
+    Parameters
+    ----------
+    faintest_mag : float
+        How deep it is complete, as a V magnitude.
+    densest_deg2 : float or None
+        If it was thinned out to so many stars per square degree, the brightest first.
+    frame : FrameSize
+    places, pole, plane : Places
+
+    Returns
+    -------
+    Counted
+        Of a catalog of the whole sky; the model has neither clusters nor dark clouds.
+    """
+    depth = min(frame.depth_mag, faintest_mag)
+
+    def means(where: Places) -> Array:
+        density = density_deg2(where.ra_deg, where.dec_deg, depth)
+        if densest_deg2 is not None:
+            density = np.minimum(density, densest_deg2)
+        return np.asarray(density * frame.area_deg2)
+
+    expected = means(places)
+    return Counted(
+        len(places),
+        failing_near(expected),
+        np.ones(len(places), dtype=np.bool_),
+        float(np.median(expected)),
+        float(np.mean(means(pole))) if len(pole) else math.nan,
+        float(np.mean(means(plane))) if len(plane) else math.nan,
+    )
+
+
+def failing_near(means: ArrayLike) -> Array:
+    """Probability that a frame is not solved where the model expects so many stars.
+
+    Parameters
+    ----------
+    means : array_like
+
+    Returns
+    -------
+    ndarray
+        0 to 1, of the same shape. The sky's own unevenness is taken in: a frame's true mean scatters by
+        `SCATTER_DEX` about the model's.
+    """
+    spread = 10.0 ** (math.sqrt(3.0) * SCATTER_DEX)
+    mean = np.asarray(means, dtype=np.float64)
+    # three points stand for the normal distribution [Gauss and Hermite]
+    poor, middle, rich = (failing_on_mean(mean * factor) for factor in (1.0 / spread, 1.0, spread))
+    return np.asarray((poor + 4.0 * middle + rich) / 6.0)
+
+
+def stars_in_frame(
+    catalog: Catalog,
+    frame: FrameSize,
+    center: Icrs,
+    rotation_deg: float,
+    *,
+    epoch_yr: float,
+    mag_limit: float | None = None,
+) -> Array:
+    """Magnitudes of a catalog's stars in one frame.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    frame : FrameSize
+    center : Icrs
+    rotation_deg : float
+        Position angle of the frame's +y axis.
+    epoch_yr : float
+    mag_limit : float, optional
+        Instead of the frame's depth.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Brightest first.
+    """
+    limit = frame.depth_mag if mag_limit is None else mag_limit
+    stars = catalog.cone(center, min(frame.half_diagonal_deg, 89.0), epoch_yr=epoch_yr, mag_limit=limit)
+    xi, eta = gnomonic(stars.ra_deg, stars.dec_deg, center.ra_deg, center.dec_deg)
+    sin, cos = math.sin(math.radians(rotation_deg)), math.cos(math.radians(rotation_deg))
+    # the plane's half sides: tan, so that a lens of 90° is no smaller than it is
+    half_width = math.tan(math.radians(min(frame.width_deg, 170.0) / 2.0))
+    half_height = math.tan(math.radians(min(frame.height_deg, 170.0) / 2.0))
+    inside = (np.abs(xi * cos - eta * sin) <= half_width) & (np.abs(xi * sin + eta * cos) <= half_height)
+    return np.asarray(stars.mag[inside])
+
+
+def _in_frames(
+    catalog: Catalog, frame: FrameSize, places: Places, mag_limit: float, epoch_yr: float
+) -> tuple[NDArray[np.int64], float]:
+    """Stars in each frame; and the magnitude to which nearly all frames hold plenty."""
+    numbers = np.zeros(len(places), dtype=np.int64)
+    plenty = np.full(len(places), math.inf)
+    for row, (center, rotation) in enumerate(zip(_centers(places), places.rotation_deg, strict=True)):
+        mags = stars_in_frame(catalog, frame, center, rotation, epoch_yr=epoch_yr, mag_limit=mag_limit)
+        numbers[row] = mags.size
+        if mags.size >= WELL_ABOVE:
+            plenty[row] = mags[WELL_ABOVE - 1]
+    # "higher" keeps an infinite magnitude infinite instead of interpolating to NaN
+    return numbers, float(np.quantile(plenty, 0.9, method="higher")) if len(places) else math.inf
+
+
+def _at_least(
+    catalog: Catalog, frame: FrameSize, places: Places, bright_mag: float, epoch_yr: float
+) -> NDArray[np.int64]:
+    """Stars in each frame, counted no further than matters."""
+    bright_mag = min(bright_mag, frame.depth_mag)
+    numbers, _ = _in_frames(catalog, frame, places, bright_mag, epoch_yr)
+    if bright_mag < frame.depth_mag:
+        poor = np.flatnonzero(numbers < SURE_STARS)
+        numbers[poor], _ = _in_frames(catalog, frame, places.only(poor), frame.depth_mag, epoch_yr)
+    return numbers
+
+
+def _mean(catalog: Catalog, frame: FrameSize, places: Places, epoch_yr: float) -> float:
+    here = np.array([_covers(catalog, frame, at) for at in _centers(places)], dtype=np.bool_)
+    if not here.any():
+        return math.nan
+    return float(np.mean(_in_frames(catalog, frame, places.only(here), frame.depth_mag, epoch_yr)[0]))
+
+
+def _centers(places: Places) -> list[Icrs]:
+    return [Icrs(float(ra), float(dec)) for ra, dec in zip(places.ra_deg, places.dec_deg, strict=True)]
+
+
+def _covers(catalog: Catalog, frame: FrameSize, center: Icrs) -> bool:
+    return not isinstance(catalog, PackedStore) or catalog.covers(center, frame.half_diagonal_deg)

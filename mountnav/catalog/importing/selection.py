@@ -1,0 +1,140 @@
+"""The part of a catalog that an import takes: to a magnitude, in a cone, between two declinations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mountnav.catalog.packed.packing import CatalogColumns
+from mountnav.catalog.readers import Part
+from mountnav.catalog.space_motion import unit_vectors
+from mountnav.catalog.stars import StarFlag
+from mountnav.errors import BadRequest
+from mountnav.sky.coordinates import Icrs
+
+_MARGIN_DEG = 0.1
+"""A zone's stars may have left it: the zones are those of the catalog's making, not of its epoch."""
+
+
+@runtime_checkable
+class KnowsDeclinations(Protocol):
+    """A reader that can tell between which declinations a part lies: others needn't be read at all."""
+
+    def dec_range_deg(self, part: Part) -> tuple[float, float]:
+        """Lowest and highest declination of the part."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """Which stars are wanted. What isn't given is no limit.
+
+    Attributes
+    ----------
+    mag_limit : float, optional
+        Faintest magnitude in the catalog's band, inclusive; stars without one are left out.
+    center : Icrs, optional
+    radius_deg : float, optional
+        With `center`: how far the stars may be from it at the catalog's epoch.
+    dec_range_deg : (float, float), optional
+        Lowest and highest declination, both inclusive.
+
+    Raises
+    ------
+    BadRequest
+        A value is not finite or out of range.
+    """
+
+    mag_limit: float | None = None
+    center: Icrs | None = None
+    radius_deg: float | None = None
+    dec_range_deg: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.mag_limit is not None and not -5.0 <= self.mag_limit <= 40.0:
+            raise BadRequest(f"no magnitude limit: {self.mag_limit}", advice="give one of -5 to 40")
+        if (self.center is None) != (self.radius_deg is None):
+            raise BadRequest("a cone has a center and a radius", advice="give RA, Dec and radius")
+        if self.radius_deg is not None and not 0.0 < self.radius_deg <= 180.0:
+            raise BadRequest(
+                f"no radius of a cone: {self.radius_deg}°", advice="give one of 0 to 180 degrees"
+            )
+        if self.dec_range_deg is not None:
+            low, high = self.dec_range_deg
+            if not -90.0 <= low < high <= 90.0:
+                raise BadRequest(
+                    f"no range of declinations: {low}° to {high}°",
+                    advice="give the lower first, both within -90 and 90 degrees",
+                )
+
+    @property
+    def is_everything(self) -> bool:
+        """Whether nothing is left out."""
+        return self == EVERYTHING
+
+    def __str__(self) -> str:
+        told = []
+        if self.mag_limit is not None:
+            told.append(f"to magnitude {self.mag_limit:.10g}")
+        if self.center is not None and self.radius_deg is not None:
+            ra, dec = f"{self.center.ra_deg:.10g}°", f"{self.center.dec_deg:.10g}°"
+            told.append(f"within {self.radius_deg:.10g}° of RA {ra}, Dec {dec}")
+        if self.dec_range_deg is not None:
+            told.append(f"Dec {self.dec_range_deg[0]:.10g}° to {self.dec_range_deg[1]:.10g}°")
+        return ", ".join(told)
+
+    def wants_some_of(self, dec_range_deg: tuple[float, float]) -> bool:
+        """Whether a zone of these declinations can hold a star that is wanted."""
+        low, high = dec_range_deg[0] - _MARGIN_DEG, dec_range_deg[1] + _MARGIN_DEG
+        wanted = [(-90.0, 90.0)] if self.dec_range_deg is None else [self.dec_range_deg]
+        if self.center is not None and self.radius_deg is not None:
+            wanted.append((self.center.dec_deg - self.radius_deg, self.center.dec_deg + self.radius_deg))
+        return all(low <= last and first <= high for first, last in wanted)
+
+    def of(self, columns: CatalogColumns) -> CatalogColumns:
+        """The stars that are wanted, in the order they came."""
+        if self.is_everything:
+            return columns
+        chosen: NDArray[np.bool_] = np.ones(columns.ra_deg.size, dtype=np.bool_)
+        if self.mag_limit is not None:
+            # as `PackedStore.cone`: a limit of 14 must not lose the stars of 14.000 to rounding
+            chosen &= columns.mag <= self.mag_limit + 1e-6
+            if columns.flags is not None:  # a stand-in is no magnitude
+                chosen &= (columns.flags & StarFlag.NO_MAGNITUDE) == 0
+        if self.dec_range_deg is not None:
+            chosen &= (columns.dec_deg >= self.dec_range_deg[0]) & (columns.dec_deg <= self.dec_range_deg[1])
+        if self.center is not None and self.radius_deg is not None:
+            chosen[chosen] = self._in_cone(columns.ra_deg[chosen], columns.dec_deg[chosen])
+        if chosen.all():
+            return columns
+        return rows_of(columns, np.flatnonzero(chosen))
+
+    def _in_cone(self, ra_deg: NDArray[np.float64], dec_deg: NDArray[np.float64]) -> NDArray[np.bool_]:
+        assert self.center is not None
+        assert self.radius_deg is not None
+        axis = unit_vectors(self.center.ra_deg, self.center.dec_deg)
+        chord = unit_vectors(ra_deg, dec_deg) - axis[:, np.newaxis]
+        inside: NDArray[np.bool_] = (chord**2).sum(axis=0) <= (
+            2.0 * np.sin(np.radians(self.radius_deg) / 2.0)
+        ) ** 2
+        return inside
+
+
+EVERYTHING = Selection()
+
+
+def rows_of(columns: CatalogColumns, rows: NDArray[np.int64]) -> CatalogColumns:
+    """Some stars of the columns, in the order of `rows`."""
+    return CatalogColumns(
+        ra_deg=columns.ra_deg[rows],
+        dec_deg=columns.dec_deg[rows],
+        pm_ra_cosdec_mas_yr=columns.pm_ra_cosdec_mas_yr[rows],
+        pm_dec_mas_yr=columns.pm_dec_mas_yr[rows],
+        mag=columns.mag[rows],
+        error_curve=columns.error_curve[rows],
+        color_mag=None if columns.color_mag is None else columns.color_mag[rows],
+        flags=None if columns.flags is None else columns.flags[rows],
+    )

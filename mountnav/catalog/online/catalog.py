@@ -1,0 +1,349 @@
+"""The catalog that asks the network: fresh cache, live, stale cache, and then whatever stands behind it.
+
+A cone is taken as a whole from one of them, never in parts from two catalogs. `Stars.steps` tells the way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mountnav.catalog.online.at_hand import AtHand, look
+from mountnav.catalog.online.fetching import Fetched, fetch
+from mountnav.catalog.online.joining import joined
+from mountnav.catalog.online.question import limit_column
+from mountnav.catalog.online.refusals import NotAnswered
+from mountnav.catalog.online.rest import answered, failed, resting
+from mountnav.catalog.online.source import OnlineSource
+from mountnav.catalog.online.telling import cached_text, fetched_text, tiles_text
+from mountnav.catalog.online.tile_cache import Record, TileCache
+from mountnav.catalog.online.tiles import Tile, axis_of, level_for, tiles_of
+from mountnav.catalog.stars import Catalog, Stars
+from mountnav.errors import BadRequest, StarsUnavailable
+from mountnav.sky.coordinates import Icrs
+
+Array = NDArray[np.float64]
+
+MOST_REQUESTS = 16
+"""For one cone. A wider prefetch goes on in rounds."""
+FASTEST_ARCSEC_YR = 10.5
+"""Barnard's star: from so far outside a cone a star may have come."""
+DEPTHS_MAG = (12.0, 14.0, 16.0, 18.0, 20.0)
+"""To which tiles are fetched if the settings don't say: cones of like depth then share them."""
+PREFETCH_TIMEOUT_S = 60.0
+_PER_ROUND = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Prefetched:
+    """Report of a prefetch.
+
+    Attributes
+    ----------
+    tiles : int
+        How many the area has.
+    fetched : int
+        How many of them were asked for and came.
+    problem : str or None
+        Why some didn't come.
+    """
+
+    tiles: int
+    fetched: int
+    problem: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class CachedTiles:
+    """What of a source lies in the cache.
+
+    Attributes
+    ----------
+    tiles, stars : int
+    area_deg2 : float
+        How much of the sky that is, larger and smaller tiles of the same place counted twice.
+    size_bytes : int
+    oldest, newest : str
+        Days, "2026-08-01"; empty if there are none.
+    """
+
+    tiles: int
+    stars: int
+    area_deg2: float
+    size_bytes: int
+    oldest: str = ""
+    newest: str = ""
+
+
+class OnlineCatalog:
+    """A catalog on the network with its cache. Implements `mountnav.catalog.stars.Catalog`.
+
+    Safe to share between threads, and it may be sent to another process.
+
+    Parameters
+    ----------
+    source : OnlineSource
+    cache : Path
+        The user's cache folder.
+    behind : Catalog or None
+        Whose stars are taken where this one has none: the catalogs on this machine, or the embedded one.
+    """
+
+    def __init__(self, source: OnlineSource, cache: Path, *, behind: Catalog | None) -> None:
+        self.source = source
+        self.behind = behind
+        self._folder = cache
+        self._cache = TileCache(cache, source)
+        self._key = f"{source.name} {source.url} {source.table}"
+
+    @property
+    def name(self) -> str:
+        """Name for provenance."""
+        return self.source.name
+
+    @property
+    def faintest_mag(self) -> float:
+        """Hardly a star is fainter; infinite if that isn't known."""
+        return self.source.faintest_mag
+
+    def __reduce__(self) -> tuple[object, tuple[OnlineSource, Path, Catalog | None]]:
+        return _opened, (self.source, self._folder, self.behind)
+
+    def __repr__(self) -> str:
+        return f"OnlineCatalog({self.source.name!r}, {self.source.host})"
+
+    def cone(
+        self, center: Icrs, radius_deg: float, *, epoch_yr: float, mag_limit: float | None = None
+    ) -> Stars:
+        """Stars within `radius_deg` of `center`, at `epoch_yr`, to `mag_limit`, brightest first.
+
+        Waits for the network for `timeout_s` of the source at most, whatever the server does.
+
+        Parameters
+        ----------
+        center : Icrs
+        radius_deg : float
+            0 to 180.
+        epoch_yr : float
+            Julian year.
+        mag_limit : float, optional
+            Faintest magnitude that is wanted, inclusive.
+
+        Returns
+        -------
+        Stars
+            Of this catalog, or of the one behind it: see `Stars.source` and `Stars.steps`.
+
+        Raises
+        ------
+        BadRequest
+            A value is not finite or out of range.
+        StarsUnavailable
+            There are none, and no catalog behind this one.
+        """
+        _require_sensible(center, radius_deg, epoch_yr, mag_limit)
+        if radius_deg > self.source.max_radius_deg:
+            why = f"not asked: a cone of {radius_deg:.1f}° is wider than {self.source.max_radius_deg:g}°"
+            return self._from_behind(why, center, radius_deg, epoch_yr, mag_limit)
+        axis, reach_deg = self._reach(center, radius_deg, epoch_yr)
+        depth = self._depth(mag_limit)
+        level = level_for(depth, self.source.faintest_mag, radius_deg)
+        found = self._look(axis, reach_deg, level, depth)
+        damaged = f"{tiles_text(found.damaged)} in the cache damaged" if found.damaged else ""
+        told, why = "", ""
+        if not found.is_complete_and_fresh:
+            why = self._why_not_asked(found)
+            if not why:
+                came = self._fetch(found.to_fetch, axis, reach_deg, depth, self.source.timeout_s)
+                told = fetched_text(came, self.source.host)
+                why = "" if came.failure is None else came.failure.why
+                found = self._look(axis, reach_deg, level, depth)
+        if found.missing:
+            why = why or f"{len(found.missing)} tiles can't be kept in the cache"
+            return self._from_behind(why, center, radius_deg, epoch_yr, mag_limit)
+        stars = self._joined(found.records, center, radius_deg, epoch_yr, mag_limit)
+        if stars is None:
+            return self._from_behind("it has no stars here", center, radius_deg, epoch_yr, mag_limit)
+        steps = [part for part in (damaged, why, told, cached_text(found, bool(told))) if part]
+        return replace(stars, steps=(f"{self.name}: {'; '.join(steps)}",))
+
+    def prefetch(
+        self,
+        center: Icrs,
+        radius_deg: float,
+        *,
+        mag_limit: float | None = None,
+        timeout_s: float = PREFETCH_TIMEOUT_S,
+        progress: Callable[[float], None] | None = None,
+    ) -> Prefetched:
+        """Fetch an area into the cache, for a night without network.
+
+        It asks even a source that solves never ask.
+
+        Parameters
+        ----------
+        center : Icrs
+        radius_deg : float
+            Up to 30.
+        mag_limit : float, optional
+            As deep as cones will ask.
+        timeout_s : float
+            For each round of a few tiles.
+        progress : callable, optional
+            Told the share that is done, 0 to 1.
+
+        Returns
+        -------
+        Prefetched
+            What came is kept even if there was a problem.
+
+        Raises
+        ------
+        BadRequest
+            A value is out of range.
+        """
+        _require_sensible(center, radius_deg, 2000.0, mag_limit)
+        if radius_deg > 30.0:
+            raise BadRequest(
+                f"an area of {radius_deg:g}° radius is too large to be fetched from a server",
+                advice="import the catalog instead: `mountnav catalog import`",
+            )
+        # with the margin that stars need which move into the cones of this night
+        axis, reach_deg = self._reach(center, radius_deg, datetime.now(UTC).year + 1.0)
+        depth = self._depth(mag_limit)
+        level = level_for(depth, self.source.faintest_mag, 0.0)
+        found = self._look(axis, reach_deg, level, depth)
+        todo = list(found.to_fetch)
+        total, fetched = max(len(todo), 1), 0
+        problem = None
+        while todo and problem is None:
+            now, todo = todo[:_PER_ROUND], todo[_PER_ROUND:]
+            came = self._fetch(now, axis, reach_deg, depth, timeout_s)
+            fetched += len(came.records)
+            problem = None if came.failure is None else came.failure.why
+            if progress is not None:
+                progress(1.0 - len(todo) / total)
+        found = self._look(axis, reach_deg, level, depth)
+        if found.missing and problem is None:
+            problem = f"{len(found.missing)} tiles can't be kept in the cache"
+        return Prefetched(len(found.records) + len(found.missing), fetched, problem)
+
+    def cached_tiles(self) -> CachedTiles:
+        """What lies in the cache."""
+        records = list(self._cache.records())
+        days = sorted(record.date for record in records)
+        return CachedTiles(
+            tiles=len(records),
+            stars=sum(record.stars for record in records),
+            area_deg2=sum(record.tile.area_deg2 for record in records),
+            size_bytes=self._cache.size_bytes(),
+            oldest=days[0] if days else "",
+            newest=days[-1] if days else "",
+        )
+
+    def clear(self) -> None:
+        """Remove all its tiles from the cache."""
+        self._cache.clear()
+
+    def _depth(self, mag_limit: float | None) -> float | None:
+        """To which magnitude tiles are fetched; None: all that the table has."""
+        if self.source.mag_limit is not None:
+            return self.source.mag_limit
+        if mag_limit is None or not limit_column(self.source):
+            return None
+        return next((step for step in DEPTHS_MAG if step >= mag_limit), None)
+
+    def _reach(self, center: Icrs, radius_deg: float, epoch_yr: float) -> tuple[Array, float]:
+        """Direction of a cone, and its radius with what stars may have moved since the tiles' epoch."""
+        known = self.source.known
+        since = self.source.epoch_yr or (known.epoch_yr if known is not None else 2000.0)
+        moved_deg = FASTEST_ARCSEC_YR * min(abs(epoch_yr - since), 100.0) / 3600.0
+        return axis_of(center.ra_deg, center.dec_deg), min(radius_deg + moved_deg, 180.0)
+
+    def _look(self, axis: Array, reach_deg: float, level: int, depth: float | None) -> AtHand:
+        return look(
+            self._cache,
+            tiles_of(axis, reach_deg, level),
+            mag_limit=depth,
+            wanted=lambda tile: tile.touches(axis, reach_deg),
+            max_age_days=self.source.max_age_days,
+        )
+
+    def _why_not_asked(self, found: AtHand) -> str:
+        if self.source.ask == "never":
+            lacking = len(found.missing)
+            what = f"{lacking} of {lacking + len(found.records)} tiles are not in the cache, and " * bool(
+                lacking
+            )
+            return f"{what}it is never asked"
+        rest = resting(self._key)
+        if rest is not None:
+            return f"left alone for another {rest.left_s:.0f} s, since: {rest.why}"
+        if len(found.to_fetch) > MOST_REQUESTS:
+            return f"not asked: the cone would take {len(found.to_fetch)} requests"
+        return ""
+
+    def _fetch(
+        self, tiles: Sequence[Tile], axis: Array, reach_deg: float, depth: float | None, timeout_s: float
+    ) -> Fetched:
+        came = fetch(
+            self.source,
+            self._cache,
+            tiles,
+            mag_limit=depth,
+            timeout_s=timeout_s,
+            wanted=lambda tile: tile.touches(axis, reach_deg),
+        )
+        if came.failure is None:
+            answered(self._key)
+        elif not (came.records and isinstance(came.failure, NotAnswered)):
+            # a server that is merely slow has brought something: the next cone goes on from there
+            failed(self._key, came.failure.why)
+        return came
+
+    def _joined(
+        self,
+        records: Sequence[Record],
+        center: Icrs,
+        radius_deg: float,
+        epoch_yr: float,
+        mag_limit: float | None,
+    ) -> Stars | None:
+        """The stars of all tiles in one; None if there are none."""
+        parts = []
+        for record in records:
+            store = self._cache.stars(record) if record.stars else None
+            if store is not None:
+                parts.append(store.cone(center, radius_deg, epoch_yr=epoch_yr, mag_limit=mag_limit))
+        return joined([part for part in parts if len(part)], self.name)
+
+    def _from_behind(
+        self, why: str, center: Icrs, radius_deg: float, epoch_yr: float, mag_limit: float | None
+    ) -> Stars:
+        if self.behind is None:
+            raise StarsUnavailable(
+                why,
+                device=self.name,
+                advice="check the network, or import a catalog: `mountnav catalog import`",
+            )
+        stars = self.behind.cone(center, radius_deg, epoch_yr=epoch_yr, mag_limit=mag_limit)
+        return replace(stars, steps=(f"{self.name}: {why}; {stars.source} taken instead", *stars.steps))
+
+
+def _opened(source: OnlineSource, cache: Path, behind: Catalog | None) -> OnlineCatalog:
+    return OnlineCatalog(source, cache, behind=behind)
+
+
+def _require_sensible(center: Icrs, radius_deg: float, epoch_yr: float, mag_limit: float | None) -> None:
+    values = [center.ra_deg, center.dec_deg, radius_deg, epoch_yr, 0.0 if mag_limit is None else mag_limit]
+    if not np.all(np.isfinite(values)) or abs(center.dec_deg) > 90.0 or not 0.0 <= radius_deg <= 180.0:
+        raise BadRequest(
+            f"no cone of radius {radius_deg}° at RA {center.ra_deg}°, Dec {center.dec_deg}°, "
+            f"epoch {epoch_yr}, magnitude limit {mag_limit}",
+            advice="all values must be finite, Dec within -90..90 and the radius within 0..180",
+        )

@@ -1,0 +1,195 @@
+"""Fetching of tiles: some at a time, split where the server has too much, all over at the deadline.
+
+Each request runs in a thread of its own that nobody waits for longer than the deadline: neither a name server
+that doesn't answer nor a server that sends a byte each second can hold a solve. A thread that is late ends by
+itself at its next read, since its client is closed.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from mountnav.catalog.online.answer import columns_of
+from mountnav.catalog.online.getting import get, new_client
+from mountnav.catalog.online.question import MOST_ROWS, question
+from mountnav.catalog.online.refusals import NotAnswered, Overflow, SourceFailed, Unusable, quoted
+from mountnav.catalog.online.roles import roles_of
+from mountnav.catalog.online.source import OnlineSource
+from mountnav.catalog.online.stars_of import only, stars_of
+from mountnav.catalog.online.tile_cache import Record, TileCache, utc_text
+from mountnav.catalog.online.tiles import LARGEST_LEVEL, Tile
+from mountnav.errors import BadSettings
+
+if TYPE_CHECKING:
+    import httpx
+
+AT_A_TIME = 3
+EMPTIEST_DEG2 = 50.0
+"""To magnitude 14 or deeper every part of the sky holds more stars in a square degree (130 at the poles)."""
+EMPTIEST_FROM_MAG = 14.0
+SUSPICIOUS_COUNT = 10.0
+
+
+@dataclass(slots=True)
+class Fetched:
+    """What came of it.
+
+    Attributes
+    ----------
+    records : list of Record
+        Tiles that are now in the cache.
+    failure : SourceFailed or None
+        What ended it before all was there.
+    splits : int
+        How many tiles were too full.
+    """
+
+    records: list[Record] = field(default_factory=list)
+    failure: SourceFailed | None = None
+    splits: int = 0
+
+
+def fetch(
+    source: OnlineSource,
+    cache: TileCache,
+    tiles: Sequence[Tile],
+    *,
+    mag_limit: float | None,
+    timeout_s: float,
+    wanted: Callable[[Tile], bool],
+) -> Fetched:
+    """Fetch tiles into the cache.
+
+    Parameters
+    ----------
+    source : OnlineSource
+    cache : TileCache
+    tiles : sequence of Tile
+    mag_limit : float or None
+        To which magnitude.
+    timeout_s : float
+        For all of them together.
+    wanted : callable
+        Of the parts of a tile that must be split: which are to be fetched.
+
+    Returns
+    -------
+    Fetched
+        What came is in the cache even if the rest failed.
+    """
+    end = time.monotonic() + timeout_s
+    waiting = list(tiles)
+    under_way = 0
+    done: queue.SimpleQueue[tuple[Tile, Record | SourceFailed]] = queue.SimpleQueue()
+    result = Fetched()
+    client = new_client(source.url, timeout_s)
+
+    def ask(tile: Tile) -> None:
+        try:
+            done.put((tile, _fetched(client, source, cache, tile, mag_limit, end)))
+        except SourceFailed as failure:
+            done.put((tile, failure))
+        except (OSError, BadSettings) as unwritable:
+            done.put((tile, Unusable(f"the cache can't be written: {quoted(str(unwritable))}")))
+        except Exception as unforeseen:  # a thread's own end would leave its caller to the deadline
+            what = f"{type(unforeseen).__name__}: {unforeseen}"
+            done.put((tile, Unusable(f"its answer can't be used: {quoted(what)}")))
+
+    try:
+        while waiting or under_way:
+            while waiting and under_way < AT_A_TIME:
+                threading.Thread(target=ask, args=(waiting.pop(0),), daemon=True, name="stars").start()
+                under_way += 1
+            try:
+                tile, came = done.get(timeout=max(end - time.monotonic(), 0.0))
+            except queue.Empty:
+                got = f", {len(result.records)} tiles came" if result.records else ""
+                result.failure = NotAnswered(f"no answer within {timeout_s:g} s{got}")
+                break
+            under_way -= 1
+            if isinstance(came, Record):
+                result.records.append(came)
+            elif isinstance(came, Overflow) and tile.level < LARGEST_LEVEL:
+                result.splits += 1
+                waiting += [child for child in tile.children if wanted(child)]
+            else:
+                result.failure = _in_time(came, timeout_s)
+                break
+    finally:
+        client.close()
+    return result
+
+
+def _in_time(failure: SourceFailed, timeout_s: float) -> SourceFailed:
+    if isinstance(failure, NotAnswered) and failure.why == "no answer in time":
+        return NotAnswered(f"no answer within {timeout_s:g} s")
+    return failure
+
+
+def _fetched(
+    client: httpx.Client,
+    source: OnlineSource,
+    cache: TileCache,
+    tile: Tile,
+    mag_limit: float | None,
+    end: float,
+) -> Record:
+    """One tile, from the question to the file."""
+    circle = tile.circle()
+    asked = question(source, circle, mag_limit)
+    blank = Record(
+        tile.level,
+        tile.pixel,
+        source=source.name,
+        table=source.table,
+        asked=asked,
+        mag_limit=mag_limit,
+        fetched_utc=utc_text(),
+        epoch_yr=0.0,
+        band="",
+        color_name="",
+        stars=0,
+    )
+    try:
+        columns = columns_of(get(client, asked, end=end), asked_rows=MOST_ROWS)
+    except Overflow:
+        cache.keep(replace(blank, is_split=True), None)
+        raise
+    if not columns or columns[0].values.size == 0:
+        _require_plausible(source, tile, mag_limit)
+        return cache.keep(blank, None)
+    roles = roles_of(columns, source)
+    received = stars_of(roles, source, circle)
+    stars = received.columns
+    inside = tile.holds(stars.ra_deg, stars.dec_deg)
+    if mag_limit is not None:
+        inside &= stars.mag <= mag_limit
+    stars = only(stars, inside)
+    count = int(stars.ra_deg.size)
+    if count == 0:
+        _require_plausible(source, tile, mag_limit)
+    record = replace(
+        blank,
+        epoch_yr=roles.epoch_yr,
+        band=roles.band,
+        color_name=roles.color_name,
+        stars=count,
+        left_out=received.without_place + received.doubled,
+    )
+    return cache.keep(record, stars)
+
+
+def _require_plausible(source: OnlineSource, tile: Tile, mag_limit: float | None) -> None:
+    """Of a table of the whole sky, a large tile without any star is an error of the server's."""
+    deep = source.faintest_mag if mag_limit is None else min(mag_limit, source.faintest_mag)
+    expected = tile.area_deg2 * EMPTIEST_DEG2
+    if source.known is not None and deep >= EMPTIEST_FROM_MAG and expected >= SUSPICIOUS_COUNT:
+        raise Unusable(
+            f"an empty answer for {tile.area_deg2:.1f} square degrees, "
+            f"where there are {expected:.0f} stars at least"
+        )

@@ -1,0 +1,164 @@
+"""Orders, a function for each kind of job; `Client.order` gives them. What is left out is as set."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from mountnav.client.targets import Target
+
+Order = dict[str, Any]
+
+
+def _order(kind: str, **fields: Any) -> Order:
+    return {"kind": kind, **{name: value for name, value in fields.items() if value is not None}}
+
+
+def slew(target: Target) -> Order:
+    """Go to a place as the mount believes it; nothing is looked at."""
+    return _order("slew", target=target)
+
+
+def center(
+    target: Target,
+    *,
+    tolerance_arcsec: float | None = None,
+    max_tries: int | None = None,
+    timeout_s: float | None = None,
+    correct_by: Literal["sync", "offset", "model"] | None = None,
+    planned_s: float | None = None,
+) -> Order:
+    """Slew, look, correct, and slew again until the target is at the frame's center."""
+    return _order(
+        "center",
+        target=target,
+        tolerance_arcsec=tolerance_arcsec,
+        max_tries=max_tries,
+        timeout_s=timeout_s,
+        correct_by=correct_by,
+        planned_s=planned_s,
+    )
+
+
+def look(*, exposure_s: float | None = None, persistent: bool | None = None) -> Order:
+    """Expose and solve: where it truly points. Moves and syncs nothing."""
+    return _order("look", exposure_s=exposure_s, persistent=persistent)
+
+
+def sync() -> Order:
+    """Look, and tell the mount where it truly points."""
+    return _order("sync")
+
+
+def sync_to(target: Target) -> Order:
+    """Tell the mount that it points at these coordinates; the service believes it within bounds."""
+    return _order("sync-to", target=target)
+
+
+def offset(east_arcsec: float, north_arcsec: float) -> Order:
+    """Nudge: slew by so much on the sky."""
+    return _order("offset", east_arcsec=east_arcsec, north_arcsec=north_arcsec)
+
+
+def flip(target: Target, *, planned_s: float | None = None) -> Order:
+    """Let a German mount change sides, and center the target anew."""
+    return _order("flip", target=target, planned_s=planned_s)
+
+
+def park() -> Order:
+    """Go to the park position and stay."""
+    return _order("park")
+
+
+def unpark() -> Order:
+    """Be ready to move again."""
+    return _order("unpark")
+
+
+def set_park() -> Order:
+    """Take the present place for the park position."""
+    return _order("set-park")
+
+
+def home() -> Order:
+    """Go home, or find it by its sensors."""
+    return _order("home")
+
+
+def tracking(on: bool, *, rate: Literal["sidereal", "lunar", "solar", "king"] | None = None) -> Order:
+    """Follow the sky, or rest."""
+    return _order("tracking", on=on, rate=rate)
+
+
+def guide(direction: Literal["n", "s", "e", "w"], duration_s: float) -> Order:
+    """Move at the guide rate for a moment."""
+    return _order("guide", direction=direction, duration_s=duration_s)
+
+
+def trust() -> Order:
+    """An operator's word that the mount's position is right. Needs the role configure."""
+    return _order("trust")
+
+
+def recover(*, exposure_s: float | None = None) -> Order:
+    """Tell a lost mount where it points: two looks that agree, then a sync. Never moves."""
+    return _order("recover", exposure_s=exposure_s)
+
+
+def solve(
+    *,
+    path: str | None = None,
+    exposure_s: float | None = None,
+    ra_deg: float | None = None,
+    dec_deg: float | None = None,
+    radius_deg: float | None = None,
+    scale_low_arcsec_px: float | None = None,
+    scale_high_arcsec_px: float | None = None,
+    blind: Literal["after", "only", "never"] | None = None,
+    budget_s: float | None = None,
+) -> Order:
+    """Solve a frame that lies on the service's machine; or expose one and solve it. Moves nothing.
+
+    All but `exposure_s` is for a file, and refused without its `path`.
+    """
+    return _order(
+        "solve",
+        path=path,
+        exposure_s=exposure_s,
+        ra_deg=ra_deg,
+        dec_deg=dec_deg,
+        radius_deg=radius_deg,
+        scale_low_arcsec_px=scale_low_arcsec_px,
+        scale_high_arcsec_px=scale_high_arcsec_px,
+        blind=blind,
+        budget_s=budget_s,
+    )
+
+
+def series(
+    *,
+    target: Target | None = None,
+    looks: int | None = None,
+    every_s: float | None = None,
+    exposure_s: float | None = None,
+) -> Order:
+    """Look again and again while it tracks: how the field drifts."""
+    return _order("series", target=target, looks=looks, every_s=every_s, exposure_s=exposure_s)
+
+
+def model_run(
+    *,
+    points: int | None = None,
+    spread: Literal["spiral", "random"] | None = None,
+    seed: int | None = None,
+    exposure_s: float | None = None,
+    put_in_force: bool | None = None,
+) -> Order:
+    """Look at points over the allowed sky, make a pointing model of them, and judge it."""
+    return _order(
+        "model-run",
+        points=points,
+        spread=spread,
+        seed=seed,
+        exposure_s=exposure_s,
+        put_in_force=put_in_force,
+    )

@@ -1,0 +1,162 @@
+"""What the service answers, as types; docs/openapi.json is the whole truth. Times are ISO texts, UTC."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal, NotRequired, TypedDict
+
+Json = Mapping[str, Any]
+"""Any object of an answer."""
+
+JobState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
+ENDS = frozenset({"succeeded", "failed", "cancelled"})
+"""States of a job that has ended."""
+
+
+class Problem(TypedDict):
+    """What went wrong [RFC 9457]."""
+
+    type: str
+    title: str
+    status: int
+    detail: str
+    retryable: bool
+    retry_after_s: NotRequired[float | None]
+    device: NotRequired[str | None]
+    advice: NotRequired[str | None]
+    job_id: NotRequired[str | None]
+    reasons: NotRequired[list[str] | None]
+    errors: NotRequired[list[dict[str, str]] | None]
+    superseded_by: NotRequired[str | None]
+
+
+class Place(TypedDict):
+    """A place in a frame that it names."""
+
+    ra_deg: float
+    dec_deg: float
+    frame: str
+
+
+class Job(TypedDict):
+    """A job; `result` and `problem` are set when it has ended."""
+
+    id: str
+    kind: str
+    telescope: str
+    state: JobState
+    phase: str
+    request: dict[str, Any]
+    attempts: list[dict[str, Any]]
+    result: dict[str, Any] | None
+    problem: Problem | None
+    created_utc: str
+    started_utc: str | None
+    finished_utc: str | None
+
+
+class NextLimit(TypedDict):
+    """The limit that tracking on leads to."""
+
+    limit: str
+    after_s: float
+    utc: str
+    altitude_deg: float | None
+    azimuth_deg: float | None
+
+
+class TelescopeState(TypedDict):
+    """What is known of a telescope now; None where unknown."""
+
+    id: str
+    connected: bool
+    activity: str
+    mount: str
+    reading: Place | None
+    icrs: Place | None
+    read_utc: str | None
+    altitude_deg: float | None
+    azimuth_deg: float | None
+    hour_angle_deg: float | None
+    local_sidereal_time_deg: float | None
+    slewing: bool | None
+    job_id: str | None
+    problem: str | None
+    trusted: bool | None
+    link: str | None
+    slew_state: str | None
+    tracking: bool | None
+    parked: bool | None
+    pier_side: str | None
+    time_to_limit_s: float | None
+    next_limit: NextLimit | None
+    learned: str | None
+    warnings: list[str]
+
+
+class Stopped(TypedDict):
+    """A stop that was sent."""
+
+    telescope: str
+    stopped: bool
+    cancelled_job_id: str | None
+
+
+class StopAll(TypedDict):
+    """What came of stopping all telescopes."""
+
+    stopped: bool
+    telescopes: list[dict[str, Any]]
+
+
+class LeaseState(TypedDict):
+    """Who holds a telescope."""
+
+    telescope: str
+    held: bool
+    holder: str | None
+    note: str | None
+    on_expiry: str | None
+    ttl_s: float | None
+    seconds_left: float | None
+    taken_utc: str | None
+    until_utc: str | None
+    lease: NotRequired[str]
+
+
+class SkyObject(TypedDict):
+    """Something bright that has a name."""
+
+    name: str
+    kind: Literal["star", "messier", "planet", "moon", "sun"]
+    aliases: list[str]
+    mag: float | None
+    icrs: Place
+    altitude_deg: float | None
+    azimuth_deg: float | None
+
+
+class Health(TypedDict):
+    """Whether the service is ready, and if not, why not."""
+
+    status: Literal["ok", "degraded"]
+    ready: bool
+    why_not: list[str]
+    concerns: list[str]
+    version: str
+    telescopes: dict[str, bool]
+    solver: str
+    journal: str
+
+
+class Capabilities(TypedDict):
+    """What the service can do."""
+
+    version: str
+    kinds: list[dict[str, Any]]
+    targets: list[str]
+    telescopes: list[dict[str, Any]]
+    faces: dict[str, Any]
+    roles: list[str]
+    your_role: str
+    problems: list[str]

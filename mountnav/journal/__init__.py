@@ -1,0 +1,1 @@
+"""Every look, solution, sync, move, refusal, fault, model and configuration change, with absolute values."""

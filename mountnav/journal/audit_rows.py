@@ -1,0 +1,102 @@
+"""Who ordered what: a row for each order of each face, whether it was taken or refused."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import Select, desc, select
+
+from mountnav.journal.tables import audit
+
+
+@dataclass(frozen=True, slots=True)
+class AuditRow:
+    """One order, or attempt at one.
+
+    Attributes
+    ----------
+    utc : datetime
+    telescope : str
+        Empty for what concerns the whole service.
+    caller, role, face, address : str
+        Who, and by which way; a name in parentheses is of somebody who could not say who he was.
+    what : str
+        The order's kind, such as ``slew``; or the route, such as ``POST /v1/telescopes/{id}/night/start``.
+    request : mapping
+        What was asked for, without secrets.
+    outcome : str
+        ``taken``, ``answered`` (what is no order), or the slug of the problem it was refused for.
+    detail : str
+        Why it was refused, in words.
+    status : int or None
+        The HTTP status, if it came that way.
+    job_id : str or None
+        The job it became.
+    row_id : int
+        Its number in the journal; 0 before it is written.
+    """
+
+    utc: datetime
+    telescope: str
+    caller: str
+    role: str
+    face: str
+    address: str
+    what: str
+    request: Mapping[str, object]
+    outcome: str
+    detail: str = ""
+    status: int | None = None
+    job_id: str | None = None
+    row_id: int = 0
+
+
+def audit_values(row: AuditRow, run_id: str) -> dict[str, Any]:
+    """A row of `tables.audit`."""
+    return {
+        "run_id": run_id,
+        "utc": row.utc,
+        "telescope": row.telescope,
+        "caller": row.caller,
+        "role": row.role,
+        "face": row.face,
+        "address": row.address,
+        "what": row.what,
+        "request": dict(row.request),
+        "outcome": row.outcome,
+        "detail": row.detail,
+        "status": row.status,
+        "job_id": row.job_id,
+    }
+
+
+def audit_of(row: Mapping[str, Any]) -> AuditRow:
+    """The audit of a row of `tables.audit`."""
+    return AuditRow(**{name: value for name, value in row.items() if name != "run_id"})
+
+
+def audit_query(
+    *,
+    telescope: str | None,
+    caller: str | None,
+    since: datetime | None,
+    until: datetime | None,
+    before_row: int | None,
+    limit: int,
+) -> Select[Any]:
+    """Rows that pass, the newest first; with `before_row`, those that were written before it."""
+    query = select(audit).order_by(desc(audit.c.row_id)).limit(limit)
+    if telescope is not None:
+        query = query.where(audit.c.telescope == telescope)
+    if caller is not None:
+        query = query.where(audit.c.caller == caller)
+    if since is not None:
+        query = query.where(audit.c.utc >= since)
+    if until is not None:
+        query = query.where(audit.c.utc < until)
+    if before_row is not None:
+        query = query.where(audit.c.row_id < before_row)
+    return query

@@ -1,0 +1,1 @@
+"""One file for each version; what has been released is never changed."""

@@ -1,0 +1,322 @@
+"""Reading the journal: by filters, a page at a time, or everything as one story in the order of time.
+
+Blocks: call it in a thread. It never writes; a service may write the same journal meanwhile.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import URL, Connection, Select, Table, desc, func, or_, select
+from sqlalchemy.exc import SQLAlchemyError
+
+from mountnav.errors import JournalFailed, Unknown
+from mountnav.journal.audit_rows import AuditRow, audit_of, audit_query
+from mountnav.journal.database import connectable, database_url, explained, file_of, shown_url
+from mountnav.journal.job_rows import JobRow, job_of
+from mountnav.journal.lease_rows import LeaseRow, lease_of
+from mountnav.journal.queries import chosen, tables_of
+from mountnav.journal.records import CommandEnd, CommandRecord, Entry, LookRecord
+from mountnav.journal.rows import command_of, end_of, entry_of, look_of
+from mountnav.journal.tables import command, entry, job, lease, look, run
+from mountnav.journal.upgrading import require_today
+from mountnav.journal.wanted import COMMAND, LOOK, Mark, Wanted
+
+_TABLES: tuple[Table, ...] = (run, entry, command, look)
+ALL = Wanted()
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One thing that was written down.
+
+    Attributes
+    ----------
+    mark : Mark
+    record : LookRecord, CommandRecord or Entry
+    end : CommandEnd or None
+        Of a command that isn't open.
+    run_id : str
+        In which run of the service.
+    """
+
+    mark: Mark
+    record: LookRecord | CommandRecord | Entry
+    end: CommandEnd | None
+    run_id: str
+
+    @property
+    def utc(self) -> datetime:
+        """When."""
+        return self.record.utc
+
+    @property
+    def kind(self) -> str:
+        """Of `wanted.KINDS`."""
+        if isinstance(self.record, LookRecord):
+            return LOOK
+        return COMMAND if isinstance(self.record, CommandRecord) else str(self.record.kind)
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One start of the service; `ended_utc` is None while it lasts, and when it was killed."""
+
+    run_id: str
+    started_utc: datetime
+    ended_utc: datetime | None
+    version: str
+    host: str
+    pid: int
+    settings_sha256: str
+    settings: str
+
+
+class JournalReader:
+    """Reads a journal.
+
+    Parameters
+    ----------
+    where : str, Path or URL
+        A file of SQLite, or a URL.
+
+    Raises
+    ------
+    BadSettings
+        No such kind of database.
+    """
+
+    def __init__(self, where: str | Path | URL) -> None:
+        self.url = where if isinstance(where, URL) else database_url(where)
+        self._engine = connectable(self.url, "read")
+        self._checked = threading.Event()
+
+    def looks(
+        self, wanted: Wanted = ALL, *, limit: int | None = None, newest_first: bool = False
+    ) -> list[LookRecord]:
+        """Looks that pass, in the order of time. Raises as `lines`."""
+        return [look_of(row) for row in self._rows(look, wanted, limit, newest_first)]
+
+    def commands(
+        self, wanted: Wanted = ALL, *, limit: int | None = None, newest_first: bool = False
+    ) -> list[tuple[CommandRecord, CommandEnd | None]]:
+        """Commands that pass, with their ends, in the order of time. Raises as `lines`."""
+        return [(command_of(row), end_of(row)) for row in self._rows(command, wanted, limit, newest_first)]
+
+    def entries(
+        self, wanted: Wanted = ALL, *, limit: int | None = None, newest_first: bool = False
+    ) -> list[Entry]:
+        """Entries that pass, in the order of time. Raises as `lines`."""
+        return [entry_of(row) for row in self._rows(entry, wanted, limit, newest_first)]
+
+    def in_flight(self, telescope: str | None = None, *, but_run: str | None = None) -> list[CommandRecord]:
+        """Commands that were begun and not closed, in the order of time.
+
+        Parameters
+        ----------
+        telescope : str, optional
+            Of all, if it isn't given.
+        but_run : str, optional
+            Leave out those of this run of the service: they are under way.
+        """
+        query = select(command).where(command.c.outcome.is_(None)).order_by(command.c.row_id)
+        if telescope is not None:
+            query = query.where(command.c.telescope == telescope)
+        if but_run is not None:
+            query = query.where(command.c.run_id != but_run)
+        with self._reading() as connection:
+            return [command_of(row) for row in _found(connection, query)]
+
+    def lines(
+        self, wanted: Wanted = ALL, *, after: Mark | None = None, limit: int = 100, newest_first: bool = False
+    ) -> list[Line]:
+        """A page of the story: looks, commands and entries together, in the order of time.
+
+        Parameters
+        ----------
+        wanted : Wanted
+        after : Mark, optional
+            Go on behind this line: the last one of the page before.
+        limit : int
+        newest_first : bool
+            Backwards.
+
+        Raises
+        ------
+        JournalFailed
+            It can't be read.
+        BadSettings
+            It is of another version.
+        Unknown
+            There is none.
+        """
+        found: list[Line] = []
+        with self._reading() as connection:
+            for table in tables_of(wanted):
+                query = _after(chosen(table, wanted), table, after, newest_first)
+                ordered = _ordered(query, table, newest_first).limit(limit)
+                found += [_line(table, row) for row in _found(connection, ordered)]
+        found.sort(key=lambda line: line.mark, reverse=newest_first)
+        return found[:limit]
+
+    def story(self, wanted: Wanted = ALL, *, page: int = 1000) -> Iterator[Line]:
+        """All lines that pass, in the order of time, without holding them all in memory."""
+        mark: Mark | None = None
+        while lines := self.lines(wanted, after=mark, limit=page):
+            yield from lines
+            mark = lines[-1].mark
+
+    def rows(self, table: Table, wanted: Wanted = ALL, *, page: int = 5000) -> Iterator[Mapping[str, Any]]:
+        """Raw rows of one table that pass, in the order of writing, a page in memory at a time."""
+        last = 0
+        while True:
+            query = chosen(table, wanted).where(table.c.row_id > last).order_by(table.c.row_id).limit(page)
+            with self._reading() as connection:
+                found = _found(connection, query)
+            yield from found
+            if len(found) < page:
+                return
+            last = found[-1]["row_id"]
+
+    def newest(self) -> tuple[int, int, int]:
+        """The last row numbers of entries, commands and looks: where following begins."""
+        with self._reading() as connection:
+            last = [connection.execute(select(func.max(table.c.row_id))).scalar() for table in _TABLES[1:]]
+        return (last[0] or 0, last[1] or 0, last[2] or 0)
+
+    def written_after(
+        self, newest: tuple[int, int, int], wanted: Wanted = ALL, *, limit: int = 1000
+    ) -> tuple[list[Line], tuple[int, int, int]]:
+        """What was written since, in the order of time; and where to go on."""
+        found: list[Line] = []
+        last = list(newest)
+        with self._reading() as connection:
+            for table in tables_of(wanted):
+                number = _TABLES.index(table) - 1
+                query = chosen(table, wanted).where(table.c.row_id > newest[number])
+                rows = _found(connection, query.order_by(table.c.row_id).limit(limit))
+                found += [_line(table, row) for row in rows]
+                if rows:
+                    last[number] = rows[-1]["row_id"]
+        found.sort(key=lambda line: line.mark)
+        return found, (last[0], last[1], last[2])
+
+    def runs(self, limit: int = 100) -> list[Run]:
+        """Starts of the service, newest first."""
+        query = select(run).order_by(desc(run.c.started_utc)).limit(limit)
+        with self._reading() as connection:
+            return [Run(**row) for row in _found(connection, query)]
+
+    def job(self, job_id: str) -> JobRow | None:
+        """A job, as it was written last."""
+        with self._reading() as connection:
+            rows = _found(connection, select(job).where(job.c.job_id == job_id))
+        return job_of(rows[0]) if rows else None
+
+    def jobs(
+        self, limit: int, *, telescopes: frozenset[str] | None = None, since: datetime | None = None
+    ) -> list[JobRow]:
+        """The last jobs, newest first."""
+        query = select(job).order_by(desc(job.c.created_utc)).limit(limit)
+        if telescopes is not None:
+            query = query.where(job.c.telescope.in_(sorted(telescopes)))
+        if since is not None:
+            query = query.where(job.c.created_utc >= since)
+        with self._reading() as connection:
+            return [job_of(row) for row in _found(connection, query)]
+
+    def audits(
+        self,
+        *,
+        telescope: str | None = None,
+        caller: str | None = None,
+        since: datetime | None = None,
+        until: datetime | None = None,
+        before_row: int | None = None,
+        limit: int = 100,
+    ) -> list[AuditRow]:
+        """Who ordered what, newest first; with `before_row`, older than that row. Raises as `lines`."""
+        query = audit_query(
+            telescope=telescope,
+            caller=caller,
+            since=since,
+            until=until,
+            before_row=before_row,
+            limit=limit,
+        )
+        with self._reading() as connection:
+            return [audit_of(row) for row in _found(connection, query)]
+
+    def leases(self, telescopes: frozenset[str]) -> list[LeaseRow]:
+        """Leases of these telescopes that were not ended. Raises as `lines`."""
+        query = select(lease).where(lease.c.telescope.in_(sorted(telescopes)))
+        with self._reading() as connection:
+            return [lease_of(row) for row in _found(connection, query)]
+
+    def _rows(
+        self, table: Table, wanted: Wanted, limit: int | None, newest_first: bool
+    ) -> list[dict[str, Any]]:
+        if table not in tables_of(wanted):
+            return []
+        query = _ordered(chosen(table, wanted), table, newest_first).limit(limit)
+        with self._reading() as connection:
+            return _found(connection, query)
+
+    @contextlib.contextmanager
+    def _reading(self) -> Iterator[Connection]:
+        file = file_of(self.url)
+        if file is not None and not file.exists():
+            raise Unknown(
+                f"there is no journal at {file}",
+                advice="the service makes it when it is first started; --journal names another",
+            )
+        try:
+            with self._engine.connect() as connection, connection.begin():
+                if not self._checked.is_set():
+                    require_today(connection, self.url)
+                    self._checked.set()
+                yield connection
+        except SQLAlchemyError as error:
+            raise JournalFailed(
+                f"it can't be read: {explained(error)}",
+                device=shown_url(self.url),
+                advice="`mountnav journal check` tells more",
+            ) from error
+
+
+def _found(connection: Connection, query: Select[Any]) -> list[dict[str, Any]]:
+    return [{str(name): value for name, value in row.items()} for row in connection.execute(query).mappings()]
+
+
+def _line(table: Table, row: Mapping[str, Any]) -> Line:
+    mark = Mark(row["utc"], _TABLES.index(table), row["row_id"])
+    if table is look:
+        return Line(mark, look_of(row), None, row["run_id"])
+    if table is command:
+        return Line(mark, command_of(row), end_of(row), row["run_id"])
+    return Line(mark, entry_of(row), None, row["run_id"])
+
+
+def _ordered(query: Select[Any], table: Table, newest_first: bool) -> Select[Any]:
+    columns = (table.c.utc, table.c.row_id)
+    return query.order_by(*(desc(column) for column in columns)) if newest_first else query.order_by(*columns)
+
+
+def _after(query: Select[Any], table: Table, after: Mark | None, newest_first: bool) -> Select[Any]:
+    if after is None:
+        return query
+    number = _TABLES.index(table)
+    # at the same instant, tables stand in their order: all rows of one before the mark's, or none
+    row = after.row if number == after.table else 2**62 if number < after.table else -1
+    if newest_first:
+        return query.where(or_(table.c.utc < after.utc, (table.c.utc == after.utc) & (table.c.row_id < row)))
+    return query.where(or_(table.c.utc > after.utc, (table.c.utc == after.utc) & (table.c.row_id > row)))
+
+
+__all__ = ["ALL", "JournalReader", "Line", "Mark", "Run", "Wanted"]

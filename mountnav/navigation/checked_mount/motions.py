@@ -1,0 +1,170 @@
+"""Orders that move the mount, watched on their way: a slew leg by leg, the park position, home."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Mapping
+
+from mountnav.clock import Clock
+from mountnav.journal.records import Order, Outcome
+from mountnav.navigation.checked_mount.admission import Admission
+from mountnav.navigation.checked_mount.guarding import Guard
+from mountnav.navigation.checked_mount.sending import Came, OvertakenError, Sender
+from mountnav.navigation.checked_mount.slew_plans import SlewPlans
+from mountnav.navigation.checked_mount.standing import Standing
+from mountnav.navigation.checked_mount.tracking_watch import TrackingWatch
+from mountnav.navigation.devices import Mount, MountReading, Skilled, SlewOutcome
+from mountnav.navigation.kinds import for_mount
+from mountnav.pointing.limits import SlewCheck
+from mountnav.sky.coordinates import Apparent, Icrs
+
+_OUTCOMES = {
+    SlewOutcome.ARRIVED: Outcome.DONE,
+    SlewOutcome.STALLED: Outcome.STALLED,
+    SlewOutcome.STOPPED: Outcome.STOPPED,
+}
+
+
+class Motions:
+    """Moves one mount; one order at a time, `Admission` sees to that.
+
+    Parameters
+    ----------
+    mount : Mount
+    guard : Guard
+    standing : Standing
+    sender : Sender
+    admission : Admission
+    plans : SlewPlans
+    watch : TrackingWatch
+        Follows each motion, and ends it where it leaves the limits.
+    clock : Clock
+    """
+
+    def __init__(
+        self,
+        mount: Mount,
+        guard: Guard,
+        standing: Standing,
+        sender: Sender,
+        admission: Admission,
+        plans: SlewPlans,
+        watch: TrackingWatch,
+        clock: Clock,
+    ) -> None:
+        self._mount = mount
+        self._guard = guard
+        self._standing = standing
+        self._sender = sender
+        self._admission = admission
+        self._plans = plans
+        self._watch = watch
+        self._clock = clock
+
+    async def slew(self, place: Apparent | Icrs) -> SlewOutcome:
+        """Go there, directly or by way of other places. See `CheckedMount.slew`."""
+        async with self._admission.held("slew"):
+            stops = self._sender.stops
+            before = await self._admission.ready("slew", place=place)
+            plan = await self._plans.made(before, place)
+            legs, check = plan.legs, plan.check
+            for number, leg in enumerate(legs, start=1):
+                aim = place if number == len(legs) else for_mount(leg, self._mount.epoch, self._clock.utc())
+                if number > 1:
+                    before = await self._admission.ready("slew", place=aim)
+                if len(legs) > 1:
+                    check = await self._plans.checked(before, aim, leg)
+                facts = check.facts | ({} if len(legs) == 1 else {"leg": number, "of": len(legs)})
+                outcome = await self._leg(aim, before, facts, stops, check)
+                if outcome is not SlewOutcome.ARRIVED:
+                    return outcome
+                self._guard.arrived(check)
+            return SlewOutcome.ARRIVED
+
+    async def _leg(
+        self,
+        aim: Apparent | Icrs,
+        before: MountReading,
+        facts: Mapping[str, object],
+        stops: int,
+        check: SlewCheck,
+    ) -> SlewOutcome:
+        return await self._followed(
+            "slew",
+            lambda: self._mount.slew(aim),
+            before,
+            stops=stops,
+            place=aim,
+            facts=facts,
+            check=check,
+        )
+
+    async def station(
+        self,
+        order: Order,
+        send: Callable[[Skilled], Awaitable[SlewOutcome]],
+        *,
+        needs_trust: bool,
+        new_segment: str = "",
+    ) -> SlewOutcome:
+        """Go where the mount alone knows: its park position or its home.
+
+        Parameters
+        ----------
+        order : {"park", "home"}
+        send : callable
+            Gives it to the driver.
+        needs_trust : bool
+            Whether it goes there by its position.
+        new_segment : str
+            Why a new segment begins when it has arrived; empty if none does.
+        """
+        async with self._admission.held(order):
+            mount, stops = await self._admission.skilled(order), self._sender.stops
+            before = await self._admission.ready(order, needs_trust=needs_trust, parked_too=order == "park")
+            return await self._followed(
+                order, lambda: send(mount), before, stops=stops, new_segment=new_segment
+            )
+
+    async def _followed(
+        self,
+        order: Order,
+        send: Callable[[], Awaitable[SlewOutcome]],
+        before: MountReading,
+        *,
+        stops: int,
+        place: Apparent | Icrs | None = None,
+        facts: Mapping[str, object] | None = None,
+        new_segment: str = "",
+        check: SlewCheck | None = None,
+    ) -> SlewOutcome:
+        """Send an order to move, with the watch on its way."""
+
+        def came(outcome: SlewOutcome) -> Came:
+            left = self._watch.left
+            arrived = outcome is SlewOutcome.ARRIVED
+            detail = "" if left is None else f"stopped by the limits: {left.what}"
+            if arrived and new_segment:
+                self._standing.regained()
+            return Came(_OUTCOMES[outcome], detail, new_segment=new_segment if arrived else "")
+
+        self._watch.follow(order, before, check)
+        try:
+            outcome = await self._sender.send(
+                order,
+                send,
+                came,
+                place=place,
+                facts=facts,
+                before=before,
+                stops=stops,
+                moves=True,
+                reads=True,
+            )
+        except OvertakenError:
+            return SlewOutcome.STOPPED
+        finally:
+            left = self._watch.left
+            self._watch.unfollow()
+        if left is not None and outcome is not SlewOutcome.ARRIVED:
+            raise left
+        return outcome

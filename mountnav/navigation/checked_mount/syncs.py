@@ -1,0 +1,98 @@
+"""The order to sync: sent to a place above the ground, read back, and told whether it was seen."""
+
+from __future__ import annotations
+
+from mountnav.clock import Clock
+from mountnav.errors import BadRequest, Cancelled, OutsideLimits
+from mountnav.journal.records import Outcome
+from mountnav.navigation.checked_mount.admission import Admission
+from mountnav.navigation.checked_mount.guarding import Guard
+from mountnav.navigation.checked_mount.sending import Came, OvertakenError, Sender
+from mountnav.navigation.checked_mount.standing import Standing
+from mountnav.navigation.devices import Mount, MountReading, PierSide, SyncOutcome, SyncResult
+from mountnav.navigation.kinds import from_mount
+from mountnav.sky.coordinates import Apparent, Icrs
+from mountnav.sky.sphere import separation_arcsec
+
+_OUTCOMES = {
+    SyncOutcome.SEEN: Outcome.DONE,
+    SyncOutcome.LATE: Outcome.LATE,
+    SyncOutcome.IGNORED: Outcome.IGNORED,
+}
+
+
+class Syncs:
+    """Syncs one mount.
+
+    Parameters
+    ----------
+    mount : Mount
+    guard : Guard
+    standing : Standing
+    sender : Sender
+    admission : Admission
+    clock : Clock
+    """
+
+    def __init__(
+        self,
+        mount: Mount,
+        guard: Guard,
+        standing: Standing,
+        sender: Sender,
+        admission: Admission,
+        clock: Clock,
+    ) -> None:
+        self._mount = mount
+        self._guard = guard
+        self._standing = standing
+        self._sender = sender
+        self._admission = admission
+        self._clock = clock
+
+    async def sync(self, place: Apparent | Icrs) -> SyncResult:
+        """Tell the mount that it points there. See `CheckedMount.sync`."""
+        async with self._admission.held("sync"):
+            stops = self._sender.stops
+            before = await self._standing.reading()
+            try:
+                self._guard.require_above_ground(from_mount(place), self._clock.utc())
+            except (OutsideLimits, BadRequest) as refusal:
+                await self._sender.refused("sync", refusal, before, place)
+                raise
+            try:
+                return await self._sender.send(
+                    "sync",
+                    lambda: self._sent_and_read(place, before),
+                    self._came,
+                    place=place,
+                    before=before,
+                    stops=stops,
+                    moves=True,
+                )
+            except OvertakenError:
+                raise Cancelled("stopped before the sync was sent", device=self._mount.name) from None
+
+    async def _sent_and_read(self, place: Apparent | Icrs, before: MountReading) -> SyncResult:
+        result: SyncResult | None = await self._mount.sync(place)
+        if result is not None:
+            return result
+        # the drivers of others may leave the reading to us
+        after = await self._standing.reading()
+        miss = separation_arcsec(from_mount(after.place), from_mount(place))
+        offset = separation_arcsec(from_mount(before.place), from_mount(place))
+        seen = miss <= max(0.25 * offset, self._mount.resolution_arcsec + 5.0)
+        return SyncResult(SyncOutcome.SEEN if seen else SyncOutcome.IGNORED, after, miss, 0.0)
+
+    def _came(self, result: SyncResult) -> Came:
+        counts = result.outcome is not SyncOutcome.IGNORED
+        if counts:
+            self._standing.regained()
+        return Came(
+            _OUTCOMES[result.outcome],
+            after=result.read_back,
+            miss_arcsec=result.miss_arcsec,
+            facts={"after_s": result.after_s},
+            new_segment="a sync was seen" if counts else "",
+            synced_on=self._guard.side(result.read_back) or PierSide.UNKNOWN,
+        )

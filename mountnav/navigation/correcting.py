@@ -1,0 +1,299 @@
+"""What is done about a look that shows the target beside the middle: a sync, or an aim beside the target."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from mountnav.errors import (
+    DeviceRefused,
+    NotReached,
+    OutsideLimits,
+    SyncIgnored,
+    SyncRefused,
+    TargetNotReached,
+)
+from mountnav.navigation.devices import PierSide, SyncOutcome
+from mountnav.navigation.equipment import Equipment
+from mountnav.navigation.flipping import side_of
+from mountnav.navigation.polar_steering import ENOUGH_LOOKS, Hole, PolarSteering, steering_for
+from mountnav.navigation.policy import Approach, CenteringPolicy, CorrectBy
+from mountnav.navigation.reports import Correction, Look
+from mountnav.navigation.slewing import Slewing
+from mountnav.navigation.steering import Followed, Sighting, sent_as_believed
+from mountnav.navigation.steps import step
+from mountnav.navigation.syncing import Occasion, SyncDecision
+from mountnav.navigation.unsolved import Persistent
+from mountnav.sky.coordinates import Icrs
+from mountnav.sky.sphere import Offset, separation_arcsec
+
+ZEROED_AT_DEC_DEG = 60.0
+"""Far enough from the pole for a sync: there a polar axis 10′ off shifts the hour angle by 17′ at most."""
+
+VAGUE_ARCSEC = 900.0
+"""When the tube may look further than this from what is expected, one sigma, two frames must agree."""
+
+NEAR_ARCSEC = 120.0
+"""A correction as small as this changes no sides."""
+
+Note = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Corrected:
+    """What was done about a look, before the next slew."""
+
+    correction: Correction
+    why: str
+    sync_outcome: SyncOutcome | None = None
+
+
+class Correcting:
+    """The corrections of one centering: it knows where the mount is sent, and why.
+
+    Parameters
+    ----------
+    equipment : Equipment
+    slewing : Slewing
+    target : Icrs
+    policy : CenteringPolicy
+    note : callable
+        Told what an operator should know.
+    key : str or None
+        The target's name, for the policy of syncs.
+
+    Attributes
+    ----------
+    aim : Icrs
+        Where the mount was, or is to be, sent.
+    approach : bool
+        Whether slews end with a leg from the fixed side.
+    model_id : str or None
+        The pointing model that aimed.
+    """
+
+    def __init__(
+        self,
+        equipment: Equipment,
+        slewing: Slewing,
+        target: Icrs,
+        policy: CenteringPolicy,
+        note: Note,
+        key: str | None,
+    ) -> None:
+        self.aim = target
+        self.approach = policy.approach is Approach.ALWAYS
+        self.model_id: str | None = None
+        self._equipment = equipment
+        self._slewing = slewing
+        self._target = target
+        self._policy = policy
+        self._note = note
+        self._key = key
+        self._steering = steering_for(target, equipment.mount.resolution_arcsec, equipment.site)
+        self._zeroed = self._astray = False
+        self._ignored = False
+        self._segment_id = ""
+        self._syncs = policy.correct_by is CorrectBy.SYNC
+        polar_distance_deg = 90.0 - abs(target.dec_deg)
+        if self._syncs and polar_distance_deg < policy.pole_deg:
+            self._syncs = False
+            note(f"{polar_distance_deg:.2f}° from the pole: corrected by offsets, not by syncs")
+        if policy.correct_by is CorrectBy.MODEL and equipment.pointing.model_id is None:
+            note("no pointing model is in force: corrected by offsets alone")
+
+    async def expect(self) -> float | None:
+        """Aim, and tell how far off the tube may look after the first slew: one sigma; None if nobody can."""
+        slewing = self._slewing
+        side = await slewing.side_at(self._target)
+        self.aim = slewing.aimed(self._target, side)
+        if self.aim != self._target:
+            self.model_id = self._equipment.pointing.model_id
+        expected = slewing.expected(self._target, side)
+        if expected is None:
+            return None
+        steps = math.sqrt(1.0 / 6.0) * self._equipment.mount.resolution_arcsec
+        offset = expected.offset.total_arcsec if self.model_id is None else 0.0
+        return math.hypot(offset, math.sqrt(2.0) * expected.sigma_arcsec, steps)
+
+    async def anew(self) -> float | None:
+        """What was seen before counts no more: the mount was told where it points."""
+        self._steering.forget()
+        self._segment_id = self._equipment.mount.segment_id
+        return await self.expect()
+
+    async def slew(self) -> bool:
+        """Send the mount to the aim; whether it changed sides: then the looks that follow begin anew."""
+        step("centering slew")
+        try:
+            report = await self._slewing.slew(self._target, self.aim, approach=self._leg())
+        except TargetNotReached as error:
+            if error.reason is not NotReached.REST or not self._ignored:
+                raise
+            # it rests elsewhere by a belief that has jumped: the sync took hold on the way
+            self._ignored = False
+            self._note(f"the sync that it had seemed to ignore took hold on the way: {error.what}")
+            return False
+        if report.flipped:
+            if not isinstance(self._steering, PolarSteering):
+                self._steering.forget()
+            self._note(f"the slew changed sides of the pier, to {report.side_after}")
+        return report.flipped
+
+    def _leg(self) -> Offset | None:
+        """From where the last leg comes: towards the west and the north, the way that tracking turns."""
+        arcsec = self._policy.approach_arcsec
+        if isinstance(self._steering, PolarSteering):
+            # the hour angle's backlash is nothing on the sky there, the declination's turns with each step
+            sign = -math.copysign(1.0, self._target.dec_deg)
+            return None if self._policy.approach is Approach.NEVER else Offset(0.0, sign * arcsec)
+        return Offset(arcsec, -arcsec) if self.approach else None
+
+    async def look(self) -> Look:
+        """Look until it is solved, by all that the policy allows."""
+
+        async def go(place: Icrs) -> None:
+            await self._slewing.slew(place)
+
+        policy = self._policy
+        persistent = Persistent(self._equipment, policy, policy.persistence, used="centering", go=go)
+        seen = await persistent.look()
+        if seen.neighbor is not None:
+            self.aim = seen.neighbor
+            self._note("solved in a neighbor field, and corrected by that")
+        step("centering looked")
+        return seen.look
+
+    def sighted(self, found: Look) -> Followed:
+        """Take in a look; tell whether the tube did what the last correction asked."""
+        if found.segment_id != self._segment_id:
+            # its zero points are new, and not by our doing: a late sync, a reboot, a slip
+            self._steering.forget()
+            self._segment_id = found.segment_id
+        bound = max(60.0, 3.0 * self._equipment.mount.resolution_arcsec)
+        sent = sent_as_believed(self.aim, found.believed, bound)
+        followed = self._steering.sighted(Sighting(sent, found.seen, side_of(found)), found.mid_exposure_utc)
+        if followed is Followed.STUCK and self._policy.approach is Approach.WHEN_NEEDED:
+            self.approach = True
+        return followed
+
+    def disbelieve(self) -> None:
+        """The last look was wrong."""
+        self._steering.disbelieve()
+
+    def must_be_confirmed(self, found: Look, followed: Followed) -> bool:
+        """Whether one frame is not enough to move by: nothing is known that a false one would offend.
+
+        So it is before the camera is known, while the zero points are not, and where the tube seems to have
+        gone elsewhere.
+        """
+        equipment = self._equipment
+        if followed is Followed.ELSEWHERE or equipment.guard.learned.normal is None:
+            return True
+        expected = self._slewing.expected(found.seen, side_of(found))
+        return expected is None or expected.sigma_arcsec > VAGUE_ARCSEC
+
+    def hole(self, found: Look) -> Hole | None:
+        """The hole round the mount's pole, with the target in it."""
+        steering = self._steering
+        if not isinstance(steering, PolarSteering):
+            return None
+        hole = steering.hole(found.mid_exposure_utc, side_of(found))
+        if hole is None and self._astray and steering.looks >= ENOUGH_LOOKS:
+            off = separation_arcsec(found.seen, self._target)
+            if off < NEAR_ARCSEC:
+                return None
+            return Hole(off, "wherever the mount is sent for either side of the pier, it takes the other one")
+        return hole
+
+    async def _next_aim(self, found: Look) -> Icrs:
+        """Beside the target, for the side on which the tube will hang there."""
+        now, side = self._equipment.clock.utc(), side_of(found)
+        aim = self._steering.next_aim(now, side)
+        if isinstance(self._steering, PolarSteering) and side is not PierSide.UNKNOWN:
+            other = await self._slewing.side_at(aim)
+            if other not in (side, PierSide.UNKNOWN):
+                there = self._steering.next_aim(now, other)
+                self._astray = await self._slewing.side_at(there) is not other
+                aim = aim if self._astray else there
+        return aim
+
+    async def correct(self, found: Look, decision: SyncDecision) -> Corrected:
+        """Choose where to slew next, and tell the mount where it points if that is the way."""
+        why, outcome = "", None
+        if self._syncs and not self._equipment.guard.prefers_offset:
+            if decision.allowed:
+                outcome, why = await self._synced(found)
+                if not why:
+                    self._steering.believed(found.seen)
+                    self.aim = self._slewing.aimed(self._target, side_of(found))
+                    return Corrected(Correction.SYNC, str(outcome), outcome)
+            else:
+                why = f"not synced: {decision.why}"
+                self._note(why)
+        self.aim = await self._next_aim(found)
+        if self._policy.correct_by is CorrectBy.MODEL and self.model_id is not None:
+            return Corrected(Correction.MODEL, "the model's aim, and the error that was left")
+        return Corrected(Correction.OFFSET, why or "beside the target by the error seen", outcome)
+
+    async def _synced(self, found: Look) -> tuple[SyncOutcome | None, str]:
+        """Sync; with words when the mount won't be told, and it has to be an offset."""
+        step("centering sync")
+        try:
+            report = await self._equipment.guard.commit(
+                found, Occasion.CENTERING, target=self._key, look_again=self._look_again
+            )
+        except (SyncIgnored, SyncRefused, DeviceRefused) as error:
+            # its belief stays as it is, so aim beside the target
+            self._syncs = False
+            self._note(f"by offset from here on: {error.what}")
+            self._ignored = isinstance(error, SyncIgnored)
+            return SyncOutcome.IGNORED if self._ignored else None, error.what
+        self._segment_id = self._equipment.mount.segment_id
+        return report.outcome, ""
+
+    async def _look_again(self) -> Look:
+        plain = replace(self._policy.persistence, tactics=frozenset())
+        return (await Persistent(self._equipment, self._policy, plain, used="sync verified").look()).look
+
+    async def zeroed_below_the_pole(self) -> Corrected | None:
+        """Put the zero points right far below the pole, once: without them the hole is smaller.
+
+        At the pole itself a sync would put the hour angle wrong; where it is made, it does not. None where
+        that isn't allowed, or didn't work.
+
+        Raises
+        ------
+        OutsideLimits, NotSolved, MountMoved, DeviceError, JournalFailed
+        """
+        guard = self._equipment.guard
+        if self._zeroed or self._policy.correct_by is not CorrectBy.SYNC or guard.prefers_offset:
+            return None
+        self._zeroed = True
+        dec_deg = math.copysign(ZEROED_AT_DEC_DEG, self._target.dec_deg)
+        below = Icrs(self._target.ra_deg, dec_deg)
+        try:
+            await self._slewing.slew(below)
+        except OutsideLimits:
+            # below the horizon under the pole: on the other side of it
+            below = Icrs((self._target.ra_deg + 180.0) % 360.0, dec_deg)
+            await self._slewing.slew(below)
+        self.aim = below
+        found = await self.look()
+        decision = guard.consider(found, Occasion.CENTERING, target=self._key)
+        words = "" if decision.allowed else decision.why
+        outcome = None
+        if decision.allowed:
+            outcome, words = await self._synced(found)
+        if words:
+            self._note(f"not synced below the pole: {words}")
+            return None
+        self._note(f"synced at declination {below.dec_deg:.0f}°: without that it could not be reached")
+        self._steering.forget()
+        self._astray = False
+        self.aim = self._target
+        return Corrected(Correction.SYNC, "synced far below the pole", outcome)
+
+
+__all__ = ["Corrected", "Correcting"]

@@ -1,0 +1,151 @@
+"""Slews of a navigator: target and aim are checked, the end is named, and a change of sides is noticed."""
+
+from __future__ import annotations
+
+from mountnav.errors import Cancelled, ModelRefused, NotReached, OutsideLimits, TargetNotReached
+from mountnav.journal.records import EntryKind
+from mountnav.navigation.checked_mount import WentAnotherWay
+from mountnav.navigation.devices import PierSide, Skill, SlewOutcome
+from mountnav.navigation.equipment import Equipment
+from mountnav.navigation.kinds import for_mount, from_mount
+from mountnav.navigation.reports import SlewReport
+from mountnav.navigation.steps import step
+from mountnav.pointing.in_force import Expected
+from mountnav.sky.chain import icrs_to_hour_angle
+from mountnav.sky.coordinates import Icrs
+from mountnav.sky.sphere import Offset, displaced, separation_arcsec
+
+
+class Slewing:
+    """Sends one telescope to places.
+
+    Parameters
+    ----------
+    equipment : Equipment
+    """
+
+    def __init__(self, equipment: Equipment) -> None:
+        self._equipment = equipment
+
+    async def slew(
+        self, target: Icrs, aim: Icrs | None = None, *, approach: Offset | None = None
+    ) -> SlewReport:
+        """Slew to `aim` so that the tube looks at `target`; both are checked before anything is sent.
+
+        Parameters
+        ----------
+        target : Icrs
+        aim : Icrs, optional
+            The target, if left out.
+        approach : Offset, optional
+            Come there by a last leg from this place beside it.
+
+        Raises
+        ------
+        OutsideLimits
+        Cancelled
+            A stop came.
+        TargetNotReached
+            The mount came to rest elsewhere.
+        DeviceError, JournalFailed
+        """
+        aim = target if aim is None else aim
+        await self._check(target)
+        if approach is not None:
+            await self._leg(displaced(aim, approach.east_arcsec, approach.north_arcsec))
+        return await self._leg(aim)
+
+    async def _check(self, target: Icrs) -> None:
+        equipment = self._equipment
+        try:
+            equipment.mount.limits.check(target, equipment.clock.utc(), equipment.site, equipment.air)
+        except OutsideLimits as error:
+            facts = {"limit": str(error.limit), "ra_deg": target.ra_deg, "dec_deg": target.dec_deg}
+            await equipment.note(EntryKind.REFUSAL, error.what, facts)
+            raise
+
+    async def _leg(self, aim: Icrs) -> SlewReport:
+        equipment = self._equipment
+        mount, clock = equipment.mount, equipment.clock
+        latest = equipment.readings.latest
+        side_before = None if latest is None else latest.pier_side
+        equipment.listen("slewing", {"ra_deg": aim.ra_deg, "dec_deg": aim.dec_deg})
+        step("slewing")
+        began = clock.monotonic_s()
+        outcome = await self._sent(aim)
+        step("slewed")
+        reading = await mount.reading()
+        reported = from_mount(reading.place)
+        miss = separation_arcsec(reported, aim)
+        elapsed_s = clock.monotonic_s() - began
+        report = SlewReport(outcome, aim, reported, miss, elapsed_s, side_before, reading.pier_side)
+        equipment.listen("slewed", {"outcome": str(outcome), "miss_arcsec": miss, "elapsed_s": elapsed_s})
+        if report.flipped:
+            sides = {"from": str(side_before), "to": str(reading.pier_side)}
+            equipment.listen("flipped", dict(sides))
+            await equipment.note(EntryKind.NOTE, "the slew changed sides of the pier", sides)
+        if outcome is SlewOutcome.STOPPED:
+            raise Cancelled("the slew was stopped", device=mount.name, advice="send it again when it is safe")
+        if outcome is SlewOutcome.STALLED:
+            raise TargetNotReached(
+                f"the mount came to rest {miss:.0f}″ from where it was sent",
+                device=mount.name,
+                advice="look at the mount before the next slew: is an axis blocked or a clutch open?",
+                reason=NotReached.REST,
+            )
+        return report
+
+    async def _sent(self, aim: Icrs) -> SlewOutcome:
+        """Send it; once more, planned anew from where it stands, if it took another way and was stopped."""
+        mount, clock = self._equipment.mount, self._equipment.clock
+        try:
+            return await mount.slew(for_mount(aim, mount.epoch, clock.utc()))
+        except WentAnotherWay as stopped:
+            facts = {"ra_deg": aim.ra_deg, "dec_deg": aim.dec_deg}
+            await self._equipment.note(EntryKind.DECISION, f"planned anew: {stopped.what}", facts)
+            return await mount.slew(for_mount(aim, mount.epoch, clock.utc()))
+
+    # -- before anything moves -----------------------------------------------------------------------
+
+    async def side_at(self, target: Icrs) -> PierSide:
+        """The side on which the tube will hang there: foretold by the mount, or the present one.
+
+        Across the meridian from there nobody knows whether it stays: unknown.
+        """
+        equipment = self._equipment
+        mount = equipment.mount
+        side: PierSide | None = None
+        if Skill.DESTINATION_SIDE in mount.skills:
+            side = await mount.destination_side(for_mount(target, mount.epoch, equipment.clock.utc()))
+        if side is None and equipment.readings.latest is not None:
+            side = equipment.readings.latest.pier_side
+            here = icrs_to_hour_angle(target, equipment.clock.utc(), equipment.site, equipment.air)
+            if side is not (PierSide.EAST if here.ha_deg >= 0.0 else PierSide.WEST):
+                side = None
+        return side or PierSide.UNKNOWN
+
+    def aimed(self, target: Icrs, side: PierSide) -> Icrs:
+        """Where to send the mount for the tube to look at `target`: by the model in force, or the target."""
+        equipment = self._equipment
+        if not equipment.apply_model or equipment.pointing.model_id is None:
+            return target
+        try:
+            return equipment.pointing.aim(target, equipment.clock.utc(), side)
+        except ModelRefused as error:
+            equipment.note_now(
+                EntryKind.DECISION,
+                f"aimed without the model: {error.what}",
+                {"ra_deg": target.ra_deg, "dec_deg": target.dec_deg},
+            )
+            return target
+
+    def expected(self, target: Icrs, side: PierSide) -> Expected | None:
+        """How far off the tube may look at `target`; None where the model can't tell."""
+        equipment = self._equipment
+        try:
+            return equipment.pointing.expected(target, equipment.clock.utc(), side)
+        except ModelRefused:
+            return None
+
+
+__all__ = ["Slewing"]

@@ -1,0 +1,61 @@
+"""How high the Sun stands, and which night an instant belongs to."""
+
+from __future__ import annotations
+
+import math
+from datetime import datetime, timedelta
+
+import erfa
+import numpy as np
+
+from mountnav.sky.chain import icrs_to_observed
+from mountnav.sky.coordinates import Air, Icrs, Site
+
+_JD_UNIX = 2440587.5
+_TT_MINUS_UTC_DAYS = 69.184 / 86400.0
+_DARK_BELOW_DEG = -18.0
+_STEP = timedelta(minutes=5)
+
+
+def sun_altitude_deg(utc: datetime, site: Site) -> float:
+    """Altitude of the Sun's center, no refraction, good to an arcminute.
+
+    Parameters
+    ----------
+    utc : datetime
+        Aware.
+    site : Site
+
+    Returns
+    -------
+    float
+        Degrees.
+    """
+    days = utc.timestamp() / 86400.0
+    earth, _ = erfa.epv00(_JD_UNIX, days + _TT_MINUS_UTC_DAYS)
+    sun = -np.asarray(earth["p"])
+    ra = math.degrees(math.atan2(sun[1], sun[0])) % 360.0
+    dec = math.degrees(math.atan2(sun[2], math.hypot(sun[0], sun[1])))
+    return icrs_to_observed(Icrs(ra, dec), utc, site, Air()).alt_deg
+
+
+def dark_from(utc: datetime, site: Site) -> datetime:
+    """The first dark instant from `utc` on: `utc` itself, or when the Sun next gets 18° below the horizon.
+
+    Where it doesn't within a day, in the summer of high latitudes: when it stands lowest.
+    """
+    if sun_altitude_deg(utc, site) <= _DARK_BELOW_DEG:
+        return utc
+    day = [utc + number * _STEP for number in range(int(timedelta(days=1) / _STEP) + 1)]
+    heights = [sun_altitude_deg(one, site) for one in day]
+    dark = next((one for one, height in zip(day, heights, strict=True) if height <= _DARK_BELOW_DEG), None)
+    return day[heights.index(min(heights))] if dark is None else dark
+
+
+def night_name(telescope: str, utc: datetime, site: Site) -> str:
+    """Name the night that an instant belongs to: by the date of its evening, from noon to noon by the Sun.
+
+    The same before and after a restart of the service.
+    """
+    local = utc + timedelta(hours=site.longitude_deg / 15.0 - 12.0)
+    return f"{telescope}-{local.date().isoformat()}"

@@ -1,0 +1,223 @@
+"""What can happen in a night, and what is decided then; values only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from enum import StrEnum
+
+from mountnav.night.states import PlateSeen
+from mountnav.sky.sphere import Offset
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """Time passes.
+
+    Attributes
+    ----------
+    utc : datetime
+    sun_altitude_deg : float
+    night_id : str
+        The night that this instant belongs to.
+    """
+
+    utc: datetime
+    sun_altitude_deg: float
+    night_id: str
+
+
+class Word(StrEnum):
+    """What is said to a night, by people, schedulers and sensors."""
+
+    START = "start"
+    STOP = "stop"
+    PAUSE = "pause"
+    RESUME = "resume"
+    BUSY = "busy"
+    FREE = "free"
+    SAFE = "safe"
+    UNSAFE = "unsafe"
+    MOUNT_LOST = "mount lost"
+    MOUNT_BACK = "mount back"
+    RESTARTED = "restarted"
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """A word.
+
+    Attributes
+    ----------
+    utc : datetime
+    word : Word
+    why : str
+        In the sayer's words.
+    until : datetime or None
+        Of `BUSY`: when the exposure will be over.
+    night_id : str
+        Of `START`.
+    """
+
+    utc: datetime
+    word: Word
+    why: str = ""
+    until: datetime | None = None
+    night_id: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameSeen:
+    """A frame was looked at.
+
+    Attributes
+    ----------
+    utc : datetime
+        Now.
+    frame_id : str
+    mid_utc, begun_utc : datetime or None
+        Of the exposure; None where the frame doesn't tell.
+    arrived_utc : datetime
+    held : bool
+        The sender waits for the answer and exposes nothing meanwhile.
+    placed : bool
+    fully : bool
+        Identified fully, not by its shift.
+    plate : PlateSeen or None
+    error : Offset or None
+        Seen minus believed, or minus the target where the sender told one; None if it isn't known.
+    of_target : bool
+        `error` is against a target that the sender told.
+    sigma_arcsec : float
+        One-sigma of it per coordinate.
+    doubts : tuple of str
+        Why it must not be used for a correction.
+    moving : bool
+        Whether the mount moves now, or something else holds the telescope.
+    field, segment : str
+    detail : str
+        Why it wasn't placed.
+    """
+
+    utc: datetime
+    frame_id: str
+    arrived_utc: datetime
+    mid_utc: datetime | None = None
+    begun_utc: datetime | None = None
+    held: bool = False
+    placed: bool = False
+    fully: bool = False
+    plate: PlateSeen | None = None
+    error: Offset | None = None
+    of_target: bool = False
+    sigma_arcsec: float = 0.0
+    doubts: tuple[str, ...] = ()
+    moving: bool = False
+    field: str = ""
+    segment: str = ""
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class CorrectionEnded:
+    """What came of a correction.
+
+    Attributes
+    ----------
+    utc : datetime
+    frame_id : str
+    outcome : str
+        "done", "refused", "failed", "cancelled", "unknown".
+    meant : Offset or None
+        Seen minus believed that is meant to be there from now on, since the tube was moved beside what the
+        mount believes; None for a sync.
+    doubts : tuple of str
+        Of a refused one: what stood against it.
+    """
+
+    utc: datetime
+    frame_id: str
+    outcome: str
+    meant: Offset | None = None
+    doubts: tuple[str, ...] = ()
+
+
+Event = Tick | Said | FrameSeen | CorrectionEnded
+
+
+class Act(StrEnum):
+    """What a night does."""
+
+    BEGIN = "begin"
+    END = "end"
+    PARK = "park"
+    HALT = "halt"
+    """Corrections under way are ended, and what they move is stopped."""
+    PAUSE = "pause"
+    GO_ON = "go on"
+    CALIBRATED = "calibrated"
+    CORRECT = "correct"
+    LEAVE = "leave"
+    """Nothing is corrected by this frame."""
+
+
+class Why(StrEnum):
+    """For what reason; of `LEAVE` each tells what stands against a correction."""
+
+    DARK = "it is dark"
+    DAYLIGHT = "daylight"
+    ORDERED = "ordered"
+    RESTARTED = "the service was restarted"
+    UNSAFE = "not safe"
+    SAFE = "safe again"
+    CLOUD = "cloud"
+    CLEAR = "clear again"
+    MOUNT_LOST = "the mount can't be reached"
+    MOUNT_BACK = "the mount is back"
+    PLATES_AGREE = "the first frames agree"
+    NOT_RUNNING = "no night is running"
+    PAUSED = "paused"
+    NOT_PLACED = "not identified"
+    NO_READING = "what the mount believed is not known"
+    CALIBRATING = "the first frames are still compared"
+    PLATE_DIFFERS = "scale, rotation or parity are not those of this session"
+    DOUBTED = "the frame must not be used"
+    ONLY_MEASURED = "nothing is to be corrected"
+    NOT_OFF_ENOUGH = "not off enough"
+    TOO_FAR_OFF = "too far off to be believed"
+    ALONE = "one frame alone"
+    USED = "a correction was decided on by this frame before"
+    OLDER_THAN_CORRECTION = "begun before the last correction had settled"
+    UNDER_WAY = "a correction is under way"
+    MOVING = "the mount moves"
+    EXPOSING = "the scheduler exposes"
+    NOT_QUIET = "the next exposure may have begun"
+    ENOUGH_THIS_HOUR = "enough corrections in this hour"
+    ENOUGH_TONIGHT = "enough corrections tonight"
+    OFF = "off, and frames agree"
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What was decided.
+
+    Attributes
+    ----------
+    act : Act
+    why : Why
+    text : str
+        With the numbers.
+    frame_id : str
+    error : Offset or None
+        Of `CORRECT`: what the telescope is off.
+    facts : mapping
+        JSON values.
+    """
+
+    act: Act
+    why: Why
+    text: str = ""
+    frame_id: str = ""
+    error: Offset | None = None
+    facts: Mapping[str, object] = field(default_factory=dict)

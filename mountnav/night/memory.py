@@ -1,0 +1,137 @@
+"""A night's state as JSON values, for the journal, and back: so that it goes on after a restart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from mountnav.journal.records import Entry, EntryKind
+from mountnav.night.states import Hold, NightState, Phase, PlateSeen
+from mountnav.sky.sphere import Offset
+
+USED_WRITTEN = 50
+STATE = "state"
+FRAME = "frame_id"
+
+
+@dataclass(frozen=True, slots=True)
+class Remembered:
+    """What the journal knows of a telescope's nights.
+
+    Attributes
+    ----------
+    state : NightState or None
+        As of the last row that tells it.
+    frame_ids : tuple of str
+        Frames that were looked at, oldest first.
+    """
+
+    state: NightState | None
+    frame_ids: tuple[str, ...]
+
+
+def remembered(entries: Iterable[Entry]) -> Remembered:
+    """Read a telescope's night rows.
+
+    Parameters
+    ----------
+    entries : iterable of Entry
+        Of the kind `NIGHT`, oldest first.
+
+    Returns
+    -------
+    Remembered
+    """
+    state: NightState | None = None
+    frames: dict[str, None] = {}
+    for entry in entries:
+        if entry.kind is not EntryKind.NIGHT:
+            continue
+        frame_id = entry.facts.get(FRAME)
+        if isinstance(frame_id, str) and frame_id:
+            frames[frame_id] = None
+        told = entry.facts.get(STATE)
+        if isinstance(told, Mapping):
+            state = state_of(told)
+    return Remembered(state, tuple(frames))
+
+
+def state_record(state: NightState) -> dict[str, Any]:
+    """JSON values of a state: what must outlive a restart."""
+    plate = state.plate
+    return {
+        "phase": str(state.phase),
+        "night_id": state.night_id,
+        "forced": state.forced,
+        "was_dark": state.was_dark,
+        "plate": None if plate is None else _plate_record(plate),
+        "plates": [_plate_record(one) for one in state.plates],
+        "holds": sorted(str(one) for one in state.holds),
+        "unsafe_why": state.unsafe_why,
+        "field": state.field,
+        "segment": state.segment,
+        "applied_east_arcsec": state.applied.east_arcsec,
+        "applied_north_arcsec": state.applied.north_arcsec,
+        "under_way": state.under_way,
+        "used": list(state.used[-USED_WRITTEN:]),
+        "corrections": [one.isoformat() for one in state.corrections],
+        "corrected": state.corrected,
+        "not_before": None if state.not_before is None else state.not_before.isoformat(),
+        "frames": state.frames,
+        "placed": state.placed,
+        "unsolved": state.unsolved,
+    }
+
+
+def state_of(record: Mapping[str, Any]) -> NightState:
+    """Inverse of `state_record`.
+
+    Raises
+    ------
+    KeyError, ValueError, TypeError
+        It is no such record.
+    """
+    not_before = record["not_before"]
+    plate = record["plate"]
+    return NightState(
+        phase=Phase(record["phase"]),
+        night_id=str(record["night_id"]),
+        forced=bool(record["forced"]),
+        was_dark=bool(record["was_dark"]),
+        plates=tuple(_plate(one) for one in record["plates"]),
+        plate=None if plate is None else _plate(plate),
+        holds=frozenset(Hold(one) for one in record["holds"]),
+        unsafe_why=str(record["unsafe_why"]),
+        field=str(record["field"]),
+        segment=str(record["segment"]),
+        applied=Offset(float(record["applied_east_arcsec"]), float(record["applied_north_arcsec"])),
+        under_way=record["under_way"],
+        used=tuple(record["used"]),
+        corrections=tuple(datetime.fromisoformat(one) for one in record["corrections"]),
+        corrected=int(record["corrected"]),
+        not_before=None if not_before is None else datetime.fromisoformat(not_before),
+        frames=int(record["frames"]),
+        placed=int(record["placed"]),
+        unsolved=int(record["unsolved"]),
+    )
+
+
+def _plate_record(plate: PlateSeen) -> dict[str, Any]:
+    return {
+        "scale_arcsec_px": plate.scale_arcsec_px,
+        "rotation_deg": plate.rotation_deg,
+        "parity": plate.parity,
+        "size": list(plate.size),
+    }
+
+
+def _plate(record: Mapping[str, Any]) -> PlateSeen:
+    width, height = record["size"]
+    return PlateSeen(
+        float(record["scale_arcsec_px"]),
+        float(record["rotation_deg"]),
+        int(record["parity"]),
+        (width, height),
+    )

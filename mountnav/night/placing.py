@@ -1,0 +1,197 @@
+"""Placing the frames of a night: the first of a field fully, the rest by their shift, in a thread."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from mountnav.catalog.stars import Catalog
+from mountnav.frames import Frame, Hint
+from mountnav.navigation.looking import Solve
+from mountnav.series.follow import SeriesFollower
+from mountnav.series.results import FrameResult, Mode, SeriesSettings, Shift
+from mountnav.sky.coordinates import Icrs
+from mountnav.sky.sphere import separation_arcsec
+from mountnav.solution import Reason, Solution, Times, Verdict
+from mountnav.solve_settings import SolveSettings
+
+FIELDS_KEPT = 4
+FRAMES_PER_FOLLOWER = 100
+"""Then the field is identified fully anew, and what was remembered of it is let go: memory doesn't grow."""
+UNKNOWN_FIELD_DEG = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """Where a frame of a night lies.
+
+    Attributes
+    ----------
+    verdict : Verdict
+    fully : bool
+        Identified fully, not only by its shift.
+    field : str
+        Name of the field; frames of one field lie within half a frame of its first.
+    shift : Shift or None
+        Against the frame it was followed from.
+    """
+
+    verdict: Verdict
+    fully: bool
+    field: str
+    shift: Shift | None = None
+
+
+class Placing(Protocol):
+    """Who says where frames lie."""
+
+    async def place(self, frame: Frame, near: Icrs | None, *, fully: bool) -> Placed:
+        """Identify a frame.
+
+        Parameters
+        ----------
+        frame : Frame
+        near : Icrs or None
+            Where the mount believed to be.
+        fully : bool
+            Fully, whatever is known of the field.
+        """
+        ...
+
+
+@dataclass(slots=True)
+class _Field:
+    name: str
+    center: Icrs | None
+    radius_deg: float
+    follower: SeriesFollower
+    fully: bool
+    frames: int = 0
+
+
+class BySeries:
+    """Follows each field of a night by a `SeriesFollower`.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    hint : callable
+        Makes the hint for a full solution from where the mount believed to be.
+    settings : SeriesSettings, optional
+    """
+
+    def __init__(
+        self,
+        catalog: Catalog,
+        hint: Callable[[Icrs | None], Hint | None],
+        settings: SeriesSettings | None = None,
+    ) -> None:
+        self._catalog = catalog
+        self._hint = hint
+        self._settings = settings or SeriesSettings()
+        self._fields: OrderedDict[str, _Field] = OrderedDict()
+        self._turn = asyncio.Lock()
+
+    async def place(self, frame: Frame, near: Icrs | None, *, fully: bool) -> Placed:
+        """Identify a frame in a thread; the next one waits for it."""
+        async with self._turn:
+            return await asyncio.to_thread(self._place, frame, near, fully)
+
+    def _place(self, frame: Frame, near: Icrs | None, fully: bool) -> Placed:
+        field = self._field(near, fully)
+        result = field.follower.add(frame)
+        field.frames += 1
+        verdict = _verdict(result)
+        solution = verdict.solution
+        if solution is None:
+            return Placed(verdict, False, field.name)
+        if field.center is None or _apart_deg(field.center, solution.center) > field.radius_deg:
+            self._fields.pop(field.name, None)
+            field.name, field.center = field_name(solution.center), solution.center
+            field.radius_deg = _half_a_frame_deg(frame, solution)
+        self._fields[field.name] = field
+        self._fields.move_to_end(field.name)
+        while len(self._fields) > FIELDS_KEPT:
+            self._fields.popitem(last=False)
+        return Placed(verdict, result.mode is Mode.FULL, field.name, result.shift)
+
+    def _field(self, near: Icrs | None, fully: bool) -> _Field:
+        """The field that a frame is believed to be of."""
+        known = None
+        for one in reversed(self._fields.values()):
+            if near is None or (one.center is not None and _apart_deg(one.center, near) <= one.radius_deg):
+                known = one
+                break
+        if known is not None and known.fully == fully and known.frames < FRAMES_PER_FOLLOWER:
+            return known
+        settings = replace(self._settings, audit_every=1) if fully else self._settings
+        hint = self._hint(near if near is not None or known is None else known.center)
+        follower = SeriesFollower(self._catalog, hint=hint, settings=settings)
+        if known is None:
+            return _Field("", None, UNKNOWN_FIELD_DEG, follower, fully)
+        known.follower, known.fully, known.frames = follower, fully, 0
+        return known
+
+
+class BySolve:
+    """Identifies each frame fully, by a solver; for worlds without pixels and for solutions known before.
+
+    Parameters
+    ----------
+    solve : Solve
+    hint : callable
+        As of `BySeries`.
+    settings : SolveSettings
+    """
+
+    def __init__(
+        self, solve: Solve, hint: Callable[[Icrs | None], Hint | None], settings: SolveSettings | None = None
+    ) -> None:
+        self._solve = solve
+        self._hint = hint
+        self._settings = settings or SolveSettings()
+        self._center: Icrs | None = None
+        self._radius_deg = UNKNOWN_FIELD_DEG
+
+    async def place(self, frame: Frame, near: Icrs | None, *, fully: bool) -> Placed:
+        """Solve it."""
+        verdict = await self._solve(frame, self._hint(near) or frame.hint, self._settings)
+        solution = verdict.solution
+        if solution is None:
+            return Placed(verdict, False, "" if self._center is None else field_name(self._center))
+        if self._center is None or _apart_deg(self._center, solution.center) > self._radius_deg:
+            self._center, self._radius_deg = solution.center, _half_a_frame_deg(frame, solution)
+        return Placed(verdict, True, field_name(self._center))
+
+
+def field_name(center: Icrs) -> str:
+    """Name of a field, by the place of its first frame."""
+    return f"{center.ra_deg:07.3f}{center.dec_deg:+07.3f}"
+
+
+def _verdict(result: FrameResult) -> Verdict:
+    """What the follower says, as a solver would."""
+    times = result.times
+    spent = Times(
+        measure_s=times.measure_s,
+        identify_s=times.preliminary_s + times.full_s,
+        total_s=times.measure_s + times.preliminary_s + times.full_s,
+    )
+    told = "; ".join(result.notes)
+    if result.solution is not None:
+        return Verdict(result.solution, None, told, result.measured, spent)
+    reason = next((one for one in Reason if any(one.value in note for note in result.notes)), Reason.NO_MATCH)
+    return Verdict(None, reason, told, result.measured, spent)
+
+
+def _apart_deg(one: Icrs, other: Icrs) -> float:
+    return separation_arcsec(one, other) / 3600.0
+
+
+def _half_a_frame_deg(frame: Frame, solution: Solution) -> float:
+    return 0.5 * float(np.hypot(frame.width_px, frame.height_px)) * solution.scale_arcsec_px / 3600.0

@@ -1,0 +1,386 @@
+"""The running night of one telescope: frames in, looks out, corrections; `rules` decides."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
+from typing import cast
+
+from mountnav.clock import Clock, SystemClock
+from mountnav.errors import BadFrame, Cancelled, DeviceError, JournalFailed, MountnavError, SyncRefused
+from mountnav.frames import Frame
+from mountnav.journal.records import EntryKind, Journal, Unwritten, because
+from mountnav.navigation.reports import Look
+from mountnav.night.drifting import Drifting, DriftPoint, DriftSoFar
+from mountnav.night.events import (
+    Act,
+    CorrectionEnded,
+    Decision,
+    Event,
+    FrameSeen,
+    Said,
+    Tick,
+    Word,
+)
+from mountnav.night.frame_seen import Seen
+from mountnav.night.frames_in import Arrived, FrameAnswer, FramesIn, facts_of
+from mountnav.night.memory import FRAME, Remembered
+from mountnav.night.noting import Listen, NightNotes, Recorder, Unrecorded
+from mountnav.night.placing import Placing
+from mountnav.night.rules import NightRules, decide
+from mountnav.night.states import NightState, Phase
+from mountnav.night.telescope import By, NightTelescope
+from mountnav.sky.coordinates import Icrs
+from mountnav.sky.sphere import displaced, separation_arcsec
+
+_log = logging.getLogger(__name__)
+
+READINGS_MISSED = 3
+"""So many readings in a row that fail, and the mount counts as lost."""
+OTHER_PLACE_DEG = 0.5
+"""A header that names a place further from the mount's belief is asked too, when the belief leads nowhere."""
+HALT_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class NightReport:
+    """What is known of a night.
+
+    Attributes
+    ----------
+    state : NightState
+    waiting : int
+        Frames that wait.
+    drift : DriftSoFar or None
+    last : Decision or None
+    sun_altitude_deg : float or None
+        At the last tick.
+    """
+
+    state: NightState
+    waiting: int
+    drift: DriftSoFar | None
+    last: Decision | None
+    sun_altitude_deg: float | None
+
+
+class NightSession:
+    """A telescope's nights, one after the other.
+
+    Parameters
+    ----------
+    telescope : NightTelescope
+    rules : NightRules
+    frames : FramesIn
+    placing : Placing
+    name : str
+        Of the telescope, in the journal.
+    sun_altitude_deg : callable
+        Of an instant.
+    night_name : callable
+        Names the night of an instant.
+    journal : Journal, optional
+    clock : Clock, optional
+    listen : callable, optional
+        Told of each decision; it never steers.
+    remembered : Remembered, optional
+        From the journal: the night goes on where it was.
+    recorder : Recorder, optional
+    """
+
+    def __init__(
+        self,
+        telescope: NightTelescope,
+        rules: NightRules,
+        frames: FramesIn,
+        placing: Placing,
+        *,
+        name: str,
+        sun_altitude_deg: Callable[[datetime], float],
+        night_name: Callable[[datetime], str],
+        journal: Journal | None = None,
+        clock: Clock | None = None,
+        listen: Listen | None = None,
+        remembered: Remembered | None = None,
+        recorder: Recorder | None = None,
+    ) -> None:
+        self.frames = frames
+        self.rules = rules
+        self._telescope = telescope
+        self._name = name
+        self._placing = placing
+        self._sun_altitude_deg = sun_altitude_deg
+        self._night_name = night_name
+        self._clock = clock or SystemClock()
+        self._listen = listen or (lambda kind, data: None)
+        self._notes = NightNotes(name, journal or Unwritten(), self._clock, self._listen)
+        self._recorder = recorder or Unrecorded()
+        self._state = NightState()
+        self._remembered = remembered
+        self._drifting = Drifting()
+        self._last: Decision | None = None
+        self._sun: float | None = None
+        self._missed = 0
+        self._correcting: asyncio.Task[object] | None = None
+
+    @property
+    def state(self) -> NightState:
+        """As of now."""
+        return self._state
+
+    def report(self) -> NightReport:
+        """Tell what is known."""
+        return NightReport(self._state, self.frames.waiting, self._drifting.so_far(), self._last, self._sun)
+
+    # -- what comes in ------------------------------------------------------------------------------------
+
+    async def begin(self) -> None:
+        """Go on with the night that the journal remembers, if there is one. Once, before all else."""
+        known, self._remembered = self._remembered, None
+        if known is None:
+            return
+        for frame_id in known.frame_ids:
+            self.frames.remember(frame_id)
+        if known.state is None:
+            return
+        in_flight = known.state.under_way
+        self._state = known.state
+        now = self._clock.utc()
+        if known.state.night_id != self._night_name(now) and known.state.running:
+            # it slept through the morning: that night is over, whatever it was about to do
+            self._state = replace(known.state, phase=Phase.WAITING, under_way=None, evidence=None)
+        told = "went on after a restart"
+        if in_flight is not None:
+            told += f"; what came of the correction by frame {in_flight} is not known, it counts as made"
+        await self._happened(Said(now, Word.RESTARTED, told))
+
+    async def tick(self) -> None:
+        """Let the night see what time it is."""
+        now = self._clock.utc()
+        self._sun = self._sun_altitude_deg(now)
+        await self._happened(Tick(now, self._sun, self._night_name(now)))
+
+    async def say(self, word: Word, why: str = "", *, for_s: float | None = None) -> None:
+        """Say something to the night.
+
+        Parameters
+        ----------
+        word : Word
+        why : str
+        for_s : float, optional
+            Of `BUSY`: how long the exposure takes from now on.
+        """
+        now = self._clock.utc()
+        until = None if for_s is None else now + timedelta(seconds=for_s)
+        await self._happened(Said(now, word, why, until, self._night_name(now)))
+
+    async def read_mount(self) -> None:
+        """Read the mount, so that frames that come later can be compared; notice when it is gone."""
+        try:
+            reading = await self._telescope.glance()
+        except DeviceError as error:
+            self._missed += 1
+            if self._missed == READINGS_MISSED:
+                await self.say(Word.MOUNT_LOST, str(error))
+            return
+        if self._missed >= READINGS_MISSED:
+            await self.say(Word.MOUNT_BACK)
+        self._missed = 0
+        self._recorder.keep("reading", reading.utc, {"reading": reading})
+
+    async def take(self, arrived: Arrived) -> FrameAnswer:
+        """Look at a frame, decide, and correct if that was decided. Raises for faults of our own alone."""
+        answer = FrameAnswer(arrived.frame_id, arrived.source, arrived.digest, arrived.arrived_utc)
+        try:
+            with because(night_id=self._state.night_id or None, why="a frame of the night"):
+                answer = await self._taken(arrived, answer)
+        finally:
+            self.frames.answer(replace(answer, done=True))
+        answer = replace(answer, done=True)
+        self._listen("night-frame", dict(facts_of(answer)))
+        return answer
+
+    # -- a frame ------------------------------------------------------------------------------------------
+
+    async def _taken(self, arrived: Arrived, answer: FrameAnswer) -> FrameAnswer:
+        if not self._state.running:
+            return await self._left(arrived, answer, "no night is running")
+        try:
+            frame = await asyncio.to_thread(arrived.read)
+        except BadFrame as fault:
+            return await self._left(arrived, answer, str(fault))
+        frame = replace(frame, source=arrived.source)
+        answer = replace(answer, mid_utc=frame.mid_exposure_utc)
+        if not arrived.pixels:
+            return await self._header_alone(arrived, frame, answer)
+        # one reading at least must come after the exposure
+        await self.read_mount()
+        try:
+            seen = await self._seen(frame)
+        except (BadFrame, DeviceError, JournalFailed) as trouble:
+            return await self._left(arrived, answer, str(trouble))
+        solution = seen.placed.verdict.solution
+        look = seen.looked.look
+        event = seen.event(
+            arrived,
+            self._clock.utc(),
+            moving=self._telescope.activity != "idle",
+            segment=self._telescope.mount.segment_id,
+        )
+        self._record_frame(arrived, seen)
+        if look is not None and frame.mid_exposure_utc is not None and not seen.looked.doubts:
+            point = DriftPoint(frame.mid_exposure_utc, look.offset, event.sigma_arcsec)
+            self._drifting.add(seen.placed.field, event.segment, point)
+        decision = _of_frame(await self._happened(event))
+        answer = replace(
+            answer,
+            placed=solution is not None,
+            fully=seen.placed.fully,
+            seen=None if solution is None else solution.center,
+            sigma_arcsec=None if solution is None else solution.center_sigma_arcsec,
+            offset=None if look is None else look.offset,
+            field=seen.placed.field,
+            look_id="" if look is None else look.look_id,
+            decision=decision,
+            detail=event.detail,
+        )
+        if decision is not None and decision.act is Act.CORRECT and look is not None:
+            outcome = await self._correct(look, decision, arrived.target, seen.placed.field)
+            answer = replace(answer, outcome=outcome)
+        return answer
+
+    async def _seen(self, frame: Frame) -> Seen:
+        """Identify and compare; the header's place is asked where the mount's belief led nowhere."""
+        fully = self._state.phase is Phase.CALIBRATING
+        middle = frame.mid_exposure_utc
+        near = None if middle is None else self._telescope.believed(middle)
+        placed = await self._placing.place(frame, near, fully=fully)
+        told = frame.hint.center
+        elsewhere = near and told and separation_arcsec(near, told) > 3600.0 * OTHER_PLACE_DEG
+        if placed.verdict.solution is None and elsewhere:
+            again = await self._placing.place(frame, told, fully=True)
+            placed = again if again.verdict.solution is not None else placed
+        return Seen(frame, placed, await self._telescope.frame(frame, placed.verdict, used="night"))
+
+    async def _left(self, arrived: Arrived, answer: FrameAnswer, detail: str) -> FrameAnswer:
+        """Answer for a frame that was not looked at."""
+        self._recorder.keep("frame", self._clock.utc(), {"arrived": arrived, "detail": detail})
+        event = FrameSeen(self._clock.utc(), arrived.frame_id, arrived.arrived_utc, detail=detail)
+        return replace(answer, decision=_of_frame(await self._happened(event)), detail=detail)
+
+    async def _header_alone(self, arrived: Arrived, frame: Frame, answer: FrameAnswer) -> FrameAnswer:
+        """A header without pixels: its place is another program's word, and nothing is corrected by it."""
+        told = "a header alone: noted, never corrected by"
+        facts = {FRAME: arrived.frame_id, "act": str(Act.LEAVE), "why": told, "source": arrived.source}
+        await self._notes.note(EntryKind.NIGHT, told, facts)
+        return replace(answer, seen=frame.hint.center, detail=told)
+
+    # -- corrections --------------------------------------------------------------------------------------
+
+    async def _correct(self, look: Look, decision: Decision, told_target: Icrs | None, field: str) -> str:
+        """Carry a correction out; whatever happens, its end is told to the rules."""
+        by = cast("By", self.rules.correct_by)  # "nothing" is never decided
+        wanted = told_target
+        if by != "sync" and wanted is None and decision.error is not None:
+            wanted = displaced(look.seen, -decision.error.east_arcsec, -decision.error.north_arcsec)
+        outcome, meant, told = "unknown", None, ""
+        doubts: tuple[str, ...] = ()
+        with because(look_id=look.look_id, why=f"night: {decision.text}"):
+            task = asyncio.ensure_future(self._telescope.correct(look, by=by, target=wanted, key=field))
+            self._correcting = task
+            try:
+                done = await task
+                outcome, told = "done", done.outcome
+                meant = look.offset if done.moved_arcsec > 0.0 else None
+            except asyncio.CancelledError:
+                outcome, told = "cancelled", "ended before its time"
+                if not task.cancelled():
+                    # it is we who are cancelled: the correction must not go on alone
+                    task.cancel()
+                    await asyncio.wait({task}, timeout=HALT_S)
+                    self._forget_correction(look, decision, outcome)
+                    raise
+            except SyncRefused as error:
+                outcome, told, doubts = "refused", str(error), tuple(str(one) for one in error.doubts)
+            except Cancelled as error:
+                outcome, told = "cancelled", str(error)
+            except MountnavError as error:
+                outcome, told = "failed", str(error)
+            finally:
+                self._correcting = None
+        # so that a frame that is begun right now has a reading before it
+        await self.read_mount()
+        await self._happened(CorrectionEnded(self._clock.utc(), decision.frame_id, outcome, meant, doubts))
+        text = f"correction {outcome}: {told}"
+        await self._notes.decided(
+            Decision(Act.CORRECT, decision.why, text, decision.frame_id), self._state, ended=outcome
+        )
+        return text
+
+    def _forget_correction(self, look: Look, decision: Decision, outcome: str) -> None:
+        """On the way out: leave a row, without waiting."""
+        self._state, _ = decide(
+            self._state, CorrectionEnded(self._clock.utc(), decision.frame_id, outcome), self.rules
+        )
+        self._notes.decided_now(decision, self._state, ended=outcome)
+
+    async def _halt(self) -> None:
+        """End the correction under way; what it moved is stopped by whoever moves it."""
+        task = self._correcting
+        if task is None:
+            return
+        task.cancel()
+        await asyncio.wait({task}, timeout=HALT_S)
+
+    async def _park(self, decision: Decision) -> None:
+        try:
+            with because(night_id=self._state.night_id, why=f"night: {decision.why}"):
+                await self._telescope.park()
+        except MountnavError as error:
+            _log.error("%s could not be parked: %s", self._name, error)
+            self._listen("night-park-failed", {"problem": str(error)})
+            await self._notes.note(EntryKind.FAULT, f"not parked: {error}")
+
+    # -- decisions ----------------------------------------------------------------------------------------
+
+    async def _happened(self, event: Event) -> tuple[Decision, ...]:
+        """Let the rules decide, write it down, and do what is to be done at once."""
+        if not isinstance(event, FrameSeen):
+            self._recorder.keep("event", event.utc, {"event": event})
+        self._state, decisions = decide(self._state, event, self.rules)
+        state = self._state
+        for decision in decisions:
+            self._last = decision
+            self._recorder.keep("decision", event.utc, {"decision": decision})
+            written = await self._notes.decided(decision, state)
+            if decision.act is Act.CORRECT and not written:
+                # what leaves no trace isn't done
+                failed = CorrectionEnded(self._clock.utc(), decision.frame_id, "failed")
+                self._state, _ = decide(self._state, failed, self.rules)
+                return tuple(_unwritten(one) if one is decision else one for one in decisions)
+            if decision.act is Act.HALT:
+                await self._halt()
+            elif decision.act is Act.PARK:
+                await self._park(decision)
+        return decisions
+
+    def _record_frame(self, arrived: Arrived, seen: Seen) -> None:
+        self._recorder.keep(
+            "frame",
+            self._clock.utc(),
+            {"arrived": arrived, "frame": seen.frame, "placed": seen.placed},
+        )
+
+
+def _of_frame(decisions: tuple[Decision, ...]) -> Decision | None:
+    return next((one for one in reversed(decisions) if one.act in (Act.CORRECT, Act.LEAVE)), None)
+
+
+def _unwritten(decision: Decision) -> Decision:
+    return replace(decision, act=Act.LEAVE, text=f"{decision.text}; the journal can't be written")
+
+
+__all__ = ["Listen", "NightReport", "NightSession", "Recorder", "Unrecorded"]

@@ -1,0 +1,202 @@
+"""Hypotheses about the pattern of offsets, whatever the zero points: epoch, slips, wrong looks, hemisphere.
+
+Each is one more fit; those that may sit at any look (slips, wrong looks) are tried where bare differences
+jump most, and their share is divided by all the places where they might have been.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mountnav.pointing.doctor.facts import Array, Facts, from_altaz, to_altaz, wrapped
+from mountnav.pointing.doctor.findings import Illness
+from mountnav.pointing.doctor.fit import ARCSEC, Fit, Fitted, Zeros
+from mountnav.pointing.doctor.priors import (
+    HOUR_SHARES,
+    SHAPES,
+    SLIP_SIGMA_DEG,
+    UNALIGNED_SIGMA_DEG,
+    WRONG_LOOK_SIGMA_DEG,
+    ZEROS,
+)
+from mountnav.pointing.doctor.zero_points import SOLAR_TO_SIDEREAL
+from mountnav.sky.coordinates import Site
+
+_TRIED = 3
+_UNKNOWN_DEG = (0.3, 5.0, 60.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """A hypothesis and how it fares.
+
+    Attributes
+    ----------
+    illness : Illness or None
+        None: healthy.
+    log_weight : float
+        Logarithm of prior times evidence.
+    fitted : Fitted or None
+        None for the unknown.
+    axis : {"", "IH", "ID"}
+        Of a slip.
+    at : int
+        First look after a slip; the wrong look; whole hours of a clock.
+    """
+
+    illness: Illness | None
+    log_weight: float
+    fitted: Fitted | None
+    axis: str = ""
+    at: int = -1
+
+
+def shapes(
+    facts: Facts, fit: Fit, zeros: Zeros, *, equatorial: bool = True, site: Site | None = None
+) -> list[Shape]:
+    """Weigh all hypotheses, healthy first.
+
+    For an alt-azimuth mount a wrong clock is a pattern too, as its zero points are no turn about the pole; it
+    takes the `site`.
+    """
+    healthy = fit.fitted(facts.read_lon, facts.read_lat, zeros)
+    found = [Shape(None, _weighed(None, healthy), healthy)]
+    other = fit.fitted(facts.other_lon, facts.other_lat, zeros)
+    found.append(Shape(Illness.EPOCH, _weighed(Illness.EPOCH, other), other))
+    if len(facts) < 2:
+        return found
+    if _ordinary(healthy, facts):
+        return found
+    if equatorial:
+        # unsynced: its zero points are what they would be, were it not for the signs
+        near = np.where(np.isnan(zeros.sigma), zeros.sigma, math.radians(UNALIGNED_SIGMA_DEG))
+        turned = fit.fitted(
+            facts.read_lon, facts.read_lat, Zeros(zeros.lon, zeros.lat, near, zeros.names), sense=-1.0
+        )
+        found.append(Shape(Illness.HEMISPHERE, _weighed(Illness.HEMISPHERE, turned), turned))
+    elif site is not None:
+        found += _clocks(facts, fit, zeros, site)
+    found += _slips(facts, fit, zeros)
+    found += _wrong_looks(facts, fit, zeros)
+    found.append(Shape(Illness.UNKNOWN, math.log(SHAPES[Illness.UNKNOWN]) + _nothing_known(facts), None))
+    return found
+
+
+def _weighed(illness: Illness | None, fitted: Fitted, share: float = 1.0) -> float:
+    return math.log(SHAPES[illness] * share) + fitted.log_evidence
+
+
+def _ordinary(fitted: Fitted, facts: Facts) -> bool:
+    """Nothing sticks out of a fit with little noise and ordinary terms: no need to look for jumps."""
+    beyond = float(np.max(np.hypot(*fitted.misses.T))) / ARCSEC
+    ordinary = abs(fitted.best[:4]) / ARCSEC < np.array([2700.0, 720.0, 5400.0, 5400.0])
+    return bool(fitted.noise_arcsec <= 60.0 and beyond < 240.0 and ordinary.all()) and len(facts) > 8
+
+
+def _differences(facts: Facts) -> tuple[Array, Array]:
+    """Seen minus read of each axis (rad), the hour angle's not blown up near the pole."""
+    lon = wrapped(facts.lon - facts.read_lon) * np.cos(facts.lat)
+    return lon, (facts.lat - facts.read_lat) * np.where(facts.west, -1.0, 1.0)
+
+
+def _clocks(facts: Facts, fit: Fit, zeros: Zeros, site: Site) -> list[Shape]:
+    """A sky turned about the pole by whole hours, or by twice the longitude, under alt-azimuth axes."""
+    latitude = math.radians(site.latitude_deg)
+    reads = from_altaz(np.column_stack((facts.read_lon, facts.read_lat)), latitude)
+    rest = (1.0 - sum(HOUR_SHARES.values())) / 22.0
+    reasons = [
+        (Illness.CLOCK, hours * 15.0 * SOLAR_TO_SIDEREAL, hours, HOUR_SHARES.get(hours, rest))
+        for hours in (*range(-12, 0), *range(1, 13))
+    ]
+    reasons.append((Illness.LONGITUDE_SIGN, -2.0 * site.longitude_deg, 0, 0.5))
+    tried = []
+    for illness, turn_deg, hours, share in reasons:
+        turned = to_altaz(reads + np.array([math.radians(turn_deg), 0.0]), latitude)
+        lon = wrapped(facts.lon - turned[:, 0])
+        lon = wrapped(lon - np.angle(np.sum(np.exp(1j * lon)))) * np.cos(facts.lat)
+        lat = facts.lat - turned[:, 1]
+        scatter = float(np.sum(lon**2) + np.sum((lat - lat.mean()) ** 2))
+        tried.append((scatter, illness, turned, hours, share))
+    found = []
+    for _, illness, turned, hours, share in sorted(tried, key=lambda one: one[0])[:2]:
+        fitted = fit.fitted(turned[:, 0], turned[:, 1], zeros)
+        weight = math.log(ZEROS[illness] * share) + fitted.log_evidence
+        found.append(Shape(illness, weight, fitted, at=hours))
+    return found
+
+
+def _slips(facts: Facts, fit: Fit, zeros: Zeros) -> list[Shape]:
+    segments = np.array(facts.segments)
+    gaps = [number for number in range(1, len(facts)) if segments[number] == segments[number - 1]]
+    if not gaps:
+        return []
+    found = []
+    for axis, difference in zip(("IH", "ID"), _differences(facts), strict=True):
+        tried = sorted(gaps, key=lambda gap: _split(difference, segments, gap))
+        for gap in tried if len(facts) <= 5 else tried[:_TRIED]:
+            after = ((np.arange(len(facts)) >= gap) & (segments == segments[gap])).astype(float)
+            nought = np.zeros(len(facts))
+            lon, lat = (after, nought) if axis == "IH" else (nought, after)
+            slipped = fit.fitted(
+                facts.read_lon,
+                facts.read_lat,
+                zeros.with_columns(lon, lat, math.radians(SLIP_SIGMA_DEG), "slip"),
+            )
+            weight = _weighed(Illness.SLIPPED, slipped, 1.0 / (2 * len(gaps)))
+            found.append(Shape(Illness.SLIPPED, weight, slipped, axis, gap))
+    return found
+
+
+def _split(difference: Array, segments: Array, gap: int) -> float:
+    """Scatter that is left when the segment is cut there."""
+    same = segments == segments[gap]
+    before, after = same.copy(), same.copy()
+    before[gap:] = False
+    after[:gap] = False
+    return float(sum(np.var(difference[part]) * part.sum() for part in (before, after)))
+
+
+def _wrong_looks(facts: Facts, fit: Fit, zeros: Zeros) -> list[Shape]:
+    if len(facts) < 3:
+        return []
+    lon, lat = _differences(facts)
+    away = np.hypot(lon - np.median(lon), lat - np.median(lat))
+    sigma = math.radians(WRONG_LOOK_SIGMA_DEG)
+    # a look that is alone in its segment contradicts nothing
+    company = [facts.segments.count(one) for one in facts.segments]
+    order = [int(one) for one in np.argsort(-away) if company[int(one)] > 1]
+    found = []
+    for number in order if len(facts) <= 5 else order[:_TRIED]:
+        rest = np.arange(len(facts)) != number
+        others = facts.part(rest)
+        kept = Zeros(zeros.lon[rest], zeros.lat[rest], zeros.sigma, zeros.names)
+        fitted = fit.of_part(rest).fitted(others.read_lon, others.read_lat, kept)
+        # anywhere within some degrees, and turned anyhow
+        chance = -2.0 * math.log(sigma) - math.log(2.0 * math.pi) - 0.5 * float(away[number] / sigma) ** 2
+        if np.isfinite(facts.turned[number]):
+            chance -= math.log(2.0 * math.pi)
+        weight = _weighed(Illness.WRONG_LOOK, fitted, 1.0 / len(facts)) + chance
+        found.append(Shape(Illness.WRONG_LOOK, weight, fitted, at=number))
+    return found
+
+
+def _nothing_known(facts: Facts) -> float:
+    """Evidence of offsets that follow no rule: each look off by some degrees, whatever the others say."""
+    lon, lat = _differences(facts)
+    logs = []
+    for degrees in _UNKNOWN_DEG:
+        sigma = math.radians(degrees)
+        total = 0.0
+        for segment in dict.fromkeys(facts.segments):
+            mask = np.array([one == segment for one in facts.segments])
+            for difference in (lon[mask], lat[mask]):
+                off = (difference - float(np.mean(difference))) / sigma
+                total += float(np.sum(-0.5 * off**2 - 0.5 * math.log(2.0 * math.pi) - math.log(sigma)))
+                # the zero point is as free as in the other hypotheses
+                total += math.log(sigma / math.sqrt(mask.sum()) / math.pi)
+        logs.append(total)
+    turned = -math.log(2.0 * math.pi) * int(np.isfinite(facts.turned).sum())
+    return float(np.logaddexp.reduce(logs)) - math.log(len(logs)) + turned

@@ -1,0 +1,116 @@
+"""A way round what isn't allowed: by way of up to three other places, each leg a slew that is allowed.
+
+The legs turn one axis at a time, where nothing depends on how fast the axes are: along the hour circle
+towards the pole, round it at a high declination, and down again to the target; or one axis after the other.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from datetime import datetime
+from typing import TYPE_CHECKING
+
+from mountnav.errors import OutsideLimits
+from mountnav.navigation.devices import PierSide
+from mountnav.pointing.limits.postures import Mounting
+from mountnav.pointing.limits.slews import POLE_DOUBT_DEG
+from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_hour_angle
+from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site
+
+if TYPE_CHECKING:
+    from mountnav.pointing.limits.bounds import Limits
+
+_DECLINATIONS_DEG = (80.0, 65.0, 50.0, 35.0, 20.0, 5.0)
+_PLAIN_DEG = 45.0
+_Angles = tuple[float, float]
+
+
+def legs_to(
+    limits: Limits,
+    start: Icrs,
+    target: Icrs,
+    utc: datetime,
+    site: Site,
+    air: Air,
+    mounting: Mounting | None,
+    side: PierSide | None,
+) -> tuple[Icrs, ...]:
+    """Find places by way of which a target may be slewed to that may not be directly.
+
+    Parameters
+    ----------
+    limits : Limits
+    start, target : Icrs
+    utc : datetime
+    site, air : Site, Air
+    mounting : {"german", "fork", "altaz"} or None
+    side : PierSide or None
+        On which the tube hangs now.
+
+    Returns
+    -------
+    tuple of Icrs
+        The target last; empty if nothing was found, or the target itself isn't allowed.
+    """
+    try:
+        limits.check(target, utc, site, air)
+    except OutsideLimits:
+        return ()
+
+    def arrives(begin: Icrs, end: Icrs, hangs: PierSide | None) -> tuple[bool, PierSide | None]:
+        try:
+            check = limits.check_slew(
+                begin, end, utc, site, air, mounting=mounting, side=hangs, track_for_s=0.0
+            )
+        except OutsideLimits:
+            return False, None
+        return True, check.sides[0] if len(check.sides) == 1 else None
+
+    here = icrs_to_hour_angle(start, utc, site, air)
+    there = icrs_to_hour_angle(target, utc, site, air)
+    reachable: dict[_Angles, tuple[bool, PierSide | None]] = {}
+    # on which side a German mount looks at the pole nobody can foretell: by way of it comes last
+    ways = sorted(
+        _ways(here, there, site.latitude_deg, side),
+        key=lambda via: any(abs(dec_deg) >= POLE_DOUBT_DEG for _, dec_deg in via),
+    )
+    for via in ways:
+        stops = [hour_angle_to_icrs(HourAngle(ha, dec, utc), site, air) for ha, dec in via]
+        if via[0] not in reachable:
+            reachable[via[0]] = arrives(start, stops[0], side)
+        good, hangs = reachable[via[0]]
+        for begin, end in zip(stops, [*stops[1:], target], strict=True):
+            if good:
+                good, hangs = arrives(begin, end, hangs)
+        if good:
+            return (*stops, target)
+    return ()
+
+
+def _ways(
+    here: HourAngle, there: HourAngle, latitude_deg: float, side: PierSide | None
+) -> Iterator[list[_Angles]]:
+    """Hour angles and declinations by way of which to try it, the shortest ones first."""
+    yield [(here.ha_deg, there.dec_deg)]
+    yield [(there.ha_deg, here.dec_deg)]
+    north = 1.0 if latitude_deg >= 0.0 else -1.0
+    # where it is plain from which side of the pier a German mount looks: from there on it only stays
+    plain_deg = math.copysign(_PLAIN_DEG, there.ha_deg)
+    # and where there is room to stop a German mount that stays instead of changing sides
+    room_deg = {PierSide.WEST: -_PLAIN_DEG, PierSide.EAST: _PLAIN_DEG}.get(
+        side or PierSide.UNKNOWN, math.copysign(_PLAIN_DEG, here.ha_deg)
+    )
+    yield [(room_deg, here.dec_deg)]
+    for dec_deg in (north * one for one in _DECLINATIONS_DEG):
+        yield [(here.ha_deg, dec_deg)]
+        yield [(there.ha_deg, dec_deg)]
+        yield [(plain_deg, dec_deg)]
+        yield [(room_deg, dec_deg)]
+    for dec_deg in (north * one for one in _DECLINATIONS_DEG):
+        yield [(here.ha_deg, dec_deg), (there.ha_deg, dec_deg)]
+        yield [(here.ha_deg, dec_deg), (plain_deg, dec_deg)]
+        yield [(room_deg, dec_deg), (there.ha_deg, dec_deg)]
+        yield [(room_deg, dec_deg), (plain_deg, dec_deg)]
+        yield [(here.ha_deg, dec_deg), (room_deg, dec_deg), (plain_deg, dec_deg)]
+        yield [(here.ha_deg, dec_deg), (plain_deg, dec_deg), (there.ha_deg, dec_deg)]

@@ -1,0 +1,293 @@
+"""A model run: points spread evenly over the allowed sky and both sides of the pier, in a short way."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+
+from mountnav.errors import BadRequest
+from mountnav.navigation.devices import PierSide
+from mountnav.pointing.model.terms import Array
+from mountnav.sky.chain import observed_to_hour_angle
+from mountnav.sky.coordinates import Observed, Site
+from mountnav.sky.sphere import half_turn_deg
+
+Allowed = Callable[[float, float, PierSide], bool]
+"""Whether the telescope may look at an azimuth and an altitude (degrees) from a side of the pier."""
+
+HELD_OUT = 0.2
+_COUNTERWEIGHT_DOWN_DEG = 90.0
+_MOST_ROUNDS = 60
+ANY_TIME = datetime(2000, 1, 1, tzinfo=UTC)
+"""Azimuth and hour angle of a place stay together at all times."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunPoint:
+    """One point of a run.
+
+    Attributes
+    ----------
+    number : int
+        In the order of the way, from 1.
+    az_deg, alt_deg : float
+        Where to look; the same place at any hour.
+    ha_deg, dec_deg : float
+        Of that place.
+    side : PierSide
+        From which it will be seen; unknown for mounts with one posture.
+    held_out : bool
+        It has no part in the fit, and judges it.
+    """
+
+    number: int
+    az_deg: float
+    alt_deg: float
+    ha_deg: float
+    dec_deg: float
+    side: PierSide
+    held_out: bool
+
+
+@dataclass(frozen=True, slots=True)
+class RunPlan:
+    """A run's points in order, and how far the axes turn.
+
+    Attributes
+    ----------
+    points : tuple of RunPoint
+    way_deg : float
+        Sum of the larger of both axes' turns, between neighbors.
+    """
+
+    points: tuple[RunPoint, ...]
+    way_deg: float
+
+
+def spiral(count: int, lowest_deg: float = 0.0, highest_deg: float = 90.0) -> list[tuple[float, float]]:
+    """Golden spiral over a zone of the sky: azimuths and altitudes, each with the same area round it."""
+    low, high = math.sin(math.radians(lowest_deg)), math.sin(math.radians(highest_deg))
+    turn = 180.0 * (3.0 - math.sqrt(5.0))
+    return [
+        ((index * turn) % 360.0, math.degrees(math.asin(low + (high - low) * (index + 0.5) / count)))
+        for index in range(count)
+    ]
+
+
+def scattered(
+    count: int, rng: np.random.Generator, lowest_deg: float = 0.0, highest_deg: float = 90.0
+) -> list[tuple[float, float]]:
+    """Random places over a zone of the sky, evenly by area."""
+    low, high = math.sin(math.radians(lowest_deg)), math.sin(math.radians(highest_deg))
+    return [
+        (float(rng.uniform(0.0, 360.0)), math.degrees(math.asin(float(rng.uniform(low, high)))))
+        for _ in range(count)
+    ]
+
+
+def plan(
+    count: int,
+    site: Site,
+    allowed: Allowed,
+    *,
+    mounting: Literal["german", "fork", "altaz"] | None = None,
+    kind: Literal["spiral", "random"] = "spiral",
+    both_sides_each: bool = False,
+    held_out: float = HELD_OUT,
+    seed: int = 0,
+    start: tuple[float, float] | None = None,
+) -> RunPlan:
+    """Plan a model run.
+
+    Parameters
+    ----------
+    count : int
+        How many points, about; at least 3.
+    site : Site
+    allowed : callable
+        ``allowed(az_deg, alt_deg, side)``; asked for both sides of a German mount, else for the unknown one.
+    mounting : {"german", "fork", "altaz"}, optional
+    kind : {"spiral", "random"}
+        A golden spiral; or places at random.
+    both_sides_each : bool
+        See each place of a German mount from every side from which it is allowed, for mounts that take
+        orders about the side. Else from the one that looks its way, as mounts choose it by themselves; where
+        that one is not allowed, from the other.
+    held_out : float
+        Share of the points that judge the model and have no part in it.
+    seed : int
+        The same plan for the same seed.
+    start : (az_deg, alt_deg), optional
+        Where the telescope stands; the way begins at the point next to it.
+
+    Returns
+    -------
+    RunPlan
+
+    Raises
+    ------
+    BadRequest
+        Too few points, or the allowed sky has no room for them.
+    """
+    if count < 3:
+        raise BadRequest(f"{count} points make no model", advice="take 3 at least; 12 to 30 are good")
+    rng = np.random.default_rng(seed)
+    found: list[tuple[float, float, PierSide]] = []
+    tried = count
+    for _ in range(_MOST_ROUNDS):
+        places = spiral(tried) if kind == "spiral" else scattered(tried, rng)
+        found = [
+            (az, alt, side)
+            for az, alt in places
+            for side in _sides(az, alt, site, allowed, mounting, both_sides_each)
+        ]
+        if len(found) >= count:
+            break
+        # nearly all sky is allowed, or nearly none: come to it in steps
+        tried = max(tried + 1, min(4 * tried, math.ceil(tried * count / max(len(found), 1))))
+        if tried > 2000 * count:
+            break
+    if len(found) < 3:
+        raise BadRequest(
+            "the allowed sky has no room for a model run", advice="look at the limits of this telescope"
+        )
+    if len(found) > count:
+        kept = rng.permutation(len(found))[:count] if kind == "random" else _thinned(len(found), count)
+        found = [found[index] for index in sorted(int(one) for one in kept)]
+    axes = np.array([_axes(az, alt, side, site, mounting) for az, alt, side in found])
+    first = None if start is None else np.array(_axes(*start, PierSide.UNKNOWN, site, mounting))
+    wraps = mounting != "german"
+    order = shortest(axes, first, wraps=wraps)
+    out = _held_out(len(order), held_out, rng)
+    points = []
+    for number, index in enumerate(order, start=1):
+        az, alt, side = found[index]
+        ha_deg, dec_deg = _hour_angle(az, alt, site)
+        points.append(RunPoint(number, az, alt, ha_deg, dec_deg, side, number - 1 in out))
+    return RunPlan(tuple(points), way_deg(axes[order], wraps=wraps))
+
+
+def _thinned(many: int, count: int) -> Array:
+    """Numbers evenly spread over a range."""
+    return np.floor(np.arange(count) * many / count)
+
+
+def _held_out(count: int, share: float, rng: np.random.Generator) -> set[int]:
+    """One out of each stretch of the way, so that they are spread over the sky as well."""
+    wanted = round(share * count)
+    if wanted <= 0:
+        return set()
+    edges = np.linspace(0, count, wanted + 1)
+    return {int(rng.integers(int(a), max(int(b), int(a) + 1))) for a, b in pairwise(edges)}
+
+
+def _hour_angle(az_deg: float, alt_deg: float, site: Site) -> tuple[float, float]:
+    place = observed_to_hour_angle(Observed(az_deg, alt_deg, ANY_TIME), site)
+    return place.ha_deg, place.dec_deg
+
+
+def _sides(
+    az: float, alt: float, site: Site, allowed: Allowed, mounting: str | None, each: bool
+) -> list[PierSide]:
+    if mounting != "german":
+        return [PierSide.UNKNOWN] if allowed(az, alt, PierSide.UNKNOWN) else []
+    ha_deg, _ = _hour_angle(az, alt, site)
+    own = PierSide.EAST if ha_deg >= 0.0 else PierSide.WEST
+    other = PierSide.WEST if own is PierSide.EAST else PierSide.EAST
+    free = [side for side in (own, other) if allowed(az, alt, side)]
+    return free if each else free[:1]
+
+
+def _axes(az: float, alt: float, side: PierSide, site: Site, mounting: str | None) -> tuple[float, float]:
+    """Angles of both axes, deg; the German hour angle axis within half a turn of the counterweight down."""
+    if mounting == "altaz":
+        return az, alt
+    ha_deg, dec_deg = _hour_angle(az, alt, site)
+    if mounting != "german":
+        return ha_deg, dec_deg
+    if side is PierSide.UNKNOWN:
+        side = PierSide.EAST if ha_deg >= 0.0 else PierSide.WEST
+    if side is PierSide.WEST:
+        ha_deg, dec_deg = ha_deg + 180.0, math.copysign(180.0, site.latitude_deg) - dec_deg
+    return _COUNTERWEIGHT_DOWN_DEG + half_turn_deg(ha_deg - _COUNTERWEIGHT_DOWN_DEG), dec_deg
+
+
+def _turns(axes: Array, to: Array, wraps: bool) -> Array:
+    """The larger of both axes' turns between places (..., 2), deg: how long a slew takes."""
+    turn = np.abs(axes - to)
+    if wraps:
+        turn[..., 0] = np.minimum(turn[..., 0] % 360.0, 360.0 - turn[..., 0] % 360.0)
+    return np.asarray(np.max(turn, axis=-1))
+
+
+def way_deg(axes: Array, *, wraps: bool) -> float:
+    """Length of a way through axis angles of shape (n, 2)."""
+    return float(np.sum(_turns(axes[:-1], axes[1:], wraps)))
+
+
+def shortest(axes: Array, start: Array | None, *, wraps: bool) -> list[int]:
+    """Order places into a short way: always to the nearest, then uncross (2-opt) until nothing gets shorter.
+
+    Parameters
+    ----------
+    axes : ndarray, shape (n, 2)
+        Axis angles, deg.
+    start : ndarray, shape (2,), optional
+        Where the way comes from; else all beginnings are tried.
+    wraps : bool
+        Whether the first axis turns all round.
+
+    Returns
+    -------
+    list of int
+    """
+    n = len(axes)
+    apart = _turns(axes[:, None, :], axes[None, :, :].copy(), wraps)
+    from_start = np.zeros(n) if start is None else _turns(axes, start[None, :].copy(), wraps)
+    begins = range(min(n, 20)) if start is None else [int(np.argmin(from_start))]
+    best: list[int] = []
+    shortest_deg = math.inf
+    for begin in begins:
+        order = _uncrossed(_nearest(apart, begin), apart, from_start)
+        length = float(from_start[order[0]] + np.sum(apart[order[:-1], order[1:]]))
+        if length < shortest_deg:
+            best, shortest_deg = order.tolist(), length
+    return best
+
+
+def _nearest(apart: Array, begin: int) -> Array:
+    n = len(apart)
+    left = np.ones(n, dtype=np.bool_)
+    order = [begin]
+    left[begin] = False
+    while len(order) < n:
+        step = np.where(left, apart[order[-1]], np.inf)
+        order.append(int(np.argmin(step)))
+        left[order[-1]] = False
+    return np.array(order)
+
+
+def _uncrossed(order: Array, apart: Array, from_start: Array) -> Array:
+    """2-opt on an open way: turn round the stretch that gains most, until none does."""
+    order = order.copy()
+    n = len(order)
+    for _ in range(20 * n):
+        came = np.concatenate([[0.0], apart[order[:-1], order[1:]]])
+        came[0] = from_start[order[0]]
+        # turning i..j: the way into i now comes to j, the way out of j now starts at i
+        into = np.vstack([from_start[order][None, :], apart[np.ix_(order[:-1], order)]])
+        out = np.hstack([apart[np.ix_(order, order[1:])], np.zeros((n, 1))])
+        left = np.append(came[1:], 0.0)
+        gain = came[:, None] + left[None, :] - into - out
+        gain[np.tril_indices(n)] = -np.inf
+        i, j = np.unravel_index(int(np.argmax(gain)), gain.shape)
+        if gain[i, j] <= 1e-9:
+            break
+        order[i : j + 1] = order[i : j + 1][::-1]
+    return order

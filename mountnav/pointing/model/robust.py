@@ -1,0 +1,284 @@
+"""Robust fitting: which points count, and how much; gross errors don't, whoever made them.
+
+Absolute distances first (they start anywhere), then Tukey's biweight on the on-sky distance, c = 4.685, with
+the scale median/1.1774 of a Rayleigh distribution [POINTING §6]; what it gives no weight is left out, and the
+rest is fitted by plain least squares, so that on data without gross errors the result is that of PMFIT.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mountnav.errors import ModelRefused
+from mountnav.pointing.model.linear import LinearFit, Segments, ZeroPoints, solve
+from mountnav.pointing.model.mechanical import Bools, Mechanical
+from mountnav.pointing.model.rigorous import ARCSEC, geometry, seen_from, tangent, wrapped
+from mountnav.pointing.model.terms import ZERO_POINTS, Array, basis
+
+TUKEY = 4.685
+RAYLEIGH_MEDIAN = 1.1774
+_SMALLEST_SCALE_ARCSEC = 1e-3
+_LONELY = 0.1
+"""Points that keep less of their own residual tell nothing about the scale."""
+_STEPS_ABSOLUTE, _STEPS_BIWEIGHT, _STEPS_PLAIN = 12, 25, 12
+_DONE_ARCSEC = 1e-4
+_SINGULAR = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """Coefficients and zero points, and what they leave.
+
+    Attributes
+    ----------
+    coefficients_arcsec : ndarray, shape (k,)
+        Of the terms, zero points apart.
+    zero_points_arcsec : ndarray, shape (s, 2)
+        Added to the axes' readings: longitude, latitude.
+    residuals_arcsec : ndarray, shape (n, 2)
+        Seen less predicted, exact, along ξ and η of the axes.
+    columns : ndarray, shape (n, 2, k)
+        The terms at the axes.
+    cos_lat : ndarray, shape (n,)
+    """
+
+    coefficients_arcsec: Array
+    zero_points_arcsec: Array
+    residuals_arcsec: Array
+    columns: Array
+    cos_lat: Array
+
+
+def state_at(m: Mechanical, names: tuple[str, ...], coefficients: Array, zero_points: Array) -> State:
+    """Predict every point rigorously and compare."""
+    lon = m.read_lon_rad + zero_points[m.segment, 0] * ARCSEC
+    lat = m.read_lat_rad + zero_points[m.segment, 1] * ARCSEC
+    told = geometry(m.kind, m.site_latitude_rad, dict(zip(names, coefficients.tolist(), strict=True)))
+    missed = m.seen - seen_from(told, lon, lat)
+    along_xi, along_eta = tangent(lon, lat)
+    residuals = np.stack([np.sum(missed * along_xi, axis=1), np.sum(missed * along_eta, axis=1)], axis=1)
+    columns = basis(m.kind, names, lon, lat, m.site_latitude_rad)
+    return State(coefficients, zero_points, residuals / ARCSEC, columns, np.cos(lat))
+
+
+def first_state(m: Mechanical, names: tuple[str, ...]) -> State:
+    """Begin with the median zero points of each segment and no other error."""
+    lon, lat = m.seen_angles
+    off_lon, off_lat = wrapped(lon - m.read_lon_rad), wrapped(lat - m.read_lat_rad)
+    weight = np.abs(np.cos(lat))
+    zero_points = np.zeros((len(m.segment_ids), 2))
+    for s in np.unique(m.segment):
+        mine = m.segment == s
+        # near the pole the longitude of a point says little
+        turned = wrapped(off_lon[mine] - off_lon[mine][np.argmax(weight[mine])])
+        middle = _weighted_median(turned, weight[mine]) + off_lon[mine][np.argmax(weight[mine])]
+        zero_points[s] = middle / ARCSEC, np.median(off_lat[mine]) / ARCSEC
+    return state_at(m, names, np.zeros(len(names)), zero_points)
+
+
+def _weighted_median(values: Array, weights: Array) -> float:
+    order = np.argsort(values)
+    summed = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(summed, 0.5 * summed[-1])])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobustFit:
+    """A converged fit.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Terms, zero points apart.
+    state : State
+    linear : LinearFit
+        The last step: its hat matrix, covariance, condition.
+    weight : ndarray, shape (n,)
+        Inverse variances in 1/arcsec²; 0 for what was left out.
+    used : ndarray of bool, shape (n,)
+    scale_arcsec : float
+        Robust scatter per coordinate.
+    """
+
+    names: tuple[str, ...]
+    state: State
+    linear: LinearFit
+    weight: Array
+    used: Bools
+    scale_arcsec: float
+
+
+def step(
+    m: Mechanical, names: tuple[str, ...], state: State, segments: Segments, weight: Array
+) -> tuple[State, LinearFit]:
+    """One Gauss-Newton step with these weights."""
+    try:
+        linear = solve(state.columns, state.residuals_arcsec, ZeroPoints.of(segments, state.cos_lat, weight))
+    except np.linalg.LinAlgError as cause:
+        raise _not_independent(names) from cause
+    if not np.all(np.isfinite(linear.coefficients)) or np.min(linear.independence, initial=1.0) < _SINGULAR:
+        raise _not_independent(names)
+    moved = state_at(
+        m,
+        names,
+        state.coefficients_arcsec + linear.coefficients,
+        state.zero_points_arcsec + linear.zero_points,
+    )
+    return moved, linear
+
+
+def _not_independent(names: tuple[str, ...]) -> ModelRefused:
+    return ModelRefused(
+        f"the points can't tell the terms {', '.join(names)} apart",
+        advice="take points over a wider range of both axes, or fewer terms",
+    )
+
+
+def distances(state: State, linear: LinearFit | None, variance: Array | None = None) -> tuple[Array, Array]:
+    """On-sky distances as if each point had no part in the fit nor the fit an error of its own.
+
+    Parameters
+    ----------
+    state : State
+    linear : LinearFit or None
+        The step that led there; None at the beginning.
+    variance : ndarray, shape (n,), optional
+        Per coordinate; given, points that don't count are freed from the error of their prediction.
+
+    Returns
+    -------
+    distance, left : ndarray, shape (n,)
+        The distances, and how much of each point's own error its residual still shows.
+    """
+    plain = np.hypot(state.residuals_arcsec[:, 0], state.residuals_arcsec[:, 1])
+    if linear is None:
+        return plain, np.ones_like(plain)
+    hat = 0.5 * (linear.hat[0] + linear.hat[1])
+    left = np.clip(1.0 - hat, 0.0, 1.0)
+    freed = plain / np.sqrt(np.maximum(left, _LONELY))
+    if variance is not None:
+        spread = np.mean(linear.spread, axis=1)
+        share = np.where(
+            np.isfinite(spread), variance / (variance + np.where(np.isfinite(spread), spread, 0)), 1
+        )
+        freed = np.where(hat > 0.0, freed, plain * np.sqrt(share))
+    return freed, left
+
+
+def scale_of(distance: Array, left: Array) -> float:
+    """Scatter per coordinate, from the median distance."""
+    telling = distance[left > _LONELY]
+    if telling.size == 0:
+        telling = distance
+    return max(float(np.median(telling)) / RAYLEIGH_MEDIAN, _SMALLEST_SCALE_ARCSEC)
+
+
+def variances(m: Mechanical, scale_arcsec: float) -> Array:
+    """Per coordinate, arcsec²: each point's own, and what else the telescope scatters."""
+    own = m.sigma_arcsec**2
+    more = max(scale_arcsec**2 - float(np.median(own)), 0.0)
+    return np.asarray(np.maximum(own + more, _SMALLEST_SCALE_ARCSEC**2))
+
+
+def inliers(
+    m: Mechanical, state: State, linear: LinearFit | None, used: Bools | None = None
+) -> tuple[Bools, Array, float]:
+    """Which points count, the inverse variances, the scale.
+
+    The scale is not below that of the points that count now: else a fit that bent to a few points would throw
+    out the others, and its own success would be the reason.
+    """
+    distance, left = distances(state, linear)
+    scale = scale_of(distance, left)
+    if used is not None and linear is not None:
+        freedom = 2.0 * np.sum(used) - np.sum((linear.hat[0] + linear.hat[1])[used])
+        if freedom >= 1.0:
+            scale = max(scale, float(np.sqrt(np.sum(state.residuals_arcsec[used] ** 2) / freedom)))
+    variance = variances(m, scale)
+    distance, _ = distances(state, linear, variance)
+    return distance <= TUKEY * np.sqrt(variance), 1.0 / variance, scale
+
+
+def robust_fit(
+    m: Mechanical,
+    names: tuple[str, ...],
+    *,
+    start: State | None = None,
+    fixed: Bools | None = None,
+    biweight_steps: int = _STEPS_BIWEIGHT,
+    plain_steps: int = _STEPS_PLAIN,
+) -> RobustFit:
+    """Fit terms and zero points.
+
+    Parameters
+    ----------
+    m : Mechanical
+    names : tuple of str
+        Without zero points.
+    start : State, optional
+        Where to begin; given, the stage of absolute distances is left out.
+    fixed : ndarray of bool, optional
+        Use exactly these points.
+    biweight_steps, plain_steps : int
+        At most so many.
+
+    Raises
+    ------
+    ModelRefused
+        Too few points, or they can't tell the terms apart.
+    """
+    if any(name in ZERO_POINTS[m.kind] for name in names):
+        raise ValueError("zero points are fitted to each segment by themselves")
+    segments = Segments(m.segment, len(m.segment_ids))
+    _enough(np.ones(len(m), dtype=np.bool_) if fixed is None else fixed, m, names)
+    state = first_state(m, names) if start is None else start
+    linear: LinearFit | None = None
+    if fixed is None:
+        if start is None:
+            for _ in range(_STEPS_ABSOLUTE):
+                distance, left = distances(state, linear)
+                floor = max(0.1 * scale_of(distance, left), _SMALLEST_SCALE_ARCSEC)
+                state, linear = step(m, names, state, segments, 1.0 / np.maximum(distance, floor))
+        for _ in range(biweight_steps):
+            distance, left = distances(state, linear)
+            variance = variances(m, scale_of(distance, left))
+            relative = distance / np.sqrt(variance)
+            u = relative / (TUKEY * scale_of(relative, left))
+            weight = np.where(u < 1.0, (1.0 - u**2) ** 2, 0.0) / variance
+            before = state
+            _enough(weight > 0.0, m, names)
+            state, linear = step(m, names, state, segments, weight)
+            if _change_arcsec(before, state) < 1e-2:
+                break
+    used, inverse, scale = inliers(m, state, linear)
+    for _ in range(plain_steps):
+        if fixed is not None:
+            used = fixed
+        _enough(used, m, names)
+        before, count = state, used
+        state, linear = step(m, names, state, segments, np.where(used, inverse, 0.0))
+        used, inverse, scale = inliers(m, state, linear, used)
+        if _change_arcsec(before, state) < _DONE_ARCSEC and (
+            fixed is not None or bool(np.all(used == count))
+        ):
+            break
+    used = count if fixed is None else fixed
+    assert linear is not None
+    return RobustFit(names, state, linear, np.where(used, inverse, 0.0), used, scale)
+
+
+def _change_arcsec(before: State, after: State) -> float:
+    moved = np.abs(after.residuals_arcsec - before.residuals_arcsec)
+    return float(np.max(moved, initial=0.0))
+
+
+def _enough(used: Bools, m: Mechanical, names: tuple[str, ...]) -> None:
+    points, segments = int(np.sum(used)), len(np.unique(m.segment[used]))
+    unknowns = len(names) + 2 * segments
+    if 2 * points <= unknowns:
+        raise ModelRefused(
+            f"{points} usable points in {segments} segment(s) can't tell {unknowns} unknowns",
+            advice="take more points, or fewer terms; each sync between points costs one of them",
+        )

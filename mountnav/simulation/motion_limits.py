@@ -1,0 +1,153 @@
+"""What limits make of a motion: the instants at which they are reached are closed formulas, like the motion.
+
+An axis brakes so that it comes to rest on its limit. Tracking ends there, and where the place sets below the
+lowest altitude; or a German mount changes sides there and tracks on.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from mountnav.navigation.devices import PierSide
+from mountnav.simulation.axes import AxisPath
+from mountnav.simulation.belief import Belief
+from mountnav.simulation.geometry import perfect_direction
+from mountnav.simulation.machine import SIDEREAL_DEG_S, Machine
+from mountnav.simulation.motion import Axis, Goal, Limits, Motion, Stage
+from mountnav.simulation.posture import flipped, side_of, within_reach
+
+_MOST_EVENTS = 6
+_TOUCHING_DEG = 1e-7
+
+
+def braking_s(path: AxisPath, t_s: float, low: float, high: float, acceleration_deg_s2: float) -> float:
+    """When, from `t_s` on, the axis has to brake lest it run past an end; infinite when never."""
+    return min(
+        _braking_s(path, t_s, 1.0, high, acceleration_deg_s2),
+        _braking_s(path, t_s, -1.0, -low, acceleration_deg_s2),
+    )
+
+
+def _braking_s(path: AxisPath, t_s: float, sign: float, end: float, a: float) -> float:
+    if math.isinf(end):
+        return math.inf
+    for piece, from_s, until_s in path.next_pieces(t_s):
+        velocity = sign * piece.velocity_at(from_s)
+        change = sign * piece.acceleration_deg_s2
+        growth = 1.0 + change / a
+        if growth <= 1e-9 or (velocity <= 0.0 and change <= 0.0):
+            continue  # it brakes already, or goes the other way
+        if velocity < 0.0:  # it turns round
+            from_s, velocity = from_s - velocity / change, 0.0
+            if from_s >= until_s:
+                continue
+        # where it would come to rest, minus the end: excess + b dt + c dt²
+        excess = sign * piece.angle_at(from_s) + velocity * velocity / (2.0 * a) - end
+        if excess >= -_TOUCHING_DEG:
+            return from_s
+        b, c = velocity * growth, 0.5 * change * growth
+        root = b * b - 4.0 * c * excess
+        if root < 0.0 or b + math.sqrt(root) <= 0.0:
+            continue
+        braking = from_s + max(-2.0 * excess / (b + math.sqrt(root)), 0.0)
+        if braking < until_s:
+            return braking
+    return math.inf
+
+
+def setting_s(stage: Stage, t_s: float, belief: Belief, lowest_altitude_deg: float) -> float:
+    """When, from `t_s` on, tracking leads below the lowest altitude; infinite when never or if below."""
+    arrival = max(t_s, stage.ha.arrives_s, stage.dec.arrives_s)
+    if not stage.tracking or math.isinf(arrival):
+        return math.inf
+    velocity = stage.ha.path.velocity_at(arrival)
+    steady = stage.ha.path.steady_at(arrival) and stage.dec.path.steady_at(arrival)
+    if velocity <= 0.0 or not steady:  # by hand it may go below
+        return math.inf
+    ha_deg, dec_deg = perfect_direction(
+        stage.ha.path.angle_at(arrival) + belief.ha_shift_deg,
+        stage.dec.path.angle_at(arrival) + belief.dec_shift_deg,
+    )
+    d, lat = math.radians(dec_deg), math.radians(belief.site.latitude_deg)
+    across = math.cos(lat) * math.cos(d)
+    if across < 1e-12:
+        return math.inf
+    cosine = (math.sin(math.radians(lowest_altitude_deg)) - math.sin(lat) * math.sin(d)) / across
+    if not -1.0 < cosine < 1.0:
+        return math.inf
+    sets_deg = math.degrees(math.acos(cosine))
+    if abs(ha_deg) > sets_deg:
+        return math.inf
+    return arrival + (sets_deg - ha_deg) / velocity
+
+
+def limited(motion: Motion, t_s: float, machine: Machine, ha: Limits, dec: Limits) -> Motion:
+    """Find what the limits make of the motion ordered at `t_s`: fills `Motion.later`."""
+    if machine.at_limit == "ignore":
+        return replace(motion, later=())
+    belief = motion.belief_at(t_s)
+    stage, later = motion.now, []
+    for _ in range(_MOST_EVENTS):
+        following = _next_event(stage, max(t_s, stage.start_s), belief, machine, ha, dec, motion)
+        if following is None:
+            break
+        stage = following
+        later.append(stage)
+    return replace(motion, later=tuple(later))
+
+
+def _next_event(
+    stage: Stage, t_s: float, belief: Belief, machine: Machine, ha: Limits, dec: Limits, motion: Motion
+) -> Stage | None:
+    """Stage after the first limit that is reached from `t_s` on."""
+    low, high = (end - belief.ha_shift_deg for end in machine.ha_range_deg)
+    ha_s = braking_s(stage.ha.path, t_s, low, high, ha.acceleration_deg_s2)
+    low, high = (end - belief.dec_shift_deg for end in machine.dec_range_deg)
+    dec_s = braking_s(stage.dec.path, t_s, low, high, dec.acceleration_deg_s2)
+    set_s = math.inf
+    if machine.lowest_altitude_deg is not None:
+        set_s = setting_s(stage, t_s, belief, machine.lowest_altitude_deg)
+    first_s = min(ha_s, dec_s, set_s)
+    if math.isinf(first_s):
+        return None
+    if first_s == dec_s:
+        return replace(stage, start_s=first_s, dec=_ended(stage.dec, first_s, dec), at_limit=True)
+    if machine.at_limit == "flip" and first_s == ha_s:
+        turned = _flip(stage, first_s, belief, machine, ha, dec, motion)
+        if turned is not None:
+            return turned
+    return Stage(first_s, _ended(stage.ha, first_s, ha), _still(stage.dec, first_s, dec), False, True)
+
+
+def _ended(axis: Axis, t_s: float, limits: Limits) -> Axis:
+    return axis.ordered(t_s, Goal(t_s, 0.0, limits))
+
+
+def _still(axis: Axis, t_s: float, limits: Limits) -> Axis:
+    """End a custom rate in declination together with tracking; leave other motion alone."""
+    return _ended(axis, t_s, limits) if axis.path.steady_at(t_s) and axis.path.velocity_at(t_s) else axis
+
+
+def _flip(
+    stage: Stage, t_s: float, belief: Belief, machine: Machine, ha: Limits, dec: Limits, motion: Motion
+) -> Stage | None:
+    """Change sides while tracking; None when it isn't, or the other side doesn't reach."""
+    if not (stage.tracking and stage.ha.path.steady_at(t_s) and stage.dec.path.steady_at(t_s)):
+        return None
+    seen = (
+        stage.ha.path.angle_at(t_s) + belief.ha_shift_deg,
+        stage.dec.path.angle_at(t_s) + belief.dec_shift_deg,
+    )
+    if side_of(seen[1], machine) is PierSide.UNKNOWN:
+        return None
+    aim = flipped(seen, belief.site.latitude_deg)
+    if not within_reach(aim, machine):
+        return None
+    north = -1.0 if side_of(aim[1], machine) is PierSide.WEST else 1.0
+    after = motion.tracking_deg_s(True, north)
+    goals = (
+        Goal(t_s, SIDEREAL_DEG_S, ha, aim[0] - belief.ha_shift_deg, after[0]),
+        Goal(t_s, 0.0, dec, aim[1] - belief.dec_shift_deg, after[1]),
+    )
+    return Stage(t_s, stage.ha.ordered(t_s, goals[0]), stage.dec.ordered(t_s, goals[1]), True)
