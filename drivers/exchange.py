@@ -16,7 +16,7 @@ from typing import TypeVar
 
 from drivers.command import Command, Unreadable
 from drivers.line import ByteLine
-from mountnav.errors import DeviceGarbled, DeviceSilent
+from mountnav.errors import DeviceGarbled, DeviceMissing, DeviceSilent
 
 T = TypeVar("T")
 _LOG = logging.getLogger(__name__)
@@ -57,7 +57,22 @@ class Exchange:
         self._patience = patience
         self._turn = asyncio.Lock()
         self._owing = False
+        self._ended = False
+        self._asked_s: float | None = None
         self.troubles = 0
+
+    def unanswered_s(self) -> float:
+        """Since when the present question waits for its first good answer; 0 when there is none."""
+        asked_s = self._asked_s
+        return 0.0 if asked_s is None else asyncio.get_running_loop().time() - asked_s
+
+    def end(self) -> None:
+        """The line is closed: what is still being asked is given up, and nothing more goes out."""
+        self._ended = True
+
+    def _require_line(self) -> None:
+        if self._ended:
+            raise DeviceMissing("the line was closed", device=self._line.address, advice="connect again")
 
     async def ask(self, command: Command[T], *, deadline_s: float | None = None) -> T:
         """Send a command and return what its reader makes of the answer.
@@ -80,31 +95,49 @@ class Exchange:
         async with self._turn:
             loop = asyncio.get_running_loop()
             until = loop.time() + (self._patience.deadline_s if deadline_s is None else deadline_s)
-            while True:
-                owed = self._owing
-                if owed:
-                    await self._quiet(until)
-                self._line.drain()
-                # owing until answered: a caller cancelled in between leaves the mark behind
-                self._owing = True
-                await self._line.write(command.sent)
-                if not command.answered:
-                    self._owing = owed
-                    return command.read(b"", True).value  # type: ignore[union-attr]
-                try:
-                    value = await self._answer(command, until, owed)
-                except (DeviceSilent, DeviceGarbled) as failure:
-                    self.troubles += 1
-                    _LOG.warning("%s", failure)
-                    if not command.repeatable or loop.time() >= until:
-                        raise
-                else:
-                    self._owing = False
-                    return value
+            if command.answered:
+                self._asked_s = loop.time()
+            try:
+                return await self._asked(command, until)
+            finally:
+                self._asked_s = None
 
-    async def send_now(self, command: Command[None]) -> None:
-        """Send a command that has no answer, past whatever is being asked: the path of a stop."""
-        await self._line.write_now(command.sent)
+    async def _asked(self, command: Command[T], until: float) -> T:
+        loop = asyncio.get_running_loop()
+        while True:
+            self._require_line()
+            owed = self._owing
+            if owed:
+                await self._quiet(until)
+                self._require_line()
+            self._line.drain()
+            # owing until answered: a caller cancelled in between leaves the mark behind
+            self._owing = True
+            await self._line.write(command.sent)
+            if not command.answered:
+                self._owing = owed
+                return command.read(b"", True).value  # type: ignore[union-attr]
+            try:
+                value = await self._answer(command, until, owed)
+            except (DeviceSilent, DeviceGarbled) as failure:
+                self.troubles += 1
+                # the wire log keeps it; what can not be put right is raised
+                _LOG.info("%s", failure)
+                if not command.repeatable or loop.time() >= until:
+                    raise
+            else:
+                self._owing = False
+                return value
+
+    async def send_now(self, *commands: Command[None]) -> None:
+        """Send commands in one write, past whatever is being asked: the path of a stop.
+
+        Answers that they have are left to the readers of what is asked meanwhile; the line is owing.
+        """
+        if any(command.answered for command in commands):
+            self._owing = True
+        self._require_line()
+        await self._line.write_now(b"".join(command.sent for command in commands))
 
     async def _answer(self, command: Command[T], until: float, owed: bool) -> T:
         loop = asyncio.get_running_loop()
@@ -114,6 +147,7 @@ class Exchange:
             while (read := command.read(heard, False)) is None:
                 left_s = try_until - loop.time()
                 came = await self._line.read(left_s) if left_s > 0 else b""
+                self._require_line()
                 heard += came
                 if not came:
                     read = command.read(heard, True)
@@ -128,6 +162,8 @@ class Exchange:
                 # an answer that was owed from before may have been this one: the last one counts
                 while came := await self._line.read(self._patience.quiet_s):
                     heard += came
+                # a reader that passes over what a stop brought sees more of it now
+                read = command.read(heard, False) or read
             while heard[read.length :]:
                 heard = heard[read.length :]
                 later = command.read(heard, False)

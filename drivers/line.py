@@ -17,6 +17,8 @@ from typing import Protocol
 import serial
 from serial.tools import list_ports
 
+from drivers.incoming import Incoming
+from drivers.wire_log import WireLog
 from mountnav.errors import DeviceMissing, DeviceSilent
 
 _GLANCE_S = 0.05
@@ -60,6 +62,10 @@ class ByteLine(Protocol):
         """Throw away what has come so far, and return it for the log."""
         ...
 
+    async def lost(self) -> str:
+        """Wait until the open line is lost, and tell why."""
+        ...
+
 
 def existing_ports() -> list[str]:
     """List the serial ports of this machine, stable names (``/dev/serial/by-id``) first."""
@@ -76,19 +82,22 @@ class SerialLine:
         Device path or pyserial URL.
     baud : int
         Speed; ignored on TCP.
+    log : WireLog, optional
+        Where all bytes are noted, both ways.
     """
 
-    def __init__(self, address: str, *, baud: int = 9600) -> None:
+    def __init__(self, address: str, *, baud: int = 9600, log: WireLog | None = None) -> None:
         self._address = address
         self._baud = baud
+        self._log = log or WireLog(kept=1)
         self._port: serial.Serial | None = None
         self._threads: list[ThreadPoolExecutor] = []
         self._reading: threading.Thread | None = None
         self._closing = threading.Event()
         self._writing = threading.Lock()
-        self._came = bytearray()
-        self._news = asyncio.Event()
-        self._lost: str | None = None
+        self._incoming = Incoming(address, self._advice, self._log)
+        self._changing = asyncio.Lock()
+        """Held while it is opened or closed: a port that is just being closed is still locked."""
 
     @property
     def address(self) -> str:
@@ -98,7 +107,7 @@ class SerialLine:
     @property
     def usable(self) -> bool:
         """Whether it is open and not lost."""
-        return self._port is not None and self._lost is None
+        return self._incoming.usable
 
     async def open(self) -> None:
         """Open the port, exclusively where that is possible.
@@ -108,7 +117,11 @@ class SerialLine:
         DeviceMissing
             If there is no such port or it can't be opened; the advice lists the ports that exist.
         """
-        await self.close()
+        async with self._changing:
+            await self._close()
+            await self._open()
+
+    async def _open(self) -> None:
         loop = asyncio.get_running_loop()
         threads = [ThreadPoolExecutor(1, "line-write"), ThreadPoolExecutor(1, "line-stop")]
         try:
@@ -119,9 +132,8 @@ class SerialLine:
             raise DeviceMissing(
                 f"can't be opened: {cause}", device=self._address, advice=self._advice()
             ) from cause
-        self._port, self._threads, self._lost = port, threads, None
-        self._came.clear()
-        self._news.clear()
+        self._port, self._threads = port, threads
+        self._incoming.opened()
         self._closing = threading.Event()
         self._reading = threading.Thread(
             target=self._listen, args=(port, loop, self._closing), name="line-read", daemon=True
@@ -148,9 +160,14 @@ class SerialLine:
 
     async def close(self) -> None:
         """Close the port and end its threads; closing twice is fine."""
+        async with self._changing:
+            await self._close()
+
+    async def _close(self) -> None:
         port, self._port = self._port, None
         if port is None:
             return
+        self._incoming.closed()
         self._closing.set()
         threads, self._threads = self._threads, []
         reading, self._reading = self._reading, None
@@ -197,11 +214,13 @@ class SerialLine:
                 "takes no more bytes", device=self._address, advice="check cable and power"
             ) from cause
         except OSError as cause:
-            self._lose(str(cause))
-            raise self._missing() from cause
+            self._incoming.lose(str(cause))
+            raise self._incoming.missing() from cause
 
     def _write_whole(self, port: serial.Serial, data: bytes) -> None:
         with self._writing:
+            # noted first: the answer may be read before this thread goes on
+            self._log.note("driver->mount", data)
             port.write(data)
 
     async def read(self, timeout_s: float) -> bytes:
@@ -212,41 +231,20 @@ class SerialLine:
         DeviceMissing
             If the line is not open or was lost, and nothing is left to read.
         """
-        if not self._came:
-            self._usable_port()
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(max(timeout_s, 0.0)):
-                    await self._news.wait()
-        came = self.drain()
-        if not came and self._lost is not None:
-            raise self._missing()
-        return came
+        return await self._incoming.read(timeout_s)
 
     def drain(self) -> bytes:
         """Throw away what has come so far, and return it."""
-        came = bytes(self._came)
-        self._came.clear()
-        if self._lost is None:
-            self._news.clear()
-        return came
+        return self._incoming.drain()
 
     def _usable_port(self) -> serial.Serial:
-        if self._port is None or self._lost is not None:
-            raise self._missing()
+        self._incoming.require()
+        assert self._port is not None
         return self._port
 
-    def _missing(self) -> DeviceMissing:
-        if self._lost is None:
-            return DeviceMissing("the line is not open", device=self._address, advice="connect first")
-        return DeviceMissing(f"the line was lost: {self._lost}", device=self._address, advice=self._advice())
-
-    def _arrived(self, data: bytes) -> None:
-        self._came += data
-        self._news.set()
-
-    def _lose(self, why: str) -> None:
-        self._lost = self._lost or why
-        self._news.set()
+    async def lost(self) -> str:
+        """Wait until the open line is lost, and tell why."""
+        return await self._incoming.lost()
 
     def _listen(self, port: serial.Serial, loop: asyncio.AbstractEventLoop, closing: threading.Event) -> None:
         """Hand whatever comes to the event loop, until closing or loss; runs in the reading thread."""
@@ -259,7 +257,8 @@ class SerialLine:
                         data += port.read(port.in_waiting)
                 except OSError as cause:
                     if not closing.is_set():
-                        loop.call_soon_threadsafe(self._lose, str(cause))
+                        loop.call_soon_threadsafe(self._incoming.lose, str(cause))
                     return
                 if data:
-                    loop.call_soon_threadsafe(self._arrived, data)
+                    self._log.note("mount->driver", data)
+                    loop.call_soon_threadsafe(self._incoming.arrived, data)

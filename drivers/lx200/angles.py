@@ -114,17 +114,18 @@ def longitude_from_text(text: bytes) -> float:
     return east_deg - 360.0 if east_deg > 180.0 else east_deg
 
 
-def ra_to_text(ra_deg: float, *, short: bool = False) -> bytes:
-    """``HH:MM:SS``, or ``HH:MM.T`` if short; rounded to the nearest step, within 0..24 h [LX200 :Sr#]."""
+def ra_to_text(ra_deg: float, *, short: bool = False, decimals: int = 0) -> bytes:
+    """``HH:MM:SS`` with decimals, or ``HH:MM.T`` if short; the nearest step within 0..24 h [LX200 :Sr#]."""
     if short:
         tenths = round(ra_deg * 40.0) % 14400
         return b"%02d:%02d.%d" % (tenths // 600, tenths // 10 % 60, tenths % 10)
-    seconds = round(ra_deg * 240.0) % 86400
-    return b"%02d:%02d:%02d" % (seconds // 3600, seconds // 60 % 60, seconds % 60)
+    parts = 10**decimals
+    steps = round(ra_deg * 240.0 * parts) % (86400 * parts)
+    return b"%02d:%02d:%s" % (steps // (3600 * parts), steps // (60 * parts) % 60, _seconds(steps, decimals))
 
 
-def dec_to_text(dec_deg: float, *, short: bool = False) -> bytes:
-    """``sDD*MM:SS``, or ``sDD*MM`` if short; rounded to the nearest step [LX200 :Sd#].
+def dec_to_text(dec_deg: float, *, short: bool = False, decimals: int = 0) -> bytes:
+    """``sDD*MM:SS`` with decimals, or ``sDD*MM`` if short; rounded to the nearest step [LX200 :Sd#].
 
     Raises
     ------
@@ -137,9 +138,18 @@ def dec_to_text(dec_deg: float, *, short: bool = False) -> bytes:
         minutes = round(abs(dec_deg) * 60.0)
         sign = b"-" if dec_deg < 0 and minutes else b"+"
         return b"%s%02d*%02d" % (sign, minutes // 60, minutes % 60)
-    seconds = round(abs(dec_deg) * 3600.0)
-    sign = b"-" if dec_deg < 0 and seconds else b"+"
-    return b"%s%02d*%02d:%02d" % (sign, seconds // 3600, seconds // 60 % 60, seconds % 60)
+    parts = 10**decimals
+    steps = round(abs(dec_deg) * 3600.0 * parts)
+    sign = b"-" if dec_deg < 0 and steps else b"+"
+    degrees, minutes = steps // (3600 * parts), steps // (60 * parts) % 60
+    return b"%s%02d*%02d:%s" % (sign, degrees, minutes, _seconds(steps, decimals))
+
+
+def _seconds(steps: int, decimals: int) -> bytes:
+    """``SS`` or ``SS.S...`` of a whole number of steps of 1 s / 10**decimals."""
+    parts = 10**decimals
+    whole = b"%02d" % (steps // parts % 60)
+    return whole + b".%0*d" % (decimals, steps % parts) if decimals else whole
 
 
 def longitude_to_text(longitude_deg: float) -> bytes:

@@ -1,22 +1,10 @@
-"""The LX200 words: each command's bytes together with the reader of its reply. No wire, no clock.
-
-Nothing in an LX200 reply says where it ends [LX200 link and framing]: `:Sr…#` answers one bare character,
-`:GR#` a text up to `#`, `:Q#` nothing at all, and `:MS#` a bare `0` or else a digit with a text up to `#`.
-So every command owns its reader. What goes wrong on a real cable, and how reading copes:
-
-- a reply comes in pieces: a reader says None until it is whole;
-- a reply is cut, or a bit flips: whatever does not match wholly and within its range is `Unreadable`;
-- a late reply comes after the next question: declinations need their sign, so no right ascension is one;
-- a reply is longer than any can be: `Unreadable`, rather than waiting for a `#` that never comes.
-"""
+"""The LX200 words that most dialects share: each command's bytes and the reader of its reply."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TypeVar
 
 from drivers.command import Command, Read, Unreadable
 from drivers.lx200.angles import (
@@ -26,10 +14,23 @@ from drivers.lx200.angles import (
     ra_from_text,
     ra_to_text,
 )
+from drivers.lx200.replies import (
+    BAR,
+    Answer,
+    nothing,
+    of_text,
+    text,
+    words,
+    words_but_no_place,
+    yes_or_no,
+)
+from mountnav.errors import Refusal
+from mountnav.navigation.devices import Direction, TrackingRate
 
-T = TypeVar("T")
-_LONGEST_TEXT = 80
-_BAR = 0x7F
+_MODES = {b"P": "polar", b"A": "altaz", b"L": "land"}
+_HORIZON = re.compile(r"horizon|below|lower", re.IGNORECASE)
+_BUSY = re.compile(r"slew|busy|progress", re.IGNORECASE)
+_PARKED = re.compile(r"park", re.IGNORECASE)
 
 
 class Alignment(StrEnum):
@@ -42,112 +43,120 @@ class Alignment(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class SlewAnswer:
-    """What `:MS#` answered: `refusal` is None when the slew was taken up, else the mount's own words."""
+class Letter:
+    """What ACK was answered; `ended` when a `#` followed, as from a Gemini [LX200 0x06]."""
 
-    refusal: str | None
+    letter: str
+    ended: bool = False
 
-
-def _nothing(buffer: bytes, final: bool) -> Read[None] | None:
-    return Read(None, 0)
-
-
-def _text(buffer: bytes, final: bool) -> Read[bytes] | None:
-    end = buffer.find(b"#")
-    if end < 0:
-        if len(buffer) > _LONGEST_TEXT:
-            raise Unreadable(f"no end within {_LONGEST_TEXT} bytes: {buffer!r}")
-        return None
-    if end > _LONGEST_TEXT:
-        raise Unreadable(f"longer than {_LONGEST_TEXT} bytes: {buffer!r}")
-    return Read(buffer[:end], end + 1)
+    @property
+    def alignment(self) -> Alignment:
+        """What it says of the mount."""
+        return Alignment(_MODES.get(self.letter.encode(), "other"))
 
 
-def _of_text(understand: Callable[[bytes], T]) -> Callable[[bytes, bool], Read[T] | None]:
-    def read(buffer: bytes, final: bool) -> Read[T] | None:
-        text = _text(buffer, final)
-        return None if text is None else Read(understand(text.value), text.length)
-
-    return read
-
-
-def _yes_or_no(buffer: bytes, final: bool) -> Read[bool] | None:
+def _letter(buffer: bytes, final: bool) -> Read[Letter] | None:
     if not buffer:
         return None
-    if buffer[:1] not in (b"0", b"1"):
-        raise Unreadable(f"{buffer!r} is neither 0 nor 1")
-    return Read(buffer[:1] == b"1", 1)
+    if not (buffer[:1].isalpha() and buffer.isascii()):
+        raise Unreadable(f"{buffer!r} is no alignment letter")
+    if buffer[1:2] == b"#":
+        return Read(Letter(chr(buffer[0]), True), 2)
+    # a `#` may be on its way: the letters of the classics never have one
+    whole = final or buffer[:1] in _MODES or len(buffer) > 1
+    return Read(Letter(chr(buffer[0])), 1) if whole else None
 
 
-def _alignment(buffer: bytes, final: bool) -> Read[Alignment] | None:
-    if not buffer:
-        return None
-    kinds = {b"P": Alignment.POLAR, b"A": Alignment.ALTAZ, b"L": Alignment.LAND}
-    # Gemini answers a letter and a `#` [LX200 0x06]
-    length = 2 if buffer[1:2] == b"#" else 1
-    if buffer[:1] in kinds:
-        return Read(kinds[buffer[:1]], length)
-    if buffer[:1].isalpha():
-        return Read(Alignment.OTHER, length)
-    raise Unreadable(f"{buffer!r} is no alignment letter")
+def _reason(said: str) -> Refusal:
+    for pattern, reason in (
+        (_HORIZON, Refusal.BELOW_HORIZON),
+        (_PARKED, Refusal.PARKED),
+        (_BUSY, Refusal.BUSY),
+    ):
+        if pattern.search(said):
+            return reason
+    return Refusal.OTHER
 
 
-def _slew_answer(buffer: bytes, final: bool) -> Read[SlewAnswer] | None:
+def slew_answer(buffer: bytes, final: bool) -> Read[Answer] | None:
+    """``0``, or a digit and the mount's own words up to `#`: 1 horizon, 2 and 4 its limits [LX200 :MS#]."""
     if not buffer:
         return None
     if buffer[:1] == b"0":
-        return Read(SlewAnswer(None), 1)
-    if not buffer[:1].isdigit():
+        return Read(Answer(), 1)
+    code = chr(buffer[0])
+    if not code.isdigit():
         raise Unreadable(f"{buffer!r} is no answer to a slew")
-    text = _text(buffer, final)
-    if text is not None:
-        words = text.value[1:].decode("ascii", "replace").strip()
-        return Read(SlewAnswer(words or f"code {chr(buffer[0])}"), text.length)
-    # OnStep says a bare digit: nothing more came, so that was all [ONSTEP :MS#]
-    return Read(SlewAnswer(f"code {chr(buffer[0])}"), 1) if final and len(buffer) == 1 else None
+    by_code = {"1": Refusal.BELOW_HORIZON, "2": Refusal.LIMIT, "4": Refusal.LIMIT}
+    whole = text(buffer, final)
+    if whole is not None:
+        said = whole.value[1:].decode("ascii", "replace").strip()
+        reason = by_code.get(code) or _reason(said)
+        return Read(Answer(said or f"code {code}", reason), whole.length)
+    # a minimal clone says a bare digit: nothing more came, so that was all
+    if final and len(buffer) == 1:
+        return Read(Answer(f"code {code}", by_code.get(code, Refusal.OTHER)), 1)
+    return None
 
 
-def _words(text: bytes) -> str:
-    if any(byte < 0x20 or byte == _BAR for byte in text):
-        raise Unreadable(f"{text!r} is not plain text")
-    return text.decode("latin-1").strip()
+def _sync_answer(wire: bytes) -> Answer:
+    said = words_but_no_place(wire)
+    # OnStep's way of saying no, which clones of it have too [ONSTEP :CM#]
+    return Answer(f"code {said}") if re.fullmatch(r"E\d+", said) else Answer()
 
 
-def _sync_words(text: bytes) -> str:
-    words = _words(text)
-    # a coordinate here is the late answer of another question
-    if re.fullmatch(r"[+-]?\d{2}\D\d{2}([:.'].*)?", words):
-        raise Unreadable(f"{text!r} is no answer to a sync")
-    return words
+def _bars(wire: bytes) -> bool:
+    if len(wire) > 33 or any(byte not in (0x20, BAR, 0xFF) for byte in wire):
+        raise Unreadable(f"{wire!r} are no distance bars")
+    return any(byte != 0x20 for byte in wire)
 
 
-def _bars(text: bytes) -> bool:
-    if len(text) > 33 or any(byte not in (0x20, _BAR, 0xFF) for byte in text):
-        raise Unreadable(f"{text!r} are no distance bars")
-    return any(byte != 0x20 for byte in text)
+def quiet(sent: bytes, meaning: str, *, repeatable: bool = True) -> Command[None]:
+    """A command without an answer."""
+    return Command(sent, meaning, nothing, repeatable, False)
 
 
-GET_RA: Command[WireAngle] = Command(b":GR#", "right ascension", _of_text(ra_from_text))
-GET_DEC: Command[WireAngle] = Command(b":GD#", "declination", _of_text(dec_from_text))
-SLEWING: Command[bool] = Command(b":D#", "distance bars", _of_text(_bars))
-ALIGNMENT: Command[Alignment] = Command(b"\x06", "alignment", _alignment)
-PRODUCT: Command[str] = Command(b":GVP#", "product name", _of_text(_words))
-TOGGLE_PRECISION: Command[None] = Command(b":U#", "toggle precision", _nothing, False, False)
-SLEW: Command[SlewAnswer] = Command(b":MS#", "slew to target", _slew_answer, False)
-SYNC: Command[str] = Command(b":CM#", "sync to target", _of_text(_sync_words), False)
-STOP: Command[None] = Command(b":Q#", "stop", _nothing, True, False)
+def taken(sent: bytes, meaning: str, *, repeatable: bool = True) -> Command[bool]:
+    """A command that is answered by ``1`` (taken) or ``0``."""
+    return Command(sent, meaning, yes_or_no, repeatable)
 
 
-def set_ra(ra_deg: float, *, short: bool = False) -> Command[bool]:
+GET_RA: Command[WireAngle] = Command(b":GR#", "right ascension", of_text(ra_from_text))
+GET_DEC: Command[WireAngle] = Command(b":GD#", "declination", of_text(dec_from_text))
+SLEWING: Command[bool] = Command(b":D#", "distance bars", of_text(_bars))
+ALIGNMENT: Command[Letter] = Command(b"\x06", "alignment", _letter)
+PRODUCT: Command[str] = Command(b":GVP#", "product name", of_text(words_but_no_place))
+FIRMWARE: Command[str] = Command(b":GVN#", "firmware number", of_text(words))
+TOGGLE_PRECISION: Command[None] = quiet(b":U#", "toggle precision", repeatable=False)
+SLEW: Command[Answer] = Command(b":MS#", "slew to target", slew_answer, False)
+SYNC: Command[Answer] = Command(b":CM#", "sync to target", of_text(_sync_answer), False)
+STOP: Command[None] = quiet(b":Q#", "stop")
+STOP_MOVE = {
+    way: quiet(b":Q%s#" % way.value.encode(), f"stop moving {way.name.lower()}") for way in Direction
+}
+START_MOVE = {
+    way: quiet(b":M%s#" % way.value.encode(), f"move {way.name.lower()}", repeatable=False)
+    for way in Direction
+}
+GUIDE_RATE: Command[None] = quiet(b":RG#", "guide rate")
+RATES = {
+    TrackingRate.SIDEREAL: quiet(b":TQ#", "track the stars"),
+    TrackingRate.LUNAR: quiet(b":TL#", "track the Moon"),
+    TrackingRate.SOLAR: quiet(b":TS#", "track the Sun"),
+}
+
+
+def set_ra(ra_deg: float, short: bool = False) -> Command[bool]:
     """Order to take a target right ascension; answers whether it was taken [LX200 :Sr#]."""
-    return Command(b":Sr" + ra_to_text(ra_deg, short=short) + b"#", "target right ascension", _yes_or_no)
+    return taken(b":Sr" + ra_to_text(ra_deg, short=short) + b"#", "target right ascension")
 
 
-def set_dec(dec_deg: float, *, short: bool = False) -> Command[bool]:
+def set_dec(dec_deg: float, short: bool = False) -> Command[bool]:
     """Order to take a target declination; answers whether it was taken [LX200 :Sd#]."""
-    return Command(b":Sd" + dec_to_text(dec_deg, short=short) + b"#", "target declination", _yes_or_no)
+    return taken(b":Sd" + dec_to_text(dec_deg, short=short) + b"#", "target declination")
 
 
-def sync_refusal(words: str) -> str | None:
-    """Find the refusal within a sync's answer, or None: OnStep says `E1`…`E9` [ONSTEP :CM#]."""
-    return f"code {words}" if re.fullmatch(r"E\d+", words) else None
+def guide_pulse(direction: Direction, duration_ms: int) -> Command[None]:
+    """Pulse that the mount times, in milliseconds [LX200 :Mg#]."""
+    sent = b":Mg%s%04d#" % (direction.value.encode(), duration_ms)
+    return quiet(sent, f"guide {direction.name.lower()} {duration_ms} ms", repeatable=False)

@@ -1,7 +1,8 @@
 """The other end of an LX200 cable: bytes in, bytes out, over the mechanics of a telescope that points wrong.
 
-It speaks the classic dialect as recorded between the real INDI drivers and a mount [LX200]; what a classic
-doesn't know it answers with silence, as real ones do. It does no I/O: `drivers.bench` puts it on a wire.
+It speaks the classic's words as recorded between the real INDI drivers and a mount [LX200]; what a dialect
+has besides, and what it lacks, is its `FakeDialect`. What it doesn't know it answers with silence, as real
+ones do.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from datetime import datetime, timedelta
 from typing import cast
 
 from drivers.command import Unreadable
+from drivers.fake_wire import WireFake
+from drivers.faults import Fault
 from drivers.lx200.angles import (
     dec_from_text,
     dec_to_text,
@@ -21,37 +24,53 @@ from drivers.lx200.angles import (
     ra_from_text,
     ra_to_text,
 )
-from drivers.lx200.faults import Fault
-from mountnav.simulation.mechanics import Direction, Mechanics
-from mountnav.sky.coordinates import Apparent, utc_now
+from drivers.lx200.fake_dialect import FakeDialect, Speaker
+from drivers.lx200.fake_horizon import Horizon
+from drivers.lx200.fake_meade import GENERIC_FAKE
+from drivers.lx200.site_and_time import date_from_text, hours_to_utc_from_text, time_from_text
+from mountnav.errors import Refusal
+from mountnav.navigation.devices import TrackingRate
+from mountnav.simulation.mechanics import SIDEREAL_DEG_S, Direction, Mechanics
+from mountnav.sky.coordinates import Apparent, Site, utc_now
 
 _ACK = 0x06
-_LONGEST_COMMAND = 40
-_GUIDE_RATE_DEG_S = 15.0 / 3600.0
+# a point of a 10micron's model has 71 bytes
+_LONGEST_COMMAND = 120
+_GUIDE_RATE_DEG_S = SIDEREAL_DEG_S
 _RATES_DEG_S = {"G": _GUIDE_RATE_DEG_S, "C": 16 * _GUIDE_RATE_DEG_S, "M": 1.0}
-_TRACKING_HZ = {"Q": b"60.1", "L": b"57.9", "S": b"60.0", "M": b"60.1"}
-_PRODUCT = {"P": b"LX200 Classic", "N": b"3.37", "D": b"Nov 21 2026", "T": b"12:00:00", "F": b"ETX 3.37"}
-_UTC_OFFSET = re.compile(r"([+-]?\d{1,2})(?:\.(\d)|:(\d{2}))?")
+_TRACKING = {
+    "Q": (TrackingRate.SIDEREAL, b"60.1"),
+    "L": (TrackingRate.LUNAR, b"57.9"),
+    "S": (TrackingRate.SOLAR, b"60.0"),
+    "M": (TrackingRate.SIDEREAL, b"60.1"),
+}
+_THREE_DIGITS = re.compile(rb"^([+-])0(\d\d\D)")
+_SETTERS = ("Sr", "Sd", "St", "Sg", "SG", "SL", "SC")
+_REFUSALS = {
+    Refusal.BELOW_HORIZON: b"1Object below horizon.#",
+    Refusal.LIMIT: b"2Object below higher.#",
+    Refusal.PARKED: b"1Scope is parked.#",
+}
 
 
-class FakeLx200:
-    """A classic LX200 on the wire.
+class FakeLx200(WireFake):
+    """An LX200 on the wire.
 
     Parameters
     ----------
     mechanics : Mechanics
-        What moves, and what it believes of itself.
+        What moves, and what it believes of itself, its clock and its site included.
     short : bool
         Whether it starts in the short format (``HH:MM.T``).
     lowest_altitude_deg : float
         Targets below are refused as under the horizon.
-    faults : iterable of Fault
-        What goes wrong; may be changed while it runs.
-    clock : callable
-        Aware UTC of the mount's own clock.
-    monotonic : callable
-        Seconds, for late answers and timed pulses.
+    dialect : FakeDialect, optional
+        a clone with Autostar's words if None.
+    faults, clock, monotonic
+        As of `WireFake`.
     """
+
+    IDENTITY = (b":GV",)
 
     def __init__(
         self,
@@ -59,120 +78,92 @@ class FakeLx200:
         *,
         short: bool = False,
         lowest_altitude_deg: float = 0.0,
+        dialect: FakeDialect | None = None,
         faults: Iterable[Fault] = (),
         clock: Callable[[], datetime] = utc_now,
         monotonic: Callable[[], float] = time.monotonic,
+        seed: int = 0,
     ) -> None:
-        self.mechanics = mechanics
-        self.faults = list(faults)
-        self.unknown: list[bytes] = []
-        self.heard: list[bytes] = []
-        self._short = short
+        super().__init__(mechanics, faults=faults, clock=clock, monotonic=monotonic, seed=seed)
+        self.dialect = dialect or GENERIC_FAKE
+        self.short = short
+        self.target_ra_deg: float | None = None
+        self.target_dec_deg: float | None = None
+        self.hours_to_utc = 0.0
+        self._horizon, self._by_horizon = Horizon(mechanics), False
+        self._short_at_boot = short
         self._lowest_altitude_deg = lowest_altitude_deg
-        self._clock = clock
-        self._monotonic = monotonic
-        self._buffer = b""
-        self._late: list[tuple[float, bytes]] = []
-        self._pulses: list[tuple[float, Direction]] = []
         self._high_precision_pointing = False
-        self._target_ra_deg: float | None = None
-        self._target_dec_deg: float | None = None
         self._rate_deg_s = mechanics.slew_rate_deg_s
         self._tracking_hz = b"60.1"
-        self._longitude_deg = mechanics.site.longitude_deg
-        self._latitude_deg = mechanics.site.latitude_deg
-        self._hours_to_utc = 0.0
-        self._clock_wrong = timedelta(0)
-
-    def feed(self, data: bytes) -> bytes:
-        """Take bytes from the driver and return what the mount says now (also answers that were late)."""
-        self._end_pulses()
-        self._buffer += data
-        answers = self._due()
-        for command in self._commands():
-            answers += self._answer(command)
-        return answers
-
-    def due_in_s(self) -> float | None:
-        """Seconds until `feed` has something to do without new bytes; None when there is nothing."""
-        dues = [due for due, _ in self._late] + [due for due, _ in self._pulses]
-        return max(0.0, min(dues) - self._monotonic()) if dues else None
+        self._speaker: Speaker | None = self.dialect.speaker(self) if self.dialect.speaker else None
 
     # -- the wire --------------------------------------------------------------------------------
 
-    def _commands(self) -> Iterable[bytes]:
-        """Cut the buffer into commands; a lone `#` and noise between commands are nothing [LX200 link]."""
-        while self._buffer:
-            if self._buffer[0] == _ACK:
-                self._buffer = self._buffer[1:]
-                yield bytes([_ACK])
-            elif self._buffer[0] != ord(":"):
-                self._buffer = self._buffer[1:]
-            else:
-                end = self._buffer.find(b"#")
-                if end < 0:
-                    if len(self._buffer) > _LONGEST_COMMAND:
-                        self._buffer = self._buffer[1:]
-                        continue
-                    return
-                command, self._buffer = self._buffer[: end + 1], self._buffer[end + 1 :]
-                yield command
+    def cut(self, buffer: bytes) -> tuple[bytes | None, bytes]:
+        """Cut off a command; a lone `#`, zeros and noise between commands are nothing [LX200 link]."""
+        while buffer:
+            if buffer[0] == _ACK:
+                return buffer[:1], buffer[1:]
+            if buffer[:1] == b":" or (buffer[:1] in (b"<", b">", b"b") and self._natives is not None):
+                end = buffer.find(b"#")
+                if end >= 0 and (buffer[:1] == b":" or self._is_native(buffer[: end + 1])):
+                    return buffer[: end + 1], buffer[end + 1 :]
+                if end < 0 and len(buffer) <= _LONGEST_COMMAND:
+                    return None, buffer
+            buffer = buffer[1:]
+        return None, b""
 
-    def _answer(self, command: bytes) -> bytes:
-        self.heard.append(command)
-        # all count, the first that strikes is the one that happens
-        fault = next(iter([fault for fault in self.faults if fault.strikes(command)]), None)
-        if fault is not None and fault.kind == "deaf":
-            return self._sent(self._deaf(command), 0.0)
-        reply = self._carry_out(command)
-        if fault is not None and reply:
-            return self._sent(fault.spoil(reply), fault.delay_s if fault.kind == "late" else 0.0)
-        return self._sent(reply, 0.0)
+    @property
+    def _natives(self) -> Callable[[bytes], bool] | None:
+        """How to know a command that doesn't begin with a colon; None where there are none."""
+        natives: Callable[[bytes], bool] | None = getattr(self._speaker, "natives", None)
+        return natives
 
-    def _sent(self, reply: bytes, delay_s: float) -> bytes:
-        """Send now or later; answers never overtake each other."""
-        if not reply:
-            return b""
-        if not self._late and delay_s <= 0:
-            return reply
-        earliest = self._late[-1][0] if self._late else 0.0
-        self._late.append((max(earliest, self._monotonic() + delay_s), reply))
-        return b""
+    def _is_native(self, command: bytes) -> bool:
+        return self._natives is not None and self._natives(command)
 
-    def _due(self) -> bytes:
-        now = self._monotonic()
-        ready = b"".join(reply for due, reply in self._late if due <= now)
-        self._late = [(due, reply) for due, reply in self._late if due > now]
-        return ready
+    def carry_out(self, command: bytes) -> bytes | None:
+        """Do it, and answer."""
+        text = (command[1:-1] if command[:1] == b":" else command).decode("latin-1")
+        try:
+            said = None if self._speaker is None else self._speaker.say(text)
+            if said is not None:
+                return said
+            if command == bytes([_ACK]):
+                return self.dialect.ack or None
+            return self._known(text) if self.dialect.classic_too(text) else None
+        except (Unreadable, ValueError):
+            return b"0"
 
-    def _end_pulses(self) -> None:
-        now = self._monotonic()
-        for due, direction in self._pulses:
-            if due <= now:
-                self.mechanics.stop_move(direction)
-        self._pulses = [pulse for pulse in self._pulses if pulse[0] > now]
+    def deaf_reply(self, command: bytes) -> bytes:
+        """Answer as if it were done."""
+        known = {b":CM#": self.dialect.matched, b":MS#": b"0"}
+        return known.get(command, b"1" if command[1:2] == b"S" else b"")
+
+    def reboot(self) -> None:
+        """Forget target, rates and format; the mechanics forget what their machine forgets."""
+        super().reboot()
+        self.target_ra_deg = self.target_dec_deg = None
+        self._horizon, self._by_horizon = Horizon(self.mechanics), False
+        self.short = self._short_at_boot
+        self._high_precision_pointing = False
+        self._rate_deg_s = self.mechanics.slew_rate_deg_s
+        if not self.mechanics.machine.remembers_clock:
+            self.hours_to_utc = 0.0
+        if self._speaker is not None:
+            self._speaker.reboot()
 
     # -- the meaning -----------------------------------------------------------------------------
 
-    def _deaf(self, command: bytes) -> bytes:
-        return {b":CM#": _MATCHED, b":MS#": b"0"}.get(command, b"1" if command[1:2] == b"S" else b"")
-
-    def _carry_out(self, command: bytes) -> bytes:
-        if command == bytes([_ACK]):
-            return b"P"
-        text = command[1:-1].decode("latin-1")
-        try:
-            reply = self._known(text)
-        except (Unreadable, ValueError):
-            return b"0"
-        if reply is None:
-            self.unknown.append(command)
-            return b""
-        return reply
-
     def _known(self, text: str) -> bytes | None:
-        """Carry out one command and return its reply; None when a classic doesn't know it."""
-        if text[:2] in ("Sr", "Sd", "St", "Sg", "SG", "SL", "SC"):
+        """Carry out one of the classic's commands; None when it isn't one."""
+        of_horizon = self._horizon.say(text, short=self.short)
+        if of_horizon is not None:
+            self._by_horizon = self._by_horizon or text[:1] == "S"
+            return of_horizon
+        if text[:2] in _SETTERS:
+            self._by_horizon = self._by_horizon and text[:2] not in ("Sr", "Sd")
             return self._set(text[:2], text[2:].strip())
         if text[:1] == "G":
             return self._get(text[1:])
@@ -187,21 +178,18 @@ class FakeLx200:
         if text[:1] == "R" and text[1:] in ("G", "C", "M", "S"):
             self._rate_deg_s = _RATES_DEG_S.get(text[1:], self.mechanics.slew_rate_deg_s)
             return b""
-        if text[:1] == "T" and text[1:] in _TRACKING_HZ:
-            self._tracking_hz = _TRACKING_HZ[text[1:]]
+        if text[:1] == "T" and text[1:] in _TRACKING:
+            self.mechanics.rate, self._tracking_hz = _TRACKING[text[1:]]
             return b""
         return self._other(text)
 
     def _other(self, text: str) -> bytes | None:
         if text == "D":
-            return b"\x7f#" if self.mechanics.slewing() else b"#"
+            return self.dialect.busy if self.mechanics.slewing() else self.dialect.idle
         if text == "CM":
-            target = self._target()
-            if target is not None:
-                self.mechanics.sync(target)
-            return _MATCHED
+            return self.synced() or self.dialect.matched
         if text == "U":
-            self._short = not self._short
+            self.short = not self.short
             return b""
         if text == "P":
             self._high_precision_pointing = not self._high_precision_pointing
@@ -209,25 +197,44 @@ class FakeLx200:
         # the alignment mode is taken without an answer; these mechanics stay polar
         return b"" if text in ("AP", "AA", "AL") else None
 
-    def _target(self) -> Apparent | None:
-        if self._target_ra_deg is None or self._target_dec_deg is None:
+    def target(self) -> Apparent | None:
+        """Give the target that was set last; None while a half of it is missing."""
+        if self._by_horizon:
+            return self._horizon.target()
+        if self.target_ra_deg is None or self.target_dec_deg is None:
             return None
-        return Apparent(self._target_ra_deg, self._target_dec_deg, utc_now())
+        return Apparent(self.target_ra_deg, self.target_dec_deg, utc_now())
+
+    def synced(self) -> bytes:
+        """Sync on the target; what there is to say if it doesn't do it."""
+        target = self.target()
+        refused = None if target is None else self.mechanics.sync(target)
+        # Meade's have no words for it: their string is the same whatever happens
+        return b"" if refused is None else self.dialect.matched
+
+    def refusal(self, target: Apparent) -> Refusal | None:
+        """Why it doesn't slew there, by its own horizon or its mechanics."""
+        if self.mechanics.parked and self.dialect.unparks_by_itself:
+            self.mechanics.unpark()
+        refused = self.mechanics.refusal(target)
+        if refused is None and self.mechanics.believed_altitude_deg(target) < self._lowest_altitude_deg:
+            return Refusal.BELOW_HORIZON
+        return refused
 
     def _move(self, what: str) -> bytes | None:
-        if what == "S":
-            target = self._target()
+        if what in ("S", "A"):
+            target = self.target()
             if target is None:
                 return b"1No object.#"
-            if self.mechanics.believed_altitude_deg(target) < self._lowest_altitude_deg:
-                return b"1Object below horizon.#"
+            refused = self.refusal(target)
+            if refused is not None:
+                return _REFUSALS.get(refused, b"1Refused.#")
             self.mechanics.slew(target)
             return b"0"
         pulse = re.fullmatch(r"g([nsew])(\d{1,5})", what)
-        if pulse is not None:
+        if pulse is not None and self.dialect.pulses:
             direction = cast("Direction", pulse[1])
-            self.mechanics.move(direction, _GUIDE_RATE_DEG_S / 2)
-            self._pulses.append((self._monotonic() + int(pulse[2]) / 1000.0, direction))
+            self.mechanics.pulse(direction, _GUIDE_RATE_DEG_S / 2, int(pulse[2]) / 1000.0)
             return b""
         if what in ("n", "s", "e", "w"):
             self.mechanics.move(cast("Direction", what), self._rate_deg_s)
@@ -238,20 +245,21 @@ class FakeLx200:
         if what in ("R", "D"):
             place = self.mechanics.reported()
             if what == "R":
-                return ra_to_text(place.ra_deg, short=self._short) + b"#"
-            return dec_to_text(place.dec_deg, short=self._short) + b"#"
-        if what[:1] == "V" and what[1:] in _PRODUCT:
-            return _PRODUCT[what[1:]] + b"#"
-        local = self._clock() + self._clock_wrong - timedelta(hours=self._hours_to_utc)
+                return ra_to_text(place.ra_deg, short=self.short) + b"#"
+            return dec_to_text(place.dec_deg, short=self.short) + b"#"
+        if what[:1] == "V" and what[1:] in self.dialect.product:
+            return self.dialect.product[what[1:]] + b"#"
+        local = self.local_time()
+        site = self.mechanics.believed_site
         answers: dict[str, Callable[[], bytes]] = {
-            "r": lambda: ra_to_text(self._target_ra_deg or 0.0, short=self._short),
-            "d": lambda: dec_to_text(self._target_dec_deg or 0.0, short=self._short),
-            "t": lambda: dec_to_text(self._latitude_deg, short=True),
-            "g": lambda: longitude_to_text(self._longitude_deg),
+            "r": lambda: ra_to_text(self.target_ra_deg or 0.0, short=self.short),
+            "d": lambda: dec_to_text(self.target_dec_deg or 0.0, short=self.short),
+            "t": lambda: dec_to_text(site.latitude_deg, short=True),
+            "g": lambda: longitude_to_text(site.longitude_deg),
             "T": lambda: self._tracking_hz,
             "c": lambda: b"24",
             "M": lambda: b"Home",
-            "G": lambda: b"%+03d" % round(self._hours_to_utc),
+            "G": lambda: b"%+03d" % round(self.hours_to_utc),
             "L": lambda: local.strftime("%H:%M:%S").encode(),
             "C": lambda: local.strftime("%m/%d/%y").encode(),
         }
@@ -261,35 +269,46 @@ class FakeLx200:
         """Take a value; raises `ValueError` (answered `0`) where it makes no sense."""
         wire = text.encode("latin-1")
         if what == "Sr":
-            self._target_ra_deg = ra_from_text(wire).deg
+            self.target_ra_deg = ra_from_text(wire).deg
         elif what == "Sd":
-            self._target_dec_deg = dec_from_text(wire).deg
-        elif what == "St":
-            self._latitude_deg = dec_from_text(wire).deg
-        elif what == "Sg":
-            self._longitude_deg = longitude_from_text(wire)
+            self.target_dec_deg = dec_from_text(wire).deg
+        elif what in ("St", "Sg"):
+            self._set_site(what, wire)
         elif what == "SG":
-            # hours ADDED to local time to get UTC: the opposite of an ISO offset [LX200 :SG#]
-            match = _UTC_OFFSET.fullmatch(text)
-            if match is None:
-                raise Unreadable(f"{text!r} is no UTC offset")
-            part = int(match[2] or 0) / 10 + int(match[3] or 0) / 60
-            self._hours_to_utc = int(match[1]) + (-part if text.startswith("-") else part)
+            # the local time stays, so its idea of UTC moves
+            local = self.local_time()
+            self.hours_to_utc = hours_to_utc_from_text(wire)
+            self.set_local_time(local)
         else:
-            return self._set_clock(what, text)
+            return self._set_clock(what, wire)
         return b"1"
 
-    def _set_clock(self, what: str, text: str) -> bytes:
-        """Set the mount's own clock; the mechanics keep theirs."""
-        offset = timedelta(hours=self._hours_to_utc)
-        local = self._clock() + self._clock_wrong - offset
-        given = datetime.strptime(text, "%H:%M:%S" if what == "SL" else "%m/%d/%y")
+    def _set_site(self, what: str, wire: bytes) -> None:
+        site = self.mechanics.believed_site
+        latitude_deg, longitude_deg = site.latitude_deg, site.longitude_deg
+        if what == "St":
+            # some write three digits of degrees
+            latitude_deg = dec_from_text(_THREE_DIGITS.sub(rb"\1\2", wire)).deg
+        else:
+            longitude_deg = longitude_from_text(wire)
+        self.mechanics.set_believed_site(Site(latitude_deg, longitude_deg, site.height_m))
+
+    def local_time(self) -> datetime:
+        """Show what its clock shows: local time, in a value that calls itself UTC."""
+        return self.mechanics.believed_utc() - timedelta(hours=self.hours_to_utc)
+
+    def set_local_time(self, local: datetime) -> None:
+        """Set its clock; its idea of where the sky is follows."""
+        self.mechanics.set_believed_utc(local + timedelta(hours=self.hours_to_utc))
+
+    def _set_clock(self, what: str, wire: bytes) -> bytes:
+        local = self.local_time()
         if what == "SL":
-            wanted = local.replace(hour=given.hour, minute=given.minute, second=given.second)
-            self._clock_wrong += wanted - local
+            at = time_from_text(wire)
+            self.set_local_time(
+                local.replace(hour=at.hour, minute=at.minute, second=at.second, microsecond=at.microsecond)
+            )
             return b"1"
-        self._clock_wrong += local.replace(year=given.year, month=given.month, day=given.day) - local
+        day = date_from_text(wire)
+        self.set_local_time(local.replace(year=day.year, month=day.month, day=day.day))
         return b"1Updating        Planetary Data#" + b" " * 30 + b"#"
-
-
-_MATCHED = b"Coordinates     matched.        #"

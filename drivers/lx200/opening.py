@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
-from drivers.exchange import Patience
-from drivers.lx200.habits import Lx200Habits
-from drivers.lx200.mount import Lx200Mount
-from mountnav.errors import BadSettings
-from mountnav.navigation.devices import Epoch
+from drivers.driven import DrivenMount
+from drivers.lx200.dialects import names
+from drivers.lx200.mount import lx200_language
+from drivers.mount_options import read_options
 
 if TYPE_CHECKING:
     from drivers.registry import MountUrl
+    from mountnav.sky.coordinates import Site
 
-_OPTIONS = ("baud", "timeout_s", "epoch", "poll_s", "slew_timeout_s")
 
-
-def mount_from(url: MountUrl, name: str | None) -> Lx200Mount:
+def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> DrivenMount:
     """Make the mount; nothing is opened yet.
 
     Raises
@@ -26,34 +22,12 @@ def mount_from(url: MountUrl, name: str | None) -> Lx200Mount:
     BadSettings
         If an option is unknown or its value makes no sense.
     """
-    unknown = sorted(set(url.options) - set(_OPTIONS))
-    if unknown:
-        raise BadSettings(
-            f"unknown option {', '.join(unknown)} for lx200", advice=f"known: {', '.join(_OPTIONS)}"
-        )
-    epoch = url.options.get("epoch", "apparent")
-    if epoch not in ("apparent", "icrs"):
-        raise BadSettings(
-            f"epoch={epoch} is no kind of coordinates", advice="apparent (JNow) or icrs (J2000)"
-        )
-    deadline_s = _number(url.options, "timeout_s", 5.0)
-    habits = Lx200Habits(
-        epoch=cast("Epoch", epoch),
-        patience=Patience(deadline_s=deadline_s, try_s=deadline_s / 3.0),
-        poll_s=_number(url.options, "poll_s", 0.5),
-        slew_timeout_s=_number(url.options, "slew_timeout_s", 300.0),
+    options = read_options(url.options, "lx200", baud=9600, timeout_s=5.0, dialects=names())
+    language = lx200_language(
+        url.line,
+        baud=options.baud,
+        patience=options.patience,
+        dialect=options.dialect,
+        epoch=options.epoch if "epoch" in url.options else None,
     )
-    return Lx200Mount(url.line, name=name, baud=round(_number(url.options, "baud", 9600.0)), habits=habits)
-
-
-def _number(options: Mapping[str, str], option: str, default: float) -> float:
-    text = options.get(option)
-    if text is None:
-        return default
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) and value > 0.0):
-        raise BadSettings(f"{option}={text} makes no sense", advice="a number above 0")
-    return value
+    return options.mount(language, name=name, site=site)

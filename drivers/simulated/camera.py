@@ -1,17 +1,19 @@
-"""SimulatedCamera: exposes in real time and sees what is truly there, never what the mount believes."""
+"""SimulatedCamera: waits out each exposure and sees what is truly there, never what the mount believes."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import datetime, timedelta
 
+from drivers.exposing.shot import Turn
 from mountnav.catalog.stars import Catalog
-from mountnav.errors import BadRequest, Busy, Cancelled
 from mountnav.frames import Frame
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.render import draw_frame
 from mountnav.sky.coordinates import Icrs, utc_now
+from mountnav.sky.present import real_s
 
 
 class SimulatedCamera:
@@ -31,6 +33,9 @@ class SimulatedCamera:
         For messages.
     clock : callable
         Gives the present instant; the same as the mechanics'.
+    tube_angle_deg : callable, optional
+        Gives the position angle of the tube's own north at an instant, e.g. `Mechanics.tube_angle_deg`: the
+        picture stands on its head on the other side of the pier. Left out: north is always up.
     """
 
     def __init__(
@@ -42,6 +47,7 @@ class SimulatedCamera:
         seed: int = 0,
         name: str = "simulated camera",
         clock: Callable[[], datetime] = utc_now,
+        tube_angle_deg: Callable[[datetime], float] | None = None,
     ) -> None:
         self._truth = truth
         self._optics = optics
@@ -49,8 +55,9 @@ class SimulatedCamera:
         self._seed = seed
         self._name = name
         self._clock = clock
+        self._tube_angle_deg = tube_angle_deg
         self._frames = 0
-        self._aborted: asyncio.Event | None = None
+        self._turn = Turn(name)
 
     @property
     def name(self) -> str:
@@ -76,33 +83,25 @@ class SimulatedCamera:
         Cancelled
             When `abort` ended it.
         """
-        if not 0.0 < exposure_s < float("inf"):
-            raise BadRequest(f"an exposure of {exposure_s} s", device=self._name, advice="longer than 0 s")
-        if self._aborted is not None:
-            raise Busy("an exposure is running", device=self._name, advice="wait for it, or abort it")
-        aborted = self._aborted = asyncio.Event()
-        try:
+        with self._turn.taken(exposure_s) as shot:
             number, self._frames = self._frames, self._frames + 1
             mid_utc = self._clock() + timedelta(seconds=exposure_s / 2.0)
-            try:
-                await asyncio.wait_for(aborted.wait(), exposure_s)
-            except TimeoutError:  # not aborted: the exposure is over
-                frame = await asyncio.to_thread(self._draw, exposure_s, mid_utc, number)
-            if aborted.is_set():
-                raise Cancelled("the exposure was aborted", device=self._name)
+            await shot.pause(real_s(exposure_s))
+            frame = await asyncio.to_thread(self._draw, exposure_s, mid_utc, number)
+            shot.require_wanted()
             return frame
-        finally:
-            self._aborted = None
 
     async def abort(self) -> None:
         """End a running exposure; its `expose` raises `Cancelled`. Without one, nothing happens."""
-        if self._aborted is not None:
-            self._aborted.set()
+        self._turn.abort()
 
     def _draw(self, exposure_s: float, mid_utc: datetime, number: int) -> Frame:
+        optics = self._optics
+        if self._tube_angle_deg is not None:
+            optics = replace(optics, rotation_deg=optics.rotation_deg + self._tube_angle_deg(mid_utc))
         return draw_frame(
             self._truth(mid_utc),
-            self._optics,
+            optics,
             self._catalog,
             exposure_s=exposure_s,
             mid_exposure_utc=mid_utc,

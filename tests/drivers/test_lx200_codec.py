@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 
 from drivers.command import Command, Unreadable
 from drivers.lx200 import angles, codec
-from drivers.lx200.codec import Alignment, SlewAnswer
+from drivers.lx200.codec import Letter
+from drivers.lx200.replies import Answer
+from mountnav.errors import Refusal
 
 RA = st.floats(0.0, 360.0, exclude_max=True)
 DEC = st.floats(-90.0, 90.0)
@@ -130,15 +132,16 @@ REPLIES: list[tuple[Command[Any], bytes, object]] = [
     (codec.SLEWING, b"#", False),
     (codec.SLEWING, b" " * 32 + b"#", False),
     (codec.SLEWING, b"\x7f" * 5 + b" " * 27 + b"#", True),
-    (codec.SLEW, b"0", SlewAnswer(None)),
-    (codec.SLEW, b"1Object below horizon.#", SlewAnswer("Object below horizon.")),
-    (codec.SLEW, b"2Object below higher.#", SlewAnswer("Object below higher.")),
-    (codec.SYNC, b"Coordinates     matched.        #", "Coordinates     matched."),
-    (codec.SYNC, b" M31 EX GAL MAG 3.5 SZ178.0'#", "M31 EX GAL MAG 3.5 SZ178.0'"),
-    (codec.SYNC, b"N/A#", "N/A"),
-    (codec.ALIGNMENT, b"P", Alignment.POLAR),
-    (codec.ALIGNMENT, b"A", Alignment.ALTAZ),
-    (codec.ALIGNMENT, b"G#", Alignment.OTHER),
+    (codec.SLEW, b"0", Answer()),
+    (codec.SLEW, b"1Object below horizon.#", Answer("Object below horizon.", Refusal.BELOW_HORIZON)),
+    (codec.SLEW, b"2Object below higher.#", Answer("Object below higher.", Refusal.LIMIT)),
+    (codec.SYNC, b"Coordinates     matched.        #", Answer()),
+    (codec.SYNC, b" M31 EX GAL MAG 3.5 SZ178.0'#", Answer()),
+    (codec.SYNC, b"N/A#", Answer()),
+    (codec.SYNC, b"E4#", Answer("code E4")),
+    (codec.ALIGNMENT, b"P", Letter("P")),
+    (codec.ALIGNMENT, b"A", Letter("A")),
+    (codec.ALIGNMENT, b"G#", Letter("G", True)),
     (codec.set_ra(190.0), b"1", True),
     (codec.set_dec(42.0), b"0", False),
     (codec.PRODUCT, b"On-Step#", "On-Step"),
@@ -181,13 +184,8 @@ def test_a_bare_digit_is_a_refusal_only_when_no_more_comes() -> None:
     assert codec.SLEW.read(b"6", False) is None
     read = codec.SLEW.read(b"6", True)
     assert read is not None
-    assert read.value == SlewAnswer("code 6")
+    assert read.value == Answer("code 6")
     assert codec.SLEW.read(b"1Object bel", True) is None
-
-
-def test_sync_refusals() -> None:
-    assert codec.sync_refusal("E4") == "code E4"
-    assert codec.sync_refusal("Coordinates     matched.") is None
 
 
 @given(st.binary(max_size=40))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from drivers.registry import open_mount, read_url
+from drivers.url_options import yes_of
 from mountnav.errors import BadSettings
 
 
@@ -20,7 +21,7 @@ def test_serial_and_socket() -> None:
     ("url", "told"),
     [
         ("/dev/ttyUSB0", "lx200"),
-        ("nexus+serial:///dev/ttyUSB0", "known: lx200"),
+        ("nexus+serial:///dev/ttyUSB0", "known: alpaca, indi, ioptron, lx200, nexstar, skywatcher, synscan"),
         ("lx200:///dev/ttyUSB0", "serial, socket"),
         ("lx200+serial://dev/ttyUSB0", "serial, socket"),
         ("lx200+socket://host", "socket"),
@@ -34,3 +35,12 @@ def test_serial_and_socket() -> None:
 def test_bad_urls_tell_what_is_known(url: str, told: str) -> None:
     with pytest.raises(BadSettings, match=told):
         open_mount(url)
+
+
+@pytest.mark.parametrize(
+    ("word", "meant"), [("yes", True), ("TRUE", True), ("1", True), ("no", False), ("0", False)]
+)
+def test_yes_and_no_are_the_same_words_for_every_option(word: str, meant: bool) -> None:
+    assert yes_of({"connect": word}, "connect", default=not meant) is meant
+    with pytest.raises(BadSettings, match="neither yes nor no"):
+        yes_of({"connect": "maybe"}, "connect", default=True)

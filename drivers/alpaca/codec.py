@@ -1,0 +1,189 @@
+"""Alpaca's words: forms out, envelopes in, values checked; no I/O.
+
+Whatever does not match fully is `Malformed`: a page of a proxy, the answer to another question, a NaN, a
+number where a truth value belongs. None of it is ever taken for a place [Alpaca §2].
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, NoReturn
+
+Parameter = str | int | float | bool
+Parameters = Mapping[str, Parameter]
+_EXCERPT = 120
+_LARGEST_ID = 0xFFFFFFFF
+
+
+class Malformed(ValueError):
+    """An answer that matches nothing the question allows; its text says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The content of an envelope.
+
+    Attributes
+    ----------
+    value : object
+        None where there is none.
+    error_number : int
+        0 for none; without the upper half in which COM drivers wrap it.
+    error_message : str
+    """
+
+    value: object
+    error_number: int = 0
+    error_message: str = ""
+
+
+def form(parameters: Parameters, client_id: int, transaction_id: int) -> dict[str, str]:
+    """Say parameters as a form or a query has them, with who asks and which question it is."""
+    said = {name: _said(value) for name, value in parameters.items()}
+    return said | {"ClientID": str(client_id), "ClientTransactionID": str(transaction_id)}
+
+
+def _said(value: Parameter) -> str:
+    if isinstance(value, bool):
+        return "True" if value else "False"
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            raise ValueError(f"{value} can't be said")
+        # no exponents: not every server's reader knows them
+        return f"{value:.10f}".rstrip("0").rstrip(".")
+    return str(value)
+
+
+def read_answer(body: bytes, content_type: str, transaction_id: int) -> Answer:
+    """Read an envelope.
+
+    Parameters
+    ----------
+    body : bytes
+    content_type : str
+        As the answer's header says.
+    transaction_id : int
+        Of the question. A server that keeps no ids answers 0 or none; another one is of another question.
+
+    Raises
+    ------
+    Malformed
+        If it is no JSON, no envelope, or of another question.
+    """
+    try:
+        told = json.loads(body, parse_constant=_no_number)
+    except (ValueError, RecursionError) as fault:
+        page = "a page" if "html" in content_type.lower() or body[:1] == b"<" else "no JSON"
+        raise Malformed(f"{page} instead of an answer ({fault}): {excerpt(body)}") from fault
+    if not isinstance(told, dict) or not ({"ErrorNumber", "Value", "ServerTransactionID"} & set(told)):
+        raise Malformed(f"no Alpaca answer: {excerpt(body)}")
+    echoed = told.get("ClientTransactionID")
+    if echoed not in (None, 0, transaction_id):
+        raise Malformed(f"the answer to question {echoed!r}, not to {transaction_id}")
+    number = told.get("ErrorNumber") or 0
+    message = told.get("ErrorMessage") or ""
+    if type(number) is not int or not isinstance(message, str):
+        raise Malformed(f"an error that is none: {excerpt(body)}")
+    return Answer(told.get("Value"), alpaca_number(number), message)
+
+
+def _no_number(text: str) -> NoReturn:
+    raise ValueError(f"{text} is no number")
+
+
+def alpaca_number(number: int) -> int:
+    """Take COM's 0x80040400 for Alpaca's 0x400, signed or not."""
+    number &= 0xFFFFFFFF
+    return number & 0xFFF if number & 0xFFFFF000 == 0x80040000 else number
+
+
+def excerpt(body: bytes) -> str:
+    """Show the beginning of an answer, on one line."""
+    text = " ".join(body[: 4 * _EXCERPT].decode("utf-8", "replace").split())
+    return repr(text[:_EXCERPT] + ("…" if len(text) > _EXCERPT else ""))
+
+
+# -- values ----------------------------------------------------------------------------------------
+
+
+def number(value: object, low: float = -math.inf, high: float = math.inf) -> float:
+    """Read a number from `low` to `high`. Raises `Malformed`."""
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        raise Malformed(f"{value!r} where a number belongs")
+    try:
+        read = float(value)
+    except OverflowError as fault:
+        raise Malformed("a number beyond all bounds") from fault
+    if not (math.isfinite(read) and low <= read <= high):
+        raise Malformed(f"{value!r} is not between {low:g} and {high:g}")
+    return read
+
+
+def integer(value: object, low: int = -(2**63), high: int = 2**64) -> int:
+    """Read a whole number from `low` to `high`. Raises `Malformed`."""
+    read = number(value, low, high)
+    if read != math.floor(read):
+        raise Malformed(f"{value!r} where a whole number belongs")
+    return int(read)
+
+
+def truth(value: object) -> bool:
+    """Read a truth value. Raises `Malformed`."""
+    if not isinstance(value, bool):
+        raise Malformed(f"{value!r} where true or false belongs")
+    return value
+
+
+def text(value: object) -> str:
+    """Read a text. Raises `Malformed`."""
+    if not isinstance(value, str):
+        raise Malformed(f"{value!r} where a text belongs")
+    return value
+
+
+def instant(value: object) -> datetime:
+    """Read an instant, UTC whether it says so or not; seven digits of a second are fine.
+
+    Raises
+    ------
+    Malformed
+        If it is none.
+    """
+    said = text(value).strip()
+    try:
+        read = datetime.fromisoformat(said)
+    except ValueError as fault:
+        raise Malformed(f"{said!r} where an instant belongs") from fault
+    return read.replace(tzinfo=UTC) if read.tzinfo is None else read.astimezone(UTC)
+
+
+def said_instant(utc: datetime) -> str:
+    """Say an aware instant as UTCDate wants it, the Z compulsory [Alpaca §5]."""
+    return utc.astimezone(UTC).replace(tzinfo=None).isoformat(timespec="microseconds") + "0Z"
+
+
+def named_values(value: object) -> dict[str, Any]:
+    """Read a device state: what is there by name, in lower case; names may be written any way.
+
+    Raises
+    ------
+    Malformed
+        If it is no list of names and values.
+    """
+    if not isinstance(value, list):
+        raise Malformed(f"{value!r:.80} where a device's state belongs")
+    state = {}
+    for one in value:
+        if not isinstance(one, dict) or not isinstance(one.get("Name"), str):
+            raise Malformed(f"{one!r:.80} in a device's state")
+        state[one["Name"].lower()] = one.get("Value")
+    return state
+
+
+def next_id(last: int) -> int:
+    """Count questions: from 1, within 32 bits."""
+    return 1 if last >= _LARGEST_ID else last + 1

@@ -1,0 +1,383 @@
+"""An Alpaca telescope, as a language: which members make a reading or an order, and what their answers mean.
+
+Readings stand in `looking`, bringing it up in `device`, HTTP in `asking`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+
+from drivers.alpaca import claims, codec
+from drivers.alpaca.asking import Asking
+from drivers.alpaca.codec import Malformed
+from drivers.alpaca.device import AlpacaDevice, Found
+from drivers.alpaca.looking import Looking
+from drivers.alpaca.moving import Moving
+from drivers.alpaca.refusals import AlpacaRefused, reason_of
+from drivers.alpaca.responses import require_known
+from drivers.language import Identity, Readout, Sent, Unskilled, Wanted
+from drivers.wire_log import WireLog
+from mountnav.errors import DeviceGarbled, DeviceRefused, DeviceSilent, Refusal
+from mountnav.navigation.devices import Direction, Epoch, PierSide, Skill, TrackingRate
+from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
+
+_FASTEST_PULSE_DEG_S = 0.1
+_PROBED = ("utcdate", "sitelatitude")
+_RETURNS_AT_ONCE = 4
+"""From this version of the interface on park and home begin, where older ones may take their whole time."""
+
+
+@dataclass(frozen=True, slots=True)
+class AlpacaHabits:
+    """What the configuration says of an Alpaca telescope.
+
+    Attributes
+    ----------
+    epoch : {"apparent", "icrs"} or None
+        Which coordinates it speaks; None believes its EquatorialSystem, and refuses one we don't speak.
+    may_connect : bool
+        Whether a device that is not connected may be told to connect.
+    finds_home : bool
+        Whether its home is found by a sensor, so that its position counts afterwards.
+    resolution_arcsec : float
+        Coarsest step of the mount: Alpaca doesn't tell.
+    """
+
+    epoch: Epoch | None = None
+    may_connect: bool = True
+    finds_home: bool = False
+    resolution_arcsec: float = 1.0
+
+
+class AlpacaLanguage(Unskilled):
+    """A `drivers.language.Language` over one telescope of an Alpaca server.
+
+    Parameters
+    ----------
+    device : AlpacaDevice
+    habits : AlpacaHabits
+    longest_order_s : float
+        For orders of old drivers that answer only when the motion is over.
+    """
+
+    def __init__(
+        self, device: AlpacaDevice, habits: AlpacaHabits | None = None, *, longest_order_s: float = 300.0
+    ) -> None:
+        super().__init__()
+        self._why = "its driver says that it can't"
+        self._device = device
+        self._habits = habits or AlpacaHabits()
+        self._looking = Looking(device)
+        self._looking.epoch = self._habits.epoch or "apparent"
+        self._moving = Moving(device.asking, self._looking, longest_order_s)
+        self._can: dict[str, bool] = {}
+        self._rates: frozenset[int] = frozenset()
+        self._guide_rates_deg_s: tuple[float, float] | None = None
+        self._at_once = True
+
+    # -- what it is ------------------------------------------------------------------------------
+
+    @property
+    def _asking(self) -> Asking:
+        return self._device.asking
+
+    @property
+    def device(self) -> str:
+        """Server and device."""
+        return self._device.address
+
+    @property
+    def log(self) -> WireLog:
+        """All that was asked and answered lately."""
+        return self._asking.log
+
+    @property
+    def usable(self) -> bool:
+        """Whether its server could be reached, and its driver was connected, whenever it was asked."""
+        return self._asking.usable
+
+    @property
+    def epoch(self) -> Epoch:
+        """Kind of coordinates it speaks; known after `open` unless it is set."""
+        return self._looking.epoch
+
+    @property
+    def usual_epoch(self) -> Epoch:
+        """As found; where the settings say otherwise than the telescope, `open` tells."""
+        return self._looking.epoch
+
+    @property
+    def resolution_arcsec(self) -> float:
+        """As set."""
+        return self._habits.resolution_arcsec
+
+    @property
+    def skills(self) -> frozenset[Skill]:
+        """By what it says it can, and what was seen to be implemented."""
+        return claims.skills(self._can, self._looking.implemented, finds_home=self._habits.finds_home)
+
+    @property
+    def tracking_rates(self) -> frozenset[TrackingRate]:
+        """At which rates it can be told to follow."""
+        if not self._can.get("cansettracking"):
+            return frozenset()
+        told = frozenset(rate for rate, number in claims.RATES.items() if number in self._rates)
+        return told or frozenset({TrackingRate.SIDEREAL})
+
+    @property
+    def guide_rates_deg_s(self) -> tuple[float, float] | None:
+        """As it says."""
+        return self._guide_rates_deg_s
+
+    def unanswered_s(self) -> float:
+        """Since when the oldest question waits."""
+        return self._asking.unanswered_s()
+
+    # -- the link --------------------------------------------------------------------------------
+
+    async def open(self) -> Identity:
+        """Reach the server, have the telescope connected if it may be, and find out what it can.
+
+        Moves, syncs and sets nothing.
+
+        Raises
+        ------
+        DeviceMissing
+            If there is no server, no such telescope, or it can't be connected.
+        DeviceRefused
+            If it is not connected and may not be, or speaks coordinates that we don't.
+        DeviceSilent, DeviceGarbled
+            If its answers don't come or make no sense.
+        """
+        device, problems = self._device, []
+        found = await device.bring_up(may_connect=self._habits.may_connect)
+        if found.connected_by_us:
+            problems.append("it was not connected: we connected it")
+        system = await device.maybe("equatorialsystem", lambda value: codec.integer(value, 0, 99))
+        self._looking.epoch = self._epoch_of(system, problems)
+        self._can = await device.asked_all(claims.CAN, codec.truth)
+        if not (self._can.get("canslewasync") or self._can.get("canslew")):
+            problems.append("it says that it can't slew")
+        await self._looking.begin(found.version, _PROBED)
+        self._rates = await self._rates_of(device)
+        self._guide_rates_deg_s = await self._guide_rates_of(device)
+        await self._see_what_else_it_has()
+        self._at_once = found.version >= _RETURNS_AT_ONCE
+        return Identity(self._identity(found, system), tuple(problems))
+
+    def _identity(self, found: Found, system: int | None) -> str:
+        spoken = claims.SYSTEMS.get(-1 if system is None else system, "unknown")
+        return f"{found.name} ({found.driver}; ITelescopeV{found.version}, {spoken} coordinates)"
+
+    def _epoch_of(self, system: int | None, problems: list[str]) -> Epoch:
+        told = None if system is None else claims.EPOCHS.get(system)
+        spoken = "doesn't say which" if system is None else f"says {claims.SYSTEMS.get(system, system)}"
+        wanted = self._habits.epoch
+        if wanted is None and told is None:
+            raise DeviceRefused(
+                f"can't be used as it is: it speaks neither coordinates of date nor J2000 (it {spoken})",
+                device=self.device,
+                advice='set it to JNow or J2000 in its driver, or say epoch = "apparent" or "icrs"',
+                reason=Refusal.UNSUPPORTED,
+            )
+        if wanted is not None and wanted != told:
+            problems.append(f"it is set to speak {wanted} coordinates, and {spoken} itself")
+        return wanted or told or "apparent"
+
+    async def _rates_of(self, device: AlpacaDevice) -> frozenset[int]:
+        told = await device.maybe("trackingrates", lambda value: value)
+        if not isinstance(told, list) or not await device.has("trackingrate"):
+            return frozenset()
+        return frozenset(one for one in told if type(one) is int)
+
+    async def _guide_rates_of(self, device: AlpacaDevice) -> tuple[float, float] | None:
+        try:
+            ra_deg_s = await device.maybe("guideraterightascension", _guide_rate)
+            dec_deg_s = await device.maybe("guideratedeclination", _guide_rate)
+        except (AlpacaRefused, DeviceGarbled):
+            # it can be guided all the same
+            return None
+        return None if ra_deg_s is None or dec_deg_s is None else (ra_deg_s, dec_deg_s)
+
+    async def _see_what_else_it_has(self) -> None:
+        more = set()
+        if len(self._rates) > 1:
+            more.add("trackingrates")
+        here = claims.said_place((await self._looking.readout()).place)
+        if await self._device.has("destinationsideofpier", here):
+            more.add("destinationsideofpier")
+        self._looking.implemented |= more
+
+    async def close(self) -> None:
+        """Release the connections; the telescope stays connected, for others."""
+        await self._moving.end()
+        await self._asking.close()
+
+    async def lost(self) -> str:
+        """Wait until the server can't be reached or its driver says it is not connected, and tell why."""
+        return await self._asking.lost()
+
+    # -- readings --------------------------------------------------------------------------------
+
+    async def readout(self) -> Readout:
+        """Ask where it is and what it does; see `Looking.readout`."""
+        return await self._looking.readout()
+
+    # -- orders ----------------------------------------------------------------------------------
+
+    async def send_slew(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
+        """Order a slew; tracking is switched on before if it is off: Alpaca slews to the sky only so."""
+        at_once = self._can.get("canslewasync", False)
+        if not (at_once or self._can.get("canslew")):
+            raise self._unsupported("slew")
+        if not await self._tracks() and self._can.get("cansettracking"):
+            if not wanted():
+                return Sent(wire=False)
+            await self._asking.put("tracking", {"Tracking": True})
+        if not wanted():
+            return Sent(wire=False)
+        member = "slewtocoordinatesasync" if at_once else "slewtocoordinates"
+        return await self._moving.order(member, claims.said_place(place), at_once=at_once)
+
+    async def send_sync(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
+        """Order a sync."""
+        if not self._can.get("cansync"):
+            raise self._unsupported("sync")
+        if not wanted():
+            return Sent(wire=False)
+        try:
+            await self._asking.put("synctocoordinates", claims.said_place(place))
+        except (DeviceSilent, DeviceGarbled) as failure:
+            return Sent(lost=failure)
+        except AlpacaRefused as refused:
+            await self._say_if_it_does_not_track(refused)
+            raise
+        return Sent()
+
+    async def send_stop(self, again: int) -> None:
+        """Abort all motion, on a connection of its own; tracking stays as it was."""
+        await self._moving.stop()
+
+    async def send_park(self, wanted: Wanted) -> Sent:
+        """Order parking."""
+        return await self._away("park", wanted)
+
+    async def send_home(self, wanted: Wanted) -> Sent:
+        """Order homing."""
+        return await self._away("findhome", wanted)
+
+    async def _away(self, member: str, wanted: Wanted) -> Sent:
+        if not wanted():
+            return Sent(wire=False)
+        return await self._moving.order(member, {}, at_once=self._at_once)
+
+    async def send_unpark(self) -> None:
+        """Order unparking."""
+        await self._asking.put("unpark")
+
+    async def send_set_park(self) -> None:
+        """Take the present place for the park position."""
+        await self._asking.put("setpark")
+
+    async def send_tracking(self, on: bool, rate: TrackingRate) -> None:
+        """Order tracking, the rate first."""
+        if on and self._rates:
+            wanted = claims.RATES.get(rate)
+            if wanted is None or wanted not in self._rates:
+                raise self._unsupported(f"track at the {rate} rate")
+            if await self._device.value("trackingrate", codec.integer) != wanted:
+                await self._asking.put("trackingrate", {"TrackingRate": wanted})
+        if Skill.TRACK in self.skills:
+            await self._asking.put("tracking", {"Tracking": on})
+
+    async def send_guide(self, direction: Direction, duration_s: float, wanted: Wanted) -> Sent:
+        """Order a pulse, which the mount times; old drivers answer when it is over."""
+        if not wanted():
+            return Sent(wire=False)
+        deadline_s = self._asking.deadline_s + duration_s
+        pulse = {"Direction": claims.PULSES[direction], "Duration": round(1000.0 * duration_s)}
+        try:
+            await self._asking.put("pulseguide", pulse, deadline_s=deadline_s)
+        except (DeviceSilent, DeviceGarbled) as failure:
+            return Sent(lost=failure)
+        return Sent()
+
+    async def _tracks(self) -> bool:
+        return await self._device.maybe("tracking", codec.truth) is not False
+
+    async def _say_if_it_does_not_track(self, refused: AlpacaRefused) -> None:
+        """Alpaca's number for it is that of any wrong state: look."""
+        if reason_of(refused.number, refused.words) is Refusal.OTHER and not await self._tracks():
+            raise DeviceRefused(
+                f"{refused.what}; it doesn't track",
+                device=self.device,
+                advice="switch tracking on first",
+                reason=Refusal.NOT_TRACKING,
+            ) from refused
+
+    # -- clock, site, side -----------------------------------------------------------------------
+
+    async def read_clock(self) -> datetime | None:
+        """Its clock, taken for the middle between question and answer."""
+        if "utcdate" not in self._looking.implemented:
+            return None
+        before = utc_now()
+        try:
+            told = await self._device.value("utcdate", codec.instant)
+        except AlpacaRefused:
+            return None
+        return told + (utc_now() - before) / 2
+
+    async def write_clock(self, utc: datetime) -> None:
+        """Set its clock."""
+        await self._asking.put("utcdate", {"UTCDate": codec.said_instant(utc)})
+
+    async def read_site(self) -> Site | None:
+        """Where it believes to stand; None where it was never told."""
+        if "sitelatitude" not in self._looking.implemented:
+            return None
+        device = self._device
+        try:
+            latitude_deg = await device.value(
+                "sitelatitude",
+                lambda value: codec.number(value, -90.0, 90.0),
+            )
+            longitude_deg = await device.value(
+                "sitelongitude", lambda value: codec.number(value, -360.0, 360.0)
+            )
+        except AlpacaRefused:
+            return None
+        try:
+            height_m = await device.value("siteelevation", codec.number)
+        except AlpacaRefused:
+            height_m = 0.0
+        return Site(latitude_deg, (longitude_deg + 180.0) % 360.0 - 180.0, height_m)
+
+    async def write_site(self, site: Site) -> None:
+        """Set its site; one that keeps no height is told none."""
+        await self._asking.put("sitelatitude", {"SiteLatitude": site.latitude_deg})
+        longitude_deg = (site.longitude_deg + 180.0) % 360.0 - 180.0
+        await self._asking.put("sitelongitude", {"SiteLongitude": longitude_deg})
+        try:
+            await self._asking.put("siteelevation", {"SiteElevation": site.height_m})
+        except AlpacaRefused as refused:
+            require_known(refused)
+
+    async def destination_side(self, place: Apparent | Icrs) -> PierSide | None:
+        """On which side it would look at a place."""
+        if "destinationsideofpier" not in self._looking.implemented:
+            return None
+        said = claims.said_place(place)
+        try:
+            return await self._device.value("destinationsideofpier", claims.pier_side, said)
+        except AlpacaRefused:
+            # out of its range or in a state where it can't tell
+            return None
+
+
+def _guide_rate(value: object) -> float:
+    rate_deg_s = codec.number(value, 0.0, _FASTEST_PULSE_DEG_S)
+    if rate_deg_s == 0.0:
+        raise Malformed("a guide rate of 0")
+    return rate_deg_s

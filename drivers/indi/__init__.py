@@ -1,0 +1,1 @@
+"""INDI: mounts and cameras behind an `indiserver`, by its XML over TCP."""

@@ -1,0 +1,266 @@
+"""A camera behind an `indiserver`, as a language; its large files never hold up the mount's connection."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import suppress
+from dataclasses import replace
+from datetime import datetime
+
+from drivers.exposing.optics import with_scale
+from drivers.exposing.shot import Shot
+from drivers.indi import orders
+from drivers.indi.answers import refusal, slew_was_refused
+from drivers.indi.blobs import BrokenBlob, content
+from drivers.indi.camera_setup import CameraHabits, scale_arcsec_px, set_up
+from drivers.indi.codec import Blob, Changed, Defined, Event, Ordered, State
+from drivers.indi.device import IndiDevice
+from drivers.indi.exposure import Exposure
+from drivers.indi.state import Property
+from drivers.wire_log import WireLog
+from mountnav.errors import (
+    BadFrame,
+    Busy,
+    DeviceError,
+    DeviceMissing,
+    DeviceRefused,
+    DeviceSilent,
+)
+from mountnav.frames import Frame
+from mountnav.reading import read_frame
+from mountnav.sky.coordinates import utc_now
+
+_NO_FILE_S = 5.0
+_IDLE_WITHIN_S = 5.0
+_GLANCE_S = 0.2
+_START_S = 30.0
+
+
+class IndiCameraLanguage:
+    """A `drivers.exposing.language.CameraLanguage` over one device of an `indiserver`.
+
+    Parameters
+    ----------
+    device : IndiDevice
+        Of the camera, on a connection of its own.
+    name : str, optional
+        For messages; the device's address by default.
+    habits : CameraHabits
+    """
+
+    def __init__(
+        self, device: IndiDevice, *, name: str | None = None, habits: CameraHabits | None = None
+    ) -> None:
+        self._device = device
+        self._name = name or device.address
+        self._habits = habits or CameraHabits()
+        self._exposure = self._habits.of_chip("EXPOSURE")
+        self._now: Exposure | None = None
+        self._last_header_time: datetime | None = None
+        self._clocks_agree = False
+        self._ours_until = 0
+        """After so many messages our own exposure had brought its file."""
+        self.done: tuple[str, ...] = ()
+        device.client.listen(self._on_event)
+
+    @property
+    def name(self) -> str:
+        """Name and address."""
+        return self._name
+
+    @property
+    def log(self) -> WireLog:
+        """All that went over its connection lately; files are abbreviated."""
+        return self._device.client.log
+
+    @property
+    def usable(self) -> bool:
+        """Whether the connection is up, and the device connected ever since."""
+        return self._device.usable
+
+    async def open(self) -> None:
+        """Connect, and have files sent to us: as FITS, of light frames.
+
+        Raises
+        ------
+        DeviceMissing, DeviceSilent
+            If there is no server, no such device, or its driver can't connect.
+        DeviceRefused
+            If it is not connected and may not be told to, is no camera, or keeps its files to itself.
+        """
+        device, habits = self._device, self._habits
+        try:
+            await device.bring_up(may_connect=habits.may_connect, needed=(self._exposure,))
+            self._ours_until = 0
+            await self.set_up()
+        except BaseException:
+            await device.client.close()
+            raise
+
+    async def close(self) -> None:
+        """Release the connection; the device stays connected, for others."""
+        await self._device.client.close()
+
+    async def set_up(self) -> None:
+        """Have light frames of the whole chip sent to us; see `camera_setup`."""
+        self.done = tuple(await set_up(self._device, self._habits))
+
+    # -- exposures -------------------------------------------------------------------------------
+
+    def send_abort(self) -> None:
+        """Order the exposure aborted."""
+        abort = orders.new_switches(
+            self._device.name, self._habits.of_chip("ABORT_EXPOSURE"), {"ABORT": True}
+        )
+        with suppress(DeviceError):
+            self._device.client.send(abort)
+
+    async def wait_until_idle(self, shot: Shot) -> None:
+        """Wait a moment for an exposure that was just aborted, or whose file has come, to be over.
+
+        Raises
+        ------
+        Busy
+            If another program's runs.
+        """
+        device = self._device
+
+        def idle() -> bool:
+            one = device.get(self._exposure)
+            return shot.aborted or one is None or one.state is not State.BUSY
+
+        if await device.client.until(idle, _IDLE_WITHIN_S):
+            return
+        shot.require_wanted()
+        one = device.get(self._exposure)
+        if one is None or one.count > self._ours_until:
+            raise Busy(
+                "another program's exposure is running", device=self._name, advice="wait until it is over"
+            )
+        # said that it began when it was already done, and nothing ever since
+        self.log.note("event", meaning="its driver never said that our last exposure was over")
+
+    async def take(self, shot: Shot) -> Frame:
+        """Order the exposure, and wait for the file that is its own."""
+        now = Exposure(shot.exposure_s, utc_now(), asyncio.get_running_loop().time(), 0)
+        now.count = self._device.client.properties.count
+        self._now = now
+        try:
+            return await self._take(now, shot)
+        finally:
+            self._now = None
+
+    async def _take(self, now: Exposure, shot: Shot) -> Frame:
+        device = self._device
+        order = orders.new_numbers(device.name, self._exposure, {f"{self._exposure}_VALUE": now.exposure_s})
+        # some drivers take up the question only when the exposure is over
+        deadline_s = now.exposure_s + max(_START_S, device.deadline_s)
+        heard = await shot.outlast(device.ordered(order, asking=self._exposure, deadline_s=deadline_s))
+        now.answered = True
+        if now.begun is None and slew_was_refused(self._exposure, heard):
+            raise refusal("the exposure", heard, self._name)
+        while True:
+            blob, came = await self._next_file(now, shot)
+            frame = await self._frame(blob, now, came)
+            if frame is not None:
+                self._ours_until = device.client.properties.count
+                return frame
+
+    async def _next_file(self, now: Exposure, shot: Shot) -> tuple[Blob, datetime]:
+        loop, client = asyncio.get_running_loop(), self._device.client
+
+        def left_s() -> float:
+            began_s = max(now.ordered_s, now.begun_s)
+            return began_s + now.exposure_s + self._habits.download_s - loop.time()
+
+        def settled() -> bool:
+            now.settle(loop.time())
+            over = now.ended_s is not None and loop.time() > now.ended_s + _NO_FILE_S
+            ended = shot.aborted or now.failed or now.overtaken or over or not self._device.usable
+            return bool(now.files) or ended
+
+        while not settled() and left_s() > 0.0:
+            # some of it comes true by waiting, without any news
+            await client.until(settled, min(_GLANCE_S, max(0.01, left_s())))
+        shot.require_wanted()
+        if now.files:
+            return now.files.pop(0)
+        if not self._device.usable:
+            raise DeviceMissing("its driver is gone", device=self._name, advice="connect again")
+        raise self._no_file(now)
+
+    def _no_file(self, now: Exposure) -> DeviceError:
+        words = "; ".join([*self._device.words_since(now.count)[-3:], *now.dropped[-1:]])
+        if now.failed or now.overtaken or now.ended_s is not None:
+            how = "failed" if now.failed else "was ended by another program, or brought no file"
+            return DeviceRefused(f"the exposure {how}{': ' if words else ''}{words}", device=self._name)
+        return DeviceSilent(
+            f"no file came within {now.exposure_s + self._habits.download_s:.0f} s{words and '; ' + words}",
+            device=self._name,
+            advice="does another client of the server get its files?",
+        )
+
+    def _on_event(self, event: Event, now: Property | None) -> None:
+        exposure = self._now
+        if exposure is None or getattr(event, "device", "") != self._device.name:
+            return
+        utc, at_s = utc_now(), asyncio.get_running_loop().time()
+        match event:
+            case Changed(name=self._exposure, state=State() as state):
+                exposure.take_state(state, utc, at_s)
+            case Defined(name=self._exposure, state=State.BUSY):
+                # some don't say it unasked
+                exposure.take_state(State.BUSY, utc, at_s)
+            case Ordered(name=self._exposure):
+                exposure.overtaken = True
+                self.log.note("event", meaning="another program ordered an exposure")
+            case Changed(name=self._habits.chip, kind="BLOB"):
+                self._note_dropped(exposure, exposure.take_files(event, utc, at_s))
+
+    def _note_dropped(self, exposure: Exposure, why: str | None) -> None:
+        if why is not None:
+            exposure.dropped.append(f"dropped a file: {why}")
+            self.log.note("event", meaning=exposure.dropped[-1])
+
+    # -- frames ----------------------------------------------------------------------------------
+
+    async def _frame(self, blob: Blob, now: Exposure, came: datetime) -> Frame | None:
+        """Read a file; None if it is of another exposure."""
+        try:
+            frame = await asyncio.to_thread(_read, blob, self._name)
+        except BrokenBlob as fault:
+            raise BadFrame(f"its file {blob.format} can't be unpacked: {fault}", device=self._name) from fault
+        why = self._why_not(frame, now, came)
+        now.doubtful = False
+        if why is not None:
+            self._note_dropped(now, why)
+            return None
+        by_header = self._last_header_time = frame.mid_exposure_utc
+        middle, whose = now.middle(by_header, came, self._habits.clock_tolerance_s)
+        self._clocks_agree = middle == by_header
+        timed = replace(
+            frame,
+            mid_exposure_utc=middle,
+            exposure_s=frame.exposure_s or now.exposure_s,
+            source=f"{self._device.name}, timed by {whose}",
+        )
+        scale = scale_arcsec_px(self._device, self._habits)
+        return with_scale(timed, scale, "the INDI drivers' pixel size and focal length")
+
+    def _why_not(self, frame: Frame, now: Exposure, came: datetime) -> str | None:
+        """Tell why a file is not this exposure's, if it isn't."""
+        if now.is_of_another(frame.exposure_s):
+            return f"exposed for {frame.exposure_s} s, not {now.exposure_s} s"
+        by_header, tolerance_s = frame.mid_exposure_utc, self._habits.clock_tolerance_s
+        # whole seconds are no fingerprint
+        if by_header is not None and by_header.microsecond and by_header == self._last_header_time:
+            return "it is the one that came before"
+        why = now.why_not(by_header, came, tolerance_s, clocks_agree=self._clocks_agree)
+        if why is not None:
+            # or its clock was set meanwhile: the next one is not measured by it
+            self._clocks_agree = False
+        return why
+
+
+def _read(blob: Blob, name: str) -> Frame:
+    return read_frame(bytes(content(blob)), name=name, raw=True)

@@ -1,0 +1,167 @@
+"""What a mount's driver claims, as the values that a reading is made of; no I/O, no clock.
+
+Functions of the device's properties, each None where the driver has no such property or doesn't know.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from datetime import UTC, datetime
+
+from drivers.indi.codec import State
+from drivers.indi.state import Property
+from mountnav.navigation.devices import Epoch, PierSide, Skill
+from mountnav.sky.coordinates import Apparent, Icrs, Site
+from mountnav.sky.sphere import half_turn_deg, separation_arcsec
+
+Get = Callable[[str], Property | None]
+COORDINATES: dict[Epoch, str] = {"apparent": "EQUATORIAL_EOD_COORD", "icrs": "EQUATORIAL_COORD"}
+LONGEST_POLL_S = 2.0
+USUAL_POLL_S = 1.0
+_FARTHEST_DEC_DEG = 95.0
+
+
+def skills(get: Get) -> frozenset[Skill]:
+    """What a mount can do, by the properties that its driver has."""
+    park, home, option = get("TELESCOPE_PARK"), get("TELESCOPE_HOME"), get("TELESCOPE_PARK_OPTION")
+    clock, site = get("TIME_UTC"), get("GEOGRAPHIC_COORD")
+    pulses = get("TELESCOPE_TIMED_GUIDE_NS"), get("TELESCOPE_TIMED_GUIDE_WE")
+    there = {
+        Skill.PARK: _has(park, "PARK"),
+        Skill.UNPARK: _has(park, "UNPARK"),
+        Skill.SET_PARK: _has(option, "PARK_CURRENT"),
+        Skill.HOME: _has(home, "GO") or _has(home, "FIND"),
+        Skill.FIND_HOME: _has(home, "FIND") and not _has(home, "GO"),
+        Skill.TRACK: _has(get("TELESCOPE_TRACK_STATE"), "TRACK_ON"),
+        Skill.TRACKING_RATES: get("TELESCOPE_TRACK_MODE") is not None,
+        Skill.GUIDE: None not in pulses,
+        Skill.PIER_SIDE: get("TELESCOPE_PIER_SIDE") is not None,
+        Skill.CLOCK: clock is not None,
+        Skill.SET_CLOCK: writable(clock),
+        Skill.SITE: site is not None,
+        Skill.SET_SITE: writable(site),
+    }
+    return frozenset(skill for skill, can in there.items() if can)
+
+
+def _has(one: Property | None, switch: str) -> bool:
+    return one is not None and one.on(switch) is not None
+
+
+def writable(one: Property | None) -> bool:
+    """Whether a property is there and takes orders."""
+    return one is not None and "w" in one.perm
+
+
+def place(coordinates: Property, epoch: Epoch, utc: datetime) -> Apparent | Icrs | None:
+    """Read a place; None if it is none.
+
+    Some drivers count right ascensions on beyond 24 h or below 0, and EQMod declinations on past the pole:
+    90.3° is 89.7° on the other side.
+    """
+    ra_h, dec_deg = coordinates.number("RA"), coordinates.number("DEC")
+    if ra_h is None or dec_deg is None or not (-24.0 <= ra_h < 48.0 and abs(dec_deg) <= _FARTHEST_DEC_DEG):
+        return None
+    ra_deg = ra_h * 15.0
+    if abs(dec_deg) > 90.0:
+        ra_deg, dec_deg = ra_deg + 180.0, math.copysign(180.0, dec_deg) - dec_deg
+    ra_deg %= 360.0
+    return Icrs(ra_deg, dec_deg) if epoch == "icrs" else Apparent(ra_deg, dec_deg, utc)
+
+
+def apart_arcsec(coordinates: Property | None, other: Apparent | Icrs | None) -> float:
+    """How far coordinates lie from a place of their kind; infinite if one of them is none."""
+    if coordinates is None or other is None:
+        return math.inf
+    here = place(coordinates, "icrs", datetime.min)
+    if here is None:
+        return math.inf
+    return separation_arcsec(Icrs(here.ra_deg, here.dec_deg), Icrs(other.ra_deg, other.dec_deg))
+
+
+def is_real(coordinates: Property | None) -> bool:
+    """Whether coordinates can be a place: zeros are what drivers define before they have read one."""
+    return coordinates is not None and (coordinates.number("RA"), coordinates.number("DEC")) != (0.0, 0.0)
+
+
+def slewing(coordinates: Property, get: Get) -> bool:
+    """Whether it moves by an order: to coordinates, to park, home, or as long as a button is held."""
+    orders = (coordinates, get("TELESCOPE_PARK"), get("TELESCOPE_HOME"))
+    if any(one is not None and one.state is State.BUSY for one in orders):
+        return True
+    buttons = (get("TELESCOPE_MOTION_NS"), get("TELESCOPE_MOTION_WE"))
+    return any(one is not None and True in one.values.values() for one in buttons)
+
+
+def tracking(get: Get) -> bool | None:
+    """Whether it follows the sky."""
+    state = get("TELESCOPE_TRACK_STATE")
+    return None if state is None else state.on("TRACK_ON")
+
+
+def parked(get: Get) -> bool | None:
+    """Whether it is parked; on the way there it is not."""
+    park = get("TELESCOPE_PARK")
+    return None if park is None else park.on("PARK") is True and park.state is not State.BUSY
+
+
+def at_home(get: Get, homed: bool) -> bool | None:
+    """Whether it is at home: only at the end of a homing does a driver tell, and its Ok stays for ever.
+
+    Parameters
+    ----------
+    get : callable
+    homed : bool
+        Whether homing was the last order to move.
+    """
+    home = get("TELESCOPE_HOME")
+    if home is None:
+        return None
+    if home.state is State.BUSY:
+        return False
+    return True if homed and home.state is State.OK else None
+
+
+def pier_side(get: Get) -> PierSide | None:
+    """On which side the tube hangs: INDI counts as ASCOM does, east looks west."""
+    side = get("TELESCOPE_PIER_SIDE")
+    if side is None:
+        return None
+    west, east = side.on("PIER_WEST") is True, side.on("PIER_EAST") is True
+    if west == east:
+        return PierSide.UNKNOWN
+    return PierSide.WEST if west else PierSide.EAST
+
+
+def poll_s(get: Get) -> float:
+    """How often its driver reads the mount; never taken for longer than two seconds."""
+    period = get("POLLING_PERIOD")
+    told_ms = None if period is None else period.number("PERIOD_MS")
+    return USUAL_POLL_S if not told_ms else min(max(told_ms / 1000.0, 0.05), LONGEST_POLL_S)
+
+
+def clock(get: Get, now: datetime) -> datetime | None:
+    """Its clock now, if its driver ever told it unasked: what it tells when asked may be hours old."""
+    time = get("TIME_UTC")
+    if time is None or time.pushed is None or time.state is State.ALERT:
+        return None
+    try:
+        told = datetime.fromisoformat((time.text("UTC") or "").strip().rstrip("Z"))
+    except ValueError:
+        return None
+    return told.replace(tzinfo=UTC) + (now - time.pushed)
+
+
+def site(get: Get) -> Site | None:
+    """Where its driver believes to stand; INDI counts longitudes from 0 to 360 east."""
+    told = get("GEOGRAPHIC_COORD")
+    if told is None:
+        return None
+    latitude_deg, longitude_deg = told.number("LAT"), told.number("LONG")
+    if latitude_deg is None or longitude_deg is None or not abs(latitude_deg) <= 90.0:
+        return None
+    if (latitude_deg, longitude_deg) == (0.0, 0.0) and told.state is State.IDLE:
+        # never told
+        return None
+    return Site(latitude_deg, half_turn_deg(longitude_deg), told.number("ELEV") or 0.0)

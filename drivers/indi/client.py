@@ -1,0 +1,294 @@
+"""One connection to an `indiserver`: hears everything about its devices, and knows at once when it is dead.
+
+A closed connection shows by itself. A server that hangs, or a network that swallows, shows by its silence:
+it is pinged whenever nothing has come for a moment [indiserver answers pingRequest since 1.9.8, without any
+driver]. Servers that know no ping are left to the questions asked of their drivers, and to TCP's own timeout.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivers.indi import codec, orders
+from drivers.indi.codec import Defined, Event, PingAnswered, Pinged
+from drivers.indi.state import Properties, Property
+from drivers.indi.xml_stream import Malformed
+from drivers.wire_log import WireLog
+from mountnav.errors import DeviceMissing
+from mountnav.sky.coordinates import utc_now
+
+PORT = 7624
+_AT_ONCE_BYTES = 1 << 18
+_MOST_UNSENT_BYTES = 1 << 20
+_WORDS_KEPT = 200
+_INTRODUCTION_S = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Pulse:
+    """How a server's life is watched.
+
+    Attributes
+    ----------
+    connect_s : float
+        To reach it.
+    ping_s : float
+        When nothing has come for so long it is pinged.
+    silent_s : float
+        One that answers pings and was silent for so long is lost.
+    """
+
+    connect_s: float = 5.0
+    ping_s: float = 0.4
+    silent_s: float = 1.9
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """Something a driver said, and after how many messages."""
+
+    count: int
+    device: str
+    text: str
+
+
+class IndiClient:
+    """One connection; it can be opened again after it was lost.
+
+    Parameters
+    ----------
+    host : str
+    port : int
+    device : str
+        Of which device to hear; empty for all.
+    log : WireLog
+    pulse : Pulse
+    """
+
+    def __init__(
+        self, host: str, port: int = PORT, device: str = "", *, log: WireLog, pulse: Pulse | None = None
+    ) -> None:
+        self._host, self._port, self._device = host, port, device
+        self._pulse = pulse or Pulse()
+        self.log = log
+        self.properties = Properties()
+        self.words: deque[Words] = deque(maxlen=_WORDS_KEPT)
+        self.troubles = 0
+        """How many messages made no sense since it was opened."""
+        self._listeners: list[Callable[[Event, Property | None], None]] = []
+        self._writer: asyncio.StreamWriter | None = None
+        self._tasks: list[asyncio.Task[None]] = []
+        self._news = asyncio.Event()
+        self._why_lost: str | None = "not connected"
+        self._heard = False
+        self._answers_pings = False
+        self._pings = 0
+
+    @property
+    def address(self) -> str:
+        """Host and port, for messages."""
+        return f"indi://{self._host}:{self._port}"
+
+    @property
+    def usable(self) -> bool:
+        """Whether it is open and not lost."""
+        return self._why_lost is None
+
+    def listen(self, listener: Callable[[Event, Property | None], None]) -> None:
+        """Tell `listener` of every event, and the property it changed."""
+        self._listeners.append(listener)
+
+    async def open(self) -> None:
+        """Connect, anew if it is open, and ask for the properties.
+
+        Raises
+        ------
+        DeviceMissing
+            If nobody listens there.
+        """
+        await self.close()
+        try:
+            async with asyncio.timeout(self._pulse.connect_s):
+                reader, writer = await asyncio.open_connection(self._host, self._port)
+        except (OSError, TimeoutError) as cause:
+            raise DeviceMissing(
+                f"can't connect: {cause or 'no answer'}",
+                device=self.address,
+                advice="is indiserver running there? check host and port",
+            ) from cause
+        _die_early(writer.get_extra_info("socket"), self._pulse.silent_s)
+        self.properties.clear()
+        self.words.clear()
+        self.troubles, self._answers_pings, self._heard = 0, False, False
+        self._writer, self._why_lost = writer, None
+        self.send(orders.ping_request(self._ping_id()), orders.get_properties(self._device))
+        self._tasks = [
+            asyncio.create_task(self._hear(reader), name="indi-hear"),
+            asyncio.create_task(self._watch(), name="indi-watch"),
+        ]
+
+    async def close(self) -> None:
+        """Release the connection; closing twice is fine."""
+        self._lose("closed by us")
+        tasks, self._tasks = self._tasks, []
+        for task in tasks:
+            task.cancel()
+        for task in tasks:
+            with contextlib.suppress(asyncio.CancelledError):
+                await task
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            writer.transport.abort()
+            with contextlib.suppress(OSError):
+                await writer.wait_closed()
+
+    async def lost(self) -> str:
+        """Wait until the open connection is lost, and tell why."""
+        while self._why_lost is None:
+            await self._news.wait()
+        return self._why_lost
+
+    def send(self, *messages: bytes) -> None:
+        """Send messages in one piece, now.
+
+        Raises
+        ------
+        DeviceMissing
+            If it is lost.
+        """
+        writer = self._writer
+        if writer is None or self._why_lost is not None:
+            raise DeviceMissing(
+                f"the connection is lost: {self._why_lost}", device=self.address, advice="connect again"
+            )
+        for message in messages:
+            if not message.startswith(b"<ping"):
+                self.log.note("driver->mount", message)
+        writer.write(b"".join(messages))
+        if writer.transport.get_write_buffer_size() > _MOST_UNSENT_BYTES:
+            self._lose("it takes nothing any more")
+
+    async def until(self, true: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait until something is true of what was heard; tell whether it came true in time.
+
+        Raises
+        ------
+        DeviceMissing
+            If the connection is lost meanwhile.
+        """
+        try:
+            async with asyncio.timeout(timeout_s):
+                while not true():
+                    if self._why_lost is not None:
+                        raise DeviceMissing(
+                            f"the connection is lost: {self._why_lost}",
+                            device=self.address,
+                            advice="is indiserver still running?",
+                        )
+                    await self._news.wait()
+        except TimeoutError:
+            return False
+        return True
+
+    async def devices_there(self) -> list[str]:
+        """Ask the server for its devices, on another connection: this one hears of its own alone."""
+        other = IndiClient(self._host, self._port, log=WireLog(kept=1), pulse=self._pulse)
+        await other.open()
+        try:
+            await other.until(lambda: False, _INTRODUCTION_S)
+            return other.properties.devices()
+        finally:
+            await other.close()
+
+    def said_since(self, count: int, device: str) -> list[str]:
+        """What a device's driver said after so many messages."""
+        return [one.text for one in self.words if one.count > count and one.device == device]
+
+    # -- hearing ---------------------------------------------------------------------------------
+
+    async def _hear(self, stream: asyncio.StreamReader) -> None:
+        reader = codec.Reader()
+        while True:
+            try:
+                data = await stream.read(_AT_ONCE_BYTES)
+            except OSError as cause:
+                self._lose(f"the connection broke: {cause}")
+                return
+            if not data:
+                self._lose("the server closed the connection")
+                return
+            self._heard = True
+            events = reader.feed(data)
+            for event in events:
+                self._take(event)
+            if any(isinstance(event, Malformed) for event in events) and self.usable:
+                # a change may have been lost with it: have everything told anew
+                self.send(orders.get_properties(self._device))
+            self._tell_news()
+
+    def _take(self, event: Event) -> None:
+        if isinstance(event, Malformed):
+            self.troubles += 1
+            self.log.note("event", meaning=f"broken message: {event.why}: {event.excerpt!r}")
+        elif isinstance(event, PingAnswered):
+            self._answers_pings = True
+            return
+        else:
+            self.log.note("mount->driver", event.raw)
+        if isinstance(event, Pinged):
+            self.send(orders.ping_reply(event.uid))
+        now = self.properties.take(event, utc_now(), asyncio.get_running_loop().time())
+        message = getattr(event, "message", "")
+        # a message that comes with a definition is as old as that
+        if message and not isinstance(event, Defined):
+            self.words.append(Words(self.properties.count, getattr(event, "device", ""), message))
+        for listener in self._listeners:
+            listener(event, now)
+
+    def _tell_news(self) -> None:
+        news, self._news = self._news, asyncio.Event()
+        news.set()
+
+    def _lose(self, why: str) -> None:
+        if self._why_lost is not None:
+            return
+        self._why_lost = why
+        self.log.note("event", meaning=f"{self.address}: {why}")
+        self._tell_news()
+
+    # -- life ------------------------------------------------------------------------------------
+
+    async def _watch(self) -> None:
+        """Ping a silent server; glances are counted, not seconds: a stall of ours is not its death."""
+        pulse = self._pulse
+        most = max(2, int(pulse.silent_s / pulse.ping_s))
+        quiet = 0
+        while self.usable:
+            await asyncio.sleep(pulse.ping_s)
+            quiet = 0 if self._heard else quiet + 1
+            self._heard = False
+            if quiet >= most and self._answers_pings:
+                self._lose(f"the server was silent for {quiet * pulse.ping_s:.1f} s")
+            elif quiet and self.usable:
+                self.send(orders.ping_request(self._ping_id()))
+
+    def _ping_id(self) -> str:
+        self._pings += 1
+        return f"mountnav-{self._pings}"
+
+
+def _die_early(end: socket.socket | None, silent_s: float) -> None:
+    """Have the system give up a dead peer soon, where it can."""
+    if end is None:
+        return
+    with contextlib.suppress(OSError):
+        end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        unacknowledged = getattr(socket, "TCP_USER_TIMEOUT", None)
+        if unacknowledged is not None:
+            end.setsockopt(socket.IPPROTO_TCP, unacknowledged, round(1000.0 * silent_s))

@@ -1,0 +1,343 @@
+"""A mount behind INDI, as a language: which properties make an order, and which one tells that it was heard.
+
+Readings stand in `looking`, coordinates and the switch that gives them their meaning in `aiming`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from drivers.indi import claims, orders
+from drivers.indi.aiming import Aiming
+from drivers.indi.answers import parked_refusal, refusal, was_refused
+from drivers.indi.claims import COORDINATES
+from drivers.indi.codec import Event, Ordered
+from drivers.indi.device import IndiDevice
+from drivers.indi.looking import Looking
+from drivers.indi.state import Property
+from drivers.language import Identity, Readout, Sent, Unskilled, Wanted
+from drivers.wire_log import WireLog
+from mountnav.errors import DeviceMissing, DeviceSilent
+from mountnav.navigation.devices import Direction, Epoch, Skill, TrackingRate
+from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
+
+_TRACK_MODES = {
+    TrackingRate.SIDEREAL: "TRACK_SIDEREAL",
+    TrackingRate.LUNAR: "TRACK_LUNAR",
+    TrackingRate.SOLAR: "TRACK_SOLAR",
+    TrackingRate.KING: "TRACK_KING",
+    TrackingRate.CUSTOM: "TRACK_CUSTOM",
+}
+_PULSES = {
+    Direction.NORTH: ("TELESCOPE_TIMED_GUIDE_NS", "TIMED_GUIDE_N", "TIMED_GUIDE_S"),
+    Direction.SOUTH: ("TELESCOPE_TIMED_GUIDE_NS", "TIMED_GUIDE_S", "TIMED_GUIDE_N"),
+    Direction.WEST: ("TELESCOPE_TIMED_GUIDE_WE", "TIMED_GUIDE_W", "TIMED_GUIDE_E"),
+    Direction.EAST: ("TELESCOPE_TIMED_GUIDE_WE", "TIMED_GUIDE_E", "TIMED_GUIDE_W"),
+}
+_MOVERS = {
+    *COORDINATES.values(),
+    "ON_COORD_SET",
+    "TELESCOPE_ABORT_MOTION",
+    "TELESCOPE_PARK",
+    "TELESCOPE_HOME",
+    "TELESCOPE_MOTION_NS",
+    "TELESCOPE_MOTION_WE",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class IndiHabits:
+    """What the configuration says of a mount behind INDI.
+
+    Attributes
+    ----------
+    epoch : {"apparent", "icrs"} or None
+        Which coordinates to use; None takes those of date if the device has them, else J2000.
+    may_connect : bool
+        Whether a device that is not connected may be told to connect.
+    resolution_arcsec : float
+        Coarsest step of the mount: INDI doesn't tell.
+    """
+
+    epoch: Epoch | None = None
+    may_connect: bool = True
+    resolution_arcsec: float = 1.0
+
+
+class IndiLanguage(Unskilled):
+    """A `drivers.language.Language` over one device of an `indiserver`.
+
+    Parameters
+    ----------
+    device : IndiDevice
+        Of the mount; its connection hears of that device alone.
+    habits : IndiHabits
+    """
+
+    def __init__(self, device: IndiDevice, habits: IndiHabits | None = None) -> None:
+        super().__init__()
+        self._why = "its INDI driver has no such property"
+        self._device = device
+        self._habits = habits or IndiHabits()
+        self._looking = Looking(device)
+        self._looking.epoch = self._habits.epoch or "apparent"
+        self._aiming = Aiming(device, self._looking)
+        self._homed = False
+        device.client.listen(self._on_event)
+
+    # -- what it is ------------------------------------------------------------------------------
+
+    @property
+    def device(self) -> str:
+        """Server and name of the device."""
+        return self._device.address
+
+    @property
+    def log(self) -> WireLog:
+        """All that went over its connection lately; BLOBs are abbreviated."""
+        return self._device.client.log
+
+    @property
+    def usable(self) -> bool:
+        """Whether the connection is up, and the device connected ever since."""
+        return self._device.usable
+
+    @property
+    def epoch(self) -> Epoch:
+        """Kind of coordinates it is used with; known after `open` unless it is set."""
+        return self._looking.epoch
+
+    @property
+    def usual_epoch(self) -> Epoch:
+        """As found: a driver converts by itself."""
+        return self._looking.epoch
+
+    @property
+    def resolution_arcsec(self) -> float:
+        """As set."""
+        return self._habits.resolution_arcsec
+
+    @property
+    def silent_refusals(self) -> bool:
+        """Yes: coordinates that a driver doesn't like may be passed over without a word."""
+        return True
+
+    @property
+    def skills(self) -> frozenset[Skill]:
+        """By the properties that are there."""
+        return claims.skills(self._device.get)
+
+    def unanswered_s(self) -> float:
+        """Since when its driver owes the answer to a question."""
+        return self._device.unanswered_s()
+
+    # -- the link --------------------------------------------------------------------------------
+
+    async def open(self) -> Identity:
+        """Connect to the server, find the device, and have it connect to its mount if it may. Moves nothing.
+
+        Raises
+        ------
+        DeviceMissing
+            If there is no server, no such device, or its driver can't connect.
+        DeviceRefused
+            If it is not connected and may not be told to, or is no mount.
+        DeviceSilent
+            If its driver doesn't answer.
+        """
+        habits, device = self._habits, self._device
+        names = (COORDINATES[habits.epoch],) if habits.epoch else tuple(COORDINATES.values())
+        ours = await device.bring_up(may_connect=habits.may_connect, needed=names)
+        found: Epoch = "apparent" if device.get(COORDINATES["apparent"]) else "icrs"
+        self._looking.epoch = habits.epoch or found
+        self._looking.begin(unread=ours)
+        self._homed = False
+        problems = []
+        if ours:
+            problems.append("it was not connected: we connected it")
+        if self._aiming.sync_is_selected:
+            problems.append("SYNC is selected on the server: a slew from another program would be a sync")
+        await self._aiming.begin()
+        return Identity(f"{device.name} ({device.driver})", tuple(problems))
+
+    async def close(self) -> None:
+        """Release the connection; the device stays connected, for others."""
+        await self._device.client.close()
+
+    async def lost(self) -> str:
+        """Wait until the server, the driver or its connection to the mount is gone, and tell why."""
+        return await self._device.lost()
+
+    # -- readings --------------------------------------------------------------------------------
+
+    async def readout(self) -> Readout:
+        """Have the driver tell the place anew; see `Looking.readout`."""
+        return await self._looking.readout(homed=self._homed)
+
+    # -- orders ----------------------------------------------------------------------------------
+
+    async def send_slew(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
+        """Order a slew: TRACK selected and seen, then TRACK and the coordinates in one write."""
+        self._require_unparked("the slew")
+        self._homed = False
+        return await self._aiming.slew(place, wanted)
+
+    async def next_leg(self, place: Apparent | Icrs, wanted: Wanted) -> bool:
+        """Once more, if it rests near its place: some drivers forget the turn of the sky on the way."""
+        return await self._aiming.next_leg(place, wanted)
+
+    async def send_sync(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
+        """Order a sync; whatever comes of it, SYNC doesn't stay selected."""
+        self._require_unparked("the sync")
+        if not self._aiming.can_sync:
+            raise self._unsupported("sync")
+        return await self._aiming.sync(place, wanted)
+
+    async def send_stop(self, again: int) -> None:
+        """Abort all motion; tracking stays as it was [INDI Telescope: abort restores what it did before]."""
+        self._looking.be_restless()
+        self._device.client.send(
+            orders.new_switches(self._device.name, "TELESCOPE_ABORT_MOTION", {"ABORT": True})
+        )
+
+    async def send_park(self, wanted: Wanted) -> Sent:
+        """Order parking."""
+        if not wanted():
+            return Sent(wire=False)
+        self._homed = False
+        return await self._switch("TELESCOPE_PARK", {"PARK": True, "UNPARK": False}, "parking")
+
+    async def send_unpark(self) -> None:
+        """Order unparking."""
+        await self._now("TELESCOPE_PARK", {"PARK": False, "UNPARK": True}, "unparking")
+
+    async def send_set_park(self) -> None:
+        """Take the present place for the park position, and have it written."""
+        await self._now("TELESCOPE_PARK_OPTION", {"PARK_CURRENT": True}, "setting the park position")
+        option = self._device.get("TELESCOPE_PARK_OPTION")
+        if option is not None and option.on("PARK_WRITE_DATA") is not None:
+            await self._now("TELESCOPE_PARK_OPTION", {"PARK_WRITE_DATA": True}, "keeping the park position")
+
+    async def send_home(self, wanted: Wanted) -> Sent:
+        """Order homing: to the home it knows, else to find it [INDI 2: TELESCOPE_HOME]."""
+        home = self._device.get("TELESCOPE_HOME")
+        if home is None:
+            raise self._unsupported("home")
+        if not wanted():
+            return Sent(wire=False)
+        self._homed = True
+        return await self._switch(
+            "TELESCOPE_HOME", {"GO" if home.on("GO") is not None else "FIND": True}, "homing"
+        )
+
+    @property
+    def tracking_rates(self) -> frozenset[TrackingRate]:
+        """At which rates it can be told to follow."""
+        modes = self._device.get("TELESCOPE_TRACK_MODE")
+        if modes is None:
+            can = self._device.get("TELESCOPE_TRACK_STATE") is not None
+            return frozenset({TrackingRate.SIDEREAL} if can else ())
+        return frozenset(rate for rate, name in _TRACK_MODES.items() if modes.on(name) is not None)
+
+    async def send_tracking(self, on: bool, rate: TrackingRate) -> None:
+        """Order tracking, the mode first."""
+        modes = self._device.get("TELESCOPE_TRACK_MODE")
+        wanted = _TRACK_MODES[rate]
+        if on and modes is not None and (rate is not TrackingRate.SIDEREAL or modes.on(wanted) is False):
+            if modes.on(wanted) is None:
+                raise self._unsupported(f"track at the {rate} rate")
+            await self._device.set_switches(
+                "TELESCOPE_TRACK_MODE", {key: key == wanted for key in modes.values}
+            )
+        await self._now("TELESCOPE_TRACK_STATE", {"TRACK_ON": on, "TRACK_OFF": not on}, "switching tracking")
+
+    async def send_guide(self, direction: Direction, duration_s: float, wanted: Wanted) -> Sent:
+        """Order a pulse, which the driver times; refused when parked, for some drivers move all the same."""
+        self._require_unparked("the pulse")
+        name, element, other = _PULSES[direction]
+        if self._device.get(name) is None:
+            raise self._unsupported("guide")
+        if not wanted():
+            return Sent(wire=False)
+        order = orders.new_numbers(self._device.name, name, {element: 1000.0 * duration_s, other: 0.0})
+        try:
+            heard = await self._device.ordered(order, asking=name)
+        except (DeviceSilent, DeviceMissing) as failure:
+            return Sent(lost=failure)
+        if was_refused(name, heard):
+            raise refusal("the pulse", heard, self.device)
+        return Sent()
+
+    async def _switch(self, name: str, switches: dict[str, bool], what: str) -> Sent:
+        """Order something that takes a while."""
+        if self._device.get(name) is None:
+            raise self._unsupported(what)
+        self._looking.be_restless()
+        try:
+            heard = await self._device.ordered(
+                orders.new_switches(self._device.name, name, switches), asking=name
+            )
+        except (DeviceSilent, DeviceMissing) as failure:
+            return Sent(lost=failure)
+        if was_refused(name, heard):
+            raise refusal(what, heard, self.device)
+        return Sent()
+
+    async def _now(self, name: str, switches: dict[str, bool], what: str) -> None:
+        """Order something that is done at once; an answer that doesn't come is an error."""
+        sent = await self._switch(name, switches, what)
+        if sent.lost is not None:
+            raise sent.lost
+
+    def _require_unparked(self, what: str) -> None:
+        if claims.parked(self._device.get):
+            raise parked_refusal(what, self.device)
+
+    # -- clock and site --------------------------------------------------------------------------
+
+    async def read_clock(self) -> datetime | None:
+        """Its clock, if its driver ever told it unasked."""
+        return claims.clock(self._device.get, utc_now())
+
+    async def write_clock(self, utc: datetime) -> None:
+        """Set its clock; its zone becomes UTC."""
+        await self._write(
+            "TIME_UTC",
+            orders.new_texts(
+                self._device.name,
+                "TIME_UTC",
+                {"UTC": (utc + timedelta(seconds=0.5)).strftime("%Y-%m-%dT%H:%M:%S"), "OFFSET": "0.00"},
+            ),
+            "a time",
+        )
+
+    async def read_site(self) -> Site | None:
+        """Where its driver believes to stand; None where it was never told."""
+        return claims.site(self._device.get)
+
+    async def write_site(self, site: Site) -> None:
+        """Set its site; INDI counts longitudes from 0 to 360 east."""
+        values = {"LAT": site.latitude_deg, "LONG": site.longitude_deg % 360.0, "ELEV": site.height_m}
+        await self._write(
+            "GEOGRAPHIC_COORD",
+            orders.new_numbers(self._device.name, "GEOGRAPHIC_COORD", values),
+            "a site",
+        )
+
+    async def _write(self, name: str, order: bytes, what: str) -> None:
+        if not claims.writable(self._device.get(name)):
+            raise self._unsupported(f"take {what}")
+        heard = await self._device.ordered(order, asking=name)
+        if was_refused(name, heard):
+            raise refusal(f"taking {what}", heard, self.device)
+
+    # -- others ----------------------------------------------------------------------------------
+
+    def _on_event(self, event: Event, now: Property | None) -> None:
+        """Notice when somebody else orders something: the server passes it on to us."""
+        if isinstance(event, Ordered) and event.device == self._device.name and event.name in _MOVERS:
+            self.log.note("event", meaning=f"another program ordered {event.name}")
+            self._looking.be_restless()
+            if event.name in COORDINATES.values():
+                self._aiming.forget()

@@ -1,0 +1,394 @@
+"""The iOptron language: the only place that knows how its commands make a reading, a slew or a park.
+
+A `1` is not believed when a stop went out while it was awaited: it may be the stop's. What became of the
+order then shows in the readings.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from drivers.command import Command
+from drivers.ioptron import codec, timekeeping
+from drivers.ioptron.greeting import DIALECTS, GREETING
+from drivers.ioptron.models import Model, model
+from drivers.ioptron.reckoning import destination_side, why_not
+from drivers.ioptron.talk import Talk, site_of
+from drivers.ioptron.values import MountState, PierSide, Status, TrackingRate
+from drivers.ioptron.words import Words
+from drivers.language import Identity, Readout, Sent, Wanted
+from drivers.link import Link
+from drivers.over_link import OverLink
+from mountnav.errors import DeviceGarbled, Refusal
+from mountnav.navigation import devices
+from mountnav.navigation.devices import Direction, Epoch, Skill
+from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
+
+_TRACKING = (MountState.TRACKING, MountState.TRACKING_PEC, MountState.GUIDING)
+_SLEWING = (MountState.SLEWING, MountState.FLIPPING)
+_STOPPED = (MountState.STOPPED, MountState.PARKED, MountState.HOME)
+_RATES = {
+    devices.TrackingRate.SIDEREAL: TrackingRate.SIDEREAL,
+    devices.TrackingRate.LUNAR: TrackingRate.LUNAR,
+    devices.TrackingRate.SOLAR: TrackingRate.SOLAR,
+    devices.TrackingRate.KING: TrackingRate.KING,
+    devices.TrackingRate.CUSTOM: TrackingRate.CUSTOM,
+}
+_SIDES = {
+    PierSide.EAST: devices.PierSide.EAST,
+    PierSide.WEST: devices.PierSide.WEST,
+    PierSide.UNKNOWN: devices.PierSide.UNKNOWN,
+}
+
+
+class IoptronLanguage(OverLink):
+    """What iOptron mounts of the v2 and v3 command sets can say.
+
+    Parameters
+    ----------
+    link : Link
+    epoch : {"apparent", "icrs"}
+        Kind of coordinates it is set to speak.
+    dialect : {"v2", "v3"}, optional
+        Its command set; found out by the greeting, which must agree if it is given.
+    """
+
+    def __init__(self, link: Link, *, epoch: Epoch = "apparent", dialect: str | None = None) -> None:
+        super().__init__(link)
+        self._epoch = epoch
+        self._dialect = dialect
+        words = DIALECTS[dialect or "v3"]
+        self._talk = Talk(link, words, model("", words.name))
+        self._home_ordered = False
+        self._rests_at_home = False
+        self._flips_past_deg = 0
+
+    # -- what it is --------------------------------------------------------------------------------
+
+    @property
+    def epoch(self) -> Epoch:
+        """Kind of coordinates it is set to speak."""
+        return self._epoch
+
+    @property
+    def usual_epoch(self) -> Epoch:
+        """Of date: INDI publishes its places so, without conversion [INDI ioptronv3]."""
+        return "apparent"
+
+    @property
+    def resolution_arcsec(self) -> float:
+        """The wire's step: 0.01, or 0.015 with the v2 set."""
+        return self._words.step_arcsec
+
+    @property
+    def _words(self) -> Words:
+        return self._talk.words
+
+    @property
+    def _model(self) -> Model:
+        return self._talk.model
+
+    @property
+    def dialect(self) -> str:
+        """The command set it speaks."""
+        return self._words.name
+
+    @property
+    def skills(self) -> frozenset[Skill]:
+        """What it can do, known after `open`."""
+        skills = {
+            Skill.HOME,
+            Skill.TRACK,
+            Skill.TRACKING_RATES,
+            Skill.CLOCK,
+            Skill.SET_CLOCK,
+            Skill.SITE,
+            Skill.SET_SITE,
+        }
+        if self._model.parks:
+            skills |= {Skill.PARK, Skill.UNPARK, Skill.SET_PARK}
+        if self._model.searches_home:
+            skills |= {Skill.FIND_HOME}
+        if self._model.equatorial:
+            skills |= {Skill.GUIDE}
+        if self._words.has_pier_side and self._model.equatorial:
+            skills |= {Skill.PIER_SIDE, Skill.DESTINATION_SIDE}
+        return frozenset(skills)
+
+    # -- the link ----------------------------------------------------------------------------------
+
+    async def open(self) -> Identity:
+        """Open the link, ask who is there, and tell the command set by the answer to `:GLS#`.
+
+        Raises
+        ------
+        DeviceMissing
+            If there is no such port.
+        DeviceSilent, DeviceGarbled
+            If nothing on it speaks iOptron's v2 or v3 set.
+        """
+        await self._link.open()
+        self._home_ordered = self._rests_at_home = False
+        # each session begins with it [IOPTRON310 Initialization]
+        number = await self._talk.ask(codec.MODEL)
+        words = await self._talk.ask(GREETING)
+        if self._dialect not in (None, words.name):
+            raise DeviceGarbled(
+                f"its answers are of the command set {words.name}, dialect={self._dialect} is set",
+                device=self.device,
+                advice="leave dialect out",
+            )
+        self._talk.words = words
+        status = await self._talk.ask(self._words.status)
+        self._talk.model = model(number, words.name)
+        firmware = await self._talk.known(codec.FIRMWARE)
+        meridian = await self._talk.known(codec.MERIDIAN) if self._model.equatorial else None
+        self._flips_past_deg = meridian[1] if meridian is not None else 0
+        text = f"iOptron {self._model.name or 'mount'} ({number}), command set {self._words.name}"
+        if firmware is not None:
+            text += f", firmware {firmware}"
+        if meridian is not None:
+            text += f", {'flips' if meridian[0] else 'stops'} {meridian[1]}° past the meridian"
+        return Identity(text, self._problems(status))
+
+    def _problems(self, status: Status) -> tuple[str, ...]:
+        problems = []
+        if not self._model.name:
+            problems.append(f"its model number {self._model.number} is unknown to us")
+        if status.northern != (status.latitude_deg >= 0.0):
+            side = "northern" if status.northern else "southern"
+            problems.append(f"it is set to the {side} hemisphere at a latitude of {status.latitude_deg:.2f}°")
+        if status.rate is not TrackingRate.SIDEREAL:
+            problems.append(f"it is set to track at the {status.rate.name.lower()} rate")
+        return tuple(problems)
+
+    # -- readings ----------------------------------------------------------------------------------
+
+    async def readout(self) -> Readout:
+        """Look at the mount: place, then state.
+
+        A mount that rests at its zero position without an order of ours says what one says that was just
+        switched on: it takes the place where it stands for its home, and knows nothing.
+        """
+        troubles = self._link.troubles
+        before = utc_now()
+        pointing = await self._talk.ask(self._words.pointing)
+        after = utc_now()
+        status = await self._talk.ask(self._words.status)
+        utc = before + (after - before) / 2
+        ra_deg, dec_deg = pointing.ra_deg, pointing.dec_deg
+        state = status.state
+        return Readout(
+            Icrs(ra_deg, dec_deg) if self._epoch == "icrs" else Apparent(ra_deg, dec_deg, utc),
+            utc,
+            span_s=(after - before).total_seconds(),
+            slewing=state in _SLEWING,
+            tracking=True if state in _TRACKING else False if state in _STOPPED else None,
+            parked=state is MountState.PARKED,
+            at_home=state is MountState.HOME,
+            pier_side=_SIDES[pointing.pier] if Skill.PIER_SIDE in self.skills else None,
+            fresh=self._fresh(state),
+            doubtful=self._link.troubles != troubles,
+        )
+
+    def _fresh(self, state: MountState) -> bool:
+        if state is MountState.HOME:
+            self._rests_at_home = self._rests_at_home or self._home_ordered
+            self._home_ordered = False
+            return not self._rests_at_home
+        if state in _TRACKING or state in _SLEWING:
+            self._rests_at_home = False
+        return False
+
+    # -- orders that move or sync ------------------------------------------------------------------
+
+    async def send_slew(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
+        """Order a slew to the normal posture; the mount tracks afterwards [IOPTRON310 :MS1#].
+
+        Raises
+        ------
+        DeviceRefused
+            When it is parked or says 0: below its altitude limit, or beyond a mechanical one.
+        """
+        status = await self._talk.settled("the slew")
+        await self._aim(place, wanted)
+        if not wanted():
+            return Sent(wire=False)
+        self._home_ordered = False
+        taken, lost = await self._talk.told(self._words.slew)
+        if taken is False and wanted():
+            raise await why_not(self._talk, place, status)
+        # after a stop the answer may have been the stop's: what became of it shows in the readings
+        return Sent(lost=lost)
+
+    async def send_sync(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
+        """Order a sync [IOPTRON310 :CM#]; a slewing mount would answer 1 and ignore it.
+
+        Raises
+        ------
+        DeviceRefused
+            When it slews, is parked, is an alt-azimuth mount, or says 0.
+        """
+        if not self._model.equatorial:
+            raise self._talk.no(
+                "can't sync: alt-azimuth models take altitude and azimuth for it", Refusal.UNSUPPORTED
+            )
+        status = await self._talk.settled("the sync")
+        if status.state in _SLEWING:
+            raise self._talk.no("the sync refused: it slews", Refusal.BUSY, "wait until it has arrived")
+        await self._aim(place, wanted)
+        if not wanted():
+            return Sent(wire=False)
+        taken, lost = await self._talk.told(codec.SYNC)
+        if not wanted():
+            lost = lost or DeviceGarbled(
+                "the answer to the sync may be that of a stop",
+                device=self.device,
+                advice="read the place back",
+            )
+        elif taken is False:
+            raise self._talk.no("refused the sync: 0", Refusal.OTHER)
+        return Sent(lost=lost)
+
+    async def send_stop(self, again: int) -> None:
+        """Stop: `:Q#` ends all slewing and leaves tracking; repeated, the ends of arrow keys come with it."""
+        if again == 0:
+            await self._link.send_now(codec.STOP)
+        else:
+            await self._link.send_now(codec.STOP, codec.STOP_RA, codec.STOP_DEC)
+
+    async def send_park(self, wanted: Wanted) -> Sent:
+        """Order parking at the position set before [IOPTRON310 :MP1#].
+
+        Raises
+        ------
+        DeviceRefused
+            When the model can't, or says 0.
+        """
+        self._need(Skill.PARK, "park")
+        status = await self._talk.settled("parking", moves=False)
+        if status.state is MountState.PARKED:
+            return Sent()
+        return await self._sent_once(codec.PARK, "to park", wanted)
+
+    async def send_unpark(self) -> None:
+        """Order unparking; without effect on an unparked mount. Raises `DeviceRefused`."""
+        self._need(Skill.UNPARK, "unpark")
+        await self._talk.settled("unparking", moves=False)
+        await self._talk.obeyed(codec.UNPARK, "to unpark")
+        # it may have been parked there
+        self._rests_at_home = True
+
+    async def send_home(self, wanted: Wanted) -> Sent:
+        """Order it to search its home by its sensors, or to go where it believes it, if it has none.
+
+        Raises
+        ------
+        DeviceRefused
+            When it is parked or says 0.
+        """
+        await self._talk.settled("going home")
+        searches = self._model.searches_home
+        sent = await self._sent_once(codec.FIND_HOME if searches else codec.HOME, "to go home", wanted)
+        self._home_ordered = sent.wire
+        return sent
+
+    async def _sent_once(self, command: Command[bool], what: str, wanted: Wanted) -> Sent:
+        if not wanted():
+            return Sent(wire=False)
+        taken, lost = await self._talk.told(command)
+        if taken is False and wanted():
+            raise self._talk.no(f"refused {what}: 0", Refusal.OTHER)
+        return Sent(lost=lost)
+
+    async def _aim(self, place: Apparent | Icrs, wanted: Wanted) -> None:
+        for command, what in (
+            (self._words.set_ra(place.ra_deg), f"a right ascension of {place.ra_deg:.5f}°"),
+            (self._words.set_dec(place.dec_deg), f"a declination of {place.dec_deg:.5f}°"),
+        ):
+            if not await self._talk.ask(command) and wanted():
+                raise self._talk.no(f"refused {what}: 0", Refusal.OTHER)
+
+    # -- tracking, guiding, park position ----------------------------------------------------------
+
+    @property
+    def tracking_rates(self) -> frozenset[devices.TrackingRate]:
+        """At which rates it can be told to follow."""
+        return frozenset(rate for rate in _RATES if rate is not devices.TrackingRate.CUSTOM)
+
+    async def send_tracking(self, on: bool, rate: devices.TrackingRate) -> None:
+        """Order the rate, and tracking. Raises `DeviceRefused`."""
+        await self._talk.settled("switching tracking", moves=on)
+        if on:
+            await self._talk.obeyed(codec.set_rate(_RATES[rate]), f"the {rate} rate")
+        await self._talk.obeyed(codec.set_tracking(on), "to switch tracking")
+
+    async def send_guide(self, direction: Direction, duration_s: float, wanted: Wanted) -> Sent:
+        """Order guide pulses, which the mount times itself and doesn't answer.
+
+        Raises
+        ------
+        DeviceRefused
+            When it is parked or slews, or is an alt-azimuth mount.
+        """
+        self._need(Skill.GUIDE, "guide")
+        status = await self._talk.settled("guiding")
+        if status.state in _SLEWING:
+            raise self._talk.no("guiding refused: it slews", Refusal.BUSY, "wait until it has arrived")
+        if not wanted():
+            return Sent(wire=False)
+        duration_ms = round(duration_s * 1000.0)
+        if duration_ms > self._words.longest_pulse_ms:
+            raise self._talk.no(
+                f"can't guide for {duration_s} s: at most {self._words.longest_pulse_ms / 1000.0} s",
+                Refusal.UNSUPPORTED,
+            )
+        await self._talk.ask(self._words.pulse(direction.value, duration_ms))
+        return Sent()
+
+    async def send_set_park(self) -> None:
+        """Tell it the present altitude and azimuth for the park position.
+
+        Raises
+        ------
+        DeviceRefused
+            When it looks below the horizon: the protocol has no word for that.
+        """
+        self._need(Skill.SET_PARK, "set a park position")
+        place = await self._talk.ask(codec.HORIZONTAL)
+        if place.alt_deg < 0.0:
+            raise self._talk.no(
+                f"can't set a park position {place.alt_deg:.2f}° below the horizon", Refusal.BELOW_HORIZON
+            )
+        await self._talk.obeyed(codec.set_park_altitude(place.alt_deg), "the park altitude")
+        await self._talk.obeyed(codec.set_park_azimuth(place.az_deg), "the park azimuth")
+
+    # -- clock, site and sides ---------------------------------------------------------------------
+
+    async def read_clock(self) -> datetime | None:
+        """Its clock, aware UTC, corrected for the way."""
+        return await timekeeping.read_clock(self._talk)
+
+    async def write_clock(self, utc: datetime) -> None:
+        """Set its clock. Raises `DeviceRefused`."""
+        await timekeeping.write_clock(self._talk, utc)
+
+    async def read_site(self) -> Site | None:
+        """Where it believes to stand."""
+        return site_of(await self._talk.ask(self._words.status))
+
+    async def write_site(self, site: Site) -> None:
+        """Tell it where it stands. Raises `DeviceRefused`."""
+        await timekeeping.write_site(self._talk, site)
+
+    async def destination_side(self, place: Apparent | Icrs) -> devices.PierSide | None:
+        """On which side it would look at a place; None near the meridian, and where it has no sides."""
+        if Skill.DESTINATION_SIDE not in self.skills:
+            return None
+        return await destination_side(self._talk, place, self._flips_past_deg)
+
+    def _need(self, skill: Skill, what: str) -> None:
+        if skill not in self.skills:
+            raise self._talk.no(
+                f"can't {what}: a {self._model.name} has no such command", Refusal.UNSUPPORTED
+            )

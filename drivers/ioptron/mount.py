@@ -1,0 +1,73 @@
+"""An iOptron mount: its language over a line of its own, driven as all mounts are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from drivers.driven import DrivenMount
+from drivers.exchange import Patience
+from drivers.ioptron.language import IoptronLanguage
+from drivers.line import ByteLine, SerialLine
+from drivers.link import Link
+from drivers.timing import Timing
+from drivers.wire_log import WireLog
+from mountnav.navigation.devices import Epoch
+from mountnav.sky.coordinates import Site
+
+BAUD = 115_200
+"""Of v3 mounts; hand controllers 8407 and 8408, and most v2 mounts, speak at 9600 [IOPTRON, INDI ieqpro]."""
+
+
+def ioptron_language(
+    line: str | Callable[[], ByteLine],
+    *,
+    baud: int = BAUD,
+    epoch: Epoch = "apparent",
+    dialect: str | None = None,
+    patience: Patience | None = None,
+) -> IoptronLanguage:
+    """Make the language over a line of its own; nothing is opened yet.
+
+    Parameters
+    ----------
+    line : str or callable
+        Address for a `SerialLine`, or a function that makes a `ByteLine`.
+    baud : int
+        Speed of a serial port.
+    epoch : {"apparent", "icrs"}
+        Kind of coordinates it is taken to speak.
+    dialect : {"v2", "v3"}, optional
+        Its command set; found out by default.
+    patience : Patience, optional
+        For one question.
+    """
+    log = WireLog()
+    made = SerialLine(line, baud=baud, log=log) if isinstance(line, str) else line()
+    return IoptronLanguage(Link(made, patience or Patience(), log), epoch=epoch, dialect=dialect)
+
+
+def ioptron_mount(
+    line: str | Callable[[], ByteLine],
+    *,
+    name: str | None = None,
+    baud: int = BAUD,
+    epoch: Epoch = "apparent",
+    dialect: str | None = None,
+    patience: Patience | None = None,
+    timing: Timing | None = None,
+    site: Site | None = None,
+) -> DrivenMount:
+    """Make the mount; nothing is opened yet.
+
+    Parameters
+    ----------
+    line, baud, epoch, dialect, patience
+        As of `ioptron_language`.
+    name : str, optional
+        For messages; the address by default.
+    timing : Timing, optional
+    site : Site, optional
+        Ours, to compare with the mount's.
+    """
+    language = ioptron_language(line, baud=baud, epoch=epoch, dialect=dialect, patience=patience)
+    return DrivenMount(language, name=name, timing=timing, site=site)

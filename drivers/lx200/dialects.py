@@ -1,0 +1,52 @@
+"""Which dialects there are, and which of them a mount speaks: the first that recognizes its handshake."""
+
+from __future__ import annotations
+
+import importlib
+
+from drivers.lx200.dialect import Dialect, Handshake
+from mountnav.errors import BadSettings
+
+# the most telling first; the last recognizes anything
+_WHERE = {
+    "onstep": "drivers.lx200.onstep:ONSTEP",
+    "10micron": "drivers.lx200.tenmicron:TENMICRON",
+    "am5": "drivers.lx200.am5:AM5",
+    "am5-old": "drivers.lx200.am5:AM5_OLD",
+    "gemini": "drivers.lx200.gemini:GEMINI",
+    "ap": "drivers.lx200.astro_physics:ASTRO_PHYSICS",
+    "lx200gps": "drivers.lx200.meade:LX200GPS",
+    "autostar": "drivers.lx200.meade:AUTOSTAR",
+    "generic": "drivers.lx200.meade:GENERIC",
+    "classic": "drivers.lx200.meade:CLASSIC",
+    "basic": "drivers.lx200.meade:BASIC",
+}
+
+
+def names() -> list[str]:
+    """List what ``?dialect=`` may say."""
+    return list(_WHERE)
+
+
+def dialect_named(name: str) -> Dialect:
+    """Return a dialect.
+
+    Raises
+    ------
+    BadSettings
+        If there is none of that name.
+    """
+    if name not in names():
+        raise BadSettings(f"dialect={name} is unknown", advice=f"known: {', '.join(names())}")
+    module, _, value = _WHERE[name].partition(":")
+    dialect: Dialect = getattr(importlib.import_module(module), value)
+    return dialect
+
+
+def recognized(handshake: Handshake) -> Dialect:
+    """Return the dialect of a mount that answered so."""
+    for name in names():
+        dialect = dialect_named(name)
+        if dialect.recognizes(handshake):
+            return dialect
+    raise AssertionError("the last dialect recognizes anything")

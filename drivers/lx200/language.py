@@ -1,0 +1,292 @@
+"""Every dialect of LX200 as a `drivers.language.Language`: in what order its words make an order.
+
+The words themselves, and what a dialect lacks, stand in its `drivers.lx200.dialect.Dialect`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from datetime import datetime
+from typing import TypeVar
+
+from drivers.language import Identity, Readout, Sent, Wanted
+from drivers.link import Link
+from drivers.lx200.dialect import Dialect, Order
+from drivers.lx200.guiding import nudged, timed_pulses
+from drivers.lx200.looking import Lx200Look
+from drivers.lx200.replies import Answer
+from drivers.over_link import OverLink
+from mountnav.errors import DeviceGarbled, DeviceRefused, DeviceSilent, Refusal
+from mountnav.navigation.devices import Direction, Epoch, PierSide, Skill, TrackingRate
+from mountnav.sky.coordinates import Apparent, Icrs, Site
+
+T = TypeVar("T")
+
+
+class Lx200Language(OverLink):
+    """LX200 over a link.
+
+    Parameters
+    ----------
+    link : Link
+    dialect : Dialect, optional
+        Instead of the one that the handshake shows.
+    epoch : {"apparent", "icrs"}, optional
+        Kind of coordinates; the dialect's by default. The protocol says none [LX200 Epoch].
+    """
+
+    def __init__(self, link: Link, dialect: Dialect | None = None, *, epoch: Epoch | None = None) -> None:
+        super().__init__(link)
+        self._look = Lx200Look(link, dialect)
+        self._ask = self._look.ask
+        self._wanted_epoch = epoch
+        self._target = asyncio.Lock()
+
+    # -- what it is --------------------------------------------------------------------------------
+
+    @property
+    def dialect(self) -> Dialect:
+        """The one that is spoken; known after `open`.
+
+        Raises
+        ------
+        RuntimeError
+            Before.
+        """
+        if self._look.dialect is None:
+            raise RuntimeError("no dialect before the handshake")
+        return self._look.dialect
+
+    @property
+    def epoch(self) -> Epoch:
+        """Kind of coordinates it is set to speak."""
+        return self._wanted_epoch or self.usual_epoch
+
+    @property
+    def usual_epoch(self) -> Epoch:
+        """The dialect's; Meade's, and that of all clones we know, is the equinox of date."""
+        return "apparent" if self._look.dialect is None else self._look.dialect.epoch
+
+    @property
+    def resolution_arcsec(self) -> float:
+        """Coarsest step of a place as read or written: 15 in the long format, 90 in the short one."""
+        written = 15.0 if self._look.dialect is None else self._look.dialect.step_arcsec
+        return max(self._look.step_arcsec, written)
+
+    @property
+    def skills(self) -> frozenset[Skill]:
+        """What the dialect's words allow."""
+        return frozenset() if self._look.dialect is None else self._look.dialect.skills
+
+    @property
+    def guide_rates_deg_s(self) -> tuple[float, float] | None:
+        """The same on both axes, where the dialect asks for it."""
+        rate_deg_s = self._look.guide_rate_deg_s
+        return None if rate_deg_s is None else (rate_deg_s, rate_deg_s)
+
+    @property
+    def silent_refusals(self) -> bool:
+        """The dialect's."""
+        return self._look.dialect is not None and self._look.dialect.silent_refusals
+
+    # -- the link ----------------------------------------------------------------------------------
+
+    async def open(self) -> Identity:
+        """Open the link, find the dialect and the format; moves, syncs and sets nothing.
+
+        Only a mount in the short format is asked to toggle it [LX200 :U#].
+
+        Raises
+        ------
+        DeviceMissing
+            If there is no such port.
+        DeviceSilent, DeviceGarbled
+            If nothing on it speaks LX200.
+        """
+        await self._link.open()
+        try:
+            return await self._look.identify()
+        except BaseException:
+            await self._link.close()
+            raise
+
+    async def readout(self) -> Readout:
+        """Place, state, and evidence of a power-up; see `Lx200Look.readout`."""
+        return await self._look.readout(self.epoch)
+
+    # -- orders ------------------------------------------------------------------------------------
+
+    async def send_slew(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
+        """Set the target, then slew there, once."""
+        self._look.parking_over()
+        async with self._target:
+            await self._aim(place)
+            if not (self.dialect.tracks_before_slew and self._look.rests):
+                return await self._once((self.dialect.slew,), "the slew", wanted)
+            return await self._tracking_then_slew(wanted)
+
+    async def _tracking_then_slew(self, wanted: Wanted) -> Sent:
+        dialect = self.dialect
+        sent = await self._once(dialect.tracking_on, "tracking", wanted)
+        if not sent.wire or sent.lost is not None:
+            return sent
+        try:
+            return await self._once((dialect.slew,), "the slew", wanted)
+        except DeviceRefused:
+            # as it was: nothing has changed when an order was refused
+            for order in dialect.tracking_off:
+                await self._order(order, "tracking")
+            raise
+
+    async def send_sync(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
+        """Set the target, then sync on it, once."""
+        async with self._target:
+            await self._aim(place)
+            return await self._once((self.dialect.sync,), "the sync", wanted)
+
+    async def _aim(self, place: Apparent | Icrs) -> None:
+        dialect = self.dialect
+        await self._order(
+            dialect.set_ra(place.ra_deg, self._look.short), f"a right ascension of {place.ra_deg:.5f}°"
+        )
+        await self._order(
+            dialect.set_dec(place.dec_deg, self._look.short), f"a declination of {place.dec_deg:.5f}°"
+        )
+
+    async def _order(self, order: Order, what: str) -> None:
+        answer = await self._ask(order)
+        if isinstance(answer, Answer) and answer.refusal is not None:
+            raise self._refused(what, answer.refusal, answer.reason)
+        if answer is False:
+            raise self._refused(what, "0", Refusal.OTHER)
+
+    def _refused(self, what: str, words: str, reason: Refusal) -> DeviceRefused:
+        return DeviceRefused(f"refused {what}: {words}", device=self.device, reason=reason)
+
+    async def _once(self, orders: tuple[Order, ...], what: str, wanted: Wanted) -> Sent:
+        """Send orders once, unless a stop has come; a lost answer is told, not asked for again."""
+        for number, order in enumerate(orders):
+            if not wanted():
+                return Sent(wire=number > 0)
+            try:
+                await self._order(order, what)
+            except (DeviceSilent, DeviceGarbled) as failure:
+                return Sent(lost=failure)
+        return Sent()
+
+    async def send_stop(self, again: int) -> None:
+        """Stop all motion, past every other exchange."""
+        dialect = self.dialect
+        self._look.parking_over()
+        await self._link.send_now(*dialect.stop)
+        if again == 0:
+            for order in dialect.after_stop:
+                await self._order(order, "what follows a stop")
+
+    async def send_park(self, wanted: Wanted) -> Sent:
+        """Order parking."""
+        sent = await self._once(self._words(self.dialect.park, "park"), "parking", wanted)
+        if sent.wire:
+            self._look.parking_ordered()
+        return sent
+
+    async def send_unpark(self) -> None:
+        """Order unparking."""
+        try:
+            for order in self._words(self.dialect.unpark, "unpark"):
+                await self._order(order, "unparking")
+        except DeviceRefused:
+            # some say no where there is nothing to unpark
+            if (await self.readout()).parked is not False:
+                raise
+        self._look.parking_over()
+
+    async def send_home(self, wanted: Wanted) -> Sent:
+        """Order homing."""
+        self._look.parking_over()
+        return await self._once(self._words(self.dialect.home, "go home"), "homing", wanted)
+
+    async def send_set_park(self) -> None:
+        """Take the present place for the park position."""
+        for order in self._words(self.dialect.set_park, "set a park position"):
+            await self._order(order, "the park position")
+
+    @property
+    def tracking_rates(self) -> frozenset[TrackingRate]:
+        """At which rates it can be told to follow."""
+        sidereal = {TrackingRate.SIDEREAL} if self.dialect.tracking_on else set()
+        return frozenset(self.dialect.rates) | sidereal
+
+    async def send_tracking(self, on: bool, rate: TrackingRate) -> None:
+        """Order tracking, then its rate; a rate alone where tracking can't be switched."""
+        dialect = self.dialect
+        if not on:
+            orders = self._words(dialect.tracking_off, "stop tracking")
+        elif rate in dialect.rates:
+            # on first: some begin with the stars' rate
+            orders = (*dialect.tracking_on, dialect.rates[rate])
+        elif rate is TrackingRate.SIDEREAL:
+            orders = self._words(dialect.tracking_on, "start tracking")
+        else:
+            raise self._unsupported(f"track at the {rate} rate")
+        for order in orders:
+            await self._order(order, "tracking")
+
+    def _words(self, words: tuple[Order, ...], what: str) -> tuple[Order, ...]:
+        if not words:
+            raise self._unsupported(what)
+        return words
+
+    # -- guiding -----------------------------------------------------------------------------------
+
+    async def send_guide(self, direction: Direction, duration_s: float, wanted: Wanted) -> Sent:
+        """Guide; returns when the pulse is over."""
+        dialect = self.dialect
+        if dialect.pulse is not None:
+            return await timed_pulses(dialect, self._once, direction, duration_s, wanted)
+        if dialect.nudge is not None:
+            halt = self._link.send_now
+            return await nudged(dialect.nudge, self._once, halt, direction, duration_s, wanted)
+        raise self._unsupported("guide")
+
+    # -- clock, site, sides ------------------------------------------------------------------------
+
+    async def read_clock(self) -> datetime | None:
+        """Its clock now, aware UTC."""
+        dialect = self.dialect
+        if dialect.read_clock is None or not self._look.ready:
+            return None
+        return await dialect.read_clock(self._ask)
+
+    async def write_clock(self, utc: datetime) -> None:
+        """Set its clock, in the zone of UTC."""
+        dialect = self.dialect
+        if dialect.write_clock is None:
+            raise self._unsupported("take a time")
+        for order in dialect.write_clock(utc):
+            await self._order(order, f"the {order.meaning}")
+        self._look.clock_was_set()
+
+    async def read_site(self) -> Site | None:
+        """Where it believes to stand."""
+        dialect = self.dialect
+        if dialect.read_site is None or not self._look.ready:
+            return None
+        return await dialect.read_site(self._ask)
+
+    async def write_site(self, site: Site) -> None:
+        """Tell it where it stands."""
+        dialect = self.dialect
+        if dialect.write_site is None:
+            raise self._unsupported("take a site")
+        for order in dialect.write_site(site):
+            await self._order(order, f"the {order.meaning}")
+
+    async def destination_side(self, place: Apparent | Icrs) -> PierSide | None:
+        """On which side it would look at a place; sets the target, moves nothing."""
+        dialect = self.dialect
+        if dialect.destination_side is None:
+            return None
+        async with self._target:
+            await self._aim(place)
+            return await dialect.destination_side(self._ask)

@@ -1,0 +1,123 @@
+"""Meade's own dialects, and the few words that any clone has.
+
+What the document of 2010 and the classic's manual say of each model stands here; none was tried on a real
+mount [Meade Telescope Serial Command Protocol, LX200 manual appendix].
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+from drivers.command import Command, Unreadable
+from drivers.lx200 import codec
+from drivers.lx200.dialect import Ask, Dialect, Handshake, Nudge, Spot, State
+from drivers.lx200.replies import of_text
+from drivers.lx200.site_and_time import Writing, clock_was_never_set, read_clock, read_site
+from mountnav.navigation.devices import TrackingRate
+
+_STATUS = re.compile(rb"([APGL])([TNS])([0-3HP])")
+_NEW_GUIDING_FIRMWARE = "31Ee"
+_HALT = (codec.STOP, *codec.STOP_MOVE.values())
+_NUDGE = Nudge((codec.GUIDE_RATE,), codec.START_MOVE, codec.STOP_MOVE)
+
+
+async def spot(ask: Ask) -> Spot:
+    """Right ascension, then declination [LX200 :GR#, :GD#]."""
+    return Spot(await ask(codec.GET_RA), await ask(codec.GET_DEC))
+
+
+async def _bars(ask: Ask) -> State:
+    return State(slewing=await ask(codec.SLEWING))
+
+
+def _status(wire: bytes) -> State:
+    """Mounting, tracking, alignment: ``AT1``; 0 has never been aligned since it was switched on."""
+    match = _STATUS.fullmatch(wire)
+    if match is None:
+        raise Unreadable(f"{wire!r} is no alignment status")
+    return State(tracking=match[2] == b"T", fresh=match[3] == b"0")
+
+
+ALIGNMENT_STATUS: Command[State] = Command(b":GW#", "alignment status", of_text(_status))
+
+
+async def _gps_state(ask: Ask) -> State:
+    return replace(await ask(ALIGNMENT_STATUS), slewing=await ask(codec.SLEWING))
+
+
+BASIC = Dialect(
+    name="basic",
+    caption="LX200 with the few words that any clone has",
+    recognizes=lambda handshake: True,
+    place=spot,
+    set_ra=codec.set_ra,
+    set_dec=codec.set_dec,
+    slew=codec.SLEW,
+    sync=codec.SYNC,
+    stop=(codec.STOP,),
+    toggle=codec.TOGGLE_PRECISION,
+    greets=False,
+)
+
+CLASSIC = replace(
+    BASIC,
+    name="classic",
+    caption="Meade LX200 classic",
+    # the classic has no product name [LX200 :GVP#]
+    recognizes=lambda handshake: handshake.letter in ("P", "A", "L") and handshake.product is None,
+    state=_bars,
+    may_lack_state=True,
+    stop=_HALT,
+    greets=True,
+    rates={rate: codec.RATES[rate] for rate in (TrackingRate.SIDEREAL, TrackingRate.LUNAR)},
+    nudge=_NUDGE,
+    read_clock=read_clock,
+    write_clock=Writing().clock,
+    read_site=read_site,
+    write_site=Writing().site,
+    fresh=clock_was_never_set,
+)
+
+
+def _with_timed_pulses(dialect: Dialect, handshake: Handshake) -> Dialect:
+    """Firmware from 31Ee on times its pulses itself, as its later letters and numbers do."""
+    if (handshake.firmware or "") < _NEW_GUIDING_FIRMWARE:
+        return dialect
+    return replace(dialect, pulse=codec.guide_pulse)
+
+
+AUTOSTAR = replace(
+    CLASSIC,
+    name="autostar",
+    caption="Meade Autostar",
+    recognizes=lambda handshake: (
+        re.match(r"Autostar|Audiostar|ETX|DS", handshake.product or "", re.IGNORECASE) is not None
+    ),
+    park=(codec.quiet(b":hP#", "park", repeatable=False),),
+    parks_unread=True,
+    fitted=_with_timed_pulses,
+)
+
+GENERIC = replace(
+    AUTOSTAR,
+    name="generic",
+    caption="LX200 clone with Autostar's words",
+    recognizes=lambda handshake: handshake.letter is not None and handshake.product is not None,
+)
+
+LX200GPS = replace(
+    AUTOSTAR,
+    name="lx200gps",
+    caption="Meade LX200GPS, Autostar II",
+    recognizes=lambda handshake: (
+        re.match(r"LX2001|LX200 ?GPS|RCX|Autostar II", handshake.product or "", re.IGNORECASE) is not None
+    ),
+    state=_gps_state,
+    may_lack_state=False,
+    # it starts anew, from the place it was parked at [LX200 :I#]
+    unpark=(codec.quiet(b":I#", "start anew", repeatable=False),),
+    pulse=codec.guide_pulse,
+    fitted=lambda dialect, handshake: dialect,
+    fresh=None,
+)

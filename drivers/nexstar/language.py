@@ -1,0 +1,357 @@
+"""NexStar as a `drivers.language.Language`: which letters, in which order, make a reading or an order.
+
+Celestron's hand controls and Sky-Watcher's SynScan share the letters; what differs stands in `handsets`. A
+hand control answers every order with ``#``, carried out or not: what became of it is seen in the sky. That
+one ``#`` is like another: before each order that is sent once a letter is asked back which was not used
+just before, so that no ``#`` that was owed from earlier can be taken for its answer.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from drivers.command import Command
+from drivers.language import Identity, Readout, Sent, Wanted
+from drivers.link import Link
+from drivers.nexstar import codec
+from drivers.nexstar.angles import LONG_STEP_ARCSEC, SHORT_STEP_ARCSEC
+from drivers.nexstar.asking import Asking
+from drivers.nexstar.greeting import Greeting, greet
+from drivers.nexstar.guiding import Guiding
+from drivers.nexstar.handsets import Handset, Tracking, Version
+from drivers.nexstar.parking import Horizon, Parking
+from drivers.nexstar.passthrough import LUNAR, SIDEREAL, SOLAR
+from drivers.nexstar.sides import motor_for, side_of
+from drivers.nexstar.timekeeping import clock_of, goes_on, site_of, time_for, wire_site
+from drivers.over_link import OverLink
+from mountnav.errors import DeviceRefused, Refusal
+from mountnav.navigation.devices import Direction, Epoch, PierSide, Skill, TrackingRate
+from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
+
+_RATES = {TrackingRate.SIDEREAL: SIDEREAL, TrackingRate.SOLAR: SOLAR, TrackingRate.LUNAR: LUNAR}
+_EQUATORIAL = (Tracking.EQUATORIAL_NORTH, Tracking.EQUATORIAL_SOUTH)
+
+
+class NexstarLanguage(OverLink):
+    """NexStar over a link.
+
+    Parameters
+    ----------
+    link : Link
+    epoch : {"apparent", "icrs"}
+        Kind of coordinates it is taken to speak; no answer tells which. Usual: JNow for Celestron, J2000 for
+        SynScan.
+    park : Horizon, optional
+        Where it parks, as its own `z` counts; there is no usual place for all mounts [INDI SetDefaultPark].
+    """
+
+    def __init__(self, link: Link, *, epoch: Epoch = "apparent", park: Horizon | None = None) -> None:
+        super().__init__(link)
+        self._why = "this hand control has no such command"
+        self._asking = Asking(link)
+        self._epoch = epoch
+        self._greeting = Greeting(Handset(Version(0, 0)), short=False)
+        self._parking = Parking(park)
+        self._latitude_deg = 0.0
+        self._mode: Tracking | None = None
+        self._rate: TrackingRate | None = None
+        self._pier_side: PierSide | None = None
+
+    # -- what it is --------------------------------------------------------------------------------
+
+    @property
+    def handset(self) -> Handset:
+        """Who answered, known after `open`."""
+        return self._greeting.handset
+
+    @property
+    def epoch(self) -> Epoch:
+        """Kind of coordinates it is set to speak."""
+        return self._epoch
+
+    @property
+    def usual_epoch(self) -> Epoch:
+        """J2000 for SynScan [INDI synscandriver], JNow for Celestron."""
+        if not self._greeting.known:
+            return self._epoch
+        return "icrs" if self.handset.synscan else "apparent"
+
+    @property
+    def resolution_arcsec(self) -> float:
+        """0.08 in the eight-digit form, 20 in the four-digit one of the first hand controls."""
+        return SHORT_STEP_ARCSEC if self._greeting.short else LONG_STEP_ARCSEC
+
+    @property
+    def skills(self) -> frozenset[Skill]:
+        """What it can do. It parks once a place for that is known; that it is parked only we know."""
+        if not self._greeting.known:
+            return frozenset()
+        handset = self.handset
+        skills = {Skill.SET_PARK, Skill.UNPARK}
+        if not handset.short_places:
+            # as old as the short places: nothing is passed on to the motors
+            skills.add(Skill.GUIDE)
+        if handset.tells_tracking:
+            skills.add(Skill.TRACK)
+        if self._parking.place is not None:
+            skills.add(Skill.PARK)
+        if handset.keeps_time:
+            skills |= {Skill.CLOCK, Skill.SET_CLOCK, Skill.SITE, Skill.SET_SITE}
+        if handset.has_rates:
+            skills.add(Skill.TRACKING_RATES)
+        if handset.tells_pier_side:
+            skills.add(Skill.PIER_SIDE)
+        return frozenset(skills)
+
+    @property
+    def silent_refusals(self) -> bool:
+        """A goto into its limits is answered, and that is all [Celestron's manual, RS-232]."""
+        return True
+
+    # -- the link ----------------------------------------------------------------------------------
+
+    async def open(self) -> Identity:
+        """Open the link and find out who is there; moves, syncs and sets nothing.
+
+        Raises
+        ------
+        DeviceMissing
+            If there is no such port.
+        DeviceSilent, DeviceGarbled
+            If nothing on it speaks NexStar.
+        """
+        link = self._link
+        await link.open()
+        self._asking.opened()
+        self._rate = None
+        try:
+            await self._asking.step()
+            self._greeting = await greet(self._asking.agreed, self.handset, link.patience.try_s)
+            handset, problems = self.handset, []
+            if handset.keeps_time:
+                self._latitude_deg = (await self._asking.agreed(codec.GET_SITE)).latitude_deg
+            if not await self._asking.asked(codec.ALIGNED):
+                problems.append("it is not aligned: it goes nowhere until that is done at its hand control")
+            if not handset.knows_sync:
+                problems.append(f"its hand control {handset.version} knows no sync")
+        except BaseException:
+            await link.close()
+            raise
+        return Identity(handset.text, tuple(problems))
+
+    # -- readings ----------------------------------------------------------------------------------
+
+    async def readout(self) -> Readout:
+        """Look at the mount: place, goto, tracking, alignment, side of pier.
+
+        Raises
+        ------
+        DeviceSilent, DeviceGarbled, DeviceMissing
+            If there is no answer, none that makes sense, or no link.
+        """
+        handset, short = self.handset, self._greeting.short
+        await self._asking.back_in_step()
+        troubles, before = self._link.troubles, utc_now()
+        pair = await self._link.ask(codec.GET_PLACE_SHORT if short else codec.GET_PLACE)
+        span = utc_now() - before
+        utc = before + span / 2
+        slewing = await self._asking.asked(codec.SLEWING)
+        mode = await self._asking.asked(codec.get_tracking(handset)) if handset.tells_tracking else None
+        aligned = await self._asking.asked(codec.ALIGNED)
+        if handset.tells_pier_side:
+            letter = await self._asking.asked(codec.PIER_SIDE)
+            mirrored = handset.mirrors_pier_side and self._latitude_deg < 0.0
+            self._pier_side = side_of(letter, pair.second_deg, mirrored=mirrored)
+        if mode:
+            self._mode = mode
+        if not aligned:
+            # switched on anew: whatever it was told is gone
+            self._rate = None
+        parked = await self._parked(slewing, mode, aligned)
+        ra_deg, dec_deg = pair.first_deg, pair.second_deg
+        return Readout(
+            Icrs(ra_deg, dec_deg) if self._epoch == "icrs" else Apparent(ra_deg, dec_deg, utc),
+            utc,
+            span.total_seconds(),
+            slewing=slewing,
+            tracking=None if mode is None else mode is not Tracking.OFF,
+            parked=parked,
+            pier_side=self._pier_side,
+            fresh=not aligned,
+            doubtful=self._link.troubles != troubles,
+        )
+
+    async def _parked(self, slewing: bool, mode: Tracking | None, aligned: bool) -> bool:
+        """Whether it is parked: sent to its place, seen there, tracking off, and nothing since."""
+        parking = self._parking
+        if not parking.concerned:
+            return False
+        there = False
+        if aligned and not slewing:
+            there = parking.near(await self._horizon())
+            if parking.under_way and there and mode is not Tracking.OFF:
+                await self._asking.asked(codec.set_tracking(self.handset.number(Tracking.OFF)))
+                mode = Tracking.OFF
+        return parking.seen(there=there, resting=not slewing, tracking=mode not in (None, Tracking.OFF))
+
+    async def _horizon(self) -> Horizon:
+        pair = await self._asking.asked(
+            codec.GET_HORIZON_SHORT if self._greeting.short else codec.GET_HORIZON
+        )
+        return Horizon(pair.first_deg, pair.second_deg)
+
+    # -- orders ------------------------------------------------------------------------------------
+
+    async def send_slew(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
+        """Order a goto [NexStar r, R], tracking first if it is off: a goto leaves that as it is."""
+        await self._require_alignment("the slew")
+        if self._parking.parked:
+            raise DeviceRefused("the slew refused: it is parked", device=self.device, reason=Refusal.PARKED)
+        if self.handset.tells_tracking and wanted():
+            tracking = await self._asking.asked(codec.get_tracking(self.handset))
+            if tracking is Tracking.OFF and wanted():
+                await self._asking.asked(codec.set_tracking(self.handset.number(self._usual_mode())))
+        short = self._greeting.short
+        return await self._asking.once(codec.slew(place.ra_deg, place.dec_deg, short=short), wanted)
+
+    async def send_sync(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
+        """Order a sync [NexStar s, S]; whole: half of one keeps the hand control waiting [INDI #473]."""
+        if not self.handset.knows_sync:
+            raise DeviceRefused(
+                f"its hand control {self.handset.version} knows no sync",
+                device=self.device,
+                advice="4.10 or later does (SynScan: 3.37 or 4.37)",
+                reason=Refusal.UNSUPPORTED,
+            )
+        await self._require_alignment("the sync")
+        short = self._greeting.short
+        return await self._asking.once(codec.sync(place.ra_deg, place.dec_deg, short=short), wanted)
+
+    async def send_stop(self, again: int) -> None:
+        """Cancel the goto and halt both axes, past everything; tracking goes on as it was."""
+        self._parking.stopped()
+        await self._link.send_now(codec.SYNSCAN_STOP if self.handset.synscan else codec.STOP)
+
+    async def send_park(self, wanted: Wanted) -> Sent:
+        """Switch tracking off and order a goto in azimuth and altitude [NexStar T, b]."""
+        place = self._parking.place
+        if place is None:
+            raise DeviceRefused(
+                "it has no park position",
+                device=self.device,
+                advice="point it where it shall stand and set that, or give park_az_deg and park_alt_deg",
+                reason=Refusal.UNSUPPORTED,
+            )
+        await self._require_alignment("parking")
+        if not wanted():
+            return Sent(wire=False)
+        await self._asking.asked(codec.set_tracking(self.handset.number(Tracking.OFF)))
+        self._parking.began()
+        short = self._greeting.short
+        return await self._asking.once(codec.slew_horizon(place.az_deg, place.alt_deg, short=short), wanted)
+
+    async def send_unpark(self) -> None:
+        """Take it as not parked; tracking stays off until a slew or `send_tracking`."""
+        self._parking.stopped()
+
+    async def send_set_park(self) -> None:
+        """Remember where it points now, as it counts that itself [NexStar z]."""
+        self._parking.place = await self._horizon()
+
+    @property
+    def tracking_rates(self) -> frozenset[TrackingRate]:
+        """At which rates it can be told to follow."""
+        if self.handset.has_rates and self._usual_mode() in _EQUATORIAL:
+            return frozenset(_RATES)
+        return frozenset({TrackingRate.SIDEREAL})
+
+    async def send_tracking(self, on: bool, rate: TrackingRate) -> None:
+        """Order tracking in the mode it had, or its hemisphere's [NexStar T], and its rate [NexStar P]."""
+        handset = self.handset
+        if not on:
+            await self._asking.asked(codec.set_tracking(handset.number(Tracking.OFF)))
+            return
+        mode, number = self._usual_mode(), _RATES.get(rate)
+        has_rates = handset.has_rates and mode in _EQUATORIAL
+        if number is None or (rate is not TrackingRate.SIDEREAL and not has_rates):
+            raise self._unsupported(f"track at the {rate} rate")
+        if self._parking.parked:
+            raise DeviceRefused("tracking refused: it is parked", device=self.device, reason=Refusal.PARKED)
+        await self._asking.asked(codec.set_tracking(handset.number(mode)))
+        if has_rates and rate is not self._rate:
+            south = mode is Tracking.EQUATORIAL_SOUTH
+            await self._asking.asked(codec.set_tracking_rate(number, south=south))
+            self._rate = rate
+
+    async def send_guide(self, direction: Direction, duration_s: float, wanted: Wanted) -> Sent:
+        """Let the motors time a pulse [NexStar P 0x26], or press the slowest key for so long."""
+        if self._parking.parked:
+            raise DeviceRefused("the pulse refused: it is parked", device=self.device, reason=Refusal.PARKED)
+        guiding = Guiding(
+            self._asking.asked, self._asking.once, self._link.send_now, self._greeting.pulse_percent
+        )
+        axis, sign = motor_for(direction, self._pier_side, self._mode)
+        if self.handset.times_pulses:
+            return await guiding.by_motor(axis, sign, duration_s, wanted)
+        return await guiding.by_key(axis, sign, duration_s, wanted)
+
+    def _usual_mode(self) -> Tracking:
+        return self._mode or self.handset.usual_mode(self._latitude_deg)
+
+    async def _require_alignment(self, what: str) -> None:
+        if not await self._asking.asked(codec.ALIGNED):
+            raise DeviceRefused(
+                f"{what} refused: it is not aligned",
+                device=self.device,
+                advice="align it at its hand control",
+                reason=Refusal.NOT_ALIGNED,
+            )
+
+    # -- clock and site ----------------------------------------------------------------------------
+
+    async def read_clock(self) -> datetime | None:
+        """Its clock; it shows whole seconds [NexStar h, i]."""
+        if not self.handset.keeps_time:
+            return None
+        command = codec.GET_FINE_TIME if self.handset.quarter_zones else codec.GET_TIME
+        earlier = await self._asking.agreed(command, alike=goes_on)
+        before = utc_now()
+        shown = await self._asking.asked(command)
+        way = utc_now() - before
+        # a flipped bit now: the one before was seen twice
+        return clock_of(shown, way) if goes_on(earlier, shown) else clock_of(earlier, way)
+
+    async def write_clock(self, utc: datetime) -> None:
+        """Set its clock, and its zone to UTC [NexStar H, I]; refused once it is aligned."""
+        await self._require_no_alignment("a time")
+        fine = self.handset.quarter_zones
+        await self._sent_whole(codec.set_time(time_for(utc), fine=fine))
+
+    async def read_site(self) -> Site | None:
+        """Where it believes to stand [NexStar w]."""
+        if not self.handset.keeps_time:
+            return None
+        site = site_of(await self._asking.agreed(codec.GET_SITE))
+        self._latitude_deg = site.latitude_deg
+        return site
+
+    async def write_site(self, site: Site) -> None:
+        """Tell it where it stands [NexStar W]; refused once it is aligned."""
+        await self._require_no_alignment("a site")
+        await self._sent_whole(codec.set_site(wire_site(site)))
+        self._latitude_deg = site.latitude_deg
+
+    async def _require_no_alignment(self, what: str) -> None:
+        if not self.handset.keeps_time:
+            raise self._unsupported(f"take {what}")
+        if await self._asking.asked(codec.ALIGNED):
+            raise DeviceRefused(
+                f"won't be given {what}: its alignment was made with the one it has",
+                device=self.device,
+                advice="set clock and site at the hand control before its alignment",
+            )
+
+    async def _sent_whole(self, order: Command[None]) -> None:
+        sent = await self._asking.once(order, lambda: True)
+        if sent.lost is not None:
+            raise sent.lost

@@ -1,0 +1,120 @@
+"""TruthCamera: exposes in the time of its clock, and hands out frames without pixels that carry the truth."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+
+import numpy as np
+
+from drivers.exposing.shot import Turn
+from mountnav.clock import Clock
+from mountnav.frames import Frame
+from mountnav.simulation.mechanics import Mechanics
+from mountnav.simulation.sky_script import SkyScript
+from mountnav.simulation.sky_seen import SeenThrough
+from mountnav.simulation.truth_frame import FrameTruth
+from mountnav.sky.sphere import separation_arcsec
+
+
+class TruthCamera:
+    """A `mountnav.navigation.devices.Camera` on a simulated mount; `SkySeen` solves its frames.
+
+    Parameters
+    ----------
+    mechanics : Mechanics
+    clock : Clock
+        The mechanics' own.
+    script : SkyScript, optional
+        Which of its frames are old ones.
+    through : SeenThrough, optional
+        Its size.
+    turned_deg : float
+        How the camera is turned in the tube: position angle of +y minus the tube's own north.
+    read_out_s : float
+        Between the end of an exposure and its frame.
+    clock_off_s : float
+        The camera's clock minus UTC.
+    name : str
+
+    Attributes
+    ----------
+    frames : int
+        How many were exposed.
+    """
+
+    def __init__(
+        self,
+        mechanics: Mechanics,
+        clock: Clock,
+        script: SkyScript | None = None,
+        through: SeenThrough | None = None,
+        *,
+        turned_deg: float = 0.0,
+        read_out_s: float = 0.3,
+        clock_off_s: float = 0.0,
+        name: str = "truth camera",
+    ) -> None:
+        self._mechanics = mechanics
+        self._clock = clock
+        self._script = script or SkyScript()
+        self._through = through or SeenThrough()
+        self._turned_deg = turned_deg
+        self._read_out_s = read_out_s
+        self._clock_off_s = clock_off_s
+        self._name = name
+        self._turn = Turn(name)
+        self._last: Frame | None = None
+        self.frames = 0
+
+    @property
+    def name(self) -> str:
+        """Name, for messages."""
+        return self._name
+
+    async def open(self) -> None:
+        """Nothing to get ready."""
+
+    async def close(self) -> None:
+        """End a running exposure, if there is one."""
+        await self.abort()
+
+    async def expose(self, exposure_s: float) -> Frame:
+        """Wait out the exposure, and tell where the tube looked in its middle.
+
+        Raises
+        ------
+        BadRequest
+            When the exposure time is not positive.
+        Busy
+            When an exposure runs already.
+        Cancelled
+            When `abort` ended it.
+        """
+        with self._turn.taken(exposure_s) as shot:
+            began = self._clock.utc()
+            await shot.outlast(self._clock.sleep(exposure_s + self._read_out_s))
+        number, self.frames = self.frames, self.frames + 1
+        stale = np.random.default_rng([self._script.seed % 2**32, number, 1]).random()
+        if self._last is not None and stale < self._script.stale_share:
+            return self._last
+        middle = began + timedelta(seconds=exposure_s / 2.0)
+        end = began + timedelta(seconds=exposure_s)
+        first, center, last = (self._mechanics.truth(utc) for utc in (began, middle, end))
+        truth = FrameTruth(
+            center,
+            (self._mechanics.tube_angle_deg(middle) + self._turned_deg) % 360.0,
+            max(separation_arcsec(first, center), separation_arcsec(center, last)) * 2.0,
+            number,
+        )
+        self._last = truth.frame(
+            self._through.width_px,
+            self._through.height_px,
+            exposure_s,
+            middle + timedelta(seconds=self._clock_off_s),
+            f"{self._name} {number}",
+        )
+        return self._last
+
+    async def abort(self) -> None:
+        """End a running exposure; its `expose` raises `Cancelled`. Without one, nothing happens."""
+        self._turn.abort()

@@ -1,0 +1,297 @@
+"""A Sky-Watcher motor controller as a `drivers.language.Language`: goto, tracking and sync are ours.
+
+The controller counts steps and knows no sky, no clock, no site and no limits; the sky is reckoned here from
+our site and our clock. Connecting asks only: the motors are energized by the first order that moves them. If
+this program dies the motors go on as they were told last: the controller has no watchdog.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable
+from datetime import datetime
+
+from drivers.language import Sent, Wanted
+from drivers.skywatcher import codec
+from drivers.skywatcher.postures import HOME, Turns, side_for, sight, sky_sign, turns_at
+from drivers.skywatcher.rates import RATES_DEG_S, SIDEREAL_DEG_S
+from drivers.skywatcher.readings import SkywatcherReading
+from drivers.skywatcher.reckoning import altitude_deg, hour_angle_of
+from drivers.skywatcher.steering import Aim
+from drivers.skywatcher.words import Axis
+from mountnav.clock import pause
+from mountnav.errors import BadRequest, DeviceError, DeviceRefused, Refusal
+from mountnav.navigation.devices import Direction, PierSide, TrackingRate
+from mountnav.sky.coordinates import Apparent, Icrs, utc_now
+from mountnav.sky.sphere import separation_arcsec
+
+_SYNC_FREE_DEG = 5.0
+_SYNC_STRETCH = 3.0
+
+
+class SkywatcherLanguage(SkywatcherReading):
+    """A German mount on a motor controller, over a link; parameters as of `SkywatcherReading`."""
+
+    # -- slews -----------------------------------------------------------------------------------
+
+    async def send_slew(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
+        """Send both axes towards a place; `next_leg` brings them there and begins to track.
+
+        Raises
+        ------
+        DeviceRefused
+            Below the horizon, or further round than the axes go.
+        """
+        place = _apparent(place)
+        now = utc_now()
+        angles = hour_angle_of(place, now, self._site)
+        altitude = altitude_deg(angles, self._site)
+        if altitude < self._settings.lowest_altitude_deg:
+            raise DeviceRefused(
+                f"the place is at an altitude of {altitude:.1f}°, the lowest allowed is "
+                f"{self._settings.lowest_altitude_deg:g}°",
+                device=self.device,
+                reason=Refusal.BELOW_HORIZON,
+            )
+        self._side = self._side_for(angles.ha_deg, angles.dec_deg, await self._turns())
+        return await self._send(self._aim(place), wanted)
+
+    def _side_for(self, ha_deg: float, dec_deg: float, now: Turns) -> PierSide:
+        latitude_deg, past_deg = self._site.latitude_deg, self._settings.past_meridian_deg
+        present = sight(now, latitude_deg).side
+        return side_for(ha_deg, dec_deg, present, latitude_deg, past_deg=past_deg)
+
+    def _aim(self, place: Apparent) -> Aim:
+        def aim(utc: datetime) -> Turns:
+            angles = hour_angle_of(place, utc, self._site)
+            side = self._side or PierSide.EAST
+            return turns_at(angles.ha_deg, angles.dec_deg, side, self._site.latitude_deg)
+
+        return aim
+
+    async def _send(self, aim: Aim, wanted: Wanted) -> Sent:
+        """Send the axes on their way, energized first if they aren't."""
+        if not wanted():
+            return Sent(wire=False)
+        # before anything moves: whether the board can count so far
+        self._standing.counts(aim(utc_now()))
+        self._drop_tasks()
+        self._parking = self._parked = False
+        still = self._while_no_stop(wanted)
+        await self._energize()
+        started, lost = await self._steering.set_out(aim, still)
+        # a stop that came meanwhile has the last word: whoever follows this sends another one
+        return Sent(wire=started or wanted(), lost=lost)
+
+    def _while_no_stop(self, wanted: Wanted) -> Callable[[], bool]:
+        stops = self._motors.stops
+        return lambda: wanted() and self._motors.stops == stops
+
+    async def _energize(self) -> None:
+        """Before the first motion since power-up; see `drivers.skywatcher.standing`."""
+        # whoever lets it move trusts the position
+        self._zero_known = True
+        if self._energized:
+            return
+        await self._motors.energize()
+        self._energized = True
+        before = (await self._motors.count(Axis.DECLINATION)).value
+        await self._motors.order(codec.set_position(Axis.DECLINATION, before + self._standing.quarter))
+        after = (await self._motors.count(Axis.DECLINATION)).value
+        self._standing.second_moved(before, after)
+        self._motors.forget()
+        self.log.note("event", meaning="motors energized, the declination axis counted as EQMod does")
+
+    async def next_leg(self, place: Apparent | Icrs, wanted: Wanted) -> bool:
+        """At rest: another goto if it is far, else tracking, else the last arcseconds."""
+        place = _apparent(place)
+        still = self._while_no_stop(wanted)
+        rate = self._rate or TrackingRate.SIDEREAL
+        more = await self._steering.refine(self._aim(place), RATES_DEG_S[rate], still)
+        if still():
+            self._rate = rate
+            await self._watch_limit()
+        return more
+
+    # -- sync ------------------------------------------------------------------------------------
+
+    async def send_sync(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
+        """Take over what the sky says; nothing goes over the wire but questions.
+
+        Raises
+        ------
+        DeviceRefused
+            Near the pole, when the place tells next to nothing of the hour angle axis.
+        """
+        place = _apparent(place)
+        first, second = await self._counts()
+        if not wanted():
+            return Sent(wire=False)
+        angles = hour_angle_of(place, first.utc, self._site)
+        offsets = self._standing.offsets
+        counted = self._standing.counted(first.value, second.value)
+        seen = offsets.sight(counted)
+        shift = offsets.shift(counted, angles.ha_deg, angles.dec_deg)
+        here, there = Icrs(seen.ha_deg, seen.dec_deg), Icrs(angles.ha_deg, angles.dec_deg)
+        miss_deg = separation_arcsec(here, there) / 3600.0
+        if abs(shift.first_deg) > _SYNC_STRETCH * miss_deg + _SYNC_FREE_DEG:
+            raise DeviceRefused(
+                f"so near the pole a miss of {miss_deg:.2f}° would turn the hour angle axis by "
+                f"{abs(shift.first_deg):.0f}°: the place tells too little of it",
+                device=self.device,
+                advice="sync at least 20° away from the pole",
+                reason=Refusal.LIMIT,
+            )
+        offsets.learn(counted, angles.ha_deg, angles.dec_deg)
+        self._zero_known = True
+        return Sent()
+
+    # -- stop ------------------------------------------------------------------------------------
+
+    async def send_stop(self, again: int) -> None:
+        """Stop both motors past everything, and track again once all rests and no stop comes any more.
+
+        The controller has no stop that leaves tracking alone.
+        """
+        self._drop_tasks()
+        self._parking = False
+        rate = self._rate
+        try:
+            await self._motors.send_stop(again)
+        finally:
+            if rate is not None and self.usable:
+                self._begin("restore", self._restore(rate))
+
+    async def _restore(self, rate: TrackingRate) -> None:
+        """Track again after a stop."""
+        still = self._while_no_stop(lambda: True)
+        with contextlib.suppress(DeviceError):
+            await pause(self._settings.settle_s)
+            await self._motors.at_rest()
+            if still() and await self._steering.track(RATES_DEG_S[rate], still):
+                self.log.note("event", meaning="tracking begun again after the stop")
+                await self._watch_limit()
+
+    # -- tracking, guiding -----------------------------------------------------------------------
+
+    @property
+    def tracking_rates(self) -> frozenset[TrackingRate]:
+        """At which rates it can be told to follow."""
+        return frozenset(RATES_DEG_S)
+
+    async def send_tracking(self, on: bool, rate: TrackingRate) -> None:
+        """Let the first axis follow the sky, or rest.
+
+        Raises
+        ------
+        DeviceRefused
+            For a rate that it doesn't have, or when it is parked.
+        """
+        if rate not in RATES_DEG_S:
+            raise self._unsupported(f"track at the {rate} rate")
+        self._drop_tasks()
+        still = self._while_no_stop(lambda: True)
+        if not on:
+            self._rate = None
+            await self._motors.halt(Axis.HOUR_ANGLE, still)
+            return
+        if self._parked:
+            raise DeviceRefused(
+                "tracking refused: it is parked",
+                device=self.device,
+                advice="unpark it first",
+                reason=Refusal.PARKED,
+            )
+        await self._energize()
+        if await self._steering.track(RATES_DEG_S[rate], still):
+            self._rate = rate
+            await self._watch_limit()
+
+    async def _watch_limit(self) -> None:
+        """Have tracking stopped when the counterweight has risen too far: the board wouldn't."""
+        self._begin("limit", self._stop_at_limit(await self._until_limit_deg()))
+
+    async def _until_limit_deg(self) -> float:
+        along_deg = sky_sign(self._site.latitude_deg) * (await self._turns()).first_deg
+        return 90.0 + self._settings.tracking_past_deg - along_deg
+
+    async def _stop_at_limit(self, left_deg: float) -> None:
+        with contextlib.suppress(DeviceError):
+            while left_deg > 0.0:
+                await pause(left_deg / SIDEREAL_DEG_S)
+                left_deg = await self._until_limit_deg()
+            self._rate = None
+            self.log.note("event", meaning="tracking stopped: the counterweight has risen to its limit")
+            await self._motors.send_stop()
+
+    async def send_guide(self, direction: Direction, duration_s: float, wanted: Wanted) -> Sent:
+        """Run otherwise for a time that is counted here, and end it in every case.
+
+        Raises
+        ------
+        DeviceRefused
+            When it doesn't track.
+        """
+        if not self._follows(await self._motors.status(Axis.HOUR_ANGLE)):
+            raise DeviceRefused(
+                "a guide pulse refused: it doesn't track", device=self.device, reason=Refusal.NOT_TRACKING
+            )
+        still = self._while_no_stop(wanted)
+        guide, usual = self._settings.guide_rate, RATES_DEG_S[self._rate or TrackingRate.SIDEREAL]
+        self._guiding = True
+        try:
+            if direction in (Direction.EAST, Direction.WEST):
+                faster = 1.0 + guide if direction is Direction.WEST else 1.0 - guide
+                sent = await self._steering.pulse_along(faster, usual, duration_s, still)
+            else:
+                rate = await self._northward(guide * SIDEREAL_DEG_S)
+                if direction is Direction.SOUTH:
+                    rate = -rate
+                sent = await self._steering.pulse_across(rate, duration_s, still)
+        finally:
+            self._guiding = False
+        return Sent(wire=sent)
+
+    async def _northward(self, rate_deg_s: float) -> float:
+        """Signed rate of the second axis that raises the declination."""
+        turns = await self._turns()
+        little = Turns(turns.first_deg, turns.second_deg + 1e-4)
+        here, there = (sight(one, self._site.latitude_deg) for one in (turns, little))
+        return math.copysign(rate_deg_s, there.dec_deg - here.dec_deg)
+
+    # -- park, home ------------------------------------------------------------------------------
+
+    async def send_park(self, wanted: Wanted) -> Sent:
+        """Send both axes to the park position and leave them at rest; that it is parked is held by us."""
+        sent = await self._send_to(self._park, wanted)
+        self._parking = sent.wire and wanted()
+        return sent
+
+    async def send_home(self, wanted: Wanted) -> Sent:
+        """Send both axes home and leave them at rest."""
+        return await self._send_to(HOME, wanted)
+
+    async def _send_to(self, turns: Turns, wanted: Wanted) -> Sent:
+        if wanted():
+            self._rate = None
+        return await self._send(lambda _utc: turns, wanted)
+
+    async def send_unpark(self) -> None:
+        """Be ready to move again; nothing goes over the wire."""
+        self._parking = self._parked = False
+
+    async def send_set_park(self) -> None:
+        """Take how the axes stand for the park position, until this program ends."""
+        self._park = await self._turns()
+
+    async def destination_side(self, place: Apparent | Icrs) -> PierSide | None:
+        """On which side it would look at a place."""
+        angles = hour_angle_of(_apparent(place), utc_now(), self._site)
+        return self._side_for(angles.ha_deg, angles.dec_deg, await self._turns())
+
+
+def _apparent(place: Apparent | Icrs) -> Apparent:
+    if isinstance(place, Apparent):
+        return place
+    raise BadRequest("an astrometric place given to a mount that is reckoned in apparent ones")

@@ -1,0 +1,69 @@
+"""A mount on a Sky-Watcher motor controller from its URL's options."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from drivers.driven import DrivenMount
+from drivers.exchange import Patience
+from drivers.mount_options import read_options
+from drivers.skywatcher.mount import BAUD, PATIENCE, skywatcher_language
+from drivers.skywatcher.settings import SkywatcherSettings
+from mountnav.errors import BadSettings
+from mountnav.sky.coordinates import Site
+
+if TYPE_CHECKING:
+    from drivers.registry import MountUrl
+
+_RANGES = {
+    "past_meridian_deg": (0.0, 30.0),
+    "tracking_past_deg": (0.0, 60.0),
+    "lowest_altitude_deg": (-90.0, 89.0),
+    "guide_rate": (0.05, 0.95),
+    "goto_deg_s": (0.1, 30.0),
+    "goto_deg_s2": (0.1, 60.0),
+}
+
+
+def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> DrivenMount:
+    """Make the mount; nothing is opened yet.
+
+    Raises
+    ------
+    BadSettings
+        If there is no site, an option is unknown, or its value makes no sense.
+    """
+    options = read_options(url.options, "skywatcher", baud=BAUD, timeout_s=PATIENCE.deadline_s, own=_RANGES)
+    if options.epoch != "apparent":
+        raise BadSettings(
+            "epoch=icrs makes no sense for skywatcher", advice="leave it out: its place is reckoned by us"
+        )
+    if options.set_clock or options.set_site:
+        raise BadSettings(
+            "set_clock and set_site make no sense for skywatcher", advice="it has neither clock nor site"
+        )
+    timeout_s = options.timeout_s
+    language = skywatcher_language(
+        url.line,
+        site,
+        baud=options.baud,
+        patience=Patience(timeout_s, min(PATIENCE.try_s, timeout_s), PATIENCE.quiet_s),
+        settings=_settings(options.own, settle_s=2.0 * options.timing.poll_s + 0.2),
+    )
+    return options.mount(language, name=name, site=site)
+
+
+def _settings(options: Mapping[str, str], *, settle_s: float) -> SkywatcherSettings:
+    values: dict[str, float] = {}
+    for option, text in options.items():
+        low, high = _RANGES[option]
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not low <= value <= high:
+            raise BadSettings(f"{option}={text} makes no sense", advice=f"a number from {low:g} to {high:g}")
+        values[option] = value
+    return SkywatcherSettings(settle_s=settle_s, **values)

@@ -1,0 +1,231 @@
+"""A Sky-Watcher motor controller as it is asked: who it is, how its axes stand, what its motors do."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Coroutine
+
+from drivers.language import Identity, Readout
+from drivers.link import Link
+from drivers.over_link import OverLink
+from drivers.skywatcher import codec
+from drivers.skywatcher.motors import Count, Motors
+from drivers.skywatcher.postures import HOME, Turns, sight
+from drivers.skywatcher.rates import RATES_DEG_S
+from drivers.skywatcher.reckoning import place_of
+from drivers.skywatcher.settings import SkywatcherSettings
+from drivers.skywatcher.standing import Standing
+from drivers.skywatcher.steering import Steering
+from drivers.skywatcher.words import NOT_EQUATORIAL, Axis, MotorStatus
+from mountnav.errors import DeviceRefused, Refusal
+from mountnav.navigation.devices import Epoch, PierSide, Skill, TrackingRate
+from mountnav.sky.coordinates import Site
+
+_SKILLS = frozenset(
+    {
+        Skill.PARK,
+        Skill.UNPARK,
+        Skill.HOME,
+        Skill.SET_PARK,
+        Skill.TRACK,
+        Skill.TRACKING_RATES,
+        Skill.GUIDE,
+        Skill.PIER_SIDE,
+        Skill.DESTINATION_SIDE,
+    }
+)
+_THERE_DEG = 0.01
+_FASTER = 3.0
+_SAME_RATE = 0.003
+
+
+class SkywatcherReading(OverLink):
+    """What can be asked of a German mount on a motor controller, and what we hold of it.
+
+    Parameters
+    ----------
+    link : Link
+    site : Site
+        Where the mount stands: without it there is no sky for it.
+    settings : SkywatcherSettings, optional
+    """
+
+    def __init__(self, link: Link, site: Site, settings: SkywatcherSettings | None = None) -> None:
+        super().__init__(link)
+        self._site = site
+        self._settings = settings or SkywatcherSettings()
+        self._motors = Motors(link, _FASTER * self._settings.goto_deg_s)
+        self._standing = Standing(site.latitude_deg)
+        self._steering = Steering(self._motors, self._standing, site.latitude_deg, self._settings)
+        self._energized = False
+        self._zero_known = False
+        self._rate: TrackingRate | None = None
+        self._side: PierSide | None = None
+        self._park = HOME
+        self._parking = self._parked = self._guiding = False
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+
+    # -- what it is ------------------------------------------------------------------------------
+
+    @property
+    def epoch(self) -> Epoch:
+        """Apparent: the place is reckoned here."""
+        return "apparent"
+
+    @property
+    def usual_epoch(self) -> Epoch:
+        """Apparent."""
+        return "apparent"
+
+    @property
+    def resolution_arcsec(self) -> float:
+        """One count of the coarser axis; 0.14 for most."""
+        return max((gear.step_arcsec for gear in self._motors.gears.values()), default=0.15)
+
+    @property
+    def skills(self) -> frozenset[Skill]:
+        """All that two motors allow."""
+        return _SKILLS
+
+    # -- the link --------------------------------------------------------------------------------
+
+    async def open(self) -> Identity:
+        """Open the link and ask who is there, how it is geared and what the motors do; changes nothing.
+
+        Raises
+        ------
+        DeviceMissing
+            If there is no such port.
+        DeviceSilent, DeviceGarbled
+            If nothing on it speaks so.
+        DeviceRefused
+            If it is no equatorial mount.
+        """
+        await self._link.open()
+        try:
+            return await self._identify()
+        except BaseException:
+            await super().close()
+            raise
+
+    async def _identify(self) -> Identity:
+        motors = self._motors
+        board, _ = await motors.meet()
+        if board.model in NOT_EQUATORIAL:
+            raise DeviceRefused(
+                f"{board.text} is no equatorial mount", device=self.device, reason=Refusal.UNSUPPORTED
+            )
+        self._standing.geared(motors.gears)
+        status = {axis: await motors.status(axis) for axis in Axis}
+        self._rate = None
+        problems = [await self._running(axis, status[axis]) for axis in Axis if status[axis].running]
+        if not all(one.initialized for one in status.values()):
+            self._power_up_seen()
+        elif not self._energized:
+            self._energized = True
+            self._standing.begin_as_eqmod()
+            problems.append(
+                "its motors are energized already, by whom is not known: the counts are taken as EQMod sets "
+                "them (declination axis on the equator: 0x800000); the position doesn't count before a sync"
+            )
+        if self._parked and any(one.running for one in status.values()):
+            self._parked = False
+        gear = motors.gears[Axis.HOUR_ANGLE]
+        text = f"{board.text}, {gear.counts} counts per turn ({gear.step_arcsec:.2f}″)"
+        return Identity(text, tuple(problems))
+
+    async def _running(self, axis: Axis, status: MotorStatus) -> str:
+        """Say what a motor does that was found running; tracking is taken over."""
+        gear, way = self._motors.gears[axis], "backward" if status.backward else "forward"
+        if status.goto:
+            return f"motor {int(axis)} runs to a target, {way} since before this connecting"
+        rate_deg_s = gear.rate_deg_s(await self._link.ask(codec.step_period(axis)), fast=status.fast)
+        text = f"motor {int(axis)} runs {way} at {rate_deg_s * 3600.0:.2f}″/s since before this connecting"
+        if axis is not Axis.HOUR_ANGLE or not self._follows(status):
+            return text
+        self._rate = min(RATES_DEG_S, key=lambda rate: abs(RATES_DEG_S[rate] - rate_deg_s))
+        if abs(RATES_DEG_S[self._rate] / rate_deg_s - 1.0) > _SAME_RATE:
+            self._rate = None
+            return text
+        return f"{text}: it tracks ({self._rate})"
+
+    def _power_up_seen(self) -> None:
+        """The board was switched on since: nothing that we held of it is true any more."""
+        self._energized = self._zero_known = False
+        self._rate = self._side = None
+        self._parking = self._parked = False
+        self._standing.begin_at_home()
+
+    async def close(self) -> None:
+        """Release the link; motors that run go on."""
+        self._drop_tasks()
+        await super().close()
+
+    def _begin(self, what: str, work: Coroutine[object, object, None]) -> None:
+        old = self._tasks.pop(what, None)
+        if old is not None:
+            old.cancel()
+        self._tasks[what] = asyncio.create_task(work, name=f"skywatcher-{what}")
+
+    def _drop_tasks(self) -> None:
+        for task in self._tasks.values():
+            task.cancel()
+        self._tasks.clear()
+
+    # -- readings --------------------------------------------------------------------------------
+
+    async def readout(self) -> Readout:
+        """Look at both axes: their counts, then what their motors do."""
+        motors, troubles = self._motors, self._link.troubles
+        first, second = await motors.count(Axis.HOUR_ANGLE), await motors.count(Axis.DECLINATION)
+        hour_angle, declination = await motors.status(Axis.HOUR_ANGLE), await motors.status(Axis.DECLINATION)
+        energized = hour_angle.initialized and declination.initialized
+        if self._energized and not energized:
+            self._power_up_seen()
+        odd = [
+            motors.odd(axis, count, running=status.running)
+            for axis, count, status in (
+                (Axis.HOUR_ANGLE, first, hour_angle),
+                (Axis.DECLINATION, second, declination),
+            )
+        ]
+        turns = self._standing.turns(first.value, second.value)
+        seen = sight(turns, self._site.latitude_deg)
+        tracking = self._follows(hour_angle)
+        resting = not hour_angle.running and not declination.running
+        self._judge_park(turns, resting=resting)
+        return Readout(
+            place=place_of(seen.ha_deg, seen.dec_deg, first.utc, self._site),
+            utc=first.utc,
+            span_s=(second.utc - first.utc).total_seconds() + second.span_s,
+            slewing=(hour_angle.running and not tracking) or (declination.running and not self._guiding),
+            tracking=tracking,
+            parked=self._parked,
+            at_home=resting and _near(turns, HOME),
+            pier_side=seen.side,
+            fresh=not (energized and self._zero_known),
+            doubtful=any(odd) or self._link.troubles != troubles,
+        )
+
+    def _follows(self, first: MotorStatus) -> bool:
+        return self._steering.is_tracking(first.running, first.goto, first.fast, first.backward)
+
+    def _judge_park(self, turns: Turns, *, resting: bool) -> None:
+        there = resting and _near(turns, self._park)
+        if self._parking and there:
+            self._parking, self._parked = False, True
+        elif self._parked and not there:
+            # somebody else has moved it
+            self._parked = False
+
+    async def _counts(self) -> tuple[Count, Count]:
+        return await self._motors.sharp_count(Axis.HOUR_ANGLE), await self._motors.count(Axis.DECLINATION)
+
+    async def _turns(self) -> Turns:
+        first, second = await self._counts()
+        return self._standing.turns(first.value, second.value)
+
+
+def _near(turns: Turns, other: Turns) -> bool:
+    apart = turns.minus(other)
+    return max(abs(apart.first_deg), abs(apart.second_deg)) < _THERE_DEG

@@ -1,0 +1,198 @@
+"""A language without a wire, spoken straight to the mechanics: for tests of what all mounts do alike."""
+
+from __future__ import annotations
+
+import asyncio
+from datetime import datetime, timedelta
+
+from drivers.language import Identity, Readout, Sent, Unskilled, Wanted
+from drivers.wire_log import WireLog
+from mountnav.errors import DeviceGarbled, DeviceMissing, DeviceRefused, DeviceSilent, Refusal
+from mountnav.navigation.devices import Direction, Epoch, Skill, TrackingRate
+from mountnav.simulation.mechanics import Mechanics
+from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
+
+
+class PlainLanguage(Unskilled):
+    """Says what the mechanics say, unless a knob is turned."""
+
+    def __init__(self, mechanics: Mechanics) -> None:
+        super().__init__()
+        self.mechanics = mechanics
+        self.log = WireLog()
+        self.orders: list[str] = []
+        self.usable = False
+        self.silent = False
+        self.absent = False
+        self.fresh = False
+        self.parked = False
+        self.at_home: bool | None = None
+        self.sync_ignored = False
+        self.sync_late_s = 0.0
+        self.slew_answer_lost = False
+        self.slew_ignored = False
+        self.refuses_silently = False
+        self.stops_needed = 0
+        self.refuses_settings = False
+        self.clock_off_s: float | None = None
+        self.its_site: Site | None = None
+        self.epoch: Epoch = "apparent"
+        self.skills = frozenset(
+            {Skill.PARK, Skill.UNPARK, Skill.TRACK, Skill.HOME, Skill.GUIDE, Skill.SET_CLOCK, Skill.SET_SITE}
+        )
+        self.odd: list[Apparent] = []
+        self._gone = asyncio.Event()
+        self._asked_s: float | None = None
+
+    usual_epoch: Epoch = "apparent"
+    resolution_arcsec = 0.1
+
+    @property
+    def device(self) -> str:
+        return "plain"
+
+    @property
+    def silent_refusals(self) -> bool:
+        return self.refuses_silently
+
+    def unanswered_s(self) -> float:
+        return 0.0 if self._asked_s is None else asyncio.get_running_loop().time() - self._asked_s
+
+    def lose(self) -> None:
+        self.usable = False
+        self._gone.set()
+
+    async def open(self) -> Identity:
+        self.orders.append("open")
+        if self.absent:
+            raise DeviceMissing("not there", device=self.device)
+        await self._asked()
+        self._gone.clear()
+        self.usable = True
+        return Identity("plain mount 1.0")
+
+    async def close(self) -> None:
+        self.usable = False
+
+    async def lost(self) -> str:
+        await self._gone.wait()
+        return "unplugged"
+
+    async def _asked(self) -> None:
+        if not self.silent:
+            return
+        loop = asyncio.get_running_loop()
+        self._asked_s, until = loop.time(), loop.time() + 0.3
+        try:
+            while self.silent:
+                await asyncio.sleep(0.02)
+                if loop.time() > until:
+                    raise DeviceSilent("no answer", device=self.device)
+        finally:
+            self._asked_s = None
+
+    async def readout(self) -> Readout:
+        if not self.usable:
+            raise DeviceMissing("the line was lost", device=self.device)
+        await self._asked()
+        if self.odd:
+            return Readout(self.odd.pop(0), utc_now(), slewing=False)
+        utc = utc_now()
+        place = self.mechanics.reported(utc)
+        return Readout(
+            place,
+            utc,
+            slewing=self.mechanics.slewing(utc),
+            tracking=self.mechanics.tracking,
+            parked=self.parked,
+            at_home=self.at_home,
+            fresh=self.fresh,
+        )
+
+    async def send_slew(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
+        if not wanted():
+            return Sent(wire=False)
+        self.orders.append("slew")
+        assert isinstance(place, Apparent)
+        if self.mechanics.believed_altitude_deg(place) < 0.0:
+            raise DeviceRefused("below horizon", device=self.device, reason=Refusal.BELOW_HORIZON)
+        if not self.slew_ignored:
+            self.mechanics.slew(place)
+        if self.slew_answer_lost:
+            return Sent(lost=DeviceSilent("no answer to the slew", device=self.device))
+        return Sent()
+
+    async def send_sync(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
+        self.orders.append("sync")
+        assert isinstance(place, Apparent)
+        if self.sync_late_s:
+            asyncio.get_running_loop().call_later(self.sync_late_s, self.mechanics.sync, place)
+        elif not self.sync_ignored:
+            self.mechanics.sync(place)
+        return Sent()
+
+    async def send_stop(self, again: int) -> None:
+        self.orders.append(f"stop {again}")
+        self.log.note("driver->mount", b"stop")
+        if again >= self.stops_needed:
+            self.mechanics.stop()
+
+    async def send_park(self, wanted: Wanted) -> Sent:
+        self.orders.append("park")
+        self.mechanics.move("n", 1.0)
+
+        def parked() -> None:
+            self.mechanics.stop()
+            self.parked = True
+
+        asyncio.get_running_loop().call_later(0.3, parked)
+        return Sent()
+
+    async def send_unpark(self) -> None:
+        self.orders.append("unpark")
+        self.parked = False
+
+    async def send_home(self, wanted: Wanted) -> Sent:
+        self.orders.append("home")
+        self.mechanics.move("n", 1.0)
+
+        def there() -> None:
+            self.mechanics.stop()
+            self.at_home = True
+
+        asyncio.get_running_loop().call_later(0.3, there)
+        return Sent()
+
+    async def send_tracking(self, on: bool, rate: TrackingRate) -> None:
+        self.orders.append("tracking")
+        self.mechanics.tracking = on
+
+    async def send_guide(self, direction: Direction, duration_s: float, wanted: Wanted) -> Sent:
+        self.orders.append(f"guide {direction} {duration_s}")
+        return Sent()
+
+    async def read_clock(self) -> datetime | None:
+        return None if self.clock_off_s is None else utc_now() + timedelta(seconds=self.clock_off_s)
+
+    async def write_clock(self, utc: datetime) -> None:
+        if self.refuses_settings:
+            raise DeviceRefused("not while aligned", device=self.device)
+        self.orders.append("set clock")
+        self.clock_off_s = 0.0
+
+    async def read_site(self) -> Site | None:
+        return self.its_site
+
+    async def write_site(self, site: Site) -> None:
+        if self.refuses_settings:
+            raise DeviceRefused("not while aligned", device=self.device)
+        self.orders.append("set site")
+        self.its_site = site
+
+
+class GarblingLanguage(PlainLanguage):
+    """Contradicts itself at every reading."""
+
+    async def readout(self) -> Readout:
+        await super().readout()
+        raise DeviceGarbled("nonsense", device=self.device)

@@ -1,0 +1,309 @@
+"""What every family's driver must do, over a real wire, whatever the fake does to it."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.bench import FakeOnPty, FakeOnTcp
+from drivers.driven import DrivenMount
+from drivers.driven.keeping import LinkState
+from drivers.fake_wire import WireFake
+from drivers.fakes import dialects, make_fake, protocols
+from drivers.faults import Fault
+from drivers.lx200.dialects import names
+from drivers.registry import open_mount
+from mountnav.errors import DeviceError, DeviceMissing, DeviceRefused, Refusal
+from mountnav.navigation.devices import SlewOutcome, SlewState, SyncOutcome
+from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
+from mountnav.sky.coordinates import Air, Apparent, Icrs, Site, utc_now
+from mountnav.testing.check_mount import check_mount
+
+HERE = Site(49.6, 36.9)
+QUICK = "poll_s=0.1&start_grace_s=0.6&rest_s=0.4&stall_s=2&sync_wait_s=1.0&late_s=0.5&backoff_s=0.1"
+FAKES_ALONE = set(dialects("lx200")) - {*names(), "lx200-16"}
+"""Mounts that INDI's drivers are tried on, and ours doesn't drive."""
+ALL = [
+    (protocol, dialect)
+    for protocol in protocols()
+    for dialect in dialects(protocol)
+    if protocol != "lx200" or dialect not in FAKES_ALONE
+]
+USUAL = [(protocol, dialects(protocol)[0]) for protocol in protocols()]
+QUICK_ONES = [case for case in USUAL if case[0] in ("lx200", "nexstar")]
+NOTICED_S = 2.0
+ON_WIRE_S = 0.1
+
+
+def fake_of(protocol: str, dialect: str) -> WireFake:
+    faking = import_module(f"drivers.{protocol}.faking") if protocol != "synscan" else None
+    machine: Machine = getattr(faking, "MACHINE", None) or Machine()
+    mechanics = Mechanics(
+        HERE,
+        Air(),
+        PointingErrors(),
+        machine=machine,
+        slew_rate_deg_s=20.0,
+        acceleration_deg_s2=40.0,
+    )
+    return make_fake(protocol, dialect, mechanics, clock=utc_now, monotonic=time.monotonic)
+
+
+class Rig:
+    """A mount on its fake."""
+
+    def __init__(self, mount: DrivenMount, fake: WireFake, bench: Any) -> None:
+        self.mount, self.fake, self.bench = mount, fake, bench
+        self.told: list[tuple[float, str]] = []
+        mount.listen(lambda what, _facts: self.told.append((time.monotonic(), what)))
+
+    def when(self, what: str) -> float | None:
+        """When something was told first."""
+        return next((at_s for at_s, said in self.told if said == what), None)
+
+    async def until(self, true: Callable[[], object], *, within_s: float = 60.0) -> None:
+        async with asyncio.timeout(within_s):
+            while not true():
+                await asyncio.sleep(0.01)
+
+    async def beside(self, ra_deg: float, dec_deg: float) -> Apparent | Icrs:
+        """A place not far, as the mount speaks of places; always away from the zenith to the south."""
+        place = (await self.mount.reading()).place
+        ra, dec = (place.ra_deg + ra_deg) % 360.0, place.dec_deg + dec_deg
+        return Icrs(ra, dec) if isinstance(place, Icrs) else Apparent(ra, dec, utc_now())
+
+    async def set_out(self) -> asyncio.Task[SlewOutcome]:
+        """Begin a long slew and wait until it is under way."""
+        slew = asyncio.create_task(self.mount.slew(await self.beside(25.0, -30.0)))
+        await self.until(lambda: self.mount.slew_state is SlewState.UNDER_WAY or slew.done())
+        assert not slew.done(), slew
+        return slew
+
+    def sent_after_s(self, noted: int, asked_s: float) -> float:
+        """How long after an instant of the log the next bytes went out."""
+        log = self.mount.wire_log
+        return next(one.t_s for one in log.entries(noted) if one.way == "driver->mount") - asked_s
+
+
+@asynccontextmanager
+async def rigged(
+    protocol: str,
+    dialect: str,
+    *,
+    tcp: bool = False,
+    link: Path | None = None,
+    slew_rate_deg_s: float = 20.0,
+    more: str = "",
+) -> AsyncIterator[Rig]:
+    fake = fake_of(protocol, dialect)
+    with FakeOnTcp(fake) if tcp else FakeOnPty(fake, link) as bench:
+        where = bench.address.replace("socket://", "tcp://") if tcp else f"serial://{bench.address}"
+        mount = open_mount(f"{protocol}+{where}?{QUICK}{more}", site=HERE)
+        assert isinstance(mount, DrivenMount)
+        await mount.open()
+        if not mount.trusted:
+            mount.trust()
+        # a controller that knows no sky stands at its home, the pole: everyone begins on the same sky
+        place = (await mount.reading()).place
+        if place.dec_deg > 80.0:
+            there = fake.mechanics.reported()
+            start = Apparent(there.ra_deg, 45.0, utc_now())
+            assert await mount.slew(start) is SlewOutcome.ARRIVED
+        fake.mechanics.slew_rate_deg_s = slew_rate_deg_s
+        rig = Rig(mount, fake, bench)
+        try:
+            yield rig
+        finally:
+            await mount.close()
+
+
+def _by_patience(cases: list[tuple[str, str]]) -> pytest.MarkDecorator:
+    """Two quick families in every run, the others where there is time."""
+    return pytest.mark.parametrize(
+        ("protocol", "dialect"),
+        [
+            pytest.param(*case, id="-".join(case), marks=[] if case in QUICK_ONES else [pytest.mark.long])
+            for case in cases
+        ],
+    )
+
+
+# boards of motor controllers differ in their gears alone
+@_by_patience([case for case in ALL if case[0] != "skywatcher" or case == USUAL[-1]])
+async def test_each_dialect_conforms(protocol: str, dialect: str) -> None:
+    async with rigged(protocol, dialect) as rig:
+        await check_mount(rig.mount)
+
+
+usual = _by_patience(USUAL)
+# its gotos take their time, and a family of its own tests does the same
+hand_controlled = _by_patience([case for case in USUAL if case[0] != "skywatcher"])
+
+
+@usual
+async def test_connecting_orders_nothing(protocol: str, dialect: str) -> None:
+    fake = fake_of(protocol, dialect)
+    before = fake.mechanics.axes()
+    believed = fake.mechanics.believed_utc() - utc_now()
+    with FakeOnTcp(fake) as bench:
+        mount = open_mount(f"{protocol}+{bench.address}?{QUICK}", site=HERE)
+        await mount.open()
+        await asyncio.sleep(1.0)
+        await mount.close()
+    after = fake.mechanics.axes()
+    # the hour angle axis may have tracked
+    assert abs(after.dec_axis_deg - before.dec_axis_deg) < 1e-9
+    assert abs(after.ha_axis_deg - before.ha_axis_deg) < 0.1
+    assert abs((fake.mechanics.believed_utc() - utc_now() - believed).total_seconds()) < 0.01
+    assert fake.mechanics.believed_site == fake.mechanics.site
+    faking = import_module(
+        "drivers.nexstar.faking_synscan" if protocol == "synscan" else f"drivers.{protocol}.faking"
+    )
+    assert not [said for said in fake.heard if said.startswith((*faking.MOVES, *faking.STOPS))]
+
+
+@usual
+async def test_a_stop_is_on_the_wire_at_once(protocol: str, dialect: str) -> None:
+    async with rigged(protocol, dialect, slew_rate_deg_s=2.0) as rig:
+        slew = await rig.set_out()
+        log = rig.mount.wire_log
+        noted, asked_s = log.count, log.now_s()
+        await rig.mount.stop()
+        assert rig.sent_after_s(noted, asked_s) < ON_WIRE_S
+        assert await slew is SlewOutcome.STOPPED
+        assert not rig.fake.mechanics.slewing()
+
+
+@usual
+@pytest.mark.parametrize("kind", ["silence", "flood"])
+async def test_a_stop_gets_through_silence_and_floods(protocol: str, dialect: str, kind: str) -> None:
+    async with rigged(protocol, dialect, slew_rate_deg_s=2.0) as rig:
+        slew = await rig.set_out()
+        rig.fake.add_fault(Fault(kind, for_s=2.5, delay_s=0.002, data=b"\x23\x30\x55\x0d"))  # type: ignore[arg-type]
+        await rig.until(lambda: rig.fake.strikes)
+        log = rig.mount.wire_log
+        noted, asked_s = log.count, log.now_s()
+        stop = asyncio.create_task(rig.mount.stop())
+        await rig.until(lambda: not rig.fake.mechanics.slewing())
+        assert rig.sent_after_s(noted, asked_s) < ON_WIRE_S
+        (stopped, end) = await asyncio.gather(stop, slew, return_exceptions=True)
+        # it rests; whether that could be read, and what the slew came to, depends on the noise
+        assert stopped is None or isinstance(stopped, DeviceError)
+        assert end is SlewOutcome.STOPPED or isinstance(end, DeviceError)
+
+
+@usual
+async def test_a_pulled_plug_is_noticed_and_the_mount_found_again(
+    protocol: str, dialect: str, tmp_path: Path
+) -> None:
+    async with rigged(protocol, dialect, link=tmp_path / "by-id", slew_rate_deg_s=2.0) as rig:
+        slew = await rig.set_out()
+        device = rig.bench.device
+        pulled_s = time.monotonic()
+        rig.bench.vanish()
+        with pytest.raises(DeviceMissing):
+            await slew
+        await rig.until(lambda: rig.when("link-lost"))
+        lost_s = rig.when("link-lost")
+        assert lost_s is not None
+        assert lost_s - pulled_s < NOTICED_S
+        assert rig.mount.slew_state is SlewState.LOST
+        rig.bench.come_back()
+        assert rig.bench.device != device
+        await rig.until(lambda: rig.when("link-back"))
+        assert not rig.mount.trusted
+        # it had gone on moving without us: stopped as soon as it could be reached
+        await rig.until(lambda: not rig.fake.mechanics.slewing())
+        with pytest.raises(DeviceRefused) as refusal:
+            await rig.mount.slew(await rig.beside(1.0, -1.0))
+        assert refusal.value.reason is Refusal.UNTRUSTED
+
+
+@usual
+async def test_a_mount_without_power_is_noticed(protocol: str, dialect: str) -> None:
+    async with rigged(protocol, dialect, more="&lost_after_s=3&timeout_s=2") as rig:
+        rig.fake.add_fault(Fault("dead", for_s=6.0))
+        off_s = time.monotonic()
+        await rig.until(lambda: rig.when("link-silent"))
+        silent_s = rig.when("link-silent")
+        assert silent_s is not None
+        assert silent_s - off_s < NOTICED_S
+        await rig.until(lambda: rig.when("link-lost"))
+        await rig.until(lambda: rig.when("link-back"))
+        assert rig.mount.link is LinkState.UP
+        assert not rig.mount.trusted
+
+
+@hand_controlled
+@pytest.mark.parametrize("ending", ["hang_up", "reset"])
+async def test_a_closed_connection_is_noticed_and_made_again(
+    protocol: str, dialect: str, ending: str
+) -> None:
+    async with rigged(protocol, dialect, tcp=True) as rig:
+        cut_s = time.monotonic()
+        getattr(rig.bench, ending)()
+        await rig.until(lambda: rig.when("link-lost"))
+        lost_s = rig.when("link-lost")
+        assert lost_s is not None
+        assert lost_s - cut_s < NOTICED_S
+        await rig.until(lambda: rig.when("link-back"))
+        assert (await rig.mount.reading()).slewing is not True
+
+
+@usual
+async def test_a_reboot_on_the_way_never_says_arrived(protocol: str, dialect: str) -> None:
+    async with rigged(protocol, dialect, slew_rate_deg_s=2.0, more="&lost_after_s=2&timeout_s=1.5") as rig:
+        slew = await rig.set_out()
+        rig.fake.add_fault(Fault("reboot", for_s=4.0))
+        (end,) = await asyncio.gather(slew, return_exceptions=True)
+        assert end is not SlewOutcome.ARRIVED
+        await rig.until(lambda: not rig.mount.trusted)
+        await rig.until(lambda: rig.mount.link is LinkState.UP)
+        with pytest.raises(DeviceRefused):
+            await rig.mount.slew(await rig.beside(1.0, -1.0))
+
+
+@hand_controlled
+async def test_syncs_are_classified(protocol: str, dialect: str) -> None:
+    # a motor controller knows no syncs: its driver's own offset is seen at once
+    async with rigged(protocol, dialect) as rig:
+        mechanics = rig.fake.mechanics
+        assert (await rig.mount.sync(await rig.beside(0.3, -0.3))).outcome is SyncOutcome.SEEN
+        mechanics.sync_behavior = "ignore"
+        assert (await rig.mount.sync(await rig.beside(0.3, -0.3))).outcome is SyncOutcome.IGNORED
+        mechanics.sync_behavior, mechanics.sync_late_s = "late", 0.7
+        assert (await rig.mount.sync(await rig.beside(0.3, -0.3))).outcome is SyncOutcome.LATE
+        mechanics.sync_behavior = "refuse"
+        try:
+            result = await rig.mount.sync(await rig.beside(0.3, -0.3))
+        except DeviceRefused:
+            return
+        # a family without words for it answers as always
+        assert result.outcome is SyncOutcome.IGNORED
+
+
+@pytest.mark.long
+@hand_controlled
+async def test_a_stuck_axis_is_no_arrival(protocol: str, dialect: str) -> None:
+    async with rigged(protocol, dialect, slew_rate_deg_s=4.0) as rig:
+        rig.fake.mechanics.stick("dec")
+        (end,) = await asyncio.gather(rig.mount.slew(await rig.beside(3.0, -3.0)), return_exceptions=True)
+        assert end is SlewOutcome.STALLED or isinstance(end, DeviceError), end
+        assert rig.mount.slew_state is not SlewState.ARRIVED
+
+
+@pytest.mark.long
+@hand_controlled
+async def test_a_runaway_is_stopped(protocol: str, dialect: str) -> None:
+    async with rigged(protocol, dialect, slew_rate_deg_s=4.0, more="&slew_timeout_s=12") as rig:
+        rig.fake.mechanics.run_away("ha")
+        (end,) = await asyncio.gather(rig.mount.slew(await rig.beside(3.0, -3.0)), return_exceptions=True)
+        assert end is SlewOutcome.STALLED or isinstance(end, DeviceError), end
+        assert not rig.fake.mechanics.slewing()

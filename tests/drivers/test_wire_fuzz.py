@@ -1,0 +1,121 @@
+"""All families against their fakes in memory and in virtual time, with faults at random: the common proof.
+
+No wrong position is published, no order is carried out twice, nothing hangs, a stop is on the wire at once.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+
+import pytest
+
+from drivers.fakes import make_fake
+from drivers.faults import USUAL_KINDS, Fault, Kind, scripted
+from tests.drivers.virtual_wire import HandClock, VirtualLoop, in_virtual_time
+from tests.drivers.wire_families import family
+from tests.drivers.wire_fuzz import Findings, Rig
+
+EVERYTHING: tuple[Kind, ...] = (
+    *USUAL_KINDS,
+    "deaf",
+    "silence",
+    "dead",
+    "flood",
+    "vanish",
+    "hang-up",
+    "black-hole",
+)
+FAMILIES = [
+    ("lx200", "lx200gps"),
+    ("nexstar", None),
+    ("synscan", None),
+    ("ioptron", None),
+    ("skywatcher", None),
+]
+
+
+@pytest.fixture(autouse=True)
+def _quiet() -> Iterator[None]:
+    # each fault is a warning
+    logging.disable(logging.WARNING)
+    yield
+    logging.disable(logging.NOTSET)
+
+
+def lived(
+    monkeypatch: pytest.MonkeyPatch,
+    protocol: str,
+    dialect: str | None,
+    exchanges: int,
+    seed: int,
+    rate: float = 0.03,
+    kinds: tuple[Kind, ...] = EVERYTHING,
+    script: list[Fault] | None = None,
+) -> tuple[Findings, Rig]:
+    clock = HandClock()
+    fuzzed = family(protocol, dialect)
+    in_virtual_time(monkeypatch, clock)
+    loop = VirtualLoop(clock)
+    try:
+        # its events and locks are made for this loop
+        rig = Rig(fuzzed, make_fake, clock, seed, rate, kinds)
+        if script is not None:
+            rig.fake.faults += script
+        return loop.run_until_complete(rig.live(exchanges)), rig
+    finally:
+        loop.close()
+
+
+@pytest.mark.parametrize(("protocol", "dialect"), FAMILIES)
+def test_nothing_wrong_in_3000_exchanges(
+    protocol: str, dialect: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # a bad cable, then everything
+    cable, _ = lived(monkeypatch, protocol, dialect, 1500, 3, 0.05, USUAL_KINDS)
+    monkeypatch.undo()
+    worst, _ = lived(monkeypatch, protocol, dialect, 1500, 4, 0.02)
+    assert cable.wrong + worst.wrong == []
+    assert cable.exchanges + worst.exchanges >= 3000
+    # it was no idle life
+    assert cable.readings + worst.readings > 100
+    assert sum(cable.struck.values()) > 50
+    assert cable.outcomes["slew: arrived"] > 0
+    assert set(worst.struck) & {"vanish", "hang-up", "black-hole"}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("protocol", "dialect"), FAMILIES)
+def test_nothing_wrong_in_100_000_exchanges(
+    protocol: str, dialect: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    exchanges, wrong = 0, []
+    # several lives, of bad cables and of everything
+    for seed in range(100, 110):
+        rate, kinds = (0.05, USUAL_KINDS) if seed % 2 else (0.02, EVERYTHING)
+        findings, _ = lived(monkeypatch, protocol, dialect, 10_000, seed, rate, kinds)
+        monkeypatch.undo()
+        exchanges += findings.exchanges
+        wrong += [f"seed {seed}: {what}" for what in findings.wrong]
+    assert wrong == []
+    assert exchanges >= 100_000
+
+
+def test_the_same_seed_is_the_same_life() -> None:
+    def life() -> tuple[list[bytes], Rig]:
+        with pytest.MonkeyPatch.context() as patched:
+            _, rig = lived(patched, "nexstar", None, 1500, 5, 0.05)
+        return rig.fake.heard, rig
+
+    heard, rig = life()
+    again, _ = life()
+    assert again == heard
+    assert len(rig.fake.strikes) > 30
+
+
+def test_what_struck_strikes_again_from_its_script() -> None:
+    with pytest.MonkeyPatch.context() as patched:
+        _, rig = lived(patched, "ioptron", None, 1500, 5)
+    with pytest.MonkeyPatch.context() as patched:
+        _, again = lived(patched, "ioptron", None, 1500, 5, rate=0.0, script=scripted(rig.fake.strikes))
+    assert again.fake.heard == rig.fake.heard

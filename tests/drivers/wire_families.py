@@ -1,0 +1,48 @@
+"""The families that the common fuzz drives, and what it must know of each."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import replace
+from typing import Any
+
+from drivers.fakes import machine
+from drivers.ioptron.language import IoptronLanguage
+from drivers.lx200.dialects import dialect_named
+from drivers.lx200.language import Lx200Language
+from drivers.nexstar.language import NexstarLanguage
+from drivers.skywatcher.language import SkywatcherLanguage
+from mountnav.simulation.mechanics import Machine
+from tests.drivers.wire_fuzz import HERE, Family
+
+_FAKING = {"synscan": "drivers.nexstar.faking_synscan"}
+_MOTORS = Machine(mounting="german", starts_at="home", tracks_at_start=False)
+
+
+def _aligned(fake: Any) -> None:
+    fake.aligned = True
+
+
+def family(protocol: str, dialect: str | None = None) -> Family:
+    """A family as the fuzz takes it; the dialect is the fake's, the driver finds it out."""
+    faking = importlib.import_module(_FAKING.get(protocol, f"drivers.{protocol}.faking"))
+    made = Family(protocol, dialect, Lx200Language, faking.MOVES, faking.STOPS, machine=machine(protocol))
+    match protocol:
+        case "nexstar":
+            return replace(made, language=NexstarLanguage, recover=_aligned)
+        case "synscan":
+            return replace(made, language=lambda link: NexstarLanguage(link, epoch="icrs"), recover=_aligned)
+        case "ioptron":
+            return replace(made, language=IoptronLanguage)
+        case "skywatcher":
+            return replace(
+                made, language=lambda link: SkywatcherLanguage(link, HERE), machine=_MOTORS, syncs=False
+            )
+    return made
+
+
+def told_dialect(protocol: str, dialect: str) -> Family:
+    """As `family`, the driver being told the dialect."""
+    return replace(
+        family(protocol, dialect), language=lambda link: Lx200Language(link, dialect_named(dialect))
+    )

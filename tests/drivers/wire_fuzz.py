@@ -1,0 +1,365 @@
+"""One mount and its fake in memory, with faults at random, kept busy; all that it must never do is noted."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import itertools
+import random
+from collections import Counter
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+from datetime import timedelta
+from typing import Any
+
+from drivers.driven import DrivenMount
+from drivers.exchange import Patience
+from drivers.fake_wire import WireFake
+from drivers.faults import Kind, RandomFaults
+from drivers.language import Language
+from drivers.link import Link
+from drivers.timing import Timing
+from drivers.wire_log import WireLog
+from mountnav.errors import DeviceError, DeviceRefused, MountnavError, Refusal
+from mountnav.navigation.devices import (
+    Direction,
+    MountReading,
+    Skill,
+    SlewOutcome,
+    SyncOutcome,
+    TrackingRate,
+)
+from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
+from mountnav.sky.chain import apparent_to_icrs
+from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
+from mountnav.sky.sphere import separation_arcsec
+from tests.drivers.virtual_wire import HandClock, MemoryLine
+
+HERE = Site(49.6, 36.9)
+LONGEST_S = 1500.0
+"""No order may take longer: the longest slew with its time-out, all deadlines in between."""
+STOP_S = 0.1
+RIGHT_WITHIN_S = 1.0
+"""A reading is right when the mount was there so long before or after its instant, or nearly so."""
+UNSEEN_ARCSEC = 30.0
+"""What no reader can tell from a little motion: flipped bits in last digits, without check sums."""
+
+
+@dataclass
+class Family:
+    """What the fuzz must know of a family."""
+
+    protocol: str
+    dialect: str | None
+    language: Callable[[Link], Language]
+    moves: tuple[bytes, ...]
+    stops: tuple[bytes, ...]
+    machine: Machine | None = None
+    syncs: bool = True
+    """Whether a sync reaches the fake; not where the driver keeps its offsets to itself."""
+    recover: Callable[[Any], None] = lambda fake: None
+    """What a person does at the mount after its power was off."""
+
+    def __str__(self) -> str:
+        return f"{self.protocol}-{self.dialect}" if self.dialect else self.protocol
+
+
+@dataclass
+class Findings:
+    """What a run came to."""
+
+    exchanges: int = 0
+    readings: int = 0
+    outcomes: Counter[str] = field(default_factory=Counter)
+    struck: Counter[str] = field(default_factory=Counter)
+    wrong: list[str] = field(default_factory=list)
+    off_arcsec: list[float] = field(default_factory=list)
+
+
+class _Counted:
+    """The language, with a note of which moving orders each call to it may send."""
+
+    def __init__(self, language: Language, rig: Rig) -> None:
+        self._language = language
+        self._rig = rig
+
+    def __getattr__(self, name: str) -> Any:
+        told = getattr(self._language, name)
+        if name not in ("send_slew", "send_sync", "send_park", "send_home", "next_leg"):
+            return told
+
+        async def counted(*given: Any) -> Any:
+            before = len(self._rig.fake.obeyed)
+            try:
+                return await told(*given)
+            finally:
+                self._rig.sent[name] += 1
+                self._rig.check_once(name, before)
+
+        return counted
+
+
+class Rig:
+    """A mount, its fake, and the clock of both."""
+
+    def __init__(
+        self,
+        family: Family,
+        make: Callable[..., WireFake],
+        clock: HandClock,
+        seed: int,
+        rate: float,
+        kinds: tuple[Kind, ...],
+    ) -> None:
+        self.family, self.clock = family, clock
+        self.chances = random.Random(seed)
+        self.findings = Findings()
+        self.sent: Counter[str] = Counter()
+        self.unsure = False
+        self.mechanics = Mechanics(
+            HERE,
+            Air(),
+            PointingErrors(),
+            machine=family.machine,
+            slew_rate_deg_s=4.0,
+            clock=clock,
+        )
+        self.fake = make(
+            family.protocol, family.dialect, self.mechanics, clock=clock, monotonic=clock.monotonic
+        )
+        self.faulty = RandomFaults(seed, rate, kinds, longest_s=4.0)
+        log = WireLog(monotonic=clock.monotonic)
+        self.line = MemoryLine(self.fake, clock, log)
+        language = _Counted(family.language(Link(self.line, Patience(), log)), self)
+        self.mount = DrivenMount(language, timing=Timing(longest_backoff_s=4.0), site=HERE)  # type: ignore[arg-type]
+        self.mount.listen(self.hear)
+
+    def hear(self, what: str, facts: object) -> None:
+        if what == "untrusted" and not self.family.syncs and self.fake.chance is not None:
+            # the place that the driver reckons is said not to count, and only a sync ends that
+            self.unsure = True
+
+    # -- what must never be --------------------------------------------------------------------------
+
+    def note(self, what: str) -> None:
+        self.findings.wrong.append(f"at {self.clock.now_s:.3f} s, after {len(self.fake.heard)}: {what}")
+
+    def check_once(self, order: str, before: int) -> None:
+        sent = [one for one in self.fake.obeyed[before:] if one.startswith(self.family.moves)]
+        twice = [one for one, count in Counter(sent).items() if count > 1]
+        if twice:
+            self.note(f"{order} was carried out twice: {twice}")
+
+    def check_reading(self, reading: MountReading, began_s: float) -> None:
+        self.findings.readings += 1
+        if self.unsure:
+            return
+        span_s = min(self.clock.now_s - began_s, 5.0)
+        around = [self.belief(reading, step * span_s) for step in (-1.0, -0.5, 0.0, 0.5, 1.0)]
+        near = [self.belief(reading, shift_s) for shift_s in (-RIGHT_WITHIN_S, 0.0, RIGHT_WITHIN_S)]
+        travel = max(_apart(one, two) for one in near for two in near)
+        pace = max(_apart(one, two) for one, two in itertools.pairwise(around))
+        off = min(_apart(reading.place, one) for one in (*around, *near))
+        free = 1.5 * self.mount.resolution_arcsec + 1.0 + pace + travel
+        if off > free:
+            self.findings.off_arcsec.append(off)
+            if off > free + UNSEEN_ARCSEC:
+                self.note(f"a reading is {off:.0f} arcsec off (free: {free:.0f}): {reading}")
+
+    def belief(self, reading: MountReading, shift_s: float) -> Apparent | Icrs:
+        utc = min(reading.utc + timedelta(seconds=shift_s), self.clock())
+        place = self.mechanics.reported(utc)
+        return apparent_to_icrs(place) if isinstance(reading.place, Icrs) else place
+
+    def now(self) -> Apparent | Icrs:
+        place = self.mechanics.reported()
+        return apparent_to_icrs(place) if self.mount.epoch == "icrs" else place
+
+    # -- a life --------------------------------------------------------------------------------------
+
+    async def live(self, exchanges: int) -> Findings:
+        await self.mount.open()
+        self.fake.chance = self.faulty
+        try:
+            while len(self.fake.heard) < exchanges:
+                before = len(self.fake.heard)
+                await self.step()
+                if len(self.fake.heard) == before:
+                    await asyncio.sleep(1.0)
+        finally:
+            self.findings.exchanges = len(self.fake.heard)
+            self.findings.struck = Counter(strike.fault.kind for strike in self.fake.strikes)
+            await self.mount.close()
+        return self.findings
+
+    async def step(self) -> None:
+        roll = self.chances.random()
+        if self.mechanics.parked and self.chances.random() < 0.3:
+            # somebody at its buttons
+            self.mechanics.unpark()
+        if not self.mount.trusted and roll < 0.5:
+            if self.mechanics.boots:
+                self.family.recover(self.fake)
+            self.mount.trust()
+        if roll < 0.70:
+            await self.told("read", self.read)
+        elif roll < 0.82:
+            await self.told("slew", self.slew)
+        elif roll < 0.87 or (self.unsure and roll < 0.95):
+            await self.told("sync", self.sync)
+        elif roll < 0.90:
+            await self.told("stop", self.stop)
+        elif roll < 0.93:
+            await self.told("track", self.track)
+        elif roll < 0.96:
+            await self.told("guide", self.guide)
+        elif roll < 0.98:
+            await self.told("park", self.park)
+        else:
+            await asyncio.sleep(self.chances.uniform(0.0, 5.0))
+
+    async def told(self, what: str, order: Callable[[], Awaitable[str]]) -> None:
+        ordered = sum(self.sent.values())
+        try:
+            async with asyncio.timeout(LONGEST_S):
+                came = await order()
+        except TimeoutError:
+            self.note(f"{what} hangs")
+            came = "hangs"
+        except DeviceRefused as refusal:
+            came = f"refused ({refusal.reason})"
+            # what a task of the driver's own does meanwhile (tracking taken up again) is no answer to it
+            if sum(self.sent.values()) > ordered and refusal.reason is Refusal.UNTRUSTED:
+                self.note(f"{what} refused, but sent")
+        except MountnavError as error:
+            came = type(error).__name__
+        self.findings.outcomes[f"{what}: {came}"] += 1
+
+    async def read(self) -> str:
+        began_s = self.clock.now_s
+        reading = await self.mount.reading()
+        self.check_reading(reading, began_s)
+        await asyncio.sleep(self.chances.choice((0.0, 0.0, 0.01, 0.3)))
+        return "done"
+
+    async def watch(self) -> None:
+        """Somebody else reads while the mount slews."""
+        while True:
+            with contextlib.suppress(DeviceError):
+                began_s = self.clock.now_s
+                self.check_reading(await self.mount.reading(), began_s)
+            await asyncio.sleep(self.chances.uniform(0.1, 1.0))
+
+    def target(self) -> Apparent | Icrs | None:
+        here = self.mechanics.reported()
+        for _ in range(30):
+            ra_deg = (here.ra_deg + self.chances.uniform(-25.0, 25.0)) % 360.0
+            dec_deg = here.dec_deg + self.chances.uniform(-25.0, 25.0)
+            if not -20.0 < dec_deg < 85.0:
+                continue
+            place = Apparent(ra_deg, dec_deg, self.clock())
+            if self.mechanics.believed_altitude_deg(place) > 25.0 and self.mechanics.refusal(place) is None:
+                return apparent_to_icrs(place) if self.mount.epoch == "icrs" else place
+        return None
+
+    async def slew(self) -> str:
+        place = self.target()
+        if place is None:
+            return "nowhere"
+        sent = self.sent["send_slew"]
+        slew = asyncio.ensure_future(self.mount.slew(place))
+        watch = asyncio.ensure_future(self.watch())
+        if self.chances.random() < 0.3:
+            await asyncio.wait({slew}, timeout=self.chances.uniform(0.0, 6.0))
+            if self.chances.random() < 0.3:
+                slew.cancel()
+            else:
+                with contextlib.suppress(DeviceError):
+                    await self.stop()
+        try:
+            outcome = await slew
+        except asyncio.CancelledError:
+            return "cancelled"
+        finally:
+            watch.cancel()
+            await asyncio.wait({watch})
+            if self.sent["send_slew"] > sent + 1:
+                self.note("a slew was ordered twice")
+        if outcome is SlewOutcome.ARRIVED and not self.unsure:
+            off = _apart(self.now(), place)
+            if off > 30.0 + 3.0 * self.mount.resolution_arcsec:
+                self.note(f"arrived, {off:.0f} arcsec off")
+        if self.moves():
+            self.note(f"{outcome}, and the mount slews")
+        return outcome
+
+    def moves(self) -> bool:
+        """Whether an axis runs faster than any tracking."""
+        return any(abs(self.mechanics.axis_velocity(axis)) > 0.01 for axis in ("ha", "dec"))
+
+    async def stop(self) -> str:
+        began_s, could = self.clock.now_s, self.line.usable
+        stopping = asyncio.ensure_future(self.mount.stop())
+        await asyncio.wait({stopping}, timeout=STOP_S)
+        if could and not any(
+            began_s <= at_s <= began_s + STOP_S and any(stop in data for stop in self.family.stops)
+            for at_s, data in self.line.now_writes[-20:]
+        ):
+            self.note("a stop was not on the wire within a tenth of a second")
+        await stopping
+        if self.moves():
+            self.note("stopped, and the mount slews")
+        return "stopped"
+
+    async def sync(self) -> str:
+        if not self.family.syncs:
+            place = self.now()
+            if abs(place.dec_deg) > 75.0:
+                # beside the pole a place tells little of the hour angle: 0.1 arcsec turn it by 1 arcmin
+                return "too near the pole"
+            result = await self.mount.sync(place)
+            # a mount that moved on meanwhile was told a place of the past: by us, not by its driver
+            stayed = _apart(self.now(), place) < 1.0
+            self.unsure = not stayed or result.outcome is SyncOutcome.IGNORED
+            return result.outcome
+        here = self.now()
+        ra_deg = (here.ra_deg + self.chances.uniform(-0.3, 0.3)) % 360.0
+        dec_deg = max(-80.0, min(80.0, here.dec_deg + self.chances.uniform(-0.3, 0.3)))
+        place = (
+            Icrs(ra_deg, dec_deg) if self.mount.epoch == "icrs" else Apparent(ra_deg, dec_deg, self.clock())
+        )
+        sent = self.sent["send_sync"]
+        try:
+            result = await self.mount.sync(place)
+        finally:
+            if self.sent["send_sync"] > sent + 1:
+                self.note("a sync was ordered twice")
+        off = _apart(self.now(), place)
+        taken = off <= 60.0 + 3.0 * self.mount.resolution_arcsec
+        if taken != (result.outcome is not SyncOutcome.IGNORED) and self.mechanics.tracking:
+            self.note(f"sync {result.outcome}, {off:.0f} arcsec off")
+        return result.outcome
+
+    async def track(self) -> str:
+        if Skill.TRACK not in self.mount.skills:
+            return "can't"
+        await self.mount.set_tracking(self.chances.random() < 0.8, TrackingRate.SIDEREAL)
+        return "done"
+
+    async def guide(self) -> str:
+        if Skill.GUIDE not in self.mount.skills:
+            return "can't"
+        await self.mount.guide(self.chances.choice(list(Direction)), self.chances.uniform(0.05, 1.5))
+        return "done"
+
+    async def park(self) -> str:
+        if not {Skill.PARK, Skill.UNPARK} <= self.mount.skills:
+            return "can't"
+        outcome = await self.mount.park()
+        await asyncio.sleep(self.chances.uniform(0.0, 3.0))
+        await self.mount.unpark()
+        return outcome
+
+
+def _apart(one: Apparent | Icrs, two: Apparent | Icrs) -> float:
+    return separation_arcsec(Icrs(one.ra_deg, one.dec_deg), Icrs(two.ra_deg, two.dec_deg))
