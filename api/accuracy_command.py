@@ -7,10 +7,15 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from api.accuracy_record import AccuracyRecord, IndicatorRecord, RowRecord, accuracy_record
+from api.accuracy_record import (
+    AccuracyRecord,
+    FrameAccuracy,
+    IndicatorRecord,
+    RowRecord,
+    accuracy_record,
+)
 from api.file_names import shown
 from api.hints import asked_hint
-from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadFrame, BadRequest
 from mountnav.frames import Hint
@@ -33,6 +38,7 @@ def run(
     as_json: bool,
     as_markdown: bool,
     plot: Path | None,
+    catalog: Catalog,
     settings: SolveSettings | None = None,
 ) -> int:
     """Reduce the files and print; 0 if all were solved, else 1.
@@ -48,7 +54,6 @@ def run(
     hint = asked_hint(ra, dec, radius, scale)
     if plot is not None:
         _make_folder(plot)
-    catalog = embedded_catalog()
     outcomes = [(shown(path), _outcome(path, catalog, hint, settings)) for path in files]
     record = accuracy_record(outcomes, percents, every=every, leave_one_out=leave_one_out)
     if as_json:
@@ -121,7 +126,7 @@ def _notes(record: AccuracyRecord) -> Iterator[str]:
     pairs = (
         "all pairs, also those rejected by their deviation" if record.every_pair else "the pairs in the fit"
     )
-    yield f"Measured minus catalog, {pairs}; Δmag by each frame's own zero point."
+    yield f"Measured minus catalog, {pairs}; Δmag by each frame's own zero point and color term."
     if record.leave_one_out:
         yield "Each pair against a plate that was fit without it (leave one out)."
     elif record.fit_factor is not None:
@@ -131,7 +136,7 @@ def _notes(record: AccuracyRecord) -> Iterator[str]:
         )
     yield (
         "Rejected are the worst by the modulus of the position's deviation, for Δmag by its own; "
-        "saturated stars have no Δmag."
+        "saturated stars have no Δmag, nor have those without a magnitude of their own in the catalog's band."
     )
 
 
@@ -152,6 +157,28 @@ def _numbers(one: IndicatorRecord, places: int) -> tuple[str, ...]:
     return (str(one.number), *told)
 
 
+def brightness_scale(frame: FrameAccuracy) -> str:
+    """Zero point and color term of a frame, in one line."""
+    found = frame.photometry
+    if found is None:
+        return "no zero point: fewer than three stars fit for it"
+    parts = [
+        f"zero point {found.zero_point_mag:.3f} ± {found.zero_point_sigma_mag:.3f} {found.band or 'mag'}",
+        f"scatter {found.scatter_mag:.3f}",
+        f"{found.stars} stars",
+    ]
+    if found.color_term_sigma is not None and found.pivot_mag is not None:
+        color = found.color_name or "color"
+        parts.insert(
+            1,
+            f"color term {found.color_term:+.3f} ± {found.color_term_sigma:.3f} "
+            f"per mag of {color}, from {color} = {found.pivot_mag:.2f}",
+        )
+    else:
+        parts.insert(1, "no color term")
+    return ", ".join(parts)
+
+
 def _blocks(record: AccuracyRecord) -> Iterator[tuple[str, list[RowRecord]]]:
     for frame in record.frames:
         if frame.solved:
@@ -168,6 +195,9 @@ def markdown(record: AccuracyRecord) -> str:
     out[0] = out[0].replace("|Δ|", "Δ modulus")
     out.append("")
     out += [f"Not solved: {frame.file}: {frame.reason}  " for frame in record.frames if not frame.solved]
+    out += [
+        f"{Path(frame.file).name}: {brightness_scale(frame)}.  " for frame in record.frames if frame.solved
+    ]
     out += list(_notes(record))
     return "\n".join(out) + "\n"
 
@@ -182,8 +212,11 @@ def _show(record: AccuracyRecord) -> None:
             console.print(f"[red]✗[/red] {escape(frame.file)}  not solved: {escape(frame.reason or '')}")
     if record.solved:
         console.print(f"[dim]{_aligned(COLUMNS[1:])}[/dim]")
-        for name, rows in _blocks(record):
+        scales = [brightness_scale(frame) for frame in record.frames if frame.solved]
+        for number, (name, rows) in enumerate(_blocks(record)):
             console.print(f"[bold]{escape(name)}[/bold]")
+            if number < len(scales):
+                console.print(f"  [dim]{escape(scales[number])}[/dim]")
             for line in _lines(name, rows):
                 console.print(_aligned(line[1:]))
         console.print()

@@ -14,6 +14,7 @@ from mountnav.identification.accuracy import (
     fit_factor,
     pooled,
 )
+from mountnav.identification.photometry import Photometry, fit_photometry
 from mountnav.solution import Solution
 
 
@@ -36,6 +37,20 @@ class RowRecord(BaseModel):
     mag: IndicatorRecord
 
 
+class PhotometryRecord(BaseModel):
+    """Brightness of one frame: m = -2.5 log10(ADU) + zero point + color term · (color - pivot)."""
+
+    zero_point_mag: float
+    zero_point_sigma_mag: float
+    color_term: float = Field(description="0 where the pairs don't hold one")
+    color_term_sigma: float | None
+    pivot_mag: float | None = Field(description="Color that the zero point holds for")
+    color_name: str
+    band: str
+    stars: int
+    scatter_mag: float = Field(description="Beyond the errors of the fluxes")
+
+
 class FrameAccuracy(BaseModel):
     """One frame: its indicators, or why it was not solved."""
 
@@ -47,6 +62,9 @@ class FrameAccuracy(BaseModel):
     fit_factor: float | None = Field(
         default=None,
         description="sqrt(1 - p/n): so much smaller than their errors are deviations of the fit's own pairs",
+    )
+    photometry: PhotometryRecord | None = Field(
+        default=None, description="null if fewer than three pairs are fit for it"
     )
     rows: list[RowRecord] = []
 
@@ -95,6 +113,7 @@ def accuracy_record(
                 mode=outcome.mode,
                 pairs=outcome.pairs,
                 fit_factor=fit_factor(outcome.pairs, free),
+                photometry=_photometry(fit_photometry(outcome.identified)),
                 rows=[_row(row) for row in accuracy_table(found, rejected_percent)],
             )
         )
@@ -107,6 +126,22 @@ def accuracy_record(
         leave_one_out=leave_one_out,
         fit_factor=fit_factor(pairs, parameters) if parts else None,
         overall=[_row(row) for row in accuracy_table(pooled(parts), rejected_percent)],
+    )
+
+
+def _photometry(one: Photometry | None) -> PhotometryRecord | None:
+    if one is None:
+        return None
+    return PhotometryRecord(
+        zero_point_mag=one.zero_point_mag,
+        zero_point_sigma_mag=one.zero_point_sigma_mag,
+        color_term=one.color_term,
+        color_term_sigma=_finite(one.color_term_sigma),
+        pivot_mag=_finite(one.pivot_mag),
+        color_name=one.color_name,
+        band=one.band,
+        stars=one.stars,
+        scatter_mag=one.scatter_mag,
     )
 
 

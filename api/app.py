@@ -10,12 +10,38 @@ from fastapi import FastAPI
 from fastapi.routing import APIRoute
 from fastapi_offline import FastAPIOffline
 
-from api import faults
-from api.routes import events, health, jobs, solve, telescopes
-from api.security import OwnMachineOnly, TokenRequired
+from api import faults, guards
+from api.alpaca.server import alpaca_routes
+from api.opening import doors_of
+from api.routes import (
+    audit,
+    capabilities,
+    catalogs,
+    doctor,
+    events,
+    frames,
+    health,
+    jobs,
+    journal,
+    last_frame,
+    leases,
+    metrics,
+    night,
+    objects,
+    offsets,
+    orders,
+    page,
+    pointing,
+    sky_view,
+    solve,
+    stops,
+    telescopes,
+    wire,
+)
+from api.security import TokenRequired
 from api.service import open_service
 from mountnav import __version__
-from mountnav.catalog.embedded import embedded_catalog
+from mountnav.catalog.at_hand import open_shelf
 from mountnav.catalog.stars import Catalog
 from mountnav.settings import Settings
 from mountnav.sky.iers import iers_status, override_dut1
@@ -34,16 +60,20 @@ def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI
     ----------
     settings : Settings
     catalog : Catalog, optional
-        Instead of the embedded one.
+        Instead of the embedded one and those of the settings.
     """
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         await asyncio.to_thread(iers_status)  # the tables are read before the first request
         override_dut1(settings.site.dut1_s)
-        service = await open_service(settings, embedded_catalog() if catalog is None else catalog)
+        service = await open_service(
+            settings, await asyncio.to_thread(open_shelf, settings.catalogs) if catalog is None else catalog
+        )
         app.state.service = service
+        service.doors = doors_of(service, getattr(app.state, "http_address", None))
         try:
+            await service.doors.start()
             yield
         finally:
             # A second interrupt must not come between a moving mount and its stop.
@@ -60,11 +90,37 @@ def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI
     )
     app.state.settings = settings
     faults.install(app)
-    if settings.service.api_token_sha256 is None:
-        app.add_middleware(OwnMachineOnly)
+    guards.install(app, settings)
     app.include_router(health.router, prefix="/v1")
-    for router in (telescopes.router, jobs.router, events.router, solve.router):
+    shut = (
+        telescopes,
+        orders,
+        pointing,
+        wire,
+        night,
+        frames,
+        journal,
+        doctor,
+        jobs,
+        events,
+        solve,
+        catalogs,
+        last_frame,
+        offsets,
+        sky_view,
+        leases,
+        audit,
+        stops,
+        objects,
+        capabilities,
+    )
+    for router in (one.router for one in shut):
         app.include_router(router, prefix="/v1", dependencies=[TokenRequired])
+    app.include_router(metrics.router, dependencies=[TokenRequired])
+    if settings.alpaca.enabled:
+        app.router.routes.extend(alpaca_routes(lambda: app.state.service, lambda: app.state.keys))
+    # the page asks for the key itself
+    app.include_router(page.router)
     return app
 
 

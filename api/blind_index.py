@@ -11,6 +11,7 @@ from pathlib import Path
 from api.solver_link import ProcessEnded, ProcessLink
 from api.solver_messages import Built, Done, Progress, Setup
 from mountnav.catalog.packed import PackedStore
+from mountnav.catalog.shelf import Shelf
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import MountnavError
 
@@ -31,13 +32,13 @@ class BlindIndexKeeper:
     Parameters
     ----------
     catalog : Catalog
-        Only a packed one has an index.
+        Only a packed one has an index; of a shelf the embedded one.
     tell : callable
         ``tell(kind, data)``: told of each tenth of the building.
     """
 
     def __init__(self, catalog: Catalog, tell: Tell) -> None:
-        self._catalog = catalog
+        self._catalog = catalog.indexed if isinstance(catalog, Shelf) else catalog
         self._tell = tell
         self._path: Path | None = None
         self._share: float | None = None

@@ -9,7 +9,17 @@ import typer
 
 from api.cli_calibrate import calibrate_app
 from api.cli_catalog import catalog_app
+from api.cli_fake import fake_mount
 from api.cli_frames import accuracy, series, solve
+from api.cli_indi import indi_driver
+from api.cli_journal import journal_app
+from api.cli_keys import key_app
+from api.cli_model import model_app
+from api.cli_mounts import bench, wire
+from api.cli_night import night_app, replay
+from api.cli_pointing import drift, pointing_doctor
+from api.cli_ports import ports
+from api.cli_serve import serve
 
 app = typer.Typer(
     name="mountnav",
@@ -20,8 +30,21 @@ app = typer.Typer(
 )
 for command in (solve, series, accuracy):
     app.command()(command)
+app.command("fake-mount")(fake_mount)
+app.command()(wire)
+app.command()(bench)
+app.command()(ports)
 app.add_typer(calibrate_app, name="calibrate")
 app.add_typer(catalog_app, name="catalog")
+app.add_typer(journal_app, name="journal")
+app.add_typer(model_app, name="model")
+app.add_typer(night_app, name="night")
+app.add_typer(key_app, name="key")
+app.command()(replay)
+app.command()(drift)
+app.command("pointing-doctor")(pointing_doctor)
+app.command()(serve)
+app.command()(indi_driver)
 
 
 @app.callback(invoke_without_command=True)
@@ -37,17 +60,6 @@ def top(
 
 
 @app.command()
-def serve(
-    config: Annotated[Path, typer.Option("--config", "-c", help="The settings (TOML).")],
-) -> None:
-    """Serve the observatory: REST under /v1, its description at /docs."""
-    from api.serving import serve as run
-    from mountnav.settings import Settings
-
-    raise typer.Exit(run(Settings.load(config)))
-
-
-@app.command()
 def demo(
     keep: Annotated[bool, typer.Option("--keep", help="Leave the service running afterwards.")] = False,
     host: Annotated[str, typer.Option(help="Where the service listens.")] = "127.0.0.1",
@@ -58,20 +70,3 @@ def demo(
     from api.demo import run
 
     raise typer.Exit(run(keep=keep, host=host, port=port, picture=picture))
-
-
-@app.command("fake-mount")
-def fake_mount(
-    protocol: Annotated[str, typer.Option(help="What it speaks: lx200.")] = "lx200",
-    link: Annotated[Path | None, typer.Option(help="Make this a symlink to the pseudo-terminal.")] = None,
-    tcp: Annotated[str | None, typer.Option(metavar="HOST:PORT", help="Serve on TCP instead.")] = None,
-    errors: Annotated[Path | None, typer.Option(help="Pointing errors (TOML).")] = None,
-    latitude: Annotated[float, typer.Option(min=-90, max=90, help="Degrees.")] = 47.0,
-    longitude: Annotated[float, typer.Option(min=-180, max=180, help="Degrees, east positive.")] = 11.0,
-) -> None:
-    """Serve a fake mount until interrupted; prints its address when it is ready."""
-    from api.fake_mount_command import run
-
-    raise typer.Exit(
-        run(protocol, link=link, tcp=tcp, errors=errors, latitude_deg=latitude, longitude_deg=longitude)
-    )

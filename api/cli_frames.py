@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from api.cli_options import Blind, Budget, Calibration, Config, Dec, Json, Profile, Ra, Radius, Scale
+from api.cli_options import Blind, Budget, Calibration, Catalog, Config, Dec, Json, Profile, Ra, Radius, Scale
 
 
 def solve(
@@ -24,6 +24,7 @@ def solve(
     profile: Profile = None,
     budget: Budget = None,
     config: Config = None,
+    catalog: Catalog = None,
     as_json: Json = False,
 ) -> None:
     """Find out where images lie in the sky. Hints not given are taken from the header.
@@ -33,6 +34,7 @@ def solve(
 
     Exit code 0 if all were solved, 1 if some were not, 2 on bad usage.
     """
+    from api.catalogs import chosen_shelf
     from api.solve_command import run
     from api.solving import chosen_settings
 
@@ -54,6 +56,7 @@ def solve(
             high=scale_high,
             hdu=hdu,
             settings=settings,
+            catalog=chosen_shelf(config, catalog),
             as_json=as_json,
         )
     )
@@ -75,6 +78,7 @@ def accuracy(
     calibration: Calibration = None,
     profile: Profile = None,
     config: Config = None,
+    catalog: Catalog = None,
     as_json: Json = False,
     as_markdown: Annotated[bool, typer.Option("--markdown", help="A Markdown table.")] = False,
     plot: Annotated[
@@ -86,6 +90,7 @@ def accuracy(
     Exit code 0 if all frames were solved, 1 if some were not (they are listed), 2 on bad usage.
     """
     from api.accuracy_command import run
+    from api.catalogs import chosen_shelf
     from api.solving import chosen_settings
 
     settings = chosen_settings(config=config, profile=profile, budget_s=None, calibration=calibration)
@@ -103,6 +108,7 @@ def accuracy(
             as_markdown=as_markdown,
             plot=plot,
             settings=settings,
+            catalog=chosen_shelf(config, catalog),
         )
     )
 
@@ -120,12 +126,14 @@ def series(
     profile: Profile = None,
     budget: Budget = None,
     config: Config = None,
+    catalog: Catalog = None,
     as_json: Json = False,
 ) -> None:
     """Follow a series of frames: one is solved, the rest placed by their shift; tells the mount's drift.
 
     Exit code 0 if all frames were placed, 1 if some were not, 2 on bad usage.
     """
+    from api.catalogs import chosen_shelf
     from api.series_command import run
     from api.solving import chosen_section, solve_settings
 
@@ -140,6 +148,7 @@ def series(
             audit=audit,
             preliminary=section.preliminary_settings,
             solving=solve_settings(section, calibration=calibration),
+            catalog=chosen_shelf(config, catalog),
             as_json=as_json,
         )
     )

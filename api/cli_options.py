@@ -28,5 +28,12 @@ Blind = Annotated[
     ),
 ]
 Config = Annotated[
-    Path | None, typer.Option("--config", "-c", help="Settings file: its solving table is used.")
+    Path | None,
+    typer.Option("--config", "-c", help="Settings file: its solving and catalogs tables are used."),
+]
+Catalog = Annotated[
+    str | None,
+    typer.Option(
+        help="Use this star catalog alone (see `mountnav catalog list`); else the one that suits the frame."
+    ),
 ]

@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 
 import uvicorn
@@ -20,6 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from api.app import create_app
+from api.demo_observatory import TELESCOPE, demo_settings, own_journal
 from api.demo_targets import Target, targets_up_now
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.client import Client, Json, ServerEvent
@@ -28,8 +28,6 @@ from mountnav.settings import Settings
 from mountnav.sky.coordinates import Icrs, utc_now
 from mountnav.sky.iers import prepare
 from mountnav.sky.sphere import separation_arcsec
-
-TELESCOPE = "demo"
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +71,7 @@ def run(*, keep: bool, host: str, port: int, picture: Path | None = None) -> int
     prepare()
     settings = demo_settings(host, port)
     console.rule("[bold]mountnav demo: an observatory without hardware")
-    with _service(settings) as (base_url, truth):
+    with own_journal(settings) as settings, _service(settings) as (base_url, truth):
         console.print(
             f"A fake LX200 mount that points wrongly, a simulated camera on the true sky, "
             f"the service at [bold]{base_url}[/] (docs: {base_url}/docs)"
@@ -96,13 +94,6 @@ def run(*, keep: bool, host: str, port: int, picture: Path | None = None) -> int
             except KeyboardInterrupt:
                 console.print("ended")
     return 0 if good == len(results) > 0 else 1
-
-
-def demo_settings(host: str, port: int) -> Settings:
-    """The demo observatory's settings, listening at `host` and `port`."""
-    text = files("api").joinpath("demo.toml").read_text(encoding="utf-8")
-    text = text.replace('host = "127.0.0.1"', f'host = "{host}"').replace("port = 8000", f"port = {port}")
-    return Settings.parse(text, name="demo.toml")
 
 
 def _center_all(

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import math
 from collections import deque
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import date, datetime
+from itertools import islice
 from uuid import uuid4
 
 from mountnav.sky.coordinates import utc_now
+
+About = Callable[["Event"], bool]
+"""Which events somebody listens for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +30,8 @@ class Event:
         Such as ``slewing``, ``attempt``, ``job``.
     data : dict
         JSON values; NaN and infinities are None.
+    wire : bytes
+        As a server-sent event, made once for all who listen.
     """
 
     id: str
@@ -32,6 +39,7 @@ class Event:
     kind: str
     utc: datetime
     data: dict[str, object]
+    wire: bytes
 
 
 class Events:
@@ -47,16 +55,21 @@ class Events:
     """
 
     def __init__(self, kept: int) -> None:
-        self._run = uuid4().hex[:8]
+        self.run = uuid4().hex[:8]
         self._ring: deque[Event] = deque(maxlen=kept)
         self._last = 0
         self._news = asyncio.Event()
         self._closed = False
 
+    @property
+    def closed(self) -> bool:
+        """Whether nothing comes any more."""
+        return self._closed
+
     def publish(self, kind: str, data: dict[str, object]) -> Event:
         """Add an event and wake all readers."""
         self._last += 1
-        event = Event(f"{self._run}-{self._last}", self._last, kind, utc_now(), _finite(data))
+        event = self._event(self._last, kind, data)
         self._ring.append(event)
         self._wake()
         return event
@@ -66,43 +79,136 @@ class Events:
         self._closed = True
         self._wake()
 
-    async def follow(self, last_event_id: str | None = None) -> AsyncIterator[Event]:
-        """Yield events as they come, those after `last_event_id` first.
+    def reader(self, last_event_id: str | None = None, about: About | None = None) -> Reader:
+        """Somebody who listens from this moment on, or from after `last_event_id`.
 
         An id of an earlier run of the service, or one that is no id, is answered with a ``gap`` and all
         that is kept. Without an id only what comes from now on is told.
-        """
-        place = self._last
-        if last_event_id:
-            run, _, number = last_event_id.rpartition("-")
-            known = run == self._run and number.isascii() and number.isdigit() and len(number) < 19
-            place = min(int(number), self._last) if known else 0
-            if not known:
-                yield self._gap("the id is not of this run of the service; all kept events follow")
-        while not self._closed:
-            news = self._news
-            oldest = self._ring[0].number if self._ring else self._last + 1
-            if place < oldest - 1:
-                yield self._gap(f"{oldest - 1 - place} events are no longer kept")
-                place = oldest - 1
-            for event in [event for event in self._ring if event.number > place]:
-                yield event
-                place = event.number
-            if place == self._last and not self._closed:
-                await news.wait()
 
-    def _gap(self, why: str) -> Event:
+        Parameters
+        ----------
+        last_event_id : str, optional
+        about : callable, optional
+            Only these events; gaps are told in any case.
+        """
+        if not last_event_id:
+            return Reader(self, self._last, about)
+        run, _, number = last_event_id.rpartition("-")
+        if run == self.run and number.isascii() and number.isdigit() and len(number) < 19:
+            return Reader(self, min(int(number), self._last), about)
+        return Reader(self, 0, about, strange=True)
+
+    async def follow(
+        self, last_event_id: str | None = None, about: About | None = None
+    ) -> AsyncIterator[Event]:
+        """Yield events as they come, those after `last_event_id` first; see `reader`."""
+        reader = self.reader(last_event_id, about)
+        while (events := await reader.next()) is not None:
+            for event in events:
+                yield event
+
+    def told_now(self, kind: str, data: dict[str, object], id_of: int | None = None) -> Event:
+        """An event for one reader alone: it is not kept, and its id is that of the last one of all."""
+        return self._event(self._last if id_of is None else id_of, kind, data)
+
+    # -- for readers ---------------------------------------------------------------------------------
+
+    def after(self, place: int) -> tuple[list[Event], int]:
+        """What is kept of the events after a place, and how many of them are not kept any more."""
+        oldest = self._ring[0].number if self._ring else self._last + 1
+        lost = max(0, oldest - 1 - place)
+        count = self._last - max(place, oldest - 1)
+        # from the right end of the ring: that costs nothing, however long it is
+        newest = list(islice(reversed(self._ring), count))
+        return newest[::-1], lost
+
+    async def news(self, after: int) -> None:
+        """Wait until there is something after a place, or the end."""
+        while self._last <= after and not self._closed:
+            await self._news.wait()
+
+    @property
+    def last(self) -> int:
+        """Number of the last event."""
+        return self._last
+
+    def gap(self, why: str) -> Event:
+        """An event that tells of a gap; whoever resumes from its id gets all that is kept."""
         number = self._ring[0].number - 1 if self._ring else self._last
-        return Event(f"{self._run}-{number}", number, "gap", utc_now(), {"why": why})
+        return self._event(number, "gap", {"why": why})
+
+    def _event(self, number: int, kind: str, data: dict[str, object]) -> Event:
+        utc = utc_now()
+        clean = {key: _finite(value) for key, value in data.items()}
+        event_id = f"{self.run}-{number}"
+        text = json.dumps({"utc": utc.isoformat(), **clean}, default=_plain, ensure_ascii=False)
+        wire = f"event: {kind}\ndata: {text}\nid: {event_id}\n\n".encode("utf-8", "replace")
+        return Event(event_id, number, kind, utc, clean, wire)
 
     def _wake(self) -> None:
         news, self._news = self._news, asyncio.Event()
         news.set()
 
 
-def _finite(data: dict[str, object]) -> dict[str, object]:
-    """`data` without NaN and infinities, which JSON doesn't know."""
-    return {
-        key: None if isinstance(value, float) and not math.isfinite(value) else value
-        for key, value in data.items()
-    }
+class Reader:
+    """One who listens: his place in the ring.
+
+    Parameters
+    ----------
+    events : Events
+    place : int
+        Number of the last event that he knows.
+    about : callable, optional
+    strange : bool
+        He came with an id that means nothing here.
+    """
+
+    def __init__(self, events: Events, place: int, about: About | None, *, strange: bool = False) -> None:
+        self._events = events
+        self._place = place
+        self._about = about
+        self._strange = strange
+
+    async def next(self, patience_s: float | None = None) -> list[Event] | None:
+        """What came since, in order: at least one event; none if `patience_s` has passed; None at the end."""
+        try:
+            async with asyncio.timeout(patience_s):
+                while True:
+                    found = self.at_hand()
+                    if found:
+                        return found
+                    if self._events.closed:
+                        return None
+                    await self._events.news(self._place)
+        except TimeoutError:
+            return []
+
+    def at_hand(self) -> list[Event]:
+        """What came since, without waiting."""
+        found: list[Event] = []
+        if self._strange:
+            self._strange = False
+            found.append(self._events.gap("the id is not of this run of the service; all kept events follow"))
+            self._place = found[0].number
+        newer, lost = self._events.after(self._place)
+        if lost:
+            found.append(self._events.gap(f"{lost} events are no longer kept"))
+        self._place = self._events.last
+        return [*found, *(event for event in newer if self._about is None or self._about(event))]
+
+
+def _finite(value: object) -> object:
+    """`value` without NaN and infinities, which JSON doesn't know."""
+    match value:
+        case float():
+            return value if math.isfinite(value) else None
+        case dict():
+            return {str(key): _finite(one) for key, one in value.items()}
+        case list() | tuple():
+            return [_finite(one) for one in value]
+        case _:
+            return value
+
+
+def _plain(value: object) -> str:
+    return value.isoformat() if isinstance(value, date) else str(value)

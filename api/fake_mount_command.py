@@ -1,75 +1,186 @@
-"""`mountnav fake-mount`: a fake on a pseudo-terminal or a TCP port, until interrupted."""
+"""`mountnav fake-mount`: a fake on a pseudo-terminal, a TCP or a UDP port, until interrupted."""
 
 from __future__ import annotations
 
 import signal
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.bench import FakeOnPty, FakeOnTcp
-from drivers.lx200.fake import FakeLx200
-from mountnav.errors import BadRequest, DeviceMissing
+from drivers.bench import Bench, Fake, FakeOnPty, FakeOnTcp, FakeOnUdp
+from drivers.bench.fast_time import InFastTime
+from drivers.fake_wire import WireFake
+from drivers.fakes import dialects, machine, make_fake, protocols
+from drivers.fault_files import FaultScript, faults_as_toml, read_faults
+from drivers.faults import scripted
+from drivers.recording import Recorder, profile_of, read_dialogue
+from mountnav.errors import BadRequest, BadSettings, DeviceMissing
+from mountnav.simulation.machine_file import MachineFile
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.pointing_errors import PointingErrors
+from mountnav.simulation.sky_clock import FastClock
 from mountnav.sky.coordinates import Air, Site
 from mountnav.sky.iers import prepare
 
-_PROTOCOLS = ("lx200",)
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FakeMount:
+    """What was asked for; see the options of the command."""
+
+    protocol: str
+    dialect: str | None = None
+    link: Path | None = None
+    tcp: str | None = None
+    udp: str | None = None
+    baud: int | None = None
+    mechanics: Path | None = None
+    errors: Path | None = None
+    faults: Path | None = None
+    seed: int | None = None
+    struck: Path | None = None
+    speed: float | None = None
+    record: Path | None = None
+    replay: Path | None = None
+    latitude_deg: float = 47.0
+    longitude_deg: float = 11.0
 
 
-def run(
-    protocol: str,
-    *,
-    link: Path | None,
-    tcp: str | None,
-    errors: Path | None,
-    latitude_deg: float,
-    longitude_deg: float,
-) -> int:
+def list_fakes() -> int:
+    """Print the protocols and their dialects."""
+    for protocol in protocols():
+        print(f"{protocol}: {', '.join(dialects(protocol))}")
+    return 0
+
+
+def run(asked: FakeMount) -> int:
     """Serve until SIGINT or SIGTERM; the symlink is taken away again.
 
     Raises
     ------
     BadRequest
         Options that make no sense.
+    BadSettings
+        A file that can't be read, or says something that makes no sense.
     DeviceMissing
         The link or the port can't be had.
     """
-    if protocol not in _PROTOCOLS:
-        raise BadRequest(
-            f"there is no fake that speaks {protocol}", advice=f"there is: {', '.join(_PROTOCOLS)}"
-        )
-    if link is not None and tcp is not None:
-        raise BadRequest("--link and --tcp together", advice="give one of them")
-    if link is not None and link.exists() and not link.is_symlink():
-        raise BadRequest(f"{link} exists and is no symlink", advice="give a path that is free")
-    address = None if tcp is None else _host_and_port(tcp)
+    _check(asked)
+    address = _address(asked)
     stop_signals = {signal.SIGINT, signal.SIGTERM}
     # Blocked before the fake's thread starts, which inherits it: the signal then waits for sigwait below,
     # and the symlink is taken away whenever it comes.
-    signal.pthread_sigmask(signal.SIG_BLOCK, stop_signals)
-    prepare()
-    pointing = PointingErrors() if errors is None else PointingErrors.from_toml(errors)
-    mechanics = Mechanics(Site(latitude_deg, longitude_deg), Air(pressure_hpa=1010.0), pointing)
-    fake = FakeLx200(mechanics)
-    bench = FakeOnPty(fake, link) if address is None else FakeOnTcp(fake, *address)
-    try:
-        bench.start()
-    except OSError as error:
-        raise DeviceMissing(
-            f"can't be served: {error.strerror or error}",
-            device=tcp or str(link),
-            advice="give another address",
-        ) from error
-    try:
+    with _blocked(stop_signals), ExitStack() as ending:
+        prepare()
+        clock, mechanics = _telescope(asked)
+        fake = _fake(asked, clock, mechanics)
+        if asked.struck is not None:
+            ending.callback(_write_struck, asked.struck, fake)
+        bench = _bench(asked, _around(asked, fake, clock, ending), address)
+        try:
+            bench.start()
+        except OSError as error:
+            raise DeviceMissing(
+                f"can't be served: {error.strerror or error}",
+                device=asked.tcp or asked.udp or str(asked.link),
+                advice="give another address",
+            ) from error
+        ending.callback(bench.stop)
         print(bench.address, flush=True)
         signal.sigwait(stop_signals)
-    finally:
-        bench.stop()
     return 0
 
 
-def _host_and_port(text: str) -> tuple[str, int]:
+@contextmanager
+def _blocked(signals: set[signal.Signals]) -> Iterator[None]:
+    """The mask is given back: whoever calls this in a process of its own goes on hearing its signals."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _check(asked: FakeMount) -> None:
+    wires = [
+        name
+        for name, given in (("--link", asked.link), ("--tcp", asked.tcp), ("--udp", asked.udp))
+        if given is not None
+    ]
+    if len(wires) > 1:
+        raise BadRequest(f"{' and '.join(wires)} together", advice="give one of them")
+    if asked.udp is not None and asked.baud is not None:
+        raise BadRequest("--udp has no speed", advice="leave --baud out")
+    if asked.mechanics is not None and asked.errors is not None:
+        raise BadRequest("--mechanics and --errors together", advice="put [errors] into the mechanics file")
+    if asked.link is not None and asked.link.exists() and not asked.link.is_symlink():
+        raise BadRequest(f"{asked.link} exists and is no symlink", advice="give a path that is free")
+    if asked.struck is not None and not asked.struck.parent.is_dir():
+        raise BadRequest(f"{asked.struck.parent} is no folder", advice="give another path to --struck")
+
+
+def _address(asked: FakeMount) -> tuple[str, int] | None:
+    for option, text in (("--tcp", asked.tcp), ("--udp", asked.udp)):
+        if text is not None:
+            return _host_and_port(option, text)
+    return None
+
+
+def _fake(asked: FakeMount, clock: FastClock, mechanics: Mechanics) -> WireFake:
+    script = FaultScript() if asked.faults is None else read_faults(asked.faults, seed=asked.seed)
+    fake = make_fake(
+        asked.protocol,
+        asked.dialect,
+        mechanics,
+        faults=script.faults,
+        clock=clock,
+        monotonic=clock.monotonic,
+    )
+    fake.chance = script.chance
+    if asked.replay is not None:
+        taken = fake.take_profile(profile_of(read_dialogue(asked.replay), fake))
+        if not taken:
+            raise BadSettings(
+                f"it holds no answer that tells who a {asked.protocol} mount is",
+                device=str(asked.replay),
+                advice="record the greeting as well",
+            )
+    return fake
+
+
+def _telescope(asked: FakeMount) -> tuple[FastClock, Mechanics]:
+    """The mechanics, and the clock that all of it goes by."""
+    site = Site(asked.latitude_deg, asked.longitude_deg)
+    if asked.mechanics is not None:
+        built = MachineFile.from_toml(asked.mechanics)
+        clock = FastClock(asked.speed or built.clock_speed, built.clock_start_utc)
+        return clock, built.make_mechanics(clock=clock, site=site)
+    clock = FastClock(asked.speed or 1.0)
+    pointing = PointingErrors() if asked.errors is None else PointingErrors.from_toml(asked.errors)
+    built_as = machine(asked.protocol)
+    return clock, Mechanics(site, Air(pressure_hpa=1010.0), pointing, machine=built_as, clock=clock)
+
+
+def _around(asked: FakeMount, fake: WireFake, clock: FastClock, ending: ExitStack) -> Fake:
+    spoken: Fake = fake if clock.speed == 1.0 else InFastTime(fake, clock)
+    if asked.record is None:
+        return spoken
+    header = {"driver": "unknown", "fake": asked.protocol, "dialect": asked.dialect or "usual"}
+    return ending.enter_context(Recorder(spoken, asked.record, header))
+
+
+def _bench(asked: FakeMount, fake: Fake, address: tuple[str, int] | None) -> Bench:
+    if address is None:
+        return FakeOnPty(fake, asked.link, baud=asked.baud)
+    return FakeOnTcp(fake, *address, baud=asked.baud) if asked.udp is None else FakeOnUdp(fake, *address)
+
+
+def _write_struck(path: Path, fake: WireFake) -> None:
+    path.write_text(faults_as_toml(scripted(fake.strikes)), encoding="utf-8")
+
+
+def _host_and_port(option: str, text: str) -> tuple[str, int]:
     host, _, port = text.rpartition(":")
     if not host or not (port.isascii() and port.isdigit() and int(port) <= 65535):
-        raise BadRequest(f"--tcp {text} is no HOST:PORT", advice="for example --tcp 127.0.0.1:4030")
+        raise BadRequest(f"{option} {text} is no HOST:PORT", advice=f"for example {option} 127.0.0.1:4030")
     return host.strip("[]"), int(port)

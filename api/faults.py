@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 from typing import Any
 
 from fastapi import FastAPI, Request
@@ -11,11 +12,22 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response
 from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
+from starlette.routing import Match
 
-from mountnav.errors import MountnavError
+from mountnav.errors import (
+    DeviceRefused,
+    MountnavError,
+    NotSolved,
+    OutsideLimits,
+    SyncRefused,
+    TargetNotReached,
+)
 
 PROBLEM_TYPE = "application/problem+json"
 _PREFIX = "urn:mountnav:problem:"
+_METHODS = ("DELETE", "GET", "HEAD", "PATCH", "POST", "PUT")
+_ERRORS_MOST, _LONGEST = 20, 300
+"""Of an answer about nonsense: that may be as long as a body may."""
 _log = logging.getLogger(__name__)
 
 STATUS_OF_SLUG = {
@@ -28,15 +40,41 @@ STATUS_OF_SLUG = {
     "solve-failed": 422,
     "offset-too-large": 409,
     "outside-limits": 422,
+    "sync-refused": 409,
+    "sync-undone": 409,
+    "sync-undo-failed": 502,
+    "model-refused": 409,
+    "journal-failed": 503,
     "mount-moved": 409,
     "target-not-reached": 504,
     "bad-frame": 422,
+    "bad-settings": 503,
+    "bad-catalog": 503,
+    "stars-unavailable": 503,
     "bad-request": 422,
     "not-found": 404,
     "busy": 409,
     "cancelled": 409,
+    "interrupted": 503,
 }
+RETRY_AFTER_S: dict[str, float] = {
+    "busy": 2.0,
+    "device-missing": 5.0,
+    "device-silent": 5.0,
+    "device-garbled": 5.0,
+    "device-error": 5.0,
+    "solve-failed": 30.0,
+    "mount-moved": 5.0,
+    "target-not-reached": 30.0,
+    "journal-failed": 5.0,
+    "stars-unavailable": 60.0,
+    "closing": 10.0,
+    "too-many-requests": 1.0,
+}
+"""How long to wait before the same request is sent again, where it may succeed then."""
+_ANY_RETRY_AFTER_S = 5.0
 _TITLES = {
+    "device-error": "A device failed",
     "device-missing": "The device can't be reached",
     "device-silent": "The device gives no answer",
     "device-garbled": "The device's answers make no sense",
@@ -45,18 +83,38 @@ _TITLES = {
     "solve-failed": "The frame could not be identified",
     "offset-too-large": "The offset is too large to be believed",
     "outside-limits": "The target is outside the limits",
+    "sync-refused": "The frame is not synced on",
+    "sync-undone": "A sync was contradicted, and undone",
+    "sync-undo-failed": "A sync was contradicted, and could not be undone",
+    "model-refused": "The pointing model is not taken",
+    "journal-failed": "The journal can't be written",
     "mount-moved": "The mount moved during the exposure",
     "target-not-reached": "The target was not reached",
     "bad-frame": "No usable image",
+    "bad-settings": "The settings are wrong",
+    "bad-catalog": "A star catalog is damaged",
+    "stars-unavailable": "No star catalog answers",
     "bad-request": "The request makes no sense",
     "not-found": "There is nothing of that name",
     "busy": "The telescope is busy",
     "cancelled": "Stopped on request",
-    "unauthorized": "A token is needed",
+    "interrupted": "A restart of the service came between",
+    "unauthorized": "A key is needed",
     "forbidden": "Not from there",
-    "too-large": "The upload is too large",
+    "role-too-low": "That key may not do this",
+    "leased": "Somebody else holds the lease",
+    "lease-lost": "The lease is over",
+    "too-many-requests": "Too many requests",
+    "too-large": "The body is too large",
+    "idempotency-key-reused": "The Idempotency-Key was used for another request",
+    "closing": "The service is going down",
+    "method-not-allowed": "There is no such method here",
+    "not-ready": "The service is not ready",
+    "stop-failed": "Not every telescope could be told to stop",
     "internal": "A fault in mountnav",
 }
+SLUGS = frozenset(_TITLES)
+"""All problems that may be answered; docs/api.md lists them."""
 
 
 class Problem(BaseModel):
@@ -67,10 +125,19 @@ class Problem(BaseModel):
     status: int
     detail: str = Field(description="What happened, in one sentence")
     retryable: bool = Field(description="Whether the same request may succeed later")
+    retry_after_s: float | None = Field(
+        default=None, description="retryable: so long to wait first; the header Retry-After says the same"
+    )
     device: str | None = None
     advice: str | None = Field(default=None, description="What the user can do")
     job_id: str | None = Field(default=None, description="busy: the job that holds the telescope")
+    reasons: list[str] | None = Field(
+        default=None,
+        description="Which limit, doubt, refusal or end it was, for programs: sync-refused, outside-limits, "
+        "device-refused, target-not-reached, solve-failed",
+    )
     errors: list[dict[str, str]] | None = Field(default=None, description="bad-request: each wrong field")
+    superseded_by: str | None = Field(default=None, description="cancelled: the job that took its place")
 
 
 def problem(
@@ -82,18 +149,24 @@ def problem(
     device: str | None = None,
     advice: str | None = None,
     job_id: str | None = None,
+    reasons: list[str] | None = None,
     errors: list[dict[str, str]] | None = None,
+    retry_after_s: float | None = None,
 ) -> Problem:
-    """Make a problem of a slug."""
+    """Make a problem of a slug. One that is retryable says after how long, by `RETRY_AFTER_S` if not told."""
+    if retryable and retry_after_s is None:
+        retry_after_s = RETRY_AFTER_S.get(slug, _ANY_RETRY_AFTER_S)
     return Problem(
         type=_PREFIX + slug,
         title=_TITLES.get(slug, slug.replace("-", " ").capitalize()),
         status=status,
         detail=detail,
         retryable=retryable,
+        retry_after_s=retry_after_s if retryable else None,
         device=device,
         advice=advice,
         job_id=job_id,
+        reasons=reasons,
         errors=errors,
     )
 
@@ -108,7 +181,22 @@ def problem_of(error: MountnavError) -> Problem:
         device=error.device,
         advice=error.advice,
         job_id=getattr(error, "job_id", None),
+        reasons=_reasons(error),
     )
+
+
+def _reasons(error: MountnavError) -> list[str] | None:
+    """What an error names for programs, the gravest first."""
+    match error:
+        case SyncRefused(doubts=doubts):
+            named: tuple[str, ...] = doubts
+        case OutsideLimits(limit=limit):
+            named = (limit,)
+        case DeviceRefused(reason=reason) | TargetNotReached(reason=reason) | NotSolved(reason=reason):
+            named = (reason,)
+        case _:
+            named = ()
+    return [str(one) for one in named if one] or None
 
 
 def internal_problem() -> Problem:
@@ -121,6 +209,8 @@ def internal_problem() -> Problem:
 def problem_response(found: Problem, headers: dict[str, str] | None = None) -> Response:
     """Answer with a problem. ASCII JSON, since a message may echo text that UTF-8 can't hold."""
     body = json.dumps(found.model_dump(exclude_none=True), allow_nan=False)
+    if found.retry_after_s is not None:
+        headers = {"Retry-After": str(math.ceil(found.retry_after_s)), **(headers or {})}
     return Response(body, status_code=found.status, media_type=PROBLEM_TYPE, headers=headers)
 
 
@@ -154,19 +244,25 @@ def install(app: FastAPI) -> None:
     @app.exception_handler(RequestValidationError)
     async def invalid(request: Request, error: RequestValidationError) -> Response:
         # `input` and `ctx` stay out: they echo what was sent, NaN among it, which no JSON can hold.
-        wrong = [{"at": ".".join(str(part) for part in e["loc"]), "what": e["msg"]} for e in error.errors()]
+        found = error.errors()
+        wrong = [
+            {"at": ".".join(str(part) for part in one["loc"])[:_LONGEST], "what": one["msg"][:_LONGEST]}
+            for one in found[:_ERRORS_MOST]
+        ]
         told = "; ".join(f"{one['at']}: {one['what']}" for one in wrong[:5])
-        found = problem(
-            "bad-request", 422, told, advice="docs/api.md and /docs tell what is expected", errors=wrong
-        )
-        return problem_response(found)
+        advice = _advice(request, error)
+        return problem_response(problem("bad-request", 422, told, advice=advice, errors=wrong))
 
     @app.exception_handler(HTTPException)
     async def http(request: Request, error: HTTPException) -> Response:
         slugs = {400: "bad-request", 404: "not-found", 405: "method-not-allowed", 413: "too-large"}
         slug = slugs.get(error.status_code, f"http-{error.status_code}")
-        headers = dict(error.headers) if error.headers else None
-        return problem_response(problem(slug, error.status_code, str(error.detail)), headers)
+        headers = dict(error.headers) if error.headers else {}
+        if error.status_code == 405:
+            # the router tells only of the first route with this path
+            headers["Allow"] = ", ".join(_methods_here(request))
+        advice = "GET /docs tells what there is" if error.status_code in (404, 405) else None
+        return problem_response(problem(slug, error.status_code, str(error.detail), advice=advice), headers)
 
     @app.exception_handler(Exception)
     async def unforeseen(request: Request, error: Exception) -> Response:
@@ -174,11 +270,39 @@ def install(app: FastAPI) -> None:
         return problem_response(internal_problem())
 
 
+def _advice(request: Request, error: RequestValidationError) -> str:
+    """What to do about a request that makes no sense."""
+    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    is_json = kind == "application/json" or kind.endswith("+json")
+    if isinstance(error.body, bytes) and error.body and not is_json:
+        # such as `curl -d` sends it: the body was not even read as JSON
+        return f"send the header Content-Type: application/json (it is {kind or 'missing'})"
+    return "docs/api.md and /docs tell what is expected"
+
+
+def _methods_here(request: Request) -> list[str]:
+    """All methods that the path of a request has."""
+    routes = request.app.router.routes
+    scopes = {method: {**request.scope, "method": method} for method in _METHODS}
+    return [
+        method
+        for method, scope in scopes.items()
+        if any(route.matches(scope)[0] is Match.FULL for route in routes)
+    ]
+
+
 def responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """OpenAPI entries for problems of these statuses."""
     content = {PROBLEM_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
-    described = {401: "A token is needed", 404: "Nothing of that name", 409: "Busy", 413: "Too large"}
+    described = {
+        400: "The body can't be read",
+        401: "A key is needed",
+        404: "Nothing of that name",
+        409: "Busy",
+        413: "Too large",
+        429: "Too many requests",
+    }
     return {
         status: {"description": described.get(status, "The request can't be carried out"), "content": content}
-        for status in (401, 403, *statuses, 422)
+        for status in sorted({400, 401, 403, 413, 422, 429, *statuses})
     }

@@ -1,73 +1,26 @@
-"""Jobs: long work with an id, one motion at a time per telescope, cancelled at any time, never done twice."""
+"""Jobs: long work with an id, one motion at a time per telescope, cancelled at any time, never done twice.
+
+Every change of a job is made here. What is remembered of jobs, and written down, is `JobMemory`'s.
+"""
 
 from __future__ import annotations
 
 import asyncio
-import hashlib
-import json
 import logging
-from collections import OrderedDict
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, field
-from datetime import datetime
-from enum import StrEnum
+from collections.abc import Awaitable, Callable, Sequence
 from uuid import uuid4
 
 from api.events import Events
 from api.faults import Problem, Refused, internal_problem, problem, problem_of
-from mountnav.errors import Busy, Cancelled, MountnavError, Unknown
+from api.job import ENDS, Job, JobState, TelescopeBusy, fingerprint_of, stopped, told_stopped
+from api.job_memory import KEYS_LIVE, JobMemory, View
+from mountnav.errors import Cancelled, MountnavError
+from mountnav.journal.job_store import JobKeeper
+from mountnav.journal.records import because
+from mountnav.navigation.devices import Epoch
 from mountnav.sky.coordinates import utc_now
 
 _log = logging.getLogger(__name__)
-
-
-class JobState(StrEnum):
-    """Where a job stands; the last three are ends."""
-
-    QUEUED = "queued"
-    RUNNING = "running"
-    SUCCEEDED = "succeeded"
-    FAILED = "failed"
-    CANCELLED = "cancelled"
-
-
-ENDS = frozenset({JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED})
-
-
-@dataclass(slots=True, eq=False)
-class Job:
-    """One piece of long work on a telescope; only `Jobs` changes it."""
-
-    id: str
-    kind: str
-    telescope: str
-    request: dict[str, object]
-    created_utc: datetime
-    state: JobState = JobState.QUEUED
-    phase: str = "queued"
-    attempts: list[dict[str, object]] = field(default_factory=list)
-    result: object | None = None
-    problem: Problem | None = None
-    started_utc: datetime | None = None
-    finished_utc: datetime | None = None
-    ended: asyncio.Event = field(default_factory=asyncio.Event)
-
-    @property
-    def is_over(self) -> bool:
-        """Whether it has come to its end."""
-        return self.state in ENDS
-
-
-class TelescopeBusy(Busy):
-    """Another job holds the telescope; `job_id` tells which."""
-
-    def __init__(self, job: Job) -> None:
-        super().__init__(
-            f"job {job.id} ({job.kind}) is running",
-            device=job.telescope,
-            advice="wait for it, or cancel it with DELETE /v1/jobs/{id}",
-        )
-        self.job_id = job.id
 
 
 class Jobs:
@@ -78,17 +31,51 @@ class Jobs:
     events : Events
         Told of each change.
     kept : int
-        How many jobs, and idempotency keys, are remembered.
+        How many jobs are remembered; those that are not are asked of the store.
+    store : JobKeeper, optional
+        Where jobs and keys outlive the process; `take_up` reads it.
+    view : callable, optional
+        ``view(result, job)``: a result as the API shows it, for the store.
     """
 
-    def __init__(self, events: Events, kept: int) -> None:
+    def __init__(
+        self, events: Events, kept: int, *, store: JobKeeper | None = None, view: View | None = None
+    ) -> None:
         self._events = events
-        self._kept = kept
-        self._jobs: OrderedDict[str, Job] = OrderedDict()
+        self._memory = JobMemory(kept, store=store, view=view)
         self._tasks: dict[str, asyncio.Task[None]] = {}
-        self._held: dict[str, Job] = {}
-        self._keys: OrderedDict[str, tuple[str, Job]] = OrderedDict()
+        # of each telescope its jobs that are not over: the last one holds it, those before make room
+        self._line: dict[str, list[Job]] = {}
         self._closing = False
+
+    async def take_up(self) -> list[Job]:
+        """Remember the jobs and keys of earlier runs; what was running then is told as interrupted.
+
+        To be called once, before anything is started. Nothing is done again.
+
+        Returns
+        -------
+        list of Job
+            Those that were interrupted, newest first.
+
+        Raises
+        ------
+        JournalFailed
+        """
+        interrupted = await self._memory.take_up()
+        for job in interrupted:
+            self._tell(job)
+        return interrupted[::-1]
+
+    def known(self, key: str | None, kind: str, telescope: str, request: dict[str, object]) -> Job | None:
+        """Return the job that was started with this key; None if there is none.
+
+        Raises
+        ------
+        Refused
+            422: the key was used for another request.
+        """
+        return self._memory.of_key(key, kind, telescope, request)
 
     def start(
         self,
@@ -98,137 +85,201 @@ class Jobs:
         work: Callable[[], Awaitable[object]],
         *,
         key: str | None = None,
+        make_room: Callable[[], Awaitable[object]] | None = None,
+        epoch: Epoch | None = None,
     ) -> Job:
         """Start `work` as a job, or return the one that was started with the same key.
+
+        Parameters
+        ----------
+        kind, telescope : str
+        request : dict
+        work : callable
+        key : str, optional
+            Made by the client.
+        make_room : callable, optional
+            Supersede a job that holds the telescope: that one is cancelled, `make_room` is called to stop the
+            mount, and `work` begins when both have ended. If `make_room` fails, so does the new job.
+        epoch : {"apparent", "icrs"}, optional
+            The mount's own frame, for answers that give places in both.
 
         Raises
         ------
         TelescopeBusy
-            Another job holds the telescope.
+            Another job holds the telescope, and is not to be superseded.
         Refused
             422: the key was used for another request. 503: the service is going down.
         """
-        print_of_request = _fingerprint(kind, telescope, request)
-        if key is not None and key in self._keys:
-            known_print, job = self._keys[key]
-            if known_print != print_of_request:
-                raise Refused(
-                    problem(
-                        "idempotency-key-reused",
-                        422,
-                        "this Idempotency-Key was used for another request",
-                        advice="use a new key for each new request",
-                        job_id=job.id,
-                    )
-                )
-            return job
+        known = self.known(key, kind, telescope, request)
+        if known is not None:
+            return known
         if self._closing:
             raise Refused(problem("closing", 503, "the service is going down", retryable=True))
-        if telescope in self._held:
-            raise TelescopeBusy(self._held[telescope])
-        job = Job(uuid4().hex, kind, telescope, request, utc_now())
-        self._remember(job, key, print_of_request)
-        self._held[telescope] = job
-        self._tasks[job.id] = asyncio.create_task(self._run(job, work), name=f"{kind} {telescope}")
+        line = self._line.setdefault(telescope, [])
+        if line and make_room is None:
+            raise TelescopeBusy(line[-1])
+        job = Job(
+            uuid4().hex,
+            kind,
+            telescope,
+            request,
+            utc_now(),
+            key=key,
+            fingerprint=fingerprint_of(kind, telescope, request),
+            epoch=epoch,
+        )
+        before = tuple(line)
+        self._memory.remember(job)
+        line.append(job)
+        for one in before:
+            if one.superseded_by is None:
+                one.superseded_by, one.superseded_by_kind = job.id, kind
+            self.cancel(one)
+        doing = work if make_room is None or not before else self._after(job, before, make_room, work)
+        self._tasks[job.id] = asyncio.create_task(self._run(job, doing), name=f"{kind} {telescope}")
         return job
 
+    def _after(
+        self,
+        job: Job,
+        before: Sequence[Job],
+        make_room: Callable[[], Awaitable[object]],
+        work: Callable[[], Awaitable[object]],
+    ) -> Callable[[], Awaitable[object]]:
+        """Work that begins when the jobs before it have ended and the mount was told to stop."""
+        # the stop waits neither for the journal nor for the end of those jobs
+        stopping = asyncio.ensure_future(make_room())
+        stopping.add_done_callback(_heard_of)
+
+        async def done() -> object:
+            job.phase = "superseding"
+            await asyncio.shield(stopping)
+            for one in before:
+                await one.ended.wait()
+            job.phase = "starting"
+            return await work()
+
+        return done
+
+    def remembered(self, job_id: str) -> Job | None:
+        """Return the job of that id if it is remembered. Waits for nothing."""
+        return self._memory.at_hand(job_id)
+
     def get(self, job_id: str) -> Job:
-        """Return the job of that id. Raises `Unknown`."""
-        if job_id not in self._jobs:
-            raise Unknown("there is no job of this id", advice="GET /v1/jobs lists the jobs still remembered")
-        return self._jobs[job_id]
+        """Return the job of that id. Raises `Unknown`.
+
+        May wait for the store, if the job isn't remembered any more: then call it in a thread.
+        """
+        return self._memory.get(job_id)
 
     def all(self) -> list[Job]:
         """All remembered jobs, newest first."""
-        return list(reversed(self._jobs.values()))
+        return self._memory.all()
 
     def running_on(self, telescope: str) -> Job | None:
         """The job that holds a telescope."""
-        return self._held.get(telescope)
+        line = self._line.get(telescope)
+        return line[-1] if line else None
 
     def heard(self, telescope: str, kind: str, data: dict[str, object]) -> None:
         """Take in what a navigator tells: it becomes an event, and the running job's phase."""
-        job = self._held.get(telescope)
+        line = self._line.get(telescope)
+        # what a superseded job still does on its way out is its own
+        job = line[0] if line else None
         if job is not None and not job.is_over:
             job.phase = kind
             if kind == "attempt":
                 job.attempts.append(data)
+                self._memory.write_now(job)
         self._events.publish(kind, {"telescope": telescope, "job_id": job.id if job else None, **data})
 
-    def cancel(self, job: Job) -> None:
-        """Cancel; its end comes with `job.ended`. Once more, or after its end, does nothing."""
+    def cancel(self, job: Job, why: str = "") -> None:
+        """Cancel; its end comes with `job.ended`. Once more, or after its end, does nothing.
+
+        Parameters
+        ----------
+        job : Job
+        why : str
+            What its owner is told.
+        """
         task = self._tasks.get(job.id)
-        if task is not None and not job.is_over and job.phase != "cancelling":
-            job.phase = "cancelling"
+        if task is not None and not job.is_over and job.phase not in ("cancelling", "ending"):
+            job.phase, job.why_stopped = "cancelling", why
             task.cancel()
             if job.state is JobState.QUEUED:
                 # A task that never ran is thrown away without a step, so nobody else would end the job.
-                self._end(job, JobState.CANCELLED, found=problem_of(_stopped(job)))
+                self._end(job, JobState.CANCELLED, found=told_stopped(job, stopped(job)))
+                self._memory.write_now(job)
 
     async def close(self) -> None:
         """Cancel all jobs and wait for their ends; refuse new ones."""
         self._closing = True
         tasks = list(self._tasks.values())
-        for job in list(self._held.values()):
-            self.cancel(job)
+        for job in [one for line in self._line.values() for one in line]:
+            self.cancel(job, "the service went down")
         await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _run(self, job: Job, work: Callable[[], Awaitable[object]]) -> None:
         job.state, job.phase, job.started_utc = JobState.RUNNING, "starting", utc_now()
-        self._tell(job)
+        result: object | None = None
+        found: Problem | None = None
+        state = JobState.SUCCEEDED
         try:
-            result = await work()
+            # before it does anything: a request repeated after a restart must find it
+            await self._memory.write(job)
+            self._tell(job)
+            with because(job_id=job.id, why=job.kind):
+                result = await work()
         except asyncio.CancelledError:
-            self._end(job, JobState.CANCELLED, found=problem_of(_stopped(job)))
+            state, found = JobState.CANCELLED, told_stopped(job, stopped(job))
         except Cancelled as error:
-            self._end(job, JobState.CANCELLED, found=problem_of(error))
+            state, found = JobState.CANCELLED, told_stopped(job, error)
         except MountnavError as error:
-            self._end(job, JobState.FAILED, found=problem_of(error))
+            state, found = JobState.FAILED, problem_of(error)
         except Exception:
             # The job's owner must learn that it ended; what happened is for the log.
             _log.exception("job %s (%s %s) hit a fault", job.id, job.kind, job.telescope)
-            self._end(job, JobState.FAILED, found=internal_problem())
-        else:
-            self._end(job, JobState.SUCCEEDED, result=result)
+            state, found = JobState.FAILED, internal_problem()
+        job.finished_utc = utc_now()
+        # before anybody is told, so that a restart doesn't tell otherwise
+        job.phase = "ending"
+        await self._memory.write_end(job, state, result, found)
+        self._end(job, state, result=result, found=found)
 
     def _end(
         self, job: Job, state: JobState, *, result: object | None = None, found: Problem | None = None
     ) -> None:
-        job.state, job.phase, job.finished_utc = state, "ended", utc_now()
+        job.state, job.phase, job.finished_utc = state, "ended", job.finished_utc or utc_now()
         job.result, job.problem = result, found
-        self._held.pop(job.telescope, None)
+        if job in (line := self._line.get(job.telescope, [])):
+            line.remove(job)
         self._tasks.pop(job.id, None)
         job.ended.set()
         self._tell(job)
 
-    def _tell(self, job: Job) -> None:
+    @staticmethod
+    def told(job: Job) -> dict[str, object]:
+        """Where a job stands, as its events tell it."""
         data: dict[str, object] = {
             "telescope": job.telescope,
             "job_id": job.id,
             "kind": job.kind,
             "state": str(job.state),
+            "phase": job.phase,
         }
         if job.problem is not None:
             data["problem"] = job.problem.model_dump(exclude_none=True)
-        self._events.publish("job", data)
+        return data
 
-    def _remember(self, job: Job, key: str | None, print_of_request: str) -> None:
-        self._jobs[job.id] = job
-        if key is not None:
-            self._keys[key] = (print_of_request, job)
-        while len(self._jobs) > self._kept:
-            oldest = next((one for one in self._jobs.values() if one.is_over), None)
-            if oldest is None:
-                break
-            del self._jobs[oldest.id]
-        while len(self._keys) > self._kept:
-            self._keys.popitem(last=False)
+    def _tell(self, job: Job) -> None:
+        job.announced = True
+        self._events.publish("job", self.told(job))
 
 
-def _stopped(job: Job) -> Cancelled:
-    return Cancelled("stopped on request", device=job.telescope, advice="start it again when it is safe")
+def _heard_of(stopping: asyncio.Future[object]) -> None:
+    """Its failure is the new job's; where that ended before it could hear of it, nobody misses it."""
+    if not stopping.cancelled():
+        stopping.exception()
 
 
-def _fingerprint(kind: str, telescope: str, request: dict[str, object]) -> str:
-    text = json.dumps([kind, telescope, request], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()
+__all__ = ["ENDS", "KEYS_LIVE", "Job", "JobState", "Jobs", "TelescopeBusy", "View"]

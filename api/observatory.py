@@ -7,33 +7,38 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-from api.solving import solve_settings
+from api.last_frame import LastFrame
+from api.navigators import make_navigator
+from api.replay_header import recording_header
+from api.taking_up import TakingUp
+from api.virtual_bench import fake_on_pty, mechanics_of
 from drivers.bench import FakeOnPty
 from drivers.folder.camera import FolderCamera
-from drivers.lx200.fake import FakeLx200
-from drivers.registry import open_mount
+from drivers.registry import open_camera, open_mount
+from mountnav.catalog.shelf import DrawnSky, Shelf
 from mountnav.catalog.stars import Catalog
-from mountnav.errors import DeviceError, DeviceMissing, DeviceSilent, MountnavError, Unknown
+from mountnav.errors import DeviceError, DeviceMissing, DeviceSilent, JournalFailed, MountnavError, Unknown
+from mountnav.journal.records import Journal
+from mountnav.journal.sql_journal import SqlJournal
 from mountnav.navigation.devices import Camera, Mount
-from mountnav.navigation.looking import Solve
+from mountnav.navigation.equipment import Solve
 from mountnav.navigation.navigator import Navigator
-from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.reports import TelescopeState
+from mountnav.night.daylight import night_name
+from mountnav.night.recording import NightRecording, RecordedJournal
 from mountnav.settings import (
     FolderCameraSettings,
-    MountErrorSettings,
+    IndiCameraSettings,
     Settings,
     SimulatedCameraSettings,
     TelescopeSettings,
 )
+from mountnav.settings_alpaca_camera import AlpacaCameraSettings
 from mountnav.simulation.mechanics import Mechanics
-from mountnav.simulation.pointing_errors import PointingErrors
 
 _log = logging.getLogger(__name__)
 
 Heard = Callable[[str, str, dict[str, object]], None]
-
-FAKE_SLEW_RATE_DEG_S = 4.0
 
 
 @dataclass(slots=True)
@@ -46,17 +51,29 @@ class Telescope:
     navigator : Navigator
     mount_address : str
         For people.
+    journal : Journal
+        Where all of it is written down.
+    taking_up : TakingUp
+        What an earlier run of the service left in flight.
     bench : FakeOnPty or None
         The fake mount that this service runs itself.
     mechanics : Mechanics or None
         That fake's mechanics: where its tube truly looks. Nothing that steers may ask it.
+    recording : NightRecording or None
+        Where its nights are kept for `mountnav replay`.
+    last_frame : LastFrame or None
+        The last frame that was solved, for people to look at.
     """
 
     id: str
     navigator: Navigator
     mount_address: str
+    journal: Journal
+    taking_up: TakingUp
     bench: FakeOnPty | None = None
     mechanics: Mechanics | None = None
+    recording: NightRecording | None = None
+    last_frame: LastFrame | None = None
     problem: str | None = None
     is_open: bool = False
     _opening: asyncio.Lock = field(default_factory=asyncio.Lock)
@@ -68,21 +85,28 @@ class Telescope:
         ------
         DeviceError
             They can't be opened; `DeviceMissing` tells which ports exist.
+        JournalFailed
+            What an earlier run left in flight can't be closed.
         """
         async with self._opening:
             if not self.is_open:
                 try:
                     await self.navigator.open()
-                except DeviceError as error:
+                    await self._take_up()
+                except (DeviceError, JournalFailed) as error:
                     self.problem = str(error)
                     raise
-                self.is_open, self.problem = True, None
+                self.is_open = True
+            self.problem = None
         return self.navigator
 
     async def lost(self, error: DeviceError) -> None:
-        """Let a link go that failed, so that the next command opens it anew."""
+        """Let a link go that failed, so that the next command opens it anew.
+
+        A mount that keeps its own link is left alone: it connects again by itself, and is stopped then.
+        """
         self.problem = str(error)
-        if self.is_open:
+        if self.is_open and self.navigator.mount.told("link") is None:
             self.is_open = False
             await self._release()
 
@@ -91,7 +115,7 @@ class Telescope:
         if not self.is_open:
             return TelescopeState(self.id, False, "idle", None, None, None, None, self.problem)
         state = await self.navigator.state()
-        return state if state.problem else replace(state, problem=self.problem)
+        return state if state.problem else replace(state, problem=self.problem or self.taking_up.notice)
 
     async def stop(self) -> None:
         """Stop all motion now. Raises `DeviceError` when that could not be told to the mount."""
@@ -108,6 +132,13 @@ class Telescope:
         self.is_open = False
         if self.bench is not None:
             await asyncio.to_thread(self.bench.stop)
+
+    async def _take_up(self) -> None:
+        try:
+            await self.taking_up.at_first_link(self.navigator.mount, self.navigator.guard)
+        except MountnavError:
+            await self._release()
+            raise
 
     async def _release(self) -> None:
         try:
@@ -150,7 +181,9 @@ class Observatory:
         await asyncio.gather(*(telescope.close() for telescope in self.telescopes))
 
 
-def build_observatory(settings: Settings, catalog: Catalog, heard: Heard, solve: Solve) -> Observatory:
+def build_observatory(
+    settings: Settings, catalog: Catalog, heard: Heard, solve: Solve, journal: SqlJournal
+) -> Observatory:
     """Put the telescopes of the settings together; fakes are started, nothing else is opened.
 
     Parameters
@@ -162,8 +195,10 @@ def build_observatory(settings: Settings, catalog: Catalog, heard: Heard, solve:
         ``heard(telescope_id, kind, data)``: told of each step.
     solve : Solve
         For all telescopes.
+    journal : SqlJournal
+        Where all that they do is written down.
     """
-    return Observatory([_build(one, settings, catalog, heard, solve) for one in settings.telescope])
+    return Observatory([_build(one, settings, catalog, heard, solve, journal) for one in settings.telescope])
 
 
 def link_is_lost(error: BaseException) -> bool:
@@ -174,59 +209,84 @@ def link_is_lost(error: BaseException) -> bool:
 async def _open_quietly(telescope: Telescope) -> None:
     try:
         await telescope.ready()
-    except DeviceError as error:
+    except (DeviceError, JournalFailed) as error:
         _log.warning(
             "%s is not connected, and will be tried again with the next command: %s", telescope.id, error
         )
 
 
 def _build(
-    one: TelescopeSettings, settings: Settings, catalog: Catalog, heard: Heard, solve: Solve
+    one: TelescopeSettings,
+    settings: Settings,
+    catalog: Catalog,
+    heard: Heard,
+    solve: Solve,
+    sql_journal: SqlJournal,
 ) -> Telescope:
+    taking_up = TakingUp(sql_journal, one.id)
+    journal: Journal = sql_journal
     bench: FakeOnPty | None = None
     mechanics: Mechanics | None = None
     url = one.mount.url
     if one.mount.is_fake:
-        mechanics = _mechanics(one, settings)
-        bench = FakeOnPty(FakeLx200(mechanics)).start()
-        url = f"lx200+serial://{bench.address}"
-    mount: Mount = open_mount(_with_epoch(url, one), name=one.id)
-    navigator = Navigator(
-        name=one.id,
+        mechanics = mechanics_of(one, settings)
+        if one.mount.mounting is None:
+            # ours to know: as its family usually is
+            known = one.mount.model_copy(update={"mounting": mechanics.machine.mounting})
+            one = one.model_copy(update={"mount": known})
+        protocol, dialect = one.mount.fake
+        bench = fake_on_pty(protocol, dialect, mechanics)
+        url = f"{protocol}+serial://{bench.address}"
+    mount: Mount = open_mount(_with_options(url, one), name=one.id, site=settings.site.site)
+
+    def listen(kind: str, data: dict[str, object]) -> None:
+        taking_up.heard(kind)
+        heard(one.id, kind, data)
+
+    recording: NightRecording | None = None
+    if one.night.enabled and one.night.record is not None:
+        site = settings.site.site
+        recording = NightRecording(
+            one.night.record, recording_header(one, settings), lambda utc: night_name(one.id, utc, site)
+        )
+        journal = RecordedJournal(journal, recording.keep)
+    seen = LastFrame(solve)
+    navigator = make_navigator(
+        one,
+        settings,
         mount=mount,
-        camera=_camera(one, mechanics, catalog),
+        camera=_camera(one, mechanics, catalog, seed=settings.demo.seed if settings.demo else None),
         catalog=catalog,
-        site=settings.site.site,
-        air=settings.air.air,
-        policy=_policy(one),
-        listen=lambda kind, data: heard(one.id, kind, data),
-        solving=solve_settings(settings.solving, calibration=one.calibration),
-        solve=solve,
+        solve=seen,
+        listen=listen,
+        journal=journal,
     )
-    return Telescope(one.id, navigator, url, bench, mechanics)
+    return Telescope(one.id, navigator, url, journal, taking_up, bench, mechanics, recording, seen)
 
 
-def _with_epoch(url: str, one: TelescopeSettings) -> str:
-    """The URL with the configured epoch as its option, unless it says its own."""
-    if "epoch=" in url:
-        return url
-    return f"{url}{'&' if '?' in url else '?'}epoch={one.mount.epoch}"
+def _with_options(url: str, one: TelescopeSettings) -> str:
+    """The URL with what the settings say of the mount as its options, unless it says its own."""
+    mount = one.mount
+    given = {
+        "epoch": mount.epoch,
+        "set_clock": "yes" if mount.set_clock else None,
+        "set_site": "yes" if mount.set_site else None,
+        "trust_on_connect": None if mount.trust_on_connect else "no",
+    }
+    added = [f"{name}={value}" for name, value in given.items() if value and f"{name}=" not in url]
+    return f"{url}{'&' if '?' in url else '?'}{'&'.join(added)}" if added else url
 
 
-def _mechanics(one: TelescopeSettings, settings: Settings) -> Mechanics:
-    errors = one.mount.errors or MountErrorSettings()
-    return Mechanics(
-        settings.site.site,
-        settings.air.air,
-        PointingErrors(**errors.model_dump()),
-        slew_rate_deg_s=one.mount.slew_rate_deg_s or FAKE_SLEW_RATE_DEG_S,
-    )
-
-
-def _camera(one: TelescopeSettings, mechanics: Mechanics | None, catalog: Catalog) -> Camera:
+def _camera(
+    one: TelescopeSettings, mechanics: Mechanics | None, catalog: Catalog, *, seed: int | None = None
+) -> Camera:
     match one.camera:
         case FolderCameraSettings(path=path, pattern=pattern, timeout_s=timeout_s):
             return FolderCamera(path, pattern, timeout_s)
+        case AlpacaCameraSettings() as camera:
+            return open_camera(camera.device_url, name=f"{one.id} camera")
+        case IndiCameraSettings(url=url):
+            return open_camera(url, name=f"{one.id} camera")
         case SimulatedCameraSettings() as optics:
             assert mechanics is not None, "the settings let a simulated camera stand on a fake mount alone"
             # what draws its frames is dear, and no real telescope needs it
@@ -236,23 +296,8 @@ def _camera(one: TelescopeSettings, mechanics: Mechanics | None, catalog: Catalo
             return SimulatedCamera(
                 mechanics.truth,
                 SimulatedOptics(**optics.model_dump(exclude={"kind"})),
-                catalog,
+                DrawnSky(catalog) if isinstance(catalog, Shelf) else catalog,
+                seed=seed or 0,
                 name=f"{one.id} simulated camera",
+                tube_angle_deg=mechanics.tube_angle_deg,
             )
-
-
-def _policy(one: TelescopeSettings) -> CenteringPolicy:
-    scale_arcsec_px = one.scale_arcsec_px
-    if scale_arcsec_px is None and isinstance(one.camera, SimulatedCameraSettings):
-        scale_arcsec_px = one.camera.scale_arcsec_px
-    return CenteringPolicy(
-        exposure_s=one.exposure_s,
-        tolerance_arcsec=one.centering.tolerance_arcsec,
-        max_tries=one.centering.max_tries,
-        timeout_s=one.centering.timeout_s,
-        max_sync_arcsec=one.centering.max_sync_arcsec,
-        settle_s=one.centering.settle_s,
-        min_altitude_deg=one.limits.min_altitude_deg,
-        scale_arcsec_px=scale_arcsec_px,
-        scale_tolerance=one.scale_tolerance,
-    )

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from api.hints import asked_hint
-from mountnav.catalog.embedded import embedded_catalog
+from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadFrame, BadRequest
 from mountnav.identification.preliminary_settings import PreliminarySettings
 from mountnav.reading import read_frame
@@ -31,6 +31,7 @@ def run(
     audit: int,
     preliminary: PreliminarySettings,
     solving: SolveSettings,
+    catalog: Catalog,
     as_json: bool,
 ) -> int:
     """Follow the series and print; 0 if every frame was placed in the sky, else 1.
@@ -44,7 +45,7 @@ def run(
         raise BadRequest(f"--audit {audit} is out of range", advice="0 (never) or more")
     hint = asked_hint(ra, dec, radius, scale)
     settings = SeriesSettings(solving=solving, audit_every=audit, preliminary=preliminary)
-    follower = SeriesFollower(embedded_catalog(), hint=hint, settings=settings)
+    follower = SeriesFollower(catalog, hint=hint, settings=settings)
     for number, path in enumerate(files):
         try:
             frame = read_frame(path, raw=True)

@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+import contextlib
+from dataclasses import dataclass, field
 from typing import Annotated
 
 from fastapi import Depends, Request
 
+from api.audit import Audit
+from api.desk import Desk
+from api.doors import Doors
 from api.events import Events
 from api.jobs import Job, Jobs
-from api.observatory import Observatory, Telescope, build_observatory, link_is_lost
+from api.leases import Leases
+from api.longer_orders import LongerOrders
+from api.metrics import Metrics, Observed
+from api.night_runner import Nights
+from api.nights import nights_of
+from api.observatory import Observatory, Telescope, build_observatory
 from api.solver import Solver
 from api.solving import solve_settings
+from api.views import result_view
 from mountnav.catalog.stars import Catalog
-from mountnav.errors import DeviceError
-from mountnav.navigation.navigator import Navigator
+from mountnav.journal.job_store import JobStore
+from mountnav.journal.sql_journal import SqlJournal, open_journal
 from mountnav.settings import Settings
 from mountnav.solve_settings import SolveSettings
 
-_END_OF_JOB_S = 1.0
+_FIRST_READINGS_S = 5.0
 
 
 @dataclass(slots=True)
@@ -33,6 +42,13 @@ class Service:
     jobs: Jobs
     observatory: Observatory
     solver: Solver
+    journal: SqlJournal
+    nights: Nights
+    desk: Desk
+    leases: Leases
+    audit: Audit
+    metrics: Metrics
+    doors: Doors = field(default_factory=lambda: Doors({}))
     _halted: bool = False
 
     def solve_settings(self, telescope_id: str | None) -> SolveSettings:
@@ -41,108 +57,118 @@ class Service:
             return solve_settings(self.settings.solving)
         return self.observatory.telescope(telescope_id).navigator.solving
 
-    def start(
-        self,
-        kind: str,
-        telescope: Telescope,
-        request: dict[str, object],
-        order: Callable[[Navigator], Awaitable[object]],
-        *,
-        key: str | None,
-    ) -> Job:
-        """Start a job that opens the telescope if need be and gives its navigator an order."""
-
-        async def work() -> object:
-            try:
-                return await order(await telescope.ready())
-            except DeviceError as error:
-                if link_is_lost(error):
-                    await telescope.lost(error)
-                raise
-
-        return self.jobs.start(kind, telescope.id, request, work, key=key)
-
-    async def stop(self, telescope: Telescope) -> Job | None:
-        """Cancel the telescope's job and stop its mount; return the job. Waits for neither queue nor solve.
-
-        The job is cancelled first, so that it can't send another slew after the stop; while it ends, the
-        navigator stops the mount once more, in case a slew was on the wire at that very moment.
-
-        Raises
-        ------
-        DeviceError
-            The stop could not be sent.
-        """
-        job = self.jobs.running_on(telescope.id)
-        if job is not None:
-            self.jobs.cancel(job)
-        try:
-            await telescope.stop()
-        except DeviceError as error:
-            if link_is_lost(error):
-                await telescope.lost(error)
-            raise
-        if job is not None:
-            await _wait(job, _END_OF_JOB_S)
-        return job
-
-    async def cancel(self, job: Job) -> None:
-        """Cancel a job and stop its mount; one that is over is left alone."""
-        if job.is_over:
-            return
-        await self.stop(self.observatory.telescope(job.telescope))
-
-    async def wait(self, job: Job, wait_s: float) -> None:
-        """Wait for a job's end, but no longer than `wait_s`."""
-        await _wait(job, wait_s)
-
     async def halt(self) -> None:
         """Cancel all jobs, stop and release all telescopes, end solver and event streams. Twice is fine."""
         if self._halted:
             return
         self._halted = True
+        await self.doors.stop()
+        # a night's correction ends before the mount is let go, and all of it is written down
+        await self.nights.close()
+        await self.leases.close()
+        await self.metrics.close()
+        await self.desk.close()
         await self.jobs.close()
         await self.observatory.close()
         await self.solver.close()
+        await asyncio.to_thread(self.journal.close)
         self.events.close()
 
 
 async def open_service(settings: Settings, catalog: Catalog) -> Service:
-    """Build the service and open its telescopes; the solver gets warm meanwhile, and nobody waits for it."""
+    """Build the service and open its telescopes; the solver gets warm meanwhile, and nobody waits for it.
+
+    Raises
+    ------
+    BadSettings, JournalFailed
+        The journal can't be opened, or a pointing model can't be read: then nothing is started.
+    """
+    journal = await asyncio.to_thread(
+        open_journal,
+        settings.journal.where,
+        settings_text=settings.model_dump_json(indent=1),
+        fsync=settings.journal.fsync,
+        keep_days=settings.journal.keep_days,
+        max_size_mb=settings.journal.max_size_mb,
+    )
     events = Events(settings.service.events_kept)
-    jobs = Jobs(events, settings.service.jobs_kept)
+    ids = frozenset(one.id for one in settings.telescope)
+    jobs = Jobs(
+        events, settings.service.jobs_kept, store=JobStore(journal, journal.reader, ids), view=_as_json
+    )
 
     def tell(kind: str, data: dict[str, object]) -> None:
         events.publish(kind, data)
 
     early = settings.solving.worker and settings.solving.blind != "never"
     solver = Solver(catalog, worker=settings.solving.worker, tell=tell, build_early=early)
-    observatory = build_observatory(settings, catalog, jobs.heard, solver)
+    try:
+        await jobs.take_up()
+        observatory = build_observatory(settings, catalog, jobs.heard, solver, journal)
+    except BaseException:
+        await asyncio.to_thread(journal.close)
+        raise
     solver.open()
     await observatory.open()
-    return Service(settings, catalog, events, jobs, observatory, solver)
+    nights = nights_of(settings, observatory, catalog, jobs.heard, journal)
+    await nights.start()
+    audit = Audit(journal)
+    leases = Leases(journal, events.publish, audit)
+    desk = Desk(
+        observatory,
+        jobs,
+        longer=LongerOrders(settings, observatory, solver, jobs.heard),
+        leases=leases,
+        audit=audit,
+        poll_s=settings.service.state_poll_s,
+    )
+    desk.start()
+    # the first who asks is to be told where the telescopes point, and not that nobody knows yet
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(_FIRST_READINGS_S):
+            await asyncio.gather(*(desk.watch(one.id).next(0) for one in desk.telescopes))
+    leases.open(desk, await asyncio.to_thread(journal.reader.leases, ids))
+    metrics = Metrics(Observed(desk, jobs, events, leases, journal))
+    metrics.start()
+    return Service(
+        settings,
+        catalog,
+        events,
+        jobs,
+        observatory,
+        solver,
+        journal,
+        nights,
+        desk,
+        leases,
+        audit,
+        metrics,
+    )
 
 
-async def _wait(job: Job, wait_s: float) -> None:
-    if wait_s <= 0 or job.is_over:
-        return
-    try:
-        await asyncio.wait_for(job.ended.wait(), wait_s)
-    except TimeoutError:
-        return
+def _as_json(report: object, job: Job) -> dict[str, object] | None:
+    """What a job brought, as it is kept for after a restart."""
+    view = result_view(report, epoch=job.epoch, utc=job.finished_utc)
+    return None if view is None else view.model_dump(mode="json")
 
 
-def _service(request: Request) -> Service:
+# Coroutines, though they wait for nothing: others are called in threads, and a request waits for one.
+
+
+async def _service(request: Request) -> Service:
     found: Service = request.app.state.service
     return found
 
 
-def _telescope(telescope_id: str, request: Request) -> Telescope:
-    return _service(request).observatory.telescope(telescope_id)
+async def _telescope(telescope_id: str, request: Request) -> Telescope:
+    return (await _service(request)).observatory.telescope(telescope_id)
 
 
-def _job(job_id: str, request: Request) -> Job:
-    return _service(request).jobs.get(job_id)
+async def _job(job_id: str, request: Request) -> Job:
+    jobs = (await _service(request)).jobs
+    # one that isn't remembered is asked of the journal's file, which may take a while
+    found = jobs.remembered(job_id)
+    return found if found is not None else await asyncio.to_thread(jobs.get, job_id)
 
 
 TheService = Annotated[Service, Depends(_service)]

@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
+import gc
+import signal
 import socket
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from types import FrameType
 
 import uvicorn
 from fastapi import FastAPI
 
 from api.app import create_app
+from api.demo_observatory import own_journal
+from api.routes import truth
 from api.service import Service
+from api.virtual import VirtualHeader, virtual_days
 from mountnav.errors import BadSettings
 from mountnav.settings import Settings
+from mountnav.sky.iers import prepare
+from mountnav.sky.present import utc_now, virtual_time
 
 _GOODBYE_S = 5
+_GIVE_WAY_S = 0.001
 
 
 class ObservatoryServer(uvicorn.Server):
@@ -22,9 +34,21 @@ class ObservatoryServer(uvicorn.Server):
     tells the application: a slewing mount would slew on.
     """
 
-    def __init__(self, config: uvicorn.Config, app: FastAPI) -> None:
+    def __init__(self, config: uvicorn.Config, app: FastAPI, *, own_process: bool = False) -> None:
         super().__init__(config)
         self._observatory_app = app
+        self._own_process = own_process
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start as uvicorn does; then, in a process of its own, let no answer wait for housekeeping."""
+        await super().startup(sockets)
+        if not self._own_process:
+            return
+        # what is here by now stays: going through all of it took the collector up to 0.2 s each time
+        gc.collect()
+        gc.freeze()
+        # a thread that computes (a simulated sky, a journal's page) gives way to the answers after this time
+        sys.setswitchinterval(_GIVE_WAY_S)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Stop the mounts, end the event streams, then go down as uvicorn does."""
@@ -34,12 +58,16 @@ class ObservatoryServer(uvicorn.Server):
         await super().shutdown(sockets)
 
 
-def make_server(app: FastAPI, *, log_level: str = "info") -> ObservatoryServer:
-    """Make the server; the socket is bound by the caller."""
+def make_server(app: FastAPI, *, log_level: str = "info", own_process: bool = False) -> ObservatoryServer:
+    """Make the server; the socket is bound by the caller. `own_process`: it has the process for itself."""
     config = uvicorn.Config(
-        app, log_level=log_level, timeout_graceful_shutdown=_GOODBYE_S, server_header=False
+        # outermost: no answer of a virtual observatory goes out without saying so
+        VirtualHeader(app) if virtual_time() is not None else app,
+        log_level=log_level,
+        timeout_graceful_shutdown=_GOODBYE_S,
+        server_header=False,
     )
-    return ObservatoryServer(config, app)
+    return ObservatoryServer(config, app, own_process=own_process)
 
 
 def bind(host: str, port: int) -> socket.socket:
@@ -66,10 +94,54 @@ def bind(host: str, port: int) -> socket.socket:
         ) from error
 
 
-def serve(settings: Settings) -> int:
-    """Serve until interrupted; the exit code."""
-    listener = bind(settings.service.host, settings.service.port)
-    with listener:
-        server = make_server(create_app(settings))
+def serve(settings: Settings, *, log_level: str = "info") -> int:
+    """Serve until interrupted; the exit code. With `[demo]` it is a virtual observatory, and says where.
+
+    Raises
+    ------
+    BadSettings
+        The address can't be had, or a virtual observatory would write into a real one's journal.
+    """
+    with ExitStack() as standing:
+        if settings.demo is not None:
+            prepare()
+            standing.enter_context(_tidy_when_terminated())
+            settings = standing.enter_context(own_journal(settings))
+            assert settings.demo is not None
+            standing.enter_context(virtual_days(settings.demo, settings.site.site))
+        listener = standing.enter_context(bind(settings.service.host, settings.service.port))
+        app = create_app(settings)
+        app.state.http_address = listener.getsockname()[:2]
+        if settings.demo is not None:
+            app.include_router(truth.router, prefix="/v1")
+        # uvicorn doesn't say which port a socket of ours has got
+        print(_told(settings, listener), flush=True)
+        server = make_server(app, log_level=log_level, own_process=True)
         server.run(sockets=[listener])
     return 0 if server.started else 1
+
+
+@contextmanager
+def _tidy_when_terminated() -> Iterator[None]:
+    """Let SIGTERM unwind this process as SIGINT does: uvicorn gives both back when it has gone down."""
+
+    def end(number: int, _: FrameType | None) -> None:
+        sys.exit(128 + number)
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _told(settings: Settings, listener: socket.socket) -> str:
+    host, port = listener.getsockname()[:2]
+    url = f"http://{f'[{host}]' if ':' in host else host}:{port}"
+    if settings.demo is None:
+        return f"observatory at {url}"
+    return (
+        f"virtual observatory at {url} from {utc_now():%Y-%m-%d %H:%M:%S} UTC on, "
+        f"{settings.demo.speed:g} times as fast\n"
+        f"its description: {url}/docs\nwhere its tubes truly look: {url}/v1/virtual"
+    )

@@ -9,7 +9,7 @@ import math
 from typing import Any
 
 from mountnav.measuring.quality import SkyQuality
-from mountnav.solution import Reason, Times, Verdict
+from mountnav.solution import ErrorBudget, Reason, Times, Verdict
 
 Answer = dict[str, Any]
 
@@ -18,6 +18,7 @@ _NOTHING: Answer = dict.fromkeys(
         *("file", "solved", "ra_deg", "dec_deg", "scale_arcsec_px", "rotation_deg", "parity", "rms_arcsec"),
         *("pairs", "false_probability", "mode", "time_s", "wcs", "reason", "center_sigma_arcsec"),
         *("rejected_by", "reason_code", "numbers", "contradictions", "notes", "quality"),
+        *("catalog", "catalog_steps", "errors_arcsec"),
     )
 )
 
@@ -67,6 +68,18 @@ def solve_answer(file: str, verdict: Verdict) -> Answer:
         "mode": solution.mode,
         "wcs": dict(solution.wcs),
         "rejected_by": {rule: int(count) for rule, count in solution.rejected_by.items()},
+        "catalog": solution.catalog,
+        "catalog_steps": list(solution.catalog_steps),
+        "errors_arcsec": None if solution.errors is None else _errors(solution.errors),
+    }
+
+
+def _errors(errors: ErrorBudget) -> Answer:
+    return {
+        "centroid": _finite(errors.centroid_arcsec),
+        "catalog": _finite(errors.catalog_arcsec),
+        "other": _finite(errors.other_arcsec),
+        "expected": _finite(errors.expected_arcsec),
     }
 
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from api.file_names import shown
 from api.hints import asked_hint
 from api.solve_answer import Answer, solve_answer, unread_answer
-from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.packed import PackedStore
+from mountnav.catalog.shelf import Shelf
 from mountnav.errors import BadFrame, BadSettings
 from mountnav.frames import Hint
 from mountnav.solution import Reason, Verdict
@@ -36,6 +36,7 @@ def run(
     high: float | None,
     hdu: str | None,
     settings: SolveSettings,
+    catalog: Shelf,
     as_json: bool,
 ) -> int:
     """Solve the files and print; 0 if all were solved, else 1.
@@ -48,7 +49,7 @@ def run(
         The whole sky is to be searched, and the index for it can't be built; nothing was solved.
     """
     hint = asked_hint(ra, dec, radius, scale, low, high)
-    solver = _Solver(hint, int(hdu) if hdu is not None and hdu.isdigit() else hdu, settings)
+    solver = _Solver(catalog, hint, int(hdu) if hdu is not None and hdu.isdigit() else hdu, settings)
     all_solved = True
     for path in files:
         answer = solver.answer(path)
@@ -69,6 +70,7 @@ class _Solver:
 
     Parameters
     ----------
+    catalog : Shelf
     hint : Hint or None
     hdu : int, str or None
     settings : SolveSettings
@@ -79,15 +81,17 @@ class _Solver:
         The index is needed at once and can't be built.
     """
 
-    def __init__(self, hint: Hint | None, hdu: int | str | None, settings: SolveSettings) -> None:
-        self._catalog = embedded_catalog()
+    def __init__(
+        self, catalog: Shelf, hint: Hint | None, hdu: int | str | None, settings: SolveSettings
+    ) -> None:
+        self._catalog = catalog
         self._hint = hint
         self._hdu = hdu
         self._no_index: str | None = None
         if settings.blind == "only":
-            settings = replace(settings, index=_index(self._catalog))
+            settings = replace(settings, index=_index(self._catalog.indexed))
         elif settings.blind == "after":
-            settings = replace(settings, index=_index_at_hand(self._catalog))
+            settings = replace(settings, index=_index_at_hand(self._catalog.indexed))
         self._settings = settings
 
     def answer(self, path: Path) -> Answer:
@@ -100,7 +104,7 @@ class _Solver:
             if self._index_may_come and reason is not None and reason.whole_sky_may_help:
                 left_s = budget_s - verdict.times.identify_s
                 try:
-                    self._settings = replace(self._settings, index=_index(self._catalog))
+                    self._settings = replace(self._settings, index=_index(self._catalog.indexed))
                 except BadSettings as refused:
                     self._no_index = f"the whole sky was not searched: {refused}"
                     if reason is Reason.TIMED_OUT:
@@ -178,6 +182,13 @@ def _show_more(console: Console, record: SolveRecord) -> None:
         if quality.limiting_mag is not None:
             told.append(f"limiting magnitude {quality.limiting_mag:.1f}")
         console.print(f"    [dim]{escape(', '.join(told))}[/dim]")
+    if record.catalog_steps:
+        errors = record.errors_arcsec
+        words = "; ".join(record.catalog_steps)
+        if errors is not None:
+            words += f"; errors: centroid {errors.centroid:.2g}″, catalog {errors.catalog:.2g}″"
+            words += f", other {errors.other:.2g}″"
+        console.print(f"    [dim]catalog: {escape(words)}[/dim]")
     for one in record.notes:
         console.print(f"    [yellow]note:[/yellow] {escape(one)}")
     for one in record.contradictions:

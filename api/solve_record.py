@@ -37,6 +37,15 @@ class QualityRecord(BaseModel):
     sky_mag_arcsec2: float | None
 
 
+class ErrorsRecord(BaseModel):
+    """Where the residuals come from: arcsec per coordinate, root mean square over the pairs."""
+
+    centroid: float | None = Field(description="Noise of the measured places")
+    catalog: float | None = Field(description="The catalog's own errors at the frame's epoch")
+    other: float | None = Field(description="What neither knows of: seeing, finer distortions")
+    expected: float | None = Field(description="All of it together")
+
+
 class SolveRecord(BaseModel):
     """Where a frame lies, or why that is unknown. Everything but file, solved and time_s may be null."""
 
@@ -65,6 +74,11 @@ class SolveRecord(BaseModel):
     contradictions: list[str] = Field(default=[], description="Hints that turned out wrong")
     notes: list[str] = Field(default=[], description="Masters not applied, a date that is unknown, ...")
     quality: QualityRecord | None = Field(default=None, description="What the frame tells about the night")
+    catalog: str | None = Field(default=None, description="Whose stars the plate rests on")
+    catalog_steps: list[str] | None = Field(
+        default=None, description="Why that catalog, and how its stars were come by"
+    )
+    errors_arcsec: ErrorsRecord | None = Field(default=None, description="Where the residuals come from")
 
 
 def solve_record(file: str, verdict: Verdict) -> SolveRecord:

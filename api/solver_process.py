@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 
 _IDLE_S = 0.5
+_LOWER_PRIORITY = 5
 
 
 class Bench:
@@ -198,6 +199,8 @@ def main() -> None:
         assert isinstance(setup, Setup)
         bench = Bench(setup)
         troubles = bench.warmed_up()
+        # where cores are scarce, a stop and a state go before a solve
+        os.nice(_LOWER_PRIORITY)
         # what is here by now stays: the collector needn't go through it again during a solve
         gc.collect()
         gc.freeze()

@@ -1,15 +1,17 @@
-"""The event stream: everything that happens, as server-sent events with ids to resume from."""
+"""The event streams: of the whole service, of one telescope, of one job; with ids to resume from."""
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
 from typing import Annotated
 
 from fastapi import APIRouter, Header
-from fastapi.sse import EventSourceResponse, ServerSentEvent
+from fastapi.responses import StreamingResponse
 
+from api.event_stream import STREAM, EventStream
+from api.events import Event
 from api.faults import responses
-from api.service import TheService
+from api.jobs import ENDS, Job
+from api.service import Service, TheJob, TheService, TheTelescope
 
 router = APIRouter(tags=["events"])
 
@@ -19,12 +21,52 @@ LastEventId = Annotated[
 ]
 
 
-@router.get("/events", response_class=EventSourceResponse, responses=responses())
-async def follow_events(
-    service: TheService, last_event_id: LastEventId = None
-) -> AsyncIterator[ServerSentEvent]:
+@router.get("/events", response_class=StreamingResponse, responses={**responses(), **STREAM})
+async def follow_events(service: TheService, last_event_id: LastEventId = None) -> EventStream:
     """Events from now on, or from `Last-Event-ID` on; a comment each 15 s keeps the connection alive."""
-    yield ServerSentEvent(comment="mountnav")
-    async for event in service.events.follow(last_event_id):
-        data = {"utc": event.utc.isoformat(), **event.data}
-        yield ServerSentEvent(data=data, event=event.kind, id=event.id)
+    return EventStream(service.events.reader(last_event_id))
+
+
+@router.get(
+    "/telescopes/{telescope_id}/events",
+    response_class=StreamingResponse,
+    responses={**responses(404), **STREAM},
+)
+async def follow_telescope_events(
+    service: TheService, telescope: TheTelescope, last_event_id: LastEventId = None
+) -> EventStream:
+    """As `/v1/events`, what is about one telescope alone."""
+
+    def about(event: Event) -> bool:
+        return event.data.get("telescope") == telescope.id
+
+    return EventStream(service.events.reader(last_event_id, about))
+
+
+@router.get("/jobs/{job_id}/events", response_class=StreamingResponse, responses={**responses(404), **STREAM})
+async def follow_job_events(
+    service: TheService, job: TheJob, last_event_id: LastEventId = None
+) -> EventStream:
+    """As `/v1/events`, what is about one job alone: from its beginning, as far as that is kept, to its end.
+
+    The stream ends with the job; that of one that has ended tells its end in any case.
+    """
+
+    def about(event: Event) -> bool:
+        return event.data.get("job_id") == job.id
+
+    def is_end(event: Event) -> bool:
+        return event.kind == "job" and event.data.get("job_id") == job.id and event.data["state"] in ENDS
+
+    events = service.events
+    reader = events.reader(last_event_id, about)
+    first = reader.at_hand() if last_event_id else [one for one in events.after(0)[0] if about(one)]
+    forgotten = job.announced and not first and not last_event_id
+    if forgotten or (job.is_over and not any(is_end(event) for event in first)):
+        first = [*first, _now(service, job)]
+    return EventStream(reader, first=first, ends_with=is_end)
+
+
+def _now(service: Service, job: Job) -> Event:
+    """Where a job stands, as an event; it is not kept."""
+    return service.events.told_now("job", service.jobs.told(job))

@@ -66,7 +66,7 @@ Budget = Annotated[
 ]
 
 
-@router.post("/solve", responses=responses(413), openapi_extra=_BODY)
+@router.post("/solve", responses=responses(404), openapi_extra=_BODY)
 async def solve_upload(
     request: Request,
     service: TheService,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from pathlib import Path
 
 import httpx
 import pytest
@@ -32,8 +33,8 @@ ih_arcsec = 300.0
 id_arcsec = -240.0
 [telescope.camera]
 kind = "simulated"
-width_px = 800
-height_px = 600
+width_px = 1200
+height_px = 900
 scale_arcsec_px = 4.0
 [telescope.centering]
 settle_s = 0.0
@@ -42,6 +43,13 @@ id = "gone"
 mount = { url = "lx200+serial:///dev/there-is-no-such-port" }
 camera = { kind = "folder", path = "/" }
 """
+
+
+@pytest.fixture(autouse=True)
+def _own_journal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let each test write into a journal of its own, and never into the user's."""
+    monkeypatch.setenv("MOUNTNAV_JOURNAL", str(tmp_path / "journal.sqlite"))
+
 
 Serve = Callable[[str], AbstractAsyncContextManager[httpx.AsyncClient]]
 

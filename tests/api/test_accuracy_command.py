@@ -37,6 +37,7 @@ OPTICS = replace(
     fwhm_px=2.6,
 )
 PLAIN: dict[str, Any] = {
+    "catalog": embedded_catalog(),
     "ra": PLACE.ra_deg,
     "dec": PLACE.dec_deg,
     "radius": 0.3,

@@ -16,9 +16,9 @@ from api.blind_index import BlindIndexKeeper
 from api.solver_messages import Setup, SharedFile, Task
 from api.solver_process import Bench
 from api.solver_warmup import as_fits
-from mountnav.catalog.error_classes import error_curve
 from mountnav.catalog.packed import PackedStore
-from mountnav.catalog.packing import CatalogColumns, pack
+from mountnav.catalog.packed.error_classes import error_curve
+from mountnav.catalog.packed.packing import CatalogColumns, pack
 from mountnav.frames import Hint
 from mountnav.identification.blind.cache import cached_index, index_path
 from mountnav.identification.blind.file_format import decode_header

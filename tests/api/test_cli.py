@@ -45,6 +45,9 @@ KEYS = [
     "contradictions",
     "notes",
     "quality",
+    "catalog",
+    "catalog_steps",
+    "errors_arcsec",
 ]
 
 
@@ -161,7 +164,7 @@ def test_solve_for_people_exits_0_when_all_are_solved(frame: tuple[Path, dict[st
         ["nonsense"],
         ["serve"],
         ["serve", "--config", "/there/is/none.toml"],
-        ["fake-mount", "--protocol", "nexstar"],
+        ["fake-mount", "--protocol", "morse"],
         ["fake-mount", "--tcp", "nowhere"],
         ["fake-mount", "--tcp", "localhost:1", "--link", "x"],
         ["fake-mount", "--errors", "/there/is/none.toml"],

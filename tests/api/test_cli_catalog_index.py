@@ -12,9 +12,9 @@ import pytest
 from rich.console import Console
 
 from api import catalog_index_command
-from mountnav.catalog.error_classes import error_curve
 from mountnav.catalog.packed import PackedStore
-from mountnav.catalog.packing import CatalogColumns, pack
+from mountnav.catalog.packed.error_classes import error_curve
+from mountnav.catalog.packed.packing import CatalogColumns, pack
 from mountnav.identification.blind.index import BlindIndex
 
 

@@ -1,0 +1,86 @@
+"""One request to a member, from its parameters to its answer: the checks in the order that suits all clients.
+
+::
+
+    parameters 400 -> connected 0x407 -> implemented 0x400 -> range 0x401 -> parked 0x408 -> state 0x40B
+
+[Alpaca §3]
+"""
+
+from __future__ import annotations
+
+import inspect
+import logging
+from collections.abc import Mapping
+
+from api.alpaca.clients import Client
+from api.alpaca.envelope import NOTHING
+from api.alpaca.member import Member
+from api.alpaca.parameters import required
+from api.alpaca.refusals import AlpacaError, NotTaken, error_of, not_implemented, parked
+from api.alpaca.telescope import AlpacaTelescope, Call
+from api.callers import Caller
+from api.faults import Refused, internal_problem, problem_of
+from mountnav.errors import MountnavError
+
+_log = logging.getLogger(__name__)
+
+
+def read_parameters(member: Member, given: Mapping[str, str]) -> dict[str, object]:
+    """A member's own parameters. Raises `BadParameter`."""
+    values: dict[str, object] = {}
+    any_case = member.verb == "GET"
+    for one in member.takes:
+        name = one.name.lower() if any_case else one.name
+        if one.fallback is not None and name not in given:
+            values[one.name] = one.fallback
+        else:
+            values[one.name] = one.read(one.name, required(given, one.name, any_case=any_case))
+    return values
+
+
+async def answer(
+    device: AlpacaTelescope, member: Member, values: Mapping[str, object], caller: Caller, client: Client
+) -> tuple[object, AlpacaError | None]:
+    """What a member answers: its value (`NOTHING` where there is none), and how it was refused."""
+    error: AlpacaError
+    try:
+        call = Call(caller, client, values)
+        if not member.offline:
+            device.require_connected(client)
+        if not member.able(device):
+            raise not_implemented(f"{member.verb} {member.name}", member.why_not)
+        for one in member.ranges:
+            one.check(call)
+        if not member.parked and device.is_parked:
+            raise parked(member.name)
+        value = member.act(device, call)
+        if inspect.isawaitable(value):
+            value = await value
+    except NotTaken as refusal:
+        error = refusal
+        if member.orders:
+            device.audit.note(
+                caller,
+                member.orders,
+                telescope=device.id,
+                request=values,
+                outcome=refusal.slug,
+                detail=refusal.words,
+            )
+    except AlpacaError as failure:
+        error = failure
+    except Refused as refused:
+        error = error_of(refused.problem)
+    except MountnavError as trouble:
+        error = error_of(problem_of(trouble))
+    except Exception:
+        # a client must get an answer that it can read; what it was is for the log
+        _log.exception("unforeseen error in %s %s of %s", member.verb, member.name, device.id)
+        error = error_of(internal_problem())
+    else:
+        return (value if member.has_value else NOTHING), None
+    return (member.default if member.has_value else NOTHING), error
+
+
+__all__ = ["answer", "read_parameters"]

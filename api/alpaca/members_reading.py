@@ -1,0 +1,199 @@
+"""Members that tell where the telescope points and what it does, all from the cached state [Alpaca §5]."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+
+from api.alpaca.envelope import turned
+from api.alpaca.member import (
+    DEC,
+    DEC_RANGE,
+    RA,
+    RA_RANGE,
+    Member,
+    Parameter,
+    never,
+    nothing,
+    whole,
+    with_skill,
+)
+from api.alpaca.parameters import instant
+from api.alpaca.refusals import AlpacaError
+from api.alpaca.telescope import AlpacaTelescope, Call
+from mountnav.navigation.devices import PierSide, Skill
+from mountnav.sky.chain import sidereal_time_deg
+from mountnav.sky.coordinates import Apparent, Icrs, utc_now
+
+SIDES = {PierSide.EAST: 0, PierSide.WEST: 1, PierSide.UNKNOWN: -1}
+"""0: the normal pointing state, as on a German mount that looks west; 1: through the pole."""
+_ALIGNMENTS = {"altaz": 0, "fork": 1, "german": 2}
+_SYSTEMS = {"apparent": 1, "icrs": 2}
+
+
+def right_ascension_h(device: AlpacaTelescope, call: Call) -> float:
+    """Hours, in the system that EquatorialSystem tells."""
+    return turned(device.reading.place.ra_deg / 15.0, 24.0)
+
+
+def declination_deg(device: AlpacaTelescope, call: Call) -> float:
+    """Degrees, in the system that EquatorialSystem tells."""
+    return device.reading.place.dec_deg
+
+
+def altitude_deg(device: AlpacaTelescope, call: Call) -> float:
+    """As seen, with refraction."""
+    return _known(device, device.snapshot.state.altitude_deg)
+
+
+def azimuth_deg(device: AlpacaTelescope, call: Call) -> float:
+    """North 0, east 90."""
+    return turned(_known(device, device.snapshot.state.azimuth_deg), 360.0)
+
+
+def sidereal_time_h(device: AlpacaTelescope, call: Call) -> float:
+    """Local apparent sidereal time now."""
+    return turned(sidereal_time_deg(utc_now(), device.mount.site) / 15.0, 24.0)
+
+
+def side_of_pier(device: AlpacaTelescope, call: Call) -> int:
+    """The pointing state."""
+    side = device.reading.pier_side
+    return SIDES[PierSide.UNKNOWN if side is None else side]
+
+
+async def destination_side(device: AlpacaTelescope, call: Call) -> int:
+    """The pointing state after a slew there, as the mount itself says."""
+    ra_deg, dec_deg = turned(call.number("RightAscension") * 15.0, 360.0), call.number("Declination")
+    place = Icrs(ra_deg, dec_deg) if device.mount.epoch == "icrs" else Apparent(ra_deg, dec_deg, utc_now())
+    side = await device.mount.destination_side(place)
+    return SIDES[PierSide.UNKNOWN if side is None else side]
+
+
+def slewing(device: AlpacaTelescope, call: Call) -> bool:
+    """Whether it moves. Raises the failure of the last motion, if this client hasn't been told."""
+    if not device.motion.under_way and (failure := device.motion.failed_before(call.client)) is not None:
+        raise failure
+    return device.is_slewing
+
+
+def pulse_guiding(device: AlpacaTelescope, call: Call) -> bool:
+    """Whether a guide pulse runs or waits, whoever ordered it."""
+    if device.pulses.running:
+        return True
+    if (failure := device.pulses.failed_before()) is not None:
+        raise failure
+    job = device.snapshot.job
+    return job is not None and job.kind == "guide"
+
+
+def utc_date(device: AlpacaTelescope, call: Call) -> str:
+    """The service's clock: the one that all is reckoned by."""
+    return iso(utc_now())
+
+
+def iso(utc: datetime) -> str:
+    """As the standard writes instants."""
+    return f"{utc.astimezone(UTC):%Y-%m-%dT%H:%M:%S.%f}Z"
+
+
+def device_state(device: AlpacaTelescope, call: Call) -> list[dict[str, object]]:
+    """All that moves, at once; what isn't implemented, or isn't known just now, is left out."""
+    states: list[dict[str, object]] = []
+    for name, value, able in _STATES:
+        if not able(device):
+            continue
+        try:
+            states.append({"Name": name, "Value": value(device, call)})
+        except AlpacaError:
+            continue
+    states.append({"Name": "TimeStamp", "Value": iso(device.snapshot.utc)})
+    return states
+
+
+def _known(device: AlpacaTelescope, value: float | None) -> float:
+    if value is None:
+        raise AlpacaError(
+            0x502, f"{device.id}: not known just now: {device.snapshot.state.problem or 'no answer'}"
+        )
+    _ = device.reading  # raises if it is too old
+    return value
+
+
+def _alignment(device: AlpacaTelescope, call: Call) -> int:
+    mounting = device.mount.mounting
+    assert mounting is not None, "only asked where it is known"
+    return _ALIGNMENTS[mounting]
+
+
+def _has_alignment(device: AlpacaTelescope) -> bool:
+    return device.mount.mounting is not None
+
+
+def _is_slewing(device: AlpacaTelescope, call: Call) -> bool:
+    return device.is_slewing
+
+
+def _is_guiding(device: AlpacaTelescope, call: Call) -> bool:
+    job = device.snapshot.job
+    return device.pulses.running or (job is not None and job.kind == "guide")
+
+
+def _any(device: AlpacaTelescope) -> bool:
+    return True
+
+
+def _with_sides(skill: Skill) -> Callable[[AlpacaTelescope], bool]:
+    """A mount that has sides of a pier, and tells them."""
+    return lambda device: device.can(skill) and device.mount.mounting in ("german", None)
+
+
+_sides = _with_sides(Skill.PIER_SIDE)
+_STATES = (
+    ("Altitude", altitude_deg, _any),
+    ("AtHome", lambda device, call: device.is_home, _any),
+    ("AtPark", lambda device, call: device.is_parked, _any),
+    ("Azimuth", azimuth_deg, _any),
+    ("Declination", declination_deg, _any),
+    ("IsPulseGuiding", _is_guiding, with_skill(Skill.GUIDE)),
+    ("RightAscension", right_ascension_h, _any),
+    ("SideOfPier", side_of_pier, _sides),
+    ("SiderealTime", sidereal_time_h, _any),
+    ("Slewing", _is_slewing, _any),
+    ("Tracking", lambda device, call: device.is_tracking, _any),
+    ("UTCDate", utc_date, _any),
+)
+
+_FLIP = "a flip is checked, and centered anew, by the service: POST /v1/telescopes/{id}/flip"
+_CLOCK = "the time is the clock's of the service's machine"
+
+MEMBERS: tuple[Member, ...] = (
+    Member("GET", "devicestate", device_state, default=[]),
+    Member("GET", "alignmentmode", _alignment, able=_has_alignment),
+    Member("GET", "equatorialsystem", lambda device, call: _SYSTEMS[device.mount.epoch]),
+    Member("GET", "rightascension", right_ascension_h, default=0.0),
+    Member("GET", "declination", declination_deg, default=0.0),
+    Member("GET", "altitude", altitude_deg, default=0.0),
+    Member("GET", "azimuth", azimuth_deg, default=0.0),
+    Member("GET", "siderealtime", sidereal_time_h, default=0.0),
+    Member("GET", "sideofpier", side_of_pier, able=_sides, default=-1),
+    Member("PUT", "sideofpier", nothing, takes=(Parameter("SideOfPier", whole),), able=never, why_not=_FLIP),
+    Member(
+        "GET",
+        "destinationsideofpier",
+        destination_side,
+        takes=(RA, DEC),
+        ranges=(RA_RANGE, DEC_RANGE),
+        able=_with_sides(Skill.DESTINATION_SIDE),
+        default=-1,
+    ),
+    Member("GET", "slewing", slewing, default=False),
+    Member("GET", "athome", lambda device, call: device.is_home, default=False),
+    Member("GET", "atpark", lambda device, call: device.is_parked, default=False),
+    Member("GET", "tracking", lambda device, call: device.is_tracking, default=False),
+    Member("GET", "ispulseguiding", pulse_guiding, able=with_skill(Skill.GUIDE), default=False),
+    Member("GET", "utcdate", utc_date, default=""),
+    Member("PUT", "utcdate", nothing, takes=(Parameter("UTCDate", instant),), able=never, why_not=_CLOCK),
+)
+
+__all__ = ["MEMBERS", "iso"]

@@ -1,0 +1,244 @@
+"""The last order to move that came over Alpaca: under way until settled and re-read, and how it failed.
+
+Slewing is the standard's only way to tell that a slew failed after it began: reading it raises then, once for
+each client that has an id, and for those without one until the next order or an abort [Alpaca §5].
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Awaitable, Callable
+
+from api.alpaca.clients import Client
+from api.alpaca.refusals import AlpacaError, Number, failure_of
+from api.callers import Caller
+from api.desk import Desk
+from api.faults import problem_of
+from api.job import Job
+from api.orders import Order
+from mountnav.errors import MountnavError
+from mountnav.navigation.devices import SlewOutcome
+from mountnav.navigation.navigator import Navigator
+from mountnav.sky.present import real_s
+
+_log = logging.getLogger(__name__)
+
+_STOP_S = 0.5
+Work = Callable[[Navigator], Awaitable[object]]
+
+
+class Motion:
+    """Orders one telescope's motions for Alpaca's clients.
+
+    Parameters
+    ----------
+    desk : Desk
+    telescope_id : str
+
+    Attributes
+    ----------
+    settle_s : int
+        How long after its end a motion still counts as one.
+    """
+
+    def __init__(self, desk: Desk, telescope_id: str) -> None:
+        self.settle_s = 0
+        self._desk = desk
+        self._telescope_id = telescope_id
+        self._ordering = 0
+        self._job: Job | None = None
+        self._client: Client | None = None
+        self._following: asyncio.Task[AlpacaError | None] | None = None
+        self._aborted: Job | None = None
+        self._stopping: set[asyncio.Task[None]] = set()
+        self._failure: AlpacaError | None = None
+        self._told: set[Client] = set()
+        self._hurry = asyncio.Event()
+
+    @property
+    def under_way(self) -> bool:
+        """From the moment an order is taken until its end is settled and read; a stop is one, too."""
+        return (
+            self._ordering > 0
+            or bool(self._stopping)
+            or (self._following is not None and not self._following.done())
+        )
+
+    def is_of(self, client: Client) -> bool:
+        """Whether what is under way was ordered by this client."""
+        return self.under_way and self._client == client
+
+    def slews_for(self, client: Client) -> bool:
+        """Whether a slew that this client ordered runs."""
+        job = self._job
+        return job is not None and not job.is_over and job.kind == "slew" and self._client == client
+
+    def begin_anew(self, client: Client) -> None:
+        """A client that has just connected is not told how a motion before that failed."""
+        if self._failure is not None and client.client_id != 0:
+            self._told.add(client)
+
+    async def begin(
+        self,
+        caller: Caller,
+        client: Client,
+        order: Order,
+        *,
+        work: Work | None = None,
+        supersede: bool = False,
+        arrived: Callable[[], None] | None = None,
+    ) -> None:
+        """Order a motion; it has begun when this returns.
+
+        Parameters
+        ----------
+        caller : Caller
+        client : Client
+        order : Order
+        work : callable, optional
+            What is done for it, if more than the order says; one job all the same.
+        supersede : bool
+            Whether what this same client has under way makes room. Nobody else's work ever does.
+        arrived : callable, optional
+            Called when it has succeeded and the mount was read again.
+
+        Raises
+        ------
+        MountnavError, Refused
+            As the desk's `order`.
+        """
+        self._ordering += 1
+        held = self._job
+        try:
+            await self.stopped()
+            held = self._job
+            mine = supersede and self.is_of(client) and held is not None and not held.is_over
+            if mine:
+                self._aborted = held
+            if work is None:
+                job = await self._desk.order(caller, self._telescope_id, order, supersede=mine)
+            else:
+                request = order.model_dump(exclude_none=True)
+                job = await self._desk.give(
+                    caller, self._telescope_id, order.kind, request, work, supersede=mine
+                )
+            self._job, self._client = job, client
+            self._failure = None
+            self._told.clear()
+            self._hurry.clear()
+            self._following = asyncio.create_task(self._follow(job, arrived), name=f"alpaca {order.kind}")
+        except BaseException:
+            if self._aborted is held and held is not None and not held.is_over:
+                self._aborted = None  # it goes on
+            raise
+        finally:
+            self._ordering -= 1
+
+    async def ended(self) -> None:
+        """Wait for the end of what is under way; a failure, or anybody's stop, raises `AlpacaError`."""
+        if (following := self._following) is None:
+            return
+        await asyncio.wait({following})
+        if following.cancelled():
+            raise AlpacaError(0x508, "the service goes down: how this ended is not known")
+        if (failure := following.result()) is None:
+            return
+        if self._failure is failure:
+            self._failure = None
+        raise failure
+
+    async def wait(self, wait_s: float) -> None:
+        """Wait for the end, but no longer than so many of the machine's seconds; raises nothing."""
+        if (following := self._following) is not None:
+            await asyncio.wait({following}, timeout=wait_s)
+
+    def failed_before(self, client: Client) -> AlpacaError | None:
+        """The failure of the last motion, if this client has not been told; it counts as told then."""
+        if self._failure is None or client in self._told:
+            return None
+        if client.client_id != 0:
+            self._told.add(client)
+        return self._failure
+
+    async def stopped(self) -> None:
+        """Wait for stops that are under way: an order that came between would be ended by them."""
+        if self._stopping:
+            await asyncio.wait(set(self._stopping))
+
+    async def abort(self, caller: Caller) -> None:
+        """Stop the telescope, whatever it does. The end of what is aborted is no failure.
+
+        The stop is sent at once; if the mount takes long to come to rest, that isn't waited for: Slewing is
+        True until then, and what goes wrong after this has returned is the failure of the motion.
+
+        Raises
+        ------
+        MountnavError, Refused
+            As the desk's `stop`.
+        """
+        self._failure = None
+        self._told.clear()
+        self._hurry.set()
+        if self._job is not None and not self._job.is_over:
+            self._aborted = self._job
+        stopping = asyncio.create_task(self._stop(caller), name="alpaca abort")
+        self._stopping.add(stopping)
+        stopping.add_done_callback(self._stopping.discard)
+        await asyncio.wait({stopping}, timeout=_STOP_S)
+        if stopping.done():
+            await stopping
+        else:
+            stopping.add_done_callback(self._stopped_late)
+
+    async def _stop(self, caller: Caller) -> None:
+        await self._desk.stop(caller, self._telescope_id)
+        await self._desk.watch(self._telescope_id).refresh()
+
+    def _stopped_late(self, stopping: asyncio.Task[None]) -> None:
+        error = None if stopping.cancelled() else stopping.exception()
+        if isinstance(error, MountnavError):
+            found = failure_of(problem_of(error))
+            self._failure = AlpacaError(found.number, f"the stop failed: {found.words}")
+        elif error is not None:
+            self._failure = AlpacaError(0x5FF, f"the stop failed: {error}")
+            _log.error("a stop of %s failed", self._telescope_id, exc_info=error)
+
+    async def close(self) -> None:
+        """Follow no more."""
+        if self._following is not None:
+            self._following.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._following
+
+    async def _follow(self, job: Job, arrived: Callable[[], None] | None) -> AlpacaError | None:
+        """Until a motion is settled and read; how it failed, aborted ones included."""
+        await job.ended.wait()
+        failure = _failure_of(job)
+        if failure is None and self.settle_s > 0:
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(real_s(self.settle_s)):
+                    await self._hurry.wait()
+        await self._desk.watch(self._telescope_id).refresh()
+        if failure is None and arrived is not None:
+            arrived()
+        if self._job is job and self._aborted is not job:
+            self._failure = failure
+        return failure
+
+
+def _failure_of(job: Job) -> AlpacaError | None:
+    if job.problem is not None:
+        found = failure_of(job.problem)
+        how = "was stopped" if found.number == Number.CANCELLED else "failed"
+        return AlpacaError(found.number, f"the {job.kind} {how}: {found.words}")
+    match job.result:
+        case SlewOutcome.STALLED:
+            return AlpacaError(0x507, f"the {job.kind} failed: the mount came to rest before it was there")
+        case SlewOutcome.STOPPED:
+            return AlpacaError(Number.CANCELLED, f"the {job.kind} was stopped")
+    return None
+
+
+__all__ = ["Motion", "Work"]

@@ -1,0 +1,219 @@
+"""The Alpaca server as an ASGI application: paths, verbs, plain-text refusals, envelopes [Alpaca §1, §2, §6].
+
+It answers below ``/api``, ``/management`` and ``/setup`` of the service's port. No web framework reads its
+paths or parameters: their ways (redirected slashes, JSON errors, 422) are not the standard's.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.routing import BaseRoute, Mount, Route
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from api.alpaca.access import alpaca_caller
+from api.alpaca.answering import answer, read_parameters
+from api.alpaca.clients import Client
+from api.alpaca.envelope import Transactions, envelope
+from api.alpaca.management import management_value
+from api.alpaca.members import MEMBERS, NAMES
+from api.alpaca.parameters import BadParameter, from_form, from_query, unsigned
+from api.alpaca.paths import DevicePath, ManagementPath, SetupPath, read_path
+from api.alpaca.refusals import words_of
+from api.alpaca.setup_pages import server_page, telescope_page
+from api.alpaca.telescope import AlpacaTelescope
+from api.alpaca.unique_ids import ids_path, unique_ids
+from api.callers import Caller, Role
+from api.faults import Refused
+from api.keys import KeyStore
+from api.security import require_role
+from api.service import Service
+
+_FORM = "application/x-www-form-urlencoded"
+_LONGEST_BODY = 64_000
+_ROOTS = ("api", "management", "setup")
+_CLOSED = PlainTextResponse("the service is starting, or going down", status_code=503)
+
+
+def alpaca_app(service_getter: Callable[[], Service], keys_getter: Callable[[], KeyStore]) -> ASGIApp:
+    """The Alpaca server.
+
+    Parameters
+    ----------
+    service_getter : callable
+        The running service, at the time of a request.
+    keys_getter : callable
+        Its keys.
+    """
+    return AlpacaServer(service_getter, keys_getter)
+
+
+def alpaca_routes(
+    service_getter: Callable[[], Service], keys_getter: Callable[[], KeyStore]
+) -> list[BaseRoute]:
+    """The Alpaca server as routes for an application's router; none of them stands in its OpenAPI."""
+    app = alpaca_app(service_getter, keys_getter)
+    return [
+        # without these three a framework would redirect them to a slash at their end
+        *(Route(f"/{name}", app, include_in_schema=False) for name in _ROOTS),
+        *(Mount(f"/{name}", app, name=f"alpaca-{name}") for name in _ROOTS),
+    ]
+
+
+class AlpacaServer:
+    """Answers Alpaca requests for all telescopes of a service.
+
+    Parameters
+    ----------
+    service_getter, keys_getter : callable
+        See `alpaca_app`.
+    """
+
+    def __init__(self, service_getter: Callable[[], Service], keys_getter: Callable[[], KeyStore]) -> None:
+        self._service = service_getter
+        self._keys = keys_getter
+        self._transactions = Transactions()
+        self._devices: list[AlpacaTelescope] = []
+        self._of: Service | None = None
+        self._making = asyncio.Lock()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        assert scope["type"] == "http", "nothing else is routed here"
+        response = await self._respond(Request(scope, receive))
+        await response(scope, receive, send)
+
+    async def devices(self, service: Service) -> list[AlpacaTelescope]:
+        """All telescopes, in the order of the settings."""
+        async with self._making:
+            if self._of is not service:
+                # a disk is waited for in a thread, never in the event loop
+                telescopes = service.desk.telescopes
+                ids = await asyncio.to_thread(
+                    unique_ids, ids_path(service.settings), [one.id for one in telescopes]
+                )
+                self._devices = [
+                    AlpacaTelescope(
+                        *(number, ids[one.id], one, service.desk, service.settings, service.audit),
+                        time.monotonic,
+                    )
+                    for number, one in enumerate(telescopes)
+                ]
+                self._of = service
+        return self._devices
+
+    async def _respond(self, request: Request) -> Response:
+        path = _path_of(request.scope)
+        asked = read_path(path)
+        if asked is None:
+            status = 400 if path == "/api" or path.startswith("/api/") else 404
+            return _refused(
+                f"there is nothing at {path}: paths are lower case, without a slash at their end", status
+            )
+        try:
+            service = self._service()
+        except AttributeError:
+            return _CLOSED
+        devices, settings = await self.devices(service), service.settings
+        if isinstance(asked, ManagementPath):
+            return self._management(request, asked, devices, settings.alpaca.location)
+        try:
+            caller = alpaca_caller(request.scope, self._keys(), is_open=settings.alpaca.open)
+            require_role(caller, Role.VIEW)
+        except Refused as refusal:
+            found = refusal.problem
+            return PlainTextResponse(words_of(found), status_code=found.status, headers=refusal.headers)
+        if isinstance(asked, SetupPath):
+            return _setup(request, asked, devices)
+        return await self._member(request, asked, devices, caller)
+
+    def _management(
+        self, request: Request, asked: ManagementPath, devices: list[AlpacaTelescope], location: str
+    ) -> Response:
+        if request.method != "GET":
+            return _wrong_verb(request.method, "GET")
+        try:
+            given = from_query(request.scope["query_string"])
+        except BadParameter as bad:
+            return _refused(str(bad))
+        return _json(
+            envelope(
+                unsigned(given.get("clienttransactionid")),
+                self._transactions.next(),
+                management_value(asked.page, devices, location),
+                of_device=False,
+            )
+        )
+
+    async def _member(
+        self, request: Request, asked: DevicePath, devices: list[AlpacaTelescope], caller: Caller
+    ) -> Response:
+        if asked.number >= len(devices):
+            return _refused(f"there is no telescope {asked.number}: there are {len(devices)}, the first is 0")
+        if asked.command not in NAMES:
+            return _refused(f"a telescope has no member {asked.command}")
+        if request.method not in ("GET", "PUT"):
+            return _wrong_verb(request.method, "GET, PUT")
+        member = MEMBERS.get((request.method, asked.command))
+        if member is None:
+            return _refused(f"{asked.command} has no {request.method}")
+        try:
+            if request.method == "GET":
+                given = from_query(request.scope["query_string"])
+                client_id, transaction = given.get("clientid"), given.get("clienttransactionid")
+            else:
+                given = from_form(await _body(request))
+                client_id, transaction = given.get("ClientID"), given.get("ClientTransactionID")
+            values = read_parameters(member, given)
+        except BadParameter as bad:
+            return _refused(str(bad))
+        number = self._transactions.next()
+        client = Client(caller.address, unsigned(client_id))
+        value, error = await answer(devices[asked.number], member, values, caller, client)
+        return _json(envelope(unsigned(transaction), number, value, error))
+
+
+async def _body(request: Request) -> bytes:
+    """The body of a form. Raises `BadParameter` for one that is too long."""
+    kind = request.headers.get("content-type", _FORM).partition(";")[0].strip().lower()
+    body = bytearray()
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > _LONGEST_BODY:
+            raise BadParameter("the body is too long for a form")
+    return bytes(body) if kind == _FORM else b""
+
+
+def _setup(request: Request, asked: SetupPath, devices: list[AlpacaTelescope]) -> Response:
+    if request.method not in ("GET", "HEAD"):
+        return _wrong_verb(request.method, "GET")
+    if asked.number is None:
+        return HTMLResponse(server_page(devices))
+    if asked.number >= len(devices):
+        return _refused(f"there is no telescope {asked.number}")
+    return HTMLResponse(telescope_page(devices[asked.number]))
+
+
+def _path_of(scope: Scope) -> str:
+    """The whole path, whether or not this application is mounted below a part of it."""
+    path, root = str(scope["path"]), str(scope.get("root_path", ""))
+    return path if not root or path.startswith(root) else root + path
+
+
+def _json(body: bytes) -> Response:
+    return Response(body, media_type="application/json")
+
+
+def _refused(words: str, status: int = 400) -> Response:
+    return PlainTextResponse(words, status_code=status)
+
+
+def _wrong_verb(verb: str, allowed: str) -> Response:
+    return PlainTextResponse(f"{verb} is not possible here", status_code=405, headers={"Allow": allowed})
+
+
+__all__ = ["AlpacaServer", "alpaca_app", "alpaca_routes"]

@@ -1,0 +1,189 @@
+"""Who ordered what, by which face, and what became of it: a row of the journal for each, refused ones too."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from contextvars import ContextVar
+from typing import Protocol
+
+from pydantic import BaseModel
+
+from api.callers import Caller
+from api.faults import Problem, Refused, internal_problem, problem_of
+from mountnav.errors import MountnavError
+from mountnav.journal.audit_rows import AuditRow
+from mountnav.sky.coordinates import utc_now
+
+_log = logging.getLogger(__name__)
+
+TAKEN = "taken"
+_SECRETS = ("secret", "token", "password", "authorization", "api_key", "apikey", "lease_id")
+_LONGEST_TEXT = 500
+_MOST_VALUES = 50
+_DEEPEST = 4
+
+_noted: ContextVar[list[str] | None] = ContextVar("mountnav_audit_noted", default=None)
+"""What the request that is being answered has noted so far; see `watching_notes`."""
+
+
+class AuditKeeper(Protocol):
+    """Where audits are kept."""
+
+    def audit_now(self, row: AuditRow) -> None:
+        """Keep it, without waiting. Never raises."""
+        ...
+
+
+class Audit:
+    """Notes orders. An order waits for no note; none is lost as long as the journal can be written.
+
+    While it can't, notes are kept in memory (ten thousand of them) and written later.
+
+    Parameters
+    ----------
+    keeper : AuditKeeper
+    """
+
+    def __init__(self, keeper: AuditKeeper) -> None:
+        self._keeper = keeper
+
+    def note(
+        self,
+        caller: Caller,
+        what: str,
+        *,
+        telescope: str | None = None,
+        request: Mapping[str, object] | BaseModel | None = None,
+        outcome: str = TAKEN,
+        detail: str = "",
+        status: int | None = None,
+        job_id: str | None = None,
+    ) -> None:
+        """Note an order. Never raises, waits for nothing.
+
+        Parameters
+        ----------
+        caller : Caller
+        what : str
+            The order's kind, such as ``slew``.
+        telescope : str, optional
+            None for the whole service.
+        request : mapping or model, optional
+            What was asked for. Values whose names tell of secrets are left out, long ones cut.
+        outcome : str
+            ``taken``, or the slug of the problem.
+        detail : str
+            In words.
+        status : int, optional
+            Of HTTP.
+        job_id : str, optional
+            Which job it became.
+        """
+        try:
+            if (noted := _noted.get()) is not None:
+                noted.append(what)
+            self._keeper.audit_now(
+                AuditRow(
+                    utc=utc_now(),
+                    telescope=telescope or "",
+                    caller=caller.name,
+                    role=str(caller.role),
+                    face=str(caller.face),
+                    address=caller.address,
+                    what=what,
+                    request=_shown(request),
+                    outcome=outcome,
+                    detail=detail[:_LONGEST_TEXT],
+                    status=status,
+                    job_id=job_id,
+                )
+            )
+        except Exception:
+            # an order must not fail for its note
+            _log.exception("the audit of %s by %s was not noted", what, caller.name)
+
+    def stranger(self, address: str, what: str, *, status: int, outcome: str, more: int = 0) -> None:
+        """Note that somebody unknown tried something. Never raises.
+
+        Parameters
+        ----------
+        address : str
+        what : str
+        status : int
+        outcome : str
+        more : int
+            How often he did so since the last note.
+        """
+        request = {"more_since_the_last_note": more} if more else {}
+        row = AuditRow(utc_now(), "", "(unknown)", "", "", address, what, request, outcome, status=status)
+        try:
+            self._keeper.audit_now(row)
+        except Exception:
+            _log.exception("the audit of %s from %s was not noted", what, address)
+
+    def refused(
+        self,
+        caller: Caller,
+        what: str,
+        error: BaseException,
+        *,
+        telescope: str | None = None,
+        request: Mapping[str, object] | BaseModel | None = None,
+    ) -> None:
+        """Note an order that was refused with `error`. Never raises."""
+        found = _problem(error)
+        self.note(
+            caller,
+            what,
+            telescope=telescope,
+            request=request,
+            outcome=found.type.rpartition(":")[2],
+            detail=found.detail,
+            status=found.status,
+            job_id=found.job_id,
+        )
+
+
+def watching_notes() -> list[str]:
+    """Begin a list of what is noted from now on in this task, and in what it awaits."""
+    noted: list[str] = []
+    _noted.set(noted)
+    return noted
+
+
+def _problem(error: BaseException) -> Problem:
+    if isinstance(error, Refused):
+        return error.problem
+    return problem_of(error) if isinstance(error, MountnavError) else internal_problem()
+
+
+def _shown(request: Mapping[str, object] | BaseModel | None) -> dict[str, object]:
+    if request is None:
+        return {}
+    plain = request.model_dump(mode="json", exclude_none=True) if isinstance(request, BaseModel) else request
+    return {str(name): _cut(value) for name, value in _kept(plain)}
+
+
+def _kept(mapping: Mapping[str, object]) -> list[tuple[str, object]]:
+    named = [(str(name), value) for name, value in mapping.items()]
+    return [one for one in named if not any(word in one[0].lower() for word in _SECRETS)][:_MOST_VALUES]
+
+
+def _cut(value: object, depth: int = 1) -> object:
+    if isinstance(value, str):
+        return (
+            value if len(value) <= _LONGEST_TEXT else f"{value[:_LONGEST_TEXT]}... ({len(value)} characters)"
+        )
+    if isinstance(value, Mapping):
+        if depth >= _DEEPEST:
+            return f"({len(value)} values)"
+        return {name: _cut(one, depth + 1) for name, one in _kept(value)}
+    if isinstance(value, list | tuple):
+        if depth >= _DEEPEST:
+            return f"({len(value)} values)"
+        return [_cut(one, depth + 1) for one in value[:_MOST_VALUES]]
+    return value
+
+
+__all__ = ["TAKEN", "Audit", "AuditKeeper", "watching_notes"]

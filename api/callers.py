@@ -1,0 +1,64 @@
+"""Who orders something, by which face, and what that caller may."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Role(StrEnum):
+    """What a caller may do; each role includes those before it."""
+
+    VIEW = "view"
+    """Read everything, change nothing."""
+    OPERATE = "operate"
+    """Give orders to telescopes, and send frames."""
+    CONFIGURE = "configure"
+    """Also what stands against the guards: trust a mount, break a lease."""
+
+    def includes(self, other: Role) -> bool:
+        """Whether this role may do what `other` may."""
+        order = list(Role)
+        return order.index(self) >= order.index(other)
+
+
+class Face(StrEnum):
+    """By which door a caller came."""
+
+    REST = "rest"
+    ALPACA = "alpaca"
+    INDI = "indi"
+    LX200 = "lx200"
+    STELLARIUM = "stellarium"
+    SERVICE = "service"
+    """The service itself: the end of a lease."""
+
+
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """Who orders.
+
+    Attributes
+    ----------
+    name : str
+        The API key's name; ``this machine`` where no keys are configured; or what the face calls its client.
+    role : Role
+    face : Face
+    address : str
+        Where it came from, for the audit.
+    lease_id : str or None
+        The secret of the lease that it holds.
+    """
+
+    name: str
+    role: Role
+    face: Face
+    address: str = ""
+    lease_id: str | None = None
+
+
+THE_SERVICE = Caller("the service", Role.CONFIGURE, Face.SERVICE)
+"""The service itself."""
+
+
+__all__ = ["THE_SERVICE", "Caller", "Face", "Role"]

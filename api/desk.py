@@ -1,0 +1,298 @@
+"""The one way to order something of a telescope, for every face: role, lease, one at a time, written down.
+
+REST, Alpaca, INDI, the planetariums and the page all come here, and nobody has another way to a navigator.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Awaitable, Callable, Sequence
+from typing import Protocol
+
+from api.audit import Audit
+from api.callers import Caller, Role
+from api.carrying_out import work_of
+from api.faults import Refused
+from api.jobs import Job, Jobs
+from api.longer_orders import LongerOrders
+from api.observatory import Observatory, Telescope, link_is_lost
+from api.orders import ModelRunOrder, Order, SeriesOrder, SolveOrder, role_for
+from api.security import require_role
+from api.targets import Target, icrs_of
+from api.watching import Watch
+from mountnav.errors import DeviceError, MountnavError
+from mountnav.navigation.navigator import Navigator
+from mountnav.sky.coordinates import utc_now
+
+_END_OF_JOB_S = 1.0
+_LONGEST_FRESHENING_S = 5.0
+
+
+class Guard(Protocol):
+    """Who may order now."""
+
+    def require(self, caller: Caller, telescope_id: str) -> None:
+        """Raise `Refused` if somebody else holds the lease."""
+        ...
+
+
+class Desk:
+    """Takes the orders of all faces.
+
+    Parameters
+    ----------
+    observatory : Observatory
+    jobs : Jobs
+    longer : LongerOrders
+        Makes work of the orders that need more than a navigator.
+    leases : Guard
+    audit : Book
+    poll_s : float
+        How often each telescope is read.
+    """
+
+    def __init__(
+        self,
+        observatory: Observatory,
+        jobs: Jobs,
+        *,
+        longer: LongerOrders,
+        leases: Guard,
+        audit: Audit,
+        poll_s: float,
+    ) -> None:
+        self._observatory = observatory
+        self._jobs = jobs
+        self._longer = longer
+        self._leases = leases
+        self._audit = audit
+        self._watches = {one.id: Watch(one, jobs, poll_s) for one in observatory.telescopes}
+
+    @property
+    def telescopes(self) -> Sequence[Telescope]:
+        """All telescopes, in the order of the settings."""
+        return self._observatory.telescopes
+
+    def watch(self, telescope_id: str) -> Watch:
+        """What is known of a telescope. Raises `Unknown`."""
+        return self._watches[self._observatory.telescope(telescope_id).id]
+
+    def start(self) -> None:
+        """Begin to watch."""
+        for watch in self._watches.values():
+            watch.start()
+
+    async def close(self) -> None:
+        """Watch no more."""
+        await asyncio.gather(*(watch.close() for watch in self._watches.values()))
+
+    async def order(
+        self,
+        caller: Caller,
+        telescope_id: str,
+        order: Order,
+        *,
+        key: str | None = None,
+        supersede: bool = False,
+    ) -> Job:
+        """Take an order; its job has begun when this returns. See `give`."""
+        devices = True
+        if isinstance(order, SolveOrder | SeriesOrder | ModelRunOrder):
+            work = self._longer.work_of(self._observatory.telescope(telescope_id).id, order)
+            devices = self._longer.needs_devices(order)
+        else:
+            work = work_of(order)
+        return await self.give(
+            caller,
+            telescope_id,
+            order.kind,
+            order.model_dump(exclude_none=True),
+            work,
+            key=key,
+            supersede=supersede,
+            needs=role_for(order),
+            devices=devices,
+        )
+
+    async def give(
+        self,
+        caller: Caller,
+        telescope_id: str,
+        kind: str,
+        request: dict[str, object],
+        work: Callable[[Navigator], Awaitable[object]],
+        *,
+        key: str | None = None,
+        supersede: bool = False,
+        needs: Role = Role.OPERATE,
+        devices: bool = True,
+    ) -> Job:
+        """Take a piece of work as an order; `order` for those that have a body of their own.
+
+        Parameters
+        ----------
+        caller : Caller
+        telescope_id : str
+        kind : str
+            Of the job.
+        request : dict
+            As it is written down; together with `kind` what an idempotency key stands for.
+        work : callable
+            What the navigator is to do.
+        key : str, optional
+            Made by the client: with the same key and request nothing is done twice.
+        supersede : bool
+            Whether a job that holds the telescope is ended, and its mount stopped, to make room. The new job
+            is there at once and begins when that is done; if the mount can't be told to stop, it fails.
+        needs : Role
+        devices : bool
+            Whether the telescope must be open for it.
+
+        Raises
+        ------
+        Unknown
+            No such telescope.
+        Refused
+            The caller's role, or somebody else's lease; or the key was used for something else.
+        TelescopeBusy
+            Another job holds it.
+        """
+        telescope = self._observatory.telescope(telescope_id)
+        try:
+            require_role(caller, needs)
+            known = self._jobs.known(key, kind, telescope.id, request)
+            if known is not None:
+                return known
+            self._leases.require(caller, telescope.id)
+            job = self._jobs.start(
+                kind,
+                telescope.id,
+                request,
+                self.done(telescope, work, devices=devices),
+                key=key,
+                make_room=(lambda: self._stop(telescope, None)) if supersede else None,
+                epoch=telescope.navigator.mount.epoch,
+            )
+        except (Refused, MountnavError) as refusal:
+            self._audit.refused(caller, kind, refusal, telescope=telescope.id, request=request)
+            raise
+        self._audit.note(caller, kind, telescope=telescope.id, request=request, job_id=job.id)
+        return job
+
+    async def check(self, telescope_id: str, target: Target, *, supersede: bool = False) -> None:
+        """Tell what a slew there would be refused for now; nothing moves.
+
+        Parameters
+        ----------
+        telescope_id : str
+        target : Target
+        supersede : bool
+            As if what runs now had been stopped for it.
+
+        Raises
+        ------
+        OutsideLimits, DeviceRefused, Busy, BadRequest, Unknown, DeviceError
+        """
+        telescope = self._observatory.telescope(telescope_id)
+        navigator = await telescope.ready()
+        mount = navigator.mount
+        there = icrs_of(target, utc_now(), mount.site, mount.air)
+        await navigator.would_slew(there, after_stop=supersede)
+
+    async def stop(self, caller: Caller, telescope_id: str) -> Job | None:
+        """Cancel the telescope's job and stop its mount; return the job. Waits for neither queue nor solve.
+
+        Taken from everyone who may operate, whoever holds the lease. The job is cancelled first, so that it
+        can't send another slew after the stop; while it ends, the navigator stops the mount once more, in
+        case a slew was on the wire at that very moment.
+
+        Raises
+        ------
+        Refused
+            The caller may only look on.
+        DeviceError
+            The stop could not be sent.
+        """
+        telescope = self._observatory.telescope(telescope_id)
+        job = self._jobs.running_on(telescope.id)
+        try:
+            require_role(caller, Role.OPERATE)
+            await self._stop(telescope, job, f"stopped on request of {caller.name} ({caller.face})")
+        except (Refused, DeviceError) as error:
+            self._audit.refused(caller, "stop", error, telescope=telescope.id)
+            raise
+        self._audit.note(caller, "stop", telescope=telescope.id, job_id=None if job is None else job.id)
+        return job
+
+    async def stop_all(self, caller: Caller) -> dict[str, Job | DeviceError | None]:
+        """Stop all telescopes at once: what was cancelled of each, or why its stop could not be sent."""
+        require_role(caller, Role.OPERATE)
+
+        async def one(telescope: Telescope) -> Job | DeviceError | None:
+            try:
+                return await self.stop(caller, telescope.id)
+            except DeviceError as error:
+                return error
+
+        ended = await asyncio.gather(*(one(telescope) for telescope in self.telescopes))
+        return {telescope.id: end for telescope, end in zip(self.telescopes, ended, strict=True)}
+
+    async def cancel(self, caller: Caller, job: Job) -> None:
+        """Cancel a job and stop its mount; one that is over is left alone. Raises as `stop`."""
+        require_role(caller, Role.OPERATE)
+        if not job.is_over and self._jobs.running_on(job.telescope) is job:
+            await self.stop(caller, job.telescope)
+
+    def done(
+        self,
+        telescope: Telescope,
+        work: Callable[[Navigator], Awaitable[object]],
+        *,
+        devices: bool = True,
+    ) -> Callable[[], Awaitable[object]]:
+        """Work as a job does it: the telescope opened before, if need be, its state read anew after."""
+        watch = self._watches[telescope.id]
+
+        async def done() -> object:
+            try:
+                report = await work(await telescope.ready() if devices else telescope.navigator)
+            except DeviceError as error:
+                if link_is_lost(error):
+                    await telescope.lost(error)
+                watch.wake()
+                raise
+            except BaseException:
+                watch.wake()
+                raise
+            # whoever sees the job ended sees where the telescope stands since; a cancellation now comes too
+            # late for the work, and what that brought must not be lost
+            try:
+                async with asyncio.timeout(_LONGEST_FRESHENING_S):
+                    await watch.refresh()
+            except (TimeoutError, asyncio.CancelledError):
+                watch.wake()
+            return report
+
+        return done
+
+    # -- inside --------------------------------------------------------------------------------------
+
+    async def _stop(self, telescope: Telescope, job: Job | None, why: str = "") -> None:
+        if job is not None:
+            self._jobs.cancel(job, why)
+        try:
+            await telescope.stop()
+        except DeviceError as error:
+            if link_is_lost(error):
+                await telescope.lost(error)
+            raise
+        finally:
+            self._watches[telescope.id].wake()
+        if job is not None:
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(_END_OF_JOB_S):
+                    await job.ended.wait()
+
+
+__all__ = ["Desk", "Guard"]

@@ -1,0 +1,90 @@
+"""What stands before all routes of all faces that speak HTTP: who comes, from where, how often, how large."""
+
+from __future__ import annotations
+
+from fastapi import FastAPI
+from starlette.datastructures import Headers
+from starlette.middleware.cors import CORSMiddleware
+from starlette.types import Scope
+
+from api.alpaca.access import alpaca_caller
+from api.audit import Audit
+from api.audited_requests import AuditedRequests
+from api.body_limit import BodyLimit
+from api.callers import Caller
+from api.faults import Refused
+from api.http_metrics import CountedRequests, HttpMetrics
+from api.keys import open_keys
+from api.limits_of_rate import RateLimit, TokenBuckets
+from api.open_streams import OpenStreams
+from api.refusals import ALPACA_PATHS
+from api.security import LEASE_HEADER, OwnMachineOnly, address_of, caller_from_headers
+from mountnav.settings import Settings
+
+_ASKED = (
+    "Authorization",
+    "X-API-Key",
+    "Content-Type",
+    "Idempotency-Key",
+    "If-None-Match",
+    "Last-Event-ID",
+    "Prefer",
+    LEASE_HEADER,
+)
+_TOLD = ("ETag", "Location", "Retry-After", "Preference-Applied", "Mountnav-Virtual")
+
+
+def install(app: FastAPI, settings: Settings) -> None:
+    """Put the guards before an application; its keys are found at ``app.state.keys`` from now on.
+
+    From the outside in: requests are counted, other sites' pages turned away, what would change something
+    is noted, callers that ask too much are held back, bodies that are too large are refused, streams end
+    with the keys that opened them.
+
+    Parameters
+    ----------
+    app : FastAPI
+        Whose ``state.service`` is the running service, as soon as there is one.
+    settings : Settings
+    """
+    service = settings.service
+    keys = open_keys(settings)
+    app.state.keys = keys
+    app.state.http_metrics = HttpMetrics()
+
+    def caller_of(scope: Scope) -> Caller:
+        if scope["path"].startswith(ALPACA_PATHS):
+            return alpaca_caller(scope, keys, is_open=settings.alpaca.open)
+        return caller_from_headers(Headers(scope=scope), address_of(scope), keys=keys)
+
+    def name_of(scope: Scope) -> str | None:
+        try:
+            caller = caller_of(scope)
+            # Alpaca has no events to follow: its programs ask again and again, and are told what is known
+            asks_alpaca = scope["method"] == "GET" and scope["path"].startswith(ALPACA_PATHS)
+            return None if asks_alpaca else caller.name
+        except Refused:
+            # all strangers behind one address share what one caller may
+            return f"({address_of(scope)})"
+
+    def audit_of() -> Audit | None:
+        running = getattr(app.state, "service", None)
+        return getattr(running, "audit", None)
+
+    # what is added last stands outermost
+    app.add_middleware(OpenStreams, caller_of=caller_of)
+    app.add_middleware(BodyLimit, max_body_kb=service.max_body_kb, max_upload_mb=service.max_upload_mb)
+    if service.rate_limit_per_s > 0:
+        buckets = TokenBuckets(service.rate_limit_per_s, service.rate_burst)
+        app.add_middleware(RateLimit, buckets=buckets, name_of=name_of)
+    app.add_middleware(AuditedRequests, audit_of=audit_of, caller_of=caller_of)
+    app.add_middleware(OwnMachineOnly, keys=keys, origins=service.cors_origins)
+    if service.cors_origins:
+        app.add_middleware(
+            CORSMiddleware,
+            allow_origins=service.cors_origins,
+            allow_methods=("GET", "POST", "PUT", "DELETE"),
+            allow_headers=_ASKED,
+            expose_headers=_TOLD,
+        )
+    app.add_middleware(CountedRequests, metrics=app.state.http_metrics)

@@ -1,0 +1,297 @@
+"""One client of the INDI server: what it hears, what it orders, what it has chosen; never in another's way.
+
+Each client has its own ON_COORD_SET (so that nobody's SYNC turns another one's goto into a sync) and its
+own CONNECTION (so that nobody disconnects a mount that others use). What it is told is the difference between
+what it knows and what is so: a slow client misses positions on the way, and costs no memory.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Mapping
+
+from api.callers import Caller, Face, Role
+from api.indi_server.answers import Answer, chosen_switch
+from api.indi_server.device import ABORT, IndiTelescope
+from api.indi_server.hearing import Asked, Broken, Heard, Hearing, Nonsense
+from api.indi_server.properties import COORDINATES, PULSES
+from api.indi_server.selections import SYNC, USUAL, LeftSelections, Selections
+from api.indi_server.telling import Telling
+from api.indi_server.vectors import saying
+from drivers.indi.codec import Ordered, Pinged, State
+from drivers.indi.orders import ping_reply
+from mountnav.sky.coordinates import utc_now
+
+_log = logging.getLogger(__name__)
+
+_AT_ONCE_BYTES = 65_536
+_MOST_ORDERS, _MOST_WAITING = 200, 5000
+"""What a client may have waiting: orders; and with questions and the like."""
+_GOODBYE_S = 0.5
+_LONGEST_SILENCE_S = 30.0
+"""A client that takes nothing for so long is gone."""
+
+
+class Closing(Exception):
+    """The connection ends, for a reason that the client is told."""
+
+
+class Connection:
+    """One client.
+
+    Parameters
+    ----------
+    devices : mapping of str to IndiTelescope
+        By their names.
+    reader, writer
+        Of its connection.
+    left : LeftSelections
+        What clients have left behind.
+    """
+
+    def __init__(
+        self,
+        devices: Mapping[str, IndiTelescope],
+        left: LeftSelections,
+        reader: asyncio.StreamReader,
+        writer: asyncio.StreamWriter,
+    ) -> None:
+        peer = writer.get_extra_info("peername") or ("unknown", 0)
+        self.address = f"{peer[0]}:{peer[1]}"
+        self._caller = Caller(f"indi {self.address}", Role.OPERATE, Face.INDI, str(peer[0]))
+        self._devices = devices
+        self._reader, self._writer = reader, writer
+        self._hearing = Hearing()
+        self._waiting: asyncio.Queue[Heard | Closing | None] = asyncio.Queue(_MOST_WAITING)
+        self._selections = Selections(left, str(peer[0]))
+        self._telling = Telling(devices, self._selections)
+        self._orders_waiting = 0
+        self._surplus = ""
+        """What is too much; once it is, only stops are heard."""
+
+    async def run(self) -> None:
+        """Serve it until it goes, or has to; what it ordered before is carried out, and its jobs go on."""
+        reading = asyncio.create_task(self._read(), name=f"indi {self.address} reads")
+        working = asyncio.create_task(self._work(), name=f"indi {self.address} works")
+        full = asyncio.create_task(self._watch_its_reading(), name=f"indi {self.address} is full")
+        writing = asyncio.create_task(self._write(), name=f"indi {self.address} writes")
+        waiting = {reading, working, full}
+        try:
+            while working in waiting:
+                done, waiting = await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+                for task in done:
+                    task.result()
+        except Closing as reason:
+            _log.info("the INDI client %s is closed: %s", self.address, reason)
+            await self._say_goodbye(str(reason), writing)
+        finally:
+            self._selections.leave()
+            tasks = (reading, working, full, writing)
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            self._writer.close()
+            try:
+                async with asyncio.timeout(_GOODBYE_S):
+                    await self._writer.wait_closed()
+            except (OSError, TimeoutError):
+                # it doesn't even take the end
+                self._writer.transport.abort()
+
+    async def _write(self) -> None:
+        try:
+            while True:
+                await self._telling.news.wait()
+                self._telling.news.clear()
+                await self._write_out(self._telling.out())
+        except (OSError, TimeoutError):
+            # it hears nothing any more: its reading ends as well, and what it ordered is carried out
+            self._telling.end()
+            self._writer.transport.abort()
+
+    async def _watch_its_reading(self) -> None:
+        await self._telling.overflowed.wait()
+        raise Closing("more was asked for than is being read")
+
+    async def _write_out(self, data: bytes) -> None:
+        if data:
+            self._writer.write(data)
+            # no wait_for: in Python 3.11 it may swallow the cancellation that ends this task
+            async with asyncio.timeout(_LONGEST_SILENCE_S):
+                await self._writer.drain()
+
+    async def _say_goodbye(self, why: str, writing: asyncio.Task[None]) -> None:
+        writing.cancel()
+        await asyncio.gather(writing, return_exceptions=True)
+        with contextlib.suppress(OSError, TimeoutError):
+            self._writer.write(self._telling.unsent() + saying("", f"[ERROR] goodbye: {why}", utc_now()))
+            async with asyncio.timeout(_GOODBYE_S):
+                await self._writer.drain()
+
+    def changed(self) -> None:
+        """Tell what is different now, as soon as it takes it."""
+        self._telling.news.set()
+
+    def tell(self, device: IndiTelescope, answer: Answer) -> None:
+        """Tell how something ended, with its words."""
+        self._telling.tell(device, answer)
+
+    def say(self, device: IndiTelescope, words: str) -> None:
+        """Tell a message of a device."""
+        self._telling.say(device, words)
+
+    # -- what it says --------------------------------------------------------------------------------
+
+    async def _read(self) -> None:
+        """Take in what it says, to its end: whatever else is wrong, a stop that came is heard."""
+        with contextlib.suppress(OSError):
+            while data := await self._reader.read(_AT_ONCE_BYTES):
+                broken: str | None = None
+                for heard in self._hearing.feed(data):
+                    if isinstance(heard, Ordered) and heard.name == ABORT:
+                        self._abort(heard)
+                    elif isinstance(heard, Broken):
+                        broken = broken or heard.why
+                    elif broken is None:
+                        self._queue(heard)
+                if broken is not None:
+                    raise Closing(f"that is not INDI: {broken}")
+        await self._waiting.put(None)
+
+    def _queue(self, heard: Heard) -> None:
+        # when it is too much it ends, as soon as what waits is done; until then only stops are heard
+        if self._surplus:
+            if not self._telling.room.is_set():
+                # it goes on, and doesn't read: there is nothing to wait for
+                self._telling.overflowed.set()
+            return
+        if isinstance(heard, Ordered):
+            if self._orders_waiting >= _MOST_ORDERS:
+                self._surplus = f"more than {_MOST_ORDERS} orders were waiting"
+                return
+            self._orders_waiting += 1
+        try:
+            self._waiting.put_nowait(heard)
+        except asyncio.QueueFull:
+            self._surplus = f"more than {_MOST_WAITING} messages were waiting"
+
+    def _abort(self, ordered: Ordered) -> None:
+        """Stop before everything else; what this client ordered before, and isn't done yet, is dropped.
+
+        A client that has disconnected may stop too.
+        """
+        device = self._devices.get(ordered.device)
+        if device is None:
+            self._telling.send(saying("", f"[ERROR] there is no device {ordered.device}", utc_now()))
+            return
+        if ordered.kind != "Switch" or set(ordered.values) - {"ABORT"}:
+            self._telling.tell(device, Answer.refused(ABORT, f"{ABORT} is one switch: ABORT"))
+            return
+        if ordered.values.get("ABORT") is not True:
+            self._telling.tell(device, Answer(ABORT))
+            return
+        kept = []
+        while not self._waiting.empty():
+            heard = self._waiting.get_nowait()
+            if isinstance(heard, Ordered) and heard.device == device.name:
+                self._orders_waiting -= 1
+                self._telling.tell(device, Answer.refused(heard.name, "a stop came first"))
+            else:
+                kept.append(heard)
+        for heard in kept:
+            self._waiting.put_nowait(heard)
+        if self._surplus and not any(isinstance(heard, Closing) for heard in kept):
+            # there is room now: nothing was put back but questions and the like
+            with contextlib.suppress(asyncio.QueueFull):
+                self._waiting.put_nowait(Closing(self._surplus))
+        # the device's own task: it is sent though its client goes at once
+        device.abort(self._caller, lambda answer: self._telling.tell(device, answer))
+
+    async def _work(self) -> None:
+        while (heard := await self._waiting.get()) is not None:
+            match heard:
+                case Asked():
+                    # at its own pace, and at no other client's cost
+                    await self._telling.room.wait()
+                    self._telling.ask(heard)
+                    await asyncio.sleep(0)
+                case Ordered():
+                    self._orders_waiting -= 1
+                    await self._order(heard)
+                case Pinged(uid=uid):
+                    self._telling.send(ping_reply(uid))
+                case Nonsense():
+                    self._refuse_nonsense(heard)
+                case Closing():
+                    raise heard
+            if self._surplus and self._waiting.empty():
+                raise Closing(self._surplus)
+        self._selections.leave()
+
+    async def _order(self, ordered: Ordered) -> None:
+        device = self._devices.get(ordered.device)
+        if device is None:
+            self._telling.send(saying("", f"[ERROR] there is no device {ordered.device}", utc_now()))
+            return
+        try:
+            if ordered.name == "CONNECTION":
+                await self._connect(device, ordered)
+            elif not self._telling.is_connected(device):
+                self._telling.tell(device, Answer.refused(ordered.name, f"{device.name} is not connected"))
+            elif ordered.name == "ON_COORD_SET":
+                self._choose(device, ordered)
+            else:
+                await self._give(device, ordered)
+        except ValueError as error:
+            self._telling.tell(device, Answer.refused(ordered.name, str(error)))
+
+    async def _give(self, device: IndiTelescope, ordered: Ordered) -> None:
+        mode = self._selections.of(device.name)
+        if ordered.name == COORDINATES and mode == SYNC:
+            # a goto that follows is a goto; and Ok is told when it was synced, not before
+            self._selections.choose(device.name, USUAL)
+            self._telling.hold(device, ordered.name)
+        elif ordered.name in PULSES and ordered.name in device.vectors:
+            # Busy once, then Idle once [INDI GuiderInterface]: what came later would end PHD2's next pulse
+            self._telling.tell(device, Answer(ordered.name, State.BUSY))
+            self._telling.hold(device, ordered.name)
+        try:
+            answer = await device.take(self._caller, ordered, mode)
+        finally:
+            self._telling.release(device, ordered.name)
+        self._telling.tell(device, answer)
+
+    def _choose(self, device: IndiTelescope, ordered: Ordered) -> None:
+        chosen = chosen_switch(ordered, self._telling.shown(device)["ON_COORD_SET"])
+        if chosen is not None:
+            self._selections.choose(device.name, chosen)
+        self._telling.tell(device, Answer("ON_COORD_SET"))
+
+    async def _connect(self, device: IndiTelescope, ordered: Ordered) -> None:
+        chosen = chosen_switch(ordered, self._telling.shown(device)["CONNECTION"])
+        if chosen == "DISCONNECT":
+            self._telling.off[device.name] = True
+            self.tell(
+                device,
+                Answer("CONNECTION", words="[INFO] for this program: the mount stays with the service"),
+            )
+        elif chosen == "CONNECT":
+            self._telling.off[device.name] = False
+            why = None if device.connected else await device.connect()
+            if why is not None:
+                self._telling.tell(device, Answer.refused("CONNECTION", why))
+            else:
+                self._telling.tell(device, Answer("CONNECTION"))
+        self.changed()
+
+    def _refuse_nonsense(self, heard: Nonsense) -> None:
+        device = self._devices.get(heard.device)
+        if device is None:
+            self._telling.send(saying("", f"[ERROR] {heard.why}", utc_now()))
+        else:
+            self._telling.tell(device, Answer.refused(heard.name, heard.why))
+
+
+__all__ = ["Closing", "Connection"]

@@ -1,0 +1,257 @@
+"""One telescope as an INDI device: its properties as they are now, and the ends of what was ordered of it.
+
+What is shown comes from its watch; orders are taken by `api.indi_server.taking_orders`. An order is answered
+when it was taken or refused, as by a driver that talks to its mount: short ones at their end.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections import Counter
+from collections.abc import Awaitable, Callable, Sequence
+from datetime import timedelta
+
+from api.callers import Caller
+from api.indi_server.answers import Answer
+from api.indi_server.properties import COORDINATES, Facts, driver_info, running, vectors_of
+from api.indi_server.surroundings import Optics, time_vector
+from api.indi_server.taking_orders import TakingOrders
+from api.indi_server.vectors import Vector
+from api.job import Job
+from api.planetarium.ordering import NotTaken, Ordering, require_success
+from api.service import Service
+from drivers.indi.codec import Ordered, State
+from mountnav.errors import MountnavError
+from mountnav.settings import TelescopeSettings
+from mountnav.sky.coordinates import utc_now
+
+_log = logging.getLogger(__name__)
+
+_TIME_TOLD_EVERY = timedelta(seconds=30)
+_FIRST_READING_S = 3.0
+ABORT = "TELESCOPE_ABORT_MOTION"
+
+
+class IndiTelescope:
+    """A telescope of the service as an INDI device.
+
+    Parameters
+    ----------
+    service : Service
+    settings : TelescopeSettings
+    name : str
+        What clients call it.
+    changed : callable
+        Told whenever a property may have changed.
+    say : callable
+        ``say(device, answer)``: what all clients should know.
+    """
+
+    def __init__(
+        self,
+        service: Service,
+        settings: TelescopeSettings,
+        name: str,
+        *,
+        changed: Callable[[], None],
+        say: Callable[[IndiTelescope, Answer], None],
+    ) -> None:
+        self.id = settings.id
+        self.name = name
+        self.was_connected = False
+        """Whether its mount was ever reached: until then it has nothing to show."""
+        self.revision = 0
+        self.vectors: dict[str, Vector] = {}
+        self._service = service
+        self._telescope = service.observatory.telescope(settings.id)
+        self._watch = service.desk.watch(settings.id)
+        self._ordering = Ordering(service.desk, service.audit, settings.id)
+        self._optics = optics_of(settings)
+        self._changed, self._say = changed, say
+        self._orders = TakingOrders(
+            self._ordering, self._watch, self._telescope.navigator.mount.site, self._follow
+        )
+        self._clock_utc = utc_now()
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    # -- what it shows -------------------------------------------------------------------------------
+
+    @property
+    def connected(self) -> bool:
+        """Whether its mount can be read now."""
+        return self._watch.latest.state.connected
+
+    @property
+    def problem(self) -> str | None:
+        """What is known to be wrong."""
+        return self._watch.latest.state.problem
+
+    def driver_info(self) -> Vector:
+        """DRIVER_INFO, there before anything is connected."""
+        return driver_info(self._telescope.navigator.mount.skills)
+
+    def time_now(self) -> Vector:
+        """TIME_UTC of this moment, for who asks."""
+        return time_vector(utc_now(), _offset_h())
+
+    async def start(self) -> None:
+        """Begin to follow the telescope; a mount that is there is known before the first client asks."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(_FIRST_READING_S):
+                await self._watch.refresh()
+        self._renew()
+        self._begin(self._follow_watch())
+
+    async def close(self) -> None:
+        """Follow it no more. Jobs go on."""
+        for task in list(self._tasks):
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    async def _follow_watch(self) -> None:
+        seen = self._watch.latest.revision
+        while True:
+            snapshot = await self._watch.next(seen)
+            seen = snapshot.revision
+            self._renew()
+            self._changed()
+
+    def _renew(self) -> None:
+        """Make the properties anew from what is known now."""
+        snapshot = self._watch.latest
+        self.was_connected = self.was_connected or snapshot.state.connected
+        utc = utc_now()
+        if abs(utc - self._clock_utc) >= _TIME_TOLD_EVERY:
+            self._clock_utc = utc
+        job = running(snapshot, "tracking")
+        if job is not None and job.request.get("on"):
+            self._orders.rate = str(job.request.get("rate", "sidereal"))
+        mount = self._telescope.navigator.mount
+        facts = Facts(
+            snapshot=snapshot,
+            skills=mount.skills,
+            site=mount.site,
+            clock_utc=self._clock_utc,
+            offset_h=_offset_h(),
+            poll_s=self._service.settings.service.state_poll_s,
+            optics=self._optics,
+            target=self._orders.target,
+            rate=self._orders.rate,
+        )
+        made = vectors_of(facts)
+        last = self.vectors.get(COORDINATES)
+        if COORDINATES not in made and last is not None:
+            # it can't be read: where it was last stays, and says Alert
+            made = {COORDINATES: last.with_state(State.ALERT)} | made
+        self.vectors = made
+        self.revision += 1
+
+    # -- what is ordered of it -----------------------------------------------------------------------
+
+    async def connect(self) -> str | None:
+        """Have the service try to reach the mount; why it can't, in words."""
+        try:
+            await self._telescope.ready()
+            await self._watch.refresh()
+        except MountnavError as error:
+            return str(error)
+        self._renew()
+        return None
+
+    def abort(self, caller: Caller, tell: Callable[[Answer], None]) -> None:
+        """Stop all motion now, before everything that waits; `tell` is told how that went."""
+
+        async def stop() -> None:
+            try:
+                await self._ordering.stop(caller)
+            except NotTaken as refusal:
+                tell(Answer.refused(ABORT, f"the stop could not be sent: {refusal}"))
+            else:
+                self._renew()
+                tell(Answer(ABORT, State.OK, "[INFO] stopped"))
+            self._changed()
+
+        self._begin(stop())
+
+    async def take(self, caller: Caller, ordered: Ordered, mode: str) -> Answer:
+        """Carry out an order, or refuse it.
+
+        Parameters
+        ----------
+        caller : Caller
+        ordered : Ordered
+            To one of its properties.
+        mode : str
+            What this client has chosen of ON_COORD_SET.
+        """
+        name = ordered.name
+        shown = self.vectors.get(name)
+        if shown is None:
+            return Answer.refused(name, f"{self.name} has no {name}")
+        if ordered.kind != shown.kind:
+            return Answer.refused(name, f"{name} is no {ordered.kind}")
+        try:
+            answer = await self._orders.take(caller, ordered, shown, mode)
+        except NotTaken as refusal:
+            answer = Answer.refused(name, str(refusal))
+        except (ValueError, TypeError) as error:
+            answer = Answer.refused(name, str(error))
+        self._renew()
+        self._changed()
+        return answer
+
+    # -- ends of jobs --------------------------------------------------------------------------------
+
+    def _follow(self, job: Job, name: str) -> None:
+        async def end() -> None:
+            await job.ended.wait()
+            if job.superseded_by is not None:
+                return
+            self._renew()
+            try:
+                require_success(job)
+            except NotTaken as failure:
+                stopped = failure.problem.type.endswith(":cancelled")
+                told = Answer(name, None, f"[WARNING] {failure}") if stopped else None
+                self._say(self, told or Answer.refused(name, str(failure)))
+            self._changed()
+
+        self._begin(end())
+
+    def _begin(self, work: Awaitable[None]) -> None:
+        task = asyncio.ensure_future(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._ended)
+
+    def _ended(self, task: asyncio.Future[None]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            _log.error("the INDI device %s hit a fault", self.name, exc_info=error)
+
+
+def device_names(telescopes: Sequence[TelescopeSettings]) -> dict[str, str]:
+    """What each telescope is called as a device, by its id: its name, and the id where two have one name."""
+    wanted = {one.id: one.name or one.id for one in telescopes}
+    often = Counter(wanted.values())
+    # an order to a name that two have must not reach the one that wasn't meant
+    return {
+        telescope_id: name if often[name] == 1 else f"{name} ({telescope_id})"
+        for telescope_id, name in wanted.items()
+    }
+
+
+def optics_of(settings: TelescopeSettings) -> Optics | None:
+    """Focal length and aperture, where the settings say both."""
+    if settings.focal_length_mm is None or settings.aperture_mm is None:
+        return None
+    return Optics(settings.focal_length_mm, settings.aperture_mm)
+
+
+def _offset_h() -> float:
+    offset = utc_now().astimezone().utcoffset()
+    return 0.0 if offset is None else offset.total_seconds() / 3600.0
+
+
+__all__ = ["ABORT", "IndiTelescope", "device_names", "optics_of"]

@@ -1,0 +1,84 @@
+"""What clients say, read from the wire: questions, orders, and what makes no sense; no I/O, no clock.
+
+`drivers.indi` reads the same stream from the other end; here its elements mean what they mean to a driver.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from drivers.indi.codec import Ordered, Pinged, event_of
+from drivers.indi.xml_stream import Element, ElementStream, Malformed
+
+MOST_MESSAGE_BYTES = 65_536
+"""No order to a mount is longer."""
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """A client wants to know properties; empty names stand for all."""
+
+    device: str
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Nonsense:
+    """A whole message whose values mean nothing: it is refused, and the connection goes on.
+
+    Attributes
+    ----------
+    device, name : str
+        What it was about, as far as it says.
+    why : str
+    """
+
+    device: str
+    name: str
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Broken:
+    """What came is not INDI: what was lost can't be known, so the connection ends."""
+
+    why: str
+
+
+Heard = Asked | Ordered | Pinged | Nonsense | Broken
+
+
+class Hearing:
+    """Bytes in, what a client means out."""
+
+    def __init__(self) -> None:
+        self._stream = ElementStream(MOST_MESSAGE_BYTES)
+
+    def feed(self, data: bytes) -> list[Heard]:
+        """Take bytes, and return what they complete."""
+        found = []
+        for one in self._stream.feed(data):
+            heard = Broken(one.why) if isinstance(one, Malformed) else meant(one)
+            if heard is not None:
+                found.append(heard)
+        return found
+
+
+def meant(element: Element) -> Heard | None:
+    """Say what a client means by an element; None: nothing that concerns a mount."""
+    if element.tag == "getProperties":
+        device, name = element.attributes.get("device", ""), element.attributes.get("name", "")
+        # an indiserver that chains all devices of another one asks for "*"
+        return Asked("" if device == "*" else device, name)
+    event = event_of(element)
+    match event:
+        case Ordered() | Pinged():
+            return event
+        case Malformed():
+            device, name = element.attributes.get("device", ""), element.attributes.get("name", "")
+            return Nonsense(device, name, event.why)
+    # enableBLOB, and what other drivers say that a server passes on: nothing for us
+    return None
+
+
+__all__ = ["MOST_MESSAGE_BYTES", "Asked", "Broken", "Heard", "Hearing", "Nonsense", "meant"]

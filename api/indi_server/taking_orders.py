@@ -1,0 +1,153 @@
+"""What clients order of a telescope, by INDI's properties, given to the desk; each answered for its client.
+
+A short order is answered at its end, a long one when it is under way: `follow` is told of its job.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+
+from api.callers import Caller
+from api.indi_server.answers import Answer, chosen_switch, number_of, site_answer, time_answer
+from api.indi_server.properties import COORDINATES, PULSES
+from api.indi_server.vectors import Vector
+from api.job import Job
+from api.orders import GuideOrder, HomeOrder, ParkOrder, SetParkOrder, TrackingOrder, UnparkOrder
+from api.planetarium.ordering import Ordering
+from api.targets import ApparentTarget
+from api.watching import Watch
+from drivers.indi.codec import Ordered, State
+from mountnav.sky.coordinates import Apparent, Site, utc_now
+
+
+class TakingOrders:
+    """Takes the orders to one telescope.
+
+    Parameters
+    ----------
+    ordering : Ordering
+    watch : Watch
+    site : Site
+        Of the settings.
+    follow : callable
+        ``follow(job, name)``: a job is under way for an order to that property.
+
+    Attributes
+    ----------
+    target : Apparent or None
+        Where it was last sent.
+    rate : str or None
+        The tracking rate that was last ordered.
+    """
+
+    def __init__(
+        self, ordering: Ordering, watch: Watch, site: Site, follow: Callable[[Job, str], None]
+    ) -> None:
+        self.target: Apparent | None = None
+        self.rate: str | None = None
+        self._ordering = ordering
+        self._watch = watch
+        self._site = site
+        self._follow = follow
+
+    async def take(self, caller: Caller, ordered: Ordered, shown: Vector, mode: str) -> Answer:
+        """Carry an order out.
+
+        Parameters
+        ----------
+        caller : Caller
+        ordered : Ordered
+        shown : Vector
+            The property as it is.
+        mode : str
+            What this client has chosen of ON_COORD_SET.
+
+        Raises
+        ------
+        NotTaken
+        ValueError
+            It makes no sense.
+        """
+        name = ordered.name
+        if name == COORDINATES:
+            return await self._pointed(caller, ordered, mode)
+        if name in PULSES:
+            return await self._pulse(caller, ordered)
+        if name == "GEOGRAPHIC_COORD":
+            return site_answer(ordered, self._site)
+        if name == "TIME_UTC":
+            return time_answer(ordered, utc_now())
+        give: dict[str, Callable[[Caller, str], Awaitable[Answer]]] = {
+            "TELESCOPE_PARK": self._park,
+            "TELESCOPE_PARK_OPTION": self._set_park,
+            "TELESCOPE_TRACK_STATE": self._track,
+            "TELESCOPE_TRACK_MODE": self._track_mode,
+            "TELESCOPE_HOME": self._home,
+        }
+        if name not in give:
+            return Answer.refused(name, f"{name} can only be read")
+        chosen = chosen_switch(ordered, shown)
+        return Answer(name) if chosen is None else await give[name](caller, chosen)
+
+    async def _pointed(self, caller: Caller, ordered: Ordered, mode: str) -> Answer:
+        ra_h, dec_deg = number_of(ordered, "RA"), number_of(ordered, "DEC")
+        if not (0.0 <= ra_h <= 24.0 and abs(dec_deg) <= 90.0):
+            return Answer.refused(COORDINATES, f"RA {ra_h:g} h, DEC {dec_deg:g}° is no place")
+        target = ApparentTarget(ra_deg=(ra_h * 15.0) % 360.0, dec_deg=dec_deg)
+        if mode == "SYNC":
+            await self._ordering.sync(caller, target)
+            return Answer(COORDINATES, words="[INFO] synced")
+        job = await self._ordering.goto(caller, target)
+        self.target = Apparent(target.ra_deg, target.dec_deg, utc_now())
+        self._follow(job, COORDINATES)
+        return Answer(COORDINATES)
+
+    async def _park(self, caller: Caller, chosen: str) -> Answer:
+        if chosen == "UNPARK":
+            await self._ordering.short(caller, UnparkOrder())
+        else:
+            self._follow(await self._ordering.long(caller, ParkOrder()), "TELESCOPE_PARK")
+        return Answer("TELESCOPE_PARK")
+
+    async def _set_park(self, caller: Caller, chosen: str) -> Answer:
+        await self._ordering.short(caller, SetParkOrder())
+        return Answer("TELESCOPE_PARK_OPTION", State.OK, "[INFO] parks here from now on")
+
+    async def _home(self, caller: Caller, chosen: str) -> Answer:
+        self._follow(await self._ordering.long(caller, HomeOrder()), "TELESCOPE_HOME")
+        return Answer("TELESCOPE_HOME")
+
+    async def _track(self, caller: Caller, chosen: str) -> Answer:
+        await self._tracking(caller, chosen == "TRACK_ON", self.rate or "sidereal")
+        return Answer("TELESCOPE_TRACK_STATE")
+
+    async def _track_mode(self, caller: Caller, chosen: str) -> Answer:
+        rate = chosen.removeprefix("TRACK_").lower()
+        reading = self._watch.latest.state.reading
+        if reading is not None and reading.tracking:
+            await self._tracking(caller, True, rate)
+        # else it counts when tracking is switched on
+        self.rate = rate
+        return Answer("TELESCOPE_TRACK_MODE", State.OK)
+
+    async def _tracking(self, caller: Caller, on: bool, rate: str) -> None:
+        order = TrackingOrder.model_validate({"on": on, "rate": rate})
+        await self._ordering.short(caller, order)
+
+    async def _pulse(self, caller: Caller, ordered: Ordered) -> Answer:
+        elements = PULSES[ordered.name]
+        lasting = {one: number_of(ordered, one) for one in elements if one in ordered.values}
+        wanted = {one: ms for one, ms in lasting.items() if ms != 0.0}
+        if not wanted:
+            return Answer(ordered.name)
+        if len(wanted) > 1:
+            return Answer.refused(ordered.name, "a pulse has one direction")
+        ((one, ms),) = wanted.items()
+        if not 0.0 < ms <= 60_000.0:
+            return Answer.refused(ordered.name, f"a pulse lasts 1 to 60000 ms, not {ms:g}")
+        order = GuideOrder.model_validate({"direction": elements[one], "duration_s": ms / 1000.0})
+        await self._ordering.short(caller, order)
+        return Answer(ordered.name)
+
+
+__all__ = ["TakingOrders"]

@@ -1,0 +1,162 @@
+"""LX200 over TCP: one telescope as a mount that SkySafari and many apps know; places are of date (JNow)."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections import OrderedDict
+from collections.abc import Coroutine
+
+from api.callers import Caller, Face, Role
+from api.planetarium.lx200_client import Lx200Client, MountLost
+from api.planetarium.lx200_machine import Machine
+from api.planetarium.lx200_words import cut, is_http
+from api.planetarium.one_telescope import OneTelescopeServer
+from api.planetarium.ordering import NotTaken
+from api.service import Service
+from mountnav.settings_faces import Lx200ServerSettings
+
+_log = logging.getLogger(__name__)
+
+_AT_ONCE_BYTES = 4096
+_FIRST_BYTES = 16
+_MOST_WAITING = 100
+_LONGEST_SILENCE_S = 10.0
+_MOST_MACHINES = 64
+_STOP = b":Q#"
+_STOPS_ONE_WAY = (b":Qn#", b":Qs#", b":Qe#", b":Qw#")
+"""They end a goto too [Meade LX200 manual, :Qn#]; else there is nothing for them to stop here."""
+Waiting = tuple[bytes, int]
+"""A command, and how many stops had come before it."""
+
+
+class Lx200Server(OneTelescopeServer):
+    """Serves one telescope to LX200 apps.
+
+    Parameters
+    ----------
+    service : Service
+    settings : Lx200ServerSettings, optional
+        Instead of the service's own.
+
+    Raises
+    ------
+    BadSettings
+        There is no such telescope.
+    """
+
+    def __init__(self, service: Service, settings: Lx200ServerSettings | None = None) -> None:
+        settings = settings or service.settings.lx200_server
+        super().__init__(service, settings, section="lx200_server", name="the LX200 port")
+        self._site = service.settings.site.site
+        mounting = next(one.mount.mounting for one in service.settings.telescope if one.id == self._id)
+        # P: a polar axis, A: altitude and azimuth [LX200 0x06]
+        self._letter = b"A" if mounting == "altaz" else b"P"
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._machines: OrderedDict[str, Machine] = OrderedDict()
+
+    def _machine(self, host: str) -> Machine:
+        """What is kept for a machine; the one that was heard of least lately is forgotten."""
+        machine = self._machines.setdefault(host, Machine())
+        self._machines.move_to_end(host)
+        while len(self._machines) > _MOST_MACHINES:
+            self._machines.popitem(last=False)
+        return machine
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        host = str((writer.get_extra_info("peername") or ("unknown",))[0])
+        # apps open a connection for each command: the machine is the caller
+        caller = Caller(f"lx200 {host}", Role.OPERATE, Face.LX200, host)
+        client = Lx200Client(
+            caller, self._watch, self._ordering, self._site, self._machine(host), self._letter
+        )
+        waiting: asyncio.Queue[Waiting | None] = asyncio.Queue(_MOST_WAITING)
+        hearing = asyncio.create_task(self._hear(reader, client, waiting), name=f"{caller.name} is heard")
+        answering = asyncio.create_task(_answer(client, waiting, writer), name=f"{caller.name} is answered")
+        try:
+            await answering
+        except MountLost as lost:
+            _log.info("%s is closed: %s", caller.name, lost)
+        finally:
+            for task in (hearing, answering):
+                task.cancel()
+            await asyncio.gather(hearing, answering, return_exceptions=True)
+            writer.close()
+
+    async def _hear(
+        self, reader: asyncio.StreamReader, client: Lx200Client, waiting: asyncio.Queue[Waiting | None]
+    ) -> None:
+        """Take commands in; a stop goes past those that wait, and what moves among them is dropped.
+
+        Nobody is waited for here, or a stop would be heard late: a client with too many commands waiting is
+        answered those, and let go; until then only its stops are heard.
+        """
+        first, buffer, surplus = b"", b"", False
+        with contextlib.suppress(OSError):
+            while data := await reader.read(_AT_ONCE_BYTES):
+                if len(first) < _FIRST_BYTES:
+                    first += data[:_FIRST_BYTES]
+                    if is_http(first):
+                        _log.warning("%s: a web browser has sent something to the LX200 port", self._id)
+                        break
+                buffer += data
+                while True:
+                    command, buffer = cut(buffer)
+                    if command is None:
+                        break
+                    if self._is_stop(command):
+                        self._begin_stop(client)
+                    # what was cut off before a stop is refused in its turn
+                    if command != _STOP and not surplus:
+                        try:
+                            waiting.put_nowait((command, client.stops))
+                        except asyncio.QueueFull:
+                            surplus = True
+                            self._begin_end(waiting)
+        await waiting.put(None)
+
+    def _is_stop(self, command: bytes) -> bool:
+        """Whether a command is a stop, or ends with one behind a command that was cut off."""
+        if command.endswith(_STOP):
+            return True
+        return command.endswith(_STOPS_ONE_WAY) and self._watch.latest.slewing
+
+    def _begin_stop(self, client: Lx200Client) -> None:
+        # its own task: it is sent though its client goes at once
+        client.stops += 1
+        self._begin(self._stop(client))
+
+    def _begin_end(self, waiting: asyncio.Queue[Waiting | None]) -> None:
+        self._begin(waiting.put(None))
+
+    def _begin(self, work: Coroutine[None, None, None]) -> None:
+        task = asyncio.create_task(work, name=f"LX200 {self._id}")
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _stop(self, client: Lx200Client) -> None:
+        try:
+            await client.stop()
+        except NotTaken as failure:
+            _log.error("%s: a stop by LX200 was not sent: %s", self._id, failure)
+
+
+async def _answer(
+    client: Lx200Client, waiting: asyncio.Queue[Waiting | None], writer: asyncio.StreamWriter
+) -> None:
+    deaf = False
+    while (one := await waiting.get()) is not None:
+        answer = await client.answer(*one)
+        if answer and not deaf:
+            writer.write(answer)
+            try:
+                async with asyncio.timeout(_LONGEST_SILENCE_S):
+                    await writer.drain()
+            except (OSError, TimeoutError):
+                # what it has ordered is carried out all the same
+                deaf = True
+                writer.transport.abort()
+
+
+__all__ = ["Lx200Server"]

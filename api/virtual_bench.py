@@ -1,0 +1,44 @@
+"""The fake mounts of the service: their mechanics, and their wires in the time that this process lives in."""
+
+from __future__ import annotations
+
+from drivers.bench import FakeOnPty
+from drivers.bench.fast_time import InFastTime
+from drivers.fakes import machine, make_fake
+from mountnav.clock import seconds
+from mountnav.settings import MountErrorSettings, Settings, TelescopeSettings
+from mountnav.simulation.machine import Machine
+from mountnav.simulation.mechanics import Mechanics
+from mountnav.simulation.pointing_errors import PointingErrors
+from mountnav.sky.coordinates import utc_now
+from mountnav.sky.present import virtual_time
+
+FAKE_SLEW_RATE_DEG_S = 4.0
+GERMAN = Machine(mounting="german", meridian_limits_deg=(10.0, 10.0))
+"""How a fake mount is built that is German by its settings, or by its family where they don't say: it changes
+sides, 10° past the meridian at most."""
+
+
+def mechanics_of(one: TelescopeSettings, settings: Settings) -> Mechanics:
+    """Make what moves behind the fake mount of a telescope."""
+    errors = one.mount.errors or MountErrorSettings()
+    mounting = one.mount.mounting or machine(one.mount.fake[0]).mounting
+    return Mechanics(
+        settings.site.site,
+        settings.air.air,
+        PointingErrors(**errors.model_dump()),
+        machine=GERMAN if mounting == "german" else None,
+        slew_rate_deg_s=one.mount.slew_rate_deg_s or FAKE_SLEW_RATE_DEG_S,
+    )
+
+
+def fake_on_pty(protocol: str, dialect: str | None, mechanics: Mechanics) -> FakeOnPty:
+    """Put a fake on a pseudo-terminal and start it, in this process's time: sky, motors and timers alike.
+
+    Raises
+    ------
+    BadRequest
+        If there is no such protocol or dialect.
+    """
+    fake = make_fake(protocol, dialect, mechanics, clock=utc_now, monotonic=seconds)
+    return FakeOnPty(fake if virtual_time() is None else InFastTime(fake)).start()

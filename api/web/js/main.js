@@ -1,0 +1,140 @@
+// The page, put together: one observatory, its panels, the key, night mode.
+
+import { key } from "./calls.js";
+import { by, element, fill, redraw, say } from "./elements.js";
+import { Observatory } from "./observatory.js";
+import { showAttempts } from "./attempts.js";
+import { showBullseye } from "./bullseye.js";
+import { showDoctors } from "./doctors.js";
+import { takeFiles } from "./file.js";
+import { showFrame } from "./frame_map.js";
+import { showJournal } from "./journal.js";
+import { showJob } from "./job.js";
+import { showControl } from "./lease.js";
+import { takeOrders } from "./orders.js";
+import { showPlace } from "./place.js";
+import { showPlots } from "./plots.js";
+import { takeAnswers } from "./question.js";
+import { showSkyMap } from "./sky_map.js";
+import { showStateLine } from "./state_line.js";
+import { takeStop } from "./stop.js";
+
+const NIGHT = "mountnav-night";
+
+const observatory = new Observatory();
+takeStop(observatory); // before all else
+showStateLine(observatory);
+showPlace(observatory);
+showSkyMap(observatory);
+takeOrders(observatory);
+takeAnswers(observatory);
+showControl(observatory);
+showJob(observatory);
+showBullseye(observatory);
+showFrame(observatory);
+showAttempts(observatory);
+const redrawPlots = showPlots(observatory);
+showJournal(observatory);
+showDoctors(observatory);
+takeFiles();
+chooseTelescopes();
+takeKey();
+nightMode();
+aboveTheKeyboard();
+tellOfUpdates();
+observatory.start();
+
+function chooseTelescopes() {
+  function show() {
+    fill(by("telescopes"), ...observatory.telescopes.map((one) => element("button",
+      { type: "button", "aria-pressed": String(one.id === observatory.id), onclick: () => observatory.choose(one.id) }, one.id)));
+  }
+  observatory.on("telescopes", show);
+  observatory.on("telescope", show);
+}
+
+function takeKey() {
+  const row = by("key-row"), opener = by("key-open");
+  const open = (yes) => {
+    row.hidden = !yes;
+    opener.setAttribute("aria-expanded", String(yes));
+  };
+  opener.addEventListener("click", () => open(row.hidden));
+  by("key-form").addEventListener("submit", (event) => {
+    event.preventDefault();
+    key.use(by("key").value.trim());
+    by("key").value = "";
+    by("notice").hidden = true;
+    open(false);
+    observatory.keyChanged();
+  });
+  by("key-forget").addEventListener("click", () => {
+    key.forget();
+    observatory.keyChanged();
+  });
+  let refused = null;
+  observatory.on("key", (error) => {
+    const notice = by("notice");
+    notice.className = "banner bad";
+    notice.hidden = false;
+    say(notice, error.message);
+    // once for each key that was refused: whoever closed the row may go on in peace
+    if (row.hidden && error.status === 401 && refused !== (key.get() ?? "")) {
+      open(true);
+      by("key").focus();
+    }
+    refused = key.get() ?? "";
+  });
+  for (const topic of ["telescopes", "state"]) {
+    observatory.on(topic, () => {
+      if (!observatory.state && topic === "state") return;
+      refused = null;
+      by("notice").hidden = true;
+    });
+  }
+}
+
+/** STOP stays above a keyboard on the glass, and in sight while the page is pinched larger. */
+function aboveTheKeyboard() {
+  const seen = window.visualViewport;
+  if (!seen) return;
+  const set = () => {
+    const covered = Math.max(0, document.documentElement.clientHeight - seen.height - seen.offsetTop);
+    const { style } = document.documentElement;
+    style.setProperty("--covered", `${Math.round(covered)}px`);
+    style.setProperty("--seen-left", `${Math.round(seen.offsetLeft)}px`);
+    style.setProperty("--seen-width", `${Math.round(seen.width)}px`);
+  };
+  for (const event of ["resize", "scroll"]) seen.addEventListener(event, set);
+  set();
+}
+
+/** A service that was updated under an open page is told: nobody steers with yesterday's page. */
+function tellOfUpdates() {
+  let first = null;
+  observatory.on("health", () => {
+    const version = observatory.health?.version;
+    if (!version) return;
+    first ??= version;
+    by("updated").hidden = version === first;
+    say(by("updated-words"), `The service is now mountnav ${version}, this page is of ${first}.`);
+  });
+  by("reload").addEventListener("click", () => location.reload());
+}
+
+function nightMode() {
+  const button = by("night-mode"), root = document.documentElement;
+  const set = (on) => {
+    if (on) root.dataset.night = "";
+    else delete root.dataset.night;
+    button.setAttribute("aria-pressed", String(on));
+    document.querySelector("meta[name=theme-color]").content = on ? "#000000" : "#080b0f";
+    try {
+      localStorage.setItem(NIGHT, on ? "1" : "");
+    } catch { /* a browser that keeps nothing */ }
+    redraw();
+    redrawPlots();
+  };
+  button.addEventListener("click", () => set(root.dataset.night === undefined));
+  if (root.dataset.night !== undefined) set(true); // first.js has read what was kept
+}

@@ -1,0 +1,98 @@
+// STOP: first of all, from the button or by Escape twice; asked again until the service has answered.
+
+import { dropOrders, headersWithKey } from "./calls.js";
+import { by, element, fill } from "./elements.js";
+import { clockOf } from "./angles.js";
+import { unask } from "./question.js";
+
+const TWICE_MS = 1500;
+const TRIES = 20;
+const PAUSE_MS = 700;
+const WAIT_MS = 5000;
+const ALL = "/v1/stop";
+
+export function takeStop(observatory) {
+  const button = by("stop"), banner = by("stop-told");
+  let armed = 0, turn = 0;
+
+  function told(tone, words, more) {
+    banner.className = `banner ${tone}`;
+    banner.hidden = false;
+    fill(banner, element("span", {}, words), more,
+      element("button", { type: "button", onclick: () => { banner.hidden = true; } }, "Seen"));
+  }
+
+  /** Send until it is answered. Each press begins anew, and never waits for the one before. */
+  async function send(path, who) {
+    const mine = ++turn;
+    // an order that waits for its answer must not come behind the stop, nor a question that was open
+    dropOrders(path === ALL ? null : observatory.id);
+    unask();
+    const began = clockOf(new Date());
+    let silent = false;
+    const missed = () => (silent ? "NO ANSWER, not certain that it stopped" : "NOT SENT, no connection");
+    told("warn", `STOP ${who}: sending …`);
+    for (let attempt = 1; attempt <= TRIES; attempt++) {
+      if (mine !== turn) return;
+      try {
+        const response = await fetch(path, {
+          method: "POST", headers: headersWithKey({ Accept: "application/json" }), cache: "no-store",
+          signal: AbortSignal.timeout(WAIT_MS), keepalive: true,
+        });
+        const answer = await response.json().catch(() => ({}));
+        if (mine !== turn) return;
+        if (response.ok && answer.stopped === false) {
+          const missed = (answer.telescopes ?? []).filter((one) => !one.stopped).map((one) => `${one.telescope}: ${one.problem ?? "not told"}`);
+          told("bad", `STOP ${who}: NOT ALL were told. ${missed.join("; ")}. Look at them; use their own hand controls.`);
+          return;
+        }
+        if (response.ok) {
+          told("good", `STOP ${who}: told the mount at ${clockOf(new Date())} UTC.`);
+          observatory.soon("jobs", 0);
+          return;
+        }
+        const words = [answer.detail, answer.advice].filter(Boolean).join(": ") || `HTTP ${response.status}`;
+        told("bad", `STOP ${who}: NOT CERTAIN that it stopped. ${words}. Look at the telescope; use its own hand control.`);
+        if (response.status < 500 && response.status !== 429) return;
+      } catch (error) {
+        if (mine !== turn) return;
+        observatory.quiet(); // a browser has few connections to one place: the stream gives way
+        silent ||= error.name === "TimeoutError"; // it may have been heard
+        told("bad", `STOP ${who}: ${missed()} since ${began} UTC; trying again (${attempt}). Use the mount's own hand control.`);
+      }
+      await new Promise((done) => setTimeout(done, PAUSE_MS));
+    }
+    if (mine === turn) told("bad", `STOP ${who}: ${missed()}. ${TRIES} tries since ${began} UTC came to nothing. Use the mount's own hand control.`);
+  }
+
+  const stop = () => {
+    disarm();
+    if (observatory.id) send(observatory.path("stop"), observatory.id);
+    else send(ALL, "all");
+  };
+  const disarm = () => {
+    armed = 0;
+    button.classList.remove("armed");
+  };
+  button.addEventListener("click", stop);
+  by("stop-all").addEventListener("click", () => send(ALL, "all"));
+  // in the capturing phase: no field, list or question keeps the keys from it
+  document.addEventListener("keydown", (event) => {
+    if (event.key !== "Escape" || event.repeat) return;
+    if (performance.now() - armed < TWICE_MS) {
+      stop();
+      return;
+    }
+    armed = performance.now();
+    button.classList.add("armed");
+    setTimeout(() => {
+      if (performance.now() - armed >= TWICE_MS - 50) disarm();
+    }, TWICE_MS);
+  }, { capture: true });
+  observatory.on("telescopes", () => {
+    by("stop-all").hidden = observatory.telescopes.length < 2;
+  });
+  observatory.on("telescope", () => {
+    button.setAttribute("aria-label", `STOP ${observatory.id}`);
+  });
+}
