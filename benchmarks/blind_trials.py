@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 
 from benchmarks.wrong_answers import star_list
 from mountnav.catalog.embedded import embedded_catalog
+from mountnav.catalog.reading_depth import stars_round
 from mountnav.frames import Hint
-from mountnav.identification.area import stars_round
 from mountnav.identification.blind.cache import cached_index
 from mountnav.identification.blind.index import BlindIndex
 from mountnav.identification.identified import Identified

@@ -15,7 +15,6 @@ import multiprocessing
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -80,25 +79,29 @@ class Served:
         return answer
 
 
-def started(folder: Path, *, worker: bool) -> Served:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    settings = folder / "observatory.toml"
-    settings.write_text(SETTINGS.format(port=port, worker=str(worker).lower()))
-    process = subprocess.Popen(
-        [sys.executable, "-m", "api.main", "serve", "--config", str(settings)],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    served = Served(process, port)
+def ready(process: subprocess.Popen[bytes], log: Path) -> Served:
+    """A service that was just started, as soon as its solver is warm; its port is the one that it logs."""
     while True:
-        assert process.poll() is None, "the service did not start"
         time.sleep(0.2)
-        try:
-            if served.ask("GET", "/v1/health")["solver"] in ("ready", "in this process"):
-                return served
-        except ConnectionRefusedError:
-            continue
+        said = log.read_text(encoding="utf-8", errors="replace")
+        assert process.poll() is None, f"the service did not start: {said}"
+        at = re.search(r"observatory at http://127\.0\.0\.1:(\d+)", said)
+        if at is not None:
+            break
+    served = Served(process, int(at[1]))
+    while served.ask("GET", "/v1/health")["solver"] not in ("ready", "in this process"):
+        time.sleep(0.2)
+    return served
+
+
+def started(folder: Path, *, worker: bool) -> Served:
+    settings, log = folder / "observatory.toml", folder / "log"
+    settings.write_text(SETTINGS.format(port=0, worker=str(worker).lower()))
+    with log.open("wb") as told:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "api.main", "serve", "--config", str(settings)], stdout=told, stderr=told
+        )
+    return ready(process, log)
 
 
 def solve_on(port: int, content: bytes, stop: Event, times: multiprocessing.SimpleQueue[float]) -> None:

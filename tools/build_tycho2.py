@@ -1,4 +1,4 @@
-"""The recipe of the embedded catalog: Debian's source of Tycho-2 in, mountnav/catalog/data/tycho2.mnc out.
+"""The recipe of the embedded catalog: Debian's source of Tycho-2 in, tycho2.mnc and tycho2.colors out.
 
 Run from the project's root, after `apt-get source --download-only tycho2` (see tools/README.md)::
 
@@ -16,8 +16,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.catalog.error_classes import REFERENCE_YR, classify, error_curve
-from mountnav.catalog.packing import CatalogColumns, pack
+from mountnav.catalog.packed.companion_colors import write_companion
+from mountnav.catalog.packed.error_classes import REFERENCE_YR, classify, error_curve
+from mountnav.catalog.packed.packing import CatalogColumns
+from mountnav.catalog.packed.packing_version_1 import order_of_version_1, pack_version_1
 from mountnav.catalog.space_motion import motion_vectors, places, unit_vectors
 
 Array = NDArray[np.float64]
@@ -69,6 +71,11 @@ def v_magnitude(bt: Array, vt: Array) -> Array:
     return np.where(np.isnan(vt), bt - V_FROM_BT_ALONE_MAG, v)
 
 
+def b_v_color(bt: Array, vt: Array) -> Array:
+    """Give Johnson B-V [ReadMe note 7]; NaN where either magnitude is missing."""
+    return 0.850 * (bt - vt)
+
+
 def main_columns(rows: Text) -> CatalogColumns:
     """Read the main catalog: photocenters merged, stars without a mean position as observed."""
     no_mean = rows[:, 13] == ord("X")
@@ -91,6 +98,8 @@ def main_columns(rows: Text) -> CatalogColumns:
             np.where(no_mean, 1990.0 + column(rows, 184, 187), column(rows, 84, 90)),
         ),
     )
+    color = b_v_color(column(rows, 111, 116), column(rows, 124, 129))
+    blue, _ = merged_pairs(ra, dec, mag + color, pair)
     mag, keep = merged_pairs(ra, dec, mag, pair)
     return CatalogColumns(
         ra[keep],
@@ -99,6 +108,7 @@ def main_columns(rows: Text) -> CatalogColumns:
         column(rows, 50, 56)[keep],
         mag[keep],
         curve[keep],
+        (blue - mag)[keep],
     )
 
 
@@ -126,6 +136,8 @@ def supplement_columns(rows: Text) -> CatalogColumns:
     motion = motion_vectors(ra, dec, np.where(known, pm_ra, 0.0), np.where(known, pm_dec, 0.0))
     moved_ra, moved_dec = places(unit_vectors(ra, dec) + motion * (EPOCH_YR - SUPPLEMENT_EPOCH_YR))
     mag = v_magnitude(column(rows, 84, 89), column(rows, 97, 102))
+    # with a letter there, one of the magnitudes is another band's
+    color = np.where(rows[:, 81] == ord(" "), b_v_color(column(rows, 84, 89), column(rows, 97, 102)), np.nan)
     unknown_motion = np.interp(mag, UNKNOWN_MOTION_MAG, UNKNOWN_MOTION_MAS_YR)
     epoch = np.full(ra.size, SUPPLEMENT_EPOCH_YR)
     curve = error_curve(
@@ -137,7 +149,7 @@ def supplement_columns(rows: Text) -> CatalogColumns:
         (epoch, epoch),
     )
     return CatalogColumns(
-        np.where(known, moved_ra, ra), np.where(known, moved_dec, dec), pm_ra, pm_dec, mag, curve
+        np.where(known, moved_ra, ra), np.where(known, moved_dec, dec), pm_ra, pm_dec, mag, curve, color
     )
 
 
@@ -147,6 +159,7 @@ def joined(first: CatalogColumns, second: CatalogColumns) -> CatalogColumns:
         *(
             np.concatenate([getattr(first, field), getattr(second, field)])
             for field in CatalogColumns.__dataclass_fields__
+            if field != "flags"
         )
     )
 
@@ -174,11 +187,20 @@ def main() -> None:
     arguments = parser.parse_args()
     main_rows, supplement_rows = texts(arguments.source)
     columns = joined(main_columns(main_rows), supplement_columns(supplement_rows))
-    header = pack(columns, arguments.out, name="Tycho-2", band="V", epoch_yr=EPOCH_YR)
+    header = pack_version_1(columns, arguments.out, name="Tycho-2", band="V", epoch_yr=EPOCH_YR)
+    order, _ = order_of_version_1(columns, header.nside)
+    assert columns.color_mag is not None
+    colors = write_companion(
+        arguments.out, header, columns.color_mag[order], color_name="B-V", zero_mag=-1.0, step_mag=0.02
+    )
     report_classes(columns)
-    written = arguments.out.read_bytes()
     print(header)
-    print(f"{arguments.out.name}: {len(written)} bytes, sha256 {hashlib.sha256(written).hexdigest()}")
+    for path in (arguments.out, colors):
+        written = path.read_bytes()
+        print(f"{path.name}: {len(written)} bytes, sha256 {hashlib.sha256(written).hexdigest()}")
+    given = columns.color_mag[~np.isnan(columns.color_mag)]
+    print(f"B-V: {given.size} known, percentiles 0 0.1 1 50 99 99.9 100:", end=" ")
+    print(np.percentile(given, [0, 0.1, 1, 50, 99, 99.9, 100]).round(2))
 
 
 if __name__ == "__main__":

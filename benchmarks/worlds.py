@@ -1,0 +1,360 @@
+"""Random observatories for the proofs: how the mount is built and lies, what its sky does, from one seed."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import erfa
+
+from drivers.driven import DrivenMount
+from drivers.exchange import Patience
+from drivers.fakes import machine as usual_machine
+from drivers.fakes import make_fake
+from drivers.ioptron.language import IoptronLanguage
+from drivers.link import Link
+from drivers.lx200.language import Lx200Language
+from drivers.nexstar.language import NexstarLanguage
+from drivers.simulated.behavior import MountBehavior
+from drivers.simulated.memory_line import MemoryLine
+from drivers.simulated.mount import SimulatedMount
+from drivers.simulated.truth_camera import TruthCamera
+from drivers.skywatcher.language import SkywatcherLanguage
+from drivers.timing import Timing
+from drivers.wire_log import WireLog
+from mountnav.navigation.kinds import from_mount
+from mountnav.pointing.limits import Limits
+from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors, SyncBehavior
+from mountnav.simulation.sky_script import Cloud, Incident, SkyScript
+from mountnav.simulation.sky_seen import SeenThrough, SkySeen
+from mountnav.simulation.virtual_time import VirtualClock
+from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_observed
+from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site
+from mountnav.sky.sphere import separation_arcsec
+
+AIR = Air(pressure_hpa=930.0, temperature_c=5.0, relative_humidity=0.7)
+WIRES = ("lx200", "nexstar", "synscan", "ioptron", "skywatcher")
+_LANGUAGES: dict[str, Callable[[Link, Site], Any]] = {
+    "lx200": lambda link, site: Lx200Language(link),
+    "nexstar": lambda link, site: NexstarLanguage(link),
+    "synscan": lambda link, site: NexstarLanguage(link, epoch="icrs"),
+    "ioptron": lambda link, site: IoptronLanguage(link),
+    "skywatcher": SkywatcherLanguage,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """One observatory on one night; all of it follows from the seed.
+
+    Attributes
+    ----------
+    seed : int
+    wire : str or None
+        Protocol that it speaks over a line in memory; None: no wire.
+    site : Site
+    start : datetime
+    machine : Machine
+    errors : PointingErrors
+    behavior : MountBehavior
+    sync_behavior : str
+    sync_late_s : float
+    script : SkyScript
+    through : SeenThrough
+    configured_scale_arcsec_px : float
+        What the operator set; wrong in some.
+    turned_deg : float
+    limits : Limits
+    tolerance_arcsec : float
+    correct_by : str
+    trusted : bool
+        False: it was switched on just now, somewhere.
+    sun_up : bool
+    """
+
+    seed: int
+    wire: str | None
+    site: Site
+    start: datetime
+    machine: Machine
+    errors: PointingErrors
+    behavior: MountBehavior
+    sync_behavior: SyncBehavior
+    sync_late_s: float
+    script: SkyScript
+    through: SeenThrough
+    configured_scale_arcsec_px: float
+    turned_deg: float
+    limits: Limits
+    tolerance_arcsec: float
+    correct_by: str
+    trusted: bool
+    sun_up: bool
+
+    @property
+    def worst_error_deg(self) -> float:
+        """By how much belief and truth may differ at first, over the whole sky."""
+        errors = self.errors
+        parts = (
+            errors.ih_arcsec,
+            errors.id_arcsec,
+            errors.ch_arcsec,
+            errors.np_arcsec,
+            errors.me_arcsec,
+            errors.ma_arcsec,
+            errors.tf_arcsec,
+            errors.backlash_arcsec,
+            errors.periodic_amplitude_arcsec,
+        )
+        return sum(abs(part) for part in parts) / 3600.0
+
+    @property
+    def floor_arcsec(self) -> float:
+        """A tolerance below this asks for more than the mount can do."""
+        steps = math.hypot(self.behavior.ra_step_arcsec, self.behavior.dec_step_arcsec)
+        return steps + self.errors.periodic_amplitude_arcsec + 4.0 * self.through.scale_arcsec_px + 3.0
+
+
+def drawn(seed: int, *, wire: str | None = None) -> World:
+    """The observatory of a seed; over a wire of this protocol if one is given."""
+    chance = random.Random(seed)
+    site = Site(48.93, 22.27, 700.0)
+    if chance.random() < 0.4:
+        latitude = chance.choice((-1.0, 1.0, 1.0)) * chance.uniform(28.0, 60.0)
+        site = Site(latitude, chance.uniform(-180.0, 180.0), chance.uniform(0.0, 2500.0))
+    day = datetime(2026, 1, 1, tzinfo=UTC) + timedelta(days=chance.uniform(0.0, 365.0))
+    sun_up = chance.random() < 0.1
+    start = _when(day, site, sun_up)
+    german = chance.random() < 0.65
+    if wire is not None:
+        german = wire == "skywatcher" or usual_machine(wire).mounting == "german"
+    behavior = _behavior(chance, german)
+    if wire is not None:
+        behavior = MountBehavior()
+    errors = _errors(chance)
+    through = SeenThrough(
+        scale_arcsec_px=chance.uniform(0.5, 4.0),
+        parity=chance.choice((1, -1)),
+        sigma_px=chance.uniform(0.02, 0.3),
+    )
+    limits = _limits(chance, german and behavior.tells_side)
+    machine = Machine(
+        mounting="german" if german else "fork",
+        slew_rate_deg_s=chance.uniform(1.5, 8.0),
+        acceleration_deg_s2=chance.uniform(1.0, 5.0),
+        side_rule=chance.choice(("meridian", "meridian", "stay")) if german else "meridian",
+        meridian_limits_deg=_own_meridian(chance, limits) if german else None,
+        lowest_altitude_deg=chance.choice((None, 0.0, 5.0)),
+        starts_at="zenith" if chance.random() < 0.6 else "home",
+        home_sensor=chance.random() < 0.4,
+    )
+    if wire == "skywatcher":
+        # bare motors: switched on at home, at rest, told where by whoever drives them
+        machine = Machine(
+            mounting="german",
+            slew_rate_deg_s=machine.slew_rate_deg_s,
+            starts_at="home",
+            tracks_at_start=False,
+        )
+    elif wire is not None:
+        machine = replace(usual_machine(wire), slew_rate_deg_s=machine.slew_rate_deg_s, tracks_at_start=True)
+    sync_behavior: SyncBehavior = chance.choices(("normal", "ignore", "refuse", "late"), (60, 12, 12, 16))[0]
+    world = World(
+        seed=seed,
+        wire=wire,
+        site=site,
+        start=start,
+        machine=machine,
+        errors=errors,
+        behavior=behavior,
+        sync_behavior="normal" if wire == "skywatcher" else sync_behavior,
+        sync_late_s=chance.uniform(1.5, 7.0) if chance.random() < 0.8 else chance.uniform(8.5, 25.0),
+        script=_script(chance, seed, wire),
+        through=through,
+        configured_scale_arcsec_px=through.scale_arcsec_px
+        * (chance.uniform(0.75, 1.35) if chance.random() < 0.1 else chance.uniform(0.99, 1.01)),
+        turned_deg=chance.uniform(0.0, 360.0),
+        limits=limits,
+        tolerance_arcsec=0.0,
+        correct_by=chance.choices(("sync", "offset", "model"), (65, 20, 15))[0],
+        trusted=wire is not None or chance.random() > 0.08,
+        sun_up=sun_up,
+    )
+    steps = 25.0 if wire is not None else 0.0
+    floor = max(world.floor_arcsec, steps)
+    return replace(world, tolerance_arcsec=max(floor, chance.uniform(floor, 60.0)))
+
+
+def _when(day: datetime, site: Site, sun_up: bool) -> datetime:
+    """An instant of that day at which the Sun is up, or well down (or as low as it gets)."""
+    hours = [day + timedelta(minutes=20 * step) for step in range(72)]
+    heights = [icrs_to_observed(sun_at(hour), hour, site, Air()).alt_deg for hour in hours]
+    wanted = [hour for hour, height in zip(hours, heights, strict=True) if (height > 5.0) is sun_up]
+    night = [hour for hour, height in zip(hours, heights, strict=True) if height < -9.0]
+    return wanted[0] if sun_up and wanted else (night or hours)[0]
+
+
+def sun_at(utc: datetime) -> Icrs:
+    """Where the Sun is, to an arcminute: from the Earth's own motion alone."""
+    days = (utc - datetime(2000, 1, 1, 12, tzinfo=UTC)) / timedelta(days=1)
+    heliocentric, _ = erfa.epv00(2451545.0, days)
+    x, y, z = (-float(one) for one in heliocentric["p"])
+    return Icrs(math.degrees(math.atan2(y, x)) % 360.0, math.degrees(math.atan2(z, math.hypot(x, y))))
+
+
+def _errors(chance: random.Random) -> PointingErrors:
+    def within(arcsec: float) -> float:
+        return chance.uniform(-arcsec, arcsec)
+
+    grown = chance.choice((0.3, 1.0, 1.0))
+    return PointingErrors(
+        ih_arcsec=grown * within(900.0),
+        id_arcsec=grown * within(900.0),
+        ch_arcsec=grown * within(600.0),
+        np_arcsec=grown * within(200.0),
+        me_arcsec=grown * within(500.0),
+        ma_arcsec=grown * within(500.0),
+        tf_arcsec=within(60.0),
+        backlash_arcsec=chance.choice((0.0, 0.0, chance.uniform(5.0, 60.0))),
+        periodic_amplitude_arcsec=chance.choice((0.0, chance.uniform(2.0, 12.0))),
+        periodic_period_s=chance.uniform(200.0, 640.0),
+    )
+
+
+def _behavior(chance: random.Random, german: bool) -> MountBehavior:
+    ra_step, dec_step = chance.choice(((0.0, 0.0), (0.0, 0.0), (15.0, 1.0), (19.8, 19.8), (1.5, 0.1)))
+    return MountBehavior(
+        epoch=chance.choice(("apparent", "apparent", "icrs")),
+        ra_step_arcsec=ra_step,
+        dec_step_arcsec=dec_step,
+        refuses=chance.random() < 0.8,
+        tells_motion=chance.random() < 0.85,
+        tells_side=chance.random() < 0.85,
+        tells_destination=german and chance.random() < 0.5,
+        latency_s=chance.choice((0.01, 0.05, 0.2)),
+    )
+
+
+def _own_meridian(chance: random.Random, limits: Limits) -> tuple[float, float]:
+    """The mount's own limits: mostly a little inside those that the operator set, in some far beyond."""
+    if limits.past_meridian_deg is None or chance.random() < 0.15:
+        return (60.0, 60.0)
+    east, west = limits.past_meridian_deg
+    return (east - chance.uniform(1.5, 4.0), west - chance.uniform(1.5, 4.0))
+
+
+def _limits(chance: random.Random, german: bool) -> Limits:
+    return Limits(
+        min_altitude_deg=chance.choice((10.0, 15.0, 20.0, 25.0)),
+        past_meridian_deg=(chance.uniform(5.0, 20.0), chance.uniform(5.0, 20.0)) if german else None,
+        sun_cone_deg=20.0,
+        margin_deg=0.5,
+        # its operator knows that both axes are built alike
+        rate_ratio=(0.8, 1.25),
+    )
+
+
+def _script(chance: random.Random, seed: int, wire: str | None) -> SkyScript:
+    clouds: list[Cloud] = []
+    for _ in range(chance.choices((0, 1, 2), (70, 20, 10))[0]):
+        from_min = chance.uniform(0.0, 25.0)
+        clouds.append(Cloud(from_min, from_min + chance.uniform(0.5, 8.0), thin=chance.random() < 0.3))
+    incidents: list[Incident] = []
+    if chance.random() < 0.25:
+        whats = ("unplug", "silence") if wire else (
+            "unplug", "silence", "reboot", "block-ha", "block-dec", "sync-deaf",
+        )  # fmt: skip
+        what = chance.choice(whats)
+        incidents.append(Incident(chance.uniform(0.1, 8.0), what, chance.uniform(3.0, 40.0)))  # type: ignore[arg-type]
+    return SkyScript(
+        seed=seed,
+        clouds=tuple(clouds),
+        incidents=tuple(incidents),
+        satellite_every=10,
+        false_share=chance.choice((0.0, 0.0, 0.02, 0.05)),
+        poor_share=chance.choice((0.0, 0.03)),
+        slow_share=chance.choice((0.0, 0.02)),
+        stale_share=chance.choice((0.0, 0.02)),
+    )
+
+
+@dataclass
+class Observatory:
+    """A world that runs: what the service gets, and what only the judge may see."""
+
+    world: World
+    clock: VirtualClock
+    mechanics: Mechanics
+    mount: Any
+    camera: TruthCamera
+    solve: SkySeen
+    line: MemoryLine | None = None
+    syncs: list[tuple[datetime, float]] = field(default_factory=list)
+    """Of each sync that was sent: when, and how far the synced place was from where the tube looked."""
+    solved_in_trust: int = 0
+    """Looks that were solved before the mount lost its place."""
+
+
+def built(world: World, clock: VirtualClock) -> Observatory:
+    """Build it; within a `VirtualLoop`, and `for_all_modules` where it has a wire."""
+    mechanics = Mechanics(world.site, AIR, world.errors, machine=world.machine, clock=clock)
+    mechanics.sync_behavior = world.sync_behavior
+    mechanics.sync_late_s = world.sync_late_s
+    mount: Any
+    line = None
+    if world.wire is None:
+        mount = SimulatedMount(mechanics, clock, world.behavior, trusted=world.trusted)
+    else:
+        fake = make_fake(world.wire, None, mechanics, clock=clock, monotonic=clock.monotonic)
+        log = WireLog(monotonic=clock.monotonic)
+        line = MemoryLine(fake, clock, log)
+        language = _LANGUAGES[world.wire](Link(line, Patience(), log), world.site)
+        mount = DrivenMount(language, timing=Timing(longest_backoff_s=4.0), site=world.site)
+    camera = TruthCamera(mechanics, clock, world.script, world.through, turned_deg=world.turned_deg)
+    solve = SkySeen(world.script, clock, world.through, began_utc=world.start)
+    if not world.trusted:
+        # it was switched on just now: it takes itself to be at home, and doesn't track
+        mechanics.reboot()
+    made = Observatory(world, clock, mechanics, mount, camera, solve, line)
+    _judge_syncs(made)
+
+    def hear(what: str, facts: object) -> None:
+        if what == "untrusted":
+            # nearer to the pole a rotation tells little of the camera's angle
+            made.solved_in_trust = sum(abs(dec_deg) < 80.0 for dec_deg in solve.solved_dec_deg)
+
+    mount.listen(hear)
+    return made
+
+
+def _judge_syncs(made: Observatory) -> None:
+    """Take down how far each synced place is from the truth, before the mount gets it."""
+    send = made.mount.sync
+
+    async def judged(place: Any) -> Any:
+        utc = made.clock.utc()
+        seen = from_mount(replace(place, utc=utc) if hasattr(place, "utc") else place)
+        made.syncs.append((utc, separation_arcsec(seen, made.mechanics.truth(utc))))
+        return await send(place)
+
+    made.mount.sync = judged
+
+
+def target(world: World, utc: datetime, chance: random.Random) -> Icrs:
+    """A place somewhere in the sky: mostly what is allowed, some near the pole, a few below the limit."""
+    toward = math.copysign(1.0, world.site.latitude_deg)
+    roll = chance.random()
+    while True:
+        if roll < 0.15:
+            place = HourAngle(chance.uniform(-180.0, 180.0), toward * chance.uniform(85.0, 89.9), utc)
+        else:
+            dec_deg = math.degrees(math.asin(chance.uniform(-1.0, 1.0)))
+            place = HourAngle(chance.uniform(-180.0, 180.0), dec_deg, utc)
+        icrs = hour_angle_to_icrs(place, world.site, AIR)
+        height_deg = icrs_to_observed(icrs, utc, world.site, AIR).alt_deg
+        if (height_deg < world.limits.min_altitude_deg - 1.0) is (0.15 <= roll < 0.19):
+            return icrs
