@@ -25,7 +25,7 @@ from mountnav.errors import (
 
 PROBLEM_TYPE = "application/problem+json"
 _PREFIX = "urn:mountnav:problem:"
-_METHODS = ("DELETE", "GET", "HEAD", "PATCH", "POST", "PUT")
+_METHODS = ("DELETE", "GET", "PATCH", "POST", "PUT")
 _ERRORS_MOST, _LONGEST = 20, 300
 """Of an answer about nonsense: that may be as long as a body may."""
 _log = logging.getLogger(__name__)
@@ -281,14 +281,15 @@ def _advice(request: Request, error: RequestValidationError) -> str:
 
 
 def _methods_here(request: Request) -> list[str]:
-    """All methods that the path of a request has."""
+    """All methods that the path of a request has; who may GET may ask for the HEAD."""
     routes = request.app.router.routes
     scopes = {method: {**request.scope, "method": method} for method in _METHODS}
-    return [
+    found = [
         method
         for method, scope in scopes.items()
         if any(route.matches(scope)[0] is Match.FULL for route in routes)
     ]
+    return sorted([*found, "HEAD"]) if "GET" in found else found
 
 
 def responses(*statuses: int) -> dict[int | str, dict[str, Any]]:

@@ -13,6 +13,7 @@ from api.audited_requests import AuditedRequests
 from api.body_limit import BodyLimit
 from api.callers import Caller
 from api.faults import Refused
+from api.head_requests import HeadAsGet
 from api.http_metrics import CountedRequests, HttpMetrics
 from api.keys import open_keys
 from api.limits_of_rate import RateLimit, TokenBuckets
@@ -37,9 +38,9 @@ _TOLD = ("ETag", "Location", "Retry-After", "Preference-Applied", "Mountnav-Virt
 def install(app: FastAPI, settings: Settings) -> None:
     """Put the guards before an application; its keys are found at ``app.state.keys`` from now on.
 
-    From the outside in: requests are counted, other sites' pages turned away, what would change something
-    is noted, callers that ask too much are held back, bodies that are too large are refused, streams end
-    with the keys that opened them.
+    From the outside in: requests are counted, HEAD becomes GET, other sites' pages are turned away, what
+    would change something is noted, callers that ask too much are held back, bodies that are too large are
+    refused, streams end with the keys that opened them.
 
     Parameters
     ----------
@@ -87,4 +88,5 @@ def install(app: FastAPI, settings: Settings) -> None:
             allow_headers=_ASKED,
             expose_headers=_TOLD,
         )
+    app.add_middleware(HeadAsGet)
     app.add_middleware(CountedRequests, metrics=app.state.http_metrics)
