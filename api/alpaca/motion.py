@@ -19,7 +19,6 @@ from api.faults import problem_of
 from api.job import Job
 from api.orders import Order
 from mountnav.errors import MountnavError
-from mountnav.navigation.devices import SlewOutcome
 from mountnav.navigation.navigator import Navigator
 from mountnav.sky.present import real_s
 
@@ -229,16 +228,11 @@ class Motion:
 
 
 def _failure_of(job: Job) -> AlpacaError | None:
-    if job.problem is not None:
-        found = failure_of(job.problem)
-        how = "was stopped" if found.number == Number.CANCELLED else "failed"
-        return AlpacaError(found.number, f"the {job.kind} {how}: {found.words}")
-    match job.result:
-        case SlewOutcome.STALLED:
-            return AlpacaError(0x507, f"the {job.kind} failed: the mount came to rest before it was there")
-        case SlewOutcome.STOPPED:
-            return AlpacaError(Number.CANCELLED, f"the {job.kind} was stopped")
-    return None
+    if job.problem is None:
+        return None
+    found = failure_of(job.problem)
+    how = "was stopped" if found.number == Number.CANCELLED else "failed"
+    return AlpacaError(found.number, f"the {job.kind} {how}: {found.words}")
 
 
 __all__ = ["Motion", "Work"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mountnav.errors import Cancelled, NotReached, TargetNotReached
 from mountnav.navigation.checked_mount import CheckedMount
 from mountnav.navigation.devices import Direction, MountReading, SlewOutcome, TrackingRate
 from mountnav.navigation.one_at_a_time import OneAtATime
@@ -42,9 +43,18 @@ class MountOrders:
         return await self.mount.reading()
 
     async def park(self) -> SlewOutcome:
-        """Go to the park position. Raises `DeviceError`, `OutsideLimits`, `JournalFailed`."""
+        """Go to the park position.
+
+        Raises
+        ------
+        TargetNotReached
+            It came to rest somewhere else: it is not parked, and no roof may close over it.
+        Cancelled
+            It was stopped on its way.
+        DeviceError, OutsideLimits, JournalFailed
+        """
         async with self._work.work("parking"):
-            return await self.mount.park()
+            return self._there(await self.mount.park(), "its park position")
 
     async def unpark(self) -> None:
         """Be ready to move again. Raises `DeviceError`, `JournalFailed`."""
@@ -57,9 +67,9 @@ class MountOrders:
             await self.mount.set_park()
 
     async def home(self) -> SlewOutcome:
-        """Go home. Raises `DeviceError`, `OutsideLimits`, `JournalFailed`."""
+        """Go home. Raises as `park`."""
         async with self._work.work("homing"):
-            return await self.mount.home()
+            return self._there(await self.mount.home(), "its home")
 
     async def set_tracking(self, on: bool, rate: TrackingRate = TrackingRate.SIDEREAL) -> None:
         """Follow the sky, or rest. Raises `DeviceError`, `JournalFailed`."""
@@ -75,6 +85,22 @@ class MountOrders:
         """An operator's word that the mount's position is right."""
         self.mount.trust()
         self._work.problem = None
+
+    def _there(self, outcome: SlewOutcome, where: str) -> SlewOutcome:
+        if outcome is SlewOutcome.STOPPED:
+            raise Cancelled(
+                f"it was stopped on its way to {where}",
+                device=self.mount.name,
+                advice="send it again when it is safe",
+            )
+        if outcome is SlewOutcome.STALLED:
+            raise TargetNotReached(
+                f"the mount came to rest on its way to {where}",
+                device=self.mount.name,
+                advice="look at the mount before its next order: is an axis blocked or a clutch open?",
+                reason=NotReached.REST,
+            )
+        return outcome
 
 
 __all__ = ["MountOrders"]

@@ -121,6 +121,25 @@ def test_the_sun_that_rises_near_a_tracked_place_ends_tracking(ha_deg: float, pa
     assert faults(rig)[0]["limit"] == "sun"
 
 
+def test_a_park_out_of_the_suns_way_that_stalls_is_told_and_not_forced() -> None:
+    async def work(rig: Rig) -> None:
+        await rig.mount.slew(rig.place(-130.0, 46.0))
+        while not rig.mechanics.parking:
+            await rig.clock.sleep(1.0)
+        rig.mechanics.stick("ha")
+        await rig.clock.sleep(1200.0)
+        assert not rig.mechanics.parked
+        assert not rig.mechanics.tracking
+
+    dawn = datetime(2026, 6, 21, 1, 0, tzinfo=UTC)
+    machine = Machine(slew_rate_deg_s=1.0)
+    rig = run(work, limits=Limits(2.0, sun_cone_deg=35.0), utc=dawn, machine=machine)
+    (failed,) = [facts for what, facts in rig.told if what == "limit-stop-failed"]
+    assert "came to rest on its way to its park position" in str(failed["error"])
+    assert not [what for what, _ in rig.told if what == "limit-stop"]
+    assert rig.outcomes() == [("slew", Outcome.DONE), ("park", Outcome.STALLED)]
+
+
 def test_a_mount_that_goes_another_way_than_predicted_is_stopped() -> None:
     deepest: list[float] = []
 

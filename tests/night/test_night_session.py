@@ -226,6 +226,20 @@ def test_from_morning_to_evening() -> None:
     virtually(night, EVENING + timedelta(hours=10))
 
 
+def test_a_park_at_the_end_that_does_not_arrive_is_told() -> None:
+    async def night(clock: VirtualClock) -> None:
+        rig = await make_night(clock=clock, rules=replace(RULES, park_at_end=True))
+        rig.mount.mechanics.stick("dec")
+        while rig.told()[-1:] != [("park", "daylight")]:
+            await rig.session.tick()
+            await clock.sleep(600.0)
+        assert not rig.mount.mechanics.parked
+        (failed,) = [facts for kind, facts in rig.events if kind == "night-park-failed"]
+        assert "came to rest on its way to its park position" in str(failed["problem"])
+
+    virtually(night, EVENING + timedelta(hours=10))
+
+
 def test_what_is_no_frame_is_answered_and_forgotten() -> None:
     async def night(clock: VirtualClock) -> None:
         rig = await make_night(clock=clock)

@@ -180,7 +180,11 @@ class Halting:
                 parking.cancel()
             # what became of it is told below; it must have ended either way
             await asyncio.gather(parking, return_exceptions=True)
-        parking.result()
+        if parking.result() is SlewOutcome.STALLED:
+            raise DeviceError(
+                "it came to rest on its way to its park position",
+                advice="look at the mount: is an axis blocked or a clutch open?",
+            )
 
     async def _tracks(self) -> bool:
         """Whether it follows the sky, by two readings."""
