@@ -31,7 +31,7 @@ class Face(StrEnum):
     LX200 = "lx200"
     STELLARIUM = "stellarium"
     SERVICE = "service"
-    """The service itself: the end of a lease."""
+    """The service itself: the end of a lease, rain."""
 
 
 @dataclass(frozen=True, slots=True)

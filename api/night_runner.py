@@ -22,6 +22,7 @@ from mountnav.night.daylight import night_name, sun_altitude_deg
 from mountnav.night.events import Word
 from mountnav.night.frames_in import FrameAnswer, FramesIn, Receipt
 from mountnav.night.memory import remembered
+from mountnav.night.parking import MakeWay
 from mountnav.night.placing import BySeries, Placing
 from mountnav.night.recording import NightRecording
 from mountnav.night.session import Listen, NightSession
@@ -72,6 +73,8 @@ class NightParts:
         Instead of following series.
     ready : callable or None
         Opens the telescope if it is not open; asked again and again while the mount can't be read.
+    make_way : callable or None
+        Ends what others do with the telescope, where it must be parked because it isn't safe.
     """
 
     telescope_id: str
@@ -90,6 +93,7 @@ class NightParts:
     clock: Clock | None = None
     placing: Placing | None = None
     ready: Callable[[], Awaitable[object]] | None = None
+    make_way: MakeWay | None = None
 
 
 class NightRunner:
@@ -139,6 +143,7 @@ class NightRunner:
             listen=parts.listen,
             remembered=known,
             recorder=parts.recording,
+            make_way=parts.make_way,
         )
         self._record_wire()
         await self._session.begin()

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Awaitable, Callable
+from functools import partial
+
 from api.night_runner import NightParts, NightRunner, Nights
 from api.observatory import Heard, Observatory
 from drivers.wire_log import WireLog
@@ -13,7 +16,13 @@ from mountnav.settings import Settings, TelescopeSettings
 
 
 def nights_of(
-    settings: Settings, observatory: Observatory, catalog: Catalog, heard: Heard, journal: SqlJournal
+    settings: Settings,
+    observatory: Observatory,
+    catalog: Catalog,
+    heard: Heard,
+    journal: SqlJournal,
+    *,
+    make_way: Callable[[str], Awaitable[None]],
 ) -> Nights:
     """Make the runners; nothing runs before their start.
 
@@ -26,6 +35,8 @@ def nights_of(
         ``heard(telescope_id, kind, data)``: told of each decision.
     journal : SqlJournal
         Also tells where the last run of the service ended.
+    make_way : callable
+        ``make_way(telescope_id)`` ends what others do with a telescope that must be parked now.
     """
 
     def runner(one: TelescopeSettings) -> NightRunner:
@@ -48,6 +59,7 @@ def nights_of(
                 recall=journal.recent,
                 wire_log=wire_log if isinstance(wire_log, WireLog) else None,
                 recording=telescope.recording,
+                make_way=partial(make_way, one.id),
             )
         )
 

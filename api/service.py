@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Annotated
 
 from fastapi import Depends, Request
@@ -16,6 +17,7 @@ from api.events import Events
 from api.jobs import Job, Jobs
 from api.leases import Leases
 from api.longer_orders import LongerOrders
+from api.making_way import make_way
 from api.metrics import Metrics, Observed
 from api.night_runner import Nights
 from api.nights import nights_of
@@ -110,8 +112,6 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         raise
     solver.open()
     await observatory.open()
-    nights = nights_of(settings, observatory, catalog, jobs.heard, journal)
-    await nights.start()
     audit = Audit(journal)
     leases = Leases(journal, events.publish, audit)
     desk = Desk(
@@ -123,6 +123,10 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         poll_s=settings.service.state_poll_s,
     )
     desk.start()
+    nights = nights_of(
+        settings, observatory, catalog, jobs.heard, journal, make_way=partial(make_way, desk, jobs)
+    )
+    await nights.start()
     # the first who asks is to be told where the telescopes point, and not that nobody knows yet
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(_FIRST_READINGS_S):

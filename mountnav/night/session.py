@@ -29,6 +29,7 @@ from mountnav.night.frame_seen import Seen
 from mountnav.night.frames_in import Arrived, FrameAnswer, FramesIn, facts_of
 from mountnav.night.memory import FRAME, Remembered
 from mountnav.night.noting import Listen, NightNotes, Recorder, Unrecorded
+from mountnav.night.parking import MakeWay, NightParking
 from mountnav.night.placing import Placing
 from mountnav.night.rules import NightRules, decide
 from mountnav.night.states import NightState, Phase
@@ -89,6 +90,8 @@ class NightSession:
     remembered : Remembered, optional
         From the journal: the night goes on where it was.
     recorder : Recorder, optional
+    make_way : callable, optional
+        Ends what others do with the telescope, where it must be parked because it isn't safe.
     """
 
     def __init__(
@@ -106,6 +109,7 @@ class NightSession:
         listen: Listen | None = None,
         remembered: Remembered | None = None,
         recorder: Recorder | None = None,
+        make_way: MakeWay | None = None,
     ) -> None:
         self.frames = frames
         self.rules = rules
@@ -117,6 +121,7 @@ class NightSession:
         self._clock = clock or SystemClock()
         self._listen = listen or (lambda kind, data: None)
         self._notes = NightNotes(name, journal or Unwritten(), self._clock, self._listen)
+        self._parking = NightParking(telescope, name, self._notes, self._listen, self._clock, make_way)
         self._recorder = recorder or Unrecorded()
         self._state = NightState()
         self._remembered = remembered
@@ -162,6 +167,7 @@ class NightSession:
         now = self._clock.utc()
         self._sun = self._sun_altitude_deg(now)
         await self._happened(Tick(now, self._sun, self._night_name(now)))
+        await self._parking.again()
 
     async def say(self, word: Word, why: str = "", *, for_s: float | None = None) -> None:
         """Say something to the night.
@@ -335,15 +341,6 @@ class NightSession:
         task.cancel()
         await asyncio.wait({task}, timeout=HALT_S)
 
-    async def _park(self, decision: Decision) -> None:
-        try:
-            with because(night_id=self._state.night_id, why=f"night: {decision.why}"):
-                await self._telescope.park()
-        except MountnavError as error:
-            _log.error("%s could not be parked: %s", self._name, error)
-            self._listen("night-park-failed", {"problem": str(error)})
-            await self._notes.note(EntryKind.FAULT, f"not parked: {error}")
-
     # -- decisions ----------------------------------------------------------------------------------------
 
     async def _happened(self, event: Event) -> tuple[Decision, ...]:
@@ -354,6 +351,7 @@ class NightSession:
         state = self._state
         for decision in decisions:
             self._last = decision
+            self._parking.decided(decision)
             self._recorder.keep("decision", event.utc, {"decision": decision})
             written = await self._notes.decided(decision, state)
             if decision.act is Act.CORRECT and not written:
@@ -364,7 +362,7 @@ class NightSession:
             if decision.act is Act.HALT:
                 await self._halt()
             elif decision.act is Act.PARK:
-                await self._park(decision)
+                await self._parking.park(decision, self._state.night_id)
         return decisions
 
     def _record_frame(self, arrived: Arrived, seen: Seen) -> None:

@@ -177,6 +177,36 @@ async def test_the_night_goes_on_after_a_restart(tmp_path: Path, monkeypatch: py
     assert [line["kind"] for line in lines].count("header") == 2
 
 
+async def test_rain_parks_a_telescope_that_somebody_slews(tmp_path: Path) -> None:
+    folder, record, safety = tmp_path / "frames", tmp_path / "recordings", tmp_path / "safety.txt"
+    (folder / "elsewhere").mkdir(parents=True)
+    safety.write_text("safe")
+    changes = {"read_mount_every_s = 0.1": 'read_mount_every_s = 0.1\nwhen_unsafe = "park"'}
+    toml = night_toml(folder, record, safety, **changes).replace(
+        "slew_rate_deg_s = 45.0", "slew_rate_deg_s = 3.0"
+    )
+    async with served(toml, folder, record, safety) as site:
+        east, client = "/v1/telescopes/east", site.client
+        await site.said("start", why="a test by day")
+        # somebody's lease is no shelter from rain
+        lease = (await client.post(f"{east}/lease", json={"ttl_s": 600})).json()["lease"]
+        icrs = (await client.get(east)).json()["icrs"]
+        place = {"ra_deg": (icrs["ra_deg"] + 20.0) % 360.0, "dec_deg": icrs["dec_deg"]}
+        slew = await client.post(f"{east}/slew", json=place, headers={"Mountnav-Lease": lease})
+        assert slew.status_code == 202, slew.text
+        mechanics = site.app.state.service.observatory.telescope("east").mechanics
+        while not mechanics.slewing():
+            await asyncio.sleep(0.01)
+        wet = await client.post(f"{east}/night/safety", json={"safe": False, "why": "rain"})
+        assert wet.status_code == 200, wet.text
+        job = (await client.get(slew.headers["location"], params={"wait": 30})).json()
+        assert job["state"] == "cancelled"
+        assert "night" in job["problem"]["detail"], job["problem"]
+        async with asyncio.timeout(60.0):
+            while not mechanics.parked:
+                await asyncio.sleep(0.05)
+
+
 def test_what_a_safety_file_says(tmp_path: Path) -> None:
     file = tmp_path / "safety.txt"
     now_s = 1e9

@@ -22,6 +22,7 @@ from mountnav.navigation.policy import CenteringPolicy
 from mountnav.night.daylight import night_name, sun_altitude_deg
 from mountnav.night.frames_in import FrameAnswer, FramesIn
 from mountnav.night.memory import Remembered
+from mountnav.night.parking import MakeWay
 from mountnav.night.placing import BySolve
 from mountnav.night.rules import NightRules
 from mountnav.night.session import NightSession, Recorder
@@ -117,6 +118,7 @@ def make_session(
     remembered: Remembered | None = None,
     recorder: Recorder | None = None,
     listen: Callable[[str, dict[str, object]], None] | None = None,
+    make_way: MakeWay | None = None,
 ) -> NightSession:
     def hint(near: Icrs | None) -> Hint:
         return Hint(center=near, radius_deg=2.0, scale_low_arcsec_px=1.9, scale_high_arcsec_px=2.1)
@@ -134,6 +136,7 @@ def make_session(
         remembered=remembered,
         recorder=recorder,
         listen=listen,
+        make_way=make_way,
     )
 
 
@@ -146,6 +149,7 @@ async def make_night(
     clock: VirtualClock | None = None,
     recorder: Recorder | None = None,
     journal: Callable[[MemoryJournal], Journal] = lambda journal: journal,
+    make_way: MakeWay | None = None,
 ) -> NightRig:
     clock = clock or VirtualClock(start)
     mechanics = Mechanics(SITE, AIR, errors, slew_rate_deg_s=10.0, clock=clock)
@@ -178,6 +182,7 @@ async def make_night(
         kept,
         recorder=recorder,
         listen=lambda kind, data: events.append((kind, data)),
+        make_way=make_way,
     )
     return NightRig(clock, mechanics, mount, camera, sky, navigator, rows, session, events)
 

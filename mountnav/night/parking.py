@@ -1,0 +1,136 @@
+"""The park that a night orders: past what holds the telescope, and again while what hinders may pass."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+
+from mountnav.clock import Clock
+from mountnav.errors import Busy, DeviceMissing, DeviceSilent, JournalFailed, MountnavError
+from mountnav.journal.records import EntryKind, because
+from mountnav.night.events import Act, Decision, Why
+from mountnav.night.noting import Listen, NightNotes
+from mountnav.night.telescope import NightTelescope
+
+_log = logging.getLogger(__name__)
+
+AGAIN_S = 15.0
+PATIENCE_S = 3600.0
+"""So long the morning's park waits for whoever works with the telescope; rain waits for nobody."""
+_PASSING = (Busy, DeviceMissing, DeviceSilent, JournalFailed)
+
+MakeWay = Callable[[], Awaitable[None]]
+"""Ends what others do with a telescope, and stops it. Raises `DeviceError`."""
+
+
+@dataclass(slots=True)
+class _Owed:
+    decision: Decision
+    night_id: str
+    since_s: float
+    next_s: float
+    told: bool = False
+
+
+class NightParking:
+    """Parks one telescope.
+
+    Parameters
+    ----------
+    telescope : NightTelescope
+    name : str
+        Of the telescope.
+    notes : NightNotes
+    listen : callable
+        Told ``night-park-waits``, ``night-park-failed``, and ``night-parked`` where it had waited.
+    clock : Clock
+    make_way : callable, optional
+        Used where it is unsafe: whoever works with the telescope then is stopped.
+    """
+
+    def __init__(
+        self,
+        telescope: NightTelescope,
+        name: str,
+        notes: NightNotes,
+        listen: Listen,
+        clock: Clock,
+        make_way: MakeWay | None = None,
+    ) -> None:
+        self._telescope = telescope
+        self._name = name
+        self._notes = notes
+        self._listen = listen
+        self._clock = clock
+        self._make_way = make_way
+        self._owed: _Owed | None = None
+
+    async def park(self, decision: Decision, night_id: str) -> None:
+        """Park now; if somebody holds the telescope, or it can't be reached, as soon as that is over."""
+        now_s = self._clock.monotonic_s()
+        owed = self._owed = _Owed(decision, night_id, now_s, now_s)
+        await self._try(owed)
+
+    async def again(self) -> None:
+        """Try again what is owed, when it is time. To be called every few seconds."""
+        owed, now_s = self._owed, self._clock.monotonic_s()
+        if owed is not None and now_s >= owed.next_s:
+            await self._try(owed)
+
+    def decided(self, decision: Decision) -> None:
+        """Owe nothing any more if a decision takes the reason away, or says that somebody has taken over."""
+        match decision:
+            case (
+                Decision(act=Act.BEGIN)
+                | Decision(act=Act.GO_ON, why=Why.SAFE)
+                | Decision(act=Act.END, why=Why.ORDERED)
+            ):
+                self._owed = None
+
+    async def _try(self, owed: _Owed) -> None:
+        # not before this try has ended
+        owed.next_s = math.inf
+        why = f"night: {owed.decision.why}"
+        try:
+            with because(night_id=owed.night_id, why=why):
+                if owed.decision.why is Why.UNSAFE and self._make_way is not None:
+                    await self._make_way()
+                await self._telescope.park()
+        except _PASSING as error:
+            await self._not_yet(owed, error)
+            return
+        except MountnavError as error:
+            await self._failed(error)
+        else:
+            if owed.told:
+                self._listen("night-parked", {"why": str(owed.decision.why)})
+                await self._notes.note(EntryKind.NOTE, f"parked at last: {owed.decision.why}")
+        self._done(owed)
+
+    async def _not_yet(self, owed: _Owed, error: MountnavError) -> None:
+        now_s = self._clock.monotonic_s()
+        if owed.decision.why is not Why.UNSAFE and now_s - owed.since_s > PATIENCE_S:
+            self._done(owed)
+            await self._failed(error)
+            return
+        owed.next_s = now_s + AGAIN_S
+        if not owed.told:
+            owed.told = True
+            _log.error("%s could not be parked yet: %s", self._name, error)
+            self._listen("night-park-waits", {"problem": str(error)})
+            await self._notes.note(EntryKind.FAULT, f"not parked yet: {error}")
+
+    def _done(self, owed: _Owed) -> None:
+        # what came meanwhile stays owed
+        if self._owed is owed:
+            self._owed = None
+
+    async def _failed(self, error: MountnavError) -> None:
+        _log.error("%s could not be parked: %s", self._name, error)
+        self._listen("night-park-failed", {"problem": str(error)})
+        await self._notes.note(EntryKind.FAULT, f"not parked: {error}")
+
+
+__all__ = ["MakeWay", "NightParking"]

@@ -1,0 +1,180 @@
+"""The park that a night orders: in rain past everybody, at dawn when nobody works, again after a silence."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from datetime import timedelta
+
+from mountnav.errors import Cancelled
+from mountnav.night.events import Word
+from mountnav.simulation.virtual_time import VirtualClock
+from tests.night.conftest import EVENING, RULES, NightRig, make_night, virtually
+
+PARKS = replace(RULES, when_unsafe="park", park_at_end=True)
+MORNING = EVENING + timedelta(hours=10)
+
+
+@asynccontextmanager
+async def someone_slews(rig: NightRig) -> AsyncIterator[asyncio.Task[object]]:
+    """A scheduler's slew that takes a minute."""
+    rig.mechanics.slew_rate_deg_s = 0.5
+    slew: asyncio.Task[object] = asyncio.ensure_future(rig.navigator.slew(rig.up(25.0, 30.0)))
+    while not rig.mechanics.slewing():
+        await rig.clock.sleep(0.5)
+    yield slew
+    with contextlib.suppress(asyncio.CancelledError, Cancelled):
+        await slew
+
+
+async def ticks(rig: NightRig, seconds: float) -> None:
+    """Time passes, as the runner lets it."""
+    for _ in range(int(seconds / 5.0)):
+        await rig.session.tick()
+        await rig.clock.sleep(5.0)
+
+
+def parkings(rig: NightRig) -> list[str]:
+    """What was told of parking."""
+    return [kind for kind, _ in rig.events if kind.startswith("night-park")]
+
+
+def test_rain_stops_whoever_works() -> None:
+    async def night(clock: VirtualClock) -> None:
+        rig: NightRig
+        asked = 0
+
+        async def make_way() -> None:
+            nonlocal asked
+            asked += 1
+            slewing.cancel()
+            await rig.navigator.stop()
+            with contextlib.suppress(asyncio.CancelledError, Cancelled):
+                await slewing
+
+        rig = await make_night(clock=clock, rules=PARKS, make_way=make_way)
+        await rig.navigator.slew(rig.up(-20.0, 30.0))
+        await rig.session.say(Word.START)
+        async with someone_slews(rig) as slewing:
+            rig.mechanics.slew_rate_deg_s = 10.0
+            await rig.session.say(Word.UNSAFE, "rain")
+            assert rig.mechanics.parked
+            assert (asked, slewing.cancelled()) == (1, True)
+        await ticks(rig, 60.0)
+        assert parkings(rig) == []
+        assert rig.mount.received[-1] == "park"
+
+    virtually(night)
+
+
+def test_rain_waits_for_nobody_who_can_not_be_stopped_and_parks_then() -> None:
+    async def night(clock: VirtualClock) -> None:
+        rig = await make_night(clock=clock, rules=PARKS)
+        await rig.navigator.slew(rig.up(-20.0, 30.0))
+        await rig.session.say(Word.START)
+        async with someone_slews(rig) as slewing:
+            await rig.session.say(Word.UNSAFE, "rain")
+            assert parkings(rig) == ["night-park-waits"]
+            while not slewing.done():
+                await ticks(rig, 5.0)
+        await ticks(rig, 300.0)
+        assert rig.mechanics.parked
+        assert parkings(rig) == ["night-park-waits", "night-parked"]
+
+    virtually(night)
+
+
+def test_what_is_safe_again_is_not_parked_late() -> None:
+    async def night(clock: VirtualClock) -> None:
+        rig = await make_night(clock=clock, rules=PARKS)
+        await rig.navigator.slew(rig.up(-20.0, 30.0))
+        await rig.session.say(Word.START)
+        async with someone_slews(rig):
+            await rig.session.say(Word.UNSAFE, "rain")
+            await rig.session.say(Word.SAFE)
+        await ticks(rig, 300.0)
+        assert "park" not in rig.mount.received
+
+    virtually(night)
+
+
+def test_an_operator_who_ends_the_night_has_taken_over() -> None:
+    async def night(clock: VirtualClock) -> None:
+        rig = await make_night(clock=clock, rules=PARKS)
+        await rig.navigator.slew(rig.up(-20.0, 30.0))
+        await rig.session.say(Word.START)
+        async with someone_slews(rig):
+            await rig.session.say(Word.UNSAFE, "rain")
+            await rig.session.say(Word.STOP)
+        await ticks(rig, 300.0)
+        assert "park" not in rig.mount.received
+
+    virtually(night)
+
+
+def test_a_silent_mount_is_parked_when_it_is_heard_again() -> None:
+    async def night(clock: VirtualClock) -> None:
+        rig = await make_night(clock=clock, rules=PARKS)
+        await rig.navigator.slew(rig.up(-20.0, 30.0))
+        await rig.session.say(Word.START)
+        rig.mount.cut(1.0, "silent")
+        await rig.session.say(Word.UNSAFE, "rain")
+        assert parkings(rig) == ["night-park-waits"]
+        assert not rig.mechanics.parked
+        await ticks(rig, 120.0)
+        assert rig.mechanics.parked
+        assert parkings(rig) == ["night-park-waits", "night-parked"]
+
+    virtually(night)
+
+
+def test_a_mount_that_was_away_may_stand_anywhere_and_is_not_parked() -> None:
+    async def night(clock: VirtualClock) -> None:
+        rig = await make_night(clock=clock, rules=PARKS)
+        await rig.navigator.slew(rig.up(-20.0, 30.0))
+        await rig.session.say(Word.START)
+        rig.mount.cut(60.0)
+        await rig.session.say(Word.UNSAFE, "rain")
+        await ticks(rig, 120.0)
+        assert parkings(rig) == ["night-park-waits", "night-park-failed"]
+        (failed,) = [facts for kind, facts in rig.events if kind == "night-park-failed"]
+        assert "can't be trusted" in str(failed["problem"])
+        assert not rig.mechanics.parked
+
+    virtually(night)
+
+
+def test_dawn_waits_for_whoever_works_but_not_for_ever() -> None:
+    async def night(clock: VirtualClock) -> None:
+        rig = await make_night(clock=clock, rules=PARKS)
+        while rig.session.state.running or not rig.told():
+            if rig.navigator.activity == "idle":
+                holding = asyncio.ensure_future(held(rig, 1200.0))
+            await rig.session.tick()
+            await clock.sleep(60.0)
+        assert parkings(rig) == ["night-park-waits"]
+        assert not rig.mechanics.parked
+        await holding
+        await ticks(rig, 120.0)
+        assert rig.mechanics.parked
+
+    async def held(rig: NightRig, seconds: float) -> None:
+        async with rig.navigator._work.work("flats"):
+            await rig.clock.sleep(seconds)
+
+    async def longer(clock: VirtualClock) -> None:
+        rig = await make_night(clock=clock, rules=PARKS)
+        holding = asyncio.ensure_future(held(rig, 40_000.0))
+        while "night-park-failed" not in parkings(rig):
+            await ticks(rig, 60.0)
+        assert parkings(rig) == ["night-park-waits", "night-park-failed"]
+        holding.cancel()
+        await asyncio.gather(holding, return_exceptions=True)
+        await ticks(rig, 120.0)
+        assert not rig.mechanics.parked
+
+    virtually(night, MORNING)
+    virtually(longer, MORNING)
