@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -70,10 +69,12 @@ def warmed_up(catalog: Catalog, index: BlindIndex | None) -> tuple[str, ...]:
         if not found.solved:
             troubles.append(f"the drawn frame was not solved {way}: {found.reason} ({found.detail})")
 
-    with tempfile.TemporaryDirectory(prefix="mountnav-") as folder:
-        file = Path(folder) / "drawn.fits"
-        file.write_bytes(as_fits(large))
-        tried("from a file", solve_file(file, catalog, hint, settings=settings))
+    # a file without a name: it leaves nothing behind when the service is ended at this moment
+    with os.fdopen(os.memfd_create("mountnav-drawn"), "wb") as file:
+        file.write(as_fits(large))
+        file.flush()
+        found = solve_file(Path(f"/proc/self/fd/{file.fileno()}"), catalog, hint, settings=settings)
+        tried("from a file", found)
     tried("in full", solve(frame, catalog, hint=hint, settings=replace(settings, glance=False)))
     if index is not None:
         everywhere = replace(settings, index=index, blind="only")
