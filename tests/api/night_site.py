@@ -123,7 +123,8 @@ def night_toml(folder: Path, record: Path, safety: Path, **changes: str) -> str:
 
 @asynccontextmanager
 async def served(toml: str, folder: Path, record: Path, safety: Path):
-    """Open the service in this process, without a socket."""
+    """Open the service in this process, without a socket; no night begins by itself, whatever the hour."""
+    toml = toml.replace("enabled = true", "enabled = true\nbegin_sun_below_deg = -90", 1)
     app = create_app(Settings.parse(toml))
     transport = httpx.ASGITransport(app=app, raise_app_exceptions=False)
     async with (

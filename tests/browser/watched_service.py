@@ -57,6 +57,8 @@ rotation_deg = 20.0
 settle_s = 0.0
 [telescope.night]
 enabled = true
+# no night begins by itself, at whatever hour the tests run
+begin_sun_below_deg = -90
 [[telescope]]
 id = "slow"
 exposure_s = 0.5
