@@ -180,8 +180,14 @@ def test_a_tab_that_nobody_sees_holds_no_connection(visit: Visit, observatory: S
     with page.expect_response(lambda one: "/v1/events" in one.url):
         visit.open(observatory.url)
     choose(page, "east")
-    with page.expect_response(lambda one: one.url.endswith("/last-frame")):  # an event to go on from
+    with page.expect_response(lambda one: one.url.endswith("/look")) as ordered:
         press(page, "Look")
+    # its end is told by events alone: now there is one to go on from
+    page.wait_for_function(
+        "id => { const told = document.querySelector('#job-body').dataset;"
+        " return told.job === id && told.state === 'succeeded'; }",
+        arg=ordered.value.json()["id"],
+    )
     hide = (
         "yes => { Object.defineProperty(document, 'hidden', { value: yes, configurable: true });"
         " document.dispatchEvent(new Event('visibilitychange')); }"
