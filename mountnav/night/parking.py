@@ -68,7 +68,12 @@ class NightParking:
         self._owed: _Owed | None = None
 
     async def park(self, decision: Decision, night_id: str) -> None:
-        """Park now; if somebody holds the telescope, or it can't be reached, as soon as that is over."""
+        """Park now; if somebody holds the telescope, or it can't be reached, as soon as that is over.
+
+        A park for rain that is owed already stays one: the morning's would wait for whoever works.
+        """
+        if self._owed is not None and self._owed.decision.why is Why.UNSAFE:
+            decision, night_id = self._owed.decision, self._owed.night_id
         now_s = self._clock.monotonic_s()
         owed = self._owed = _Owed(decision, night_id, now_s, now_s)
         await self._try(owed)
@@ -81,17 +86,22 @@ class NightParking:
 
     def decided(self, decision: Decision) -> None:
         """Owe nothing any more if a decision takes the reason away, or says that somebody has taken over."""
-        match decision:
-            case (
-                Decision(act=Act.BEGIN)
-                | Decision(act=Act.GO_ON, why=Why.SAFE)
-                | Decision(act=Act.END, why=Why.ORDERED)
-            ):
-                self._owed = None
+        if self._owed is None:
+            return
+        over = (Act.GO_ON, Why.SAFE) if self._owed.decision.why is Why.UNSAFE else (Act.BEGIN, decision.why)
+        if (decision.act, decision.why) in (over, (Act.END, Why.ORDERED)):
+            self._owed = None
 
     async def _try(self, owed: _Owed) -> None:
         # not before this try has ended
         owed.next_s = math.inf
+        try:
+            await self._tried(owed)
+        finally:
+            # what is still owed is tried again, also after a fault of ours
+            owed.next_s = self._clock.monotonic_s() + AGAIN_S
+
+    async def _tried(self, owed: _Owed) -> None:
         why = f"night: {owed.decision.why}"
         try:
             with because(night_id=owed.night_id, why=why):
@@ -110,12 +120,11 @@ class NightParking:
         self._done(owed)
 
     async def _not_yet(self, owed: _Owed, error: MountnavError) -> None:
-        now_s = self._clock.monotonic_s()
-        if owed.decision.why is not Why.UNSAFE and now_s - owed.since_s > PATIENCE_S:
+        waited_s = self._clock.monotonic_s() - owed.since_s
+        if owed.decision.why is not Why.UNSAFE and waited_s > PATIENCE_S:
             self._done(owed)
             await self._failed(error)
             return
-        owed.next_s = now_s + AGAIN_S
         if not owed.told:
             owed.told = True
             _log.error("%s could not be parked yet: %s", self._name, error)

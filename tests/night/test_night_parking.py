@@ -9,13 +9,25 @@ from contextlib import asynccontextmanager
 from dataclasses import replace
 from datetime import timedelta
 
+import pytest
+
 from mountnav.errors import Cancelled
-from mountnav.night.events import Word
+from mountnav.night.events import Act, Decision, Why, Word
+from mountnav.night.noting import NightNotes
+from mountnav.night.parking import AGAIN_S, MakeWay, NightParking
 from mountnav.simulation.virtual_time import VirtualClock
 from tests.night.conftest import EVENING, RULES, NightRig, make_night, virtually
 
 PARKS = replace(RULES, when_unsafe="park", park_at_end=True)
 MORNING = EVENING + timedelta(hours=10)
+
+
+async def begun(clock: VirtualClock, make_way: MakeWay | None = None) -> NightRig:
+    """A night that runs, its tube somewhere up."""
+    rig = await make_night(clock=clock, rules=PARKS, make_way=make_way)
+    await rig.navigator.slew(rig.up(-20.0, 30.0))
+    await rig.session.say(Word.START)
+    return rig
 
 
 @asynccontextmanager
@@ -55,9 +67,7 @@ def test_rain_stops_whoever_works() -> None:
             with contextlib.suppress(asyncio.CancelledError, Cancelled):
                 await slewing
 
-        rig = await make_night(clock=clock, rules=PARKS, make_way=make_way)
-        await rig.navigator.slew(rig.up(-20.0, 30.0))
-        await rig.session.say(Word.START)
+        rig = await begun(clock, make_way)
         async with someone_slews(rig) as slewing:
             rig.mechanics.slew_rate_deg_s = 10.0
             await rig.session.say(Word.UNSAFE, "rain")
@@ -72,9 +82,7 @@ def test_rain_stops_whoever_works() -> None:
 
 def test_rain_waits_for_nobody_who_can_not_be_stopped_and_parks_then() -> None:
     async def night(clock: VirtualClock) -> None:
-        rig = await make_night(clock=clock, rules=PARKS)
-        await rig.navigator.slew(rig.up(-20.0, 30.0))
-        await rig.session.say(Word.START)
+        rig = await begun(clock)
         async with someone_slews(rig) as slewing:
             await rig.session.say(Word.UNSAFE, "rain")
             assert parkings(rig) == ["night-park-waits"]
@@ -89,9 +97,7 @@ def test_rain_waits_for_nobody_who_can_not_be_stopped_and_parks_then() -> None:
 
 def test_what_is_safe_again_is_not_parked_late() -> None:
     async def night(clock: VirtualClock) -> None:
-        rig = await make_night(clock=clock, rules=PARKS)
-        await rig.navigator.slew(rig.up(-20.0, 30.0))
-        await rig.session.say(Word.START)
+        rig = await begun(clock)
         async with someone_slews(rig):
             await rig.session.say(Word.UNSAFE, "rain")
             await rig.session.say(Word.SAFE)
@@ -103,9 +109,7 @@ def test_what_is_safe_again_is_not_parked_late() -> None:
 
 def test_an_operator_who_ends_the_night_has_taken_over() -> None:
     async def night(clock: VirtualClock) -> None:
-        rig = await make_night(clock=clock, rules=PARKS)
-        await rig.navigator.slew(rig.up(-20.0, 30.0))
-        await rig.session.say(Word.START)
+        rig = await begun(clock)
         async with someone_slews(rig):
             await rig.session.say(Word.UNSAFE, "rain")
             await rig.session.say(Word.STOP)
@@ -117,9 +121,7 @@ def test_an_operator_who_ends_the_night_has_taken_over() -> None:
 
 def test_a_silent_mount_is_parked_when_it_is_heard_again() -> None:
     async def night(clock: VirtualClock) -> None:
-        rig = await make_night(clock=clock, rules=PARKS)
-        await rig.navigator.slew(rig.up(-20.0, 30.0))
-        await rig.session.say(Word.START)
+        rig = await begun(clock)
         rig.mount.cut(1.0, "silent")
         await rig.session.say(Word.UNSAFE, "rain")
         assert parkings(rig) == ["night-park-waits"]
@@ -133,9 +135,7 @@ def test_a_silent_mount_is_parked_when_it_is_heard_again() -> None:
 
 def test_a_mount_that_was_away_may_stand_anywhere_and_is_not_parked() -> None:
     async def night(clock: VirtualClock) -> None:
-        rig = await make_night(clock=clock, rules=PARKS)
-        await rig.navigator.slew(rig.up(-20.0, 30.0))
-        await rig.session.say(Word.START)
+        rig = await begun(clock)
         rig.mount.cut(60.0)
         await rig.session.say(Word.UNSAFE, "rain")
         await ticks(rig, 120.0)
@@ -178,3 +178,62 @@ def test_dawn_waits_for_whoever_works_but_not_for_ever() -> None:
 
     virtually(night, MORNING)
     virtually(longer, MORNING)
+
+
+RAIN, DAWN = Decision(Act.PARK, Why.UNSAFE), Decision(Act.PARK, Why.DAYLIGHT)
+
+
+def parking_of(rig: NightRig, make_way: MakeWay | None = None) -> NightParking:
+    """One by itself, beside the session."""
+    notes = NightNotes("east", rig.journal, rig.clock, lambda kind, data: None)
+    return NightParking(rig.navigator, "east", notes, lambda kind, data: None, rig.clock, make_way)
+
+
+def test_the_end_of_rain_takes_nothing_from_the_morning_nor_an_evening_from_the_rain() -> None:
+    async def night(clock: VirtualClock, owed: Decision, other: Decision, end: Decision) -> None:
+        rig = await begun(clock)
+        parking = parking_of(rig)
+        async with someone_slews(rig):
+            await parking.park(owed, "")
+        parking.decided(other)
+        await clock.sleep(AGAIN_S)
+        await parking.again()
+        assert rig.mechanics.parked
+        await rig.navigator.unpark()
+        async with someone_slews(rig):
+            await parking.park(owed, "")
+        parking.decided(end)
+        await clock.sleep(AGAIN_S)
+        await parking.again()
+        assert not rig.mechanics.parked
+
+    safe, begin = Decision(Act.GO_ON, Why.SAFE), Decision(Act.BEGIN, Why.DARK)
+    virtually(lambda clock: night(clock, DAWN, safe, begin))
+    virtually(lambda clock: night(clock, RAIN, begin, safe))
+
+
+def test_rain_at_dawn_stays_rain_and_a_fault_of_ours_is_no_end() -> None:
+    async def night(clock: VirtualClock) -> None:
+        rig = await begun(clock)
+        asked = 0
+
+        async def make_way() -> None:
+            nonlocal asked
+            asked += 1
+            if asked == 3:
+                raise RuntimeError("a fault of ours")
+
+        parking = parking_of(rig, make_way)
+        async with someone_slews(rig):
+            await parking.park(RAIN, "")
+            await parking.park(DAWN, "")
+            assert asked == 2
+        await clock.sleep(AGAIN_S)
+        with pytest.raises(RuntimeError):
+            await parking.again()
+        assert not rig.mechanics.parked
+        await clock.sleep(AGAIN_S)
+        await parking.again()
+        assert (asked, rig.mechanics.parked) == (4, True)
+
+    virtually(night)
