@@ -189,7 +189,7 @@ async def _body(request: Request) -> bytes:
 
 
 def _setup(request: Request, asked: SetupPath, devices: list[AlpacaTelescope]) -> Response:
-    if request.method not in ("GET", "HEAD"):
+    if request.method != "GET":
         return _wrong_verb(request.method, "GET")
     if asked.number is None:
         return HTMLResponse(server_page(devices))
