@@ -22,8 +22,10 @@ class Reason(StrEnum):
     NO_MATCH = "stars enough, but no arrangement matches the catalog"
     CHANCE = "the best match could be chance"
     CLOUD_OR_DEFOCUS = "cloud, dew or defocus: far fewer or far wider stars than the catalog promises"
+    TRAILED = "the stars' light is drawn out or doubled, and its middle can't be told"
     HINT_CONTRADICTS = "the hints contradict each other"
     CATALOG_TOO_SHALLOW = "field too narrow for the installed catalogs"
+    OTHER_CATALOG = "found by the index, but not in the catalogs that were ordered"
     NO_HINT = "no position hint, none in the header, and no blind search"
     BAD_FRAME = "no usable image"
     TIMED_OUT = "out of time"
@@ -31,7 +33,7 @@ class Reason(StrEnum):
     @property
     def whole_sky_may_help(self) -> bool:
         """Whether the frame may be found blind where its hint failed: not without stars."""
-        return self not in (Reason.BAD_FRAME, Reason.TOO_FEW_MEASUREMENTS)
+        return self not in (Reason.BAD_FRAME, Reason.TOO_FEW_MEASUREMENTS, Reason.OTHER_CATALOG)
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,7 @@ from mountnav.identification.choosing import (
     index_catalog,
 )
 from mountnav.identification.identified import Identified
+from mountnav.identification.in_its_light import InItsLight, Sky, in_its_light
 from mountnav.identification.plate import NAMES
 from mountnav.identification.reference import Reference, identified_pairs
 from mountnav.identification.search import Reach, without_place
@@ -32,7 +33,7 @@ from mountnav.identification.wcs import wcs_cards
 from mountnav.measuring.measurements import Flag, Measurements
 from mountnav.measuring.quality import SkyQuality, with_plate
 from mountnav.reading import demosaiced, read_frame
-from mountnav.sky.coordinates import utc_now
+from mountnav.sky.coordinates import Icrs, utc_now
 from mountnav.solution import (
     SEEN_AT_MOST,
     Contradiction,
@@ -143,8 +144,17 @@ def solve(
     zero_adu: float | None = None
     utc = frame.mid_exposure_utc
     epoch_yr = epoch_of(utc if utc is not None else utc_now())
-    found, measured, measure_s, asked_s = None, 0, 0.0, 0.0
+    found, measured, measure_s, searched_s = None, 0, 0.0, 0.0
     choices: tuple[Choice, ...] = ()
+    lit: tuple[InItsLight, tuple[str, ...]] | None = None
+
+    def light_of(one: Identified, its: Measurements) -> tuple[InItsLight, tuple[str, ...]]:
+        best, chosen = at_its_best(catalog, choices, one, its, settings.identification, epoch_yr)
+        if best.reference is None:
+            return InItsLight(best, its, None, points=True), chosen
+        sky = _sky_of(best.stars, catalog, choices, epoch_yr)
+        return in_its_light(best, its, frame.pixels, settings.identification, sky=sky), chosen
+
     try:
         if measurements is None:
             if settings.calibration is not None:
@@ -153,12 +163,11 @@ def solve(
                 zero_adu = done.zero_adu
             frame = demosaiced(frame)
             measure_s = time.monotonic() - began
-        asked = time.monotonic()
         choices = catalogs_for(catalog, believed, frame, settings.blind, epoch_yr=epoch_yr)
-        asked_s = time.monotonic() - asked
         reach = replace(reach, indexed=index_catalog(catalog, choices[0]))
         if measurements is None:
             if settings.glance and settings.identification.v_min_ident is None:
+                computed_s = time.thread_time()
                 try:
                     first = at_a_glance(
                         frame,
@@ -177,9 +186,16 @@ def solve(
                 found, measurements, measured = first.identified, first.measurements, first.seen
                 reach = replace(reach, tried=first.tried)
                 measure_s += first.measure_s
+                searched_s = max(0.0, time.thread_time() - computed_s - first.measure_s)
+            if found is not None and found.reference is not None:
+                assert measurements is not None
+                lit = light_of(found, measurements)
+                # pieces of trails pass for stars at a glance; measured in full, each trail may be one source
+                found = None if not lit[0].points else found
             if found is None:
                 from mountnav.measuring.measure import measure  # dear to import, and a glance does without
 
+                lit = None
                 before = time.monotonic()
                 measurements = measure(frame, settings=settings.measuring)
                 measure_s += time.monotonic() - before
@@ -189,17 +205,17 @@ def solve(
     assert measurements is not None
     if found is None:
         measured = len(measurements)
-        # what a server kept us waiting isn't taken from the search: it has its own limit, `timeout_s`
-        left_s = settings.budget_s - (time.monotonic() - began - measure_s - asked_s)
+        left_s = settings.budget_s - searched_s
         found = identified_with(choices, measurements, believed, reach, settings, epoch_yr, left_s)
     solution, quality, steps = None, measurements.quality, choices[0].steps
-    if found.reference is not None and found.stars is not None:
-        found, chosen = at_its_best(catalog, choices, found, measurements, settings.identification, epoch_yr)
-        assert found.reference is not None
-        assert found.stars is not None
-        steps = (*chosen, *found.stars.steps)
-        solution = _solution(found, found.reference, found.stars, measurements, steps)
-        quality = _quality(quality, solution, zero_adu)
+    if found.reference is not None:
+        light, steps = lit or light_of(found, measurements)
+        found, measurements = light.found, light.measurements
+        if found.stars is not None:
+            steps = (*steps, *found.stars.steps)
+        if found.reference is not None and found.stars is not None:
+            solution = _solution(found, found.reference, found.stars, measurements, steps)
+            quality = _quality(quality, solution, zero_adu)
     elif found.reason is Reason.CATALOG_TOO_SHALLOW:
         found = advised(found, catalog, believed, frame, len(star_like(measurements)))
     if solution is None and isinstance(catalog, Shelf):
@@ -219,6 +235,24 @@ def solve(
         notes=tuple(notes),
         seen_px=_places_px(measurements),
     )
+
+
+def _sky_of(
+    stars: Stars | None, catalog: Catalog, choices: tuple[Choice, ...], epoch_yr: float
+) -> Sky | None:
+    """Where more stars of the same catalog are to be had; None if it is none of those at hand."""
+    known = [one.catalog for one in choices] + ([] if isinstance(catalog, Shelf) else [catalog])
+    of = next((one for one in known if stars is not None and one.name == stars.source), None)
+    if of is None:
+        return None
+
+    def sky(center: Icrs, radius_deg: float, mag_limit: float | None) -> Stars | None:
+        try:
+            return of.cone(center, radius_deg, epoch_yr=epoch_yr, mag_limit=mag_limit)
+        except BadCatalog:
+            return None  # an online catalog that was reached for the frame itself
+
+    return sky
 
 
 def _places_px(measurements: Measurements) -> NDArray[np.float32]:

@@ -22,7 +22,8 @@ class SolveSettings:
     measuring : MeasuringSettings
     identification : IdentificationSettings
     budget_s : float
-        Wall time for identification; measuring comes on top.
+        Processor time for identification; measuring comes on top. It never takes longer than
+        `mountnav.identification.budget.wall_limit_s` of it.
     calibration : Calibration or None
         Masters that frames are freed from the camera's own signal with.
     index : BlindIndex or None

@@ -76,6 +76,8 @@ class Sources:
     mag : ndarray, shape (n,)
         Magnitudes of an unknown zero point; NaN where there is no flux.
     width_px, height_px : int
+    piece_of : ndarray of int, shape (n,), or None
+        Which source each measurement is a piece of (`combs.pieces`); None: each is a source of its own.
     """
 
     x_px: Array
@@ -83,15 +85,23 @@ class Sources:
     mag: Array
     width_px: int
     height_px: int
+    piece_of: Index | None = None
 
     @classmethod
-    def of(cls, measurements: Measurements, usable: Index) -> Sources:
+    def of(cls, measurements: Measurements, usable: Index, piece_of: Index | None = None) -> Sources:
         """Those that take part, brightest first."""
         flux = np.asarray(measurements.flux, dtype=float)[usable]
         with np.errstate(divide="ignore", invalid="ignore"):
             mag = np.where(flux > 0, -2.5 * np.log10(flux), np.nan)
         x, y = measurements.x_px[usable], measurements.y_px[usable]
-        return cls(x, y, mag, measurements.width_px, measurements.height_px)
+        return cls(x, y, mag, measurements.width_px, measurements.height_px, piece_of)
+
+    def with_pieces(self, some: Index) -> NDArray[np.bool_]:
+        """Which measurements are some of these, or pieces of the same sources."""
+        if self.piece_of is None:
+            one: NDArray[np.bool_] = np.isin(np.arange(self.x_px.size), some)
+            return one
+        return np.isin(self.piece_of, self.piece_of[some])
 
     def apart(self, most: int) -> Array:
         """Distances (pixels) of all pairs among the brightest that are wide enough for an anchor."""

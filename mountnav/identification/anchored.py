@@ -182,8 +182,8 @@ class Case:
         part = self._part(mx, my)
         width, height = self.sources.width_px, self.sources.height_px
         dense = density(mx, my, x[others], y[others], width_px=width, height_px=height)
-        free = np.ones(mx.size, dtype=bool)
-        free[measurement[measurement < mx.size]] = False
+        # the pieces of one trail are one event
+        free = ~self.sources.with_pieces(measurement)[: mx.size]
         chances = []
         for number, one in enumerate(others):
             at_x, at_y = plate.pixels(self._xi[one : one + 1], self._eta[one : one + 1])
@@ -204,7 +204,7 @@ class Case:
             chance = float(-np.expm1(-crowd * np.pi * distance**2))
             chances.append(chance)
             if chance < LEARNED:
-                free[nearest] = False
+                free &= ~self.sources.with_pieces(np.array([nearest]))[: mx.size]
                 if distance <= self._match_px:
                     star, measurement = np.append(star, one), np.append(measurement, nearest)
                     plate = self._fit(star, measurement)

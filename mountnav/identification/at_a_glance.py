@@ -68,7 +68,7 @@ def at_a_glance(
     settings : IdentificationSettings
     measuring : MeasuringSettings
     budget_s : float
-        Wall time allowed for identification.
+        Processor time allowed for identification.
     reach : Reach
         Only what the hint says and the whole sky are asked, however far it goes.
 

@@ -20,6 +20,10 @@ FIRST_HITS = 4
 """Hits that earn a second look: the triangle's three, and one."""
 
 
+_CLOSE_BITS, _FAR = 16, 0xFFFF
+"""A cell's word: the owner within the close radius above these bits, the one within the radius below."""
+
+
 class Board:
     """Counts, for many plates at once, how many stars fall on measurements.
 
@@ -40,8 +44,7 @@ class Board:
         columns = int(np.ceil(width_px / self._cell)) + 1
         rows = int(np.ceil(height_px / self._cell)) + 1
         # zeros: pages that no measurement touches are never written
-        self._board = np.zeros((rows, columns), dtype=np.int16)
-        self._close = np.zeros((rows, columns), dtype=np.int16)
+        self._board = np.zeros((rows, columns), dtype=np.int32)
         self._paint(x_px[::-1] / self._cell, y_px[::-1] / self._cell)
         self.chances = tuple(
             float(area_share(x_px, y_px, radius, width_px=width_px, height_px=height_px).mean())
@@ -52,7 +55,7 @@ class Board:
     def _paint(self, x: Array, y: Array) -> None:
         """Write measurements' numbers, from 1, round their places (in cells); the last owns what overlaps."""
         rows, columns = self._board.shape
-        for board, reach in ((self._board, CELLS), (self._close, CLOSE_CELLS)):
+        for reach, bits in ((CELLS, 0), (CLOSE_CELLS, _CLOSE_BITS)):
             offset = np.arange(-reach - 1, reach + 2)
             down, right = (side.ravel() for side in np.meshgrid(offset, offset, indexing="ij"))
             nearest = np.maximum(np.abs(down) - 1, 0) ** 2 + np.maximum(np.abs(right) - 1, 0) ** 2
@@ -60,23 +63,40 @@ class Board:
             row, column = y.astype(np.int64)[:, None] + down, x.astype(np.int64)[:, None] + right
             hit = (row + 0.5 - y[:, None]) ** 2 + (column + 0.5 - x[:, None]) ** 2 <= reach**2
             hit &= (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-            number = np.broadcast_to((x.size - np.arange(x.size))[:, None], hit.shape)
-            board[row[hit], column[hit]] = number[hit]
+            number = np.broadcast_to((x.size - np.arange(x.size))[:, None], hit.shape)[hit]
+            row, column = row[hit], column[hit]
+            below = self._board[row, column] & _FAR if bits else 0
+            self._board[row, column] = below | (number << bits)
 
-    def _cells(
+    def _owners(
         self,
         turn: NDArray[np.complex128],
         shift: NDArray[np.complex128],
         mirrored: NDArray[np.bool_],
         w: NDArray[np.complex128],
-    ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.bool_]]:
-        """Row, column and whether it is in the frame, for each predicted place; shape (n, stars)."""
-        z = (w[None, :] - shift[:, None]) / turn[:, None]
-        x, y = z.real, np.where(mirrored[:, None], -z.imag, z.imag)
-        inside = (x > -0.5) & (x < self._width - 0.5) & (y > -0.5) & (y < self._height - 0.5)
-        column = np.where(inside, x / self._cell, 0.0).astype(np.int32)
-        row = np.where(inside, y / self._cell, 0.0).astype(np.int32)
-        return np.maximum(row, 0), np.maximum(column, 0), inside
+    ) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+        """What each predicted place's cell holds, and whether it is in the frame; shape (n, stars) each."""
+        back = 1.0 / turn
+        start = -shift * back
+        sign = np.where(mirrored, -1.0, 1.0)
+        along = np.stack((w.real, w.imag, np.ones(w.size))).astype(np.float32)
+        # in cells; single precision is a thousandth of a pixel
+        to_x = np.stack((back.real, -back.imag, start.real), axis=1) / self._cell
+        to_y = np.stack((back.imag, back.real, start.imag), axis=1) * (sign / self._cell)[:, None]
+        x, y = to_x.astype(np.float32) @ along, to_y.astype(np.float32) @ along
+        least, right, high = (
+            np.float32(one / self._cell) for one in (-0.5, self._width - 0.5, self._height - 0.5)
+        )
+        inside = (x > least) & (x < right)
+        inside &= y > least
+        inside &= y < high
+        # what isn't in the frame is asked for in the corner, and left out
+        x *= inside
+        y *= inside
+        flat = y.astype(np.int32)
+        flat *= self._board.shape[1]
+        flat += x.astype(np.int32)
+        return self._board.ravel().take(flat) * inside, inside
 
     def promising(
         self,
@@ -88,9 +108,8 @@ class Board:
         """Which plates hit anything beyond their own triangle among the brightest stars; shape (k,)."""
         if w.size <= FIRST_LOOK:
             return np.arange(turn.size, dtype=np.int64)
-        row, column, inside = self._cells(turn, shift, mirrored, w[:FIRST_LOOK])
-        hits = ((self._board[row, column] > 0) & inside).sum(axis=1)
-        return np.flatnonzero(hits >= FIRST_HITS)
+        owners, _ = self._owners(turn, shift, mirrored, w[:FIRST_LOOK])
+        return np.flatnonzero(np.count_nonzero(owners, axis=1) >= FIRST_HITS)
 
     def count(
         self,
@@ -100,9 +119,9 @@ class Board:
         w: NDArray[np.complex128],
     ) -> tuple[Array, Array, Array]:
         """Hits, close hits (each measurement once at most) and predictions in the frame; shape (n,) each."""
-        row, column, inside = self._cells(turn, shift, mirrored, w)
-        counts = [_different(np.where(inside, board[row, column], 0)) for board in (self._board, self._close)]
-        return counts[0], counts[1], inside.sum(axis=1).astype(float)
+        owners, inside = self._owners(turn, shift, mirrored, w)
+        far, close = (owners & _FAR).astype(np.int16), (owners >> _CLOSE_BITS).astype(np.int16)
+        return _different(far), _different(close), np.count_nonzero(inside, axis=1).astype(float)
 
 
 def _different(owner: NDArray[np.int16]) -> Array:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-import time
 from dataclasses import replace
 
 from mountnav.catalog.combined import with_magnitudes
@@ -13,12 +12,14 @@ from mountnav.catalog.star_counts import mag_reaching
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadCatalog
 from mountnav.frames import Frame, Hint
+from mountnav.identification.budget import Budget
 from mountnav.identification.identified import Identified
 from mountnav.identification.search import Reach, identify, too_narrow_for_index
 from mountnav.identification.selection import star_like
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.identification.verification import with_better_stars
 from mountnav.measuring.measurements import Measurements
+from mountnav.solution import Reason
 from mountnav.solve_settings import SolveSettings
 
 _log = logging.getLogger(__name__)
@@ -93,20 +94,20 @@ def identified_with(
     epoch_yr : float
         Julian year of the frame.
     budget_s : float
-        Wall time for all of them.
+        Processor time for all of them.
 
     Returns
     -------
     Identified
         If none succeeds, what the first one said in the end.
     """
-    until_s = time.monotonic() + budget_s
+    budget = Budget.of(budget_s)
     refused: Identified | None = None
     turns = _turns(choices, measurements, hint, reach)
     damaged: set[Catalog] = set()
     tried = reach.tried
     for number, (choice, part) in enumerate(turns):
-        left_s = max(until_s - time.monotonic(), 0.0)
+        left_s = budget.left_s
         if choice.catalog in damaged:
             continue
         try:
@@ -185,6 +186,7 @@ def at_its_best(
     found : Identified
         With that catalog's stars where they hold the plate as well, and with magnitudes of the catalog that
         is configured for these.
+        Without a reference where no catalog that may be used holds it.
     steps : tuple of str
         Why that catalog, and what was asked in vain: for provenance.
     """
@@ -204,10 +206,52 @@ def at_its_best(
             except BadCatalog as fault:
                 _log.warning("the catalog %s is passed over: %s", there.catalog.name, fault)
         used = there if found.stars is not None and there.catalog.name == found.stars.source else used
+    found, used = _as_ordered(catalog, found, used, measurements, field, settings, epoch_yr)
+    if found.reference is None:
+        return found, choices[0].told
     if catalog.magnitudes is not None and found.stars is not None:
         found = replace(found, stars=with_magnitudes(found.stars, catalog.magnitudes))
     told = choices[0].told
     return found, told if used is None else tuple(dict.fromkeys((*used.steps, *told)))
+
+
+def _as_ordered(
+    shelf: Shelf,
+    found: Identified,
+    used: Choice | None,
+    measurements: Measurements,
+    field_deg2: float,
+    settings: IdentificationSettings,
+    epoch_yr: float,
+) -> tuple[Identified, Choice | None]:
+    """Take the stars of a catalog that may be used, where it was found by the index's, or refuse.
+
+    The index proposes places by its own stars, whichever catalogs were ordered; a solution never rests on
+    them then.
+    """
+    allowed = {one.name for one in shelf.usable}
+    assert found.stars is not None
+    assert found.reference is not None
+    if found.stars.source in allowed:
+        return found, used
+    center = found.reference.plate.center()
+    for choice in shelf.choices(center, field_deg2, epoch_yr=epoch_yr):
+        again = with_better_stars(
+            found, measurements, star_like(measurements), choice.catalog, epoch_yr, settings
+        )
+        if again.stars is not None and again.stars.source in allowed:
+            return again, choice
+    return (
+        replace(
+            found,
+            reference=None,
+            reason=Reason.OTHER_CATALOG,
+            detail=f"the index of {found.stars.source} finds it at RA {center.ra_deg:.4f}°, Dec "
+            f"{center.dec_deg:+.4f}°, where no plate can be fitted to the catalogs that were ordered "
+            f"({', '.join(sorted(allowed))})",
+        ),
+        None,
+    )
 
 
 def advised(found: Identified, catalog: Catalog, hint: Hint, frame: Frame, stars_seen: int) -> Identified:

@@ -57,6 +57,9 @@ class Witnesses:
     width_px, height_px : int
     match_px : float
         How far off the triangle's plate may be.
+    source : ndarray of int, shape (n,), optional
+        Which source each measurement is a piece of (`combs.pieces`): a source speaks once, and not at all if
+        a piece of it made the plate. Each is a source of its own if this is left out.
     """
 
     def __init__(
@@ -70,6 +73,7 @@ class Witnesses:
         width_px: int,
         height_px: int,
         match_px: float,
+        source: Index | None = None,
     ) -> None:
         self._plate = plate.moved_to(plate.center())
         self._width, self._height, self._match_px = width_px, height_px, match_px
@@ -80,8 +84,10 @@ class Witnesses:
         seen = seen[~corner]
         self._xi, self._eta = xi[seen], eta[seen]
         bright = slice(0, max(MANY_MEASUREMENTS, 2 * int(seen.size)))
-        free = ~(_among(x_px[bright], corners.x_px) & _among(y_px[bright], corners.y_px))
-        self._x, self._y = x_px[bright][free], y_px[bright][free]
+        taken = _among(x_px[bright], corners.x_px) & _among(y_px[bright], corners.y_px)
+        source = np.arange(x_px.size, dtype=np.int64)[bright] if source is None else source[bright]
+        free = ~np.isin(source, source[taken])
+        self._x, self._y, self._source = x_px[bright][free], y_px[bright][free], source[free]
         few = max(FEW_MEASUREMENTS, 3 * int(seen.size))
         # a poor catalog's stars are the brightest in the frame; among fewer measurements a pair says more
         self._looks = (self._x.size, few) if few < self._x.size else (self._x.size,)
@@ -131,9 +137,9 @@ class Witnesses:
 
     def _agreement(self, x: Array, y: Array, used: Index, brightest: int) -> float:
         """How probable it is that predicted places lie so near to the brightest measurements by chance."""
-        unused = np.ones(self._x.size, dtype=bool)
-        unused[used] = False
+        unused = ~np.isin(self._source, self._source[used])
         mx, my = self._x[:brightest][unused[:brightest]], self._y[:brightest][unused[:brightest]]
+        source = np.unique(self._source[:brightest][unused[:brightest]], return_inverse=True)[1]
         if x.size == 0 or mx.size == 0:
             return 1.0
         distance, nearest = (
@@ -143,10 +149,11 @@ class Witnesses:
             self._x[:brightest], self._y[:brightest], x, y, width_px=self._width, height_px=self._height
         )
         chance = -np.expm1(-dense * np.pi * np.maximum(distance, NEAREST_PX) ** 2)
-        # a measurement speaks for one star: two stars of a pair at the same place are one event
+        # a source speaks for one star: two stars of a pair at the same place are one event, and so are two
+        # stars that lie as far apart as the pieces of a trail
         order = np.argsort(chance, kind="stable")
         best = np.full(mx.size, -1)
-        best[nearest[order[::-1]]] = order[::-1]
+        best[source[nearest[order[::-1]]]] = order[::-1]
         once = np.ones(chance.size)
         once[best[best >= 0]] = chance[best[best >= 0]]
         return together(once)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -13,6 +12,8 @@ from mountnav.catalog.stars import Catalog
 from mountnav.identification.anchor_count import Anchors
 from mountnav.identification.area import arcsec
 from mountnav.identification.board import Board
+from mountnav.identification.budget import Budget
+from mountnav.identification.combs import pieces
 from mountnav.identification.confirmation import Corners
 from mountnav.identification.odds import at_least
 from mountnav.identification.patch import Patch, Tile
@@ -83,8 +84,8 @@ class Search:
 
     Attributes
     ----------
-    deadline_s : float
-        `time.monotonic` value at which it ends.
+    budget : Budget
+        When it ends.
     hypotheses : int
         Plates tried: each is one more chance to be fooled.
     frame_triangles : int
@@ -96,14 +97,16 @@ class Search:
     best_probability : float
         Least false-positive probability among refused hypotheses.
     most_published : float
-        Largest share of Ω_bl100 confirmed, in the paper's count.
+        Largest share of the pairs that could be, in the paper's count.
+    strobe_chance : float
+        Share of places where chance has a measurement of Ω_bl100 within Δr_ident.
     whole_sky : bool
         The index of the whole sky was asked.
     anchors : Anchors
         Which parts of the sky were searched, at what scales: the second kind of odds needs it.
     """
 
-    deadline_s: float
+    budget: Budget
     hypotheses: int = 0
     frame_triangles: int = 0
     best_probability: float = 1.0
@@ -111,13 +114,22 @@ class Search:
     whole_sky: bool = False
     reach_deg: float = 0.0
     most_published: float = 0.0
+    strobe_chance: float = 0.0
     anchors: Anchors = field(default_factory=Anchors)
     _patches: dict[tuple[float, ...], Patch] = field(default_factory=dict)
+    _pieces: dict[bytes, Index] = field(default_factory=dict)
 
     def check_time(self) -> None:
         """Raise OutOfTime when the budget is spent."""
-        if time.monotonic() > self.deadline_s:
+        if self.budget.spent:
             raise OutOfTime
+
+    def pieces(self, x_px: Array, y_px: Array) -> Index:
+        """Which source each measurement is a piece of, remembered: every hypothesis asks for it."""
+        key = x_px.tobytes()
+        if key not in self._pieces:
+            self._pieces[key] = pieces(x_px, y_px)
+        return self._pieces[key]
 
     def patch(
         self,
@@ -216,6 +228,7 @@ def hypotheses(
         width_px=width,
         height_px=height,
     )
+    search.strobe_chance = max(search.strobe_chance, board.chances[0])
     patch = search.patch(
         catalog,
         center,
@@ -272,6 +285,7 @@ def _in_tile(
         min_height=least_arcsec,
         max_side=min(float(np.hypot(frame.width_px, frame.height_px)) * scales[1] * 1.01, longest_arcsec),
         min_longest=shortest_arcsec,
+        wanted=index.may_hold,
     )
     of_frame, of_catalog = index.like(catalog_triangles)
     z = frame.x_px + 1j * frame.y_px

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -28,6 +28,8 @@ WORTH_A_LOOK = 0.1
 """Only hypotheses whose first odds, times all hypotheses so far, are below this are looked into."""
 MOST_JUDGED = 20
 """After so many refused hypotheses the lists are taken for patterned, and the search ends."""
+FREE_SHARE = 0.15
+"""Where strobes are crowded, one is advised that chance fills so seldom: as the measured profile has it."""
 RIVAL_MOST = 0.6
 """Another shift that holds more than this share of the pairs makes both doubtful."""
 
@@ -73,6 +75,8 @@ class Preliminary:
         Share of the strobes that chance would fill.
     false_probability : float
         That some wrong shift would have been acknowledged so well.
+    narrower_px : float
+        Radius of a strobe that chance fills in 15 % here; 0 unless crowded.
     """
 
     outcome: Outcome
@@ -83,6 +87,7 @@ class Preliminary:
     acknowledged: int = 0
     chance_share: float = 0.0
     false_probability: float = 1.0
+    narrower_px: float = 0.0
 
     @property
     def found(self) -> bool:
@@ -105,6 +110,8 @@ class Preliminary:
             f"{self.hypotheses} hypotheses, false-positive probability {self.false_probability:.0e}"
         )
         advice = ADVICE[self.outcome]
+        if self.narrower_px > 0:
+            advice += f"; r_rej_px = {self.narrower_px:.1f} leaves {100 * FREE_SHARE:.0f} % to chance here"
         return f"{self.outcome}: {numbers}" + (f" ({advice})" if advice else "")
 
 
@@ -237,7 +244,14 @@ class _Search:
             best.acknowledged,
             self._chance,
             best.false_probability,
+            self._narrower_px(outcome),
         )
+
+    def _narrower_px(self, outcome: Outcome) -> float:
+        """The strobe to advise, where it is the strobes that are to blame."""
+        if outcome is not Outcome.CROWDED:
+            return 0.0
+        return self._first.strobe_px(self._second, replace(self._settings, chance_most=FREE_SHARE))
 
     def _remember(self, best: int, acknowledged: Index, strobes: Index) -> None:
         if self._best.outcome is Outcome.NO_SHIFT and acknowledged[best] > self._best.acknowledged:
@@ -285,6 +299,7 @@ class _Search:
             acknowledged,
             self._chance,
             false_probability,
+            self._narrower_px(outcome),
         )
 
     def _odds(self, pairing: Pairing, acknowledged: int, strobes: int) -> tuple[float, int, int]:

@@ -29,7 +29,8 @@ class PreliminarySettings:
     chance_most : float
         The strobe is made so narrow that chance fills at most this share of the strobes; 1: not at all.
     confirm_factor : int
-        A strobe may be filled by the confirm_factor · n_mea_reg brightest of each region; 0: by any.
+        A strobe may be filled by the confirm_factor · n_mea_reg brightest of each region; 0: by any. The
+        paper names no such set here; 2 is its k_blob, confirming over proposing set (docs/series.md).
     use_flags : bool
         Leave out measurements with NO_PEAK, TRAIL and BLEED where enough others are there.
     narrowing : bool
@@ -49,7 +50,7 @@ class PreliminarySettings:
     first_wins: bool = True
     overlap_only: bool = False
     chance_most: float = 1.0
-    confirm_factor: int = 0
+    confirm_factor: int = 2
     use_flags: bool = False
     narrowing: bool = False
     still_share: float = 0.7
@@ -64,7 +65,6 @@ class PreliminarySettings:
             first_wins=False,
             overlap_only=True,
             chance_most=0.15,
-            confirm_factor=2,
             use_flags=True,
             narrowing=True,
         )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
@@ -12,6 +11,7 @@ from mountnav.catalog.stars import Catalog
 from mountnav.frames import Hint
 from mountnav.identification.anchor_count import Area
 from mountnav.identification.area import WIDEST_DEG
+from mountnav.identification.budget import Budget
 from mountnav.identification.full import Hypothesis, OutOfTime, Points, Search, hypotheses
 from mountnav.identification.identified import Identified
 from mountnav.identification.refusal import Refusal, refusal
@@ -85,7 +85,7 @@ def identify(
         Julian year of the frame.
     settings : IdentificationSettings, optional
     budget_s : float
-        Wall time allowed.
+        Processor time allowed; `budget.wall_limit_s` tells how long that may take.
     reach : Reach, optional
         How far the search goes; without it, as far as is possible without an index.
 
@@ -98,7 +98,7 @@ def identify(
     index = reach.index
     believed = [_reconciled(one) for one in (hint, *hint.alternatives)]
     placed = [] if reach.blind == "only" else [one for one in believed if one.center is not None]
-    search = Search(deadline_s=time.monotonic() + budget_s, hypotheses=reach.tried)
+    search = Search(Budget.of(budget_s), hypotheses=reach.tried)
     late: float | None = None
     nowhere = without_place(hint, reach)
     if nowhere is not None:

@@ -116,7 +116,7 @@ def _narrowed(
     wide = min(radius_px, max(NARROWEST_PX, math.sqrt(CHANCE_IN_PAIRS / (math.pi * density))))
     center, strobe = shift, wide
     for step in range(3):  # to find how narrow it may be, and again with the pairs found so
-        one, two = _mutual(first, second, center, strobe)
+        one, two = mutual_pairs(first, second, center, strobe)
         if one.size < LEAST_PAIRS:
             return None
         d = _differences(first, second, one, two)
@@ -160,8 +160,22 @@ def _narrowed(
     )
 
 
-def _mutual(first: Sources, second: Sources, shift: Array, radius_px: float) -> tuple[Index, Index]:
-    """Mutually nearest pairs within a radius of the shift."""
+def mutual_pairs(first: Sources, second: Sources, shift: Array, radius_px: float) -> tuple[Index, Index]:
+    """Mutually nearest pairs of the brightest sources at a shift.
+
+    Parameters
+    ----------
+    first, second : Sources
+        Of each the `MOST_SOURCES` brightest.
+    shift : ndarray, shape (2,)
+        Pixels.
+    radius_px : float
+
+    Returns
+    -------
+    first, second : ndarray of int, shape (n,)
+        Positions in the two `Sources`.
+    """
     a = first.tree.data - shift
     distance, nearest = (np.asarray(part) for part in second.tree.query(a, distance_upper_bound=radius_px))
     found = np.flatnonzero(np.isfinite(distance))

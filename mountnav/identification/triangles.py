@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
@@ -64,6 +65,7 @@ def make_triangles(
     max_side: float = np.inf,
     min_longest: float = 0.0,
     limit: int | None = None,
+    wanted: Callable[[Array, Array, Array], NDArray[np.bool_]] | None = None,
 ) -> Triangles:
     """All triangles that are large enough [S23 eq. 9, 10], those of the brightest points first.
 
@@ -75,6 +77,9 @@ def make_triangles(
         Least side, least height over the longest side, bounds of the longest side; in the points' unit.
     limit : int, optional
         Keep this many.
+    wanted : callable, optional
+        Tells by largest angle, smallest angle and logarithm of the longest side which triangles are of use:
+        most of a catalog's are not, and to order their corners costs more than to ask.
 
     Returns
     -------
@@ -93,6 +98,8 @@ def make_triangles(
     squared = 4.0 * sides[0] * sides[1] - (sides[0] + sides[1] - sides[2]) ** 2
     high = (squared >= 4.0 * min_height**2 * longest) & (longest >= min_longest**2) & (longest > 0)
     high = np.flatnonzero(high)[:limit]
+    if wanted is not None:
+        high = high[wanted(*_shape([one[high] for one in sides], squared[high]))]
     corners, sides = [one.take(chosen[high]) for one in triples], [one[high] for one in sides]
     a, b, c = corners
     twice_area = (x[b] - x[a]) * (y[c] - y[a]) - (y[b] - y[a]) * (x[c] - x[a])
@@ -109,6 +116,20 @@ def make_triangles(
     )
 
 
+def _shape(sides: list[Array], squared: Array) -> tuple[Array, Array, Array]:
+    """Largest angle, smallest angle, logarithm of the longest side; of squared sides and of (4·area)²."""
+    a, b, c = sides
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    longest, rest = np.maximum(high, c), np.minimum(high, c)
+    shortest, middle = np.minimum(low, rest), np.maximum(low, rest)
+    cross = np.sqrt(squared)
+    return (
+        np.arctan2(cross, middle + shortest - longest),
+        np.arctan2(cross, longest + middle - shortest),
+        0.5 * np.log(longest),
+    )
+
+
 def _by_side(corners: list[Index], sides: list[Array], twice_area: Array) -> Index:
     """Order corners by the opposite side, the longest first, in place; tell which way they turn then."""
     parity = np.where(twice_area >= 0, 1, -1)
@@ -121,6 +142,11 @@ def _by_side(corners: list[Index], sides: list[Array], twice_area: Array) -> Ind
             )
         parity = np.where(swap, -parity, parity)
     return parity.astype(np.int64)
+
+
+_MOST_CELLS = 100_000_000
+"""Cells of the table that says where triangles like the frame's may lie, a byte each. The defaults take 20
+million; doubled, a narrow tolerance takes twice the memory; halved, more triangles are looked up in vain."""
 
 
 class TriangleIndex:
@@ -148,15 +174,20 @@ class TriangleIndex:
         # a bound known exactly still has the width of the angles' tolerance
         self._log_width = 0.5 * (np.log(scale_high) - np.log(scale_low)) + 0.5 * angle_rad
         self._tree = None
+        self._cell = 1.0
         if len(triangles) == 0:
             return
         place = np.stack(self._place(triangles, self._log_scale), axis=1)
         self._tree = cKDTree(place)
-        cell = np.floor(place).astype(np.int64)
-        self._low = cell.min(axis=0) - 1
-        self._shape = cell.max(axis=0) - self._low + 2
+        # a cell is as wide as the tolerance, or wider where so many would take too much memory
+        tolerances = np.ptp(place, axis=0) + 3.0
+        self._cell = max(1.0, float(np.prod(tolerances) / _MOST_CELLS) ** (1.0 / 3.0))
+        cell = np.floor(place / self._cell).astype(np.int64)
+        # the rim stays empty: what lies beyond is looked up there
+        self._low = cell.min(axis=0) - 2
+        self._shape = cell.max(axis=0) - self._low + 3
         self._near = np.zeros(self._shape, dtype=bool)
-        for a, b, c in product((-1, 0, 1), repeat=3):  # a cell is as wide as the tolerance
+        for a, b, c in product((-1, 0, 1), repeat=3):
             at = cell - self._low + np.array((a, b, c))
             self._near[at[:, 0], at[:, 1], at[:, 2]] = True
 
@@ -179,6 +210,36 @@ class TriangleIndex:
             (triangles.log_length + log_scale) / self._log_width,
         )
 
+    def may_hold(self, largest_rad: Array, smallest_rad: Array, log_length: Array) -> NDArray[np.bool_]:
+        """Tell which triangles may be like one here, and which surely aren't.
+
+        Parameters
+        ----------
+        largest_rad, smallest_rad : ndarray, shape (n,)
+            Angles.
+        log_length : ndarray, shape (n,)
+            Natural logarithm of the longest side, arcsec.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+        """
+        if self._tree is None:
+            return np.zeros(log_length.size, dtype=bool)
+        place = largest_rad / self._angle_rad, smallest_rad / self._angle_rad, log_length / self._log_width
+        return np.asarray(self._near.take(self._cells(place)))
+
+    def _cells(self, place: tuple[Array, Array, Array]) -> NDArray[np.int32]:
+        """Where the raster has each triangle, in one number; what lies beyond is at its rim: empty."""
+        flat = np.zeros(place[0].size, dtype=np.int32)
+        for one, low, count in zip(place, self._low.tolist(), self._shape.tolist(), strict=True):
+            cell = one * (1.0 / self._cell)
+            cell -= low
+            np.clip(cell, 0.0, count - 1.0, out=cell)
+            flat *= count
+            flat += cell.astype(np.int32)
+        return flat
+
     def like(self, triangles: Triangles) -> tuple[Index, Index]:
         """Find the frame's triangles like each of the catalog's.
 
@@ -196,19 +257,13 @@ class TriangleIndex:
         if self._tree is None or len(triangles) == 0:
             return empty, empty
         place = self._place(triangles, 0.0)
-        inside = np.ones(len(triangles), dtype=bool)
-        cells = []
-        for one, low, count in zip(place, self._low, self._shape, strict=True):
-            cell = np.floor(one).astype(np.int64) - low
-            inside &= (cell >= 0) & (cell < count)
-            cells.append(cell)
-        chosen = np.flatnonzero(inside)
-        likely = chosen[self._near[cells[0][chosen], cells[1][chosen], cells[2][chosen]]]
+        likely = np.flatnonzero(self._near.take(self._cells(place)))
         if likely.size == 0:
             return empty, empty
-        found = self._tree.sparse_distance_matrix(
-            cKDTree(np.stack([one[likely] for one in place], axis=1)), 1.0, p=np.inf, output_type="ndarray"
+        likely_tree = cKDTree(
+            np.stack([one[likely] for one in place], axis=1), balanced_tree=False, compact_nodes=False
         )
+        found = self._tree.sparse_distance_matrix(likely_tree, 1.0, p=np.inf, output_type="ndarray")
         frame, catalog = found["i"].astype(np.int64), likely[found["j"]]
         # two angles within Δγ leave the third free to differ by 2 Δγ
         third = np.abs(self._triangles.angles_rad[frame, 1] - triangles.angles_rad[catalog, 1])

@@ -78,8 +78,17 @@ def verified(
         if share < settings.v_min_ident:
             return None
     strobe_px = match_radius(settings, width, height)
+    piece_of = search.pieces(x, y)
     witnesses = Witnesses(
-        one.plate, one.corners, stars, x, y, width_px=width, height_px=height, match_px=strobe_px
+        one.plate,
+        one.corners,
+        stars,
+        x,
+        y,
+        width_px=width,
+        height_px=height,
+        match_px=strobe_px,
+        source=piece_of,
     )
     chance = witnesses.chance()
     probability = min(1.0, chance * looks(search.hypotheses))
@@ -87,7 +96,7 @@ def verified(
         again = anchored_odds(
             one.plate,
             stars,
-            Sources.of(measurements, usable),
+            Sources.of(measurements, usable, piece_of),
             search.anchors,
             catalog,
             epoch_yr,

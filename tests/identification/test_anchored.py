@@ -1,7 +1,6 @@
 """Two-star anchors: counted exactly, odds never understated, few stars enough where a search was long."""
 
 import math
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +21,7 @@ from mountnav.identification.anchor_count import (
     Sources,
 )
 from mountnav.identification.anchored import Case, anchored_odds
+from mountnav.identification.budget import Budget
 from mountnav.identification.confirmation import Corners
 from mountnav.identification.full import Hypothesis, Search
 from mountnav.identification.odds import looks
@@ -184,7 +184,7 @@ def true_hypothesis(one):
 
 def judged(one, hypothesis, areas):
     """What comes of it after a search of 20,000 hypotheses in some areas."""
-    search = Search(deadline_s=time.monotonic() + 60, hypotheses=20_000)
+    search = Search(Budget.of(60.0), hypotheses=20_000)
     for area in areas:
         search.anchors.searched(area)
     usable = star_like(one.measurements)

@@ -18,6 +18,7 @@ from mountnav.errors import BadSettings
 from mountnav.identification.blind import building
 from mountnav.identification.blind.building import EPOCH_YR, build
 from mountnav.identification.blind.cache import cached_index, index_at_hand, index_path
+from mountnav.identification.blind.file_format import Header, decode_header, encode_header
 from mountnav.identification.blind.grid import Grid, densities
 from mountnav.identification.blind.index import BlindIndex
 from mountnav.identification.blind.levels import make_levels
@@ -345,3 +346,10 @@ def test_close_stars_make_quads_by_the_ranks_of_distance(store, index):
         near = [star, *(one for one in near.tolist() if one != star)]
         wanted = {tuple(sorted(near[k] for k in (0, *kind))) for kind in building.MORE}
         assert wanted <= held
+
+
+@pytest.mark.parametrize("epoch_yr", [float("nan"), float("inf"), 1e9, 10**400, -1.0])
+def test_an_index_of_an_impossible_year_is_damaged(epoch_yr):
+    head = encode_header(Header("c", "0" * 64, epoch_yr, 10, [10], [10]))
+    with pytest.raises(BadSettings, match=r"index\.file.*damaged"):
+        decode_header(head, file="index.file")

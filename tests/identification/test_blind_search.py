@@ -2,7 +2,6 @@
 
 import math
 import re
-import time
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ from mountnav.catalog.embedded import embedded_catalog
 from mountnav.errors import BadSettings
 from mountnav.identification.blind.index import MANY
 from mountnav.identification.blind.searching import blind_hypotheses
+from mountnav.identification.budget import Budget
 from mountnav.identification.full import OutOfTime, Points, Search
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.identification.verification import verified
@@ -45,12 +45,12 @@ def proposals(measurements, index, *, scales=None, center=None, radius_deg=180.0
         radius_deg=radius_deg,
         epoch_yr=EPOCH,
         settings=SETTINGS,
-        search=search or Search(deadline_s=time.monotonic() + 60),
+        search=search or Search(Budget.of(60.0)),
     )
 
 
 def solved(measurements, index, **what_is_known):
-    search = Search(deadline_s=time.monotonic() + 60)
+    search = Search(Budget.of(60.0))
     usable = np.arange(len(measurements))
     for one in proposals(measurements, index, search=search, **what_is_known):
         found = verified(one, measurements, usable, embedded_catalog(), EPOCH, SETTINGS, search)
@@ -214,7 +214,7 @@ def test_corners_are_stars_of_the_catalog_to_the_last_bit(sky_index):
 def test_every_place_that_other_stars_were_asked_about_counts(sky_index):
     rng = np.random.default_rng(14)
     junk = listed(rng.uniform(0, 1000, 200), rng.uniform(0, 800, 200), rng.random(200), 1000, 800)
-    search = Search(deadline_s=time.monotonic() + 60, hypotheses=17)
+    search = Search(Budget.of(60.0), hypotheses=17)
     told = len(list(proposals(junk, sky_index, search=search)))
     assert search.hypotheses > 17 + 100
     assert told <= search.hypotheses
@@ -225,7 +225,7 @@ def test_the_right_place_comes_among_the_first_few(sky_index):
     counts = []
     for _ in range(10):
         one = a_field(anywhere, 1.75, rng)
-        search = Search(deadline_s=time.monotonic() + 60)
+        search = Search(Budget.of(60.0))
         first = next(proposals(one.measurements, sky_index, search=search))
         assert separation_arcsec(first.plate.center(), one.center) < 10 * one.scale
         counts.append(search.hypotheses)
@@ -236,7 +236,7 @@ def test_time_that_is_up_ends_the_search(sky_index):
     rng = np.random.default_rng(16)
     one = a_field(anywhere, 1.75, rng)
     with pytest.raises(OutOfTime):
-        list(proposals(one.measurements, sky_index, search=Search(deadline_s=time.monotonic() - 1)))
+        list(proposals(one.measurements, sky_index, search=Search(Budget.of(-1.0))))
 
 
 def test_stars_that_ran_since_the_index_was_made_are_found_where_they_are(sky_index):
@@ -249,7 +249,7 @@ def test_stars_that_ran_since_the_index_was_made_are_found_where_they_are(sky_in
     inside = (x > 5) & (x < 995) & (y > 5) & (y < 795)
     flux = 10 ** (-0.4 * stars.mag[inside])
     old = listed(x[inside], y[inside], flux, 1000, 800)
-    search = Search(deadline_s=time.monotonic() + 60)
+    search = Search(Budget.of(60.0))
     found = None
     points = Points(old.x_px, old.y_px, 1000, 800)
     for proposal in blind_hypotheses(

@@ -411,3 +411,49 @@ def test_a_frame_wrongly_believed_narrow_is_still_found_over_the_whole_sky(sky, 
     assert verdict.solution is not None
     assert verdict.solution.mode.startswith("blind")
     assert separation_arcsec(verdict.solution.center, far) < 0.5
+
+
+@pytest.mark.parametrize("hint", [None, "here", "no scale"])
+def test_what_was_ordered_is_used_or_the_frame_is_not_solved(sky, stores, sky_index, tmp_path, hint):
+    """The index of Tycho-2 answers first, and its stars were taken though Gaia alone was ordered."""
+    frame = drawn(sky, WIDE, 5.0)
+    believed = {None: None, "here": hinted(WIDE), "no scale": Hint(BELIEVED, 0.25)}[hint]
+    if hint is None:
+        frame = replace(frame, hint=Hint())
+    settings = SolveSettings(index=sky_index)
+    ordered = Shelf(embedded_catalog(), [stores["gaia"]], use_indexed=False)
+    solved = solve(frame, ordered, hint=believed, settings=settings).solution
+    assert solved is not None
+    assert solved.catalog == stores["gaia"].name
+    assert separation_arcsec(solved.center, CENTER) < 0.5
+    # a catalog that holds nothing there: of the pole only
+    write_store(tmp_path / "pole.mnc", sky.as_catalog("gaia"), [(Icrs(0.0, 90.0), 0.5)])
+    pole = Shelf(embedded_catalog(), [PackedStore(tmp_path / "pole.mnc")], use_indexed=False)
+    refused = solve(frame, pole, hint=believed, settings=settings)
+    assert refused.solution is None
+    assert refused.reason is Reason.OTHER_CATALOG
+    assert "finds it at RA 1" in refused.detail
+    assert pole.stores[0].name in refused.detail
+
+
+@pytest.mark.parametrize("hint", [None, "here"])
+def test_an_online_catalog_alone_is_asked_or_the_frame_is_not_solved(sky, stores, sky_index, hint):
+    frame = drawn(sky, WIDE, 5.0)
+    believed = hinted(WIDE) if hint else None
+    if hint is None:
+        frame = replace(frame, hint=Hint())
+    settings = SolveSettings(index=sky_index)
+    online = Fetching(stores["gaia"])
+    ordered = Shelf(embedded_catalog(), [], [online], use_indexed=False)
+    assert ordered.at_hand == ()
+    solved = solve(frame, ordered, hint=believed, settings=settings).solution
+    assert solved is not None
+    assert solved.catalog == "deep"
+    assert any(step.startswith("deep: 2 tiles") for step in solved.catalog_steps)
+
+
+def test_without_an_index_an_ordered_catalog_of_elsewhere_solves_nothing(sky, stores):
+    pole = Shelf(embedded_catalog(), [stores["gaia"]], use_indexed=False)
+    far = Icrs(200.0, 40.0)
+    frame = drawn(sky, WIDE, 5.0, far)
+    assert solve(frame, pole, hint=hinted(WIDE, far)).solution is None

@@ -1,8 +1,10 @@
 """Triangles: their angles and limits, and an index that knows a triangle under any similarity."""
 
+import tracemalloc
 from itertools import combinations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -77,3 +79,21 @@ def test_a_mapped_triangle_is_found_and_gives_the_map_back(seed, rotation_deg, s
 def test_too_few_points_make_no_triangles():
     assert len(make_triangles(np.zeros(2), np.zeros(2), min_side=1, min_height=1)) == 0
     assert len(make_triangles(np.arange(5.0), np.arange(5.0), min_side=0.1, min_height=0.1)) == 0
+
+
+@pytest.mark.parametrize("angle_arcmin", [30.0, 2.0, 0.01])
+def test_a_narrow_tolerance_takes_bounded_memory_and_loses_no_pair(angle_arcmin):
+    """The table of cells took 4 TiB for 0.01 arcmin."""
+    rng = np.random.default_rng(1)
+    x_px, y_px = rng.uniform(0, 3000, 30), rng.uniform(0, 2000, 30)
+    frame = make_triangles(x_px, y_px, min_side=100, min_height=100, limit=4000)
+    catalog = make_triangles(4.0 * x_px, 4.0 * y_px, min_side=400, min_height=400, limit=4000)
+    tracemalloc.start()
+    index = TriangleIndex(
+        frame, angle_rad=float(np.radians(angle_arcmin / 60.0)), scale_low=4.0, scale_high=4.0
+    )
+    found, _ = index.like(catalog)
+    peak_bytes = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak_bytes < 300e6
+    assert np.array_equal(np.unique(found), np.arange(len(frame)))

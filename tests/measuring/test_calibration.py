@@ -19,7 +19,7 @@ from mountnav.frames import Frame
 from mountnav.measuring.calibration import Calibration, CalibrationPolicy
 from mountnav.measuring.calibration.bad_pixels import Bad, heal
 from mountnav.measuring.calibration.building import build
-from mountnav.measuring.calibration.facts import Kind
+from mountnav.measuring.calibration.facts import Kind, assumptions
 from mountnav.measuring.calibration.masters import Master
 from mountnav.measuring.calibration.stacking import StackSettings, clipped
 from mountnav.measuring.measure import measure
@@ -559,6 +559,41 @@ class TestRefusals:
         text = self.refused(folder, BadRequest, bias=[folder / "b*"])
         assert "b7.fits" in text
         assert words is None or words in text
+
+    @pytest.mark.parametrize(
+        ("cards", "asked"),
+        [
+            ({"GAIN": 200}, "gain=200"),
+            ({"OFFSET": 30}, "offset=30"),
+            ({"READOUTM": "Fast"}, "readout=Fast"),
+            ({"EGAIN": 1.5}, "egain=1.5"),
+        ],
+    )
+    @pytest.mark.parametrize("odd_one", [0, 8])
+    def test_a_setting_that_only_one_frame_tells(
+        self, tmp_path: Path, camera: SyntheticCamera, cards: dict[str, object], asked: str, odd_one: int
+    ) -> None:
+        """Nine biases without GAIN and one with GAIN=200 became a master that claimed gain 200."""
+        for i in range(9):
+            more = cards if i == odd_one else {}
+            write(tmp_path / f"b{i}.fits", camera.exposed(0.0, 0.0, i), **bias_cards(**more))
+        text = self.refused(tmp_path, BadRequest, bias=[tmp_path / "b*"])
+        assert f"doesn't tell its {asked.partition('=')[0]}, as 8 of the 9 frames" in text
+        assert f"b{odd_one}.fits says" in text
+        assert f"--assume {asked}" in text
+        report = build(tmp_path / "m", bias=[tmp_path / "b*"], assumed=assumptions([asked]))
+        assert len(report.masters) >= 1
+
+    def test_what_one_kind_tells_and_another_does_not(self, folder: Path, camera: SyntheticCamera) -> None:
+        for i in range(3):
+            write(folder / f"d{i}.fits", camera.exposed(0.0, 300.0, 10 + i), **dark_cards(GAIN=50))
+        text = self.refused(folder, BadRequest, bias=[folder / "b*"], dark=[folder / "d*"])
+        assert "--assume gain=50" in text
+
+    @pytest.mark.parametrize("said", ["gain", "gain=", "gain=x", "gain=nan", "color=red", "binning=x", ""])
+    def test_an_assumption_that_makes_no_sense(self, said: str) -> None:
+        with pytest.raises(BadRequest, match="--assume"):
+            assumptions([said])
 
     def test_other_size(self, folder: Path, camera: SyntheticCamera) -> None:
         write(folder / "b7.fits", camera.exposed(0.0, 0.0, 7)[:200], **bias_cards())

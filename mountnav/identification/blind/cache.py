@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import fcntl
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 from mountnav.cache_folder import cache_folder
@@ -12,6 +10,7 @@ from mountnav.catalog.packed import PackedStore
 from mountnav.errors import BadSettings
 from mountnav.identification.blind.file_format import VERSION
 from mountnav.identification.blind.index import BlindIndex
+from mountnav.private_files import locked
 
 Progress = Callable[[float], None]
 
@@ -60,7 +59,7 @@ def cached_index(
         return found
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with _locked(path.with_suffix(".lock")):
+        with locked(path.with_suffix(".lock")):
             # another process may have built it meanwhile; a damaged one is built anew
             if force or (found := index_at_hand(catalog)) is None:
                 for left_behind in path.parent.glob(f"{path.name}.*.part"):
@@ -98,11 +97,3 @@ def index_at_hand(catalog: PackedStore) -> BlindIndex | None:
     if found is None or found.header.catalog_sha256 != catalog.header.sections_sha256:
         return None
     return found
-
-
-@contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    """Hold an advisory lock; it goes with the process that holds it."""
-    with path.open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield

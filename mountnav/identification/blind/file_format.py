@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.errors import BadSettings
+from mountnav.parsing import json_of
 
 MAGIC = b"MNAVQUAD"
 VERSION = 1
@@ -34,6 +35,10 @@ VERSION = 1
 PREAMBLE_BYTES = 16
 ALIGNMENT_BYTES = 4096
 LONGEST_HEADER_BYTES = 65536
+_EARLIEST_YR, _LATEST_YR = 1800.0, 2300.0
+"""Julian years that stars may be of: beyond, no catalog's proper motions hold; doubled, nonsense passes."""
+_MOST_ROWS = 1 << 40
+"""Quads, stars or cells that a header may tell of: a thousand times those of the deepest index."""
 
 CELLS_PER_UNIT = 48
 STEPS_PER_CELL = 256
@@ -123,17 +128,19 @@ def decode_header(start: bytes, *, file: str) -> tuple[Header, int]:
     if not 0 < length <= LONGEST_HEADER_BYTES or len(text) < length:
         raise damaged(file, f"cut short: {len(text)} of {length} bytes of header")
     try:
-        header = Header(**json.loads(text))
+        header = Header(**json_of(text))
         sizes = [header.quads, *header.level_stars, *header.grid_lengths]
-        sound = all(isinstance(size, int) and size >= 0 for size in sizes) and (
+        sound = all(type(size) is int and 0 <= size < _MOST_ROWS for size in sizes) and (
             len(header.level_stars) == len(header.grid_lengths) > 0
             and 0 < sum(header.level_stars) <= MOST_STARS
         )
-        float(header.epoch_yr)
-    except (ValueError, TypeError) as broken:
+        epoch_yr = float(header.epoch_yr)
+    except (ValueError, TypeError, OverflowError) as broken:
         raise damaged(file, f"damaged: {broken}") from broken
     if not sound:
         raise damaged(file, "damaged: its header tells impossible sizes")
+    if not _EARLIEST_YR <= epoch_yr <= _LATEST_YR:
+        raise damaged(file, f"damaged: its stars are of the year {epoch_yr:g}")
     return header, PREAMBLE_BYTES + length
 
 

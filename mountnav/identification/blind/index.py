@@ -24,6 +24,7 @@ from mountnav.identification.blind.file_format import (
 )
 from mountnav.identification.blind.grid import Grid, densities
 from mountnav.identification.blind.mapping import let_go, mapped
+from mountnav.plain_files import open_buffered
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -51,7 +52,7 @@ class BlindIndex:
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
-            with path.open("rb") as file:
+            with open_buffered(path) as file:
                 self.header, start = decode_header(
                     file.read(PREAMBLE_BYTES + LONGEST_HEADER_BYTES), file=str(path)
                 )

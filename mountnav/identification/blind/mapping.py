@@ -6,6 +6,8 @@ import mmap
 from contextlib import suppress
 from pathlib import Path
 
+from mountnav.plain_files import open_buffered
+
 
 def mapped(path: Path) -> mmap.mmap:
     """Map a file for reading, without reading ahead.
@@ -24,7 +26,7 @@ def mapped(path: Path) -> mmap.mmap:
     OSError
         It can't be opened.
     """
-    with path.open("rb") as file:
+    with open_buffered(path) as file:
         whole = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     if hasattr(mmap, "MADV_RANDOM"):  # not known everywhere
         with suppress(OSError):

@@ -20,6 +20,7 @@ from mountnav.catalog.packed.format import (
 from mountnav.catalog.packed.header import decode_header
 from mountnav.catalog.space_motion import motion_vectors, unit_vectors
 from mountnav.identification.blind.mapping import let_go, mapped
+from mountnav.plain_files import open_buffered
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -40,7 +41,7 @@ class CatalogRows:
     """
 
     def __init__(self, path: Path) -> None:
-        with path.open("rb") as file:
+        with open_buffered(path) as file:
             header, start = decode_header(file.read(PREAMBLE_BYTES + LONGEST_HEADER_BYTES), file=str(path))
         layout = header.layout()
         self._mapped = mapped(path)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,11 +15,12 @@ from mountnav.errors import BadRequest
 from mountnav.measuring.calibration.bad_pixels import MOST_BAD, Bad
 from mountnav.measuring.calibration.bias_and_dark import build_bias, build_darks
 from mountnav.measuring.calibration.calibration import masters_in
-from mountnav.measuring.calibration.facts import Kind, difference
+from mountnav.measuring.calibration.facts import Kind, assuming, difference
 from mountnav.measuring.calibration.flats import build_flats, build_from_lights
 from mountnav.measuring.calibration.masters import Master, MasterFacts
 from mountnav.measuring.calibration.raw_files import RawFile, listed_files, open_raw
 from mountnav.measuring.calibration.stacking import StackSettings
+from mountnav.measuring.calibration.survey import require_all_known
 from mountnav.measuring.calibration.workbench import Workbench
 
 _KINDS = (Kind.BIAS, Kind.DARK, Kind.FLAT, Kind.LIGHT)
@@ -52,6 +53,7 @@ def build(
     lights: Sequence[Path | str] = (),
     zero_adu: float | None = None,
     settings: StackSettings | None = None,
+    assumed: Mapping[str, float | str | tuple[int, int]] | None = None,
 ) -> BuildReport:
     """Build masters and put them in a folder.
 
@@ -67,6 +69,9 @@ def build(
     zero_adu : float, optional
         Level of a pixel without light, for `lights` without a bias.
     settings : StackSettings, optional
+    assumed : mapping, optional
+        Settings of the camera for frames whose headers don't tell them, see
+        `mountnav.measuring.calibration.facts.assumptions`.
 
     Returns
     -------
@@ -102,7 +107,10 @@ def build(
         unpacked = scratch / "unpacked"
         unpacked.mkdir()
         bench = Workbench(out, scratch, settings, masters_in(out))
-        opened = {kind: [open_raw(path, unpacked) for path in paths] for kind, paths in listed.items()}
+        opened = {
+            kind: [_with_assumed(open_raw(path, unpacked), assumed or {}) for path in paths]
+            for kind, paths in listed.items()
+        }
         _require_one_camera(opened)
         if opened[Kind.BIAS]:
             build_bias(bench, opened[Kind.BIAS])
@@ -127,6 +135,10 @@ def build(
             out.rmdir()
 
 
+def _with_assumed(file: RawFile, assumed: Mapping[str, float | str | tuple[int, int]]) -> RawFile:
+    return replace(file, facts=assuming(file.facts, assumed))
+
+
 def _require_one_camera(opened: dict[Kind, list[RawFile]]) -> None:
     """Frames of different kinds of one build must fit together as well."""
     first: RawFile | None = None
@@ -137,6 +149,7 @@ def _require_one_camera(opened: dict[Kind, list[RawFile]]) -> None:
                     f"{what}, as {first.name}", device=file.name, advice="build for each camera setting apart"
                 )
             first = first or file
+    require_all_known([files[0] for files in opened.values() if files])
 
 
 def _build_bad_pixels(bench: Workbench) -> None:

@@ -19,6 +19,7 @@ from mountnav.measuring.calibration.facts import (
     facts_from_header,
     same_filter,
     steps_done,
+    unknown_beside_known,
     zero_left_adu,
 )
 from mountnav.measuring.calibration.masters import Master, read_master
@@ -266,6 +267,10 @@ class Calibration:
                 )
             else:
                 fitting.append(master)
+                if (lacking := unknown_beside_known(facts, master.facts)) is not None:
+                    name, value, of_master = lacking
+                    whose, silent = (master.name, "the frame") if of_master else ("the frame", master.name)
+                    warnings.append(f"{silent} doesn't tell its {name}; {whose} says {value}: taken as alike")
 
         def of(kind: Kind) -> list[Master]:
             some = [one for one in fitting if one.kind is kind]

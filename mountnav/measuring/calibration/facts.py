@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
+from mountnav.errors import BadRequest
 from mountnav.header_times import exposure_s_from_header
 
 Card = str | int | float | bool
@@ -204,6 +206,73 @@ def difference(one: CameraFacts, other: CameraFacts) -> str | None:
     ):
         if start is not None and their_start is not None and start != their_start:
             return f"its {name} is {start} of the chip, not {their_start}"
+    return None
+
+
+ASSUMABLE: Mapping[str, str] = {
+    "gain": "gain",
+    "offset": "offset",
+    "egain": "gain_e_adu",
+    "readout": "readout",
+    "camera": "instrument",
+    "binning": "binning",
+}
+"""What may be assumed of frames whose headers don't say it: its name for users, and its field."""
+_FIRST_PIXEL = {"first column": "left_px", "first row": "top_px", "color pattern": "pattern"}
+
+
+def assumptions(said: Sequence[str]) -> dict[str, float | str | tuple[int, int]]:
+    """Read `gain=200`, `readout=Slow`, `binning=2` as fields of `CameraFacts`.
+
+    Raises
+    ------
+    BadRequest
+        Another name, or a value that makes no sense for it.
+    """
+    fields: dict[str, float | str | tuple[int, int]] = {}
+    for one in said:
+        name, _, text = one.partition("=")
+        text = text.strip()
+        value: float | str | tuple[int, int] = text
+        try:
+            if name == "binning":
+                value = _binning({"CCDSUM": text.replace("x", " ")}) or (int(text), int(text))
+            elif name in ("gain", "offset", "egain"):
+                value = float(text)
+        except ValueError:
+            text = ""
+        if name not in ASSUMABLE or not text or (isinstance(value, float) and not math.isfinite(value)):
+            raise BadRequest(
+                f"--assume {one!r} can't be used",
+                advice=f"NAME=VALUE, for example gain=200; the names are {', '.join(ASSUMABLE)}",
+            )
+        fields[ASSUMABLE[name]] = value
+    return fields
+
+
+def assuming(facts: CameraFacts, assumed: Mapping[str, float | str | tuple[int, int]]) -> CameraFacts:
+    """The facts, and where the header is silent what is assumed."""
+    silent = {field: value for field, value in assumed.items() if getattr(facts, field) is None}
+    return replace(facts, **silent)  # type: ignore[arg-type]
+
+
+def unknown_beside_known(one: CameraFacts, other: CameraFacts) -> tuple[str, str, bool] | None:
+    """What one of two headers says and the other doesn't.
+
+    Returns
+    -------
+    name : str
+        What it is, as users call it.
+    value : str
+        The one that is known.
+    of_other : bool
+        Whether `other` says it, and `one` doesn't.
+    """
+    for name, field in (*ASSUMABLE.items(), *_FIRST_PIXEL.items()):
+        mine, theirs = getattr(one, field), getattr(other, field)
+        if (mine is None) != (theirs is None):
+            known = theirs if mine is None else mine
+            return name, "×".join(map(str, known)) if isinstance(known, tuple) else str(known), mine is None
     return None
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import bz2
 import gzip
-import shutil
 import warnings
 import zlib
 from collections.abc import Sequence
@@ -18,6 +17,8 @@ from numpy.typing import NDArray
 
 from mountnav.errors import BadFrame, BadRequest
 from mountnav.measuring.calibration.facts import CameraFacts, Card, facts_from_header
+from mountnav.plain_files import open_plain
+from mountnav.reading.unpacking import check_ratio
 
 FloatImage = NDArray[np.float32]
 
@@ -209,15 +210,19 @@ def _opened(path: Path, scratch: Path) -> RawFile:
 
 
 def _unpacked(path: Path, scratch: Path) -> Path:
-    with path.open("rb") as file:
+    with open_plain(path) as file:
         start = file.read(3)
     if start[:2] != b"\x1f\x8b" and start != b"BZh":
         return path
     plain = scratch / f"{len(list(scratch.iterdir()))}.fits"
     with path.open("rb") as file, plain.open("wb") as out:
         packed = gzip.GzipFile(fileobj=file) if start[:2] == b"\x1f\x8b" else bz2.BZ2File(file)
+        length, size = 0, path.stat().st_size
         with packed:
-            shutil.copyfileobj(packed, out, 1 << 20)
+            while piece := packed.read(1 << 20):
+                length += len(piece)
+                check_ratio(length, size, path.name)
+                out.write(piece)
     return plain
 
 

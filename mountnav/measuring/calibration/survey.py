@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from mountnav.errors import BadFrame, BadRequest
-from mountnav.measuring.calibration.facts import Kind, difference, is_master
+from mountnav.measuring.calibration.facts import (
+    ASSUMABLE,
+    Kind,
+    difference,
+    is_master,
+    unknown_beside_known,
+)
 from mountnav.measuring.calibration.raw_files import FloatImage, RawFile
 
 _BANDS = 16
@@ -210,11 +216,40 @@ def require_alike(files: Sequence[RawFile], kind: Kind) -> list[str]:
                 device=file.name,
                 advice="stack only frames taken with the same settings; build the others apart",
             )
+    require_all_known(files)
     if lights:
         notes.append(
             f"{len(lights)} of the {kind} frames are called light frames by their headers ({lights[0]})"
         )
     return notes
+
+
+def require_all_known(files: Sequence[RawFile]) -> None:
+    """Refuse a stack of which some frames tell a setting of the camera and others don't.
+
+    The others may have been taken with another one, and the master would claim what only some of them said.
+
+    Raises
+    ------
+    BadRequest
+        It names the setting, how many don't tell it, and how to tell it for them.
+    """
+    for file in files[1:]:
+        found = unknown_beside_known(files[0].facts, file.facts)
+        if found is None:
+            continue
+        name, value, of_other = found
+        knowing, silent = (file, files[0]) if of_other else (files[0], file)
+        field = ASSUMABLE.get(name)
+        count = sum(field is not None and getattr(one.facts, field) is None for one in files) or 1
+        raise BadRequest(
+            f"its header doesn't tell its {name}, as {count} of the {len(files)} frames"
+            f" ({knowing.name} says {value})",
+            device=silent.name,
+            advice=f"if it is the same say so: --assume {name}={value.replace('×', 'x')}"
+            if field is not None
+            else "stack only frames whose headers tell the same things",
+        )
 
 
 def _usual(files: Sequence[RawFile]) -> RawFile:
