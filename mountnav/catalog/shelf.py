@@ -76,7 +76,8 @@ class Shelf:
     magnitudes : Catalog or None
         Magnitudes are taken from this one, positions from the one chosen.
     use_indexed : bool
-        Or let `indexed` serve blind solving alone.
+        Or let `indexed` serve blind solving alone: frames are found by its index, and never solved with its
+        stars.
     """
 
     def __init__(
@@ -96,13 +97,18 @@ class Shelf:
 
     @property
     def at_hand(self) -> tuple[Catalog, ...]:
-        """All that are on this machine and may be used, the embedded one last."""
-        return (*self.stores, self.indexed) if self._use_indexed or not self.stores else self.stores
+        """All that are on this machine and may be used, the embedded one last; none if only others may."""
+        return (*self.stores, self.indexed) if self._use_indexed else self.stores
+
+    @property
+    def usable(self) -> tuple[Catalog, ...]:
+        """All whose stars a solution may rest on."""
+        return (*self.at_hand, *self.online)
 
     @property
     def name(self) -> str:
         """Name for provenance."""
-        return ", ".join(one.name for one in (*self.at_hand, *self.online))
+        return ", ".join(one.name for one in self.usable)
 
     def __repr__(self) -> str:
         return f"Shelf({self.name})"
@@ -147,10 +153,11 @@ class Shelf:
         BadCatalog
             None is left that isn't damaged here.
         """
-        if len(self.at_hand) == 1 and not self.online:
-            return (Choice(self.at_hand[0], math.nan, math.nan, f"{self.at_hand[0].name} is the only one"),)
+        if len(self.usable) == 1 and not self.online:
+            return (Choice(self.usable[0], math.nan, math.nan, f"{self.usable[0].name} is the only one"),)
         if center is None:
-            return (Choice(self.indexed, math.nan, math.nan, "the place is not known"),)
+            first = self.indexed if self._use_indexed else self.usable[0]
+            return (Choice(first, math.nan, math.nan, "the place is not known"),)
         if field_deg2 is None:
             return self._without_scale(center, radius_deg, epoch_yr)
         found, told = self._probed_here(self.at_hand, center, field_deg2, radius_deg, epoch_yr)
@@ -162,6 +169,9 @@ class Shelf:
             # else the stars are another catalog's, which is among the choices itself
             if stars.source == online.name:
                 found.append(choice)
+        if not found:
+            # only online ones may be used, and none has answered: they say so once more where they are asked
+            return (Choice(self.online[0], math.nan, math.nan, "nothing came", tuple(told)),)
         best, *others = _ranked(found)[:MOST_CHOICES]
         return (replace(best, told=tuple(told)), *others)
 
@@ -170,10 +180,12 @@ class Shelf:
         found, damaged = self._probed_here(self.stores, center, UNKNOWN_FIELD_DEG2, radius_deg, epoch_yr)
         rich = [one for one in found if one.expected >= FEWEST]
         why = "the scale is not known"
-        first = (Choice(self.indexed, math.nan, math.nan, why, tuple(damaged)),)
-        if self.indexed not in self.at_hand and found:
+        if not self._use_indexed and found:
             best, *others = _ranked(found)
             return (replace(best, why=why, told=tuple(damaged)), *others)[:MOST_CHOICES]
+        first = (Choice(self.indexed, math.nan, math.nan, why, tuple(damaged)),)
+        if not self._use_indexed:
+            return (Choice(self.online[0], math.nan, math.nan, why, tuple(damaged)),)
         return (*first, *(_ranked(rich) if rich else ()))[:MOST_CHOICES]
 
     def _probed_here(
@@ -191,7 +203,7 @@ class Shelf:
             try:
                 found.append(_probed(one, center, field_deg2, radius_deg, epoch_yr)[0])
             except BadCatalog as fault:
-                if one is self.at_hand[-1] and not found:  # nothing is left to be used instead
+                if one is self.usable[-1] and not found:  # nothing is left to be used instead
                     raise
                 _log.warning("the catalog %s is passed over: %s", one.name, fault)
                 damaged.append(f"{one.name} is passed over: {fault}")
@@ -208,7 +220,7 @@ class DrawnSky:
     """
 
     def __init__(self, shelf: Shelf) -> None:
-        self._shelf = Shelf(shelf.indexed, shelf.stores)
+        self._shelf = Shelf(shelf.indexed, shelf.stores)  # the sky is there whatever frames are solved with
 
     @property
     def name(self) -> str:

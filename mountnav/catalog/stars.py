@@ -32,6 +32,8 @@ class StarFlag(IntFlag):
     """`mag` is of another band than `Stars.band`, brought to it roughly: no use for photometry."""
     VARIABLE = 64
     """Known to vary."""
+    STAND_IN = 128
+    """`mag` is in the catalog's band, but of a coarser kind than its other magnitudes."""
 
 
 @dataclass(frozen=True, slots=True)

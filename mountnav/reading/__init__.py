@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from io import FileIO
 from pathlib import Path
-from stat import S_ISREG
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +16,7 @@ from mountnav.frames import Frame
 from mountnav.header_hints import hint_from_header
 from mountnav.header_times import exposure_s_from_header, mid_exposure_from_header
 from mountnav.header_values import number
+from mountnav.plain_files import open_plain
 from mountnav.reading.content import Content, OnDisk
 from mountnav.reading.fits_cards import Value
 from mountnav.reading.fits_images import read_fits
@@ -72,15 +70,13 @@ def read_frame(
         return frame if raw else demosaiced(frame)
     label = name or source.name
     try:
-        with FileIO(source) as file:
-            # a pipe has no length, and can't be read out of order
-            content = OnDisk(file) if S_ISREG(os.fstat(file.fileno()).st_mode) else file.readall()
-            frame = _read(content, label, hdu)
+        with open_plain(source) as file:
+            frame = _read(OnDisk(file), label, hdu)
     except OSError as fault:
         raise BadFrame(
             f"the file can't be read: {fault.strerror or fault}",
             device=label,
-            advice="check the path and the rights on it",
+            advice="check the path and the rights on it; pipes and devices are not read",
         ) from fault
     return frame if raw else demosaiced(frame)
 

@@ -19,6 +19,7 @@ from mountnav.errors import BadFrame
 from mountnav.reading.content import Content, stored
 from mountnav.reading.fits_cards import BLOCK_LENGTH, CARD_LENGTH, Value
 from mountnav.reading.fits_extensions import Hdu, check_size, chosen_hdu, walk
+from mountnav.reading.unpacking import check_ratio
 
 Pixels = NDArray[np.generic]
 
@@ -119,6 +120,7 @@ def _pixels(content: Content, hdu: Hdu, label: str) -> Pixels:
 
 def _tiled(content: Content, hdu: Hdu, label: str) -> Pixels:
     """Unpack the tiles; whole numbers come as stored, floats as they were before."""
+    check_ratio(math.prod(hdu.shape) * abs(hdu.bitpix) // 8, hdu.data_length, label)
     cards = [
         bytes(content[at : at + CARD_LENGTH])
         for at in range(hdu.start, hdu.data_start, CARD_LENGTH)

@@ -1,5 +1,8 @@
 """Pictures (PNG, JPEG, TIFF, BMP) become brightness here, top row first, with all the bits they have.
 
+pillow knows forty more kinds, some of which start other programs (Ghostscript for EPS): none but these four
+is opened, whatever its name says.
+
 pillow keeps only the upper byte of 16-bit color. Since its unpackers pick one byte out of two, the picture is
 decoded a second time with the other byte order named, which gives the lower one.
 """
@@ -7,6 +10,7 @@ decoded a second time with the other byte order named, which gives the lower one
 from __future__ import annotations
 
 import io
+import warnings
 import zlib
 
 import numpy as np
@@ -15,11 +19,17 @@ from PIL import Image, UnidentifiedImageError
 
 from mountnav.errors import BadFrame
 from mountnav.reading.fits_extensions import MOST_PIXELS
+from mountnav.reading.unpacking import check_ratio
 
 Pixels = NDArray[np.generic]
 
 # pillow warns from 90 megapixels on, and a warning can't be silenced for one thread alone.
 Image.MAX_IMAGE_PIXELS = MOST_PIXELS
+# what it finds odd about a file (tags of TIFF, most of all) helps nobody who reads the service's log
+warnings.filterwarnings("ignore", module=r"PIL\.")
+
+FORMATS = ("PNG", "JPEG", "TIFF", "BMP")
+"""Kinds of pictures that are read, as pillow calls them; each more is a decoder more that strangers reach."""
 
 
 def read_picture(content: bytes, label: str) -> Pixels:
@@ -45,9 +55,11 @@ def read_picture(content: bytes, label: str) -> Pixels:
         Of no known kind, damaged, cut short, or of an absurd size.
     """
     try:
-        with Image.open(io.BytesIO(content)) as picture:
+        with Image.open(io.BytesIO(content), formats=FORMATS) as picture:
             if picture.width * picture.height > MOST_PIXELS:
                 raise _too_large(f"the picture has {picture.width} × {picture.height} pixels", label)
+            depth = len(picture.getbands()) * (4 if picture.mode in ("I", "F") else 2)
+            check_ratio(picture.width * picture.height * depth, len(content), label)
             rawmode = _rawmode(picture)
             upper = np.array(_plain_mode(picture))
         if rawmode.startswith(("RGB;16", "RGBA;16", "RGBX;16", "LA;16")):
@@ -102,7 +114,7 @@ def _plain_mode(picture: Image.Image) -> Image.Image:
 
 def _with_lower_byte(upper: Pixels, content: bytes, rawmode: str) -> Pixels:
     """Add the lower byte of 16-bit color, shape (height, width, channels)."""
-    with Image.open(io.BytesIO(content)) as again:
+    with Image.open(io.BytesIO(content), formats=FORMATS) as again:
         if rawmode.startswith("LA;16"):
             # four bytes a pixel: upper and lower byte of the gray, then of the transparency
             again._mode = "RGBA"

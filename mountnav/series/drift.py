@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from mountnav.sky.sphere import half_turn_deg
 
@@ -16,6 +17,14 @@ Index = NDArray[np.int64]
 LEAST_FRAMES = 3
 JUMP_MADS = 8.0
 FEW_STEPS = 4
+FEWEST_FOR_OUTLIERS = 5
+"""Points; of fewer none can be told to be the wrong one, and the calm of the rest is chance."""
+FEWEST_FOR_CORRELATION = 6
+"""Points; of fewer the correlation of neighbors can't be told from chance."""
+MOST_CORRELATED = 0.97
+"""So alike are neighbors at most held to be: the error is eight times that of independent ones then."""
+ONE_SIGMA = 0.8413447460685429
+"""Share of a normal deviate below one sigma."""
 TUKEY = 4.685
 MAD_TO_SIGMA = 1.4826
 
@@ -36,6 +45,9 @@ class Track:
         Which solved frame each was followed from; centers with the same anchor share its error.
     anchor_sigma_arcsec : ndarray
         Error per coordinate of that frame's own center.
+    scale_sigma : float
+        Relative error of the anchors' scale, and of their turn in radians. What was followed is wrong by that
+        share of its way, all of it alike: no number of frames averages it away.
     """
 
     minutes: Array
@@ -44,6 +56,7 @@ class Track:
     sigma_arcsec: Array
     anchor: Index
     anchor_sigma_arcsec: Array
+    scale_sigma: float = 0.0
 
     def __len__(self) -> int:
         return int(self.minutes.size)
@@ -57,6 +70,7 @@ class Track:
             self.sigma_arcsec[start:stop],
             self.anchor[start:stop],
             self.anchor_sigma_arcsec[start:stop],
+            self.scale_sigma,
         )
 
     def east_north_arcsec(self) -> tuple[Array, Array]:
@@ -163,13 +177,19 @@ def fit_drift(track: Track) -> Drift | None:
         z = np.hypot(rest[:, 0], rest[:, 1]) / sigma
         scatter = max(1.0, float(np.median(z)) / 1.1774)  # the median of a Rayleigh deviate
         weight = np.clip(1.0 - (z / (TUKEY * scatter)) ** 2, 0.0, None) ** 2
-        if float(np.max(np.abs(weight - robust))) < 1e-3:
+        if len(track) < FEWEST_FOR_OUTLIERS or float(np.max(np.abs(weight - robust))) < 1e-3:
             break
         robust = np.where(np.sum(weight > 0.1) >= LEAST_FRAMES, weight, robust)
     inverse = np.linalg.pinv(rows.T @ rows)
     free = max(float(robust.sum()) - 2.0, 1.0)
     chi2 = (robust[:, None] * (rest / sigma[:, None]) ** 2).sum(axis=0) / free
-    errors = np.sqrt(inverse[1, 1] * np.maximum(chi2, 1.0))
+    # the scatter of few points is itself hardly known: its share of the error is Student's
+    student = float(special.stdtrit(free, ONE_SIGMA))
+    # by chance one axis of few points is calm: it is held to be no calmer than both together
+    chi2 = np.maximum(chi2, chi2.mean())
+    errors = np.sqrt(inverse[1, 1] * np.maximum(chi2 * student**2, 1.0))
+    errors = errors * _serial_factor(rest / sigma[:, None], robust)
+    errors = np.hypot(errors, track.scale_sigma * float(np.hypot(got[1, 0], got[1, 1])))
     return Drift(
         ra_arcsec_min=float(got[1, 0]),
         dec_arcsec_min=float(got[1, 1]),
@@ -179,6 +199,37 @@ def fit_drift(track: Track) -> Drift | None:
         frames=len(track),
         outliers=int((robust < 0.1).sum()),
     )
+
+
+def _serial_factor(z: Array, weight: Array) -> float:
+    """By how much a line's error exceeds that of independent residuals.
+
+    Seeing, wind and a worm's period make neighbors alike; then n residuals tell as little of a rate as
+    n (1 - ρ) / (1 + ρ) independent ones, with ρ their correlation from one to the next [AR(1); e.g.
+    Priestley, Spectral Analysis and Time Series, 5.3]. The estimate of ρ about a fitted line is low by
+    (2 + 4 ρ) / n, which is given back.
+
+    Parameters
+    ----------
+    z : ndarray, shape (n, 2)
+        Residuals in units of their errors.
+    weight : ndarray, shape (n,)
+
+    Returns
+    -------
+    float
+        1 or more.
+    """
+    count = len(z)
+    if count < FEWEST_FOR_CORRELATION:
+        return 1.0
+    scaled = z * np.sqrt(weight)[:, None]
+    power = float((scaled**2).sum())
+    if power == 0.0:
+        return 1.0
+    rho = float((scaled[1:] * scaled[:-1]).sum()) / power
+    rho = min(max((count * rho + 2.0) / (count - 4.0), 0.0), MOST_CORRELATED)
+    return math.sqrt((1.0 + rho) / (1.0 - rho))
 
 
 def joined(drifts: list[Drift]) -> Drift | None:

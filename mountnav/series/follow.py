@@ -9,14 +9,18 @@ from hashlib import blake2b
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadFrame
 from mountnav.frames import Frame, Hint
+from mountnav.identification.in_its_light import MOVED, stands
 from mountnav.identification.preliminary import Preliminary
+from mountnav.identification.shift import mutual_pairs
 from mountnav.identification.sources import sources_of
+from mountnav.measuring.light_path import light_path
 from mountnav.measuring.measure import measure
-from mountnav.measuring.measurements import Measurements
+from mountnav.measuring.measurements import Flag, Measurements
 from mountnav.reading import demosaiced, read_frame
 from mountnav.series.followed import Anchor, Followed, Look, Size, followed, moved_solution, turns
 from mountnav.series.memory import SeriesMemory
@@ -31,6 +35,9 @@ from mountnav.solution import Reason, Solution, Verdict
 AUDIT_SIGMAS = 5.0
 AUDIT_LEAST_PX = 1.0
 """A full solution that departs from the shift by less contradicts nothing."""
+LIGHT_REACH_PX = 3.0
+"""How near to a shift's place its source is looked for, to see its light. Plain means are off by up to 0.4 px
+(HATP-32); doubled, more neighbors are taken for it, and halved, a mean that is worse still loses its own."""
 MORE_SOURCES = 1.5
 """With so many times the sources a frame takes the place of an unsolved first one."""
 MOST_WAITING = 50
@@ -144,6 +151,9 @@ class SeriesFollower:
 
     def _placed(self, look: Look, frame: Frame) -> FrameResult:
         anchor = self._anchors.get(look.size)
+        if anchor is None or anchor.plate is None:
+            # it may have to wait for a solved frame, and its pixels aren't kept
+            look = replace(look, still=_stand(look.measurements, look.sources.index, frame))
         if anchor is None:
             return self._first_of_size(look, frame)
         began = time.perf_counter()
@@ -154,6 +164,10 @@ class SeriesFollower:
         )
         found = got if isinstance(got, Followed) else None
         why = self._why_full(anchor, got, look.size)
+        drawn_out = found is not None and not self._stood_still(found, anchor, look, frame)
+        if drawn_out:
+            # a shift fits one piece of every trail as well as another
+            found, why = None, "its stars' light is drawn out or doubled"
         if why is None:
             assert found is not None
             self._since_full[look.size] += 1
@@ -173,6 +187,9 @@ class SeriesFollower:
         self._failures[look.size] = 0
         self._since_full[look.size] = 0
         self._last = verdict.solution
+        if drawn_out or MOVED in verdict.numbers:
+            # where its sources were found isn't where its light has its middle: nothing is followed from it
+            return replace(look.result, mode=Mode.FULL, solution=verdict.solution, notes=(why,))
         if found is not None and found.move is not None and self._keeps(found, look.size):
             audited = self._audited(look, anchor, found, verdict.solution)
             if audited is not None:
@@ -188,9 +205,13 @@ class SeriesFollower:
             notes = (f"another size: {look.size[0]} × {look.size[1]} px",)
         if verdict.solution is None:
             notes = (*notes, f"full solution: {verdict.reason}")
-            if len(look.measurements) < 1:
+            if len(look.measurements) < 1 or verdict.reason is Reason.TRAILED:
                 return replace(look.result, notes=notes)
             self._failures[look.size] = 1
+        elif MOVED in verdict.numbers:
+            self._last = verdict.solution
+            notes = (*notes, "its stars' light is drawn out or doubled: nothing is followed from it")
+            return replace(look.result, mode=Mode.FULL, solution=verdict.solution, notes=notes)
         else:
             self._last = verdict.solution
         return self._new_anchor(look, verdict.solution, notes)
@@ -217,6 +238,18 @@ class SeriesFollower:
         elif self._settings.audit_every and since + 1 >= self._settings.audit_every:
             why = "audit"
         return why if patient or failures == 0 else None
+
+    def _stood_still(self, found: Followed, anchor: Anchor, look: Look, frame: Frame) -> bool:
+        """Whether the light of the followed sources is where the shift has them."""
+        if anchor.plate is None:
+            return True
+        pairing, chosen = found.pairing, found.pairing.second
+        if not self._settings.preliminary.narrowing:
+            # the plain mean pairs a few dozen sources at most: too few to tell their light from neighbors
+            shift = np.array([pairing.dx_px, pairing.dy_px])
+            more = mutual_pairs(anchor.sources, look.sources, shift, LIGHT_REACH_PX)[1]
+            chosen = np.union1d(chosen, more)
+        return _stand(look.measurements, look.sources.index[chosen], frame)
 
     def _keeps(self, found: Followed, size: Size) -> bool:
         """Whether the anchor still serves after a full solution."""
@@ -272,7 +305,7 @@ class SeriesFollower:
 
     def _wait(self, look: Look) -> None:
         waiting = self._waiting.setdefault(look.size, [])
-        if len(waiting) < MOST_WAITING:
+        if look.still and len(waiting) < MOST_WAITING:
             waiting.append(look)
 
     # -- full solutions and anchors -------------------------------------------------------------------------
@@ -312,6 +345,16 @@ class SeriesFollower:
             got = followed(anchor, look, self._settings)
             if isinstance(got, Followed):
                 self._results[look.result.number] = self._result(look, anchor, got, ("placed afterwards",))
+
+
+def _stand(m: Measurements, chosen: NDArray[np.int64], frame: Frame) -> bool:
+    """Whether the light of some sources is where they were found: no piece of a trail, no double exposure."""
+    if chosen.size == 0:
+        return True
+    clear = (m.flags[chosen] & int(Flag.SATURATED | Flag.BLEED)) == 0
+    fwhm_px = float(np.median(m.fwhm_px[chosen]))
+    path = light_path(frame.pixels, m.x_px[chosen], m.y_px[chosen], m.flux[chosen], clear, fwhm_px)
+    return path is None or stands(path)
 
 
 def follow(

@@ -37,11 +37,21 @@ class Anchor:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """A frame without its pixels."""
+    """A frame without its pixels.
+
+    Attributes
+    ----------
+    result : FrameResult
+    measurements : Measurements
+    sources : Sources
+    still : bool
+        The light of its sources is where they were found: pieces of trails are no places to follow by.
+    """
 
     result: FrameResult
     measurements: Measurements
     sources: Sources
+    still: bool = True
 
     @property
     def size(self) -> Size:
@@ -80,7 +90,7 @@ def followed(anchor: Anchor, look: Look, settings: SeriesSettings) -> Followed |
     if move is not None and anchor.solution is not None:
         x_sigma, y_sigma = move.sigma_px
         # the anchor's own scale and turn are known so well and no better
-        lever = float(np.hypot(move.dx_px, move.dy_px)) * _scale_sigma(anchor.solution, look.size)
+        lever = float(np.hypot(move.dx_px, move.dy_px)) * scale_sigma(anchor.solution)
         sigma = float(np.hypot(x_sigma, lever)), float(np.hypot(y_sigma, lever))
     shift = Shift(
         anchor=anchor.number,
@@ -103,12 +113,15 @@ def turns(move: Moved, settings: SeriesSettings) -> bool:
     return move.trend_px > settings.trend_px and move.trend_sigma > TREND_SIGMAS
 
 
-def _scale_sigma(solution: Solution, size: Size) -> float:
+def scale_sigma(solution: Solution) -> float:
     """Relative error of a solution's scale, and of its turn in radians: from its residuals and pairs."""
-    lever_arcsec = (
-        0.3 * float(np.hypot(*size)) * solution.scale_arcsec_px
-    )  # RMS radius of evenly spread pairs
-    return solution.rms_arcsec / float(np.sqrt(2.0 * max(solution.pairs, 1))) / lever_arcsec
+    pairs = solution.identified
+    x, y = pairs.x_px[pairs.used], pairs.y_px[pairs.used]
+    if x.size < 2:
+        return 0.0
+    # RMS distance of the pairs from their middle: what the scale is measured over
+    lever_arcsec = float(np.sqrt(np.var(x) + np.var(y))) * solution.scale_arcsec_px
+    return solution.rms_arcsec / float(np.sqrt(2.0 * x.size)) / max(lever_arcsec, 1e-9)
 
 
 def moved_solution(anchor: Anchor, found: Followed, look: Look) -> Solution:

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from mountnav.series.drift import LEAST_FRAMES, Drift, Track, fit_drift, joined, jumps
+from mountnav.series.followed import scale_sigma
 from mountnav.series.persistence import PersistentSources
 from mountnav.series.results import FrameResult, Segment, SeriesReport, SeriesSettings
 from mountnav.sky.coordinates import Icrs
@@ -122,4 +123,11 @@ def _track(timed: list[FrameResult]) -> Track:
         np.array(sigma),
         np.array(anchor, dtype=np.int64),
         np.array(anchor_sigma),
+        _scale_sigma(timed),
     )
+
+
+def _scale_sigma(timed: list[FrameResult]) -> float:
+    """Relative error of the anchors' scale: the largest one, since one anchor may be followed all night."""
+    anchors = [one.solution for one in timed if one.followed is None and one.solution is not None]
+    return max((scale_sigma(one) for one in anchors), default=0.0)

@@ -31,6 +31,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from mountnav.errors import BadSettings
+from mountnav.parsing import toml_of
+from mountnav.plain_files import read_text
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.pointing_errors import PointingErrors
@@ -75,7 +77,7 @@ class MachineFile:
             When the file can't be read, is no TOML, or holds an unknown name or a bad value.
         """
         try:
-            tables = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+            tables = toml_of(read_text(Path(path)))
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as cause:
             raise BadSettings(f"can't read the machine in {path}: {cause}") from cause
         try:

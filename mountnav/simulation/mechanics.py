@@ -40,7 +40,13 @@ __all__ = [
 ]
 
 Direction = Literal["n", "s", "e", "w"]
-SyncBehavior = Literal["normal", "ignore", "refuse", "late"]
+SyncBehavior = Literal[
+    "normal", "ignore", "refuse", "late", "double", "reverse", "half", "dec-only", "elsewhere"
+]
+_TAKEN = {"double": 2.0, "reverse": -1.0, "half": 0.5}
+"""How much of what a sync asks for is taken by a mount that does it wrongly."""
+_DAMAGED_DEG = 18310.0 / 3600.0
+"""So far off was a mount that took a ``:Sd`` with a damaged digit."""
 
 
 class Mechanics(MechanicsStations):
@@ -66,8 +72,9 @@ class Mechanics(MechanicsStations):
     ----------
     boots : int
         How often it was rebooted.
-    sync_behavior : {"normal", "ignore", "refuse", "late"}
-        What it does with syncs; may be set at any time.
+    sync_behavior : SyncBehavior
+        What it does with syncs; may be set at any time. "dec-only": right ascension stays as it was.
+        "elsewhere": it takes the place 5.1° further south, as if a digit were damaged on the way.
     sync_late_s : float
         How long a late sync takes.
 
@@ -184,16 +191,26 @@ class Mechanics(MechanicsStations):
                 return Refusal.OTHER
             if self.sync_behavior == "ignore":
                 return None
+            if self.sync_behavior == "elsewhere":
+                place = replace(place, dec_deg=max(-90.0, place.dec_deg - _DAMAGED_DEG))
             wanted = axes_at(
                 *belief.hour_angle(place, order.utc, t_s),
                 self.machine,
                 side_of(seen[1], self.machine),
                 belief.site.latitude_deg,
             )
+            taken = _TAKEN.get(self.sync_behavior, 1.0)
+            ha_change, dec_change = (
+                taken * half_turn_deg(aim - now) for aim, now in zip(wanted, seen, strict=True)
+            )
             synced = replace(
                 belief,
-                ha_sync_deg=half_turn_deg(wanted[0] - ha_deg),
-                dec_sync_deg=half_turn_deg(wanted[1] - dec_deg),
+                ha_sync_deg=(
+                    belief.ha_sync_deg
+                    if self.sync_behavior == "dec-only"
+                    else half_turn_deg(belief.ha_sync_deg + ha_change)
+                ),
+                dec_sync_deg=half_turn_deg(belief.dec_sync_deg + dec_change),
             )
             if self.sync_behavior == "late":
                 synced = replace(synced, start_s=t_s + self.sync_late_s)

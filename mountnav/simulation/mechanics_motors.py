@@ -144,6 +144,19 @@ class MechanicsMotors(MechanicsTruth):
             order.motion = order.motion.with_axis(axis, one.retried(order.t_s) if chasing else one)
             order.motion = self._not_homing(order)
 
+    def align(self) -> None:
+        """Somebody sets both axes by their marks: what it believes of them is right from now on.
+
+        A sync can't do that: it tells a place, and neither the posture nor, at the pole, the hour angle.
+        """
+        with self._order(moves=False) as order:
+            self._believe(
+                order,
+                lambda belief: replace(
+                    belief, ha_counts_deg=0.0, dec_counts_deg=0.0, ha_sync_deg=0.0, dec_sync_deg=0.0
+                ),
+            )
+
     # -- power -----------------------------------------------------------------------------------
 
     def power_loss(self, *, coasts: bool = False) -> None:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from mountnav.errors import BadSettings
+from mountnav.parsing import toml_of
+from mountnav.plain_files import read_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +83,7 @@ class PointingErrors:
             When the file can't be read, is no TOML, or holds an unknown name or a bad value.
         """
         try:
-            values = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+            values = toml_of(read_text(Path(path)))
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as cause:
             raise BadSettings(f"can't read the pointing errors in {path}: {cause}") from cause
         names = {field.name for field in fields(cls)}

@@ -29,6 +29,8 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from mountnav.errors import BadSettings
+from mountnav.parsing import toml_of
+from mountnav.plain_files import read_text
 
 What = Literal["unplug", "silence", "reboot", "block-ha", "block-dec", "sync-deaf"]
 _WHATS = get_args(What)
@@ -141,7 +143,7 @@ class SkyScript:
             When the file can't be read, is no TOML, or holds an unknown name or a bad value.
         """
         try:
-            values = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+            values = toml_of(read_text(Path(path)))
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as cause:
             raise BadSettings(f"can't read the sky script {path}: {cause}") from cause
         try:

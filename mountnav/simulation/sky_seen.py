@@ -25,6 +25,8 @@ from mountnav.solution import IdentifiedPairs, Reason, Solution, Times, Verdict
 from mountnav.solve_settings import SolveSettings
 
 _TRAILED_PX, _LOST_IN_TRAILS_PX = 6.0, 60.0
+_WIDTH_PX, _ELLIPTICITY = 1.19, 0.1
+"""Of a star that isn't trailed: one sigma of its width, and what optics and seeing make of it."""
 _USUAL_PAIRS = 45.0
 _BLIND_S = 6.0
 
@@ -210,7 +212,7 @@ class SkySeen:
             Times(0.05, 0.5 * spent_s, 0.5 * spent_s, spent_s),
             {"blind": 1.0} if blind else {},
             contradictions_with(hint, solution.center, solution.scale_arcsec_px),
-            _quality(int(stars), images),
+            _quality(int(stars), images, trail_px),
             notes,
         )
 
@@ -326,12 +328,15 @@ class SkySeen:
         )
 
 
-def _quality(stars: int, images: StarImages) -> SkyQuality:
+def _quality(stars: int, images: StarImages, trail_px: float = 0.0) -> SkyQuality:
+    # a trail of length L adds L² / 12 to the variance along it
+    wide = math.sqrt(_WIDTH_PX**2 / (1.0 - _ELLIPTICITY) + trail_px**2 / 12.0)
+    narrow = _WIDTH_PX * math.sqrt(1.0 - _ELLIPTICITY)
     return SkyQuality(
         stars=stars,
         images=images if stars else StarImages.NONE,
-        fwhm_px=2.8 if stars else None,
-        ellipticity=0.1 if stars else None,
+        fwhm_px=2.3548 * math.sqrt(wide * narrow) if stars else None,
+        ellipticity=1.0 - narrow / wide if stars else None,
         elongation_deg=0.0 if stars else None,
         sky_adu=400.0,
         noise_adu=8.0,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +41,7 @@ class FrameTruth:
     ) -> Frame:
         """A frame that carries this truth and holds no memory."""
         return Frame(
-            _nothing(width_px, height_px),
+            _nothing(width_px, height_px, self.number),
             mid_exposure_utc=mid_exposure_utc,
             exposure_s=exposure_s,
             source=source,
@@ -71,6 +70,8 @@ def truth_of(frame: Frame) -> FrameTruth:
     return FrameTruth(Icrs(ra_deg, dec_deg), rotation_deg, trail_arcsec, int(number))
 
 
-@lru_cache(maxsize=16)
-def _nothing(width_px: int, height_px: int) -> NDArray[np.uint16]:
-    return np.broadcast_to(np.zeros((1, 1), dtype=np.uint16), (height_px, width_px))
+def _nothing(width_px: int, height_px: int, number: int) -> NDArray[np.uint16]:
+    """Pixels without stars in the memory of one row; like noise, they are others for each exposure."""
+    row = np.zeros((1, width_px), dtype=np.uint16)
+    row[0, :4] = (1, number & 0xFFFF, (number >> 16) & 0xFFFF, (number >> 32) & 0xFFFF)
+    return np.broadcast_to(row, (height_px, width_px))

@@ -224,17 +224,49 @@ def test_damaged_tiles_are_noticed_and_fetched_again(
     assert len(list(tmp_path.rglob("*.mnc"))) == online(server, tmp_path).cached_tiles().tiles
 
 
-def test_an_empty_tile_is_an_answer_too(server: StarServer, tmp_path: Path) -> None:
+def test_an_empty_tile_is_an_answer_where_no_star_is_expected(server: StarServer, tmp_path: Path) -> None:
     server.mood = moods.no_table
+    catalog = online(server, tmp_path, table="I/355", mag_limit=2.0)
+    for _ in range(2):
+        stars = catalog.cone(Icrs(100.0, 20.0), 0.1, epoch_yr=2026.9)
+        assert stars.source == embedded_catalog().name
+        assert "it has no stars here" in stars.steps[0]
+    cached = catalog.cached_tiles()
+    assert (cached.stars, cached.tiles) == (0, len(server.asked))
+
+
+@pytest.mark.parametrize("mood", [moods.no_table, moods.empty_table], ids=lambda mood: mood.__name__)
+def test_an_empty_answer_is_not_kept_where_the_sky_has_stars(
+    server: StarServer, tmp_path: Path, mood: moods.Mood
+) -> None:
+    """Four tiles of 3.7 degrees without a star were cached for a year."""
+    server.mood = mood
     catalog = online(server, tmp_path)
-    stars = catalog.cone(Icrs(100.0, 20.0), 0.1, epoch_yr=2026.9)
+    stars = catalog.cone(Icrs(100.0, 20.0), 2.0, epoch_yr=2026.9, mag_limit=9.0)
     assert stars.source == embedded_catalog().name
-    assert catalog.cached_tiles().stars == 0
+    assert "an empty answer for" in stars.steps[0]
+    assert catalog.cached_tiles().tiles == 0
+
+
+def test_an_empty_answer_of_a_table_of_unknown_extent_is_asked_again_the_next_night(
+    server: StarServer, tmp_path: Path
+) -> None:
+    server.mood = moods.no_table
+    catalog = online(server, tmp_path, **CONE)
+    place = Icrs(100.0, 20.0)
+    assert "it has no stars here" in catalog.cone(place, 0.1, epoch_yr=2026.9).steps[0]
     count = len(server.asked)
-    assert catalog.cached_tiles().tiles == count
-    again = catalog.cone(Icrs(100.0, 20.0), 0.1, epoch_yr=2026.9)
+    assert "it has no stars here" in catalog.cone(place, 0.1, epoch_yr=2026.9).steps[0]
     assert len(server.asked) == count
-    assert again.steps[0].startswith("tycho: it has no stars here")
+    for path in tmp_path.rglob("*.json"):
+        record = json.loads(path.read_text())
+        assert record["is_doubtful"]
+        then = datetime.now(UTC) - timedelta(days=1)
+        path.write_text(json.dumps(record | {"fetched_utc": then.isoformat()}))
+    server.mood = moods.good
+    stars = online(server, tmp_path, **CONE).cone(place, 0.1, epoch_yr=2026.9)
+    assert len(server.asked) > count
+    assert "fetched" in stars.steps[0]
 
 
 def test_other_settings_have_other_tiles(server: StarServer, tmp_path: Path) -> None:
@@ -290,12 +322,12 @@ def test_impossible_cones_are_refused(
 
 def test_a_night_is_prefetched_and_then_needs_no_network(server: StarServer, tmp_path: Path) -> None:
     silent = online(server, tmp_path, ask="never", **TAP)
-    shares: list[float] = []
-    report = silent.prefetch(Icrs(100.0, 20.0), 1.0, progress=shares.append)
+    shares: list[tuple[int, int]] = []
+    report = silent.prefetch(Icrs(100.0, 20.0), 1.0, progress=lambda came, all_: shares.append((came, all_)))
     assert report.problem is None
     assert report.tiles == report.fetched == len(server.asked) > 6
-    assert shares == sorted(shares)
-    assert shares[-1] == 1.0
+    # something is said before the first tile comes, and with each one
+    assert shares == [(came, report.tiles) for came in range(report.tiles + 1)]
     again = silent.prefetch(Icrs(100.0, 20.0), 1.0)
     assert (again.tiles, again.fetched) == (report.tiles, 0)
     server.asked.clear()
@@ -358,6 +390,9 @@ def test_writers_of_one_tile_leave_a_record_with_its_stars(server: StarServer, t
     writers = [threading.Thread(target=write, args=(minute,)) for minute in range(6)]
     for writer in writers:
         writer.start()
+    # who looks meanwhile sees files come and go
+    while any(writer.is_alive() for writer in writers):
+        assert cache.size_bytes() > 0
     for writer in writers:
         writer.join()
     last = cache.record(record.tile)

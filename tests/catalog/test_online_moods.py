@@ -83,8 +83,8 @@ CONE = {"protocol": "cone", "table": ""}
         (moods.no_positions, "rows have no position", {}),
         (moods.galactic, "positions are in galactic, not ICRS", {}),
         (moods.other_columns, "can't tell the column of mag", {}),
-        (moods.empty_table, "it has no stars here", {}),
-        (moods.no_table, "it has no stars here", {}),
+        (moods.empty_table, "an empty answer for 3.4 square degrees", {}),
+        (moods.no_table, "an empty answer for 3.4 square degrees", {}),
         (moods.no_table, "it has no stars here", CONE),
         (moods.redirect_loop, "it redirects more than 3 times", {}),
         (moods.redirect_elsewhere, "it redirects to another server, elsewhere.invalid", {}),
@@ -236,7 +236,7 @@ def test_an_empty_answer_is_not_believed_where_the_sky_is_full(server: StarServe
     server.mood = moods.no_table
     catalog = online(server, tmp_path, table="I/355")
     stars = catalog.cone(CENTER, 0.1, epoch_yr=EPOCH_YR, mag_limit=15.0)
-    assert "an empty answer for 0.8 square degrees, where there are 42 stars at least" in stars.steps[0]
+    assert "an empty answer for 0.8 square degrees, where there are about" in stars.steps[0]
     assert catalog.cached_tiles().tiles == 0
 
 
@@ -252,6 +252,9 @@ def test_what_came_before_a_failure_is_kept(server: StarServer, tmp_path: Path) 
     catalog = online(server, tmp_path)
     stars = catalog.cone(Icrs(45.0, 41.0), wide, epoch_yr=EPOCH_YR)
     assert stars.source == embedded_catalog().name
+    # requests that were under way when one failed end by themselves
+    for asking in [thread for thread in threading.enumerate() if thread.name == "stars"]:
+        asking.join()
     kept = catalog.cached_tiles().tiles
     assert kept >= 1
     rest._failures.clear()

@@ -269,7 +269,7 @@ def test_the_fastest_stars_have_the_motion_of_the_table(tmp_path: Path) -> None:
         ({"yale": 14}, StarFlag.EXTENDED),
         ({"yale": 34}, 0),
         ({"object_type": 1}, StarFlag.OTHER_BAND),
-        ({"aperture_mag": 20000}, 0),
+        ({"aperture_mag": 20000}, StarFlag.STAND_IN),
         ({"aperture_mag": 20000, "fit_mag": 20000}, StarFlag.OTHER_BAND),
         (
             {

@@ -340,3 +340,11 @@ def test_each_zone_tells_its_declinations(shared, tmp_path):
     stars = next(iter(reader.read(part)))
     assert (low, high) == (-90.0, -89.9)
     assert np.all((stars.dec_deg >= low) & (stars.dec_deg <= high))
+
+
+@pytest.mark.parametrize("name", ["usnob_b0000.cat", "usno-b1_b0000.cat", "B0000.CAT", "USNOB1.b0000.cat"])
+def test_zone_files_are_known_by_the_names_that_copies_have(name, zone_0, tmp_path):
+    shutil.copy(zone_0, tmp_path / name)
+    [part] = open_catalog(tmp_path).parts()
+    assert (part.name, part.path.name) == ("b0000", name)
+    assert open_catalog(tmp_path / name).parts() == [part]

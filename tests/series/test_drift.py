@@ -139,3 +139,77 @@ def test_joining_disagreeing_segments_widens_the_error() -> None:
     assert both.ra_sigma_arcsec_min == pytest.approx(1.0, rel=0.05)
     assert both.dec_sigma_arcsec_min == pytest.approx(0.1 / np.sqrt(2), rel=0.01)
     assert joined([]) is None
+
+
+def alike(count: int, rho: float, rng: np.random.Generator) -> np.ndarray:
+    """Residuals of which neighbors are alike: AR(1), scatter 1."""
+    noise = rng.normal(0.0, 1.0, count)
+    for number in range(1, count):
+        noise[number] = rho * noise[number - 1] + np.sqrt(1.0 - rho**2) * noise[number]
+    return noise
+
+
+@pytest.mark.parametrize(
+    ("kind", "least", "most"),
+    [
+        ("white", 0.6, 1.15),
+        ("seeing", 0.5, 1.4),
+        ("wind", 0.5, 1.6),
+        ("worm", 0.0, 1.3),
+        ("scale", 0.7, 1.3),
+    ],
+)
+def test_stated_rate_errors_cover_the_truth(kind, least, most) -> None:
+    """It was six times too small where neighboring frames are alike (0.0029 for an error of 0.0169)."""
+    misses = []
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        count = 40
+        minutes = np.arange(count) * 0.5
+        stated, scale_error = 0.03, 0.0
+        if kind == "worm":
+            off = [0.5 * np.sin(2 * np.pi * (minutes / 8.0 + rng.uniform())) for _ in range(2)]
+        elif kind == "scale":
+            scale_error = 1e-3
+            off = [0.001 * rng.normal(size=count) for _ in range(2)]
+        else:
+            rho = {"seeing": 0.6, "wind": 0.9}.get(kind, 0.0)
+            off = [0.2 * alike(count, rho, rng) for _ in range(2)]
+        rate = np.array((20.0, -6.0))
+        seen = rate * (1.0 + scale_error * rng.normal())
+        north = seen[1] * minutes + off[1]
+        dec = 30.0 + north / 3600
+        ra = 100.0 + (seen[0] * minutes + off[0]) / 3600 / np.cos(np.radians(dec.mean()))
+        zeros = np.zeros(count, dtype=np.int64)
+        sigma = np.full(count, 0.001 if kind == "scale" else stated)
+        got = fit_drift(Track(minutes, ra, dec, sigma, zeros, np.full(count, 0.5), scale_error))
+        assert got is not None
+        misses += [
+            (got.ra_arcsec_min - rate[0]) / got.ra_sigma_arcsec_min,
+            (got.dec_arcsec_min - rate[1]) / got.dec_sigma_arcsec_min,
+        ]
+    if kind == "scale":
+        misses = misses[::2]  # one error of the scale makes both
+    assert least < float(np.sqrt(np.mean(np.clip(misses, -10, 10) ** 2))) < most
+
+
+@pytest.mark.parametrize("count", [3, 4, 5, 8])
+def test_the_error_of_few_frames_covers_the_truth_as_often_as_one_sigma_says(count):
+    """Their scatter is known as badly as their rate: two thirds lie within the stated error all the same."""
+    within = []
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        minutes = np.arange(count, dtype=float)
+        east, north = (rate * minutes + 0.2 * rng.normal(size=count) for rate in (3.0, -1.0))
+        dec = 30.0 + north / 3600
+        ra = 100.0 + east / 3600 / np.cos(np.radians(dec.mean()))
+        few = Track(
+            minutes, ra, dec, np.full(count, 0.03), np.zeros(count, dtype=np.int64), np.full(count, 0.5)
+        )
+        got = fit_drift(few)
+        assert got is not None
+        within += [
+            abs(got.ra_arcsec_min - 3.0) < got.ra_sigma_arcsec_min,
+            abs(got.dec_arcsec_min + 1.0) < got.dec_sigma_arcsec_min,
+        ]
+    assert 0.6 < float(np.mean(within)) < 0.95

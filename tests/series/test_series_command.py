@@ -110,8 +110,15 @@ def test_no_files_is_bad_usage() -> None:
 
 
 @pytest.mark.shared
-def test_a_real_series(shared: Path) -> None:
-    """Eight frames of one field, three minutes apart, with the truth of an outside solver (0.5″)."""
+@pytest.mark.parametrize(
+    ("profile", "allowed_arcsec"),
+    [("measured", 1.5), pytest.param("paper", 2.6, marks=pytest.mark.long)],
+)
+def test_a_real_series(shared: Path, profile: str, allowed_arcsec: float) -> None:
+    """Eight frames of one field, three minutes apart, with the truth of an outside solver (0.5″).
+
+    Allowed are 0.3 px, and 0.5 px in the profile `paper`, whose plain mean has false neighbors in it.
+    """
     folder = shared / "data" / "frames"
     known = [
         one
@@ -119,7 +126,7 @@ def test_a_real_series(shared: Path) -> None:
         if one.get("series_id") == "exotic-hatp32-a"
     ]
     assert len(known) == 8
-    done = run(*(folder / one["file"] for one in known), "--json", "--audit", "0")
+    done = run(*(folder / one["file"] for one in known), "--json", "--audit", "0", "--profile", profile)
     assert done.exit_code == 0, done.output
     record = json.loads(done.stdout)
     assert [one["mode"] for one in record["frames"]] == ["full", *["preliminary"] * 7]
@@ -127,7 +134,7 @@ def test_a_real_series(shared: Path) -> None:
         assert os.path.basename(one["file"]) == os.path.basename(true["file"])
         east = (one["ra_deg"] - true["ra_deg"]) * 3600 * np.cos(np.radians(true["dec_deg"]))
         north = (one["dec_deg"] - true["dec_deg"]) * 3600
-        assert np.hypot(east, north) < 1.5  # 0.3 px; the truth is good to 0.52″
+        assert np.hypot(east, north) < allowed_arcsec
     drift = record["drift"]
     minutes = [3 * i for i in range(8)]
     for name, key, factor in (

@@ -9,7 +9,7 @@ import pytest
 from mountnav.navigation.devices import TrackingRate
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import SIDEREAL_DEG_S, Mechanics, PointingErrors
-from mountnav.sky.chain import sidereal_time_deg
+from mountnav.sky.chain import apparent_to_icrs, icrs_to_apparent, sidereal_time_deg
 from mountnav.sky.coordinates import Air, Apparent, Site
 from mountnav.sky.sphere import half_turn_deg, separation_arcsec
 
@@ -33,6 +33,10 @@ def settle(mechanics: Mechanics, clock) -> None:
 
 def misses_arcsec(mechanics: Mechanics, clock, target: Apparent) -> float:
     return separation_arcsec(mechanics.reported(), Apparent(target.ra_deg, target.dec_deg, clock()))
+
+
+def astray_deg(mechanics: Mechanics) -> float:
+    return separation_arcsec(mechanics.truth(), apparent_to_icrs(mechanics.reported())) / 3600.0
 
 
 # -- stuck and running away ----------------------------------------------------------------------
@@ -240,6 +244,22 @@ def test_without_power_motion_ends_at_once(clock, site: Site) -> None:
     assert mechanics.axis_angle("dec") == pytest.approx(stands)
     mechanics.reboot()
     assert mechanics.axis_angle("dec") == pytest.approx(90.0)  # the counts begin anew
+
+
+def test_marks_align_a_mount_that_a_sync_at_the_pole_turned_over(clock, site: Site) -> None:
+    mechanics = Mechanics(site, NO_AIR, NONE, clock=clock)
+    here = mechanics.reported()
+    mechanics.sync(Apparent(here.ra_deg, here.dec_deg - 0.3, clock()))
+    mechanics.slew(at(mechanics, clock, 0.0, 90.0))
+    settle(mechanics, clock)
+    # the tube is past the pole by now, and a sync on what it looks at can't tell
+    mechanics.sync(icrs_to_apparent(mechanics.truth(), clock()))
+    assert astray_deg(mechanics) < 0.001
+    mechanics.slew(at(mechanics, clock, 0.0, 80.0))
+    settle(mechanics, clock)
+    assert astray_deg(mechanics) > 15.0
+    mechanics.align()
+    assert astray_deg(mechanics) < 0.001
 
 
 # -- single axes ---------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from mountnav.errors import Busy
+from mountnav.private_files import open_lock
 
 _LOCK = "lock"
 
@@ -36,7 +37,7 @@ def held(unfinished: Path) -> Iterator[None]:
     while True:
         unfinished.mkdir(parents=True, exist_ok=True)
         try:
-            number = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            number = open_lock(path)
         except FileNotFoundError:
             continue  # removed between the two lines by the process that had it
         try:

@@ -9,6 +9,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from mountnav.catalog.readers import Part
+from mountnav.parsing import json_of
+from mountnav.plain_files import read_text
 
 RECORD = "record.json"
 
@@ -98,7 +100,7 @@ class ImportRecord:
     def read(cls, folder: Path) -> ImportRecord | None:
         """What lies in an import's folder; None if there is nothing, or nothing sound."""
         try:
-            found = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+            found = json_of(read_text(folder / RECORD))
             parts = {
                 str(name): (str(path), int(size), int(changed))
                 for name, (path, size, changed) in found["parts"].items()

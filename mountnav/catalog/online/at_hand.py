@@ -83,8 +83,8 @@ def look(
     # parts of a larger tile that was found for a neighbor are there with it
     missing = [tile for tile in missing if not any(one in found for one in _around(tile))]
     return AtHand(
-        fresh=tuple(record for record in outer if record.age_days(now) <= max_age_days),
-        stale=tuple(record for record in outer if record.age_days(now) > max_age_days),
+        fresh=tuple(record for record in outer if record.is_fresh(now, max_age_days)),
+        stale=tuple(record for record in outer if not record.is_fresh(now, max_age_days)),
         missing=tuple(missing),
         damaged=len(damaged),
     )

@@ -35,8 +35,8 @@ FASTEST_ARCSEC_YR = 10.5
 """Barnard's star: from so far outside a cone a star may have come."""
 DEPTHS_MAG = (12.0, 14.0, 16.0, 18.0, 20.0)
 """To which tiles are fetched if the settings don't say: cones of like depth then share them."""
-PREFETCH_TIMEOUT_S = 60.0
-_PER_ROUND = 6
+_PER_ROUND = 3
+"""Tiles that share the time of one cone: as many as are asked for at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,8 +178,8 @@ class OnlineCatalog:
         radius_deg: float,
         *,
         mag_limit: float | None = None,
-        timeout_s: float = PREFETCH_TIMEOUT_S,
-        progress: Callable[[float], None] | None = None,
+        timeout_s: float | None = None,
+        progress: Callable[[int, int], None] | None = None,
     ) -> Prefetched:
         """Fetch an area into the cache, for a night without network.
 
@@ -192,10 +192,10 @@ class OnlineCatalog:
             Up to 30.
         mag_limit : float, optional
             As deep as cones will ask.
-        timeout_s : float
-            For each round of a few tiles.
+        timeout_s : float, optional
+            For each round of three tiles; the source's by default.
         progress : callable, optional
-            Told the share that is done, 0 to 1.
+            Told how many tiles came and how many are wanted: before the first one, and as each one comes.
 
         Returns
         -------
@@ -219,15 +219,21 @@ class OnlineCatalog:
         level = level_for(depth, self.source.faintest_mag, 0.0)
         found = self._look(axis, reach_deg, level, depth)
         todo = list(found.to_fetch)
-        total, fetched = max(len(todo), 1), 0
+        total, fetched = len(todo), 0
         problem = None
+
+        def came_in(record: Record | None) -> None:
+            nonlocal fetched
+            fetched += record is not None
+            if progress is not None:
+                # a tile that is too full comes in parts, which nobody could count beforehand
+                progress(fetched, max(total, fetched))
+
+        came_in(None)
         while todo and problem is None:
             now, todo = todo[:_PER_ROUND], todo[_PER_ROUND:]
-            came = self._fetch(now, axis, reach_deg, depth, timeout_s)
-            fetched += len(came.records)
+            came = self._fetch(now, axis, reach_deg, depth, timeout_s or self.source.timeout_s, came_in)
             problem = None if came.failure is None else came.failure.why
-            if progress is not None:
-                progress(1.0 - len(todo) / total)
         found = self._look(axis, reach_deg, level, depth)
         if found.missing and problem is None:
             problem = f"{len(found.missing)} tiles can't be kept in the cache"
@@ -289,7 +295,13 @@ class OnlineCatalog:
         return ""
 
     def _fetch(
-        self, tiles: Sequence[Tile], axis: Array, reach_deg: float, depth: float | None, timeout_s: float
+        self,
+        tiles: Sequence[Tile],
+        axis: Array,
+        reach_deg: float,
+        depth: float | None,
+        timeout_s: float,
+        came_in: Callable[[Record], None] = lambda record: None,
     ) -> Fetched:
         came = fetch(
             self.source,
@@ -298,6 +310,7 @@ class OnlineCatalog:
             mag_limit=depth,
             timeout_s=timeout_s,
             wanted=lambda tile: tile.touches(axis, reach_deg),
+            came_in=came_in,
         )
         if came.failure is None:
             answered(self._key)

@@ -23,16 +23,18 @@ from mountnav.catalog.online.source import OnlineSource
 from mountnav.catalog.online.stars_of import only, stars_of
 from mountnav.catalog.online.tile_cache import Record, TileCache, utc_text
 from mountnav.catalog.online.tiles import LARGEST_LEVEL, Tile
+from mountnav.catalog.star_counts import density_deg2 as density_deg2_at
 from mountnav.errors import BadSettings
 
 if TYPE_CHECKING:
     import httpx
 
 AT_A_TIME = 3
-EMPTIEST_DEG2 = 50.0
-"""To magnitude 14 or deeper every part of the sky holds more stars in a square degree (130 at the poles)."""
-EMPTIEST_FROM_MAG = 14.0
+DEEPEST_BELIEVED_MAG = 17.0
+"""V; what a table may hold beyond isn't counted on: bands differ, and few tables are complete there."""
 SUSPICIOUS_COUNT = 10.0
+"""An answer without a star is no answer where the model of the sky has so many: its counts are good to a
+factor of two or so, and by chance alone a tile of ten stars is empty once in 20,000."""
 
 
 @dataclass(slots=True)
@@ -62,6 +64,7 @@ def fetch(
     mag_limit: float | None,
     timeout_s: float,
     wanted: Callable[[Tile], bool],
+    came_in: Callable[[Record], None] = lambda record: None,
 ) -> Fetched:
     """Fetch tiles into the cache.
 
@@ -76,6 +79,8 @@ def fetch(
         For all of them together.
     wanted : callable
         Of the parts of a tile that must be split: which are to be fetched.
+    came_in : callable, optional
+        Told of each tile as it comes.
 
     Returns
     -------
@@ -114,6 +119,7 @@ def fetch(
             under_way -= 1
             if isinstance(came, Record):
                 result.records.append(came)
+                came_in(came)
             elif isinstance(came, Overflow) and tile.level < LARGEST_LEVEL:
                 result.splits += 1
                 waiting += [child for child in tile.children if wanted(child)]
@@ -161,8 +167,7 @@ def _fetched(
         cache.keep(replace(blank, is_split=True), None)
         raise
     if not columns or columns[0].values.size == 0:
-        _require_plausible(source, tile, mag_limit)
-        return cache.keep(blank, None)
+        return cache.keep(replace(blank, is_doubtful=_is_doubtful(source, tile, mag_limit)), None)
     roles = roles_of(columns, source)
     received = stars_of(roles, source, circle)
     stars = received.columns
@@ -171,8 +176,7 @@ def _fetched(
         inside &= stars.mag <= mag_limit
     stars = only(stars, inside)
     count = int(stars.ra_deg.size)
-    if count == 0:
-        _require_plausible(source, tile, mag_limit)
+    doubtful = count == 0 and _is_doubtful(source, tile, mag_limit)
     record = replace(
         blank,
         epoch_yr=roles.epoch_yr,
@@ -180,16 +184,25 @@ def _fetched(
         color_name=roles.color_name,
         stars=count,
         left_out=received.without_place + received.doubled,
+        is_doubtful=doubtful,
     )
     return cache.keep(record, stars)
 
 
-def _require_plausible(source: OnlineSource, tile: Tile, mag_limit: float | None) -> None:
-    """Of a table of the whole sky, a large tile without any star is an error of the server's."""
-    deep = source.faintest_mag if mag_limit is None else min(mag_limit, source.faintest_mag)
-    expected = tile.area_deg2 * EMPTIEST_DEG2
-    if source.known is not None and deep >= EMPTIEST_FROM_MAG and expected >= SUSPICIOUS_COUNT:
-        raise Unusable(
-            f"an empty answer for {tile.area_deg2:.1f} square degrees, "
-            f"where there are {expected:.0f} stars at least"
-        )
+def _is_doubtful(source: OnlineSource, tile: Tile, mag_limit: float | None) -> bool:
+    """Whether a tile without any star may be an error of the server's.
+
+    Of a table that is known to cover the whole sky it is one, and raises `Unusable`. Another table may cover
+    a part of the sky only: its empty answer counts for a short time.
+    """
+    deep_mag = min(source.faintest_mag if mag_limit is None else mag_limit, source.faintest_mag)
+    circle = tile.circle()
+    density_deg2 = float(density_deg2_at(circle.ra_deg, circle.dec_deg, min(deep_mag, DEEPEST_BELIEVED_MAG)))
+    expected = tile.area_deg2 * density_deg2
+    if expected < SUSPICIOUS_COUNT:
+        return False
+    if source.known is None:
+        return True
+    raise Unusable(
+        f"an empty answer for {tile.area_deg2:.1f} square degrees, where there are about {expected:.0f} stars"
+    )

@@ -13,7 +13,6 @@ removes the others'. Only that last step, renaming and removing, takes a lock.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
@@ -31,8 +30,12 @@ from mountnav.catalog.online.tiles import SMALLEST_LEVEL, Tile
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.packed.packing import CatalogColumns, pack
 from mountnav.errors import BadSettings
+from mountnav.parsing import json_of
+from mountnav.private_files import locked
 
 MOST_OPEN = 256
+DOUBTFUL_DAYS = 0.5
+"""For so long an empty answer that may be an error counts: a night; the next night asks again."""
 _NSIDE = 1
 """Of the packed files: a tile is read as a whole anyway."""
 
@@ -63,6 +66,9 @@ class Record:
         Of that file.
     is_split : bool
         The server had more than fits into one answer: see the tiles of the next finer level.
+    is_doubtful : bool
+        Without a star where the sky has some, by a table that may not cover the whole sky: believed for
+        `DOUBTFUL_DAYS` only.
     """
 
     level: int
@@ -80,6 +86,7 @@ class Record:
     file: str = ""
     sha256: str = ""
     is_split: bool = False
+    is_doubtful: bool = False
 
     @property
     def tile(self) -> Tile:
@@ -94,6 +101,10 @@ class Record:
     def age_days(self, now: datetime) -> float:
         """How old it is; negative if the clock was wrong."""
         return (now - datetime.fromisoformat(self.fetched_utc)).total_seconds() / 86400.0
+
+    def is_fresh(self, now: datetime, max_age_days: float) -> bool:
+        """Whether it needn't be fetched again."""
+        return self.age_days(now) <= (min(max_age_days, DOUBTFUL_DAYS) if self.is_doubtful else max_age_days)
 
     def is_deep_enough(self, mag_limit: float | None) -> bool:
         """Whether it holds all stars to a magnitude; None: to the end of the table."""
@@ -121,7 +132,7 @@ class TileCache:
         """The record of a tile; None if there is none, or it is damaged."""
         path = self._record_path(tile)
         try:
-            record = Record(**json.loads(path.read_text("utf-8")))
+            record = Record(**json_of(path.read_text("utf-8")))
             datetime.fromisoformat(record.fetched_utc)
         except (OSError, ValueError, TypeError):
             return None
@@ -232,8 +243,7 @@ class TileCache:
     @contextmanager
     def _writing(self) -> Iterator[None]:
         """Hold the folder against other threads and processes."""
-        with (self.folder / "lock").open("ab") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
+        with locked(self.folder / "lock"):
             yield
 
     def records(self) -> Iterator[Record]:
@@ -246,7 +256,13 @@ class TileCache:
 
     def size_bytes(self) -> int:
         """What all of it takes on disk, tiles of earlier settings included."""
-        return sum(path.stat().st_size for path in self.folder.rglob("*") if path.is_file())
+        size = 0
+        for folder, _, names in os.walk(self.folder):
+            for name in names:
+                # what is being written or removed meanwhile may be gone by now, under this name
+                with suppress(FileNotFoundError):
+                    size += Path(folder, name).stat().st_size
+        return size
 
     def clear(self) -> None:
         """Remove all tiles of the source, those of earlier settings too."""

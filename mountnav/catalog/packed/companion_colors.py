@@ -27,6 +27,8 @@ from numpy.typing import NDArray
 from mountnav.catalog.malformed import malformed_at
 from mountnav.catalog.packed.format import Header
 from mountnav.errors import BadCatalog, BadSettings
+from mountnav.parsing import json_of
+from mountnav.plain_files import open_buffered
 
 Array = NDArray[np.float64]
 Facts = dict[str, str | int | float]
@@ -90,7 +92,7 @@ class CompanionColors:
         """
         path = catalog.with_suffix(SUFFIX)
         try:
-            with path.open("rb") as file:
+            with open_buffered(path) as file:
                 start = file.read(_PREAMBLE_BYTES + _LONGEST_HEADER_BYTES)
             told, begin = _decoded(start, path)
             size, expected = path.stat().st_size, begin + header.count
@@ -197,7 +199,7 @@ def _decoded(start: bytes, path: Path) -> tuple[Facts, int]:
     if not 0 < length <= _LONGEST_HEADER_BYTES or len(text) < length:
         raise _malformed(path, 12, f"a header of 1 to {_LONGEST_HEADER_BYTES} bytes", f"{length} bytes")
     try:
-        told = json.loads(text.decode("ascii"))
+        told = json_of(text.decode("ascii"))
     except (ValueError, RecursionError) as broken:
         raise _malformed(path, _PREAMBLE_BYTES, "a JSON header", type(broken).__name__) from broken
     wanted: dict[str, type | tuple[type, ...]] = {

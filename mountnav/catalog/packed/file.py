@@ -30,6 +30,7 @@ from mountnav.catalog.packed.format import (
 from mountnav.catalog.packed.header import decode_header
 from mountnav.catalog.packed.pixel_choice import Runs
 from mountnav.errors import BadSettings
+from mountnav.plain_files import open_buffered
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -96,7 +97,7 @@ class PackedFile:
             It can't be opened; `BadCatalog`: it is truncated or malformed; tells the offset.
         """
         try:
-            with path.open("rb") as file:
+            with open_buffered(path) as file:
                 header, start = decode_header(
                     file.read(PREAMBLE_BYTES + LONGEST_HEADER_BYTES), file=str(path)
                 )
@@ -177,7 +178,7 @@ class PackedFile:
         sections = self._hashed_pieces()
         digests = {name: hashlib.sha256() for name, _ in sections if name}
         total, done = sum(length for _, length in sections), 0
-        with self.path.open("rb") as file:
+        with open_buffered(self.path) as file:
             for name, length in sections:
                 left = length
                 while left and (block := file.read(min(left, _BLOCK_BYTES))):

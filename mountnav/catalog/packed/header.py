@@ -18,6 +18,7 @@ from mountnav.catalog.packed.format import (
     Header,
     malformed,
 )
+from mountnav.parsing import json_of
 
 _ALIGNMENT_BYTES_1 = 64
 
@@ -123,7 +124,7 @@ def decode_header(start: bytes, *, file: str) -> tuple[Header, int]:
     if len(text) < length:
         raise malformed(file, PREAMBLE_BYTES + len(text), f"{length} bytes of header", f"{len(text)} bytes")
     try:
-        told = json.loads(text.decode("utf-8"))
+        told = json_of(text.decode("utf-8"))
     except UnicodeDecodeError as broken:
         raise malformed(file, PREAMBLE_BYTES + broken.start, "a header in UTF-8", str(broken)) from broken
     except json.JSONDecodeError as broken:

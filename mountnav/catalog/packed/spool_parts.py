@@ -28,6 +28,7 @@ from mountnav.catalog.packed.fast_stars import FAST_LIMITS_MAS_YR
 from mountnav.catalog.packed.packing import CatalogColumns
 from mountnav.catalog.packed.raw_stars import RAW, Raw, raw_stars, speeds_mas_yr
 from mountnav.catalog.packed.writer import sync_folder
+from mountnav.parsing import json_of
 
 SUFFIX = ".stars"
 UNFINISHED = ".unfinished"
@@ -90,7 +91,7 @@ class SpooledPart:
                 if end[4:] != _MAGIC or length > size - _END_BYTES:
                     return None
                 file.seek(size - _END_BYTES - length)
-                told = json.loads(file.read(length))
+                told = json_of(file.read(length))
             found = cls(path, told["name"], tuple(told["runs"]), tuple(told["fast"]), told["has_flags"])
             whole = size == found.count * (KEY.itemsize + RAW.itemsize) + length + _END_BYTES
             return found if whole and path == part_path(path.parent, found.name) else None

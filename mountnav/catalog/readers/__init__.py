@@ -10,6 +10,7 @@ from typing import Protocol
 
 from mountnav.catalog.packed.packing import CatalogColumns
 from mountnav.errors import BadCatalog, BadRequest
+from mountnav.plain_files import require_plain
 
 KINDS: dict[str, str] = {
     "ucac4": "UCAC4 zone files (z001 to z900)",
@@ -98,6 +99,13 @@ def open_reader(kind: str, path: Path) -> Reader:
         raise BadRequest(f"there is no kind of catalog {kind!r}", advice=f"there are: {', '.join(KINDS)}")
     if not path.exists():
         raise BadCatalog("there is no such file or folder", device=str(path), advice="check the path")
+    if not path.is_dir():
+        try:
+            require_plain(path)
+        except OSError as fault:
+            raise BadCatalog(
+                f"it can't be read: {fault.strerror}", device=str(path), advice="give a file or a folder"
+            ) from fault
     opened: Callable[[Path], Reader] = import_module(
         f"mountnav.catalog.readers.{kind.replace('-', '_')}"
     ).open_catalog

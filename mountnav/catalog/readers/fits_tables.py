@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mountnav.catalog.malformed import malformed_at
 from mountnav.errors import BadCatalog
+from mountnav.plain_files import open_plain
 from mountnav.reading.content import OnDisk
 from mountnav.reading.fits_cards import BLOCK_LENGTH, Cards, read_cards
 
@@ -195,7 +196,7 @@ def fits_tables(path: Path) -> tuple[Cards, list[FitsTable]]:
     BadCatalog
         It is no FITS file, or shorter than its headers say.
     """
-    with path.open("rb", buffering=0) as file:
+    with open_plain(path) as file:
         content = OnDisk(file)
         if content[:9] != b"SIMPLE  =":
             raise malformed_at(path.name, 0, "a FITS file ('SIMPLE  =')", repr(content[:9]))

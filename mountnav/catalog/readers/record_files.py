@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.catalog.malformed import COPY_AGAIN, malformed_at
+from mountnav.plain_files import open_buffered
 
 Records = NDArray[np.void]
 
@@ -106,7 +107,7 @@ def records_in_order(
     count = record_count(path, record)
     everywhere = Zone(zone.turn, 0, zone.turn // 2, zone.unit)
     last_ra = 0
-    with path.open("rb") as file:
+    with open_buffered(path) as file:
         for first in range(0, count, RECORDS_AT_ONCE):
             wanted = min(RECORDS_AT_ONCE, count - first)
             read = file.read(wanted * record.itemsize)

@@ -18,6 +18,7 @@ from mountnav.catalog.readers.astap.records import DEC_STEP_DEG, RA_STEP_DEG, De
 from mountnav.catalog.readers.unknown_motion import unknown_motion_mas_yr
 from mountnav.catalog.stars import StarFlag
 from mountnav.errors import BadCatalog
+from mountnav.plain_files import MOST_RECORD_BYTES, open_buffered, read_bytes
 
 Array = NDArray[np.float64]
 
@@ -81,7 +82,7 @@ class AstapReader:
             The file is malformed, or a star doesn't lie in its area.
         """
         area = self._files[part.path]
-        content = part.path.read_bytes()
+        content = read_bytes(part.path, MOST_RECORD_BYTES)
         file = part.path.name
         if parse_head(content[:HEAD_BYTES], file, area.database) != self._head:
             raise BadCatalog("it changed while it was read", device=file, advice="start the import again")
@@ -181,5 +182,5 @@ def _none_found(path: Path, candidates: Sequence[Path]) -> BadCatalog:
 
 
 def _head(path: Path, area: Area) -> Head:
-    with path.open("rb") as file:
+    with open_buffered(path) as file:
         return parse_head(file.read(HEAD_BYTES), path.name, area.database)

@@ -9,7 +9,7 @@ import re
 import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from mountnav.catalog.readers.gaia.parquet_file import arrow_values
 from mountnav.catalog.readers.gaia.quantities import QUANTITIES, found_columns, require_unit
 from mountnav.catalog.readers.gaia.tables import Block, Layout, Piece
 from mountnav.errors import BadCatalog
+from mountnav.plain_files import open_unpacked
 
 _PIECE_BYTES = 256 * 2**20
 _BLOCK_BYTES = 16 * 2**20
@@ -96,7 +97,7 @@ class CsvFile:
             yield Block(values, error_at)
 
     def _opened(self) -> BinaryIO:
-        return cast(BinaryIO, gzip.open(self.path, "rb")) if self._packed else self.path.open("rb")
+        return open_unpacked(self.path, packed=self._packed)
 
     def _head(self) -> tuple[list[str], str, list[str], int]:
         """Comment lines without '#', the line of names, up to two lines after it, where the rows begin."""

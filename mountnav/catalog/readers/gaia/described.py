@@ -58,11 +58,14 @@ def described_columns(text: str) -> Described:
 
     try:
         header = get_header_from_yaml(text.splitlines())
-    except (YamlParseError, ValueError):
+    except (YamlParseError, ValueError, TypeError, LookupError, AttributeError, RecursionError):
         return Described({}, {})
+    if not isinstance(header, dict):
+        return Described({}, {})
+    entries = header.get("datatype")
     columns = {
         str(entry["name"]): entry
-        for entry in header.get("datatype", [])
+        for entry in (entries if isinstance(entries, list) else [])
         if isinstance(entry, dict) and "name" in entry
     }
     meta = header.get("meta")

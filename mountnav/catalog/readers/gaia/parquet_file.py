@@ -15,6 +15,7 @@ from mountnav.catalog.readers.gaia.epochs import epoch_in_texts
 from mountnav.catalog.readers.gaia.quantities import QUANTITIES, found_columns, require_unit
 from mountnav.catalog.readers.gaia.tables import LARGEST_CHUNK, Block, Layout, Piece
 from mountnav.errors import BadCatalog
+from mountnav.plain_files import open_buffered
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -42,7 +43,7 @@ class ParquetFile:
 
         self.path = path
         size = path.stat().st_size
-        with path.open("rb") as file:
+        with open_buffered(path) as file:
             start = file.read(4)
             file.seek(max(0, size - 4))
             end = file.read(4)

@@ -20,6 +20,7 @@ from mountnav.catalog.readers.gaia.epochs import epoch_in_texts, epoch_of_label
 from mountnav.catalog.readers.gaia.quantities import QUANTITIES, found_columns, require_unit
 from mountnav.catalog.readers.gaia.tables import LARGEST_CHUNK, Block, Layout, Piece
 from mountnav.errors import BadCatalog
+from mountnav.plain_files import open_unpacked
 
 LARGEST_BYTES = 1_000_000_000
 """A VOTable is read as a whole; a larger one wouldn't fit the memory of an observatory's computer."""
@@ -124,7 +125,7 @@ class VoTableFile:
         content = b""
         if size <= LARGEST_BYTES:
             try:
-                with gzip.open(self.path) if packed else self.path.open("rb") as file:
+                with open_unpacked(self.path, packed=packed) as file:
                     content = file.read(LARGEST_BYTES + 1)
             except (EOFError, gzip.BadGzipFile, zlib.error) as broken:
                 raise malformed_at(self.path.name, size, "a whole gzip file", str(broken)) from broken

@@ -22,6 +22,7 @@ from mountnav.catalog.readers.siril.layout import (
 )
 from mountnav.catalog.readers.siril.stars import columns_of, pixels_dec_range_deg, require_sound
 from mountnav.errors import BadCatalog
+from mountnav.plain_files import open_buffered
 
 _LARGEST_PART = 500_000
 _BZIP2_SUFFIX = ".bz2"
@@ -90,7 +91,7 @@ class SirilReader:
         head, counts = self._files[path], self._counts[path]
         first, count = int(counts[run.first]), int(counts[run.end] - counts[run.first])
         offset = head.stars_at + first * STAR.itemsize
-        with path.open("rb") as file:
+        with open_buffered(path) as file:
             file.seek(offset)
             content = file.read(count * STAR.itemsize)
         if len(content) != count * STAR.itemsize:
@@ -175,7 +176,7 @@ def _require_one_catalog(heads: dict[Path, Head]) -> None:
 
 
 def _head(path: Path) -> Head:
-    with path.open("rb") as file:
+    with open_buffered(path) as file:
         return parse_head(file.read(HEAD.itemsize), path.name)
 
 

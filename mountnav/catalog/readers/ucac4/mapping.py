@@ -78,7 +78,7 @@ def magnitudes(stars: Ucac4Stars) -> tuple[Array, NDArray[np.uint8]]:
     mag : ndarray, shape (n,)
         Finite.
     flags : ndarray of uint8, shape (n,)
-        NO_MAGNITUDE, OTHER_BAND.
+        NO_MAGNITUDE, OTHER_BAND, STAND_IN.
     """
     own = np.where(np.isnan(stars.aperture_mag), stars.fit_mag, stars.aperture_mag)
     overexposed = (stars.object_type == 1) | ((stars.images_used == 0) & (own < SATURATED_MAG))
@@ -101,6 +101,8 @@ def magnitudes(stars: Ucac4Stars) -> tuple[Array, NDArray[np.uint8]]:
         # what an overexposed image gave is of no use for photometry even where nothing better is known
         np.where(replaced | overexposed, int(StarFlag.OTHER_BAND), 0),
     )
+    fitted = np.isnan(stars.aperture_mag) & ~replaced & ~nothing
+    flags = flags | np.where(fitted, int(StarFlag.STAND_IN), 0)
     return np.where(nothing, NO_MAGNITUDE_MAG, mag), flags.astype(np.uint8)
 
 

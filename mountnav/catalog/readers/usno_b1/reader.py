@@ -16,13 +16,15 @@ from mountnav.catalog.readers.usno_b1.mapping import columns_of
 from mountnav.catalog.readers.usno_b1.record import RECORD, decoded, detections, impossible
 from mountnav.catalog.readers.zone_folder import files_by_zone, zone_list
 from mountnav.errors import BadCatalog
+from mountnav.plain_files import read_bytes
 
 ZONES = 1800
 TURN_CAS = 360 * 360_000
 """In the unit of the files, 0.01 arcsec."""
 ZONE_CAS = 36_000
 MARGIN_CAS = 6_000
-_NAME = re.compile(r"b(\d{4})\.cat", re.IGNORECASE)
+_NAME = re.compile(r"(?:usno[-_]?b?1?[-_.]?)?b(\d{4})\.cat", re.IGNORECASE)
+"""b0000.cat, also usnob_b0000.cat and usno-b1_b0000.cat, as copies are called."""
 _ACCELERATOR_LINES = 96
 _ACCELERATOR_LINE = re.compile(rb"\s*[\d.]+\s+(\d+)\s+(\d+)\s*")
 
@@ -150,7 +152,7 @@ def _require_count(path: Path, count: int) -> None:
     accelerator = beside.get(f"{path.stem.lower()}.acc")
     if accelerator is None:
         return
-    lines = [_ACCELERATOR_LINE.fullmatch(line) for line in accelerator.read_bytes().splitlines()]
+    lines = [_ACCELERATOR_LINE.fullmatch(line) for line in read_bytes(accelerator).splitlines()]
     if len(lines) != _ACCELERATOR_LINES or None in lines:
         raise BadCatalog(
             f"an accelerator file has {_ACCELERATOR_LINES} lines of right ascension, first record and count",
