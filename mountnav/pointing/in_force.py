@@ -60,6 +60,14 @@ class Pointing(Protocol):
         ...
 
 
+def one_point_sigma_arcsec(away_deg: float) -> float:
+    """How far off a mount without a model may be so far from the one place where it was right.
+
+    5 m: 6.5″ at 10°, 50″ at 50°; 8 m: 82″ at 50° [POINTING §4]; small mounts are some times worse.
+    """
+    return math.hypot(5.0, 10.0 * away_deg)
+
+
 class NoModel:
     """Without a model: no offset is expected; how far off the tube may be grows with the way since a sync.
 
@@ -87,8 +95,7 @@ class NoModel:
         flipped = {self._side, side} == {PierSide.EAST, PierSide.WEST}
         if self._last is not None and not flipped:
             away_deg = separation_arcsec(self._last, target) / 3600.0
-            # 5 m: 6.5″ at 10°, 50″ at 50°; 8 m: 82″ at 50° [POINTING §4]; small mounts are some times worse
-            sigma = math.hypot(5.0, 10.0 * away_deg)
+            sigma = one_point_sigma_arcsec(away_deg)
         return Expected(Offset(0.0, 0.0), min(sigma, self._unseen_sigma_arcsec))
 
     def aim(self, target: Icrs, utc: datetime, side: PierSide) -> Icrs:

@@ -22,10 +22,13 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields
 from datetime import UTC, datetime
+from io import TextIOWrapper
 from pathlib import Path
 
 from mountnav.errors import BadRequest
 from mountnav.navigation.devices import PierSide
+from mountnav.parsing import json_of
+from mountnav.plain_files import open_buffered
 from mountnav.pointing.observation import PointingObservation
 from mountnav.sky.coordinates import Air, Apparent, Icrs
 
@@ -123,7 +126,7 @@ def read_observations(path: Path) -> list[PointingObservation]:
         The file can't be read, or a line of it is no observation; tells which.
     """
     try:
-        with path.open(encoding="utf-8") as lines:
+        with TextIOWrapper(open_buffered(path), encoding="utf-8") as lines:
             return sorted(_lines(lines, path.name), key=lambda one: one.utc)
     except (OSError, UnicodeDecodeError) as cause:
         raise BadRequest(f"can't read the observations in {path.name}: {cause}") from cause
@@ -135,7 +138,7 @@ def _lines(lines: Iterable[str], name: str) -> Iterator[PointingObservation]:
         if not text or text.startswith("#"):
             continue
         try:
-            record = json.loads(text)
+            record = json_of(text)
         except json.JSONDecodeError as cause:
             raise BadRequest(f"{name}, line {number}: no JSON: {cause.msg}") from cause
         try:

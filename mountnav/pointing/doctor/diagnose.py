@@ -1,8 +1,8 @@
 """The doctor: from a night's looks to what is wrong with the mount, in words with numbers.
 
-Three questions, each with its own odds: is the image mirrored, does the tube hang where the mount says, do
-places and readings fit together. "Healthy" and "unknown" stand among the answers; nothing is called an
-illness unless healthy has become less probable than one in two hundred.
+Four questions, each with its own odds: is the image mirrored, does the seen sky stand above the ground, does
+the tube hang where the mount says, do places and readings fit together. "Healthy" and "unknown" stand among
+the answers; nothing is called an illness unless healthy has become less probable than one in two hundred.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from mountnav.pointing.doctor.priors import (
 )
 from mountnav.pointing.doctor.shapes import Shape, shapes
 from mountnav.pointing.doctor.sides import check_sides
+from mountnav.pointing.doctor.standing_sky import check_sky
 from mountnav.pointing.doctor.telling import Case, shape_finding, side_finding, turn_finding
 from mountnav.pointing.doctor.zero_points import turns, zero_points
 from mountnav.pointing.observation import PointingObservation
@@ -50,6 +51,7 @@ def diagnose(
     zero_sigma_deg: float = ZERO_SIGMA_DEG,
     noise_arcsec: float | None = None,
     synced_on: Sequence[PointingObservation] | None = None,
+    sign_confirmed: bool = False,
 ) -> Diagnosis:
     """Tell what the looks of a night say about the mount.
 
@@ -77,6 +79,9 @@ def diagnose(
     synced_on : sequence of PointingObservation, optional
         All syncs: the place seen and the reading after it, in the segment that it began. They are no looks of
         their own, but tie that segment's zero points. None: it isn't known what was synced.
+    sign_confirmed : bool
+        Somebody else (the mount) has told the same longitude as the `site`: looks that would stand above the
+        ground at the other sign as well say nothing against it.
 
     Returns
     -------
@@ -102,6 +107,13 @@ def diagnose(
     facts = facts_of(counted, site, altaz=altaz)
     told = mirror_findings(counted, expected_parity)
     sides = check_sides(facts, rotator=rotator, equatorial=not altaz)
+    sky = check_sky(facts, site, altaz=altaz, swapped=sides.swapped, sign_confirmed=sign_confirmed)
+    if sky.finding is not None:
+        # all that rests on hour angles is about another sky
+        return _summed_up([*told, sky.finding], len(counted))
+    if sky.suspicion is not None:
+        told.append(sky.suspicion)
+        sides = replace(sides, swapped=False, probability_wrong=0.0, beyond=facts.west)
     case = Case(facts, site, believed_epoch, sides, mounting)
     if (finding := side_finding(case)) is not None:
         told.append(finding)
@@ -121,7 +133,7 @@ def diagnose(
     if not altaz and best.illness not in (Illness.HEMISPHERE, Illness.UNKNOWN):
         points = zero_points(placed.fitted, fitted.segments)
         told += turn_finding(case, turns(points, site.longitude_deg, zero_sigma_deg, synced), points)
-    return _summed_up(told, len(counted))
+    return _summed_up(told, len(counted), sign=None if sky.sign_excluded else site.longitude_deg)
 
 
 def _with_syncs(
@@ -159,15 +171,18 @@ def _of_shapes(case: Case, fit: Fit, weighed: list[Shape]) -> list[Finding]:
     return [shape_finding(case, fit, best, by_illness[illness], healthy, rivals)]
 
 
-def _summed_up(told: list[Finding], looks: int) -> Diagnosis:
+def _summed_up(told: list[Finding], looks: int, *, sign: float | None = None) -> Diagnosis:
+    """The whole; with the longitude, if its sign can't be told by these looks."""
+
     def sure(one: Finding) -> bool:
-        return one.odds_against_healthy * ALARM >= 1.0
+        # two causes that fit alike are no finding
+        return one.odds_against_healthy * ALARM >= 1.0 and one.probability > 0.5
 
     findings = tuple(sorted((one for one in told if sure(one)), key=lambda one: -one.probability))
     suspicions = tuple(sorted((one for one in told if not sure(one)), key=lambda one: -one.probability))
     ill = [one for one in findings if one.what not in HARMLESS]
     enough = looks >= ENOUGH
-    healthy = False if ill else (True if enough and not suspicions else None)
+    healthy = False if ill else (True if enough and not suspicions and sign is None else None)
     words = [one.words for one in findings]
     words += [f"Not sure yet: {one.words}" for one in suspicions]
     if not words:
@@ -176,4 +191,9 @@ def _summed_up(told: list[Finding], looks: int) -> Diagnosis:
             if enough
             else f"{looks} look{'s' if looks > 1 else ''} show nothing wrong; {ENOUGH} are needed to be sure."
         ]
+    if enough and not ill and sign is not None:
+        words.append(
+            f"They would stand as well at longitude {-sign:.3f}° (east): is {sign:.3f}° its right sign? A "
+            "look low in the east or west tells, or a mount that says the same."
+        )
     return Diagnosis(findings, suspicions, healthy, enough, looks, " ".join(words))

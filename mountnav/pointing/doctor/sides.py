@@ -118,7 +118,7 @@ def check_sides(facts: Facts, *, rotator: bool = False, equatorial: bool = True)
     if not (upside & told).any() or not (trusted & ~upside & told).any():
         # nobody told another side: the image alone says where the tube was
         truly = np.where(upside, ~facts.west, facts.west)
-        if _log_hour_angles(facts.lon, truly, trusted) < _log_hour_angles(facts.lon, ~truly, trusted):
+        if log_hour_angles(facts.lon, truly, trusted) < log_hour_angles(facts.lon, ~truly, trusted):
             truly = np.where(trusted & ~told, ~truly, truly)
         # near the pole the image tells nothing: by the hour angle, as mounts choose
         truly = np.where(~trusted & ~told, facts.lon < 0.0, truly)
@@ -132,7 +132,7 @@ def check_sides(facts: Facts, *, rotator: bool = False, equatorial: bool = True)
     wrong = odds / (1.0 + odds)
     truly = np.where(upside, ~facts.west, facts.west)
     if (
-        _log_hour_angles(facts.lon, truly, trusted) < _log_hour_angles(facts.lon, ~truly, trusted)
+        log_hour_angles(facts.lon, truly, trusted) < log_hour_angles(facts.lon, ~truly, trusted)
         and told.any()
     ):
         truly, upside = np.where(trusted, ~truly, truly), trusted & ~upside
@@ -169,7 +169,7 @@ def _spread(camera: Array, sigma: Array, trusted: NDArray[np.bool_]) -> tuple[fl
     return math.degrees(float(off[far])), math.degrees(math.hypot(float(sigma[first]), float(sigma[far])))
 
 
-def _log_hour_angles(lon: Array, beyond: NDArray[np.bool_], counted: NDArray[np.bool_]) -> float:
+def log_hour_angles(lon: Array, beyond: NDArray[np.bool_], counted: NDArray[np.bool_]) -> float:
     """How ordinary it is to look at these hour angles from these sides: east looks west."""
     past = np.where(beyond, lon, -lon)  # west side: past the meridian when west of it
     past = np.where(past > 0.0, np.minimum(past, math.pi - past), 0.0)
@@ -183,4 +183,4 @@ def _log_swapped(facts: Facts, told: NDArray[np.bool_]) -> float:
     """
     if len({one for one, known in zip(facts.sides, told, strict=True) if known}) < 2:
         return -math.inf
-    return _log_hour_angles(facts.lon, ~facts.west, told) - _log_hour_angles(facts.lon, facts.west, told)
+    return log_hour_angles(facts.lon, ~facts.west, told) - log_hour_angles(facts.lon, facts.west, told)

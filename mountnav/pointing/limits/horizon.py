@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.errors import BadSettings
+from mountnav.plain_files import read_text
 
 Floats = NDArray[np.float64]
 
@@ -78,7 +79,7 @@ class Horizon:
             It can't be read, or a line of it is no azimuth and altitude; tells the line.
         """
         try:
-            text = path.read_text(encoding="utf-8-sig")
+            text = read_text(path).removeprefix("\ufeff")
         except (OSError, UnicodeDecodeError) as error:
             raise BadSettings(
                 f"the horizon file can't be read: {error}",

@@ -27,7 +27,7 @@ from mountnav.pointing.limits.postures import (
     ways_between,
 )
 from mountnav.pointing.limits.scene import Scene
-from mountnav.pointing.limits.tracked import reached_from
+from mountnav.pointing.limits.tracked import VACUUM, reached_from
 from mountnav.pointing.limits.ways import Trouble, trouble_on
 from mountnav.sky.chain import hour_angle_to_observed, icrs_to_hour_angle
 from mountnav.sky.coordinates import Air, HourAngle, Icrs, Observed, Site
@@ -111,14 +111,14 @@ def check_slew(
     refusing.check_place(limits, target, utc, site, air)
     scene = Scene(limits, utc, site)
     here = icrs_to_hour_angle(start, utc, site, air)
-    there = icrs_to_hour_angle(target, utc, site, air)
+    there, bare = (icrs_to_hour_angle(target, utc, site, one) for one in (air, VACUUM))
     known = side if side in _SIDES else None
     kind: Mounting = mounting or ("german" if known or destination in _SIDES else "fork")
     expected, others = _sides(scene, here, there, kind, known, destination)
 
     def judged(pairs: list[_Pair]) -> list[_Judged]:
         track_s = limits.slew_takes_s + track_for_s
-        return [one for pair in pairs for one in _judged(scene, here, there, kind, pair, track_s)]
+        return [one for pair in pairs for one in _judged(scene, here, there, bare, kind, pair, track_s)]
 
     ways = judged(expected)
     told = destination in _SIDES
@@ -193,13 +193,14 @@ def _judged(
     scene: Scene,
     here: HourAngle,
     there: HourAngle,
+    bare: HourAngle,
     kind: Mounting,
     sides: tuple[PierSide, PierSide],
     track_s: float,
 ) -> list[_Judged]:
     end = _standing(scene, there, kind, sides[1])
     return [
-        _judge(scene, way, there, track_s)
+        _judge(scene, way, there, bare, track_s)
         for start in _starts(_standing(scene, here, kind, sides[0]), here)
         for way in ways_between(start, end, scene.limits.first_axis_deg)
     ]
@@ -241,7 +242,7 @@ def _begun(scene: Scene, here: HourAngle, there: HourAngle, side: PierSide) -> _
     return _Judged(way, trouble.limit, f"{text}: {_on_the_way(scene, trouble)}")
 
 
-def _judge(scene: Scene, way: Way, there: HourAngle, track_s: float) -> _Judged:
+def _judge(scene: Scene, way: Way, there: HourAngle, bare: HourAngle, track_s: float) -> _Judged:
     label = way.label or "the direct way"
     for limit, depth in scene.axis_depths(way.end).items():
         # each axis turns one way: within at the end it comes no deeper outside, if it stands there
@@ -258,6 +259,7 @@ def _judge(scene: Scene, way: Way, there: HourAngle, track_s: float) -> _Judged:
     later = reached_from(
         scene,
         there,
+        bare=bare,
         mounting=way.end.mounting,
         side=way.end.side,
         within_s=track_s,

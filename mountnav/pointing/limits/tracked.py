@@ -18,6 +18,11 @@ from mountnav.sky.coordinates import Air, HourAngle, Icrs
 SIDEREAL_DEG_PER_S = 360.98564736629 / 86400.0
 _STEP_S = 60.0
 _DEEPER_DEG = 0.02
+VACUUM = Air(pressure_hpa=0.0)
+"""Without refraction: as most mounts reckon the angles of their axes. By the pole that differs from how the
+sky is seen by any amount: 50″ of refraction turn the hour angle by 16° at 3′ from it."""
+AT_POLE_DEG = 30.0 / 3600.0
+"""Nearer to the pole than this a place tells nothing of the hour angle axis: its steps are up to 20″."""
 _BODIES = (LimitKind.SUN, LimitKind.MOON, LimitKind.DAYLIGHT)
 """Tracking doesn't lead out of these: whoever is in them is so at once."""
 
@@ -52,24 +57,30 @@ def reached(
     step_s: float = _STEP_S,
 ) -> Reached | None:
     """Find which limit tracking on a place reaches first; see `Limits.reached`."""
-    here = icrs_to_hour_angle(place, scene.utc, scene.site, air)
-    return reached_from(scene, here, mounting=mounting, side=side, within_s=within_s, step_s=step_s)
+    here, bare = (icrs_to_hour_angle(place, scene.utc, scene.site, one) for one in (air, VACUUM))
+    return reached_from(
+        scene, here, bare=bare, mounting=mounting, side=side, within_s=within_s, step_s=step_s
+    )
 
 
 def reached_from(
     scene: Scene,
     here: HourAngle,
     *,
+    bare: HourAngle | None = None,
     mounting: Mounting | None,
     side: PierSide | None,
     within_s: float,
     step_s: float = _STEP_S,
     settled: bool = False,
 ) -> Reached | None:
-    """As `reached`, from an observed place; `settled`: what is outside at once counts."""
+    """As `reached`, from an observed place, and `bare`: without refraction.
+
+    `settled`: what is outside at once counts.
+    """
     count = max(2, math.ceil(within_s / step_s) + 1)
     later_s = np.linspace(0.0, within_s, count)
-    depths, seen = tracked_depths(scene, here, later_s, mounting=mounting, side=side)
+    depths, seen = tracked_depths(scene, here, later_s, bare=bare, mounting=mounting, side=side)
     first: tuple[float, LimitKind] | None = None
     for limit, depth in depths.items():
         after_s = _crossing_s(depth, later_s, settled or limit in _BODIES)
@@ -87,11 +98,16 @@ def tracked_depths(
     here: HourAngle,
     later_s: Floats,
     *,
+    bare: HourAngle | None = None,
     mounting: Mounting | None,
     side: PierSide | None,
     standing: bool = True,
 ) -> tuple[Depths, tuple[Floats, Floats]]:
-    """Depths outside all limits while a place is tracked, with its azimuths and altitudes."""
+    """Depths outside all limits while a place is tracked, with its azimuths and altitudes.
+
+    Those of the axes are the deepest of what the place says with refraction and without (`bare`): nobody
+    knows by which the mount reckons.
+    """
     latitude_deg = scene.site.latitude_deg
     turned = SIDEREAL_DEG_PER_S * later_s
     seen = of_axes(here.ha_deg + turned, np.full(later_s.shape, here.dec_deg), "fork", latitude_deg)
@@ -102,6 +118,10 @@ def tracked_depths(
         depths |= scene.axis_depths(stands, azimuths, seen.altitude_deg)
     else:
         depths |= scene.axis_depths(stands, stands.first_deg + turned)
+        if bare is not None and 90.0 - abs(bare.dec_deg) > AT_POLE_DEG:
+            reckoned = standing_for(scene, bare, mounting, side)
+            for limit, depth in scene.axis_depths(reckoned, reckoned.first_deg + turned).items():
+                depths[limit] = np.maximum(depths[limit], depth)
     return depths, (np.mod(seen.azimuth_deg, 360.0), seen.altitude_deg)
 
 

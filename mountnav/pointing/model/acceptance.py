@@ -1,29 +1,48 @@
-"""Whether a new model may take the old one's place: only if it predicts better, unseen points too.
+"""Whether a new model may take the old one's place: only if it predicts better, unseen targets too.
 
-Else the old one stays, and the words say why [POINTING §7].
+Else the old one stays, and the words say why [POINTING §7]. Better is not enough where chance would do: of
+the targets that both predict, the new one has to be nearer to more, and by more, than chance brings once in
+twenty times.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import chi2, wilcoxon
 
 from mountnav.errors import BadRequest
 from mountnav.pointing.model.fit import Fit
-from mountnav.pointing.model.linear import Segments, ZeroPoints, solve
+from mountnav.pointing.model.left_out import bounded_losses, loo_of_geometry, loo_rms, zeroed
 from mountnav.pointing.model.mechanical import Bools, Mechanical
 from mountnav.pointing.model.model import PointingModel
-from mountnav.pointing.model.robust import TUKEY, first_state, scale_of, state_at
-from mountnav.pointing.model.selection import loo_rms
+from mountnav.pointing.model.robust import TUKEY, scale_of, state_at
 from mountnav.pointing.model.terms import Array, basis
+from mountnav.pointing.model.visits import visits
 
 CHANCE_OF_3_SIGMA = 0.0027
 LEAST_FRESH = 3
-_ROUNDS = 8
+CHANCE_OF_BETTER = 0.05
+"""Once in so many times a model that is no better may look better."""
+_LEAST_PAIRS = 6
+"""With fewer targets no outcome is rarer than that."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldOut:
+    """Visits that had no part in the fits that predict them; see `making`.
+
+    Attributes
+    ----------
+    new, old : ndarray, shape (p, 2)
+        Residuals, arcsec; NaN where nothing predicts them.
+    """
+
+    new: Array
+    old: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +55,13 @@ class Judgement:
     reasons : tuple of str
         What spoke against it; what spoke for it if nothing did.
     new_loo_arcsec, old_loo_arcsec : float
-        Each point predicted from the others; the old model's geometry with zero points of its own segment.
+        Leave-one-out RMS (`left_out`), the new one that of the fit; the old model's geometry is as it is.
     new_held_out_arcsec, old_held_out_arcsec : float or None
-        RMS of points that had no part in the fit.
+        RMS of visits of targets that had no part in fits with terms chosen anew.
     held_out : int
         How many of these could be predicted.
+    better_chance : float
+        Chance that a model which is no better looks as much better.
     fresh_chance : float or None
         Chance that a true model misses the fresh points by as much.
     """
@@ -52,25 +73,23 @@ class Judgement:
     new_held_out_arcsec: float | None = None
     old_held_out_arcsec: float | None = None
     held_out: int = 0
+    better_chance: float = 1.0
     fresh_chance: float | None = None
 
 
 def predicted(
-    known: Mechanical,
-    used: Bools,
-    asked: Mechanical | None,
-    coefficients_arcsec: Mapping[str, float],
+    known: Mechanical, used: Bools, asked: Mechanical, coefficients_arcsec: Mapping[str, float]
 ) -> Array:
     """Residuals of a geometry whose zero points are told by `known`.
 
     Parameters
     ----------
     known : Mechanical
-        Tells the zero points of each segment.
+        Tells the zero points of each segment; one point a visit.
     used : ndarray of bool
         Which of them count.
-    asked : Mechanical or None
-        What is predicted; None: each of `known` from the others of its segment.
+    asked : Mechanical
+        What is predicted.
     coefficients_arcsec : mapping
         Geometry terms.
 
@@ -79,33 +98,39 @@ def predicted(
     ndarray, shape (n, 2)
         Arcsec; NaN where no point tells the zero points.
     """
-    names = tuple(coefficients_arcsec)
-    values = np.array([coefficients_arcsec[name] for name in names])
-    segments = Segments(known.segment, len(known.segment_ids))
-    state = state_at(known, names, values, first_state(known, ()).zero_points_arcsec)
-    weight = used.astype(np.float64)
-    for _ in range(_ROUNDS):
-        linear = solve(
-            state.columns[:, :, :0],
-            state.residuals_arcsec,
-            ZeroPoints.of(segments, state.cos_lat, weight),
-        )
-        state = state_at(known, names, values, state.zero_points_arcsec + linear.zero_points)
-    if asked is None:
-        return linear.left_out()
+    state = zeroed(known, used, coefficients_arcsec)[0]
     told = {key for s, key in enumerate(known.segment_ids) if np.any(used & (known.segment == s))}
     zero = np.full((len(asked.segment_ids), 2), np.nan)
     for s, key in enumerate(asked.segment_ids):
         if key in told:
             zero[s] = state.zero_points_arcsec[known.segment_ids.index(key)]
-    return state_at(asked, names, values, zero).residuals_arcsec
+    return state_at(
+        asked, tuple(coefficients_arcsec), np.array(list(coefficients_arcsec.values())), zero
+    ).residuals_arcsec
+
+
+def held_out_by(fitted: Fit, looks: Mechanical, old: PointingModel | None) -> HeldOut:
+    """Predict looks that had no part in a fit, by it and by what was there; one point a visit."""
+    points = visits(_renamed(looks, fitted)).points
+    new, before = (
+        predicted(fitted.points, fitted.counted, points, one) for one in (_geometry(fitted), _before(old))
+    )
+    return HeldOut(new, before)
+
+
+def _geometry(fitted: Fit) -> dict[str, float]:
+    return dict(zip(fitted.geometry_terms, fitted.coefficients_arcsec[2:].tolist(), strict=True))
+
+
+def _before(old: PointingModel | None) -> dict[str, float]:
+    return {} if old is None else {name: old.coefficients[name] for name in old.geometry_terms}
 
 
 def judge(
     fitted: Fit,
     *,
     old: PointingModel | None = None,
-    held_out: Mechanical | None = None,
+    held_out: Mechanical | HeldOut | None = None,
     fresh: Mechanical | None = None,
 ) -> Judgement:
     """Judge a new model against the old one, or against zero points alone if there is none.
@@ -114,8 +139,8 @@ def judge(
     ----------
     fitted : Fit
     old : PointingModel, optional
-    held_out : Mechanical, optional
-        Points of the same segments that had no part in the fit.
+    held_out : Mechanical or HeldOut, optional
+        Looks of the same segments that had no part in the fit; or what fits without them made of them.
     fresh : Mechanical, optional
         3 to 5 points taken since; in a segment of the fit, or one of their own.
 
@@ -128,40 +153,42 @@ def judge(
     BadRequest
         Fewer than three fresh points, or the old model is of another kind of mount.
     """
-    m, used = fitted.observations, fitted.used
-    if old is not None and old.kind != m.kind:
-        raise BadRequest(f"the old model is {old.kind}, the new one {m.kind}")
-    before = {} if old is None else {name: old.coefficients[name] for name in old.geometry_terms}
-    after = dict(zip(fitted.geometry_terms, fitted.coefficients_arcsec[2:].tolist(), strict=True))
+    m = fitted.observations
+    check_old(old, m)
     called = "the zero points alone" if old is None else "the old model"
     against: list[str] = []
-    old_loo = loo_rms(predicted(m, used, None, before), used)
+    pairs = HeldOut(fitted.left_out_arcsec, loo_of_geometry(fitted.points, fitted.counted, _before(old)))
+    pairs = HeldOut(pairs.new[fitted.counted], pairs.old[fitted.counted])
+    old_loo = loo_rms(pairs.old, np.ones(len(pairs.old), dtype=np.bool_))
     if not fitted.loo_arcsec < old_loo:
         against.append(
-            f"points left out in turn are predicted to {fitted.loo_arcsec:.1f}″, "
+            f"targets left out in turn are predicted to {fitted.loo_arcsec:.1f}″, "
             f"by {called} to {old_loo:.1f}″"
         )
     new_out = old_out = chance = None
     counted = 0
-    if held_out is not None and len(held_out):
-        named = _renamed(held_out, fitted)
-        new_out, old_out, counted = _compared(
-            predicted(m, used, named, after), predicted(m, used, named, before)
-        )
+    if held_out is not None:
+        out = held_out_by(fitted, held_out, old) if isinstance(held_out, Mechanical) else held_out
+        new_out, old_out, counted = _compared(out.new, out.old)
         if counted and not new_out < old_out:
-            against.append(f"{counted} held-out points are {new_out:.1f}″ off, with {called} {old_out:.1f}″")
+            against.append(f"{counted} held-out visits are {new_out:.1f}″ off, with {called} {old_out:.1f}″")
+        if counted >= _LEAST_PAIRS:
+            pairs = out
+    by_chance = chance_of_better(pairs)
+    if not against and not by_chance < CHANCE_OF_BETTER:
+        against.append(f"it is no better than {called} beyond chance ({by_chance:.0%})")
     if fresh is not None:
         if len(fresh) < LEAST_FRESH:
             raise BadRequest(f"{len(fresh)} fresh points are no check", advice="take 3 to 5 of them")
-        chance = _chance(fitted, _renamed(fresh, fitted), after)
+        chance = _chance(fitted, _renamed(fresh, fitted))
         if chance < CHANCE_OF_3_SIGMA:
             against.append(
                 f"{len(fresh)} fresh points miss the model by more than 3 σ (chance {chance:.1g}): "
                 "did something move since, or is it fitted too closely?"
             )
-    said = [f"points left out in turn are predicted to {fitted.loo_arcsec:.1f}″, before to {old_loo:.1f}″"]
+    said = [f"targets left out in turn are predicted to {fitted.loo_arcsec:.1f}″, before to {old_loo:.1f}″"]
     if counted:
-        said.append(f"{counted} held-out points are {new_out:.1f}″ off, before {old_out:.1f}″")
+        said.append(f"{counted} held-out visits are {new_out:.1f}″ off, before {old_out:.1f}″")
     if chance is not None and fresh is not None:
         said.append(f"{len(fresh)} fresh points agree within 3 σ")
     return Judgement(
@@ -172,8 +199,31 @@ def judge(
         new_out if counted else None,
         old_out if counted else None,
         counted,
+        by_chance,
         chance,
     )
+
+
+def check_old(old: PointingModel | None, m: Mechanical) -> None:
+    """Refuse an old model of another kind of mount. Raises `BadRequest`."""
+    if old is not None and old.kind != m.kind:
+        raise BadRequest(f"the old model is {old.kind}, the new one {m.kind}")
+
+
+def chance_of_better(pairs: HeldOut) -> float:
+    """Chance that a model which is no better comes as much nearer to as many targets; 1 if too few tell.
+
+    By the ranks of the differences [Wilcoxon 1945]: one gross error doesn't decide.
+    """
+    known = np.isfinite(pairs.new[:, 0]) & np.isfinite(pairs.old[:, 0])
+    nearer = np.minimum(np.hypot(*pairs.new[known].T), np.hypot(*pairs.old[known].T))
+    if nearer.size < _LEAST_PAIRS - 1:
+        return 1.0
+    new, old = bounded_losses(pairs.new, pairs.old, scale_of(nearer, np.ones_like(nearer)))
+    differences = np.sqrt(old) - np.sqrt(new)
+    if not np.any(differences):
+        return 1.0
+    return float(wilcoxon(differences, alternative="greater").pvalue)
 
 
 def _renamed(points: Mechanical, fitted: Fit) -> Mechanical:
@@ -183,10 +233,7 @@ def _renamed(points: Mechanical, fitted: Fit) -> Mechanical:
     names = [into.get(key, key) for key in points.segment_ids]
     unique = tuple(dict.fromkeys(names))
     number = np.array([unique.index(name) for name in names], dtype=np.int64)
-    return Mechanical(
-        points.kind, points.site_latitude_rad, points.seen, points.beyond, points.read_lon_rad,
-        points.read_lat_rad, points.sigma_arcsec, number[points.segment], unique,
-    )  # fmt: skip
+    return replace(points, segment=number[points.segment], segment_ids=unique)
 
 
 def _compared(new: Array, old: Array) -> tuple[float, float, int]:
@@ -202,32 +249,16 @@ def _compared(new: Array, old: Array) -> tuple[float, float, int]:
     return next(rms), next(rms), int(np.sum(sound))
 
 
-def _chance(fitted: Fit, fresh: Mechanical, coefficients: Mapping[str, float]) -> float:
+def _chance(fitted: Fit, fresh: Mechanical) -> float:
     """Probability that a true model misses fresh points by as much."""
-    m = fitted.observations
-    residuals = predicted(m, fitted.used, fresh, coefficients)
+    m, coefficients = fitted.observations, _geometry(fitted)
+    residuals = predicted(fitted.points, fitted.counted, fresh, coefficients)
     freedom = 2 * len(fresh)
     alone = ~np.isfinite(residuals[:, 0])
     if np.any(alone):
         # a segment of their own: two degrees of freedom go into its zero points
         own = fresh.chosen(alone)
-        state = state_at(
-            own, tuple(coefficients), np.array(list(coefficients.values())),
-            first_state(own, ()).zero_points_arcsec,
-        )  # fmt: skip
-        for _ in range(_ROUNDS):
-            linear = solve(
-                state.columns[:, :, :0],
-                state.residuals_arcsec,
-                ZeroPoints.of(Segments(own.segment, len(own.segment_ids)), state.cos_lat, np.ones(len(own))),
-            )
-            state = state_at(
-                own,
-                tuple(coefficients),
-                state.coefficients_arcsec,
-                state.zero_points_arcsec + linear.zero_points,
-            )
-        residuals[alone] = state.residuals_arcsec
+        residuals[alone] = zeroed(own, np.ones(len(own), dtype=np.bool_), coefficients)[0].residuals_arcsec
         freedom -= 2 * len(np.unique(own.segment))
     if freedom <= 0:
         raise BadRequest("the fresh points are in too many segments to check anything")

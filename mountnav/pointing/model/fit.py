@@ -10,17 +10,22 @@ from typing import Literal
 import numpy as np
 
 from mountnav.errors import ModelRefused
+from mountnav.pointing.model.covariance import covariance_of, variance_factor
+from mountnav.pointing.model.left_out import loo_residuals, loo_rms
 from mountnav.pointing.model.linear import Segments, ZeroPoints
 from mountnav.pointing.model.mechanical import Bools, Mechanical
-from mountnav.pointing.model.robust import RobustFit, robust_fit
-from mountnav.pointing.model.selection import SelectionStep, loo_rms, select
-from mountnav.pointing.model.terms import HIGHEST_HARMONIC, ZERO_POINTS, Array, term
+from mountnav.pointing.model.robust import RobustFit, first_state, plays_told, robust_fit, state_at
+from mountnav.pointing.model.selection import SelectionStep, select
+from mountnav.pointing.model.terms import CORE, HIGHEST_HARMONIC, ZERO_POINTS, Array, term
+from mountnav.pointing.model.visits import Visits, visits
 
 MAX_SIGMA_ARCSEC = 300.0
 """A coefficient less certain than this predicts nothing."""
 _LEAST_INDEPENDENCE = 0.01
 _JOINED_WITHIN = 9.21
 """χ² of two zero points: segments that differ by more have only a chance of 1 % to be the same."""
+_HARD_TO_PART = 0.95
+"""Correlation of two coefficients from which on only their sum is well known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,15 +34,16 @@ class Quality:
 
     Attributes
     ----------
-    sky_rms_arcsec : float
+    sky_rms_arcsec : float or None
         sqrt(Σ(ξ²+η²)/(n-k)), k the number of all unknowns, zero points of all segments included: PMFIT's and
-        TPOINT's definition.
+        TPOINT's definition. None where there are as many unknowns as points, as in a night of many syncs: it
+        isn't known then.
     population_rms_arcsec : float
         sqrt(Σ(ξ²+η²)/n): smaller, and what many programs tell.
     percent_90_arcsec, max_arcsec : float
     """
 
-    sky_rms_arcsec: float
+    sky_rms_arcsec: float | None
     population_rms_arcsec: float
     percent_90_arcsec: float
     max_arcsec: float
@@ -77,20 +83,27 @@ class Fit:
     terms : tuple of str
         Zero points first.
     coefficients_arcsec, sigma_arcsec : ndarray, shape (k,)
-        The zero points are those of the last segment. The sigmas are per coordinate: sqrt of
-        Σ(ξ²+η²)/(2n-k); PMFIT prints them √2 larger.
+        The zero points are those of the last segment. The sigmas are per coordinate, from the scatter of
+        visits: sqrt of Σ(ξ²+η²)/(2n-k) where each look is a visit; PMFIT prints them √2 larger.
     covariance_arcsec2 : ndarray, shape (k, k)
     condition : float
         Of the scaled columns.
     residuals_arcsec : ndarray, shape (n, 2)
-        Seen less predicted along ξ and η of the axes.
+        Of looks: seen less predicted along ξ and η of the axes.
     used : ndarray of bool, shape (n,)
+        Which looks count.
+    points : Mechanical
+        What was fitted: looks at one target in one segment are one (`visits`).
+    counted : ndarray of bool, shape (p,)
+        Which points count.
     after, before : Quality
         With the model, and with zero points alone.
+    left_out_arcsec : ndarray, shape (p, 2)
+        Each point predicted from the others (`left_out`).
     loo_arcsec : float
-        RMS distance of points predicted from the others.
+        RMS distance of those that count: the one figure of that name.
     scatter_arcsec : float
-        Per coordinate, of points that were predicted from the others: what the model's sigma doesn't hold.
+        Per coordinate, of single visits against a true model: what the model's sigma doesn't hold.
     segments : tuple of SegmentZero
     steps : tuple of SelectionStep
         How the terms were chosen; empty if they were given.
@@ -106,8 +119,11 @@ class Fit:
     condition: float
     residuals_arcsec: Array
     used: Bools
+    points: Mechanical
+    counted: Bools
     after: Quality
     before: Quality
+    left_out_arcsec: Array
     loo_arcsec: float
     scatter_arcsec: float
     segments: tuple[SegmentZero, ...]
@@ -131,7 +147,7 @@ def quality(residuals_arcsec: Array, unknowns: int) -> Quality:
     distance = np.hypot(residuals_arcsec[:, 0], residuals_arcsec[:, 1])
     total, n = float(np.sum(distance**2)), len(distance)
     return Quality(
-        float(np.sqrt(total / (n - unknowns))) if n > unknowns else float("nan"),
+        float(np.sqrt(total / (n - unknowns))) if n > unknowns else None,
         float(np.sqrt(total / n)),
         float(np.quantile(distance, 0.9)),
         float(np.max(distance)),
@@ -176,66 +192,106 @@ def fit(
     if join_segments and len(np.unique(m.segment)) > 1:
         best = _joined(best, terms, highest_harmonic)
     result = _result(best)
+    if isinstance(terms, str):
+        while too_much := _untold(best, result, max_sigma_arcsec):
+            name, why = too_much
+            kept = [one for one in result.geometry_terms if one != name]
+            less = _fitted(best.visits.looks, kept, highest_harmonic)
+            notes = (*best.notes, f"{name} not taken: {why.what}")
+            best = replace(less, names=best.names, steps=best.steps, notes=notes)
+            result = _result(best)
+    elif too_much := _untold(best, result, max_sigma_arcsec):
+        raise too_much[1]
+    return result
+
+
+def _untold(best: _Fitted, result: Fit, max_sigma_arcsec: float) -> tuple[str, ModelRefused] | None:
+    """The first term that the points don't determine, and what to say of it."""
     for k, name in enumerate(result.terms[2:], start=2):
-        if best.fit.linear.independence[k - 2] < _LEAST_INDEPENDENCE:
-            raise ModelRefused(
+        if best.fit.linear.independence[best.fit.geometry[k - 2]] < _LEAST_INDEPENDENCE:
+            return name, ModelRefused(
                 f"the points can't tell {name} from the other terms (condition {result.condition:.0f})",
                 advice=f"leave out {name}, or take points over a wider range of both axes and on both sides",
             )
         if not result.sigma_arcsec[k] <= max_sigma_arcsec:
-            raise ModelRefused(
+            return name, ModelRefused(
                 f"{name} = {result.coefficients_arcsec[k]:.0f}″ ± {result.sigma_arcsec[k]:.0f}″: "
                 f"too uncertain, at most ± {max_sigma_arcsec:.0f}″ are",
                 advice=f"leave out {name}, or take more points over a wider range of both axes",
             )
-    return result
+    return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fitted:
-    m: Mechanical
+    visits: Visits
     fit: RobustFit
     steps: tuple[SelectionStep, ...]
     notes: tuple[str, ...]
     names: dict[int, tuple[str, ...]]
 
     @property
-    def loo_arcsec(self) -> float:
-        return loo_rms(self.fit.linear.left_out(), self.fit.used)
+    def points(self) -> Mechanical:
+        return self.visits.points
 
 
 def _fitted(m: Mechanical, terms: Sequence[str] | Literal["auto"], highest_harmonic: int) -> _Fitted:
     names: dict[int, tuple[str, ...]] = {index: (key,) for index, key in enumerate(m.segment_ids)}
     if isinstance(terms, str):
-        chosen = select(m, highest_harmonic=highest_harmonic)
+        made = _visits(m, CORE[m.kind])
+        chosen = select(made.points, highest_harmonic=highest_harmonic)
         notes = tuple(f"{name} not taken: {why}" for name, why in chosen.refused)
-        return _Fitted(m, chosen.fit, chosen.steps, notes, names)
+        return _Fitted(made, chosen.fit, chosen.steps, notes, names)
     for name in terms:
         term(m.kind, name)
     geometry = tuple(dict.fromkeys(name for name in terms if name not in ZERO_POINTS[m.kind]))
-    return _Fitted(m, robust_fit(m, geometry), (), (), names)
+    made = _visits(m, geometry)
+    plays = plays_told(made.points, geometry)
+    return _Fitted(made, robust_fit(made.points, (*plays, *geometry)), (), (), names)
+
+
+def _visits(m: Mechanical, names: tuple[str, ...]) -> Visits:
+    """Gather the looks; how they scatter within a visit is told by what a first fit leaves."""
+    made = visits(m)
+    if len(np.unique(made.of)) == len(m) and len(np.unique(_whose(m), axis=0)) == len(m):
+        return made
+    try:
+        first = robust_fit(made.points, names).state
+    except ModelRefused:
+        first, names = first_state(made.points, ()), ()
+    return visits(m, state_at(m, names, first.coefficients_arcsec, first.zero_points_arcsec).residuals_arcsec)
+
+
+def _whose(m: Mechanical) -> Array:
+    return np.stack([m.segment, m.targets], axis=1).astype(np.float64)
 
 
 def _joined(before: _Fitted, terms: Sequence[str] | Literal["auto"], highest_harmonic: int) -> _Fitted:
-    """Take together neighbors in time whose zero points agree; what was fitted before, if that is worse."""
-    m, linear = before.m, before.fit.linear
+    """Take together neighbors in time whose zero points agree; what was fitted before, if that is worse.
+
+    Only where more neighbors agree than not: of forty syncs some agree by chance, and are syncs all the same.
+    """
+    m, linear = before.points, before.fit.linear
     zero_points = ZeroPoints.of(
         Segments(m.segment, len(m.segment_ids)), before.fit.state.cos_lat, before.fit.weight
     )
-    factor = _variance_factor(before.fit)
+    unit = linear.unit_covariance * variance_factor(before.fit)
+    factor = variance_factor(before.fit)
     known = [s for s in range(len(m.segment_ids)) if zero_points.lat_sum[s] > 0.0]
     group = {s: {s} for s in known}
+    agreed = 0
     for a, b in pairwise(known):
         off = before.fit.state.zero_points_arcsec[a] - before.fit.state.zero_points_arcsec[b]
         way = linear.zero_points_of_terms[a] - linear.zero_points_of_terms[b]
         sums = np.stack([zero_points.lon_sum, zero_points.lat_sum], axis=1)
-        covariance = factor * (np.diag(1.0 / sums[a] + 1.0 / sums[b]) + way @ linear.unit_covariance @ way.T)
+        covariance = factor * np.diag(1.0 / sums[a] + 1.0 / sums[b]) + way @ unit @ way.T
         if float(off @ np.linalg.solve(covariance, off)) < _JOINED_WITHIN:
+            agreed += 1
             group[b] = group[a] = group[a] | group[b]
             for s in group[a]:
                 group[s] = group[a]
     parts = sorted({min(members): tuple(sorted(members)) for members in group.values()}.values())
-    if len(parts) == len(known):
+    if len(parts) == len(known) or agreed <= (len(known) - 1) // 2:
         return before
     number = np.zeros(len(m.segment_ids), dtype=np.int64)
     for index, members in enumerate(parts):
@@ -245,73 +301,114 @@ def _joined(before: _Fitted, terms: Sequence[str] | Literal["auto"], highest_har
         number[s] = index
     names = {index: tuple(m.segment_ids[s] for s in members) for index, members in enumerate(parts)}
     names |= {index: (m.segment_ids[s],) for index, s in enumerate(lost, start=len(parts))}
+    looks = before.visits.looks
     joined = replace(
-        m, segment=number[m.segment], segment_ids=tuple(names[index][-1] for index in sorted(names))
+        looks, segment=number[looks.segment], segment_ids=tuple(names[index][-1] for index in sorted(names))
     )
     after = _fitted(joined, terms, highest_harmonic)
-    same = before.fit.used & after.fit.used
-    was, now = loo_rms(before.fit.linear.left_out(), same), loo_rms(after.fit.linear.left_out(), same)
-    worse = now > 1.005 * was or np.sum(after.fit.used) < np.sum(before.fit.used)
+    worse = _loss_of_looks(after, before) > 1.01 or np.sum(_used(after)) < np.sum(_used(before))
     return before if worse else replace(after, names=names)
 
 
-def _variance_factor(fitted: RobustFit) -> float:
-    """What the inverse variances have to be divided by to fit the residuals."""
-    used = fitted.used
-    squared = np.sum(fitted.state.residuals_arcsec[used] ** 2, axis=1)
-    freedom = 2.0 * np.sum(used) - np.sum((fitted.linear.hat[0] + fitted.linear.hat[1])[used])
-    return float(np.sum(fitted.weight[used] * squared) / max(freedom, 1.0))
+def _used(one: _Fitted) -> Bools:
+    return one.visits.told(one.fit.used)
+
+
+def _loss_of_looks(one: _Fitted, other: _Fitted) -> float:
+    """How much worse one fit predicts the looks that both count and predict, as a ratio of mean squares."""
+    first, second = (loo_residuals(each.points, each.fit)[each.visits.of] for each in (one, other))
+    both = _used(one) & _used(other) & np.isfinite(first[:, 0]) & np.isfinite(second[:, 0])
+    if not np.any(both):
+        return float("inf")
+    return float(np.sum(first[both] ** 2) / max(float(np.sum(second[both] ** 2)), 1e-12))
 
 
 def _result(best: _Fitted) -> Fit:
-    m, fitted, linear = best.m, best.fit, best.fit.linear
-    zero_points = ZeroPoints.of(Segments(m.segment, len(m.segment_ids)), fitted.state.cos_lat, fitted.weight)
-    factor = _variance_factor(fitted)
-    sign = np.array([-1.0, 1.0]) if m.kind == "altaz" else np.ones(2)
-    geometry = factor * linear.unit_covariance
+    points, looks, fitted, linear = best.points, best.visits.looks, best.fit, best.fit.linear
+    zero_points = ZeroPoints.of(
+        Segments(points.segment, len(points.segment_ids)), fitted.state.cos_lat, fitted.weight
+    )
+    factor = variance_factor(fitted)
+    sign = np.array([-1.0, 1.0]) if points.kind == "altaz" else np.ones(2)
+    whole = covariance_of(points, fitted)
+    used = _used(best)
+    at = fitted.geometry
     segments: list[SegmentZero] = []
     last: tuple[Array, Array, Array] | None = None
-    for s in range(len(m.segment_ids)):
-        points = int(np.sum(fitted.used & (m.segment == s)))
-        if not points:
+    for s in range(len(points.segment_ids)):
+        mine = fitted.used & (points.segment == s)
+        if not np.any(mine):
             segments.append(SegmentZero(best.names[s], 0, None, None, None, None))
             continue
         way = linear.zero_points_of_terms[s]
         own = factor * np.array([1.0 / zero_points.lon_sum[s], 1.0 / zero_points.lat_sum[s]])
-        both = sign[:, None] * (np.diag(own) + way @ geometry @ way.T) * sign
-        mixed = -sign[:, None] * (way @ geometry)
+        both = sign[:, None] * (np.diag(own) + way @ whole @ way.T) * sign
+        mixed = (-sign[:, None] * (way @ whole))[:, at]
         value = sign * fitted.state.zero_points_arcsec[s]
         sigma = np.sqrt(np.diag(both))
-        segments.append(SegmentZero(best.names[s], points, *(float(one) for one in (*value, *sigma))))
+        count = int(np.sum(used & (looks.segment == s)))
+        segments.append(SegmentZero(best.names[s], count, *(float(one) for one in (*value, *sigma))))
         last = value, both, mixed
     assert last is not None
     value, both, mixed = last
-    used, residuals = fitted.used, fitted.state.residuals_arcsec
+    names = tuple(fitted.names[k] for k in at)
+    coefficients = fitted.state.coefficients_arcsec[at]
+    # of looks, and without the plays: as the model predicts them
+    residuals = state_at(looks, names, coefficients, fitted.state.zero_points_arcsec).residuals_arcsec
     told = sum(1 for one in segments if one.points)
-    zero_only = robust_fit(m, (), fixed=used).state.residuals_arcsec
-    covariance = np.block([[both, mixed], [mixed.T, geometry]])
-    out = linear.left_out()[used]
-    out = out[np.isfinite(out[:, 0])]
+    zero_only = robust_fit(looks, (), fixed=used).state.residuals_arcsec
+    covariance = np.block([[both, mixed], [mixed.T, whole[np.ix_(at, at)]]])
+    out = loo_residuals(points, fitted)
+    known = fitted.used & np.isfinite(out[:, 0])
+    hat = 0.5 * (linear.hat[0] + linear.hat[1])
+    # a visit left out is off by its own scatter and by that of those which predict it
+    single = np.sum(out[known] ** 2 * (1.0 - hat[known])[:, None], axis=1)
     notes = list(best.notes)
-    rejected = len(m) - int(np.sum(used))
-    if rejected > 0.2 * len(m):
-        notes.append(f"{rejected} of {len(m)} points are left out as gross errors: look at them")
-    if len(out) < 0.8 * np.sum(used):
-        notes.append(f"only {len(out)} of {int(np.sum(used))} points can be predicted from the others")
+    notes += _hard_to_part((*ZERO_POINTS[points.kind], *names), covariance)
+    notes += [
+        f"{fitted.names[k]}: {abs(fitted.state.coefficients_arcsec[k]):.0f}″ ± {np.sqrt(whole[k, k]):.0f}″, "
+        "allowed for and no part of the model"
+        for k in range(len(fitted.names))
+        if k not in at and abs(fitted.state.coefficients_arcsec[k]) > 3.0 * np.sqrt(whole[k, k])
+    ]
+    rejected = len(looks) - int(np.sum(used))
+    if rejected > 0.2 * len(looks):
+        notes.append(f"{rejected} of {len(looks)} points are left out as gross errors: look at them")
+    if np.sum(known) < 0.8 * np.sum(fitted.used):
+        notes.append(
+            f"only {int(np.sum(known))} of {int(np.sum(fitted.used))} visits can be predicted from the others"
+        )
     return Fit(
-        observations=m,
-        terms=(*ZERO_POINTS[m.kind], *fitted.names),
-        coefficients_arcsec=np.concatenate([value, fitted.state.coefficients_arcsec]),
+        observations=looks,
+        terms=(*ZERO_POINTS[points.kind], *names),
+        coefficients_arcsec=np.concatenate([value, coefficients]),
         sigma_arcsec=np.sqrt(np.diag(covariance)),
         covariance_arcsec2=covariance,
         condition=linear.condition,
         residuals_arcsec=residuals,
         used=used,
-        after=quality(residuals[used], len(fitted.names) + 2 * told),
+        points=points,
+        counted=fitted.used,
+        after=quality(residuals[used], len(names) + 2 * told),
         before=quality(zero_only[used], 2 * told),
-        loo_arcsec=best.loo_arcsec,
-        scatter_arcsec=float(np.sqrt(np.mean(out**2))) if len(out) else float(np.sqrt(factor)),
+        left_out_arcsec=out,
+        loo_arcsec=loo_rms(out, fitted.used),
+        scatter_arcsec=float(np.sqrt(0.5 * np.mean(single))) if len(single) else float(np.sqrt(factor)),
         segments=tuple(segments),
         steps=best.steps,
         notes=tuple(notes),
     )
+
+
+def _hard_to_part(names: tuple[str, ...], covariance: Array) -> list[str]:
+    """Tell the pairs of terms of which only the sum is well known."""
+    root = np.sqrt(np.diag(covariance))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        correlation = covariance / np.outer(root, root)
+    return [
+        f"{names[i]} (± {root[i]:.0f}″) and {names[k]} (± {root[k]:.0f}″) can hardly be told apart here "
+        f"(correlation {correlation[i, k]:+.2f}): together they are known much better"
+        for k in range(2, len(names))
+        for i in range(k)
+        if abs(correlation[i, k]) > _HARD_TO_PART
+    ]

@@ -8,7 +8,8 @@ sides [POINTING §5]: a model without side signs leaves 849″ where this one le
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,17 @@ from mountnav.sky.coordinates import Air, Apparent, GeometricHourAngle, HourAngl
 Bools = NDArray[np.bool_]
 Numbers = NDArray[np.int64]
 
+SAME_TARGET_RAD = np.radians(0.5)
+"""Looks one after another that saw places so near each other are of one target."""
+SIDEREAL_ARCSEC_S = 15.041
+_DRIVEN_ARCSEC_S = 1.6
+"""An alt-azimuth axis that tracks faster has taken up its play, 20″ or so, in the dozen seconds from the end
+of a slew to the middle of an exposure; a slower one a part of it."""
+_TURNED_RAD = np.radians(30.0 / 3600.0)
+"""Axes that read so much more were turned there, and the play is taken up: gears have less."""
+_LONG_WAY_RAD = np.radians(1.0)
+"""The same over a sync, which changes what the axes read by less."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mechanical:
@@ -54,6 +66,11 @@ class Mechanical:
         Index into `segment_ids`.
     segment_ids : tuple of str
         Zero points are common within a segment; in order of time.
+    target : ndarray of int, shape (n,), optional
+        Looks of one number are of one target, also where a sync lies between them: what one of them is off
+        by, the others are too. None: each is of its own.
+    sense : ndarray, shape (n, 2), optional
+        Sense (+1 to -1, 0 unknown) in which the gears of both axes were driven last: play. None: unknown.
     """
 
     kind: Kind
@@ -65,6 +82,18 @@ class Mechanical:
     sigma_arcsec: Array
     segment: Numbers
     segment_ids: tuple[str, ...]
+    target: Numbers | None = None
+    sense: Array | None = None
+
+    @property
+    def targets(self) -> Numbers:
+        """`target`, also where each look is of its own."""
+        return np.arange(len(self), dtype=np.int64) if self.target is None else self.target
+
+    @property
+    def senses(self) -> Array:
+        """`sense`, 0 where it is unknown."""
+        return np.zeros((len(self), 2)) if self.sense is None else self.sense
 
     def __len__(self) -> int:
         return len(self.read_lon_rad)
@@ -76,16 +105,16 @@ class Mechanical:
 
     def chosen(self, which: Bools | Numbers) -> Mechanical:
         """Some of the observations; all segments keep their names."""
-        return Mechanical(
-            self.kind,
-            self.site_latitude_rad,
-            self.seen[which],
-            self.beyond[which],
-            self.read_lon_rad[which],
-            self.read_lat_rad[which],
-            self.sigma_arcsec[which],
-            self.segment[which],
-            self.segment_ids,
+        return replace(
+            self,
+            seen=self.seen[which],
+            beyond=self.beyond[which],
+            read_lon_rad=self.read_lon_rad[which],
+            read_lat_rad=self.read_lat_rad[which],
+            sigma_arcsec=self.sigma_arcsec[which],
+            segment=self.segment[which],
+            target=None if self.target is None else self.target[which],
+            sense=None if self.sense is None else self.sense[which],
         )
 
 
@@ -227,4 +256,56 @@ def mechanical(observations: Sequence[PointingObservation], conversion: Conversi
         np.array([one.sigma_arcsec for one in observations]),
         np.array([number[one.segment_id] for one in observations], dtype=np.int64),
         ids,
+        _targets(observations, through),
+        _senses(observations, conversion, through, lon, lat),
     )
+
+
+def _targets(observations: Sequence[PointingObservation], beyond: Bools) -> Numbers:
+    """Number the targets: looks one after another that saw the same place through the same side."""
+    ra = np.radians([one.seen.ra_deg for one in observations])
+    dec = np.radians([one.seen.dec_deg for one in observations])
+    places = direction(ra, dec)
+    target = np.zeros(len(observations), dtype=np.int64)
+    first, number = -1, -1
+    for index in sorted(range(len(observations)), key=lambda one: observations[one].utc):
+        near = first >= 0 and float(np.linalg.norm(places[index] - places[first])) < SAME_TARGET_RAD
+        if not near or beyond[index] != beyond[first]:
+            first, number = index, number + 1
+        target[index] = number
+    return target
+
+
+def _senses(
+    observations: Sequence[PointingObservation], conversion: Conversion, beyond: Bools, lon: Array, lat: Array
+) -> Array:
+    """In which sense the gears were driven last; shape (n, 2).
+
+    The journal tells it of slews in hour angle and declination; beyond the pole the declination axis turns
+    the other way round. Where it tells nothing (flips; alt-azimuth mounts) the way from the look before does,
+    if it was long. An alt-azimuth mount's axes are driven by tracking too, which takes up the play within
+    seconds.
+    """
+    senses = np.zeros((len(observations), 2))
+    if conversion.kind == "equatorial":
+        senses[:] = [one.from_side for one in observations]
+        senses[:, 1] *= np.where(beyond, -1.0, 1.0)
+    order = sorted(range(len(observations)), key=lambda one: observations[one].utc)
+    way = np.zeros_like(senses)
+    for before, now in pairwise(order):
+        moved = np.array([wrapped(lon[now] - lon[before]), lat[now] - lat[before]])
+        # what wasn't turned since keeps the sense that it had; a sync between looks turns nothing
+        synced = observations[now].segment_id != observations[before].segment_id
+        turned = np.abs(moved) > (_LONG_WAY_RAD if synced else _TURNED_RAD)
+        way[now] = np.where(turned, np.sign(moved), way[before])
+        if not np.any(senses[now]) and (conversion.kind == "altaz" or beyond[now] != beyond[before]):
+            senses[now] = way[now]
+    if conversion.kind == "altaz":
+        site = np.radians(conversion.site.latitude_deg)
+        upright = np.clip(lat, -1.5, 1.5)
+        azimuth = SIDEREAL_ARCSEC_S * (np.sin(site) - np.cos(site) * np.cos(lon) * np.tan(upright))
+        elevation = SIDEREAL_ARCSEC_S * np.cos(site) * np.sin(lon)
+        rates = np.stack([azimuth, elevation], axis=1)
+        driven = np.minimum(np.abs(rates) / _DRIVEN_ARCSEC_S, 1.0)
+        senses = driven * np.sign(rates) + (1.0 - driven) * senses
+    return senses

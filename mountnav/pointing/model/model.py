@@ -16,6 +16,8 @@ from uuid import uuid4
 import numpy as np
 
 from mountnav.errors import BadRequest, MountnavError
+from mountnav.parsing import json_of
+from mountnav.plain_files import read_text
 from mountnav.pointing.model.fit import Fit
 from mountnav.pointing.model.rigorous import Geometry, geometry
 from mountnav.pointing.model.terms import ZERO_POINTS, Array, Kind, term
@@ -138,7 +140,7 @@ class PointingModel:
             It is no such text, of a later version, or its values make no model.
         """
         try:
-            record = json.loads(text)
+            record = json_of(text)
             if not isinstance(record, dict) or record.pop("format", None) != FORMAT:
                 raise BadRequest(
                     f"{name} is no pointing model of mountnav", advice="`mountnav model import` it"
@@ -155,7 +157,7 @@ class PointingModel:
     def load(cls, path: Path) -> PointingModel:
         """Read a file. Raises `BadRequest`."""
         try:
-            text = Path(path).read_text(encoding="utf-8")
+            text = read_text(Path(path))
         except (OSError, UnicodeDecodeError) as cause:
             raise BadRequest(f"the pointing model {path} can't be read: {cause}") from cause
         return cls.from_json(text, name=str(path))
@@ -228,8 +230,8 @@ def model_of(
     )
 
 
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+def _known(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None
 
 
 def noted(model: PointingModel, *more: str) -> PointingModel:

@@ -3,10 +3,18 @@
 Absolute distances first (they start anywhere), then Tukey's biweight on the on-sky distance, c = 4.685, with
 the scale median/1.1774 of a Rayleigh distribution [POINTING §6]; what it gives no weight is left out, and the
 rest is fitted by plain least squares, so that on data without gross errors the result is that of PMFIT.
+
+What is left out is never more than a fifth: when more points than that disagree with a model, the model is
+wrong and not the points, and the scale grows until they count.
+
+The play of the gears is fitted beside the terms where the looks tell the sense in which the gears were
+driven. It is no part of a model (nobody knows the sense of a slew to come), but left out it would be taken
+for geometry: low targets are come to from above, and the west is tracked downwards.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,15 +24,24 @@ from mountnav.pointing.model.linear import LinearFit, Segments, ZeroPoints, solv
 from mountnav.pointing.model.mechanical import Bools, Mechanical
 from mountnav.pointing.model.rigorous import ARCSEC, geometry, seen_from, tangent, wrapped
 from mountnav.pointing.model.terms import ZERO_POINTS, Array, basis
+from mountnav.pointing.model.visits import RAYLEIGH_MEDIAN
 
 TUKEY = 4.685
-RAYLEIGH_MEDIAN = 1.1774
+MOST_LEFT_OUT = 0.2
+"""Share of the points that may be gross errors: one in ten looks is, in bad nights."""
+PLAY = ("play of the first axis", "play of the second axis")
+"""Fitted beside the terms, and no part of a model: how far the tube trails after the gears turned round."""
+_LEAST_INDEPENDENCE = 0.1
+"""Share of a play's column that neither zero points nor terms explain; below, it is left out."""
+_TELLING_SENSES = 4
+"""So many points in each sense, at least, tell a play."""
 _SMALLEST_SCALE_ARCSEC = 1e-3
 _LONELY = 0.1
 """Points that keep less of their own residual tell nothing about the scale."""
 _STEPS_ABSOLUTE, _STEPS_BIWEIGHT, _STEPS_PLAIN = 12, 25, 12
 _DONE_ARCSEC = 1e-4
 _SINGULAR = 1e-6
+_A_HAIR = 1.0 + 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +51,7 @@ class State:
     Attributes
     ----------
     coefficients_arcsec : ndarray, shape (k,)
-        Of the terms, zero points apart.
+        Of the terms and plays, zero points apart.
     zero_points_arcsec : ndarray, shape (s, 2)
         Added to the axes' readings: longitude, latitude.
     residuals_arcsec : ndarray, shape (n, 2)
@@ -55,12 +72,55 @@ def state_at(m: Mechanical, names: tuple[str, ...], coefficients: Array, zero_po
     """Predict every point rigorously and compare."""
     lon = m.read_lon_rad + zero_points[m.segment, 0] * ARCSEC
     lat = m.read_lat_rad + zero_points[m.segment, 1] * ARCSEC
-    told = geometry(m.kind, m.site_latitude_rad, dict(zip(names, coefficients.tolist(), strict=True)))
+    values = dict(zip(names, coefficients.tolist(), strict=True))
+    plays = {name: values.pop(name) for name in PLAY if name in values}
+    told = geometry(m.kind, m.site_latitude_rad, values)
     missed = m.seen - seen_from(told, lon, lat)
     along_xi, along_eta = tangent(lon, lat)
     residuals = np.stack([np.sum(missed * along_xi, axis=1), np.sum(missed * along_eta, axis=1)], axis=1)
-    columns = basis(m.kind, names, lon, lat, m.site_latitude_rad)
-    return State(coefficients, zero_points, residuals / ARCSEC, columns, np.cos(lat))
+    residuals /= ARCSEC
+    columns = columns_at(m, names, lon, lat)
+    for name, value in plays.items():
+        residuals -= value * columns[:, :, names.index(name)]
+    return State(coefficients, zero_points, residuals, columns, np.cos(lat))
+
+
+def columns_at(m: Mechanical, names: tuple[str, ...], lon_rad: Array, lat_rad: Array) -> Array:
+    """The terms and plays at axis angles; shape (n, 2, k)."""
+    columns = np.zeros((len(m), 2, len(names)))
+    terms = [name for name in names if name not in PLAY]
+    at = [k for k, name in enumerate(names) if name not in PLAY]
+    columns[:, :, at] = basis(m.kind, terms, lon_rad, lat_rad, m.site_latitude_rad)
+    for axis, name in enumerate(PLAY):
+        if name in names:
+            along = np.cos(lat_rad) if axis == 0 else 1.0
+            columns[:, axis, names.index(name)] = 0.5 * m.senses[:, axis] * along
+    return columns
+
+
+def plays_told(m: Mechanical, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Which plays can be fitted beside these terms: both senses in one segment, often enough."""
+    segments = Segments(m.segment, len(m.segment_ids))
+    state = first_state(m, ())
+    lon = m.read_lon_rad + state.zero_points_arcsec[m.segment, 0] * ARCSEC
+    lat = m.read_lat_rad + state.zero_points_arcsec[m.segment, 1] * ARCSEC
+    zero_points = ZeroPoints.of(segments, state.cos_lat, np.ones(len(m)))
+    found: list[str] = []
+    for axis, name in enumerate(PLAY):
+        sense = m.senses[:, axis]
+        if min(np.sum(sense > 0.5), np.sum(sense < -0.5)) < _TELLING_SENSES:
+            continue
+        trial = (*found, name, *names)
+        # three coordinates for each unknown: a nuisance must not eat the looks of a short run
+        if 2 * (len(m) - len(np.unique(m.segment))) < 3 * len(trial):
+            continue
+        try:
+            linear = solve(columns_at(m, trial, lon, lat), np.zeros((len(m), 2)), zero_points)
+        except np.linalg.LinAlgError:
+            continue
+        if linear.independence[len(found)] >= _LEAST_INDEPENDENCE:
+            found.append(name)
+    return tuple(found)
 
 
 def first_state(m: Mechanical, names: tuple[str, ...]) -> State:
@@ -91,7 +151,7 @@ class RobustFit:
     Attributes
     ----------
     names : tuple of str
-        Terms, zero points apart.
+        Terms and plays, zero points apart.
     state : State
     linear : LinearFit
         The last step: its hat matrix, covariance, condition.
@@ -108,6 +168,11 @@ class RobustFit:
     weight: Array
     used: Bools
     scale_arcsec: float
+
+    @property
+    def geometry(self) -> list[int]:
+        """Which of the names are terms."""
+        return [k for k, name in enumerate(self.names) if name not in PLAY]
 
 
 def step(
@@ -197,8 +262,21 @@ def inliers(
         if freedom >= 1.0:
             scale = max(scale, float(np.sqrt(np.sum(state.residuals_arcsec[used] ** 2) / freedom)))
     variance = variances(m, scale)
-    distance, _ = distances(state, linear, variance)
-    return distance <= TUKEY * np.sqrt(variance), 1.0 / variance, scale
+    distance, left = distances(state, linear, variance)
+    more = _more(distance / np.sqrt(variance), left)
+    if more > 1.0:
+        scale *= more
+        variance = variances(m, scale)
+        distance, left = distances(state, linear, variance)
+    relative = distance / np.sqrt(variance)
+    return relative <= TUKEY * _more(relative, left) * _A_HAIR, 1.0 / variance, scale
+
+
+def _more(relative: Array, left: Array) -> float:
+    """By how much the scale has to grow so that no more points are left out than may be; 1: not at all."""
+    telling = relative[left > _LONELY] if np.any(left > _LONELY) else relative
+    farthest = float(np.sort(telling)[math.ceil((1.0 - MOST_LEFT_OUT) * telling.size) - 1])
+    return max(farthest / TUKEY, 1.0)
 
 
 def robust_fit(
@@ -245,7 +323,8 @@ def robust_fit(
             distance, left = distances(state, linear)
             variance = variances(m, scale_of(distance, left))
             relative = distance / np.sqrt(variance)
-            u = relative / (TUKEY * scale_of(relative, left))
+            scale = scale_of(relative, left)
+            u = relative / (TUKEY * scale * _more(relative / scale, left))
             weight = np.where(u < 1.0, (1.0 - u**2) ** 2, 0.0) / variance
             before = state
             _enough(weight > 0.0, m, names)

@@ -14,6 +14,8 @@ from typing import Any, Literal
 
 from mountnav.errors import BadRequest
 from mountnav.navigation.devices import PierSide
+from mountnav.parsing import json_of
+from mountnav.plain_files import MOST_RECORD_BYTES, read_bytes, read_text
 from mountnav.pointing.model.planning import RunPoint
 from mountnav.pointing.observation import PointingObservation
 from mountnav.pointing.observation_file import observation_record, read_observations
@@ -119,7 +121,7 @@ def add(path: Path, outcome: Outcome, observation: PointingObservation | None) -
 
 def mend(path: Path) -> None:
     """Cut off a last line that was not written whole, as after a kill; the point is taken again."""
-    content = path.read_bytes()
+    content = read_bytes(path, MOST_RECORD_BYTES)
     whole = content.rfind(b"\n") + 1
     if whole != len(content):
         with path.open("r+b") as out:
@@ -135,7 +137,7 @@ def read_run(path: Path) -> RunFile | None:
         The file can't be read, or is damaged.
     """
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = read_text(path, MOST_RECORD_BYTES).splitlines()
     except (OSError, UnicodeDecodeError) as cause:
         raise BadRequest(f"{path} can't be read: {cause}") from cause
     plan: dict[str, Any] | None = None
@@ -143,9 +145,9 @@ def read_run(path: Path) -> RunFile | None:
     for number, line in enumerate(lines, start=1):
         try:
             if line.startswith(PLAN):
-                plan = json.loads(line.removeprefix(PLAN))
+                plan = json_of(line.removeprefix(PLAN))
             elif line.startswith(POINT):
-                outcomes.append(Outcome(**json.loads(line.removeprefix(POINT))))
+                outcomes.append(Outcome(**json_of(line.removeprefix(POINT))))
         except (ValueError, TypeError) as cause:
             raise BadRequest(f"{path}, line {number}: a damaged line of a model run") from cause
     if plan is None:

@@ -1,9 +1,14 @@
 """Choosing terms: greedy, by what leaving out each point in turn says about predicting it.
 
-A term is added when it lowers the leave-one-out RMS most, by 1.5 % at least, when its coefficient stands out
-of its own error by more than the best of so many trials would by chance, and when the points can tell it from
-the terms before it. All candidates are tried at once: a new column, freed from those before it, changes
-residuals and hat matrix by an outer product, so nothing is refitted to try it [POINTING §6].
+It begins with the terms that every telescope has (polar axis, collimation, non-perpendicularity, flexure),
+all of them if the points tell them: they overlap, so that one left out because it is small would stand in the
+others, and their sigmas wouldn't know. A further term is added when it lowers the leave-one-out RMS most, by
+1.5 % at least, when its coefficient stands out of its own error by more than the best of so many trials would
+by chance, and when the points can tell it from the terms before it. All candidates are tried at once: a new
+column, freed from those before it, changes residuals and hat matrix by an outer product, so nothing is
+refitted to try it [POINTING §6].
+
+A point is a visit of a target, not a look: looks at one target would predict each other.
 """
 
 from __future__ import annotations
@@ -13,12 +18,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import norm
 
 from mountnav.errors import ModelRefused
+from mountnav.pointing.model.covariance import covariance_of
+from mountnav.pointing.model.left_out import bounded_losses, loo_arcsec, loo_residuals, loo_rms
 from mountnav.pointing.model.linear import LinearFit, Segments, ZeroPoints, solve
 from mountnav.pointing.model.mechanical import Bools, Mechanical
 from mountnav.pointing.model.rigorous import ARCSEC
-from mountnav.pointing.model.robust import RobustFit, robust_fit, state_at
+from mountnav.pointing.model.robust import PLAY, RobustFit, plays_told, robust_fit, state_at
 from mountnav.pointing.model.terms import (
     CORE,
     HIGHEST_HARMONIC,
@@ -29,11 +37,20 @@ from mountnav.pointing.model.terms import (
 )
 
 MIN_GAIN = 0.015
+CHANCE_OF_NOISE = 0.01
+"""Chance that noise brings a further term."""
 MIN_INDEPENDENCE = 0.05
 """Share of a column that other terms don't explain; below, its sigma is 20 times what it could be."""
 WELL_TOLD = 0.3
-"""So much of the non-perpendicularity's column left beside zero points and core, and it is a term like any
-other: so it is with looks from both sides of a pier. Alt-azimuth mounts leave a tenth of it, and less."""
+"""Share of a column from which on its term, if it is nothing, may be left out without harm to the others."""
+MOST_SHARED = 0.5
+"""Correlation with another coefficient up to which a term that is nothing may be left out: with more of it
+the other one's sigma would shrink though nothing more is known."""
+LEAST_SKEW = 0.01
+"""The same of the non-perpendicularity, which overlaps with collimation and zero point: taken, its sigma and
+that of the collimation say so; left out, the collimation would stand for both with the sigma of one."""
+FULL_SET_COSTS = 1.15
+"""Mean square that is taken for having all terms that every telescope has: 7 % in the RMS."""
 MOST_TERMS = 30
 
 
@@ -64,7 +81,7 @@ class Selection:
         Without zero points.
     steps : tuple of SelectionStep
     refused : tuple of (str, str)
-        Core terms that were not taken, and why.
+        Terms of every telescope that were not taken, and why.
     fit : RobustFit
         Of the chosen terms.
     """
@@ -73,20 +90,6 @@ class Selection:
     steps: tuple[SelectionStep, ...]
     refused: tuple[tuple[str, str], ...]
     fit: RobustFit
-
-
-def loo_rms(residuals: Array, used: Bools) -> float:
-    """RMS on-sky distance of the points that count, each predicted from the others; infinite if none can be.
-
-    Parameters
-    ----------
-    residuals : ndarray, shape (n, 2)
-        Of points left out; NaN where the others predict nothing.
-    used : ndarray of bool, shape (n,)
-    """
-    squared = np.sum(residuals[used] ** 2, axis=1)
-    squared = squared[np.isfinite(squared)]
-    return float(np.sqrt(np.mean(squared))) if squared.size else math.inf
 
 
 @dataclass(slots=True, eq=False)
@@ -162,6 +165,8 @@ class _Search:
         self.steps: list[SelectionStep] = []
         self.fit = start
         self.trial = self._look(start)
+        loo = loo_arcsec(m, start)
+        self.steps += [SelectionStep(name, True, loo) for name in start.names if name not in PLAY]
 
     def _look(self, fit: RobustFit) -> _Trial:
         zero_points = ZeroPoints.of(self.segments, fit.state.cos_lat, fit.weight)
@@ -176,11 +181,11 @@ class _Search:
         start = state_at(self.m, names, begun, self.fit.state.zero_points_arcsec)
         return robust_fit(self.m, names, start=start, biweight_steps=1, plain_steps=2)
 
-    def take(self, names: tuple[str, ...], term: str, added: bool) -> None:
-        """Go over to these terms; which points count is judged anew."""
-        self.fit = self.fitted(names)
+    def take(self, fit: RobustFit, term: str, added: bool) -> None:
+        """Go over to this fit; which points count was judged anew."""
+        self.fit = fit
         self.trial = self._look(self.fit)
-        self.steps.append(SelectionStep(term, added, self.trial.loo_arcsec))
+        self.steps.append(SelectionStep(term, added, loo_arcsec(self.m, fit)))
 
     def columns(self, names: Sequence[str]) -> Array:
         zero_points = self.fit.state.zero_points_arcsec[self.m.segment] * ARCSEC
@@ -190,16 +195,43 @@ class _Search:
     def grow(self, names: Sequence[str], min_gain: float, most: int) -> None:
         """Add the best of these terms until none is worth it."""
         waiting = [name for name in names if name not in self.fit.names]
-        # the best of m coefficients of pure noise stands out by this much
-        least_signal = math.sqrt(2.0 * math.log(max(len(waiting), 2)))
         while waiting and len(self.fit.names) < most:
+            # so much the best of m coefficients of pure noise stands out
+            least_signal = math.sqrt(2.0 * math.log(max(len(waiting), 2)))
+            count = len(waiting)
             loo, signal, independence = self.trial.with_each(self.columns(waiting))
             loo = np.where((independence >= MIN_INDEPENDENCE) & (signal >= least_signal), loo, np.inf)
             best = int(np.argmin(loo))
             if not loo[best] < (1.0 - min_gain) * self.trial.loo_arcsec:
                 return
             name = waiting.pop(best)
-            self.take((*self.fit.names, name), name, True)
+            fit = self.fitted((*self.fit.names, name))
+            if self.stands_out(fit, count):
+                self.take(fit, name, True)
+
+    def stands_out(self, fit: RobustFit, count: int) -> bool:
+        """Whether the last coefficient is beyond what the best of so many is by chance.
+
+        Asked where targets are known: errors there are common to the visits of a target, and depend on where
+        a slew came from, so that chance looks like geometry more often than it ought to.
+        """
+        if self.m.target is None:
+            return True
+        sigma = math.sqrt(covariance_of(self.m, fit)[-1, -1])
+        least = float(norm.isf(0.5 * CHANCE_OF_NOISE / count))
+        return abs(float(fit.state.coefficients_arcsec[-1])) >= least * sigma
+
+    def complete(self, name: str, least_independence: float) -> None:
+        """Take a term that every telescope has, if the points tell it and are hardly predicted worse."""
+        if name in self.fit.names:
+            return
+        try:
+            fit = self.fitted((*self.fit.names, name))
+        except ModelRefused:
+            return
+        told = fit.linear.independence[-1]
+        if told >= least_independence and loss_ratio(self.m, fit, self.fit) <= FULL_SET_COSTS:
+            self.take(fit, name, True)
 
     def tells_apart(self, name: str) -> bool:
         """Whether the points tell a term from the zero points and the core, whatever is in the fit by now."""
@@ -211,15 +243,32 @@ class _Search:
         return bool(linear.independence[-1] >= WELL_TOLD)
 
     def prune(self) -> None:
-        """Take away terms without which the points are predicted as well."""
+        """Take away terms without which the points are predicted as well.
+
+        Of those that every telescope has only such as are nothing, and are told apart from all others.
+        """
+        every = (*CORE[self.m.kind], NON_PERPENDICULARITY[self.m.kind])
         while self.fit.names:
             best, worst = self.trial.loo_arcsec, ""
-            for name in self.fit.names:
+            for k, name in enumerate(self.fit.names):
+                if name in PLAY or (name in every and not self._nothing(k)):
+                    continue
                 if (less := self._without(name)) <= best:
                     best, worst = less, name
             if not worst:
                 return
-            self.take(tuple(name for name in self.fit.names if name != worst), worst, False)
+            self.take(self.fitted(tuple(name for name in self.fit.names if name != worst)), worst, False)
+
+    def _nothing(self, k: int) -> bool:
+        """Whether a coefficient is within its error of 0, and its term well told."""
+        linear, weighted = self.fit.linear, self.fit.weight[:, None] * self.fit.state.residuals_arcsec**2
+        freedom = max(2 * int(np.sum(self.fit.used)) - self.trial.unknowns(), 1)
+        sigma = math.sqrt(float(np.sum(weighted)) / freedom * linear.unit_covariance[k, k])
+        value = abs(float(self.fit.state.coefficients_arcsec[k]))
+        root = np.sqrt(np.diag(linear.unit_covariance))
+        shared = np.abs(linear.unit_covariance[k] / (root * root[k]))
+        alone = float(np.max(np.delete(shared, k), initial=0.0)) <= MOST_SHARED
+        return value < sigma and alone and bool(linear.independence[k] >= WELL_TOLD)
 
     def _without(self, name: str) -> float:
         kept = [k for k, one in enumerate(self.fit.names) if one != name]
@@ -229,6 +278,15 @@ class _Search:
         values = state.residuals_arcsec + state.columns[:, :, gone] * state.coefficients_arcsec[gone]
         linear = solve(state.columns[:, :, kept], values, self.trial.zero_points)
         return loo_rms(linear.left_out(), self.fit.used)
+
+
+def loss_ratio(m: Mechanical, one: RobustFit, other: RobustFit) -> float:
+    """How much worse one fit predicts points than another, as a ratio of bounded mean squares."""
+    scale = min(one.scale_arcsec, other.scale_arcsec)
+    first, second = bounded_losses(loo_residuals(m, one), loo_residuals(m, other), scale)
+    if not first.size:
+        return math.inf
+    return float(np.mean(first) / max(float(np.mean(second)), 1e-12))
 
 
 def select(
@@ -244,6 +302,7 @@ def select(
     Parameters
     ----------
     m : Mechanical
+        One point a visit (`visits.visits`).
     min_gain : float
         Share by which a term must lower the leave-one-out RMS.
     highest_harmonic : int
@@ -264,39 +323,49 @@ def select(
     names = tuple(among) if among is not None else candidates(m.kind, highest_harmonic)
     start, refused = _core(m)
     search = _Search(m, start)
-    for name in start.names:
-        search.steps.append(SelectionStep(name, True, search.trial.loo_arcsec))
     most = min(most_terms, (2 * int(np.sum(start.used)) - 2 * len(np.unique(m.segment))) // 3)
     skew = NON_PERPENDICULARITY[m.kind]
-    early = (skew,) if search.tells_apart(skew) else ()
+    leans = CORE[m.kind][2] in start.names
+    early: tuple[str, ...] = ()
+    if m.target is not None:
+        if leans:
+            search.complete(skew, LEAST_SKEW)
+    elif search.tells_apart(skew):
+        early = (skew,)
     search.grow([*early, *CORE[m.kind], *names], min_gain, most)
     search.grow([skew], min_gain, most)
+    if leans and skew not in search.fit.names:
+        refused = (
+            *refused,
+            (skew, f"the points can't tell it from {CORE[m.kind][2]}, which stands for both"),
+        )
     search.prune()
     if search.steps and not search.steps[-1].added:
         search.grow([*CORE[m.kind], *names, skew], min_gain, most)
-    chosen = search.fit.names
-    final = robust_fit(m, chosen, start=search.fit.state)
+    final = robust_fit(m, search.fit.names, start=search.fit.state)
+    chosen = tuple(name for name in final.names if name not in PLAY)
     return Selection(chosen, tuple(search.steps), refused, final)
 
 
 def _core(m: Mechanical) -> tuple[RobustFit, tuple[tuple[str, str], ...]]:
     """Begin with as much of the core as the points can tell apart and are predicted better by."""
-    best = robust_fit(m, ())
-    best_loo = loo_rms(best.linear.left_out(), best.used)
-    refused: list[tuple[str, str]] = []
     order = CORE[m.kind]
+    plays = plays_told(m, order)
+    best = robust_fit(m, plays)
+    refused: list[tuple[str, str]] = []
     # polar axis first, as pairs: one of them alone is worth little [POINTING §6]
     for more in (order, order[:3], order[:2]):
         try:
-            fit = robust_fit(m, more)
+            fit = robust_fit(m, (*plays, *more))
         except ModelRefused as cause:
             refused.append((", ".join(more), cause.what))
             continue
-        loo = loo_rms(fit.linear.left_out(), fit.used)
-        weakest = int(np.argmin(fit.linear.independence))
-        if fit.linear.independence[weakest] < MIN_INDEPENDENCE:
+        told = fit.linear.independence[fit.geometry]
+        weakest = int(np.argmin(told))
+        if told[weakest] < MIN_INDEPENDENCE:
             refused.append((more[weakest], "the points can't tell it from the other terms"))
-        elif not loo < best_loo:
+        elif not loss_ratio(m, fit, best) < 1.0:
+            loo = loo_arcsec(m, fit)
             refused.append((", ".join(more), f"left out, points are predicted to {loo:.1f}″ with it"))
         else:
             return fit, tuple(refused)

@@ -55,7 +55,14 @@ def looks(
 
 
 def ask(observations):
-    return diagnose(observations, site=SITE, believed_epoch="apparent", mounting="altaz", synced_on=[])
+    return diagnose(
+        observations,
+        site=SITE,
+        believed_epoch="apparent",
+        mounting="altaz",
+        synced_on=[],
+        sign_confirmed=True,
+    )
 
 
 @pytest.mark.parametrize("derotated", [False, True])

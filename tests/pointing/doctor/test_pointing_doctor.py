@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import replace
 from datetime import timedelta
 
@@ -18,7 +19,8 @@ from mountnav.pointing.doctor.fit import Fit, zeros_of
 from mountnav.pointing.doctor.mechanics import looks_at
 from mountnav.simulation.geometry import true_direction
 from mountnav.simulation.pointing_errors import PointingErrors
-from mountnav.sky.coordinates import Air, Icrs, Site
+from mountnav.sky.chain import hour_angle_to_icrs
+from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site
 from mountnav.sky.sphere import displaced
 
 SITE = Site(48.93, 22.27, 700.0)
@@ -35,7 +37,8 @@ def ask(one: Patient, **more):
         believed_epoch="icrs" if one.believes_icrs else "apparent",
         mounting="german",
         synced_on=one.syncs,
-        **more,
+        # but for the tests of the longitude's sign itself
+        **({"sign_confirmed": True} | more),
     )
 
 
@@ -215,7 +218,7 @@ def test_a_turned_camera_is_told_and_no_illness() -> None:
         *one.looks[:2],
         *(replace(each, rotation_deg=each.rotation_deg + 40.0) for each in one.looks[2:]),
     ]
-    said = diagnose(looks, site=SITE, believed_epoch="apparent", mounting="german")
+    said = diagnose(looks, site=SITE, believed_epoch="apparent", mounting="german", sign_confirmed=True)
     assert [each.what for each in said.findings] == [Illness.CAMERA_TURNED]
     assert said.healthy is True
 
@@ -250,7 +253,9 @@ def test_readings_of_the_other_kind_do_not_count() -> None:
     one = sound(19)
     night(one)
     odd = replace(one.looks[0], reading=Icrs(1.0, 2.0))
-    said = diagnose([odd, *one.looks], site=SITE, believed_epoch="apparent", mounting="german")
+    said = diagnose(
+        [odd, *one.looks], site=SITE, believed_epoch="apparent", mounting="german", sign_confirmed=True
+    )
     assert said.observations == 4
     assert said.healthy is True
 
@@ -327,3 +332,68 @@ def test_mounts_that_tell_less_are_healthy_too(kind: str) -> None:
             ]
         said = diagnose(looks, site=one.site, believed_epoch="icrs" if one.believes_icrs else "apparent")
         assert not said.findings, (number, said.words)
+
+
+# -- our own place and clock ---------------------------------------------------------------------------
+
+
+def at(site: Site, one: Patient, *, confirmed: bool = False):
+    """What a service says that believes to stand at `site`."""
+    return diagnose(
+        one.looks,
+        site=site,
+        believed_epoch="icrs" if one.believes_icrs else "apparent",
+        mounting="german",
+        synced_on=one.syncs,
+        sign_confirmed=confirmed,
+    )
+
+
+def test_a_wrong_sign_of_our_longitude_is_never_healthy_nor_a_misreported_side() -> None:
+    named = 0
+    for seed in range(60):
+        one = patient(rng(9000 + seed), "any")
+        night(one, synced=bool(seed % 2))
+        said = at(Site(one.site.latitude_deg, -one.site.longitude_deg, 200.0), one)
+        assert said.healthy is not True, said.words
+        assert Illness.PIER_SIDE not in [each.what for each in said.findings], said.words
+        named += [each.what for each in said.findings] == [Illness.LONGITUDE_SIGN]
+    # the others stand well both ways, and are told so
+    assert named >= 24, named
+
+
+def test_looks_below_the_ground_are_told_with_their_altitude() -> None:
+    one = sound(31)
+    one.site = Site(48.93, -105.0, 700.0)
+    night(one, looks=6)
+    said = at(replace(one.site, longitude_deg=105.0), one)
+    (found,) = said.findings
+    assert found.what is Illness.LONGITUDE_SIGN
+    assert "below the ground" in found.words
+    assert "-105.000° (east) all would stand above it" in found.words
+    assert found.numbers["lowest_altitude_deg"].value < -2.0
+    assert said.healthy is False
+
+
+def test_where_both_signs_would_do_nobody_is_called_healthy_unless_the_mount_says_the_same() -> None:
+    told = Counter()
+    for seed in range(12):
+        one = sound(400 + seed)
+        night(one)
+        said, sure = at(one.site, one), at(one.site, one, confirmed=True)
+        assert not said.findings, said.words
+        assert sure.healthy is True, sure.words
+        told[said.healthy] += 1
+        assert (said.healthy is True) or "its right sign?" in said.words
+    assert told[True]
+    assert told[None]
+
+
+def test_one_false_solution_below_the_ground_is_no_wrong_longitude() -> None:
+    one = sound(41)
+    night(one, looks=6)
+    utc = one.looks[2].utc
+    nadir = hour_angle_to_icrs(HourAngle(179.0, -60.0, utc), one.site, one.air)
+    one.looks[2] = replace(one.looks[2], seen=nadir)
+    said = at(one.site, one)
+    assert Illness.LONGITUDE_SIGN not in [each.what for each in said.findings], said.words
