@@ -2,24 +2,37 @@
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from datetime import timedelta
 from typing import Literal
 
 from mountnav.errors import BadFrame, BadRequest, DeviceRefused, SyncDoubt, SyncIgnored, SyncRefused
 from mountnav.frames import Frame
 from mountnav.journal.records import EntryKind, because, new_id
+from mountnav.navigation.camera_identity import camera_of
 from mountnav.navigation.devices import PierSide
+from mountnav.navigation.doubts import AGAINST_THE_LOOK, SyncContext
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.flipping import side_of
-from mountnav.navigation.looking import at_instant, look_of, not_solved_facts, solved_facts
+from mountnav.navigation.frame_compared import NOT_READ, compared, half_exposure
+from mountnav.navigation.frames_seen import fingerprint
+from mountnav.navigation.looking import (
+    judged,
+    not_solved_facts,
+    solved_facts,
+    told_stale,
+)
 from mountnav.navigation.looks_written import record_of
 from mountnav.navigation.polar_steering import steering_for
 from mountnav.navigation.policy import CenteringPolicy
+from mountnav.navigation.readings_kept import Meanwhile
 from mountnav.navigation.reports import Corrected, Correction, FrameLook, Look, SyncReport
 from mountnav.navigation.slewing import Slewing
 from mountnav.navigation.steering import Sighting
 from mountnav.navigation.steps import step
-from mountnav.navigation.syncing import Occasion
+from mountnav.navigation.sync_occasions import Occasion
 from mountnav.navigation.undoing import SyncUndone
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import offset_arcsec
@@ -62,40 +75,36 @@ async def frame_look(
         )
     look_id = new_id()
     with because(look_id=look_id):
-        half = timedelta(seconds=0.5 * (frame.exposure_s or 0.0))
+        half = half_exposure(frame)
+        frames = equipment.frames.of(camera_of(frame))
+        repeated = ""
+        if frames.repeats(frame, await asyncio.to_thread(fingerprint, frame.pixels)):
+            repeated = "pixel for pixel it is an earlier frame with another time"
         await equipment.mount.reading()
         around = equipment.readings.around(middle - half, middle + half, WITHIN)
-        found: Look | None = None
-        refused: tuple[str, str] | None = None
-        doubts: list[SyncDoubt] = []
-        words: list[str] = []
         before = after = await equipment.mount.reading()
-        if around is None:
-            refused = ("not-read", "the mount was not read round this frame's exposure")
-            words.append(refused[1])
-        else:
+        if around is not None:
             before, after = around.before, around.after
-            allowed = policy.max_motion_arcsec + equipment.mount.resolution_arcsec
-            if around.moved_arcsec > allowed or around.slewing:
-                doubts.append(SyncDoubt.MOVED)
-                words.append(f"the mount moved {around.moved_arcsec:.0f}″ during its exposure")
-        moved_utc = equipment.mount.last_motion_utc
-        if moved_utc is not None and moved_utc > middle - half:
-            doubts.append(SyncDoubt.OLDER_THAN_MOVE)
-            words.append("its exposure began before the mount last came to rest")
-        if around is not None and verdict.solution is not None:
-            believed = at_instant(before, after, middle)
-            found = look_of(
-                frame,
-                verdict,
-                believed,
-                before,
-                after,
-                middle,
-                look_id=look_id,
-                segment_id=equipment.mount.segment_id,
-                model_id=equipment.pointing.model_id,
-            )
+        meanwhile = Meanwhile(
+            around=around,
+            allowed_arcsec=policy.max_motion_arcsec + equipment.mount.resolution_arcsec,
+            moved_utc=equipment.mount.last_motion_utc,
+            segment_id=equipment.mount.segment_id,
+            model_id=equipment.pointing.model_id,
+        )
+        told = compared(frame, verdict, middle, meanwhile, look_id=look_id)
+        refused = ("not-read", NOT_READ) if around is None else None
+        agreed: tuple[Look, ...] = ()
+        if told.look is not None and not told.doubts:
+            # another frame can't be asked for: the next one that comes may agree
+            sight = judged(equipment, policy, told.look, confirmed_later=False)
+            agreed = sight.agreed
+            if repeated or sight.doubt:
+                meanwhile = replace(meanwhile, not_fresh=repeated or sight.doubt)
+                told = compared(frame, verdict, middle, meanwhile, look_id=look_id)
+                refused = (str(SyncDoubt.NOT_FRESH), meanwhile.not_fresh)
+            if repeated or sight.lagged:
+                await told_stale(equipment, repeated or sight.lagged, source=frame.source)
         record = record_of(
             equipment,
             look_id=look_id,
@@ -105,23 +114,22 @@ async def frame_look(
             frame=frame,
             exposure_s=frame.exposure_s or 0.0,
             used=used,
-            segment_id=equipment.mount.segment_id,
-            model_id=equipment.pointing.model_id,
+            segment_id=meanwhile.segment_id,
+            model_id=meanwhile.model_id,
             verdict=verdict,
-            look=found,
+            look=told.look,
             refused=refused if verdict.solution is not None else None,
         )
         await equipment.journal.look(record)
         step("frame written")
         if verdict.solution is None:
             equipment.listen("not-solved", not_solved_facts(verdict))
-            return FrameLook(None, tuple(doubts), verdict.detail)
-        if found is None:
-            return FrameLook(None, tuple(doubts), "; ".join(words))
-        equipment.listen("solved", solved_facts(found))
-        if not doubts:
-            await equipment.guard.learn(found)
-        return FrameLook(found, tuple(doubts), "; ".join(words))
+        elif told.look is not None:
+            equipment.listen("solved", solved_facts(told.look))
+            if not told.doubts:
+                for one in (*agreed, told.look):
+                    await equipment.guard.learn(one)
+        return replace(told, meanwhile=meanwhile)
 
 
 async def correct(
@@ -132,6 +140,7 @@ async def correct(
     by: By,
     target: Icrs | None,
     key: str | None,
+    heard: Callable[[Judged], None] | None = None,
 ) -> Corrected:
     """Bring the telescope back by a look: between two frames of a night.
 
@@ -145,6 +154,8 @@ async def correct(
         Where the tube should look; None: a sync alone.
     key : str or None
         The target's name, for the policy of syncs.
+    heard : callable, optional
+        Told of the judgement before anything is done by it.
 
     Raises
     ------
@@ -156,9 +167,11 @@ async def correct(
     OutsideLimits, DeviceError, Cancelled, TargetNotReached, JournalFailed
     """
     guard = equipment.guard
-    decision = guard.consider(found, Occasion.NIGHT, target=key)
-    against = decision.against_the_sky
-    if against or (by == "sync" and not decision.allowed):
+    context = guard.context(found, Occasion.NIGHT, target=key)
+    decision = guard.judge(found, Occasion.NIGHT, context)
+    if heard is not None:
+        heard(Judged(by, context, decision.doubts))
+    if forbids(decision.doubts, by):
         facts = {"doubts": [str(one) for one in decision.doubts], "look_id": found.look_id, "by": by}
         await equipment.note(EntryKind.REFUSAL, decision.why, facts)
         raise SyncRefused(decision.why, device=equipment.name, doubts=decision.doubts)
@@ -181,6 +194,28 @@ async def correct(
     return await _sent(
         slewing, Correction.OFFSET, target, steering.next_aim(now, side_of(found)), found.believed
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """What a correction was judged by, and what stood against it.
+
+    Attributes
+    ----------
+    by : {"sync", "offset", "model"}
+    context : SyncContext
+    doubts : tuple of SyncDoubt
+    """
+
+    by: By
+    context: SyncContext
+    doubts: tuple[SyncDoubt, ...]
+
+
+def forbids(doubts: Iterable[SyncDoubt], by: By) -> bool:
+    """Whether doubts forbid a correction: a look that is no good forbids any, the rest only a sync."""
+    against = set(doubts)
+    return bool(against & AGAINST_THE_LOOK) or (by == "sync" and bool(against))
 
 
 async def _require_same_side(equipment: Equipment, slewing: Slewing, found: Look, target: Icrs) -> None:
@@ -232,4 +267,4 @@ async def _by_sync(
     return Corrected(Correction.SYNC, str(report.outcome), moved.total_arcsec, report, moved)
 
 
-__all__ = ["WITHIN", "By", "correct", "frame_look"]
+__all__ = ["WITHIN", "By", "Judged", "correct", "forbids", "frame_look"]

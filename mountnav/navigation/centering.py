@@ -8,13 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 
-from mountnav.errors import DeviceRefused, MountnavError, NotReached, Refusal
+from mountnav.errors import (
+    DeviceRefused,
+    MountnavError,
+    NotReached,
+    Refusal,
+    SyncElsewhere,
+    TargetNotReached,
+)
 from mountnav.navigation.correcting import Correcting
+from mountnav.navigation.devices import SyncOutcome
 from mountnav.navigation.ends import Ends
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.flipping import crossing, side_note, side_of
+from mountnav.navigation.holding_still import LOOKED_AGAIN, agree, agreeing_looks, moved_arcsec, shows_rest
 from mountnav.navigation.policy import CenteringPolicy
-from mountnav.navigation.recovering import apart_arcsec
+from mountnav.navigation.recovering import apart_arcsec, require_rightly_set
 from mountnav.navigation.reports import CenterOutcome, CenterReport, Correction, Look
 from mountnav.navigation.slewing import Slewing
 from mountnav.navigation.steps import step
@@ -110,6 +119,7 @@ class Centering:
                 expected = await correcting.anew()
                 await self._slew()
                 continue
+            require_rightly_set(found, self._equipment.mount, device=self._equipment.name)
             followed = correcting.sighted(found)
             error = offset_arcsec(found.seen, self.target)
             tries.add(found, error, followed, expected, approached=correcting.approach)
@@ -136,12 +146,30 @@ class Centering:
             ends.followed(followed)
             ends.believed()
             if error.total_arcsec <= self._tolerance:
+                latest = await self._at_rest(found)
+                if latest is None:
+                    tries.close(Correction.NONE, "its position stopped counting", slewed=False)
+                    continue
+                if latest is not found:
+                    found, error = latest, offset_arcsec(latest.seen, self.target)
+                    tries.seen_again(found, error)
+                    followed = correcting.sighted(found)
+                    decision = self._equipment.guard.consider(found, Occasion.CENTERING, target=self._key)
+            if error.total_arcsec <= self._tolerance:
                 tries.close(Correction.NONE, "centered", slewed=False)
                 return self._report(found, expected_first, clock.monotonic_s() - began_s)
             stop = ends.why(followed, correcting.hole(found))
             done = None
             if stop is None:
-                done = await correcting.correct(found, decision)
+                try:
+                    done = await correcting.correct(found, decision)
+                except SyncElsewhere as error:
+                    # nobody knows where it points: begin anew
+                    tries.close(Correction.NONE, error.what, slewed=False, sync_outcome=SyncOutcome.ELSEWHERE)
+                    await self._recovered()
+                    expected = await correcting.anew()
+                    await self._slew()
+                    continue
             elif stop.reason is NotReached.POLE and not ends.last:
                 done = await correcting.zeroed_below_the_pole()
             if done is None:
@@ -158,6 +186,44 @@ class Centering:
         if not self.tries.all:
             return "no look was finished"
         return f"last seen {self.tries.latest.error_arcsec:.0f}″ off"
+
+    async def _at_rest(self, found: Look) -> Look | None:
+        """Look until the tube is seen to hold still; the last look, which may show it elsewhere.
+
+        None if the mount's position stopped counting meanwhile.
+
+        Raises
+        ------
+        TargetNotReached
+            It doesn't hold still: what was seen held for a moment only.
+        """
+        correcting, latest, aim = self._correcting, found, self._correcting.aim
+        if shows_rest(found, self._tolerance, self._policy.exposure_s):
+            return found
+        most, agreed = 0.0, 0
+        for _ in range(LOOKED_AGAIN):
+            again = await correcting.look()
+            if not self._equipment.trusted:
+                return None
+            if correcting.aim != aim:
+                return again  # in a neighbor field
+            decision = self._equipment.guard.consider(again, Occasion.CENTERING, target=self._key)
+            if decision.against_the_sky:
+                continue
+            agreed = agreed + 1 if agree(latest, again, self._tolerance) else 0
+            if agreed >= agreeing_looks(again, self._policy.exposure_s, moved=most > 0.0):
+                return again
+            most = most if agreed else max(most, moved_arcsec(latest, again))
+            latest = again
+        words = f"looks at one place differ by {most:.0f}″: the tube doesn't hold still"
+        self.tries.close(Correction.NONE, words, slewed=False)
+        raise TargetNotReached(
+            words,
+            device=self._equipment.name,
+            advice="is it windy, or does the mount not track? order it again when it is calmer, or allow a "
+            "larger tolerance",
+            reason=NotReached.RESTLESS,
+        )
 
     async def _recovered(self) -> None:
         """Find out where a mount points whose position doesn't count, and tell it; not for ever."""

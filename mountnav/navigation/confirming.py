@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from mountnav.navigation.doubts import SyncContext, surprise_arcsec
+from mountnav.navigation.doubts import SyncContext, claimed, surprise_arcsec
 from mountnav.navigation.reports import Look
 from mountnav.navigation.sync_policy import SyncPolicy
 from mountnav.sky.sphere import displaced, offset_arcsec, separation_arcsec
@@ -56,7 +56,7 @@ def to_be_confirmed(found: Look, policy: SyncPolicy, context: SyncContext, rotat
     """
     if not policy.confirm:
         return False
-    surprise, allowed = surprise_arcsec(found, policy, context)
+    surprise, allowed = surprise_arcsec(claimed(found), policy, context)
     if surprise is None:
         surprise = found.offset.total_arcsec
     if surprise <= policy.confirm_above_arcsec:

@@ -14,6 +14,7 @@ from mountnav.errors import (
     SyncRefused,
     TargetNotReached,
 )
+from mountnav.navigation.by_sight import TookElsewhere
 from mountnav.navigation.devices import PierSide, SyncOutcome
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.flipping import side_of
@@ -224,7 +225,12 @@ class Correcting:
         why, outcome = "", None
         if self._syncs and not self._equipment.guard.prefers_offset:
             if decision.allowed:
-                outcome, why = await self._synced(found)
+                outcome, why, again = await self._synced(found)
+                if again is not None:
+                    # it believes another place now: the next step is counted from that
+                    found = again
+                    sighting = Sighting(again.believed, again.seen, side_of(again))
+                    self._steering.sighted(sighting, again.mid_exposure_utc)
                 if not why:
                     self._steering.believed(found.seen)
                     self.aim = self._slewing.aimed(self._target, side_of(found))
@@ -237,21 +243,30 @@ class Correcting:
             return Corrected(Correction.MODEL, "the model's aim, and the error that was left")
         return Corrected(Correction.OFFSET, why or "beside the target by the error seen", outcome)
 
-    async def _synced(self, found: Look) -> tuple[SyncOutcome | None, str]:
-        """Sync; with words when the mount won't be told, and it has to be an offset."""
+    async def _synced(self, found: Look) -> tuple[SyncOutcome | None, str, Look | None]:
+        """Sync; with words when the mount won't be told, and it has to be an offset.
+
+        With a look besides, where the mount took another place than it was told, and that was seen.
+        """
         step("centering sync")
         try:
             report = await self._equipment.guard.commit(
                 found, Occasion.CENTERING, target=self._key, look_again=self._look_again
             )
+        except TookElsewhere as error:
+            self._syncs = False
+            self._note(f"by offset from here on: {error.what}")
+            self._steering.forget()
+            self._segment_id = self._equipment.mount.segment_id
+            return SyncOutcome.ELSEWHERE, error.what, error.look
         except (SyncIgnored, SyncRefused, DeviceRefused) as error:
             # its belief stays as it is, so aim beside the target
             self._syncs = False
             self._note(f"by offset from here on: {error.what}")
             self._ignored = isinstance(error, SyncIgnored)
-            return SyncOutcome.IGNORED if self._ignored else None, error.what
+            return SyncOutcome.IGNORED if self._ignored else None, error.what, None
         self._segment_id = self._equipment.mount.segment_id
-        return report.outcome, ""
+        return report.outcome, "", None
 
     async def _look_again(self) -> Look:
         plain = replace(self._policy.persistence, tactics=frozenset())
@@ -285,7 +300,7 @@ class Correcting:
         words = "" if decision.allowed else decision.why
         outcome = None
         if decision.allowed:
-            outcome, words = await self._synced(found)
+            outcome, words, _ = await self._synced(found)
         if words:
             self._note(f"not synced below the pole: {words}")
             return None

@@ -21,6 +21,14 @@ class PierSide(StrEnum):
     WEST = "west"
     UNKNOWN = "unknown"
 
+    @property
+    def other(self) -> PierSide:
+        """The side after a flip."""
+        return _OTHER.get(self, self)
+
+
+_OTHER = {PierSide.EAST: PierSide.WEST, PierSide.WEST: PierSide.EAST}
+
 
 class TrackingRate(StrEnum):
     """How fast the hour angle axis follows."""
@@ -106,6 +114,14 @@ class SyncOutcome(StrEnum):
     SEEN = "accepted and seen in the read-back"
     LATE = "accepted and applied late"
     IGNORED = "accepted and ignored"
+    """It believes what it did before."""
+    ELSEWHERE = "accepted, and took another place"
+    """Half of what it was told, or something else: its position counts no more."""
+
+    @property
+    def seen(self) -> bool:
+        """Whether the mount believes now to be where it was told."""
+        return self in (SyncOutcome.SEEN, SyncOutcome.LATE)
 
 
 @dataclass(frozen=True, slots=True)

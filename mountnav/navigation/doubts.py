@@ -17,12 +17,13 @@ from mountnav.navigation.sync_policy import SyncPolicy, SyncRule
 from mountnav.pointing.in_force import Expected
 from mountnav.pointing.plausible import too_far
 from mountnav.sky.chain import hour_angle_to_observed, icrs_to_hour_angle
-from mountnav.sky.coordinates import Air, Site
-from mountnav.sky.sphere import separation_arcsec
+from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site
+from mountnav.sky.sphere import Offset, half_turn_deg, offset_arcsec, separation_arcsec
 
 GRAVEST_FIRST = (
     SyncDoubt.MOVED,
     SyncDoubt.OLDER_THAN_MOVE,
+    SyncDoubt.NOT_FRESH,
     SyncDoubt.NOT_TRACKING,
     SyncDoubt.ODDS,
     SyncDoubt.FEW_STARS,
@@ -34,6 +35,7 @@ GRAVEST_FIRST = (
     SyncDoubt.WRONG_SIDE,
     SyncDoubt.TOO_LOW,
     SyncDoubt.NEAR_POLE,
+    SyncDoubt.TOLD_TOO_MUCH,
     SyncDoubt.NEAR_MERIDIAN,
     SyncDoubt.TOO_OLD,
     SyncDoubt.POLICY_NEVER,
@@ -43,24 +45,28 @@ GRAVEST_FIRST = (
     SyncDoubt.TOO_MANY,
 )
 
-AGAINST_THE_LOOK = frozenset(GRAVEST_FIRST[:10])
+AGAINST_THE_LOOK = frozenset(GRAVEST_FIRST[:11])
 """With one of these a look isn't good enough for any correction; the others leave an offset open."""
 
 ADVICE: Mapping[SyncDoubt, str] = {
     SyncDoubt.MOVED: "look again when the mount rests; is it tracking? is somebody else moving it?",
     SyncDoubt.OLDER_THAN_MOVE: "look again: this frame shows where the tube pointed before the last order",
+    SyncDoubt.NOT_FRESH: "look again: two frames of one place that agree are believed; does the camera "
+    "hand out the frame before?",
     SyncDoubt.NOT_TRACKING: "switch tracking on and look again",
     SyncDoubt.ODDS: "expose longer, or look again: the match is too weak",
     SyncDoubt.FEW_STARS: "expose longer, or choose a richer field",
     SyncDoubt.PARITY: "was a mirror added or taken away? some solves in a row that agree are believed",
     SyncDoubt.SCALE: "was the binning or the optics changed? some solves in a row that agree are believed",
     SyncDoubt.ROTATION: "was the camera turned? some solves in a row that agree are believed",
-    SyncDoubt.TOO_FAR: "check the mount's alignment, date, time zone, longitude and epoch; if it is really "
-    "that far off, order a recovery, or align it roughly by hand",
+    SyncDoubt.TOO_FAR: "check the mount's date, time zone, longitude and epoch; if it is really that "
+    "far off, as after it was set up anew, order first light",
     SyncDoubt.NOT_EXPECTED: "look again: two looks that agree are believed in a recovery; did a clutch slip?",
-    SyncDoubt.WRONG_SIDE: "compare the side of the pier that the mount tells with where the tube hangs",
+    SyncDoubt.WRONG_SIDE: "compare the side of the pier that the mount tells with where the tube hangs: set "
+    "swap_sides of the mount if it is the other one; if it is right, order first light",
     SyncDoubt.TOO_LOW: "sync on a higher field",
     SyncDoubt.NEAR_POLE: "sync on a field further from the pole: there a frame doesn't tell the hour angle",
+    SyncDoubt.TOLD_TOO_MUCH: "let it look (sync), let it find its home, or say trust",
     SyncDoubt.NEAR_MERIDIAN: "sync on a field further east or west",
     SyncDoubt.TOO_OLD: "look again",
     SyncDoubt.POLICY_NEVER: "the settings say sync.rule = never: correct by offset",
@@ -77,6 +83,38 @@ class Counts:
 
     tonight: int = 0
     on_target: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """Where the tube is said to point, by a frame or by words, and where the mount believes it.
+
+    Attributes
+    ----------
+    seen, believed : Icrs
+    utc : datetime
+        For both.
+    sigma_arcsec : float
+        Of `seen`; 0 where nobody knows.
+    told : bool
+        Nobody has looked.
+    """
+
+    seen: Icrs
+    believed: Icrs
+    utc: datetime
+    sigma_arcsec: float = 0.0
+    told: bool = False
+
+    @property
+    def offset(self) -> Offset:
+        """Seen minus believed."""
+        return offset_arcsec(self.seen, self.believed)
+
+
+def claimed(found: Look) -> Claim:
+    """What a solved frame says."""
+    return Claim(found.seen, found.believed, found.mid_exposure_utc, found.solution.center_sigma_arcsec)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +139,8 @@ class SyncContext:
         Whether its own position counts.
     modeled : bool
         Whether that is a pointing model's.
+    expected_by : str
+        Who expects it, if it is neither a model nor the last sync.
     departures : mapping of SyncDoubt to str
         What the look shows of the camera that those before it didn't.
     counts : Counts
@@ -116,6 +156,7 @@ class SyncContext:
     polar: bool = True
     trusted: bool = True
     modeled: bool = False
+    expected_by: str = ""
     departures: Mapping[SyncDoubt, str] = field(default_factory=dict)
     counts: Counts = field(default_factory=Counts)
 
@@ -176,28 +217,33 @@ def solution_doubts(found: Look, policy: SyncPolicy) -> Doubts:
     return doubts
 
 
-def place_doubts(found: Look, policy: SyncPolicy, context: SyncContext) -> Doubts:
+def place_doubts(claim: Claim, policy: SyncPolicy, context: SyncContext) -> Doubts:
     """Whether the mount can be that far off, and whether the place is one to sync at."""
     doubts: Doubts = {}
-    words = too_far(found.offset, policy.max_arcsec)
+    words = _too_far(claim, policy)
     if words is not None:
         doubts[SyncDoubt.TOO_FAR] = words
-    surprise, allowed = surprise_arcsec(found, policy, context)
+        if not math.isfinite(claim.offset.total_arcsec):
+            # no place at all: it stands nowhere in the sky
+            return doubts
+    surprise, allowed = surprise_arcsec(claim, policy, context)
     if context.trusted and surprise is not None and not surprise <= allowed:
         assert context.expected is not None
-        expected, by = context.expected.offset, "the model" if context.modeled else "the last sync"
+        by = context.expected_by or ("the model" if context.modeled else "the last sync")
+        expected = context.expected.offset
         doubts[SyncDoubt.NOT_EXPECTED] = (
             f"{surprise:.0f}″ from the offset to be expected by {by} ({expected.east_arcsec:+.0f}″ east, "
             f"{expected.north_arcsec:+.0f}″ north, sigma {context.expected.sigma_arcsec:.0f}″; "
             f"allowed {allowed:.0f}″)"
         )
-    hour_angle = icrs_to_hour_angle(found.seen, found.mid_exposure_utc, context.site, context.air)
+    hour_angle = icrs_to_hour_angle(claim.seen, claim.utc, context.site, context.air)
     altitude_deg = hour_angle_to_observed(hour_angle, context.site).alt_deg
-    if altitude_deg < policy.min_altitude_deg:
+    if not altitude_deg >= policy.min_altitude_deg:
         doubts[SyncDoubt.TOO_LOW] = (
-            f"the solved place stands at altitude {altitude_deg:.1f}° (allowed {policy.min_altitude_deg:g}°)"
+            f"the {_said(claim)} place stands at altitude {altitude_deg:.1f}° (allowed "
+            f"{policy.min_altitude_deg:g}°)"
         )
-    near_pole = _near_pole(found, hour_angle.dec_deg, policy, context)
+    near_pole = _near_pole(claim, hour_angle, policy, context)
     if near_pole is not None:
         doubts[SyncDoubt.NEAR_POLE] = near_pole
     from_meridian_deg = min(abs(hour_angle.ha_deg), 180.0 - abs(hour_angle.ha_deg))
@@ -208,7 +254,23 @@ def place_doubts(found: Look, policy: SyncPolicy, context: SyncContext) -> Doubt
     return doubts
 
 
-def _near_pole(found: Look, dec_deg: float, policy: SyncPolicy, context: SyncContext) -> str | None:
+def _said(claim: Claim) -> str:
+    return "told" if claim.told else "solved"
+
+
+def _too_far(claim: Claim, policy: SyncPolicy) -> str | None:
+    if not claim.told:
+        return too_far(claim.offset, policy.max_arcsec)
+    off_arcsec = claim.offset.total_arcsec
+    if off_arcsec <= policy.told_max_arcsec:
+        return None
+    return (
+        f"told {off_arcsec / 3600.0:.2f}° from where it believes to point, more than the "
+        f"{policy.told_max_arcsec / 3600.0:.2f}° that words may move it"
+    )
+
+
+def _near_pole(claim: Claim, seen: HourAngle, policy: SyncPolicy, context: SyncContext) -> str | None:
     """Why a sync there would put the hour angle of the whole sky wrong; None if it wouldn't.
 
     A pole that is off by ρ shows as an offset of ρ to the east at any declination. A sync takes it for an
@@ -216,22 +278,27 @@ def _near_pole(found: Look, dec_deg: float, policy: SyncPolicy, context: SyncCon
     """
     if not context.polar:
         return None
-    away_deg, cos = 90.0 - abs(dec_deg), math.cos(math.radians(dec_deg))
+    away_deg = 90.0 - abs(seen.dec_deg)
     if away_deg < policy.min_pole_deg:
         return (
             f"{away_deg:.1f}° from the pole, which tells no hour angle ({policy.min_pole_deg:g}° are needed)"
         )
-    east = abs(found.offset.east_arcsec)
-    turned = east / cos - east if cos > 0.0 else math.inf
-    if not context.lost and turned > policy.max_turn_arcsec:
+    if context.lost:
+        return None
+    believed = icrs_to_hour_angle(claim.believed, claim.utc, context.site, context.air)
+    # what the mount does with it: its hour angle axis gets a new zero
+    turned = abs(half_turn_deg(seen.ha_deg - believed.ha_deg)) * 3600.0
+    east = abs(claim.offset.east_arcsec)
+    if not turned - east <= policy.max_turn_arcsec:
         return (
-            f"{east:.0f}″ to the east would turn the hour angle by {east / cos:.0f}″ at declination "
-            f"{dec_deg:.0f}° ({policy.max_turn_arcsec:.0f}″ more than what is seen are allowed)"
+            f"{east:.0f}″ to the east would turn the hour angle by {turned:.0f}″ at declination "
+            f"{seen.dec_deg:.0f}° ({policy.max_turn_arcsec:.0f}″ more than what is {_said(claim)} "
+            "are allowed)"
         )
     return None
 
 
-def surprise_arcsec(found: Look, policy: SyncPolicy, context: SyncContext) -> tuple[float | None, float]:
+def surprise_arcsec(claim: Claim, policy: SyncPolicy, context: SyncContext) -> tuple[float | None, float]:
     """How far the offset is from the expected one, and how far it may be: so many sigma, and a floor.
 
     Returns
@@ -243,14 +310,13 @@ def surprise_arcsec(found: Look, policy: SyncPolicy, context: SyncContext) -> tu
     expected = context.expected
     if expected is None:
         return None, math.inf
-    solve = found.solution.center_sigma_arcsec
-    sigma = math.hypot(
-        expected.sigma_arcsec, context.resolution_arcsec, solve if math.isfinite(solve) else 0.0
-    )
+    own = claim.sigma_arcsec
+    sigma = math.hypot(expected.sigma_arcsec, context.resolution_arcsec, own if math.isfinite(own) else 0.0)
     floor = policy.expected_floor_arcsec if context.modeled else policy.expected_floor_bare_arcsec
+    offset = claim.offset
     off = math.hypot(
-        found.offset.east_arcsec - expected.offset.east_arcsec,
-        found.offset.north_arcsec - expected.offset.north_arcsec,
+        offset.east_arcsec - expected.offset.east_arcsec,
+        offset.north_arcsec - expected.offset.north_arcsec,
     )
     return off, policy.expected_sigmas * sigma + floor
 
@@ -283,9 +349,11 @@ __all__ = [
     "ADVICE",
     "AGAINST_THE_LOOK",
     "GRAVEST_FIRST",
+    "Claim",
     "Counts",
     "Doubts",
     "SyncContext",
+    "claimed",
     "frame_doubts",
     "in_order",
     "place_doubts",

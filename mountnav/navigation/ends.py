@@ -12,7 +12,10 @@ from mountnav.pointing.plausible import TooFarToSync
 
 DOUBTFUL_LOOKS = 2
 """So many looks in a row may be doubted, and taken anew, before a centering ends."""
-_ADVICE = "nothing was moved or synced by it; look again, or order a recovery"
+_ADVICE = (
+    "nothing was moved or synced by it; look again; if the mount is really that far off, as after it was set "
+    "up anew, order first light"
+)
 STUCK_TRIES = 2
 ELSEWHERE_TRIES = 3
 
@@ -86,7 +89,8 @@ class Ends:
         return SyncRefused(
             f"frames of one place were solved {apart_arcsec:.0f}″ apart, {self._doubted} times",
             device=self._name,
-            advice="nothing was moved or synced by them; does the mount track, and does the tube hold still?",
+            advice="nothing was moved or synced by them; does the mount track, and does the tube hold still "
+            "(wind)? look again when it does",
             doubts=(SyncDoubt.ODDS,),
         )
 
@@ -105,7 +109,7 @@ class Ends:
         if hole is not None and hole.short_arcsec > self._tolerance:
             return self._end(
                 f"{off} off: {hole.words}",
-                "square the tube to the declination axis, or choose a target further from the pole",
+                hole.advice,
                 NotReached.POLE,
             )
         if followed is Followed.STUCK and self._stuck >= STUCK_TRIES + approachable:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from mountnav.catalog.stars import Catalog
@@ -13,6 +13,7 @@ from mountnav.frames import Frame, Hint
 from mountnav.journal.records import Entry, EntryKind, Journal
 from mountnav.navigation.checked_mount import CheckedMount
 from mountnav.navigation.devices import Camera, Mount
+from mountnav.navigation.frames_seen import FramesSeen
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.readings_kept import ReadingsKept
 from mountnav.navigation.sync_policy import SyncPolicy
@@ -76,6 +77,8 @@ class Equipment:
         Told of each step; it never steers.
     apply_model : bool
         Whether slews are aimed by the pointing model.
+    frames : FramesSeen
+        By which an old frame is known.
     """
 
     name: str
@@ -91,6 +94,7 @@ class Equipment:
     readings: ReadingsKept
     listen: Listener
     apply_model: bool = True
+    frames: FramesSeen = field(default_factory=FramesSeen)
 
     @property
     def pointing(self) -> Pointing:

@@ -37,7 +37,8 @@ def side_note(found: Look, seen: PierSide) -> str | None:
         return None
     return (
         f"the mount says that the tube hangs {said} of the pier, the image's rotation "
-        f"({found.solution.rotation_deg:.1f}°) says {seen}: its limits on that side may be wrong"
+        f"({found.solution.rotation_deg:.1f}°) says {seen}: its limits on that side may be wrong; look at "
+        "it, and set swap_sides of the mount if it is told the wrong way round"
     )
 
 

@@ -8,6 +8,7 @@ solves in a row that agree with each other become the new normal.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any
@@ -114,6 +115,13 @@ class Learned:
     def forget(self) -> None:
         """Begin anew: somebody has worked on the camera."""
         self._kept, self._aside, self._normal = [], [], None
+
+    def of_another(self) -> Learned:
+        """One for another camera, by the same rules, that knows nothing yet."""
+        made = copy(self)
+        made.forget()
+        made._taken = 0
+        return made
 
     # -- judging -----------------------------------------------------------------------------------
 

@@ -5,17 +5,20 @@ Whatever comes of it is written down before anything is decided by it.
 
 from __future__ import annotations
 
+import asyncio
 import math
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from typing import Literal
 
-from mountnav.errors import BadFrame, MountMoved
+from mountnav.errors import BadFrame, CameraStale, MountMoved, SyncDoubt
 from mountnav.frames import Frame, Hint
-from mountnav.journal.records import because, new_id
+from mountnav.journal.records import EntryKind, because, new_id
 from mountnav.measuring.quality import SkyQuality
+from mountnav.navigation.camera_identity import CameraIdentity, camera_of
 from mountnav.navigation.devices import MountReading
 from mountnav.navigation.equipment import Equipment, Listener, Solve, in_thread
+from mountnav.navigation.frames_seen import LAGS, Sight, fingerprint, takes_long
 from mountnav.navigation.kinds import from_mount
 from mountnav.navigation.looks_written import record_of
 from mountnav.navigation.policy import CenteringPolicy
@@ -24,6 +27,13 @@ from mountnav.navigation.steps import step
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, offset_arcsec, separation_arcsec
 from mountnav.solution import Verdict
+
+CONFIRMED_LATER = frozenset({"look", "recovery", "first light"})
+"""Looks by which alone nothing is moved or synced: the last two ask for frames that agree themselves."""
+
+
+class RepeatedFrame(BadFrame):
+    """The pixels of a frame are those of an earlier one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +51,8 @@ class Shot:
         What is believed of the scale.
     used : str
         What it is for; the journal tells.
+    teaches : bool
+        Whether what is known of camera and pointing learns from it.
     """
 
     exposure_s: float
@@ -48,16 +60,28 @@ class Shot:
     blind: Literal["after", "only", "never"] | None = None
     scale: Literal["learned", "settings", "any"] = "learned"
     used: str = "look"
+    teaches: bool = True
 
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """A frame that could be used; solved when `look` is set."""
+    """A frame that could be used; solved when `look` is set.
+
+    Attributes
+    ----------
+    verdict : Verdict
+    believed : Icrs
+    width_px : int
+    look : Look or None
+    doubt : str
+        Why nothing may be done by the look before another one was taken, in words; empty if it is believed.
+    """
 
     verdict: Verdict
     believed: Icrs
     width_px: int
     look: Look | None
+    doubt: str = ""
 
 
 async def take(equipment: Equipment, policy: CenteringPolicy, shot: Shot, *, attempt: int = 1) -> Taken:
@@ -81,7 +105,10 @@ async def take(equipment: Equipment, policy: CenteringPolicy, shot: Shot, *, att
         The mount's readings before and after differ by more than its own resolution and the policy allow,
         it says that it is slewing, or it was ordered to move meanwhile.
     BadFrame
-        The frame tells no time of exposure, or one that doesn't lie between the two readings.
+        The frame tells no time of exposure, or one that doesn't lie between the two readings; or its pixels
+        are those of an earlier frame (`RepeatedFrame`).
+    CameraStale
+        The camera was caught again with a frame from before the last slew.
     DeviceError, JournalFailed
     """
     look_id = new_id()
@@ -93,6 +120,7 @@ async def take(equipment: Equipment, policy: CenteringPolicy, shot: Shot, *, att
         step("look read")
         frame = await equipment.camera.expose(shot.exposure_s)
         step("look exposed")
+        equipment.guard.looks_through(camera_of(frame, equipment.camera.name))
         after = await equipment.mount.reading()
         step("look read again")
 
@@ -121,6 +149,7 @@ async def take(equipment: Equipment, policy: CenteringPolicy, shot: Shot, *, att
         try:
             middle = _mid_exposure(frame, shot.exposure_s, policy, before, after)
             _refuse_motion(equipment, policy, before, after)
+            await _refuse_repeated(equipment, frame)
         except (BadFrame, MountMoved) as error:
             await write(None, None, (error.slug, error.what))
             raise
@@ -142,12 +171,71 @@ async def take(equipment: Equipment, policy: CenteringPolicy, shot: Shot, *, att
             look_id=look_id,
             segment_id=segment_id,
             model_id=model_id,
+            camera=camera_of(frame, equipment.camera.name),
         )
-        await write(verdict, found)
+        sight = judged(equipment, policy, found, confirmed_later=shot.used in CONFIRMED_LATER)
+        await write(verdict, found, (str(SyncDoubt.NOT_FRESH), sight.doubt) if sight.doubt else None)
         equipment.listen("solved", solved_facts(found))
-        await equipment.guard.learn(found)
+        if sight.doubt:
+            return Taken(verdict, believed, frame.width_px, found, sight.doubt)
+        for one in (*sight.agreed, found) if shot.teaches else ():
+            await equipment.guard.learn(one)
         step("look learned")
+        if sight.lagged:
+            await _blame(equipment, found, sight.lagged)
         return Taken(verdict, believed, frame.width_px, found)
+
+
+def judged(equipment: Equipment, policy: CenteringPolicy, found: Look, *, confirmed_later: bool) -> Sight:
+    """Whether a solved frame shows the sky of now, by those that its camera gave before."""
+    assert found.camera is not None
+    return equipment.frames.of(found.camera).judge(
+        found,
+        allowed_arcsec=policy.max_motion_arcsec,
+        resolution_arcsec=equipment.mount.resolution_arcsec,
+        moved_utc=equipment.mount.last_motion_utc,
+        synced=equipment.guard.synced,
+        confirmed_later=confirmed_later,
+    )
+
+
+async def _blame(equipment: Equipment, found: Look, words: str) -> None:
+    """Tell that the camera gave an old frame; end the look when it wasn't the first time."""
+    assert found.camera is not None
+    lags = equipment.frames.of(found.camera).lags
+    await told_stale(equipment, words, look_id=found.look_id, times=lags)
+    if lags >= LAGS:
+        raise stale(equipment, f"{words} ({lags} times now)")
+
+
+async def told_stale(equipment: Equipment, words: str, **facts: object) -> None:
+    """Tell whoever listens, and the journal, that the camera is the culprit."""
+    told: dict[str, object] = {"camera": equipment.camera.name, "why": words, **facts}
+    equipment.listen("camera-stale", told)
+    await equipment.note(EntryKind.FAULT, f"the camera {equipment.camera.name}: {words}", told)
+
+
+def stale(equipment: Equipment, words: str) -> CameraStale:
+    """What is raised when the camera can't be believed."""
+    return CameraStale(
+        words,
+        device=equipment.camera.name,
+        advice="nothing was synced by it; restart the camera or its driver, switch off its streaming or "
+        "buffering, and order again",
+    )
+
+
+async def _refuse_repeated(equipment: Equipment, frame: Frame) -> None:
+    """Refuse a frame whose pixels were there before."""
+    if takes_long(frame.pixels):
+        print_ = await asyncio.to_thread(fingerprint, frame.pixels)
+    else:
+        print_ = fingerprint(frame.pixels)
+    if equipment.frames.of(camera_of(frame, equipment.camera.name)).repeats(frame, print_):
+        raise RepeatedFrame(
+            f"{frame.source}: pixel for pixel a frame that the camera gave before, with a new time",
+            advice="restart the camera or its driver: no two exposures are the same",
+        )
 
 
 def look_of(
@@ -161,6 +249,7 @@ def look_of(
     look_id: str,
     segment_id: str,
     model_id: str | None,
+    camera: CameraIdentity,
 ) -> Look:
     """A solved frame against the readings round it."""
     assert verdict.solution is not None
@@ -180,6 +269,7 @@ def look_of(
         height_px=frame.height_px,
         segment_id=segment_id,
         model_id=model_id,
+        camera=camera,
     )
 
 
@@ -286,13 +376,17 @@ def solved_facts(found: Look) -> dict[str, object]:
 
 __all__ = [
     "Listener",
+    "RepeatedFrame",
     "Shot",
     "Solve",
     "Taken",
     "at_instant",
     "in_thread",
+    "judged",
     "look_of",
     "not_solved_facts",
     "solved_facts",
+    "stale",
     "take",
+    "told_stale",
 ]

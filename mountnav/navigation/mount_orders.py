@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mountnav.errors import Cancelled, NotReached, TargetNotReached
 from mountnav.navigation.checked_mount import CheckedMount
-from mountnav.navigation.devices import Direction, MountReading, SlewOutcome, TrackingRate
+from mountnav.navigation.devices import ConnectReport, Direction, MountReading, SlewOutcome, TrackingRate
 from mountnav.navigation.one_at_a_time import OneAtATime
 
 
@@ -80,6 +80,15 @@ class MountOrders:
         """Move at the guide rate for a moment. Raises `DeviceError`, `JournalFailed`."""
         async with self._work.work("guiding"):
             await self.mount.guide(direction, duration_s)
+
+    async def set_site_and_time(self) -> ConnectReport:
+        """Set the mount's site and clock to ours. Raises `DeviceError`, `JournalFailed`."""
+        async with self._work.work("setting site and time"):
+            return await self.mount.set_site_and_time()
+
+    def accept_site_and_time(self) -> str | None:
+        """One who may configure accepts that mount and settings differ, until that changes."""
+        return self.mount.accept_site_and_time()
 
     def trust(self) -> None:
         """An operator's word that the mount's position is right."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
 
@@ -10,10 +11,11 @@ from mountnav.clock import Clock, SystemClock
 from mountnav.errors import NotReached, TargetNotReached
 from mountnav.frames import Frame
 from mountnav.journal.records import Journal, Unwritten
-from mountnav.navigation.between_frames import WITHIN, By, correct, frame_look
+from mountnav.navigation.between_frames import WITHIN, By, Judged, correct, frame_look
 from mountnav.navigation.center_in_time import center_in_time
 from mountnav.navigation.devices import Camera, Mount
 from mountnav.navigation.equipment import Listener, Solve, equipped, in_thread
+from mountnav.navigation.first_light import first_light
 from mountnav.navigation.kinds import for_mount, from_mount
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.looking import at_instant
@@ -24,6 +26,7 @@ from mountnav.navigation.recovering import recover, require_away_from_pole
 from mountnav.navigation.reports import (
     CenterReport,
     Corrected,
+    FirstLightReport,
     FrameLook,
     Look,
     RecoverReport,
@@ -36,7 +39,6 @@ from mountnav.navigation.slewing import Slewing
 from mountnav.navigation.states import state_of
 from mountnav.navigation.sync_policy import SyncPolicy
 from mountnav.navigation.syncing import GuardedSync, Occasion
-from mountnav.navigation.telling import sync_to
 from mountnav.navigation.unsolved import Persistent, cheap
 from mountnav.pointing.in_force import NoModel, Pointing
 from mountnav.pointing.limits import Limits, Mounting
@@ -114,7 +116,7 @@ class Navigator(MountOrders):
             site=site,
             air=air,
             limits=limits or Limits(min_altitude_deg=policy.min_altitude_deg),
-            rules=_rules(sync, policy),
+            rules=sync_rules(sync, policy),
             journal=journal or Unwritten(),
             clock=clock or SystemClock(),
             pointing=pointing or NoModel(),
@@ -223,12 +225,22 @@ class Navigator(MountOrders):
     async def sync_to(self, place: Icrs) -> ToldReport:
         """Tell the mount that it points at `place`, as somebody said: believed within bounds."""
         async with self._work.work("syncing"):
-            return await sync_to(self._equipment, place)
+            return await self.guard.told.sync_to(place)
+
+    def trust(self) -> None:
+        """An operator's word that the mount's position is right; what was told before counts no more."""
+        super().trust()
+        self.guard.told.proven()
 
     async def recover(self, exposure_s: float | None = None) -> RecoverReport:
         """Find out where a mount points that doesn't know, and tell it. Never moves it. See `recover`."""
         async with self._work.work("recovering"):
             return await recover(self._equipment, self.policy, exposure_s)
+
+    async def first_light(self, exposure_s: float | None = None) -> FirstLightReport:
+        """Tell a telescope set up by eye where it points, and learn its camera. See `first_light`."""
+        async with self._work.work("first light"):
+            return await first_light(self._equipment, self.policy, self._slewing, exposure_s)
 
     # -- motion --------------------------------------------------------------------------------------
 
@@ -262,6 +274,7 @@ class Navigator(MountOrders):
         """
         equipment = self._equipment
         utc = equipment.clock.utc()
+        await self.mount.require_agreement()
         self.limits.check(target, utc, equipment.site, equipment.air)
         aim = self._slewing.aimed(target, await self._slewing.side_at(target))
         await self.mount.would_slew(for_mount(aim, self.mount.epoch, utc), after_stop=after_stop)
@@ -338,10 +351,20 @@ class Navigator(MountOrders):
                 )
             return report
 
-    async def correct(self, found: Look, *, by: By, target: Icrs | None, key: str | None = None) -> Corrected:
+    async def correct(
+        self,
+        found: Look,
+        *,
+        by: By,
+        target: Icrs | None,
+        key: str | None = None,
+        heard: Callable[[Judged], None] | None = None,
+    ) -> Corrected:
         """Bring the telescope back by a look, between two frames. See `between_frames.correct`."""
         async with self._work.work("correcting"):
-            return await correct(self._equipment, self._slewing, found, by=by, target=target, key=key)
+            return await correct(
+                self._equipment, self._slewing, found, by=by, target=target, key=key, heard=heard
+            )
 
     # -- inside --------------------------------------------------------------------------------------
 
@@ -359,7 +382,7 @@ class Navigator(MountOrders):
         )
 
 
-def _rules(sync: SyncPolicy | None, policy: CenteringPolicy) -> SyncPolicy:
+def sync_rules(sync: SyncPolicy | None, policy: CenteringPolicy) -> SyncPolicy:
     """The policy of syncs; the smaller of the two caps on their size holds."""
     rules = sync or SyncPolicy(read_back_s=policy.sync_read_back_s)
     return replace(rules, max_arcsec=min(rules.max_arcsec, policy.max_sync_arcsec))

@@ -6,7 +6,15 @@ import asyncio
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 
-from mountnav.errors import Busy, DeviceError, DeviceGarbled, DeviceMissing, DeviceSilent, JournalFailed
+from mountnav.errors import (
+    Busy,
+    DeviceError,
+    DeviceGarbled,
+    DeviceMissing,
+    DeviceSilent,
+    JournalFailed,
+    RefusedButDone,
+)
 from mountnav.journal.records import because, cause
 from mountnav.navigation.checked_mount import CheckedMount
 from mountnav.navigation.devices import Camera
@@ -90,7 +98,7 @@ class OneAtATime:
         except asyncio.CancelledError:
             await asyncio.shield(self.halt())
             raise
-        except (DeviceSilent, DeviceGarbled, DeviceMissing):
+        except (DeviceSilent, DeviceGarbled, DeviceMissing, RefusedButDone):
             await self.halt()
             raise
         finally:

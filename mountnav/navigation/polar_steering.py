@@ -51,10 +51,12 @@ class Hole:
     short_arcsec : float
         How far the target is from the nearest place that it can point to.
     words : str
+    advice : str
     """
 
     short_arcsec: float
     words: str
+    advice: str = "square the tube to the declination axis, or choose a target further from the pole"
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,32 +122,43 @@ class PolarSteering:
 
     def hole(self, utc: datetime, side: PierSide = PierSide.UNKNOWN) -> Hole | None:
         """Whether the target can't be pointed to, by what three looks or more have shown."""
-        short = self._solved(utc, side)[1]
+        _, short, off_arcsec = self._solved(utc, side)
         if self.looks < ENOUGH_LOOKS or short <= 0.0:
             return None
+        if off_arcsec:
+            return Hole(
+                short,
+                f"by its own count, {off_arcsec:.0f}″ off in declination, the target lies beyond the pole; "
+                f"it stays {short:.0f}″ short",
+                "sync it further from the pole, or order first light, and then again",
+            )
         return Hole(short, f"at its own pole the mount can't point; it stays {short:.0f}″ short")
 
     # -- the geometry --------------------------------------------------------------------------------
 
-    def _solved(self, utc: datetime, side: PierSide) -> tuple[Icrs, float]:
+    def _solved(self, utc: datetime, side: PierSide) -> tuple[Icrs, float, float]:
+        """Where to send it, how far it stays short, and the zero point by which it does (arcsec; else 0)."""
         if not self._looks:
-            return self.target, 0.0
+            return self.target, 0.0, 0.0
         posture = _posture(side)
         pole, tube, turn = self._fitted()
         # what the geometry doesn't explain of the latest look will be the same near it
         last = self._looks[-1]
-        explained = pole + (1.0 + 1j * turn) * (last.sent + last.posture * tube * _direction(last.sent))
-        way = self._plane(self.target, utc) - pole - (last.seen - explained)
+        turned = 1.0 + 1j * turn
+        explained = pole + turned * (last.sent + last.posture * tube * _direction(last.sent))
+        # turned back as it was turned: by an angle alone 4° would leave 0.25 % of the way, 20″ at 2.4°
+        way = (self._plane(self.target, utc) - pole - (last.seen - explained)) / turned
         zero, cone = posture * tube.real, posture * tube.imag
         along = math.sqrt(max(0.0, abs(way) ** 2 - cone**2))
         short = max(0.0, abs(cone) - abs(way))
-        distance = along - zero
+        distance, off_arcsec = along - zero, 0.0
         if distance < 0.0:
+            off_arcsec = abs(zero)
             # beyond the pole by its own count: no mount is sent there, so stop at the pole itself
             short, along = max(short, abs(tube) - abs(way)), zero
             distance = _AT_THE_POLE_ARCSEC
-        angle = cmath.phase(way) - math.atan2(cone, along) - turn
-        return self._place(cmath.rect(distance, angle), utc), short
+        angle = cmath.phase(way) - math.atan2(cone, along)
+        return self._place(cmath.rect(distance, angle), utc), short, off_arcsec
 
     def _fitted(self) -> tuple[complex, complex, float]:
         """Pole, tube (zero point and cone; arcsec) and turn (radians): the likeliest by all looks so far."""

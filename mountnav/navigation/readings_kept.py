@@ -31,6 +31,32 @@ class Around:
     slewing: bool
 
 
+@dataclass(frozen=True, slots=True)
+class Meanwhile:
+    """What was known of the mount and of the camera when a frame from outside was compared.
+
+    Attributes
+    ----------
+    around : Around or None
+        The readings round its exposure; None where there are none near enough.
+    allowed_arcsec : float
+        How far they may wander.
+    moved_utc : datetime or None
+        End of the mount's last order to move.
+    segment_id : str
+    model_id : str or None
+    not_fresh : str
+        Why the camera's frames before it don't prove that this one shows the sky of now; empty if they do.
+    """
+
+    around: Around | None
+    allowed_arcsec: float
+    moved_utc: datetime | None
+    segment_id: str
+    model_id: str | None
+    not_fresh: str = ""
+
+
 class ReadingsKept:
     """Readings of the last while, oldest first.
 
@@ -96,4 +122,4 @@ class ReadingsKept:
         return Around(before, after, moved, any(one.slewing is True for one in (before, *others)))
 
 
-__all__ = ["Around", "ReadingsKept"]
+__all__ = ["Around", "Meanwhile", "ReadingsKept"]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Awaitable, Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from mountnav.errors import (
     BadFrame,
@@ -18,11 +18,16 @@ from mountnav.errors import (
     MountnavError,
     OffsetImplausible,
     OutsideLimits,
+    SkyError,
     SyncDoubt,
+    SyncElsewhere,
+    SyncIgnored,
     SyncRefused,
 )
+from mountnav.navigation.by_sight import stays_lost, stood_still
 from mountnav.navigation.camera_samples import camera_sample
-from mountnav.navigation.devices import PierSide, Skill
+from mountnav.navigation.checked_mount import CheckedMount
+from mountnav.navigation.devices import PierSide, Skill, SyncOutcome
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.flipping import side_of
 from mountnav.navigation.policy import CenteringPolicy
@@ -33,9 +38,13 @@ from mountnav.navigation.tactics import Tactic
 from mountnav.navigation.unsolved import Persistent
 from mountnav.pointing.limits import Limits
 from mountnav.sky.chain import icrs_to_observed
-from mountnav.sky.coordinates import Air, Site
-from mountnav.sky.sphere import displaced, offset_arcsec, separation_arcsec
+from mountnav.sky.coordinates import Air, Icrs, Site
+from mountnav.sky.sphere import displaced, half_turn_deg, offset_arcsec, separation_arcsec
 
+TURNED_DEG = 1.0
+"""A sky that was turned by less is no danger to a limit, and an honest mount is as far off."""
+AWAY_DEG = 5.0
+"""So near the pole a few minutes of arc are degrees of right ascension."""
 MOST_LOOKS = 4
 """So many frames are taken for two that agree: one in between may be wrong."""
 
@@ -45,9 +54,10 @@ async def recover(
 ) -> RecoverReport:
     """Find out where a mount points that doesn't know, and tell it. Never slews it.
 
-    A look, solved anywhere in the sky; its place must stand within the limits at this hour; a second look,
-    taken afterwards, must agree with it, or a third with one of the two. Then the mount is synced on the last
-    one, however far that is from what it believed, and read back. A mount that doesn't track is told to.
+    A look, solved anywhere in the sky; a second look, taken afterwards, must agree with it, or a third with
+    one of the two; their place must stand within the limits at this hour. Then the mount is synced on the
+    last one, however far that is from what it believed, and read back: longer than otherwise, since nothing
+    can be done without. A mount that doesn't track is told to.
 
     Raises
     ------
@@ -63,7 +73,7 @@ async def recover(
     SyncIgnored, DeviceError, JournalFailed
     """
     equipment.listen("recovering", {})
-    switched_on = await _let_track(equipment)
+    switched_on = await let_track(equipment)
     try:
         return await _recover(equipment, policy, exposure_s)
     except Exception:
@@ -84,12 +94,12 @@ async def _recover(equipment: Equipment, policy: CenteringPolicy, exposure_s: fl
 
     async def look() -> Look:
         looking = Persistent(equipment, policy, resting, used="recovery", anywhere=True)
-        found = (await looking.look(exposure_s)).look
-        require_away_from_pole(found, policy, device=equipment.name)
-        return found
+        return (await looking.look(exposure_s)).look
 
-    first, second, apart = await _agreeing(equipment, policy, look)
+    first, second, apart = await two_that_agree(equipment, policy, look)
+    require_away_from_pole(second, policy, device=equipment.name)
     altitude_deg = require_above_ground(second, equipment.mount.limits, site, air)
+    require_rightly_set(second, equipment.mount, device=equipment.name)
     require_known_posture(second, equipment)
     believed = icrs_to_observed(second.believed, second.mid_exposure_utc, site, air)
     equipment.listen(
@@ -105,26 +115,95 @@ async def _recover(equipment: Equipment, policy: CenteringPolicy, exposure_s: fl
         },
     )
     step("recovery confirmed")
-    done = await equipment.guard.commit(second, Occasion.RECOVERY)
+    told = await tell(equipment, policy, second, look, Occasion.RECOVERY)
     return RecoverReport(
-        outcome=done.outcome,
+        outcome=told.outcome,
         first=first,
-        second=second,
+        second=told.look,
         apart_arcsec=apart,
         altitude_deg=altitude_deg,
         believed_altitude_deg=believed.alt_deg,
-        read_back=done.read_back,
-        read_back_miss_arcsec=done.read_back_miss_arcsec,
+        read_back=told.read_back,
+        read_back_miss_arcsec=told.miss_arcsec,
         elapsed_s=clock.monotonic_s() - began,
     )
 
 
-async def _agreeing(
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What a lost mount made of being told where it points.
+
+    Attributes
+    ----------
+    outcome : SyncOutcome
+        Seen, or late. Else its position counts by sight; `IGNORED` also where it said no, and where no sync
+        was sent since it took none in this night.
+    look : Look
+        The last one.
+    read_back : Icrs
+    miss_arcsec : float
+    """
+
+    outcome: SyncOutcome
+    look: Look
+    read_back: Icrs
+    miss_arcsec: float
+
+
+async def tell(
+    equipment: Equipment,
+    policy: CenteringPolicy,
+    found: Look,
+    look: Callable[[], Awaitable[Look]],
+    occasion: Occasion,
+) -> Told:
+    """Tell a mount where it points; one that takes no syncs counts by sight, if it isn't too far off.
+
+    Parameters
+    ----------
+    equipment : Equipment
+    policy : CenteringPolicy
+    found : Look
+        Another one agrees with it, and the posture of a German mount is known.
+    look : callable
+        Takes another one.
+    occasion : Occasion
+
+    Raises
+    ------
+    As `GuardedSync.commit`.
+    """
+    guard = equipment.guard
+    if guard.prefers_offset and await guard.count_by_sight(found):
+        return Told(SyncOutcome.IGNORED, found, found.believed, found.offset.total_arcsec)
+    try:
+        done = await guard.commit(found, occasion)
+    except (SyncIgnored, SyncElsewhere, DeviceRefused) as error:
+        elsewhere = isinstance(error, SyncElsewhere)
+        if not (elsewhere or guard.prefers_offset):
+            raise
+        step("told, and not taken")
+        try:
+            again = await look()
+        except (SkyError, BadFrame, DeviceError) as unseen:
+            # the tracking may have been ended, say, since it believes to be below the ground now
+            raise stays_lost(error, found.offset.total_arcsec) from unseen
+        allowed = policy.max_motion_arcsec + equipment.mount.resolution_arcsec
+        if not stood_still(found, found.after, again, allowed) or not await guard.count_by_sight(again):
+            raise stays_lost(error, again.offset.total_arcsec) from error
+        outcome = SyncOutcome.ELSEWHERE if elsewhere else SyncOutcome.IGNORED
+        return Told(outcome, again, again.believed, again.offset.total_arcsec)
+    return Told(done.outcome, found, done.read_back, done.read_back_miss_arcsec)
+
+
+async def two_that_agree(
     equipment: Equipment, policy: CenteringPolicy, look: Callable[[], Awaitable[Look]]
 ) -> tuple[Look, Look, float]:
-    """Look until a frame agrees with one before it; the earlier one, the later one, and how far apart."""
+    """Look until a frame agrees with one before it; the earlier one, the later one, and how far apart.
+
+    Where they look is judged afterwards: one frame alone that shows the ground or the pole may be wrong.
+    """
     looks = [await look()]
-    require_above_ground(looks[0], equipment.mount.limits, equipment.site, equipment.air)
     while True:
         latest = await look()
         said: MountnavError | None = None
@@ -140,7 +219,7 @@ async def _agreeing(
             raise said
 
 
-async def _let_track(equipment: Equipment) -> bool:
+async def let_track(equipment: Equipment) -> bool:
     """Let a mount follow the sky unless it says that it does; whether it was told to.
 
     Two frames of a sky that runs through can't agree.
@@ -179,8 +258,8 @@ def require_known_posture(found: Look, equipment: Equipment) -> None:
         f"the mount says that the tube hangs on the side {said}, the image's rotation says {seen}: "
         "a sync in the wrong posture would turn its next slew the wrong way",
         device=equipment.name,
-        advice="nothing was synced; home the mount, or put it at its park position, and trust it; "
-        "if it is no German mount, set mount.mounting",
+        advice="nothing was synced; order first light: it finds the posture by a small move; or let the "
+        "mount find its home; if it is no German mount, set mount.mounting",
         doubts=(SyncDoubt.WRONG_SIDE,),
     )
 
@@ -199,7 +278,8 @@ def require_away_from_pole(found: Look, policy: CenteringPolicy, *, device: str)
         f"the tube looks {away_deg:.1f}° from the pole, where a frame doesn't tell the hour angle axis "
         f"({policy.pole_deg:g}° are needed)",
         device=device,
-        advice="nothing was synced; home the mount, move it by hand away from the pole, or trust it",
+        advice="nothing was synced; order first light: it leaves the pole before it syncs; or let the mount "
+        "find its home",
         doubts=(SyncDoubt.NEAR_POLE,),
     )
 
@@ -232,6 +312,35 @@ def require_above_ground(found: Look, limits: Limits, site: Site, air: Air) -> f
         f"altitude {place.alt_deg:.1f}°; the telescope is allowed {limits.min_altitude_deg:g}° to "
         f"{limits.max_altitude_deg:g}°",
         advice="nothing was synced; check this machine's clock, the site's settings and the frame's time",
+    )
+
+
+def require_rightly_set(found: Look, mount: CheckedMount, *, device: str) -> None:
+    """Refuse a place that shows that a mount was right before its site and clock were set to ours.
+
+    Then it is ours that are wrong, and every limit would be judged by the wrong sky.
+
+    Raises
+    ------
+    OffsetImplausible
+    """
+    turned_deg = mount.turned_deg
+    if turned_deg is None:
+        return
+    off_deg = half_turn_deg(found.seen.ra_deg - found.believed.ra_deg)
+    # its pole tells nothing of the hour angle
+    tells = 90.0 - abs(found.seen.dec_deg) > AWAY_DEG
+    if abs(turned_deg) < TURNED_DEG or abs(off_deg) <= abs(off_deg - turned_deg) or not tells:
+        if tells:
+            mount.sky_agrees()
+        return
+    raise OffsetImplausible(
+        f"the tube looks {off_deg:+.1f}° in right ascension from where the mount believes, and its sky was "
+        f"turned by {turned_deg:+.1f}° when site and clock were set: it had been right, and ours are wrong",
+        device=device,
+        advice="nothing was synced; correct [site] and this machine's clock, start again, and set the mount "
+        "right (order set-site-time). If they are right for sure, order set-site-time once more: then it "
+        "counts",
     )
 
 

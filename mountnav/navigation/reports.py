@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from mountnav.errors import SyncDoubt
+from mountnav.navigation.camera_identity import CameraIdentity
 from mountnav.navigation.center_reports import CenterOutcome, CenterReport, Correction, Crossing, Try
 from mountnav.navigation.devices import MountReading, PierSide, SlewOutcome, SyncOutcome
+from mountnav.navigation.readings_kept import Meanwhile
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import Offset
 from mountnav.solution import Solution, Verdict
@@ -38,6 +40,8 @@ class Look:
         Between two changes of the mount's zero points.
     model_id : str or None
         Pointing model in force.
+    camera : CameraIdentity or None
+        Whose frame it is.
     """
 
     look_id: str
@@ -54,6 +58,7 @@ class Look:
     height_px: int = 0
     segment_id: str = ""
     model_id: str | None = None
+    camera: CameraIdentity | None = None
 
     @property
     def blind(self) -> bool:
@@ -135,9 +140,10 @@ class RecoverReport:
     Attributes
     ----------
     outcome : SyncOutcome
-        `SEEN` or `LATE`; every other end is an error.
+        `SEEN` or `LATE`; `IGNORED` or `ELSEWHERE` of a mount that takes no syncs as told: its position counts
+        all the same, since looks have shown how far it is off. Every other end is an error.
     first, second : Look
-        The first look, and the one that confirmed it and was synced on.
+        The first look, and the one that confirmed it and was synced on, or by which its position counts.
     apart_arcsec : float
         Between the two solved places, what the mount moved meanwhile taken off.
     altitude_deg : float
@@ -163,6 +169,39 @@ class RecoverReport:
 
 
 @dataclass(frozen=True, slots=True)
+class FirstLightReport:
+    """A telescope that was set up by eye, told where it points, and its camera learned.
+
+    Attributes
+    ----------
+    outcome : SyncOutcome
+        As of a recovery.
+    first, synced, last : Look
+        The first look that counted, the one after a small move that was synced on, and the last one after it.
+    altitude_deg : float
+        Of the last one.
+    looks : int
+    learned : str
+        What is known of the camera now, in words.
+    read_back : Icrs
+        The mount's reading after the sync.
+    read_back_miss_arcsec : float
+    elapsed_s : float
+    """
+
+    outcome: SyncOutcome
+    first: Look
+    synced: Look
+    last: Look
+    altitude_deg: float
+    looks: int
+    learned: str
+    read_back: Icrs
+    read_back_miss_arcsec: float
+    elapsed_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class FrameLook:
     """A frame that somebody else exposed, against the mount's readings round it.
 
@@ -174,11 +213,14 @@ class FrameLook:
         Why no correction may be made by it.
     why : str
         In words.
+    meanwhile : Meanwhile or None
+        What it was compared by.
     """
 
     look: Look | None
     doubts: tuple[SyncDoubt, ...] = ()
     why: str = ""
+    meanwhile: Meanwhile | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,6 +269,7 @@ __all__ = [
     "Corrected",
     "Correction",
     "Crossing",
+    "FirstLightReport",
     "FrameLook",
     "Look",
     "RecoverReport",

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from mountnav.errors import Cancelled, ModelRefused, NotReached, OutsideLimits, TargetNotReached
+from mountnav.errors import (
+    Cancelled,
+    DeviceRefused,
+    ModelRefused,
+    NotReached,
+    OutsideLimits,
+    TargetNotReached,
+)
 from mountnav.journal.records import EntryKind
 from mountnav.navigation.checked_mount import WentAnotherWay
 from mountnav.navigation.devices import PierSide, Skill, SlewOutcome
@@ -14,6 +21,9 @@ from mountnav.pointing.in_force import Expected
 from mountnav.sky.chain import icrs_to_hour_angle
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import Offset, displaced, separation_arcsec
+
+PLANNED_ANEW = 2
+"""So often a slew that took another way is planned anew: for its side of the pier, and for its rates."""
 
 
 class Slewing:
@@ -58,6 +68,13 @@ class Slewing:
     async def _check(self, target: Icrs) -> None:
         equipment = self._equipment
         try:
+            # by another sky than the mount's the limits would name a wrong cause
+            await equipment.mount.require_agreement()
+        except DeviceRefused as error:
+            facts: dict[str, object] = {"order": "slew", "ra_deg": target.ra_deg, "dec_deg": target.dec_deg}
+            await equipment.note(EntryKind.REFUSAL, error.what, facts)
+            raise
+        try:
             equipment.mount.limits.check(target, equipment.clock.utc(), equipment.site, equipment.air)
         except OutsideLimits as error:
             facts = {"limit": str(error.limit), "ra_deg": target.ra_deg, "dec_deg": target.dec_deg}
@@ -96,14 +113,15 @@ class Slewing:
         return report
 
     async def _sent(self, aim: Icrs) -> SlewOutcome:
-        """Send it; once more, planned anew from where it stands, if it took another way and was stopped."""
+        """Send it; anew, planned from where it stands, if it took another way and was stopped."""
         mount, clock = self._equipment.mount, self._equipment.clock
-        try:
-            return await mount.slew(for_mount(aim, mount.epoch, clock.utc()))
-        except WentAnotherWay as stopped:
-            facts = {"ra_deg": aim.ra_deg, "dec_deg": aim.dec_deg}
-            await self._equipment.note(EntryKind.DECISION, f"planned anew: {stopped.what}", facts)
-            return await mount.slew(for_mount(aim, mount.epoch, clock.utc()))
+        for _ in range(PLANNED_ANEW):
+            try:
+                return await mount.slew(for_mount(aim, mount.epoch, clock.utc()))
+            except WentAnotherWay as stopped:
+                facts = {"ra_deg": aim.ra_deg, "dec_deg": aim.dec_deg}
+                await self._equipment.note(EntryKind.DECISION, f"planned anew: {stopped.what}", facts)
+        return await mount.slew(for_mount(aim, mount.epoch, clock.utc()))
 
     # -- before anything moves -----------------------------------------------------------------------
 

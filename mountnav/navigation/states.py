@@ -36,7 +36,9 @@ async def state_of(
         altitude_deg=None,
         azimuth_deg=None,
         problem=problem,
-        trusted=mount.trusted if connected and mount.told("trusted") is not None else None,
+        trusted=mount.trusted
+        if connected and (mount.told("trusted") is not None or not mount.trusted)
+        else None,
         link=_told(mount, "link"),
         slew_state=_told(mount, "slew_state"),
     )
@@ -57,6 +59,11 @@ async def state_of(
         azimuth_deg=observed.az_deg,
         link=_told(mount, "link"),
     )
+
+
+def _trusted(mount: CheckedMount) -> bool | None:
+    """Whether its position counts; None of a mount that can't tell, as long as nothing speaks against it."""
+    return None if mount.trusted and mount.told("trusted") is None else mount.trusted
 
 
 def _told(mount: CheckedMount, what: str) -> str | None:

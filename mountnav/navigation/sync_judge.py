@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 
 from mountnav.clock import Clock
 from mountnav.errors import ModelRefused, SyncDoubt
+from mountnav.navigation.camera_identity import CameraIdentity
 from mountnav.navigation.camera_samples import CameraSample, camera_sample
 from mountnav.navigation.checked_mount import CheckedMount
 from mountnav.navigation.confirming import to_be_confirmed
 from mountnav.navigation.devices import MountReading, PierSide
 from mountnav.navigation.doubts import (
     AGAINST_THE_LOOK,
+    Claim,
     Doubts,
     SyncContext,
+    claimed,
     frame_doubts,
     in_order,
     place_doubts,
@@ -49,6 +52,10 @@ class Judge:
     counts : SyncCounts
     moved_utc : datetime or None
         End of the last order that moved the mount, as far as it was told and the mount doesn't know itself.
+    camera : str
+        Whose `learned` is: the one that looks; empty until a frame has shown it.
+    others : dict of str to Learned
+        What is known of other cameras on the same mount, those of frames from outside.
     """
 
     mount: CheckedMount
@@ -60,6 +67,28 @@ class Judge:
     clock: Clock
     counts: SyncCounts
     moved_utc: datetime | None = field(default=None)
+    camera: str = ""
+    others: dict[str, Learned] = field(default_factory=dict)
+
+    def looks_through(self, camera: CameraIdentity) -> None:
+        """Let `learned` be what is known of the camera that looks: each has its own, by its binning too."""
+        key = str(camera)
+        if self.camera not in ("", key):
+            self.others[self.camera] = self.learned
+            self.learned = self.others.pop(key) if key in self.others else self.learned.of_another()
+        self.camera = key
+
+    def learned_of(self, found: Look) -> Learned:
+        """What is known of the camera of a look."""
+        if found.camera is None:
+            return self.learned
+        key = str(found.camera)
+        self.camera = self.camera or key
+        if key == self.camera:
+            return self.learned
+        if key not in self.others:
+            self.others[key] = self.learned.of_another()
+        return self.others[key]
 
     def note_move(self, utc: datetime) -> None:
         """Frames that were begun before `utc` don't count any more."""
@@ -71,22 +100,28 @@ class Judge:
 
     def context(self, found: Look, occasion: Occasion, target: str | None = None) -> SyncContext:
         """What is known besides a look."""
+        sample = self.sample(found, lost=occasion.lost)
+        return replace(
+            self.surroundings(claimed(found), target),
+            expected=self._expected(found),
+            lost=occasion.lost,
+            departures=self.learned_of(found).departures(sample),
+        )
+
+    def surroundings(self, claim: Claim, target: str | None = None) -> SyncContext:
+        """What is known besides what somebody says of a place, camera and expectation left out."""
         now = self.clock.utc()
         ended = [one for one in (self.moved_utc, self.mount.last_motion_utc) if one is not None]
-        sample = self.sample(found, lost=occasion.lost)
         return SyncContext(
             now=now,
             site=self.site,
             air=self.air,
             resolution_arcsec=self.mount.resolution_arcsec,
             last_moved_utc=max(ended, default=None),
-            expected=self._expected(found),
-            lost=occasion.lost,
             polar=self.learned.rules.mounting != "altaz",
             trusted=self.mount.trusted,
             modeled=self.pointing.model_id is not None,
-            departures=self.learned.departures(sample),
-            counts=self.counts.at(now, target, found.seen),
+            counts=self.counts.at(now, target, claim.seen),
         )
 
     def _expected(self, found: Look) -> Expected | None:
@@ -98,22 +133,11 @@ class Judge:
 
     def decide(self, found: Look, occasion: Occasion, context: SyncContext) -> SyncDecision:
         """Whether a look is synced on."""
-        doubts = self.doubts(found, context)
-        if occasion.by_rule:
-            doubts |= policy_doubts(found, self.policy, context)
-            if not context.trusted:
-                # one look must not make it count again
-                doubts[SyncDoubt.NOT_EXPECTED] = "the mount's position doesn't count: it needs a recovery"
-        return decided(without(doubts, occasion.not_asked), found)
+        return decide(found, occasion, self.policy, context)
 
     def doubts(self, found: Look, context: SyncContext) -> Doubts:
         """All that stands against a look, the policy's rule left out."""
-        return {
-            **frame_doubts(found, self.policy, context),
-            **solution_doubts(found, self.policy),
-            **context.departures,
-            **place_doubts(found, self.policy, context),
-        }
+        return all_doubts(found, self.policy, context)
 
     def no_good(self, found: Look) -> tuple[SyncDoubt, str] | None:
         """The gravest doubt about a look by itself, wherever the mount believes to be."""
@@ -125,7 +149,7 @@ class Judge:
 
     def needs_second_look(self, found: Look, context: SyncContext) -> bool:
         """Whether what is known is too little to believe one look alone."""
-        judged = self.learned.judges_rotation(self.sample(found))
+        judged = self.learned_of(found).judges_rotation(self.sample(found))
         return to_be_confirmed(found, self.policy, context, judged)
 
     def unmoved(self, found: Look, now: MountReading) -> SyncDecision:
@@ -157,9 +181,30 @@ class Judge:
         )
 
 
+def decide(found: Look, occasion: Occasion, policy: SyncPolicy, context: SyncContext) -> SyncDecision:
+    """Whether a look is synced on: a function of its values, so that it can be judged again."""
+    doubts = all_doubts(found, policy, context)
+    if occasion.by_rule:
+        doubts |= policy_doubts(found, policy, context)
+        if not context.trusted:
+            # one look must not make it count again
+            doubts[SyncDoubt.NOT_EXPECTED] = "the mount's position doesn't count: it needs a recovery"
+    return decided(without(doubts, occasion.not_asked), found)
+
+
+def all_doubts(found: Look, policy: SyncPolicy, context: SyncContext) -> Doubts:
+    """All that stands against a look, the policy's rule left out."""
+    return {
+        **frame_doubts(found, policy, context),
+        **solution_doubts(found, policy),
+        **context.departures,
+        **place_doubts(claimed(found), policy, context),
+    }
+
+
 def side_of(reading: MountReading) -> PierSide:
     """The side that a mount tells."""
     return reading.pier_side or PierSide.UNKNOWN
 
 
-__all__ = ["Judge", "side_of"]
+__all__ = ["Judge", "all_doubts", "decide", "side_of"]

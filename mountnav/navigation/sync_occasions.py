@@ -20,6 +20,8 @@ class Occasion(StrEnum):
     NIGHT = "night"
     RECOVERY = "recovery"
     """Two frames agree: the rule, the size and the expectation are not asked."""
+    FIRST_LIGHT = "first light"
+    """As a recovery; and the tube was seen moving as the mount says."""
 
     @property
     def by_rule(self) -> bool:
@@ -30,12 +32,12 @@ class Occasion(StrEnum):
     def not_asked(self) -> frozenset[SyncDoubt]:
         """Doubts that don't count on this occasion."""
         lost = {SyncDoubt.TOO_FAR, SyncDoubt.NOT_EXPECTED}
-        return frozenset(lost if self is Occasion.RECOVERY else ())
+        return frozenset(lost if self.lost else ())
 
     @property
     def lost(self) -> bool:
         """Whether what the mount believes says nothing."""
-        return self is Occasion.RECOVERY
+        return self in (Occasion.RECOVERY, Occasion.FIRST_LIGHT)
 
 
 @dataclass(frozen=True, slots=True)

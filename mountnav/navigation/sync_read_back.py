@@ -1,19 +1,24 @@
-"""What became of a sync: seen, seen late, or accepted and ignored; by the readings, not by its word."""
+"""What became of a sync: seen, late, ignored, or another place taken; by the readings, not by its word."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from mountnav.clock import Clock
+from mountnav.errors import SyncElsewhere
 from mountnav.navigation.checked_mount import CheckedMount
 from mountnav.navigation.devices import MountReading, SyncOutcome, SyncResult
 from mountnav.navigation.kinds import for_mount, from_mount
 from mountnav.navigation.steps import step
+from mountnav.navigation.sync_outcomes import near_arcsec
 from mountnav.navigation.sync_policy import SyncPolicy
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
 
 _EACH_S = 0.2
+LOST_S = 30.0
+"""A mount that is lost is read so long after a sync that doesn't show, s: without it nothing can be done; the
+slowest simulated ones take 25 s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +46,13 @@ class ReadBack:
 
 
 async def send_sync(
-    mount: CheckedMount, place: Icrs, way_arcsec: float, policy: SyncPolicy, clock: Clock
+    mount: CheckedMount,
+    place: Icrs,
+    way_arcsec: float,
+    policy: SyncPolicy,
+    clock: Clock,
+    *,
+    lost: bool = False,
 ) -> ReadBack:
     """Send a sync once, and read until it shows or the policy's time is over.
 
@@ -54,6 +65,8 @@ async def send_sync(
         bound; its own resolution always. So a small sync that was ignored is still recognized.
     policy : SyncPolicy
     clock : Clock
+    lost : bool
+        Whether the mount's position doesn't count: then it is read for `LOST_S` at least.
 
     Returns
     -------
@@ -64,26 +77,36 @@ async def send_sync(
     DeviceError, JournalFailed
         As of the mount's sync.
     """
-    share = min(0.25 * way_arcsec, policy.read_back_arcsec)
-    near_arcsec = max(share, mount.resolution_arcsec + 5.0)
+    near = near_arcsec(way_arcsec, mount.resolution_arcsec, policy.read_back_arcsec)
     began = clock.monotonic_s()
-    result: SyncResult | None = await mount.sync(for_mount(place, mount.epoch, clock.utc()))
+    result: SyncResult = await mount.sync(for_mount(place, mount.epoch, clock.utc()))
     step("sync transaction: answered")
-    # the drivers of others may leave the reading to us
-    outcome = SyncOutcome.SEEN if result is None else result.outcome
-    reading = await mount.reading() if result is None else result.read_back
+    outcome, reading = result.outcome, result.read_back
+    until_s = max(policy.read_back_s, LOST_S) if lost else policy.read_back_s
     while True:
         there = from_mount(reading.place)
         miss, after_s = separation_arcsec(there, place), clock.monotonic_s() - began
-        if miss <= near_arcsec:
+        if miss <= near:
             seen = SyncOutcome.SEEN if outcome is SyncOutcome.SEEN else SyncOutcome.LATE
             return ReadBack(seen, reading, there, miss, after_s)
-        if after_s >= policy.read_back_s:
-            return ReadBack(SyncOutcome.IGNORED, reading, there, miss, after_s)
-        outcome = SyncOutcome.LATE if after_s > 1.0 else outcome
+        if after_s >= until_s or (outcome is SyncOutcome.ELSEWHERE and after_s >= policy.read_back_s):
+            gone = outcome is SyncOutcome.ELSEWHERE
+            return ReadBack(outcome if gone else SyncOutcome.IGNORED, reading, there, miss, after_s)
+        if after_s > 1.0 and outcome.seen:
+            outcome = SyncOutcome.LATE
         await clock.sleep(_EACH_S)
         step("sync transaction: reading back")
         reading = await mount.reading()
 
 
-__all__ = ["ReadBack", "send_sync"]
+def went_elsewhere(miss_arcsec: float, device: str) -> SyncElsewhere:
+    """Tell what to raise for a sync that was taken for another place."""
+    return SyncElsewhere(
+        f"it took the sync for another place: it believes to be {miss_arcsec:.0f}″ from what was synced",
+        device=device,
+        advice="its position doesn't count: solve a frame and sync (recover; a centering begins with that). "
+        "If it does that again, set sync.rule to never, trust it, and let offsets do",
+    )
+
+
+__all__ = ["ReadBack", "send_sync", "went_elsewhere"]

@@ -6,16 +6,26 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
-from mountnav.errors import BadFrame, Cancelled, DeviceError, SkyError, SyncDoubt, SyncIgnored, SyncRefused
+from mountnav.errors import (
+    BadFrame,
+    Cancelled,
+    DeviceError,
+    SkyError,
+    SyncDoubt,
+    SyncElsewhere,
+    SyncIgnored,
+    SyncRefused,
+)
 from mountnav.navigation.devices import MountReading, SyncOutcome
 from mountnav.navigation.kinds import from_mount
 from mountnav.navigation.reports import Look
 from mountnav.navigation.steps import step
 from mountnav.navigation.sync_facts import SyncEnd, read_back_facts
 from mountnav.navigation.sync_judge import Judge
-from mountnav.navigation.sync_read_back import ReadBack, send_sync
+from mountnav.navigation.sync_read_back import ReadBack, send_sync, went_elsewhere
 from mountnav.navigation.undoing import UndoFailed, contradiction, turned_over, undo, undone
 from mountnav.sky.coordinates import Icrs
+from mountnav.tasks import waited_for
 
 Listener = Callable[[str, dict[str, object]], None]
 LookAgain = Callable[[], Awaitable[Look]]
@@ -59,7 +69,7 @@ class SyncTransaction:
 
         Raises
         ------
-        SyncIgnored, SyncUndone, UndoFailed, DeviceError, JournalFailed
+        SyncIgnored, SyncElsewhere, SyncUndone, UndoFailed, DeviceError, JournalFailed
         """
         judge, found, mount = self.judge, self.found, self.judge.mount
         was_trusted = mount.trusted
@@ -67,7 +77,9 @@ class SyncTransaction:
         self.listen(
             "syncing", {"look_id": found.look_id, "ra_deg": found.seen.ra_deg, "dec_deg": found.seen.dec_deg}
         )
-        sent = await send_sync(mount, found.seen, found.offset.total_arcsec, judge.policy, judge.clock)
+        sent = await send_sync(
+            mount, found.seen, found.offset.total_arcsec, judge.policy, judge.clock, lost=not was_trusted
+        )
         self.facts |= read_back_facts(sent)
         self.listen("synced", {"outcome": str(sent.outcome), "read_back_miss_arcsec": sent.miss_arcsec})
         if sent.outcome is SyncOutcome.IGNORED:
@@ -76,6 +88,8 @@ class SyncTransaction:
                 device=mount.name,
                 advice="is syncing allowed in the mount's present state?",
             )
+        if sent.outcome is SyncOutcome.ELSEWHERE:
+            raise went_elsewhere(sent.miss_arcsec, mount.name)
         again, against = await self._verified(sent, look_again)
         if against is not None:
             doubt, words = against
@@ -113,7 +127,7 @@ class SyncTransaction:
         """Undo it; to its end also when the work is cancelled: no wrong sync must stay half undone."""
         mount = self.judge.mount
         self.listen("undoing-sync", {"look_id": self.found.look_id})
-        task = asyncio.create_task(undo(mount, believed, sent, self.judge.policy, self.judge.clock))
+        task = waited_for(undo(mount, believed, sent, self.judge.policy, self.judge.clock))
         try:
             await asyncio.shield(task)
         except asyncio.CancelledError:
@@ -143,6 +157,8 @@ def end_of(error: BaseException) -> SyncEnd:
             return SyncEnd.UNDONE
         case SyncIgnored():
             return SyncEnd.IGNORED
+        case SyncElsewhere():
+            return SyncEnd.ELSEWHERE
         case Cancelled():
             return SyncEnd.INTERRUPTED
         case Exception():

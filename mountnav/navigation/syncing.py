@@ -11,25 +11,30 @@ from mountnav.errors import (
     BadFrame,
     DeviceRefused,
     JournalFailed,
+    MountnavError,
     Refusal,
     SkyError,
     SyncDoubt,
+    SyncElsewhere,
     SyncRefused,
 )
 from mountnav.journal.records import Entry, EntryKind, Journal, Unwritten, because
+from mountnav.navigation.by_sight import TookElsewhere, off_at_most_arcsec, stood_still, why_not
+from mountnav.navigation.camera_identity import CameraIdentity
 from mountnav.navigation.checked_mount import CheckedMount
 from mountnav.navigation.confirming import Witnesses, disagreement
-from mountnav.navigation.devices import PierSide
-from mountnav.navigation.doubts import ADVICE, AGAINST_THE_LOOK, in_order
+from mountnav.navigation.devices import MountReading, PierSide
+from mountnav.navigation.doubts import ADVICE, AGAINST_THE_LOOK, SyncContext, in_order
 from mountnav.navigation.learned import Learned, Lesson, LessonKind
 from mountnav.navigation.reports import Look, SyncReport
 from mountnav.navigation.steps import step
 from mountnav.navigation.sync_counts import SyncCounts, night_of
 from mountnav.navigation.sync_facts import SyncEnd, context_facts, look_facts
-from mountnav.navigation.sync_judge import Judge, side_of
+from mountnav.navigation.sync_judge import Judge, decide, side_of
 from mountnav.navigation.sync_occasions import Occasion, SyncDecision, decided
 from mountnav.navigation.sync_policy import SyncPolicy
 from mountnav.navigation.sync_transaction import Listener, LookAgain, SyncTransaction, end_of
+from mountnav.navigation.telling import Seen, ToldSyncs
 from mountnav.navigation.unexpected import Unexpected
 from mountnav.pointing.in_force import Pointing
 from mountnav.pointing.limits import Limits
@@ -39,6 +44,8 @@ from mountnav.sky.sphere import Offset
 
 _PASSING = frozenset({Refusal.BUSY, Refusal.PARKED, Refusal.NOT_TRACKING, Refusal.UNTRUSTED})
 """A mount that refuses a sync for one of these may take the next one."""
+_WONT_TAKE = (SyncEnd.IGNORED, SyncEnd.ELSEWHERE, SyncEnd.UNDONE, SyncEnd.UNDO_FAILED)
+"""A mount of which a sync ended so will do the same with the next one."""
 
 
 class GuardedSync:
@@ -61,6 +68,11 @@ class GuardedSync:
     clock : Clock, optional
     listen : callable, optional
         Told of each step: ``listen(kind, data)``.
+
+    Attributes
+    ----------
+    synced : Look or None
+        The look that the mount was last told to sync on, whatever came of it.
     """
 
     def __init__(
@@ -89,6 +101,9 @@ class GuardedSync:
         self._unexpected = Unexpected()
         self._witnesses = Witnesses()
         self._offset_night: str | None = None
+        self.synced: Look | None = None
+        self.told = ToldSyncs(self._judge, self._note, self._listen)
+        """Syncs on told coordinates, of whatever face."""
         mount.listen(self._mount_said)
         mount.on_segment(self._new_segment)
 
@@ -117,6 +132,10 @@ class GuardedSync:
         """What is known of the camera."""
         return self._judge.learned
 
+    def looks_through(self, camera: CameraIdentity) -> None:
+        """Take note of the camera that looks: `learned` is what is known of it."""
+        self._judge.looks_through(camera)
+
     @property
     def prefers_offset(self) -> bool:
         """Whether a sync was ignored, refused or undone: for this night, corrections go by offset."""
@@ -132,7 +151,7 @@ class GuardedSync:
 
     def side_seen(self, found: Look) -> PierSide:
         """On which side of the pier the tube hangs, by the solved rotation; unknown if that can't tell."""
-        return self.learned.side_seen(self._judge.sample(found))
+        return self._judge.learned_of(found).side_seen(self._judge.sample(found))
 
     def restore(self, entries: Iterable[Entry]) -> None:
         """Take over from the journal what was learned and counted; rows of others are passed over.
@@ -148,14 +167,18 @@ class GuardedSync:
             learned = entry.facts.get("learned")
             if entry.kind is EntryKind.LEARNED and isinstance(learned, Mapping):
                 self.learned.restore(learned)
+                self._judge.camera = str(entry.facts.get("camera") or "")
             elif entry.kind is EntryKind.SYNC:
                 self._recount(entry)
 
     def _recount(self, entry: Entry) -> None:
         outcome, target, seen = (entry.facts.get(name) for name in ("outcome", "target", "seen"))
-        if outcome == SyncEnd.COMMITTED and isinstance(seen, Mapping):
+        if entry.facts.get("told"):
+            self.told.restore(entry.facts)
+        elif outcome == SyncEnd.COMMITTED and isinstance(seen, Mapping):
             place = Icrs(float(seen["ra_deg"]), float(seen["dec_deg"]))
             self._judge.counts.add(entry.utc, None if target is None else str(target), place)
+            self.told.restore_proof(place, entry.utc)
         elif entry.facts.get("by_offset"):
             self._offset_night = night_of(entry.utc, self._site)
 
@@ -173,13 +196,15 @@ class GuardedSync:
         if against - set(context.departures):
             lesson = Lesson(LessonKind.REFUSED, "; ".join(doubts.values()))
         else:
-            lesson = self.learned.learn(self._judge.sample(found))
-        if lesson.worth_writing:
-            await self._note(EntryKind.LEARNED, lesson.words, {"learned": self.learned.as_dict()})
+            lesson = self._judge.learned_of(found).learn(self._judge.sample(found))
+        if lesson.worth_writing and self._judge.learned_of(found) is self.learned:
+            facts = {"learned": self.learned.as_dict(), "camera": self._judge.camera}
+            await self._note(EntryKind.LEARNED, lesson.words, facts)
         if lesson.kind is LessonKind.NEW_NORMAL:
             self._listen("camera-changed", {"look_id": found.look_id, "words": lesson.words})
         if not against - {SyncDoubt.NOT_EXPECTED, SyncDoubt.TOO_FAR}:
             self._witnesses.add(found)
+            self.told.looked(found)
         astray = against & {SyncDoubt.NOT_EXPECTED, SyncDoubt.TOO_FAR}
         if not context.trusted:
             # what it believes says nothing, and a recovery begins anew
@@ -202,6 +227,7 @@ class GuardedSync:
             self._mount.distrust(why)
         else:
             self.pointing.observed(self._judge.observation(found))
+        self.told.looked(found)
         self._listen("zero-points-changed", {"look_id": found.look_id, "words": why})
         await self._note(EntryKind.FAULT, why, look_facts(found, self.learned.normal))
 
@@ -217,7 +243,15 @@ class GuardedSync:
         target : str, optional
             Name of the target, for the rules and caps that count by target; its place if left out.
         """
-        return self._judge.decide(found, occasion, self._judge.context(found, occasion, target))
+        return self.judge(found, occasion, self.context(found, occasion, target=target))
+
+    def context(self, found: Look, occasion: Occasion, *, target: str | None = None) -> SyncContext:
+        """What `consider` goes by besides the look itself."""
+        return self._judge.context(found, occasion, target)
+
+    def judge(self, found: Look, occasion: Occasion, context: SyncContext) -> SyncDecision:
+        """Judge a look by that alone: the same values give the same decision."""
+        return decide(found, occasion, self.policy, context)
 
     async def commit(
         self,
@@ -253,6 +287,9 @@ class GuardedSync:
             It could not be taken back: the mount's position counts no more.
         SyncIgnored
             Sent, and the reading didn't follow.
+        SyncElsewhere
+            Sent, and taken for another place: the mount's position counts no more; or by what a look after it
+            showed (`TookElsewhere`): go by offset.
         DeviceRefused
             The mount said no.
         DeviceError
@@ -270,7 +307,7 @@ class GuardedSync:
             }
             if not decision.allowed:
                 raise await self._refused(decision, facts)
-            if occasion is not Occasion.RECOVERY and self._judge.needs_second_look(found, context):
+            if not occasion.lost and self._judge.needs_second_look(found, context):
                 decision = await self._confirmed(found, look_again, facts)
                 if not decision.allowed:
                     raise await self._refused(decision, facts)
@@ -282,11 +319,16 @@ class GuardedSync:
             decision = self._judge.unmoved(found, before)
             if not decision.allowed:
                 raise await self._refused(decision, facts)
+            self.synced = found
             transaction = SyncTransaction(self._judge, self._listen, found, before, facts)
             try:
                 sent, again = await transaction.run(look_again)
             except BaseException as error:
                 await self._failed(error, facts)
+                if isinstance(error, SyncElsewhere) and context.trusted and look_again is not None:
+                    seen = await self._seen_after(found, before, look_again)
+                    if seen is not None and await self.count_by_sight(seen):
+                        raise TookElsewhere(error, seen) from error
                 raise
             self._judge.counts.add(self._clock.utc(), target, found.seen)
             self._unexpected.forget()
@@ -299,11 +341,50 @@ class GuardedSync:
                 side=side_of(sent.reading),
             )
             self.pointing.new_segment(self._mount.segment_id, synced)
+            self.told.proven(Seen(found.seen, Offset(0.0, 0.0), side=side_of(sent.reading)))
             if again is not None:
                 self.pointing.observed(self._judge.observation(again))
             facts["verified_by"] = None if again is None else again.look_id
             await self._ended(SyncEnd.COMMITTED, facts)
             return SyncReport(sent.outcome, found, sent.place, sent.miss_arcsec)
+
+    async def _seen_after(self, found: Look, before: MountReading, look_again: LookAgain) -> Look | None:
+        """Look where the tube points after a sync that went elsewhere; None if that tells nothing."""
+        step("sync transaction: to be seen by the sky")
+        try:
+            again = await look_again()
+        except MountnavError as error:
+            self._listen("not-by-sight", {"why": str(error)})
+            return None
+        allowed = self.policy.max_motion_arcsec + self._mount.resolution_arcsec
+        if not stood_still(found, before, again, allowed):
+            self._listen("not-by-sight", {"why": "the looks before and after the sync don't agree"})
+            return None
+        return again
+
+    async def count_by_sight(self, found: Look) -> bool:
+        """Let the mount's position count by a look, without a sync, if it isn't too far off; whether it does.
+
+        Parameters
+        ----------
+        found : Look
+            Another one agrees with it, and how a German mount stands is known. From now on corrections go by
+            offset.
+        """
+        words = why_not(self._judge, found)
+        if words is not None:
+            self._listen("not-by-sight", {"why": words})
+            return False
+        off_arcsec, widest_arcsec = found.offset.total_arcsec, off_at_most_arcsec(self._judge, found)
+        facts: dict[str, object] = {**look_facts(found, self.learned.normal), "by_offset": True}
+        why = f"its position counts by sight: the tube looks {off_arcsec:.0f}″ from where it believes"
+        self._mount.trust_by_sight(widest_arcsec / 3600.0, why)
+        self._offset_night = self._night()
+        self.pointing.observed(self._judge.observation(found))
+        self.told.looked(found)
+        self._listen("by-sight", {"look_id": found.look_id, "off_arcsec": off_arcsec})
+        await self._note(EntryKind.SYNC, why, {**facts, "outcome": str(SyncEnd.BY_SIGHT)})
+        return True
 
     async def _confirmed(
         self, found: Look, look_again: LookAgain | None, facts: dict[str, object]
@@ -348,9 +429,7 @@ class GuardedSync:
         if isinstance(error, DeviceRefused):
             lasting = error.reason not in _PASSING
         else:
-            lasting = (
-                end in (SyncEnd.IGNORED, SyncEnd.UNDONE, SyncEnd.UNDO_FAILED) and "unverified" not in facts
-            )
+            lasting = end in _WONT_TAKE and "unverified" not in facts
         if lasting:
             self._offset_night = self._night()
         if not refused:
@@ -358,6 +437,9 @@ class GuardedSync:
             self._judge.note_move(self._clock.utc())
         if end not in (SyncEnd.REFUSED, SyncEnd.IGNORED):
             self.pointing.new_segment(self._mount.segment_id, None)
+        if end is SyncEnd.ELSEWHERE:
+            # it believes neither what it did nor what was seen
+            self.synced = None
         told = {**facts, "by_offset": lasting, "error": str(error)}
         if end is SyncEnd.INTERRUPTED:
             # a cancelled task must not wait
@@ -386,6 +468,7 @@ class GuardedSync:
     def _new_segment(self, segment_id: str, why: str) -> None:
         self._unexpected.forget()
         self._witnesses.forget()
+        self.told.new_segment(why)
         self.pointing.new_segment(segment_id, None)
 
     def _night(self) -> str:

@@ -1,131 +1,388 @@
 """A sync on told coordinates: somebody says where the telescope points, and nobody has looked.
 
-A planetarium's sync, mostly. It is believed within bounds: the mount's own position counts, it follows the
-sky, stands well, and the place is near enough to where it already believes to be. A mount that is lost, or
-further off, is for `recover`: words don't make a position count again.
+A planetarium's sync, mostly, by whatever face. Words are believed within the bounds of a solved sync: the
+mount's own position counts, it follows the sky, the place stands well, the sky isn't turned more than a look
+may turn it, what was seen last and the pointing model don't contradict. And all words of a night together
+move the belief no further than one of them may. A mount that is lost, or further off, is for `recover`: words
+don't make a position count again.
 """
 
 from __future__ import annotations
 
-from mountnav.errors import DeviceRefused, Refusal, SyncDoubt, SyncIgnored, SyncRefused
+import math
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from typing import Any
+
+from mountnav.errors import DeviceRefused, ModelRefused, Refusal, SyncDoubt, SyncIgnored, SyncRefused
 from mountnav.journal.records import EntryKind
-from mountnav.navigation.devices import MountReading, SyncOutcome
-from mountnav.navigation.equipment import Equipment
-from mountnav.navigation.kinds import for_mount, from_mount
-from mountnav.navigation.reports import ToldReport
-from mountnav.sky.chain import icrs_to_observed
-from mountnav.sky.coordinates import Icrs
-from mountnav.sky.sphere import offset_arcsec, separation_arcsec
+from mountnav.navigation.checked_mount.segments import SEEN_LATE
+from mountnav.navigation.devices import MountReading, PierSide, SyncOutcome
+from mountnav.navigation.doubts import Claim, Doubts, in_order, place_doubts
+from mountnav.navigation.kinds import from_mount
+from mountnav.navigation.reports import Look, ToldReport
+from mountnav.navigation.sync_counts import night_of
+from mountnav.navigation.sync_facts import SyncEnd, place_facts, read_back_facts
+from mountnav.navigation.sync_judge import Judge, side_of
+from mountnav.navigation.sync_read_back import ReadBack, send_sync, went_elsewhere
+from mountnav.navigation.undoing import turned_over, undo, undone
+from mountnav.pointing.in_force import Expected, one_point_sigma_arcsec
+from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_hour_angle
+from mountnav.sky.coordinates import HourAngle, Icrs
+from mountnav.sky.sphere import Offset, half_turn_deg, separation_arcsec
+
+Note = Callable[[EntryKind, str, Mapping[str, object]], Awaitable[None]]
+Listener = Callable[[str, dict[str, object]], None]
+
+_LOOK = "let it look (sync; first light if it is new or far off; recover if it is lost)"
+_ADVICE: Mapping[SyncDoubt, str] = {
+    SyncDoubt.MOVED: "wait until it is at rest",
+    SyncDoubt.NOT_TRACKING: "let it track, then sync",
+    SyncDoubt.TOO_FAR: f"{_LOOK}; or raise sync.told_max_arcsec",
+    SyncDoubt.NOT_EXPECTED: f"{_LOOK}: a frame is believed against words; is that the star it points at?",
+    SyncDoubt.TOO_LOW: "sync on a place that stands higher",
+    SyncDoubt.NEAR_POLE: f"sync further from the pole; or {_LOOK}",
+    SyncDoubt.TOLD_TOO_MUCH: f"{_LOOK}; or let it find its home; or, if you have seen that it points where "
+    "it says, let one who may configure say trust: from then on it is counted anew",
+    SyncDoubt.NEAR_MERIDIAN: "sync further east or west",
+    SyncDoubt.TOO_MANY: f"{_LOOK}; why does the mount need so many? backlash, slip, flexure?",
+}
 
 
-async def sync_to(equipment: Equipment, place: Icrs) -> ToldReport:
-    """Tell the mount that it points at `place`, as somebody said, and read it back.
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What a frame showed last of the mount's zero points.
 
-    Parameters
+    Attributes
     ----------
-    equipment : Equipment
     place : Icrs
-
-    Returns
-    -------
-    ToldReport
-
-    Raises
-    ------
-    SyncRefused
-        What stands against it; nothing was sent.
-    DeviceRefused
-        It is parked, its position can't be trusted (nothing was sent), or it said no.
-    SyncIgnored
-        It accepted and ignored it.
-    OutsideLimits, DeviceError, JournalFailed
+    offset : Offset
+        Seen minus believed there, as it was then; 0 after a sync.
+    sigma_arcsec : float
+    side : PierSide
     """
-    mount = equipment.mount
-    before = await mount.reading()
-    believed = from_mount(before.place)
-    off_arcsec = separation_arcsec(believed, place)
-    refusal = _unfit(equipment, before) or _doubted(equipment, before, place, off_arcsec)
-    if refusal is not None:
-        told = {"told": True, "ra_deg": place.ra_deg, "dec_deg": place.dec_deg, "off_arcsec": off_arcsec}
-        await equipment.note(EntryKind.REFUSAL, refusal.what, told)
-        raise refusal
-    equipment.listen("syncing", {"told": True, "off_arcsec": off_arcsec})
-    result = await mount.sync(for_mount(place, mount.epoch, equipment.clock.utc()))
-    read_back = from_mount(result.read_back.place)
-    equipment.listen(
-        "synced", {"outcome": str(result.outcome), "told": True, "miss_arcsec": result.miss_arcsec}
-    )
-    if result.outcome is SyncOutcome.IGNORED:
-        raise SyncIgnored(
-            f"it accepted the sync, and still reads {result.miss_arcsec:.0f}″ from there",
-            device=mount.name,
-            advice="correct by offsets or by a pointing model; see docs/syncing.md",
+
+    place: Icrs
+    offset: Offset
+    sigma_arcsec: float = 0.0
+    side: PierSide = PierSide.UNKNOWN
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """What words have done to the belief since a frame, a home or an operator proved it, or since noon.
+
+    Attributes
+    ----------
+    count : int
+    turned_deg, raised_deg : float
+        Of the hour angle axis (west positive) and the declination: the sum, with its sign.
+    seen : Seen or None
+        What was seen last, before all of them.
+    night : str
+        Of the last one.
+    """
+
+    count: int = 0
+    turned_deg: float = 0.0
+    raised_deg: float = 0.0
+    seen: Seen | None = None
+    night: str = ""
+
+    def and_by(self, turned_deg: float, raised_deg: float) -> Words:
+        """With one more."""
+        return replace(
+            self,
+            count=self.count + 1,
+            turned_deg=self.turned_deg + turned_deg,
+            raised_deg=self.raised_deg + raised_deg,
         )
-    return ToldReport(
-        outcome=result.outcome,
-        place=place,
-        offset=offset_arcsec(place, believed),
-        read_back=read_back,
-        read_back_miss_arcsec=result.miss_arcsec,
-    )
 
 
-def _unfit(equipment: Equipment, before: MountReading) -> DeviceRefused | None:
-    """What speaks against any word, as the mount stands."""
-    mount = equipment.mount
-    if before.parked:
-        return DeviceRefused(
-            "the sync refused: it is parked",
-            device=mount.name,
-            advice="unpark it first",
-            reason=Refusal.PARKED,
+@dataclass(slots=True)
+class ToldSyncs:
+    """The told syncs of one telescope, of all faces.
+
+    Attributes
+    ----------
+    judge : Judge
+    note : callable
+        Writes down what has happened.
+    listen : callable
+    words : Words
+        Of the present night.
+    """
+
+    judge: Judge
+    note: Note
+    listen: Listener
+    words: Words = field(default_factory=Words)
+    _late: Claim | None = None
+    _sending: bool = False
+
+    async def sync_to(self, place: Icrs) -> ToldReport:
+        """Tell the mount that it points at `place`, as somebody said, and read it back.
+
+        Raises
+        ------
+        SyncRefused
+            What stands against it, and the way out; nothing was sent. `SyncUndone` if the mount took it for
+            the other side of the pier.
+        DeviceRefused
+            It is parked, its position can't be trusted (nothing was sent), or it said no.
+        SyncIgnored
+            It accepted and ignored it.
+        SyncElsewhere
+            It took another place; its position counts no more.
+        OutsideLimits, DeviceError, JournalFailed
+        """
+        judge, mount = self.judge, self.judge.mount
+        before = await mount.reading()
+        claim = Claim(place, from_mount(before.place), judge.clock.utc(), told=True)
+        refusal = self._unfit(before) or self._doubted(before, claim)
+        facts: dict[str, object] = {
+            "told": True,
+            "place": place_facts(place),
+            "believed": place_facts(claim.believed),
+            "off_arcsec": _number(claim.offset.total_arcsec),
+        }
+        if refusal is not None:
+            doubts = [str(one) for one in getattr(refusal, "doubts", ())]
+            self.listen("sync-refused", {"told": True, "doubts": doubts, "why": refusal.what})
+            await self.note(EntryKind.REFUSAL, refusal.what, {**facts, "order": "sync", "doubts": doubts})
+            raise refusal
+        self.listen("syncing", {"told": True, "off_arcsec": claim.offset.total_arcsec})
+        self._sending = True
+        try:
+            sent = await self._sent(claim, before)
+        finally:
+            self._sending = False
+        self.taken(claim)
+        facts |= read_back_facts(sent) | {"outcome": str(SyncEnd.COMMITTED)} | self._as_facts()
+        await self.note(EntryKind.SYNC, "sync on told coordinates committed", facts)
+        return ToldReport(
+            outcome=sent.outcome,
+            place=place,
+            offset=claim.offset,
+            read_back=sent.place,
+            read_back_miss_arcsec=sent.miss_arcsec,
         )
-    if not mount.trusted:
-        # near to where it believes to be means nothing then, and after a sync it would slew again
-        return DeviceRefused(
-            "the sync refused: its position can't be trusted, and nobody has looked",
-            device=mount.name,
-            advice="solve a frame and sync (recover), let it find its home, or say trust",
-            reason=Refusal.UNTRUSTED,
+
+    async def _sent(self, claim: Claim, before: MountReading) -> ReadBack:
+        judge, mount = self.judge, self.judge.mount
+        self._late = claim
+        sent = await send_sync(mount, claim.seen, claim.offset.total_arcsec, judge.policy, judge.clock)
+        self.listen("synced", {"outcome": str(sent.outcome), "told": True, "miss_arcsec": sent.miss_arcsec})
+        if sent.outcome is SyncOutcome.IGNORED:
+            raise SyncIgnored(
+                f"it accepted the sync, and still reads {sent.miss_arcsec:.0f}″ from there",
+                device=mount.name,
+                advice="correct by offsets or by a pointing model; see docs/syncing.md",
+            )
+        if sent.outcome is SyncOutcome.ELSEWHERE:
+            raise went_elsewhere(sent.miss_arcsec, mount.name)
+        self._late = None
+        words = turned_over(before, sent.reading)
+        if words is not None:
+            try:
+                await undo(mount, claim.believed, sent, judge.policy, judge.clock)
+            except BaseException as error:
+                mount.distrust(
+                    str(error) or "a sync that was contradicted was being taken back when it was cut"
+                )
+                raise
+            raise undone(words, mount.name, SyncDoubt.WRONG_SIDE)
+        return sent
+
+    # -- what is known -----------------------------------------------------------------------------
+
+    def looked(self, found: Look) -> None:
+        """A look that counts has shown where the tube points: words are measured by it from now on."""
+        if found.segment_id not in ("", self.judge.mount.segment_id):
+            # of other zero points
+            return
+        sigma = found.solution.center_sigma_arcsec
+        sigma = sigma if math.isfinite(sigma) else 0.0
+        self.proven(Seen(found.seen, found.offset, sigma, side_of(found.after)))
+
+    def proven(self, seen: Seen | None = None) -> None:
+        """The belief was proven, by a frame or by an operator: what words did before counts no more."""
+        self.words = Words(seen=seen, night=self._night())
+
+    def taken(self, claim: Claim) -> None:
+        """The mount believes these words: its two axes have other zeros from now on."""
+        judge = self.judge
+        seen = icrs_to_hour_angle(claim.seen, claim.utc, judge.site, judge.air)
+        believed = icrs_to_hour_angle(claim.believed, claim.utc, judge.site, judge.air)
+        turned_deg = half_turn_deg(seen.ha_deg - believed.ha_deg)
+        self.words = replace(
+            self.words.and_by(turned_deg, seen.dec_deg - believed.dec_deg), night=self._night()
         )
-    return None
 
+    def new_segment(self, why: str) -> None:
+        """The zero points are others; those that words gave are counted."""
+        if self._sending:
+            return
+        late, self._late = self._late, None
+        if why == SEEN_LATE and late is not None:
+            self.taken(late)
+        else:
+            self.proven()
 
-def _doubted(
-    equipment: Equipment, before: MountReading, place: Icrs, off_arcsec: float
-) -> SyncRefused | None:
-    """What speaks against this place; nothing that is no number passes."""
-    policy = equipment.guard.policy
+    def restore_proof(self, place: Icrs, utc: datetime) -> None:
+        """A sync on a frame that stands in the journal."""
+        self.words = Words(seen=Seen(place, Offset(0.0, 0.0)), night=night_of(utc, self.judge.site))
 
-    def doubted(doubt: SyncDoubt, why: str, advice: str) -> SyncRefused:
-        words = f"the sync refused: {why}"
-        return SyncRefused(words, device=equipment.mount.name, advice=advice, doubts=(doubt,))
-
-    if before.slewing:
-        return doubted(SyncDoubt.MOVED, "it is moving", "wait until it is at rest")
-    if before.tracking is False:
-        return doubted(SyncDoubt.NOT_TRACKING, "it does not follow the sky", "let it track, then sync")
-    if not off_arcsec <= policy.told_max_arcsec:
-        return doubted(
-            SyncDoubt.TOO_FAR,
-            f"told {off_arcsec / 3600.0:.2f}° from where it believes to point, more than the "
-            f"{policy.told_max_arcsec / 3600.0:.2f}° that words may move it",
-            "let it look (sync, recover); or raise sync.told_max_arcsec",
+    def restore(self, facts: Mapping[str, Any]) -> None:
+        """Take over what a row of the journal tells of the words of its night; an older one tells none."""
+        seen, since = facts.get("since_seen"), facts.get("words")
+        if not isinstance(since, Mapping):
+            return
+        known = None
+        if isinstance(seen, Mapping):
+            known = Seen(
+                Icrs(float(seen["ra_deg"]), float(seen["dec_deg"])),
+                Offset(float(seen["east_arcsec"]), float(seen["north_arcsec"])),
+                float(seen["sigma_arcsec"]),
+                PierSide(seen["side"]),
+            )
+        self.words = Words(
+            int(since["count"]),
+            float(since["turned_deg"]),
+            float(since["raised_deg"]),
+            known,
+            str(since["night"]),
         )
-    if 90.0 - abs(place.dec_deg) < policy.min_pole_deg:
-        return doubted(
-            SyncDoubt.NEAR_POLE,
-            f"within {policy.min_pole_deg:.1f}° of the pole it would turn the hour angle",
-            "sync further from the pole",
+
+    def _as_facts(self) -> dict[str, object]:
+        words, seen = self.words, self.words.seen
+        since = None
+        if seen is not None:
+            since = {
+                **place_facts(seen.place),
+                "east_arcsec": seen.offset.east_arcsec,
+                "north_arcsec": seen.offset.north_arcsec,
+                "sigma_arcsec": seen.sigma_arcsec,
+                "side": str(seen.side),
+            }
+        told = {
+            "count": words.count,
+            "turned_deg": words.turned_deg,
+            "raised_deg": words.raised_deg,
+            "night": words.night,
+        }
+        return {"words": told, "since_seen": since}
+
+    def _night(self) -> str:
+        return night_of(self.judge.clock.utc(), self.judge.site)
+
+    # -- what stands against it --------------------------------------------------------------------
+
+    def _unfit(self, before: MountReading) -> DeviceRefused | None:
+        """What speaks against any word, as the mount stands."""
+        mount = self.judge.mount
+        if before.parked:
+            return DeviceRefused(
+                "the sync refused: it is parked",
+                device=mount.name,
+                advice="unpark it first",
+                reason=Refusal.PARKED,
+            )
+        if not mount.trusted:
+            # near to where it believes to be means nothing then, and after a sync it would slew again
+            return DeviceRefused(
+                "the sync refused: its position can't be trusted, and nobody has looked",
+                device=mount.name,
+                advice="solve a frame and sync (recover), let it find its home, or say trust",
+                reason=Refusal.UNTRUSTED,
+            )
+        return None
+
+    def _doubted(self, before: MountReading, claim: Claim) -> SyncRefused | None:
+        doubts = in_order(self.doubts(before, claim))
+        if not doubts:
+            return None
+        gravest = next(iter(doubts))
+        return SyncRefused(
+            f"the sync refused: {'; '.join(doubts.values())}",
+            device=self.judge.mount.name,
+            advice=f"nothing was synced; {_ADVICE[gravest]}",
+            doubts=tuple(doubts),
         )
-    observed = icrs_to_observed(place, equipment.clock.utc(), equipment.site, equipment.air)
-    if not observed.alt_deg >= policy.min_altitude_deg:
-        return doubted(
-            SyncDoubt.TOO_LOW,
-            f"the place is at altitude {observed.alt_deg:.1f}°",
-            f"sync above {policy.min_altitude_deg:.0f}°",
+
+    def doubts(self, before: MountReading, claim: Claim) -> Doubts:
+        """All that stands against a told place; nothing that is no number passes."""
+        judge = self.judge
+        policy = judge.policy
+        night = self._night()
+        if self.words.night != night:
+            self.words = Words(night=night)
+        doubts: Doubts = {}
+        if before.slewing:
+            doubts[SyncDoubt.MOVED] = "it is moving"
+        if before.tracking is False:
+            doubts[SyncDoubt.NOT_TRACKING] = "it does not follow the sky"
+        context = replace(judge.surroundings(claim), expected=self._by_model(before, claim))
+        doubts |= place_doubts(claim, policy, context)
+        if math.isfinite(claim.offset.total_arcsec):
+            doubts |= self._all_together(before, claim, doubts)
+        count = context.counts.tonight + self.words.count
+        if policy.max_per_night is not None and count >= policy.max_per_night:
+            doubts[SyncDoubt.TOO_MANY] = f"{count} sync(s) in this night (allowed {policy.max_per_night})"
+        return doubts
+
+    def _all_together(self, before: MountReading, claim: Claim, alone: Doubts) -> Doubts:
+        """All words since the belief was proven last, this one among them, taken as one sync."""
+        judge, words = self.judge, self.words
+        whole = replace(claim, believed=self._without_words(claim))
+        expected = self._as_seen(before, claim.seen)
+        context = replace(
+            judge.surroundings(claim), expected=expected, modeled=False, expected_by="what was seen last"
         )
-    return None
+        found = place_doubts(whole, judge.policy, context)
+        doubts = {kind: found[kind] for kind in (SyncDoubt.NOT_EXPECTED,) if kind in found}
+        caps = (SyncDoubt.TOO_FAR, SyncDoubt.NEAR_POLE)
+        too_much = [found[kind] for kind in caps if kind in found and kind not in alone]
+        if words.count and too_much:
+            doubts[SyncDoubt.TOLD_TOO_MUCH] = (
+                f"with the {words.count} told before it in this night: {'; '.join(too_much)}"
+            )
+        return doubts
+
+    def _without_words(self, claim: Claim) -> Icrs:
+        """Where the mount would believe itself if nobody had told it anything since that was proven."""
+        judge, words = self.judge, self.words
+        if not words.count:
+            return claim.believed
+        now = icrs_to_hour_angle(claim.believed, claim.utc, judge.site, judge.air)
+        dec_deg = max(-90.0, min(90.0, now.dec_deg - words.raised_deg))
+        untold = HourAngle(half_turn_deg(now.ha_deg - words.turned_deg), dec_deg, claim.utc)
+        return hour_angle_to_icrs(untold, judge.site, judge.air)
+
+    def _as_seen(self, before: MountReading, place: Icrs) -> Expected | None:
+        """What the last frame lets expect; nothing on the other side of the pier."""
+        seen = self.words.seen
+        if seen is None or {seen.side, side_of(before)} == {PierSide.EAST, PierSide.WEST}:
+            return None
+        away_deg = separation_arcsec(seen.place, place) / 3600.0
+        sigma = math.hypot(seen.sigma_arcsec, one_point_sigma_arcsec(away_deg))
+        return Expected(seen.offset, sigma)
+
+    def _by_model(self, before: MountReading, claim: Claim) -> Expected | None:
+        """What the pointing model lets expect, if there is one."""
+        pointing = self.judge.pointing
+        if pointing.model_id is None:
+            return None
+        try:
+            return pointing.expected(claim.believed, claim.utc, side_of(before))
+        except ModelRefused:
+            return None
 
 
-__all__ = ["sync_to"]
+def _number(value: float) -> float | None:
+    """JSON knows no infinity."""
+    return value if math.isfinite(value) else None
+
+
+__all__ = ["Seen", "ToldSyncs", "Words"]

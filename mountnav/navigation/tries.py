@@ -95,6 +95,23 @@ class Tries:
             )
         )
 
+    def seen_again(self, found: Look, error: Offset) -> None:
+        """The latest look was taken anew at the same place, and is what counts."""
+        self.all[-1] = replace(
+            self.all[-1],
+            seen=found.seen,
+            error_arcsec=error.total_arcsec,
+            east_arcsec=error.east_arcsec,
+            north_arcsec=error.north_arcsec,
+            pairs=found.solution.pairs,
+            rms_arcsec=found.solution.rms_arcsec,
+            false_probability=found.solution.false_probability,
+            sigma_arcsec=self.sigma_arcsec(found),
+            look_id=found.look_id,
+        )
+        if len(self.all) > 1:
+            self.all[-2] = replace(self.all[-2], after_arcsec=error.total_arcsec)
+
     def close(
         self,
         correction: Correction,

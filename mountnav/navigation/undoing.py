@@ -5,7 +5,7 @@ from __future__ import annotations
 from mountnav.clock import Clock
 from mountnav.errors import DeviceError, MountnavError, SyncDoubt, SyncRefused
 from mountnav.navigation.checked_mount import CheckedMount
-from mountnav.navigation.devices import MountReading, PierSide, SyncOutcome
+from mountnav.navigation.devices import MountReading, PierSide
 from mountnav.navigation.kinds import from_mount
 from mountnav.navigation.reports import Look
 from mountnav.navigation.steps import step
@@ -92,7 +92,7 @@ async def undo(
             device=mount.name,
             advice="its position doesn't count: order a recovery before anything moves",
         ) from error
-    if back.outcome is SyncOutcome.IGNORED:
+    if not back.outcome.seen:
         raise UndoFailed(
             f"a sync that was contradicted could not be taken back: the reading is {back.miss_arcsec:.0f}″ "
             "from what the mount believed before",

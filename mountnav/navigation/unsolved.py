@@ -11,10 +11,10 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from mountnav.errors import BadFrame, MountMoved, NotSolved, OutsideLimits
+from mountnav.errors import BadFrame, MountMoved, NotSolved, OutsideLimits, SyncDoubt, SyncRefused
 from mountnav.journal.records import EntryKind
 from mountnav.navigation.equipment import Equipment
-from mountnav.navigation.looking import Shot, Taken, take
+from mountnav.navigation.looking import RepeatedFrame, Shot, Taken, stale, take, told_stale
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.reports import Look
 from mountnav.navigation.steps import step
@@ -30,6 +30,10 @@ from mountnav.navigation.tactics import (
 from mountnav.sky.chain import icrs_to_observed
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced
+
+MOST_UNPROVEN = 6
+"""Solved frames of one place that may be taken until one is believed: a lag of the camera, a false solution
+and a gust of wind in one look. Twice as many only delay the refusal."""
 
 Go = Callable[[Icrs], Awaitable[object]]
 """Slews to a place, as the mount believes it, through all checks."""
@@ -62,6 +66,8 @@ class Persistent:
         Slews, for neighbor fields; without it nothing moves.
     anywhere : bool
         Search the whole sky from the first frame on.
+    teaches : bool
+        Whether camera and pointing are learned from it.
     """
 
     def __init__(
@@ -73,6 +79,7 @@ class Persistent:
         used: str,
         go: Go | None = None,
         anywhere: bool = False,
+        teaches: bool = True,
     ) -> None:
         self._equipment = equipment
         self._policy = policy
@@ -82,7 +89,7 @@ class Persistent:
         self._allowed = persistence.tactics - moving
         self._used = Counter[Tactic]()
         blind: Literal["after"] | None = "after" if anywhere and equipment.solving.blind == "never" else None
-        self._shot = Shot(policy.exposure_s, policy.search_radius_deg, blind=blind, used=used)
+        self._shot = Shot(policy.exposure_s, policy.search_radius_deg, blind, used=used, teaches=teaches)
         self._home: Icrs | None = None
         self._away: Icrs | None = None
         self._moved = 0
@@ -99,6 +106,10 @@ class Persistent:
         ------
         NotSolved
             Nothing is left to try; with the last verdict's reason and all that was tried.
+        SyncRefused
+            Its solved frames of one place don't agree: none is proven to show the present sky.
+        CameraStale
+            The camera hands out old frames.
         MountMoved, BadFrame
             It moved during each of some frames in a row, or they were of another time.
         DeviceError, OutsideLimits, JournalFailed
@@ -107,7 +118,7 @@ class Persistent:
         if exposure_s is not None:
             self._shot = replace(self._shot, exposure_s=exposure_s)
         deadline = clock.monotonic_s() + self._persistence.max_s
-        frames = 0
+        frames = unproven = 0
         while True:
             if policy.settle_s > 0:
                 await clock.sleep(policy.settle_s)
@@ -117,14 +128,23 @@ class Persistent:
                 taken = await take(self._equipment, policy, self._shot, attempt=frames)
             except (MountMoved, BadFrame) as error:
                 self._moved += 1
+                repeated = isinstance(error, RepeatedFrame)
+                if repeated:
+                    await told_stale(self._equipment, error.what, times=self._moved)
                 if self._moved > policy.moved_retries:
-                    raise
+                    raise stale(self._equipment, error.what) if repeated else error from None
                 # it may still be settling, or the camera gave an old frame: not used, and another one taken
                 await self._tell(Tactic.ANOTHER_FRAME, error.what, frames)
                 continue
             self._moved = 0
-            if taken.look is not None:
+            if taken.look is not None and not taken.doubt:
                 return Seen(taken.look, self._away)
+            if taken.look is not None:
+                unproven += 1
+                if unproven >= MOST_UNPROVEN:
+                    raise self._unproven(taken, unproven)
+                await self._tell(Tactic.ANOTHER_FRAME, taken.doubt, frames, solved=True)
+                continue
             trouble = trouble_of(taken.verdict)
             tactic = next_tactic(trouble, self._used, self._allowed)
             if tactic is None or frames >= self._persistence.max_frames or clock.monotonic_s() >= deadline:
@@ -207,7 +227,7 @@ class Persistent:
         self._away = None
         await self._go(self._home)
 
-    async def _tell(self, tactic: Tactic, why: str, frames: int) -> None:
+    async def _tell(self, tactic: Tactic, why: str, frames: int, *, solved: bool = False) -> None:
         facts: dict[str, object] = {
             "tactic": str(tactic),
             "why": why,
@@ -215,8 +235,18 @@ class Persistent:
             "exposure_s": self._shot.exposure_s,
         }
         self._equipment.listen("tactic", facts)
-        await self._equipment.note(EntryKind.DECISION, f"not solved ({why}): {tactic}", facts)
+        what = "solved, and not believed yet" if solved else "not solved"
+        await self._equipment.note(EntryKind.DECISION, f"{what} ({why}): {tactic}", facts)
         step("look tactic")
+
+    def _unproven(self, taken: Taken, frames: int) -> SyncRefused:
+        return SyncRefused(
+            f"{frames} frames of one place don't agree on it: {taken.doubt}",
+            device=self._equipment.camera.name,
+            advice="nothing was moved or synced by them; does the tube hold still (wind, tracking)? does the "
+            "camera hand out old frames?",
+            doubts=(SyncDoubt.NOT_FRESH,),
+        )
 
     def _given_up(self, taken: Taken, frames: int) -> NotSolved:
         verdict = taken.verdict

@@ -96,10 +96,12 @@ async def test_an_offset_beyond_the_cap_is_never_synced(make_rig: MakeRig) -> No
 async def test_an_unsolved_frame_moves_and_syncs_nothing(make_rig: MakeRig) -> None:
     rig = await make_rig(policy=replace(POLICY, persistence=Persistence(max_frames=2)))
     expose = rig.navigator.camera.expose
-    noise = np.random.default_rng(1).normal(500.0, 10.0, (800, 1000)).astype(np.uint16)
+    noise = np.random.default_rng(1)
 
     async def expose_with_the_cap_on(exposure_s: float) -> Frame:
-        return replace(await expose(exposure_s), pixels=noise)
+        return replace(
+            await expose(exposure_s), pixels=noise.normal(500.0, 10.0, (800, 1000)).astype(np.uint16)
+        )
 
     rig.navigator.camera.expose = expose_with_the_cap_on
     with pytest.raises(NotSolved):

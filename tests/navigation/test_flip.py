@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from drivers.simulated.behavior import MountBehavior
-from mountnav.errors import NotReached, SyncRefused, TargetNotReached
+from mountnav.errors import NotReached, OutsideLimits, SyncRefused, TargetNotReached
 from mountnav.journal.records import EntryKind
 from mountnav.navigation.devices import PierSide
 from mountnav.pointing.limits import Limits
@@ -83,6 +83,21 @@ def test_a_misreported_side_is_told_and_not_synced_on() -> None:
         assert rig.mount.received.count("sync") == syncs
 
     in_virtual_time(work, machine=GERMAN, errors=CONE, limits=LIMITS, behavior=MountBehavior())
+
+
+def test_limits_that_go_by_a_misreported_side_name_the_setting_that_mends_it() -> None:
+    async def work(rig: VirtualRig) -> float:
+        rig.mount.behavior = replace(rig.mount.behavior, side_swapped=True)
+        target = rig.up(-50.0, 30.0)
+        with pytest.raises(OutsideLimits, match=r"past the meridian .* set swap_sides = true of the mount"):
+            await rig.navigator.center(target)
+        # what that setting does, of a mount without a driver
+        rig.mount.behavior = replace(rig.mount.behavior, side_swapped=False)
+        await rig.navigator.center(target)
+        return rig.off_arcsec(target)
+
+    limits = replace(LIMITS, past_meridian_deg=(10.0, 10.0))
+    assert in_virtual_time(work, machine=GERMAN, errors=CONE, limits=limits) < 31.0
 
 
 def test_a_correction_between_frames_changes_no_sides() -> None:

@@ -28,10 +28,14 @@ async def exposed(rig: VirtualRig, exposure_s: float = 30.0) -> Frame:
     return frame
 
 
-async def identified(rig: VirtualRig, frame: Frame) -> FrameLook:
+async def identified(rig: VirtualRig, frame: Frame, scale_by: float = 1.0) -> FrameLook:
     assert frame.mid_exposure_utc is not None
     believed = rig.navigator.believed(frame.mid_exposure_utc)
     verdict = rig.sky.verdict(frame, Hint(center=believed, radius_deg=2.0), SolveSettings())
+    if scale_by != 1.0:
+        assert verdict.solution is not None
+        scale = scale_by * verdict.solution.scale_arcsec_px
+        verdict = replace(verdict, solution=replace(verdict.solution, scale_arcsec_px=scale))
     return await rig.navigator.frame(frame, verdict)
 
 
@@ -43,7 +47,8 @@ def test_a_frame_from_outside_becomes_a_look_and_corrects() -> None:
             frame = await exposed(rig)
             found = await identified(rig, frame)
             assert found.look is not None
-            assert not found.doubts
+            # the first frame of all has none before it that proves it new; the one after it agrees
+            assert found.doubts == ((SyncDoubt.NOT_FRESH,) if by == "sync" else ())
             assert separation_arcsec(found.look.seen, rig.mechanics.truth(frame.mid_exposure_utc)) < 1.0
             record = rig.journal.looks[-1]
             assert record.look_id == found.look.look_id
@@ -178,3 +183,23 @@ def test_readings_are_kept_for_a_while_and_found_round_an_exposure() -> None:
     kept.add(reading(900))
     assert len(kept) == 1
     assert kept.around(START + timedelta(seconds=100), START + timedelta(seconds=880), within) is None
+
+
+def test_frames_of_another_camera_poison_nothing_that_is_known_of_the_one_that_looks() -> None:
+    async def work(rig: VirtualRig) -> None:
+        target = rig.up(-20.0, 30.0)
+        await rig.navigator.center(target)
+        for _ in range(4):
+            await rig.navigator.look()
+        before = rig.navigator.learned.normal
+        assert before is not None
+        for _ in range(12):
+            frame = await exposed(rig)
+            # a science camera: other pixels, at another angle
+            found = await identified(rig, frame, scale_by=1.2)
+            assert found.look is not None
+        assert rig.navigator.learned.normal == before
+        report = await rig.navigator.center(rig.up(-40.0, 35.0))
+        assert rig.off_arcsec(report.target) < 31.0
+
+    in_virtual_time(work)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
+from itertools import count
 
 import pytest
 
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadFrame, MountMoved, OffsetImplausible, OutsideLimits
 from mountnav.frames import Frame, Hint
+from mountnav.navigation.devices import SyncOutcome
 from mountnav.navigation.recovering import MOST_LOOKS, agreement_arcsec
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.sky.chain import icrs_to_apparent
@@ -18,6 +20,7 @@ from mountnav.sky.sphere import displaced, separation_arcsec
 from mountnav.solution import Verdict
 from mountnav.solve import SolveSettings, solve
 from tests.navigation.conftest import POLICY, SITE, MakeRig, Rig, up_now
+from tests.navigation.virtual_rig import VirtualRig, in_virtual_time
 
 
 class FindsAnywhere:
@@ -126,7 +129,40 @@ async def test_a_place_below_the_ground_is_never_synced_on(make_rig: MakeRig) ->
     with pytest.raises(OutsideLimits, match="at this hour at altitude -8"):
         await rig.navigator.recover()
     assert "syncing" not in rig.kinds()
-    assert rig.kinds().count("solved") == 1
+    # one frame alone may be solved wrongly: it takes two that agree to say so
+    assert rig.kinds().count("solved") == 2
+
+
+@pytest.mark.parametrize("wrong", [Icrs(40.0, 89.0), Icrs(200.0, -80.0)], ids=["pole", "below the ground"])
+def test_one_wrong_frame_at_the_pole_or_below_the_ground_ends_no_recovery(wrong: Icrs) -> None:
+    async def work(rig: VirtualRig) -> None:
+        rig.navigator.mount.distrust("it was switched off")
+        solved, asked = rig.sky.verdict, count()
+
+        def verdict(frame: Frame, hint: Hint, settings: SolveSettings) -> Verdict:
+            found = solved(frame, hint, settings)
+            assert found.solution is not None
+            if next(asked):
+                return found
+            cards = {**found.solution.wcs, "CRVAL1": wrong.ra_deg, "CRVAL2": wrong.dec_deg}
+            return replace(found, solution=replace(found.solution, center=wrong, wcs=cards))
+
+        rig.sky.verdict = verdict  # type: ignore[method-assign]
+        report = await rig.navigator.recover()
+        assert separation_arcsec(report.second.seen, rig.mechanics.truth()) < 60.0
+
+    in_virtual_time(work)
+
+
+def test_a_lost_mount_that_takes_its_sync_late_is_waited_for() -> None:
+    async def work(rig: VirtualRig) -> None:
+        rig.mechanics.sync_behavior, rig.mechanics.sync_late_s = "late", 23.0
+        rig.navigator.mount.distrust("its link was lost")
+        report = await rig.navigator.recover()
+        assert report.outcome is SyncOutcome.LATE
+        assert rig.navigator.mount.trusted
+
+    in_virtual_time(work)
 
 
 async def test_a_recovery_searches_everywhere_even_where_looks_must_not(make_rig: MakeRig) -> None:

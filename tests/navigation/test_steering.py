@@ -142,6 +142,34 @@ def test_a_target_in_the_hole_of_the_pole_is_told() -> None:
     assert abs(separation_arcsec(looked(aim, wrong, UTC_NOW), target) - 300.0) < 25.0
 
 
+def test_an_hour_angle_that_is_far_off_leaves_no_rest() -> None:
+    # the turn that explains it is taken back as it was put on: 20″ were left for ever, 2.4° from the pole
+    wrong = PointingErrors(ih_arcsec=14_000.0, id_arcsec=1800.0, ch_arcsec=450.0, ma_arcsec=-400.0)
+    target = at(-178.0, 87.6)
+    steering = steering_for(target, 1.0, SITE)
+    aim, utc = target, UTC_NOW
+    for _ in range(7):
+        seen = looked(aim, wrong, utc)
+        steering.sighted(Sighting(aim, seen), utc)
+        aim = steering.next_aim(utc)
+    assert separation_arcsec(looked(aim, wrong, utc), target) < 2.0
+
+
+def test_a_zero_point_that_keeps_it_from_the_target_is_told_as_that() -> None:
+    wrong = PointingErrors(id_arcsec=-2500.0, ch_arcsec=-90.0)
+    target = at(154.0, 89.36)
+    steering = steering_for(target, 1.0, SITE)
+    assert isinstance(steering, PolarSteering)
+    aim = target
+    for _ in range(4):
+        steering.sighted(Sighting(aim, looked(aim, wrong, UTC_NOW)), UTC_NOW)
+        aim = steering.next_aim(UTC_NOW)
+    hole = steering.hole(UTC_NOW)
+    assert hole is not None
+    assert "beyond the pole" in hole.words
+    assert "first light" in hole.advice
+
+
 def test_what_the_tube_did_is_named() -> None:
     target = at(0.0, 30.0)
 

@@ -17,6 +17,7 @@ from mountnav.navigation.doubts import (
     GRAVEST_FIRST,
     Counts,
     SyncContext,
+    claimed,
     frame_doubts,
     in_order,
     place_doubts,
@@ -166,7 +167,7 @@ MODEL = {"expected": Expected(Offset(0.0, 100.0), 20.0), "modeled": True}
     ],
 )
 def test_the_place(found: Look, policy: SyncPolicy, known: dict[str, Any], doubts: set[SyncDoubt]) -> None:
-    told = place_doubts(found, policy, context(**known))
+    told = place_doubts(claimed(found), policy, context(**known))
     assert set(told) == doubts
     assert all(any(digit in words for digit in "0123456789") for words in told.values())
 

@@ -12,7 +12,8 @@ from drivers.simulated.behavior import MountBehavior
 from drivers.simulated.mount import SimulatedMount
 from mountnav.errors import DeviceRefused, DeviceSilent, LimitKind, OutsideLimits
 from mountnav.journal.records import EntryKind, Outcome
-from mountnav.navigation.devices import PierSide, Skill
+from mountnav.navigation.checked_mount import WentAnotherWay
+from mountnav.navigation.devices import PierSide, Skill, SlewOutcome
 from mountnav.pointing.limits import Horizon, Limits
 from mountnav.simulation.mechanics import Machine
 from mountnav.sky.chain import icrs_to_apparent, icrs_to_observed
@@ -404,3 +405,143 @@ def test_a_park_that_the_watch_orders_is_watched_itself(
     rig = run(work, limits=limits, utc=utc, machine=machine, behavior=behavior)
     assert rig.outcomes()[1:4] == [("stop", Outcome.DONE), ("park", Outcome.STOPPED), ("stop", Outcome.DONE)]
     assert min(apart_deg) > cone_deg - 6.0
+
+
+def repeats_its_stops(rig: Rig) -> None:
+    """Let each stop be sent again after the mount rests, as drivers do that haven't seen it yet."""
+    obeyed = rig.driver.stop
+
+    async def stop() -> None:
+        await obeyed()
+        await rig.clock.sleep(2.0)
+        rig.mechanics.stop()
+
+    rig.driver.stop = stop  # type: ignore[method-assign]
+
+
+def test_an_order_waits_for_a_stop_that_is_under_way() -> None:
+    async def work(rig: Rig) -> None:
+        repeats_its_stops(rig)
+        slewing = asyncio.create_task(rig.mount.slew(rig.place(60.0, 40.0)))
+        await rig.clock.sleep(4.0)
+        stopping = asyncio.create_task(rig.mount.stop())
+        assert await slewing is SlewOutcome.STOPPED
+        assert not stopping.done()
+        assert await rig.mount.slew(rig.place(-10.0, 20.0)) is SlewOutcome.ARRIVED
+
+    run(work)
+
+
+def test_a_stop_overtakes_an_order_that_waits_for_another_stop() -> None:
+    async def work(rig: Rig) -> None:
+        repeats_its_stops(rig)
+        slewing = asyncio.create_task(rig.mount.slew(rig.place(60.0, 40.0)))
+        await rig.clock.sleep(4.0)
+        stopping = asyncio.create_task(rig.mount.stop())
+        await slewing
+        waiting = asyncio.create_task(rig.mount.slew(rig.place(-10.0, 20.0)))
+        await rig.clock.sleep(0.5)
+        assert not stopping.done()
+        await rig.mount.stop()
+        assert await waiting is SlewOutcome.STOPPED
+        assert rig.driver.received.count("slew") == 1
+
+    run(work)
+
+
+def test_a_way_that_is_planned_anew_is_not_ended_by_the_stop_of_the_first_one() -> None:
+    # it stays on its side instead of changing, is stopped, and sent again at once, as a centering does
+    async def work(rig: Rig) -> None:
+        repeats_its_stops(rig)
+        await rig.mount.slew(rig.place(-14.0, 40.0))
+        with pytest.raises(WentAnotherWay):
+            await rig.mount.slew(rig.place(35.0, 40.0))
+        assert await rig.mount.slew(rig.place(-50.0, 40.0)) is SlewOutcome.ARRIVED
+
+    run(
+        work,
+        limits=Limits(15.0, past_meridian_deg=(10.0, 10.0), margin_deg=0.2),
+        machine=Machine(
+            mounting="german",
+            side_rule="stay",
+            meridian_limits_deg=(60.0, 60.0),
+            home_axes_deg=(100.0, 130.0),
+            starts_at="home",
+        ),
+        behavior=MountBehavior(tells_destination=False),
+        mounting="german",
+    )
+
+
+@pytest.mark.parametrize("dec_deg", [89.5, 89.9, 89.97])
+def test_by_the_pole_the_meridian_limit_counts_by_the_axes(dec_deg: float) -> None:
+    # refraction turns the hour angle of a place there by degrees, and no axis
+    past_deg: list[float] = []
+
+    async def work(rig: Rig) -> None:
+        await rig.mount.slew(rig.place(-2.0, dec_deg))
+        for _ in range(180):
+            await rig.clock.sleep(20.0)
+            past_deg.append(abs(rig.mechanics.true_axes()[0] - 90.0) - 90.0)
+        assert not rig.mechanics.tracking
+
+    run(
+        work,
+        limits=Limits(15.0, past_meridian_deg=(5.0, 5.0)),
+        machine=Machine(
+            mounting="german", meridian_limits_deg=(60.0, 60.0), home_axes_deg=(90.0, 90.0), starts_at="home"
+        ),
+        mounting="german",
+    )
+    assert max(past_deg) <= 5.0
+
+
+@pytest.mark.parametrize("tells_side", [True, False])
+def test_at_home_on_the_pole_tracking_begins(tells_side: bool) -> None:
+    # there a place tells nothing of the axes: by it alone they may be anywhere beyond
+    async def work(rig: Rig) -> None:
+        for _ in range(8):
+            await rig.mount.set_tracking(False)
+            await rig.clock.sleep(3.0 * 3600.0)
+            await rig.mount.set_tracking(True)
+            await rig.clock.sleep(60.0)
+            assert rig.mechanics.tracking
+
+    run(
+        work,
+        limits=Limits(15.0, past_meridian_deg=(9.0, 14.0)),
+        machine=Machine(mounting="german", home_axes_deg=(90.0, 90.0), starts_at="home"),
+        behavior=MountBehavior("icrs", ra_step_arcsec=15.0, dec_step_arcsec=20.0, tells_side=tells_side),
+        mounting="german",
+    )
+
+
+@pytest.mark.parametrize(
+    ("times", "lowest_deg", "first", "then"),
+    [(3.0, 27.5, (-70.0, 70.0), (20.0, 0.0)), (1.0 / 6.0, 18.0, (-30.0, -15.0), (75.0, 60.0))],
+)
+def test_axes_of_unlike_rates_are_seen_on_the_way_and_reckoned_with(
+    times: float, lowest_deg: float, first: tuple[float, float], then: tuple[float, float]
+) -> None:
+    lowest: list[float] = []
+    anew: list[str] = []
+
+    async def work(rig: Rig) -> None:
+        await rig.mount.slew(rig.place(*first))
+        for _ in range(3):
+            slewing = asyncio.create_task(rig.mount.slew(rig.place(*then)))
+            while not slewing.done():
+                await rig.clock.sleep(0.1)
+                lowest.append(altitude_deg(rig))
+            try:
+                assert await slewing is SlewOutcome.ARRIVED
+            except WentAnotherWay as stopped:
+                anew.append(stopped.what)
+            else:
+                break
+        else:
+            pytest.fail(f"not in three slews: {anew}")
+
+    machine = Machine(slew_rate_deg_s=2.0, dec_slew_rate_deg_s=2.0 * times)
+    run(work, limits=Limits(lowest_deg, margin_deg=0.25), machine=machine, mounting="fork")
+    assert min(lowest) >= lowest_deg

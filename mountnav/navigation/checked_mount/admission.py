@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 from mountnav.clock import Clock
 from mountnav.errors import Busy, DeviceRefused, MountnavError, OutsideLimits, Refusal
 from mountnav.journal.records import Order
+from mountnav.navigation.checked_mount.agreement import Agreement
 from mountnav.navigation.checked_mount.guarding import Guard
 from mountnav.navigation.checked_mount.sending import Sender
 from mountnav.navigation.checked_mount.standing import Standing
@@ -27,6 +28,8 @@ class Admission:
     sender : Sender
         Writes refusals down.
     clock : Clock
+    agreement : Agreement
+        Of mount and settings: nothing is slewed without.
 
     Attributes
     ----------
@@ -34,7 +37,16 @@ class Admission:
         The order that holds the mount.
     """
 
-    def __init__(self, mount: Mount, guard: Guard, standing: Standing, sender: Sender, clock: Clock) -> None:
+    def __init__(
+        self,
+        mount: Mount,
+        guard: Guard,
+        standing: Standing,
+        sender: Sender,
+        clock: Clock,
+        agreement: Agreement,
+    ) -> None:
+        self._agreement = agreement
         self._mount = mount
         self._guard = guard
         self._standing = standing
@@ -44,7 +56,7 @@ class Admission:
 
     @asynccontextmanager
     async def held(self, order: Order) -> AsyncIterator[None]:
-        """Hold the mount for one order to move; a second one is refused."""
+        """Hold the mount for one order to move; a second one is refused, a stop under way waited for."""
         await self.require_free(order)
         self.job = order
         try:
@@ -53,7 +65,8 @@ class Admission:
             self.job = None
 
     async def require_free(self, order: Order) -> None:
-        """Refuse an order while another one holds the mount. Raises `Busy`."""
+        """Refuse an order while another one holds the mount, once no stop is under way. Raises `Busy`."""
+        await self._sender.settled()
         if self.job is not None:
             busy = self.busy()
             await self._sender.refused(order, busy)
@@ -94,6 +107,13 @@ class Admission:
         if refusal is not None:
             await self._sender.refused(order, refusal, before, place)
             raise refusal
+        if order == "slew":
+            # to park and to go home is to go by its own axes: both stay possible, as do stop and recover
+            try:
+                await self._agreement.require(order)
+            except DeviceRefused as contradicted:
+                await self._sender.refused(order, contradicted, before, place)
+                raise
         return before
 
     def unfit(
@@ -109,9 +129,10 @@ class Admission:
             )
         if needs_trust and not self._standing.trusted:
             return DeviceRefused(
-                f"the {order} refused: its position can't be trusted",
+                f"the {order} refused: its position can't be trusted ({self._standing.why_untrusted})",
                 device=self._mount.name,
-                advice="solve a frame and sync (recover), or let it find its home",
+                advice="order first light if it was just set up, else recover: both look at the sky; or "
+                "let it find its home",
                 reason=Refusal.UNTRUSTED,
             )
         if order == "home":

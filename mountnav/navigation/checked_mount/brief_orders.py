@@ -111,15 +111,15 @@ class BriefOrders:
 
     async def stop(self) -> None:
         """Stop all motion now; waits for no check and no disk. See `CheckedMount.stop`."""
-        self._sender.stops += 1
-        written = self._book.begin_now("stop", self._standing.segments.segment_id)
-        try:
-            await self._mount.stop()
-        except BaseException as error:
-            detail = str(error) or "cancelled: whether it was heard isn't known"
-            self._book.end_soon(written, outcome_of(error, on_wire=True), detail)
-            raise
-        finally:
-            self._standing.moved()
-            step("stop sent")
-        self._book.end_soon(written, Outcome.DONE)
+        with self._sender.stopping():
+            written = self._book.begin_now("stop", self._standing.segments.segment_id)
+            try:
+                await self._mount.stop()
+            except BaseException as error:
+                detail = str(error) or "cancelled: whether it was heard isn't known"
+                self._book.end_soon(written, outcome_of(error, on_wire=True), detail)
+                raise
+            finally:
+                self._standing.moved()
+                step("stop sent")
+            self._book.end_soon(written, Outcome.DONE)

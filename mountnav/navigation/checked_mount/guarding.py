@@ -13,15 +13,17 @@ from datetime import datetime
 import numpy as np
 
 from mountnav.errors import LimitKind, OutsideLimits
+from mountnav.navigation.checked_mount.rates_seen import RatesSeen, Unlike
 from mountnav.navigation.devices import Epoch, MountReading, PierSide
 from mountnav.navigation.kinds import for_mount, from_mount
 from mountnav.pointing.limits import Limits, Mounting, Reached, SlewCheck
 from mountnav.pointing.limits.bodies import SUN_DEG_PER_S, bodies
 from mountnav.pointing.limits.detours import legs_to
 from mountnav.pointing.limits.directions import of_body
+from mountnav.pointing.limits.postures import Standing
 from mountnav.pointing.limits.refusing import require_night, why
 from mountnav.pointing.limits.scene import Scene
-from mountnav.pointing.limits.tracked import standing_for, tracked_depths
+from mountnav.pointing.limits.tracked import VACUUM, standing_for, tracked_depths
 from mountnav.pointing.limits.ways import strays_deg
 from mountnav.sky.chain import icrs_to_hour_angle, icrs_to_observed
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Observed, Site
@@ -31,6 +33,10 @@ BELOW_GROUND_DEG = -2.0
 
 _SIDES = (PierSide.EAST, PierSide.WEST)
 _STRAYS_DEG = 3.0
+_MISREPORTED = (
+    "if the tube hangs on the other side of the pier than the mount says (look at it), set swap_sides = true "
+    "of the mount"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,10 +71,11 @@ class Guard:
         self.air = air
         self.mounting = mounting
         self._expected_side: PierSide | None = None
+        self._rates = RatesSeen()
 
     def side(self, reading: MountReading) -> PierSide | None:
         """On which side the tube hangs: as the mount says, or as the last slew should have left it."""
-        return reading.pier_side if reading.pier_side in _SIDES else self._expected_side
+        return reading.pier_side if _told(reading) else self._expected_side
 
     def arrived(self, check: SlewCheck) -> None:
         """A slew has ended as it was checked: keep where the tube should hang now."""
@@ -90,7 +97,7 @@ class Guard:
             start, side = from_mount(reading.place), self.side(reading)
             # it may take some tenths of a second, and a stop doesn't wait for it
             legs = await asyncio.to_thread(
-                legs_to, self.limits, start, target, utc, self.site, self.air, self.mounting, side
+                legs_to, self._reckoned, start, target, utc, self.site, self.air, self.mounting, side
             )
             if not legs:
                 raise
@@ -103,16 +110,43 @@ class Guard:
         self, reading: MountReading, target: Icrs, utc: datetime, destination: PierSide | None
     ) -> SlewCheck:
         """Check one slew from where the mount stands. Raises `OutsideLimits`."""
-        return self.limits.check_slew(
-            from_mount(reading.place),
-            target,
-            utc,
-            self.site,
-            self.air,
-            mounting=self.mounting,
-            side=self.side(reading),
-            destination=destination,
-        )
+        try:
+            return self._reckoned.check_slew(
+                from_mount(reading.place),
+                target,
+                utc,
+                self.site,
+                self.air,
+                mounting=self.mounting,
+                side=self.side(reading),
+                destination=destination,
+            )
+        except OutsideLimits as refusal:
+            if self.mounting != "german" or not (_told(reading) or destination in _SIDES):
+                raise
+            raise OutsideLimits(
+                refusal.what,
+                device=refusal.device,
+                advice=f"{refusal.advice}; {_MISREPORTED}",
+                limit=refusal.limit,
+            ) from None
+
+    @staticmethod
+    def advice_astray(reading: MountReading) -> str:
+        """What to do about a mount that went another way than it was checked for."""
+        advice = "send it to a place farther from the meridian first, or let it change sides by hand"
+        return f"{advice}; {_MISREPORTED}" if _told(reading) else advice
+
+    @staticmethod
+    def advice_beyond(reading: MountReading, limit: LimitKind) -> str:
+        """What to do about a mount that came outside a limit on its way."""
+        advice = "see where it stands; it went another way than expected (side of the pier, rates)"
+        return f"{advice}; {_MISREPORTED}" if limit is LimitKind.MERIDIAN and _told(reading) else advice
+
+    @property
+    def _reckoned(self) -> Limits:
+        """The limits, with ways for the rates at which the axes were seen to turn."""
+        return self._rates.reckoned(self.limits)
 
     @staticmethod
     def for_mount(place: Icrs, epoch: Epoch, utc: datetime) -> Apparent | Icrs:
@@ -167,14 +201,21 @@ class Guard:
             Whether it is on its way: what holds for standing only is left out.
         """
         scene = Scene(self.limits, reading.utc, self.site)
-        here = icrs_to_hour_angle(from_mount(reading.place), reading.utc, self.site, self.air)
+        place = from_mount(reading.place)
+        here, bare = (icrs_to_hour_angle(place, reading.utc, self.site, one) for one in (self.air, VACUUM))
         depths, _ = tracked_depths(
-            scene, here, np.zeros(1), mounting=self.mounting, side=self.side(reading), standing=not passing
+            scene,
+            here,
+            np.zeros(1),
+            bare=bare,
+            mounting=self.mounting,
+            side=self.side(reading),
+            standing=not passing,
         )
         found = {limit: float(depth[0]) for limit, depth in depths.items()}
         if passing:
             gone = [LimitKind.HOUR_ANGLE, LimitKind.DAYLIGHT]
-            if self.mounting == "german" and reading.pier_side not in _SIDES:
+            if self.mounting == "german" and not _told(reading):
                 # on which side it is on its way nobody knows
                 gone += [LimitKind.MERIDIAN, LimitKind.UNREACHABLE]
             for limit in gone:
@@ -185,11 +226,20 @@ class Guard:
         """Whether a mount of which the way had to be guessed goes another one."""
         if check.sure:
             return False
+        return min(strays_deg(check.expected, one) for one in self._stands(reading, check)) > _STRAYS_DEG
+
+    def unlike(self, before: MountReading, reading: MountReading, check: SlewCheck) -> Unlike | None:
+        """Whether its axes turn, between two readings on the way, at other rates than it was checked for."""
+        scene = Scene(self.limits, reading.utc, self.site)
+        then, now = (self._stands(one, check) for one in (before, reading))
+        return self._rates.unlike(check.expected, then, now, scene)
+
+    def _stands(self, reading: MountReading, check: SlewCheck) -> list[Standing]:
+        """How it may stand on a way: on both sides of the pier, where it doesn't tell."""
         scene = Scene(self.limits, reading.utc, self.site)
         here = icrs_to_hour_angle(from_mount(reading.place), reading.utc, self.site, self.air)
-        told = reading.pier_side if reading.pier_side in _SIDES else None
-        stands = [standing_for(scene, here, check.mounting, side) for side in ([told] if told else _SIDES)]
-        return min(strays_deg(check.expected, one) for one in stands) > _STRAYS_DEG
+        told = reading.pier_side if _told(reading) else None
+        return [standing_for(scene, here, check.mounting, side) for side in ([told] if told else _SIDES)]
 
     def sun_would_come(self, reading: MountReading, within_s: float = 10800.0) -> bool:
         """Whether a tube that stands still where it is would have the Sun come nearer."""
@@ -203,3 +253,7 @@ class Guard:
     def seen(self, reading: MountReading) -> Observed:
         """Where the mount points, as the horizon counts."""
         return icrs_to_observed(from_mount(reading.place), reading.utc, self.site, self.air)
+
+
+def _told(reading: MountReading) -> bool:
+    return reading.pier_side in _SIDES

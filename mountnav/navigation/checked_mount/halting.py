@@ -17,6 +17,7 @@ from mountnav.navigation.checked_mount.written_orders import OrderBook
 from mountnav.navigation.devices import MountReading, Skill, SlewOutcome, TrackingRate
 from mountnav.navigation.kinds import from_mount
 from mountnav.sky.sphere import separation_arcsec
+from mountnav.tasks import waited_for
 
 SLEWING_S = 1.0
 """How often a motion is looked at."""
@@ -90,6 +91,12 @@ class Halting:
         self._under_way = under_way
         self._look = look
         self._failed_s = -math.inf
+        self._over = asyncio.Event()
+        self._over.set()
+
+    async def over(self) -> None:
+        """Wait until what is being ended has ended: an order before that would be stopped as well."""
+        await self._over.wait()
 
     async def halt(self, reading: MountReading, limit: LimitKind, what: str, *, motion: bool) -> bool:
         """End the motion or the tracking, write it down and tell; whether it was done.
@@ -104,6 +111,13 @@ class Halting:
         motion : bool
             Whether it moves, rather than tracks.
         """
+        self._over.clear()
+        try:
+            return await self._halted(reading, limit, what, motion)
+        finally:
+            self._over.set()
+
+    async def _halted(self, reading: MountReading, limit: LimitKind, what: str, motion: bool) -> bool:
         seen = self._guard.seen(reading)
         facts: dict[str, object] = {
             "limit": str(limit),
@@ -164,10 +178,10 @@ class Halting:
 
     async def _park(self) -> None:
         """Park it. Whoever watches is here and waits for that, so its way is looked at from here."""
-        parking = asyncio.ensure_future(self._mount.park())
+        parking = waited_for(self._mount.park())
         try:
             while not parking.done():
-                pause = asyncio.ensure_future(self._clock.sleep(SLEWING_S))
+                pause = waited_for(self._clock.sleep(SLEWING_S))
                 try:
                     await asyncio.wait({parking, pause}, return_when=asyncio.FIRST_COMPLETED)
                 finally:

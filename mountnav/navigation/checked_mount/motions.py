@@ -62,8 +62,9 @@ class Motions:
 
     async def slew(self, place: Apparent | Icrs) -> SlewOutcome:
         """Go there, directly or by way of other places. See `CheckedMount.slew`."""
+        # those that come while it waits for an earlier one count
+        stops = self._sender.stops
         async with self._admission.held("slew"):
-            stops = self._sender.stops
             before = await self._admission.ready("slew", place=place)
             plan = await self._plans.made(before, place)
             legs, check = plan.legs, plan.check
@@ -118,8 +119,9 @@ class Motions:
         new_segment : str
             Why a new segment begins when it has arrived; empty if none does.
         """
+        stops = self._sender.stops
         async with self._admission.held(order):
-            mount, stops = await self._admission.skilled(order), self._sender.stops
+            mount = await self._admission.skilled(order)
             before = await self._admission.ready(order, needs_trust=needs_trust, parked_too=order == "park")
             return await self._followed(
                 order, lambda: send(mount), before, stops=stops, new_segment=new_segment
@@ -140,14 +142,14 @@ class Motions:
         """Send an order to move, with the watch on its way."""
 
         def came(outcome: SlewOutcome) -> Came:
-            left = self._watch.left
+            left = following.left
             arrived = outcome is SlewOutcome.ARRIVED
             detail = "" if left is None else f"stopped by the limits: {left.what}"
             if arrived and new_segment:
                 self._standing.regained()
             return Came(_OUTCOMES[outcome], detail, new_segment=new_segment if arrived else "")
 
-        self._watch.follow(order, before, check)
+        following = self._watch.follow(order, before, check)
         try:
             outcome = await self._sender.send(
                 order,
@@ -160,11 +162,13 @@ class Motions:
                 moves=True,
                 reads=True,
             )
+            if order == "slew" and following.left is not None:
+                # the stop goes on until it rests: one planned anew before that would be stopped by it too
+                await self._watch.halted()
         except OvertakenError:
             return SlewOutcome.STOPPED
         finally:
-            left = self._watch.left
-            self._watch.unfollow()
-        if left is not None and outcome is not SlewOutcome.ARRIVED:
-            raise left
+            self._watch.unfollow(following)
+        if following.left is not None and outcome is not SlewOutcome.ARRIVED:
+            raise following.left
         return outcome

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from datetime import datetime
+from typing import Any
 
 from mountnav.clock import Clock, SystemClock
-from mountnav.journal.records import Journal, Order, Unwritten
+from mountnav.journal.records import CommandRecord, Journal, Order, Unwritten
 from mountnav.navigation.checked_mount.admission import Admission
+from mountnav.navigation.checked_mount.agreement import Agreement
 from mountnav.navigation.checked_mount.brief_orders import BriefOrders
 from mountnav.navigation.checked_mount.guarding import Guard
+from mountnav.navigation.checked_mount.last_seen import LastSeen, Memory
 from mountnav.navigation.checked_mount.motions import Motions
 from mountnav.navigation.checked_mount.segments import SegmentListener
 from mountnav.navigation.checked_mount.sending import Sender
@@ -19,6 +24,7 @@ from mountnav.navigation.checked_mount.syncs import Syncs
 from mountnav.navigation.checked_mount.tracking_watch import TrackingWatch
 from mountnav.navigation.checked_mount.written_orders import OrderBook
 from mountnav.navigation.devices import (
+    ConnectReport,
     Direction,
     Epoch,
     Mount,
@@ -69,10 +75,15 @@ class CheckedMount:
         self._standing = standing = Standing(mount, book, self._clock)
         self._sender = sender = Sender(mount, book, standing)
         self._watch = watch = TrackingWatch(self, guard, book, self._clock, standing.tell)
-        self._admission = admission = Admission(mount, guard, standing, sender, self._clock)
+        self._agreement = agreement = Agreement(mount, standing, book)
+        self._admission = admission = Admission(mount, guard, standing, sender, self._clock, agreement)
         self._plans = plans = SlewPlans(mount, guard, sender, book, self._clock)
         self._motions = Motions(mount, guard, standing, sender, admission, plans, watch, self._clock)
         self._syncs = Syncs(mount, guard, standing, sender, admission, self._clock)
+        self._memory = Memory(standing, guard, book, self._clock)
+        self._limits = limits
+        self._wider_deg = self._off_deg = 0.0
+        standing.segments.listen(self._usual_again)
         self._brief = BriefOrders(mount, guard, standing, sender, admission, watch, book, self._clock)
 
     # -- what it is --------------------------------------------------------------------------------
@@ -104,6 +115,21 @@ class CheckedMount:
     def limits(self) -> Limits:
         """What it is checked against."""
         return self._guard.limits
+
+    @contextmanager
+    def wider_margin(self, by_deg: float) -> Iterator[None]:
+        """Keep so much more away from all limits meanwhile: it is known to point so far elsewhere."""
+        self._wider_deg += by_deg
+        self._keep_away()
+        try:
+            yield
+        finally:
+            self._wider_deg -= by_deg
+            self._keep_away()
+
+    def _keep_away(self) -> None:
+        margin_deg = max(self._limits.margin_deg, self._off_deg) + self._wider_deg
+        self._guard.limits = replace(self._limits, margin_deg=margin_deg)
 
     @property
     def mounting(self) -> Mounting | None:
@@ -150,9 +176,103 @@ class CheckedMount:
         """Which order holds the mount: ``slew``, ``park``, ``home``, ``sync``; None if none."""
         return self._admission.job
 
+    @property
+    def contradiction(self) -> str | None:
+        """In what mount and settings differ on site and time; None if in nothing, or if that is accepted."""
+        return self._agreement.contradiction
+
+    async def require_agreement(self, order: str = "slew") -> None:
+        """Refuse an order while mount and settings contradict each other. Raises `DeviceRefused`."""
+        await self._agreement.require(order)
+
+    @property
+    def turned_deg(self) -> float | None:
+        """By how much its sky was turned when its site and clock were set to ours, degrees to the west.
+
+        None where they weren't, and since the sky has shown that it was right.
+        """
+        return self._agreement.turned_deg
+
+    def sky_agrees(self) -> None:
+        """A look has shown that its site and clock were set right."""
+        self._agreement.turned_deg = None
+
+    def restore_agreement(self, facts: Mapping[str, Any]) -> None:
+        """Take over from the journal that a contradiction was accepted."""
+        self._agreement.restore(facts)
+
+    def accept_site_and_time(self) -> str | None:
+        """Accept the contradiction until it changes: the word of one who may configure; what was accepted."""
+        return self._agreement.accept()
+
+    async def set_site_and_time(self) -> ConnectReport:
+        """Set the mount's site and clock to ours, as far as it takes them. Moves nothing.
+
+        Raises
+        ------
+        DeviceRefused
+            It takes neither.
+        Busy, JournalFailed, DeviceError
+        """
+        reports: list[ConnectReport] = []
+
+        async def send(_: object) -> None:
+            reports.append(await self._agreement.set_right())
+
+        site = {"latitude_deg": self.site.latitude_deg, "longitude_deg": self.site.longitude_deg}
+        await self._brief.give("set-site", send, facts={**site, "clock": True})
+        self._standing.new_segment("its site and clock were set")
+        return reports[-1]
+
+    @property
+    def why_untrusted(self) -> str:
+        """Why it doesn't; empty while it does."""
+        return self._standing.why_untrusted
+
+    async def take_up(self, last: LastSeen | None, in_flight: Sequence[CommandRecord]) -> str | None:
+        """Take it up as an earlier run of the service left it; from now on what is seen is written down.
+
+        Parameters
+        ----------
+        last : LastSeen or None
+            As it was seen last; None if nothing is known.
+        in_flight : sequence of CommandRecord
+            Orders of earlier runs that were begun and never closed.
+
+        Returns
+        -------
+        str or None
+            Why it isn't trusted from now on, if that has come out.
+
+        Raises
+        ------
+        DeviceError
+            It can't be read: to be called again.
+        """
+        return self._memory.take_up(last, in_flight, await self.reading())
+
     def trust(self) -> None:
         """An operator's word that the position is right."""
         self._standing.trust()
+
+    def trust_by_sight(self, off_deg: float, why: str) -> None:
+        """Let the position count since the sky has shown how far it is off.
+
+        Parameters
+        ----------
+        off_deg : float
+            All limits are kept away from as far as that, if it is more than their margin, until a new segment
+            begins.
+        why : str
+        """
+        self._standing.trust(why)
+        self._off_deg = off_deg
+        self._keep_away()
+
+    def _usual_again(self, segment_id: str, why: str) -> None:
+        """Other zero points: what was known of the old ones is over."""
+        self._off_deg = 0.0
+        self._keep_away()
 
     def distrust(self, why: str) -> None:
         """Let its position not count until a sync is seen, its home is found, or an operator says so."""
@@ -265,6 +385,7 @@ class CheckedMount:
         before = await self.reading()
         if (refusal := self._admission.unfit("slew", before)) is not None:
             raise refusal
+        await self._agreement.require("slew")
         await self._plans.found(before, place)
 
     async def park(self) -> SlewOutcome:

@@ -15,6 +15,9 @@ from mountnav.navigation.devices import PierSide
 
 SegmentListener = Callable[[str, str], None]
 
+SEEN_LATE = "a sync was seen, late"
+"""Why a segment begins when a sync shows that had seemed to be ignored."""
+
 
 class Segments:
     """The segment a mount is in.

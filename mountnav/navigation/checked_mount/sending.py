@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -72,6 +73,29 @@ class Sender:
         self._book = book
         self._standing = standing
         self.stops = 0
+        self._stopping = 0
+        self._settled = asyncio.Event()
+
+    @contextmanager
+    def stopping(self) -> Iterator[None]:
+        """Count a stop, and hold back what is ordered until it has ended: seen at rest, or failed."""
+        self.stops += 1
+        self._stopping += 1
+        try:
+            yield
+        finally:
+            self._stopping -= 1
+            self._settled.set()
+
+    async def settled(self) -> None:
+        """Wait until no stop is under way.
+
+        A driver repeats its stop until the mount rests: an order that is sent meanwhile would be ended by the
+        stop of the one before it.
+        """
+        while self._stopping:
+            self._settled.clear()
+            await self._settled.wait()
 
     async def send(
         self,
@@ -167,7 +191,7 @@ class Sender:
             written.facts["slew_state"] = str(state)
         if moves and outcome is not Outcome.NOT_SENT:
             self._standing.moved()
-        if order == "sync" and outcome is Outcome.UNKNOWN:
+        if order == "sync" and outcome in (Outcome.UNKNOWN, Outcome.REFUSED_BUT_DONE):
             self._standing.new_segment("a sync whose outcome isn't known")
         step(f"{order} sent")
         detail = str(error) or "cancelled on the way: what became of it isn't known"

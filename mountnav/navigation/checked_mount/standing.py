@@ -7,7 +7,7 @@ from datetime import datetime
 
 from mountnav.clock import Clock
 from mountnav.journal.records import EntryKind
-from mountnav.navigation.checked_mount.segments import Segments
+from mountnav.navigation.checked_mount.segments import SEEN_LATE, Segments
 from mountnav.navigation.checked_mount.written_orders import OrderBook
 from mountnav.navigation.devices import Announces, Mount, MountReading, PierSide, Trusts
 
@@ -38,6 +38,7 @@ class Standing:
         self.segments = Segments()
         self.last_motion_utc: datetime | None = None
         self._distrusted = ""
+        self._why = ""
         self._listeners: list[Listener] = []
         self._reading_listeners: list[Callable[[MountReading], None]] = []
         if isinstance(mount, Announces):
@@ -70,9 +71,14 @@ class Standing:
         """Whether its own position counts."""
         return not self._distrusted and (not isinstance(self._mount, Trusts) or self._mount.trusted)
 
-    def trust(self) -> None:
-        """An operator's word that the position is right."""
-        self._book.note_now(EntryKind.DECISION, "trusted by an operator", {"was_trusted": self.trusted})
+    @property
+    def why_untrusted(self) -> str:
+        """Why it doesn't, as it was told last; empty while it does."""
+        return "" if self.trusted else self._distrusted or self._why
+
+    def trust(self, why: str = "trusted by an operator") -> None:
+        """Let the position count from now on: an operator's word, or what the sky has shown."""
+        self._book.note_now(EntryKind.DECISION, why, {"was_trusted": self.trusted})
         self._distrusted = ""
         if isinstance(self._mount, Trusts):
             self._mount.trust()
@@ -106,8 +112,10 @@ class Standing:
         """Write down what the mount tells unasked, and pass it on."""
         kind = EntryKind.LINK if what.startswith("link") or what == "connected" else EntryKind.FAULT
         self._book.note_now(kind, what, facts)
+        if what == "untrusted":
+            self._why = str(facts.get("why") or "")
         if what in ("untrusted", "sync-late"):
-            why = f"untrusted: {facts.get('why')}" if what == "untrusted" else "a sync was seen, late"
+            why = f"untrusted: {facts.get('why')}" if what == "untrusted" else SEEN_LATE
             side = (self.segments.side or PierSide.UNKNOWN) if what == "sync-late" else None
             self.new_segment(why, side)
             if what == "sync-late":

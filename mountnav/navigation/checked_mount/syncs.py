@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 from mountnav.clock import Clock
 from mountnav.errors import BadRequest, Cancelled, OutsideLimits
 from mountnav.journal.records import Outcome
@@ -11,6 +14,7 @@ from mountnav.navigation.checked_mount.sending import Came, OvertakenError, Send
 from mountnav.navigation.checked_mount.standing import Standing
 from mountnav.navigation.devices import Mount, MountReading, PierSide, SyncOutcome, SyncResult
 from mountnav.navigation.kinds import from_mount
+from mountnav.navigation.sync_outcomes import near_arcsec, unseen
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import separation_arcsec
 
@@ -18,6 +22,7 @@ _OUTCOMES = {
     SyncOutcome.SEEN: Outcome.DONE,
     SyncOutcome.LATE: Outcome.LATE,
     SyncOutcome.IGNORED: Outcome.IGNORED,
+    SyncOutcome.ELSEWHERE: Outcome.ELSEWHERE,
 }
 
 
@@ -52,8 +57,8 @@ class Syncs:
 
     async def sync(self, place: Apparent | Icrs) -> SyncResult:
         """Tell the mount that it points there. See `CheckedMount.sync`."""
+        stops = self._sender.stops
         async with self._admission.held("sync"):
-            stops = self._sender.stops
             before = await self._standing.reading()
             try:
                 self._guard.require_above_ground(from_mount(place), self._clock.utc())
@@ -75,19 +80,27 @@ class Syncs:
 
     async def _sent_and_read(self, place: Apparent | Icrs, before: MountReading) -> SyncResult:
         result: SyncResult | None = await self._mount.sync(place)
-        if result is not None:
-            return result
-        # the drivers of others may leave the reading to us
-        after = await self._standing.reading()
-        miss = separation_arcsec(from_mount(after.place), from_mount(place))
-        offset = separation_arcsec(from_mount(before.place), from_mount(place))
-        seen = miss <= max(0.25 * offset, self._mount.resolution_arcsec + 5.0)
-        return SyncResult(SyncOutcome.SEEN if seen else SyncOutcome.IGNORED, after, miss, 0.0)
+        resolution = self._mount.resolution_arcsec
+        if result is None:
+            # the drivers of others may leave the reading to us
+            after = await self._standing.reading()
+            miss = separation_arcsec(from_mount(after.place), from_mount(place))
+            offset = separation_arcsec(from_mount(before.place), from_mount(place))
+            seen = miss <= near_arcsec(offset, resolution, math.inf)
+            result = SyncResult(SyncOutcome.SEEN if seen else SyncOutcome.IGNORED, after, miss, 0.0)
+        if result.outcome is SyncOutcome.IGNORED:
+            # nor may they know that a mount can take another place
+            result = replace(result, outcome=unseen(before, result.read_back, resolution))
+        return result
 
     def _came(self, result: SyncResult) -> Came:
-        counts = result.outcome is not SyncOutcome.IGNORED
+        counts = result.outcome.seen
         if counts:
             self._standing.regained()
+        if result.outcome is SyncOutcome.ELSEWHERE and self._standing.trusted:
+            self._standing.distrust(
+                f"it took a sync for another place: it believes to be {result.miss_arcsec:.0f}″ from there"
+            )
         return Came(
             _OUTCOMES[result.outcome],
             after=result.read_back,

@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Container
+from dataclasses import dataclass
 from datetime import timedelta
 
 from mountnav.clock import Clock
@@ -25,6 +26,7 @@ from mountnav.navigation.kinds import from_mount
 from mountnav.pointing.limits import Reached, SlewCheck
 from mountnav.pointing.limits.refusing import why
 from mountnav.sky.sphere import separation_arcsec
+from mountnav.tasks import begun, fault_words, waited_for
 
 GUESSED_S = 0.5
 """How often a slew is looked at of which it isn't known which way the mount takes."""
@@ -46,6 +48,30 @@ class WentAnotherWay(OutsideLimits):
     """A slew took none of the ways that are allowed and was stopped, still inside all limits."""
 
 
+@dataclass(slots=True, eq=False)
+class Following:
+    """One order to move, while it runs: what is found out of it, and which stop is its own.
+
+    Attributes
+    ----------
+    order : str
+    check : SlewCheck or None
+        The ways that were checked, if any were.
+    left : OutsideLimits or None
+        Why it was stopped by the watch.
+    stopped : bool
+        Whether that stop was heard.
+    before : MountReading or None
+        The last look's, once it is on its way.
+    """
+
+    order: str
+    check: SlewCheck | None = None
+    left: OutsideLimits | None = None
+    stopped: bool = False
+    before: MountReading | None = None
+
+
 class TrackingWatch:
     """Watches one mount from `start` to `end`.
 
@@ -57,11 +83,6 @@ class TrackingWatch:
     clock : Clock
     tell : callable
         Told ``limit-near`` (limit, seconds left), ``limit-stop``, ``limit-stop-failed``.
-
-    Attributes
-    ----------
-    left : OutsideLimits or None
-        Why the order that runs was stopped by the watch.
     """
 
     def __init__(self, mount: Watched, guard: Guard, book: OrderBook, clock: Clock, tell: Listener) -> None:
@@ -70,15 +91,12 @@ class TrackingWatch:
         self._book = book
         self._clock = clock
         self._tell = tell
-        self.left: OutsideLimits | None = None
         self._task: asyncio.Task[None] | None = None
         self._wake = asyncio.Event()
-        self._order: str | None = None
-        self._check: SlewCheck | None = None
+        self._following: Following | None = None
         self._least: dict[LimitKind, float] = {}
         self._before: MountReading | None = None
         self._told_near: tuple[LimitKind, int] | None = None
-        self._stopped = False
         self._handled: LimitKind | None = None
         self._untrusted_s = 0.0
         self._halting = Halting(
@@ -87,7 +105,7 @@ class TrackingWatch:
             book,
             clock,
             tell,
-            under_way=lambda: self._order is not None,
+            under_way=lambda: self._following is not None,
             look=self._look_on_the_way,
         )
 
@@ -96,31 +114,39 @@ class TrackingWatch:
     def start(self) -> None:
         """Begin; once is enough."""
         if self._task is None or self._task.done():
-            self._task = asyncio.get_running_loop().create_task(self._run(), name="limits-watch")
+            self._task = begun(self._run(), "limits-watch", died=self._died)
 
     async def end(self) -> None:
         """End; once is enough."""
         task, self._task = self._task, None
         if task is not None:
             task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
+            with contextlib.suppress(asyncio.CancelledError, Exception):
                 await task
 
-    def follow(self, order: str, before: MountReading, check: SlewCheck | None = None) -> None:
+    def _died(self, fault: Exception) -> None:
+        """Nobody watches the limits: it is told, and begins anew."""
+        self._tell("limits-not-watched", {"why": fault_words(fault)})
+        self.start()
+
+    def follow(self, order: str, before: MountReading, check: SlewCheck | None = None) -> Following:
         """An order to move goes out: look often, until `unfollow`; whether it goes as checked, if it was."""
-        self.left = None
-        self._stopped = False
-        self._check = check
-        self._order = order
+        self._following = Following(order, check)
         self._least = self._guard.depths(before, passing=True)
         self._wake.set()
+        return self._following
 
-    def unfollow(self) -> None:
+    def unfollow(self, following: Following) -> None:
         """The order has ended."""
-        self._order = self._check = None
+        if self._following is following:
+            self._following = None
         self._before = None
         self._handled = None
         self._wake.set()
+
+    async def halted(self) -> None:
+        """Wait until a stop on the way is over, while the order it belongs to is still followed."""
+        await self._halting.over()
 
     def wake(self) -> None:
         """Look soon: something has changed."""
@@ -144,8 +170,8 @@ class TrackingWatch:
     async def _pause(self, seconds: float) -> None:
         """Wait, or until an order begins or ends."""
         waiting = [
-            asyncio.ensure_future(self._clock.sleep(seconds)),
-            asyncio.ensure_future(self._wake.wait()),
+            waited_for(self._clock.sleep(seconds)),
+            waited_for(self._wake.wait()),
         ]
         try:
             await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
@@ -158,12 +184,12 @@ class TrackingWatch:
 
     async def look(self) -> float:
         """Read the mount once, do what has to be done, and tell how many seconds later to look again."""
-        order = self._order
+        following = self._following
         reading = await self._mount.reading()
         before, self._before = self._before, reading
-        if order is not None and order == self._order:
-            await self._look_at_motion(order, reading)
-            return SLEWING_S if self._check is None or self._check.sure else GUESSED_S
+        if following is not None and following is self._following:
+            await self._look_at_motion(following, reading)
+            return SLEWING_S if following.check is None or following.check.sure else GUESSED_S
         if self._mount.trusted:
             self._untrusted_s = 0.0
         if reading.parked or (reading.tracking is False and not self._moves(before, reading)):
@@ -197,49 +223,70 @@ class TrackingWatch:
 
     async def _look_on_the_way(self) -> None:
         """Look at the order to move that runs, if one does: one of the watch itself is watched as well."""
-        order = self._order
-        if order is None:
+        following = self._following
+        if following is None:
             return
         reading = await self._mount.reading()
-        if order == self._order:
-            await self._look_at_motion(order, reading)
+        if following is self._following:
+            await self._look_at_motion(following, reading)
 
-    async def _look_at_motion(self, order: str, reading: MountReading) -> None:
+    async def _look_at_motion(self, following: Following, reading: MountReading) -> None:
         # where it parks may be low
-        among = frozenset(LimitKind) if order == "slew" else _OF_STATIONS
+        among = frozenset(LimitKind) if following.order == "slew" else _OF_STATIONS
         deeper = self._deeper(reading, among)
         if deeper is not None and deeper[0] in _OF_SIDES:
             # most mounts tell place and side by two questions, and the tube may change sides between them
             reading = await self._mount.reading()
-            if self._order != order:
+            if self._following is not following:
                 return  # it is over
             deeper = self._deeper(reading, among)
-        if self.left is not None:
-            if not self._stopped:  # it wasn't heard, and the mount may still be going there
-                await self._stop_on_the_way(reading, self.left)
+        if following.left is not None:
+            if not following.stopped:  # it wasn't heard, and the mount may still be going there
+                await self._stop_on_the_way(reading, following, following.left)
             return
-        if deeper is None and self._check is not None and self._guard.strays(reading, self._check):
-            seen = self._guard.seen(reading)
-            self.left = WentAnotherWay(
-                f"the mount went another way than expected ({', '.join(self._check.ways)}): it was stopped "
-                f"at altitude {seen.alt_deg:.1f}°, azimuth {seen.az_deg:.0f}°",
-                advice="send it to a place farther from the meridian first, or let it change sides by hand",
+        before, following.before = following.before, reading
+        if deeper is None:
+            following.left = self._astray(following.check, before, reading)
+        else:
+            limit, depth = deeper
+            following.left = OutsideLimits(
+                f"on its way the mount came to {self._where(reading, limit, depth)}: it was stopped",
+                advice=self._guard.advice_beyond(reading, limit),
+                limit=limit,
+            )
+        if following.left is not None:
+            await self._stop_on_the_way(reading, following, following.left)
+
+    def _astray(
+        self, check: SlewCheck | None, before: MountReading | None, reading: MountReading
+    ) -> WentAnotherWay | None:
+        """Why a mount has to be stopped that is still inside, since it goes a way that wasn't checked."""
+        if check is None:
+            return None
+        seen = self._guard.seen(reading)
+        where = f"it was stopped at altitude {seen.alt_deg:.1f}°, azimuth {seen.az_deg:.0f}°"
+        if self._guard.strays(reading, check):
+            return WentAnotherWay(
+                f"the mount went another way than expected ({', '.join(check.ways)}): {where}",
+                advice=self._guard.advice_astray(reading),
                 limit=LimitKind.MERIDIAN,
             )
-            await self._stop_on_the_way(reading, self.left)
-            return
-        if deeper is None:
-            return
-        limit, depth = deeper
-        self.left = OutsideLimits(
-            f"on its way the mount came to {self._where(reading, limit, depth)}: it was stopped",
-            advice="see where it stands; it went another way than expected (side of the pier, rates)",
-            limit=limit,
+        unlike = None if before is None else self._guard.unlike(before, reading, check)
+        if unlike is None or unlike.trouble is None:
+            return None
+        trouble = unlike.trouble
+        return WentAnotherWay(
+            f"the mount's second axis turns {unlike.ratio:.2g} times as fast as the first one, which was not "
+            f"expected: by altitude {trouble.alt_deg:.1f}°, azimuth {trouble.az_deg:.0f}° it would have come "
+            f"outside the limits ({trouble.limit}); {where}",
+            advice="set limits.axis_rates_deg_s as they are, or send it again: it is planned for these rates",
+            limit=trouble.limit,
         )
-        await self._stop_on_the_way(reading, self.left)
 
-    async def _stop_on_the_way(self, reading: MountReading, left: OutsideLimits) -> None:
-        self._stopped = await self._halting.halt(reading, left.limit, left.what, motion=True)
+    async def _stop_on_the_way(
+        self, reading: MountReading, following: Following, left: OutsideLimits
+    ) -> None:
+        following.stopped = await self._halting.halt(reading, left.limit, left.what, motion=True)
 
     async def _look_at_hand(self, reading: MountReading) -> None:
         """Somebody moves it by hand, or it moves by itself: outside it may only come nearer."""

@@ -19,6 +19,7 @@ from mountnav.errors import (
     DeviceRefused,
     JournalFailed,
     MountnavError,
+    RefusedButDone,
     SyncIgnored,
 )
 from mountnav.journal.records import (
@@ -34,6 +35,10 @@ from mountnav.journal.records import (
 from mountnav.navigation.devices import MountReading
 from mountnav.navigation.steps import step
 from mountnav.sky.coordinates import Apparent, Icrs
+from mountnav.tasks import begun, waited_for
+
+EVEN_UNWRITTEN: frozenset[Order] = frozenset({"park"})
+"""What brings a telescope into safety doesn't wait for a disk that is full; a stop never waits for any."""
 
 
 @dataclass(slots=True)
@@ -85,19 +90,26 @@ class OrderBook:
         Raises
         ------
         JournalFailed
-            Then it must not be sent.
+            Then it must not be sent. Never for a park: that is written as soon as it can be.
         """
         step(f"{order} begin")
+        if order in EVEN_UNWRITTEN and getattr(self._journal, "problem", None) is not None:
+            return self.begin_now(order, segment_id, facts)
         with contextlib.suppress(JournalFailed):
             await self._write_late()
         record = self._record(order, segment_id, place, facts, before)
-        writing = asyncio.ensure_future(self._journal.begin(record))
+        writing = waited_for(self._journal.begin(record))
         if await _finished(writing):
             # it is written and won't be sent: it must not look as if it were under way
             if writing.exception() is None:
                 await self.end(Written(record), Outcome.NOT_SENT, "cancelled before it was sent")
             raise asyncio.CancelledError
-        writing.result()
+        try:
+            writing.result()
+        except JournalFailed:
+            if order not in EVEN_UNWRITTEN:
+                raise
+            return self.begin_now(order, segment_id, facts)
         step(f"{order} begun")
         return Written(record)
 
@@ -163,7 +175,8 @@ class OrderBook:
                 self._late.pop(command_id, None)
                 step(f"{order} ended")
 
-        task = asyncio.get_running_loop().create_task(write(), name=f"close-{order}")
+        # if it dies it stays owed, and is written with the next one
+        task = begun(write(), f"close-{order}", died=lambda _: None)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         return task
@@ -218,6 +231,8 @@ def outcome_of(error: BaseException, *, on_wire: bool) -> Outcome:
     """
     if isinstance(error, DeviceRefused):
         return Outcome.REFUSED
+    if isinstance(error, RefusedButDone):
+        return Outcome.REFUSED_BUT_DONE
     if isinstance(error, SyncIgnored):
         return Outcome.IGNORED
     if isinstance(error, Busy | BadRequest):

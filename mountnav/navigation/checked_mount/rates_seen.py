@@ -1,0 +1,128 @@
+"""How fast a mount's axes turn, by its readings on the way: a way is checked for those rates as well.
+
+A way is checked before the order for the rates that are set, or usual. A mount whose axes are unlike, one
+that lets both arrive together, or turns one after the other, takes another way between the same two places.
+That shows after the first readings: the rest of the way is checked anew then, for the rates that are seen.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from mountnav.pointing.limits import Limits
+from mountnav.pointing.limits.postures import Standing, Way
+from mountnav.pointing.limits.scene import Scene
+from mountnav.pointing.limits.ways import LATE_START_DEG, Trouble, strays_deg, trouble_on
+from mountnav.sky.sphere import half_turn_deg
+
+_MOVES_DEG = 0.3
+"""An axis must have turned so far between two readings for its rate to tell anything."""
+_ARRIVES_S = 2.0
+"""An axis that is so near to its end, at its rate, is slowing down."""
+_JUMPS_DEG = 30.0
+"""No axis turns so far between two looks: place and side of the pier were read at different times."""
+_STANDS_DEG = 0.05
+"""One that has turned less between two readings stands."""
+_LOOSE = 1.25
+"""Rates are seen to a quarter: readings are some tenths of a second apart from their times."""
+_POLE_DEG = 5.0
+"""So near to the pole, or the zenith of an alt-az mount, a place tells too little of the first axis."""
+_STEEPEST = 30.0
+"""As good as one axis after the other."""
+_KEPT = 4
+"""So many ratios are remembered: an axis that speeds up shows others than its own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unlike:
+    """Rates that a way was not checked for.
+
+    Attributes
+    ----------
+    ratio : float
+        Of the second axis' rate over the first one's.
+    trouble : Trouble or None
+        What the rest of the way leads to at these rates.
+    """
+
+    ratio: float
+    trouble: Trouble | None
+
+
+class RatesSeen:
+    """The rates of one mount's axes, as far as they differ from those that its limits reckon with."""
+
+    def __init__(self) -> None:
+        self._ratios: deque[float] = deque(maxlen=_KEPT)
+
+    def reckoned(self, limits: Limits) -> Limits:
+        """The limits, with ways for the rates that were seen as well."""
+        if limits.rate_ratio is None or not self._ratios:
+            return limits
+        low, high = limits.rate_ratio
+        return replace(
+            limits,
+            rate_ratio=(min(low, min(self._ratios) / _LOOSE), max(high, max(self._ratios) * _LOOSE)),
+        )
+
+    def unlike(
+        self,
+        ways: Sequence[Way],
+        before: Sequence[Standing],
+        now: Sequence[Standing],
+        scene: Scene,
+    ) -> Unlike | None:
+        """Compare the rates between two readings with those that the ways were checked for.
+
+        Parameters
+        ----------
+        ways : sequence of Way
+            Those that the mount may take.
+        before, now : sequence of Standing
+            How it may have stood at each reading; more than one where it doesn't tell its side.
+        scene : Scene
+            Of the later one.
+
+        Returns
+        -------
+        Unlike or None
+            None: as it was checked, or too early or too late to tell.
+        """
+        reckoned = self.reckoned(scene.limits)
+        if reckoned.rate_ratio is None or not ways:
+            return None
+        way = min(ways, key=lambda one: min(strays_deg([one], at) for at in now))
+        then, here = (_on(way, one) for one in (before, now))
+        ratio = _ratio(way, then, here)
+        low, high = reckoned.rate_ratio
+        if ratio is None or low <= ratio <= high:
+            return None
+        self._ratios.append(ratio)
+        seen = replace(scene.limits, rate_ratio=(ratio / _LOOSE, ratio * _LOOSE))
+        return Unlike(ratio, trouble_on(Way(here, way.end), replace(scene, limits=seen)))
+
+
+def _on(way: Way, stands: Sequence[Standing]) -> Standing:
+    """The standing that is nearest to a way, its first axis counted as the way counts it."""
+    nearest = min(stands, key=lambda one: strays_deg([way], one))
+    middle_deg = 0.5 * (way.start.first_deg + way.end.first_deg)
+    return replace(nearest, first_deg=middle_deg + half_turn_deg(nearest.first_deg - middle_deg))
+
+
+def _ratio(way: Way, then: Standing, here: Standing) -> float | None:
+    """Second axis' rate over the first one's; None where both don't tell."""
+    turned = abs(here.first_deg - then.first_deg), abs(here.second_deg - then.second_deg)
+    left = abs(way.end.first_deg - here.first_deg), abs(way.end.second_deg - here.second_deg)
+    if not _MOVES_DEG <= max(turned) <= _JUMPS_DEG:
+        return None
+    if any(abs(90.0 - abs(one.second_deg)) < _POLE_DEG for one in (then, here)):
+        return None
+    # readings on the way are a second apart or so
+    if any(to_go < max(_ARRIVES_S * each, LATE_START_DEG) for each, to_go in zip(turned, left, strict=True)):
+        return None
+    gone = abs(here.first_deg - way.start.first_deg), abs(here.second_deg - way.start.second_deg)
+    if min(turned) < _STANDS_DEG and max(gone) <= LATE_START_DEG:
+        return None
+    return min(max(turned[1] / max(turned[0], 1e-6), 1.0 / _STEEPEST), _STEEPEST)
