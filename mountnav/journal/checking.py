@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
+import logging
+import sqlite3
+import time
 from dataclasses import dataclass
 from datetime import datetime
 
 from sqlalchemy import URL, func, select, text
 from sqlalchemy.exc import SQLAlchemyError
 
-from mountnav.journal.database import connectable, file_of, shown_url
+from mountnav.journal.database import BUSY_S, connectable, file_of, shown_url
 from mountnav.journal.reading import JournalReader
 from mountnav.journal.records import CommandRecord
 from mountnav.journal.tables import HEAD, audit, command, entry, job, look, run
-from mountnav.journal.upgrading import require_today, unusable
+from mountnav.journal.upgrading import damaged_journal, require_today, unusable
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,9 +97,82 @@ def check(url: URL) -> Checked:
     )
 
 
+CHECK_S = 5.0
+"""So long the start of a service looks for damage: some 0.5 GB. What is beyond it `journal check` finds."""
+_STEPS = 10_000
+_HEAD_BYTES = 100
+
+
+def require_whole(url: URL) -> None:
+    """Raise `JournalDamaged` if a file of SQLite is shorter than it says [SQLite file format §1.3].
+
+    SQLite itself reads what is missing as zeros, which may pass for an empty text. With a write-ahead log
+    beside it nothing is said: what is missing may stand there.
+    """
+    file = file_of(url)
+    if file is None:
+        return
+    log = file.with_name(file.name + "-wal")
+    try:
+        if log.exists() and log.stat().st_size:
+            return
+        with file.open("rb") as opened:
+            head = opened.read(_HEAD_BYTES)
+        size = file.stat().st_size
+    except OSError:
+        # whoever opens it tells why it can't be read
+        return
+    if len(head) < _HEAD_BYTES or not head.startswith(b"SQLite format 3\0"):
+        return
+    page_bytes = int.from_bytes(head[16:18], "big")
+    page_bytes = 65_536 if page_bytes == 1 else page_bytes
+    told = page_bytes * int.from_bytes(head[28:32], "big")
+    # the count of pages counts if it was written with the last change
+    if head[24:28] == head[92:96] and size < told:
+        raise damaged_journal(f"the file has {size} bytes, and should have {told}", url)
+
+
+def require_sound(url: URL, *, most_s: float = CHECK_S) -> bool:
+    """Raise unless a file of SQLite is sound, as far as that can be seen in time. A server checks itself.
+
+    Returns
+    -------
+    bool
+        Whether all of it was looked at.
+
+    Raises
+    ------
+    JournalDamaged
+    JournalFailed
+        It can't be read.
+    """
+    file = file_of(url)
+    if file is None:
+        return True
+    deadline_s = time.monotonic() + most_s
+    try:
+        with contextlib.closing(sqlite3.connect(file, timeout=BUSY_S)) as connection:
+            connection.set_progress_handler(lambda: time.monotonic() > deadline_s, _STEPS)
+            told = [str(row[0]) for row in connection.execute("PRAGMA integrity_check(3)")]
+    except sqlite3.OperationalError as error:
+        if getattr(error, "sqlite_errorname", "") == "SQLITE_INTERRUPT":
+            _log.info("the journal %s was not looked through whole within %g s", file, most_s)
+            return False
+        raise unusable(error, url) from error
+    except sqlite3.DatabaseError as error:
+        raise unusable(error, url) from error
+    if told != ["ok"]:
+        raise damaged_journal(" ".join("; ".join(told).split()), url)
+    return True
+
+
 def _size_mb(url: URL) -> float | None:
     file = file_of(url)
     if file is None:
         return None
-    parts = (file, file.with_name(file.name + "-wal"))
-    return sum(part.stat().st_size for part in parts if part.exists()) / 1e6
+    size = 0
+    for part in (file, file.with_name(file.name + "-wal")):
+        # SQLite takes its log away when the last who has the journal open closes it
+        with contextlib.suppress(FileNotFoundError):
+            size += part.stat().st_size
+    return size / 1e6

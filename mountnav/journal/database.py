@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sqlite3
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,6 +13,7 @@ from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError
 from sqlalchemy.pool import NullPool
 
 from mountnav.errors import BadSettings, JournalFailed
+from mountnav.private_files import make_private, make_private_folder
 
 BUSY_S = 10.0
 """How long another writer, or a silent server, is waited for before it counts as a failure."""
@@ -107,13 +109,19 @@ def _sqlite(url: URL, access: Access) -> Engine:
     assert file is not None
     if access == "write":
         try:
-            file.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            make_private_folder(file.parent)
         except OSError as error:
             raise JournalFailed(
                 f"its folder can't be made: {error.strerror or error}",
                 device=str(file),
                 advice="give [journal] url a place that can be written",
             ) from error
+    if access == "write":
+        # what SQLite puts beside it (-wal, -shm) has the modes of the file itself
+        for one in (file, *_beside(file)):
+            with suppress(OSError):
+                # whoever opens it tells why it can't be
+                make_private(one)
     engine = create_engine(
         url, poolclass=NullPool, connect_args={"timeout": BUSY_S, "check_same_thread": False}
     )
@@ -134,6 +142,11 @@ def _sqlite(url: URL, access: Access) -> Engine:
         connection.exec_driver_sql("BEGIN IMMEDIATE" if access == "write" else "BEGIN")
 
     return engine
+
+
+def _beside(file: Path) -> list[Path]:
+    beside = (file.with_name(file.name + ending) for ending in ("-wal", "-shm"))
+    return [one for one in beside if one.exists()]
 
 
 def explained(error: Exception) -> str:

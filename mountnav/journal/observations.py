@@ -75,7 +75,7 @@ def observations(
 def observation_of(look: LookRecord) -> PointingObservation | None:
     """A solved look as an observation; None for one that can't be used."""
     seen = look.seen
-    if not look.solved or seen is None or look.before.slewing or look.after.slewing:
+    if not look.solved or look.reason or seen is None or look.before.slewing or look.after.slewing:
         return None
     reading = reading_at(look.before, look.after, look.utc)
     if reading is None:

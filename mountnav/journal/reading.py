@@ -25,7 +25,7 @@ from mountnav.journal.queries import chosen, tables_of
 from mountnav.journal.records import CommandEnd, CommandRecord, Entry, LookRecord
 from mountnav.journal.rows import command_of, end_of, entry_of, look_of
 from mountnav.journal.tables import command, entry, job, lease, look, run
-from mountnav.journal.upgrading import require_today
+from mountnav.journal.upgrading import is_begun, require_today
 from mountnav.journal.wanted import COMMAND, LOOK, Mark, Wanted
 
 _TABLES: tuple[Table, ...] = (run, entry, command, look)
@@ -92,7 +92,8 @@ class JournalReader:
         No such kind of database.
     """
 
-    def __init__(self, where: str | Path | URL) -> None:
+    def __init__(self, where: str | Path | URL, *, expected: bool = False) -> None:
+        self._expected = expected
         self.url = where if isinstance(where, URL) else database_url(where)
         self._engine = connectable(self.url, "read")
         self._checked = threading.Event()
@@ -272,6 +273,12 @@ class JournalReader:
     def _reading(self) -> Iterator[Connection]:
         file = file_of(self.url)
         if file is not None and not file.exists():
+            if self._expected:
+                raise JournalFailed(
+                    "it isn't there just now",
+                    device=str(file),
+                    advice="is its disk there? it is tried again by itself",
+                )
             raise Unknown(
                 f"there is no journal at {file}",
                 advice="the service makes it when it is first started; --journal names another",
@@ -279,6 +286,12 @@ class JournalReader:
         try:
             with self._engine.connect() as connection, connection.begin():
                 if not self._checked.is_set():
+                    if self._expected and not is_begun(connection, self.url):
+                        raise JournalFailed(
+                            "it couldn't be made yet: a file is there, and nothing in it",
+                            device=shown_url(self.url),
+                            advice="is there room on the disk, may it be written? it is tried again",
+                        )
                     require_today(connection, self.url)
                     self._checked.set()
                 yield connection

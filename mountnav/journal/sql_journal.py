@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
 import platform
 import threading
@@ -12,8 +13,9 @@ from pathlib import Path
 from sqlalchemy import URL, Connection, delete, insert, or_, select, update
 
 from mountnav import __version__
-from mountnav.errors import JournalFailed
+from mountnav.errors import JournalDamaged, JournalFailed
 from mountnav.journal.audit_rows import AuditRow, audit_values
+from mountnav.journal.checking import require_sound, require_whole
 from mountnav.journal.database import database_url, explained, shown_url
 from mountnav.journal.job_rows import JobRow, save_statement
 from mountnav.journal.lease_rows import LeaseRow, lease_statement
@@ -36,6 +38,8 @@ from mountnav.journal.upgrading import upgrade
 from mountnav.journal.writer import Fsync, Piece, Statements, Trouble, Writer
 from mountnav.sky.coordinates import utc_now
 
+_log = logging.getLogger(__name__)
+
 PATIENCE_S = 30.0
 
 
@@ -47,6 +51,7 @@ def open_journal(
     fsync: Fsync = "commands",
     keep_days: float = 0.0,
     max_size_mb: float = 0.0,
+    patient: bool = False,
 ) -> SqlJournal:
     """Open a journal for writing, made or brought up to date if need be. Blocks: call it in a thread.
 
@@ -65,18 +70,49 @@ def open_journal(
         Looks and passing notes older than this are removed; 0 keeps all.
     max_size_mb : float
         The oldest of them are removed when a file grows beyond this; 0 for no bound.
+    patient : bool
+        Where it can't be opened or written now, give one that has a `problem`, and is opened as soon as that
+        is possible: tried each second.
 
     Raises
     ------
     BadSettings
         No such kind of database, another program's, or a newer mountnav's.
+    JournalDamaged
+        It is damaged.
     JournalFailed
-        It can't be opened or written, or is damaged.
+        It can't be opened or written.
     """
     url = database_url(where)
-    upgrade(url)
-    journal = SqlJournal(url, inline=inline, fsync=fsync, thinning=Thinning(keep_days, max_size_mb))
-    journal.begin_run(settings_text)
+
+    def prepare() -> None:
+        require_whole(url)
+        upgrade(url)
+        require_sound(url)
+
+    opened = True
+    try:
+        prepare()
+    except JournalDamaged:
+        raise
+    except JournalFailed as failure:
+        if not patient:
+            raise
+        _log.error("the journal can't be opened, and is tried again each second: %s", failure)
+        opened = False
+    journal = SqlJournal(
+        url,
+        inline=inline,
+        fsync=fsync,
+        thinning=Thinning(keep_days, max_size_mb),
+        prepare=None if opened else prepare,
+    )
+    try:
+        journal.begin_run(settings_text, kept=patient)
+    except JournalFailed as failure:
+        if not patient:
+            raise
+        _log.error("the journal can't be written, and is tried again each second: %s", failure)
     return journal
 
 
@@ -89,15 +125,23 @@ class SqlJournal:
     inline : bool
     fsync : {"commands", "always", "never"}
     thinning : Thinning, optional
+    prepare : callable, optional
+        Called before it is first written, until it doesn't raise.
     """
 
     def __init__(
-        self, url: URL, *, inline: bool = False, fsync: Fsync = "commands", thinning: Thinning | None = None
+        self,
+        url: URL,
+        *,
+        inline: bool = False,
+        fsync: Fsync = "commands",
+        thinning: Thinning | None = None,
+        prepare: Callable[[], None] | None = None,
     ) -> None:
         self.run_id = new_id()
         self._url = url
         self._inline = inline
-        self._reader = JournalReader(url)
+        self._reader = JournalReader(url, expected=True)
         self._writer = Writer(
             url,
             fsync=fsync,
@@ -105,6 +149,7 @@ class SqlJournal:
             outlived=self._outlived,
             probe=self._probe,
             idle=thinning.step if thinning is not None and thinning.wanted else None,
+            prepare=prepare,
         )
 
     @property
@@ -125,7 +170,7 @@ class SqlJournal:
             return None
         return (
             f"the journal can't be written since {trouble.since_utc:%H:%M:%S} UTC: {trouble.why}; "
-            "nothing but a stop is sent to a mount until it can"
+            "nothing but a stop and a park is sent to a mount until it can"
         )
 
     @property
@@ -133,10 +178,17 @@ class SqlJournal:
         """Rows that are not written yet."""
         return self._writer.waiting
 
-    def begin_run(self, settings_text: str) -> None:
-        """Write down that the service begins, and what is new in its settings. Raises `JournalFailed`."""
+    def begin_run(self, settings_text: str, *, kept: bool = False) -> None:
+        """Write down that the service begins, and what is new in its settings.
+
+        Raises
+        ------
+        JournalFailed
+            It isn't written; with `kept` it will be.
+        """
         text = platform.node(), os.getpid(), __version__
-        self._now_or_raise(Piece(begin_run(self.run_id, *text, settings_text, utc_now()), durable=True))
+        begun = begin_run(self.run_id, *text, settings_text, utc_now())
+        self._now_or_raise(Piece(begun, durable=True, kept=kept))
 
     def close(self) -> None:
         """Write what waits, and that the service has ended. Blocks for 10 s at most."""
@@ -188,7 +240,9 @@ class SqlJournal:
 
     def note_now(self, one: Entry) -> None:
         """As `note`, from code that can't wait; never raises."""
-        self._writer.put(Piece(self._entry(one), kept=True, dispensable=True))
+        # the next start asks for it: a power cut right afterwards must not lose it
+        lasting = one.kind is EntryKind.STANDING
+        self._writer.put(Piece(self._entry(one), durable=lasting, kept=True, dispensable=not lasting))
 
     async def save_job(self, job: JobRow) -> None:
         """Write how a job stands; on the disk on return. Raises `JournalFailed`; kept and written later."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from sqlalchemy import URL, Connection, inspect, text
 from sqlalchemy.exc import OperationalError, SQLAlchemyError
 
-from mountnav.errors import BadSettings, JournalFailed
+from mountnav.errors import BadSettings, JournalDamaged, JournalFailed
 from mountnav.journal.database import BUSY_S, connectable, explained, file_of, shown_url
 from mountnav.journal.tables import HEAD, metadata
 
@@ -60,6 +60,11 @@ def require_today(connection: Connection, url: URL) -> None:
         )
 
 
+def is_begun(connection: Connection, url: URL) -> bool:
+    """Tell whether a journal of any version is there. Raises `BadSettings` for what isn't ours."""
+    return _checked(connection, url) is not None
+
+
 def unusable(error: Exception, url: URL) -> JournalFailed:
     """What to raise for a database's error at opening."""
     orig = getattr(error, "orig", error)
@@ -67,12 +72,21 @@ def unusable(error: Exception, url: URL) -> JournalFailed:
         "SQLITE_CORRUPT",
         "SQLITE_NOTADB",
     )
+    if damaged:
+        return damaged_journal(explained(error), url)
     return JournalFailed(
         explained(error),
         device=shown_url(url),
-        advice="it is damaged: move it away (`sqlite3 FILE .recover` may save most of it) and start again"
-        if damaged
-        else "is there room on the disk, may it be written, does the server run?",
+        advice="is there room on the disk, may it be written, does the server run?",
+    )
+
+
+def damaged_journal(why: str, url: URL) -> JournalDamaged:
+    """What to raise for a journal that is damaged."""
+    return JournalDamaged(
+        why,
+        device=shown_url(url),
+        advice="it is damaged: move it away (`sqlite3 FILE .recover` may save most of it) and start again",
     )
 
 

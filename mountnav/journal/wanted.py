@@ -11,6 +11,7 @@ from datetime import UTC, datetime, timedelta
 
 from mountnav.errors import BadRequest
 from mountnav.journal.records import EntryKind, Outcome
+from mountnav.parsing import json_of
 
 LOOK, COMMAND = "look", "command"
 KINDS = (LOOK, COMMAND, *(str(kind) for kind in EntryKind))
@@ -85,7 +86,7 @@ class Mark:
         """From that text. Raises `BadRequest`."""
         try:
             padded = text + "=" * (-len(text) % 4)
-            utc, table, row = json.loads(base64.urlsafe_b64decode(padded.encode("ascii")))
+            utc, table, row = json_of(base64.urlsafe_b64decode(padded.encode("ascii")))
             found = cls(datetime.fromisoformat(utc), int(table), int(row))
             dated = _EARLIEST <= found.utc.replace(tzinfo=None) <= _LATEST
             if found.utc.tzinfo is None or not dated or not 0 <= found.row < 2**62:

@@ -92,6 +92,8 @@ class Writer:
         A harmless write, to find out whether it is.
     idle : callable, optional
         A small piece of housekeeping; returns whether there is more of it.
+    prepare : callable, optional
+        Makes the database fit to be written; called before the first connection until it doesn't raise.
     """
 
     def __init__(
@@ -103,10 +105,13 @@ class Writer:
         outlived: Callable[[Trouble], Statements],
         probe: Statements,
         idle: Callable[[Connection], bool] | None = None,
+        prepare: Callable[[], None] | None = None,
     ) -> None:
         self._url = url
         self._file = file_of(url)
-        self._engine: Engine = connectable(url, "write")
+        self._prepare = prepare
+        # made when it is first needed: making it may fail as well
+        self._engine: Engine | None = None
         self._connection: Connection | None = None
         self._inode: tuple[int, int] | None = None
         self._synchronous: str | None = None
@@ -170,7 +175,8 @@ class Writer:
                 return
         with self._lock:
             self._disconnect()
-        self._engine.dispose()
+        if self._engine is not None:
+            self._engine.dispose()
 
     def _run(self) -> None:
         ending = False
@@ -302,8 +308,13 @@ class Writer:
                 if (found.st_dev, found.st_ino) != self._inode:
                     self._disconnect()
         if self._connection is None:
+            if self._prepare is not None:
+                self._prepare()
+                self._prepare = None
             if self._file is not None and not self._file.exists():
                 upgrade(self._url)
+            if self._engine is None:
+                self._engine = connectable(self._url, "write")
             self._connection = self._engine.connect()
             if self._file is not None:
                 found = self._file.stat()

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
 from mountnav.night.events import Act, CorrectionEnded, Decision, Why
-from mountnav.night.recorded import Recording, decision_of, event_of
 
-ARCSEC = 1.0
-"""Errors that differ by less are the same."""
+SAME_ARCSEC = 0.01
+"""Errors that differ by less are the same: the numbers go through a file, and are added up once more."""
+SAME_ANEW_ARCSEC = 1.0
+"""The same where the frame was identified anew, perhaps by another version."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,110 +37,85 @@ class Row:
 
 
 @dataclass(slots=True)
-class Heard:
-    """What a replay decides, as it is recorded."""
+class Judgement:
+    """One decision of each, with what came of it if it was a correction.
 
-    decisions: list[tuple[datetime, Decision]] = field(default_factory=list)
-    ends: list[CorrectionEnded] = field(default_factory=list)
-
-    def keep(self, kind: str, utc: datetime, facts: Mapping[str, object]) -> None:
-        """Keep decisions and ends of corrections."""
-        decision, event = facts.get("decision"), facts.get("event")
-        if isinstance(decision, Decision):
-            self.decisions.append((utc, decision))
-        if isinstance(event, CorrectionEnded):
-            self.ends.append(event)
-
-
-def compared(recording: Recording, heard: Heard, sources: Mapping[str, str]) -> tuple[Row, ...]:
-    """Each decision of either, in the order of time.
-
-    Parameters
+    Attributes
     ----------
-    recording : Recording
-    heard : Heard
-        Of the replay.
-    sources : mapping
-        Files of the frames, by their ids.
+    utc : datetime
+    source : str
+        Of the frame; empty for decisions about the night itself.
+    then, now : Decision or None
+    ended_then, ended_now : CorrectionEnded or None
+    anew : bool
+        Whether the frame was identified anew.
     """
-    then = [(line.utc, decision_of(line.facts["decision"])) for line in recording.of("decision")]
-    ends = [
-        event
-        for event in (event_of(line.facts["event"]) for line in recording.of("event"))
-        if isinstance(event, CorrectionEnded)
-    ]
-    recorded = _keyed([(utc, one) for utc, one in then if utc is not None], ends)
-    replayed = _keyed(heard.decisions, heard.ends)
-    rows = []
-    for key in sorted({**recorded, **replayed}, key=lambda one: _utc(recorded, replayed, one)):
-        before, after = recorded.get(key), replayed.get(key)
-        same = before is not None and after is not None and before.agrees(after)
-        what = sources.get(key[0], key[0]) or "night"
-        rows.append(
-            Row(
-                _utc(recorded, replayed, key),
-                Path(what).name,
-                "-" if before is None else str(before),
-                "-" if after is None else str(after),
-                same,
-            )
-        )
-    return tuple(rows)
 
-
-@dataclass(frozen=True, slots=True)
-class _Decided:
     utc: datetime
-    decision: Decision
-    end: CorrectionEnded | None
+    source: str
+    then: Decision | None
+    now: Decision | None
+    ended_then: CorrectionEnded | None = None
+    ended_now: CorrectionEnded | None = None
+    anew: bool = False
 
-    def agrees(self, other: _Decided) -> bool:
-        one, two = self.decision, other.decision
-        if (one.act, one.why) != (two.act, two.why):
+    @property
+    def row(self) -> Row:
+        """For people and programs."""
+        return Row(
+            self.utc,
+            Path(self.source).name or "night",
+            _told(self.then, self.ended_then),
+            _told(self.now, self.ended_now),
+            self._same(),
+        )
+
+    def _same(self) -> bool:
+        then, now = self.then, self.now
+        if then is None or now is None or (then.act, then.why) != (now.act, now.why):
             return False
-        if (one.error is None) != (two.error is None):
+        if (then.error is None) != (now.error is None):
             return False
-        if one.error is not None and two.error is not None:
-            east = abs(one.error.east_arcsec - two.error.east_arcsec)
-            north = abs(one.error.north_arcsec - two.error.north_arcsec)
-            if max(east, north) > ARCSEC:
+        if then.error is not None and now.error is not None:
+            east = abs(then.error.east_arcsec - now.error.east_arcsec)
+            north = abs(then.error.north_arcsec - now.error.north_arcsec)
+            if max(east, north) > (SAME_ANEW_ARCSEC if self.anew else SAME_ARCSEC):
                 return False
-        mine, its = self.end, other.end
-        if mine is None or its is None:
+        if self.ended_then is None or self.ended_now is None:
             # a recording that ends before the correction did can't tell
-            return mine is None
-        return (mine.outcome, mine.doubts) == (its.outcome, its.doubts)
-
-    def __str__(self) -> str:
-        decision = self.decision
-        told = f"{decision.act}: {decision.why}"
-        if decision.why is Why.DOUBTED:
-            told += f": {decision.text}"
-        if decision.error is not None:
-            told += f" ({decision.error.east_arcsec:+.1f}″, {decision.error.north_arcsec:+.1f}″)"
-        if self.end is not None:
-            told += f"; {self.end.outcome}"
-            if self.end.doubts:
-                told += f" ({', '.join(self.end.doubts)})"
-        return told
+            return self.ended_then is None
+        return (self.ended_then.outcome, self.ended_then.doubts) == (
+            self.ended_now.outcome,
+            self.ended_now.doubts,
+        )
 
 
-Key = tuple[str, int]
+def paired(
+    then: Sequence[Decision], now: Sequence[Decision]
+) -> Iterator[tuple[Decision | None, Decision | None]]:
+    """The decisions of one event, like with like: an event has one of each kind at most, in their order."""
+    before, after = ({_kind(one): one for one in some} for some in (then, now))
+    for kind in {**before, **after}:
+        yield before.get(kind), after.get(kind)
 
 
-def _keyed(decisions: list[tuple[datetime, Decision]], ends: list[CorrectionEnded]) -> dict[Key, _Decided]:
-    """Decisions by frame, and those about the night itself in their order."""
-    counts: dict[str, int] = {}
-    by_frame = {one.frame_id: one for one in ends}
-    keyed: dict[Key, _Decided] = {}
-    for utc, one in decisions:
-        of_frame = one.act in (Act.CORRECT, Act.LEAVE)
-        name = one.frame_id if of_frame else f"night, {one.act}"
-        number = counts[name] = counts.get(name, 0) + 1
-        end = by_frame.get(one.frame_id) if one.act is Act.CORRECT else None
-        keyed[(name, number)] = _Decided(utc, one, end)
-    return keyed
+def _kind(decision: Decision) -> str:
+    return "frame" if decision.act in (Act.CORRECT, Act.LEAVE) else str(decision.act)
 
 
-def _utc(recorded: dict[Key, _Decided], replayed: dict[Key, _Decided], key: Key) -> datetime:
-    return (recorded.get(key) or replayed[key]).utc
+def _told(decision: Decision | None, end: CorrectionEnded | None) -> str:
+    if decision is None:
+        return "-"
+    told = f"{decision.act}: {decision.why}"
+    if decision.why is Why.DOUBTED:
+        told += f": {decision.text}"
+    if decision.error is not None:
+        told += f" ({decision.error.east_arcsec:+.1f}″, {decision.error.north_arcsec:+.1f}″)"
+    if end is not None:
+        told += f"; {end.outcome}"
+        if end.doubts:
+            told += f" ({', '.join(end.doubts)})"
+    return told
+
+
+__all__ = ["Judgement", "Row", "paired"]

@@ -24,6 +24,8 @@ FIELDS_KEPT = 4
 FRAMES_PER_FOLLOWER = 100
 """Then the field is identified fully anew, and what was remembered of it is let go: memory doesn't grow."""
 UNKNOWN_FIELD_DEG = 0.5
+OTHER_PLACE_DEG = 0.5
+"""A header that names a place further from the mount's belief is asked too, when the belief leads nowhere."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +64,26 @@ class Placing(Protocol):
             Fully, whatever is known of the field.
         """
         ...
+
+
+async def placed_by(placing: Placing, frame: Frame, near: Icrs | None, *, fully: bool) -> Placed:
+    """Identify a frame; its header's place is asked where the mount's belief led nowhere.
+
+    Parameters
+    ----------
+    placing : Placing
+    frame : Frame
+    near : Icrs or None
+        Where the mount believed to be.
+    fully : bool
+    """
+    placed = await placing.place(frame, near, fully=fully)
+    told = frame.hint.center
+    elsewhere = near and told and separation_arcsec(near, told) > 3600.0 * OTHER_PLACE_DEG
+    if placed.verdict.solution is None and elsewhere:
+        again = await placing.place(frame, told, fully=True)
+        placed = again if again.verdict.solution is not None else placed
+    return placed
 
 
 @dataclass(slots=True)

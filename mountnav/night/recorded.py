@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -14,15 +13,19 @@ import numpy as np
 
 from mountnav.errors import BadRequest
 from mountnav.frames import Frame, Hint
-from mountnav.navigation.devices import MountReading, PierSide, SyncOutcome
-from mountnav.night.events import Act, CorrectionEnded, Decision, Said, Tick, Why, Word
+from mountnav.navigation.devices import MountReading, PierSide
+from mountnav.night.events import Act, Decision, Why
 from mountnav.night.recording import VERSION
-from mountnav.night.tape import RecordedSync
+from mountnav.parsing import json_of
+from mountnav.plain_files import MOST_RECORD_BYTES, read_text
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import Offset, half_turn_deg
 from mountnav.solution import IdentifiedPairs, Reason, Solution, Times, Verdict
 
 Json = dict[str, Any]
+
+_HEADER = '{"kind": "header"'
+"""How the first line of a run begins."""
 
 OF_NIGHT = "night: "
 """How the cause of a correction by a night begins."""
@@ -58,7 +61,7 @@ class Recording:
     header : dict
         Of the first run.
     lines : tuple of Line
-        In the order of their time.
+        In the order they were written: that of the events, also where a clock was set back.
     """
 
     path: Path
@@ -75,12 +78,25 @@ class Recording:
         return any(True for _ in self.of("wire"))
 
 
-_SYNCS: dict[str, SyncOutcome | None] = {
-    "done": SyncOutcome.SEEN,
-    "late": SyncOutcome.LATE,
-    "ignored": SyncOutcome.IGNORED,
-    "refused": None,
-}
+@dataclass(frozen=True, slots=True)
+class RecordedSync:
+    """What a sync changed of a mount's belief.
+
+    Attributes
+    ----------
+    utc : datetime
+        From then on its readings show it.
+    ra_deg, dec_deg : float
+        Belief after minus before, in the mount's own coordinates.
+    """
+
+    utc: datetime
+    ra_deg: float
+    dec_deg: float
+
+
+_CHANGED = ("done", "late", "elsewhere")
+"""Outcomes of a sync that changed its belief; another place taken did as well."""
 
 
 def read_recording(path: Path) -> Recording:
@@ -92,18 +108,19 @@ def read_recording(path: Path) -> Recording:
         It is none, with the line; or of another version.
     """
     try:
-        texts = path.read_text(encoding="utf-8").splitlines()
+        texts = read_text(path, MOST_RECORD_BYTES).splitlines()
     except (OSError, UnicodeDecodeError) as trouble:
         raise BadRequest(f"the recording can't be read: {trouble}", device=str(path)) from trouble
     lines: list[Line] = []
     for number, text in enumerate(texts, 1):
         try:
-            facts = json.loads(text)
+            facts = _with_place(json_of(text), f"line {number}", str(path))
             utc = None if facts["kind"] == "header" else datetime.fromisoformat(facts["utc"])
             lines.append(Line(number, str(facts["kind"]), utc, facts))
         except (ValueError, KeyError, TypeError) as trouble:
-            if number == len(texts):
-                break
+            if number == len(texts) or texts[number].startswith(_HEADER):
+                # a run of the service that was killed while it wrote
+                continue
             raise BadRequest(
                 f"line {number} is no line of a recording: {trouble}",
                 device=str(path),
@@ -115,14 +132,42 @@ def read_recording(path: Path) -> Recording:
             device=str(path),
             advice="give a file that night.record has written",
         )
-    if lines[0].facts.get("version") != VERSION:
-        raise BadRequest(f"a recording of version {lines[0].facts.get('version')}", device=str(path))
-    return Recording(path, lines[0].facts, tuple(_in_time(lines)))
+    other = next((one for one in lines if one.kind == "header" and one.facts.get("version") != VERSION), None)
+    if other is not None:
+        raise BadRequest(
+            f"line {other.number}: a recording of version {other.facts.get('version')}, not {VERSION}",
+            device=str(path),
+            advice="what its decisions hang on is not all in it: only the mountnav that wrote it can play it",
+        )
+    return Recording(path, lines[0].facts, tuple(_timed(lines)))
 
 
-def _in_time(lines: list[Line]) -> list[Line]:
-    """Lines in the order of their time; headers stay before what they head."""
-    ordered: list[Line] = []
+class _Facts(dict[str, Any]):
+    """What a line tells; a field that it doesn't have is told with its place."""
+
+    where = file = ""
+
+    def __missing__(self, key: str) -> Any:
+        raise BadRequest(
+            f"{self.where} has no {key!r}",
+            device=self.file,
+            advice="the recording is damaged: give a file that night.record has written",
+        )
+
+
+def _with_place(value: Any, where: str, file: str) -> Any:
+    """The same value, whose objects know which line they come from."""
+    if isinstance(value, list):
+        return [_with_place(one, where, file) for one in value]
+    if not isinstance(value, dict):
+        return value
+    facts = _Facts((key, _with_place(one, f"{where}, {key}", file)) for key, one in value.items())
+    facts.where, facts.file = where, file
+    return facts
+
+
+def _timed(lines: list[Line]) -> Iterator[Line]:
+    """The lines, headers with the time of what they head; one that heads nothing is left out."""
     for at, line in enumerate(lines):
         utc = line.utc
         if utc is None:
@@ -130,8 +175,7 @@ def _in_time(lines: list[Line]) -> list[Line]:
             later = (one.utc for one in lines[at + 1 :] if one.kind != "wire" and one.utc is not None)
             utc = next(later, None)
         if utc is not None:
-            ordered.append(replace(line, utc=utc))
-    return sorted(ordered, key=lambda line: (line.utc, line.number))
+            yield replace(line, utc=utc)
 
 
 def reading_of(record: Json) -> MountReading:
@@ -163,31 +207,6 @@ def icrs_or_none(record: Json | None) -> Icrs | None:
     return place if isinstance(place, Icrs) else None
 
 
-def event_of(record: Json) -> Tick | Said | CorrectionEnded:
-    """An event."""
-    utc = datetime.fromisoformat(record["utc"])
-    match record["is"]:
-        case "Tick":
-            return Tick(utc, float(record["sun_altitude_deg"]), str(record["night_id"]))
-        case "Said":
-            until = record["until"]
-            return Said(
-                utc,
-                Word(record["word"]),
-                str(record["why"]),
-                None if until is None else datetime.fromisoformat(until),
-                str(record["night_id"]),
-            )
-        case _:
-            return CorrectionEnded(
-                utc,
-                str(record["frame_id"]),
-                str(record["outcome"]),
-                _offset(record["meant"]),
-                tuple(record["doubts"]),
-            )
-
-
 def decision_of(record: Json) -> Decision:
     """A decision."""
     return Decision(
@@ -195,7 +214,7 @@ def decision_of(record: Json) -> Decision:
         Why(record["why"]),
         str(record["text"]),
         str(record["frame_id"]),
-        _offset(record["error"]),
+        offset_of(record["error"]),
         record["facts"],
     )
 
@@ -221,36 +240,19 @@ def verdict_of(record: Json) -> Verdict:
     return Verdict(solution, reason, str(record["detail"]), int(record["measured"]), Times())
 
 
-def syncs_of_night(recording: Recording) -> list[RecordedSync]:
-    """The syncs that the recorded night itself decided on, with what they changed."""
-    begun: dict[str, Json] = {}
-    found: list[RecordedSync] = []
-    for line in recording.of("command", "command-end"):
-        if line.kind == "command":
-            command = line.facts["command"]
-            begun[command["command_id"]] = command
-            continue
-        command = begun.pop(line.facts["command_id"], {})
-        end = line.facts["end"]
-        outcome = _SYNCS.get(end["outcome"], "unknown")
-        if not is_own_sync(command) or command["before"] is None or outcome == "unknown":
-            continue
-        before = place_of(command["before"]["place"])
-        place = after = place_of(command["place"])
-        if end["after"] is not None:
-            after = place_of(end["after"]["place"])
-        seen = outcome in (SyncOutcome.SEEN, SyncOutcome.LATE)
-        found.append(
-            RecordedSync(
-                datetime.fromisoformat(command["utc"]),
-                datetime.fromisoformat(end["utc"]),
-                place,
-                half_turn_deg(after.ra_deg - before.ra_deg) if seen else 0.0,
-                after.dec_deg - before.dec_deg if seen else 0.0,
-                None if outcome is None else SyncOutcome(outcome),
-            )
-        )
-    return found
+def sync_of(command: Json, end: Json) -> RecordedSync | None:
+    """What a recorded sync of the night's own changed of the mount's belief; None if it is no such sync."""
+    if not is_own_sync(command) or command["before"] is None or end["outcome"] not in _CHANGED:
+        return None
+    before = place_of(command["before"]["place"])
+    after = place_of(command["place"])
+    if end["after"] is not None:
+        after = place_of(end["after"]["place"])
+    return RecordedSync(
+        datetime.fromisoformat(end["utc"]),
+        half_turn_deg(after.ra_deg - before.ra_deg),
+        after.dec_deg - before.dec_deg,
+    )
 
 
 def is_own_sync(command: Mapping[str, Any]) -> bool:
@@ -263,7 +265,8 @@ def is_own(command: Mapping[str, Any]) -> bool:
     return str((command.get("cause") or {}).get("why", "")).startswith(OF_NIGHT)
 
 
-def _offset(record: Json | None) -> Offset | None:
+def offset_of(record: Json | None) -> Offset | None:
+    """An offset, where there is one."""
     if record is None:
         return None
     return Offset(float(record["east_arcsec"]), float(record["north_arcsec"]))

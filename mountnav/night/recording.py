@@ -1,9 +1,10 @@
 """A night kept in a file, as JSON lines: what came in and what was decided, in the order it happened.
 
-The first line of each run of the service is a header. Then come, each with its `utc`: `reading` (the mount),
-`event` (time, words, ends of corrections), `frame` (source, digest, its solution), `decision`, `wire` (what
-went over the mount's line), and, if the journal goes through `RecordedJournal`, `command`, `command-end` and
-`look`.
+The first line of each run of the service is a header. Then come, each with its `utc`: `state` (of the night,
+now and then), `frame` (source, digest, its solution, what the mount said meanwhile), `event` (numbered: time,
+words, frames, ends of corrections; with what was decided), `judged` (what a correction was judged by),
+`reading` (the mount), `wire` (what went over the mount's line), and, if the journal goes through
+`RecordedJournal`, `command`, `command-end` and `look`.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import json
 import logging
 import math
+import os
 import queue
 import threading
 from collections.abc import Callable, Mapping
@@ -28,7 +30,8 @@ from mountnav.solution import Solution, Verdict
 
 _log = logging.getLogger(__name__)
 
-VERSION = 1
+VERSION = 2
+"""1 did not hold what decisions hang on: played again, they differed."""
 MOST_WAITING = 100_000
 
 
@@ -98,8 +101,12 @@ class NightRecording:
                             file.close()
                         self._folder.mkdir(parents=True, exist_ok=True)
                         # whole lines reach the disk, however the program ends
-                        file = (self._folder / f"{item[0]}.jsonl").open("a", encoding="utf-8", buffering=1)
+                        path = self._folder / f"{item[0]}.jsonl"
+                        torn = _is_torn(path)
+                        file = path.open("a", encoding="utf-8", buffering=1)
                         name = item[0]
+                        if torn:
+                            file.write("\n")
                         file.write(
                             json.dumps({"kind": "header", "version": VERSION, **as_json(self._header)})
                         )
@@ -132,6 +139,12 @@ class RecordedJournal:
         self._journal = journal
         self._keep = keep
 
+    @property
+    def problem(self) -> str | None:
+        """Why the journal can't be written just now; None when all is well, or where it doesn't tell."""
+        told: str | None = getattr(self._journal, "problem", None)
+        return told
+
     async def look(self, record: LookRecord) -> None:
         """Write a look."""
         self._keep("look", record.utc, {"look": record})
@@ -159,6 +172,17 @@ class RecordedJournal:
     def note_now(self, entry: Entry) -> None:
         """Write anything else."""
         self._journal.note_now(entry)
+
+
+def _is_torn(path: Path) -> bool:
+    """Whether the last line of a file was cut off, as by a crash: the next one must not be glued to it."""
+    try:
+        with path.open("rb") as file:
+            file.seek(-1, os.SEEK_END)
+            return file.read(1) != b"\n"
+    except OSError:
+        # there is none yet, or nothing in it
+        return False
 
 
 def as_json(value: Any) -> Any:

@@ -1,58 +1,53 @@
-"""A recorded night once more: the same code, other rules if one likes, and what was decided otherwise.
+"""A recorded night once more: each decision from the very values that it was made of, and what is otherwise.
 
-Time is virtual. The mount is a tape; there is no port at all, so nothing can move.
+There is no mount, no clock and no order: events are given to the rules in their recorded order. What values
+can't tell again (the outcome of an order, what the journal remembered, what a camera's frames before prove)
+is taken as it was recorded. Decisions whose values are not all there are counted, not judged.
 """
 
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Protocol
+from typing import cast
 
-from mountnav.errors import BadFrame, MountnavError
+from mountnav.errors import SyncDoubt
 from mountnav.frames import Frame
-from mountnav.journal.memory import MemoryJournal
-from mountnav.journal.records import Journal
-from mountnav.navigation.devices import Mount
-from mountnav.night.comparing import Heard, Row, compared
+from mountnav.navigation.between_frames import By, Judged, forbids
+from mountnav.navigation.frame_compared import compared
+from mountnav.navigation.reports import Look
+from mountnav.navigation.sync_judge import decide as judge
+from mountnav.navigation.sync_occasions import Occasion
+from mountnav.navigation.sync_policy import SyncPolicy
+from mountnav.night.beliefs import Beliefs
+from mountnav.night.comparing import Judgement, Row, paired
 from mountnav.night.daylight import night_name, sun_altitude_deg
-from mountnav.night.events import Said, Tick, Word
-from mountnav.night.frames_in import FramesIn
-from mountnav.night.memory import remembered
-from mountnav.night.placing import Placed, Placing
+from mountnav.night.events import Act, CorrectionEnded, Decision, Event, FrameSeen, Tick
+from mountnav.night.frame_seen import Seen
+from mountnav.night.frames_in import Arrived
+from mountnav.night.memory import state_of as remembered_state
+from mountnav.night.memory import state_record
+from mountnav.night.placing import Placed, Placing, placed_by
 from mountnav.night.recorded import (
+    Json,
     Line,
     Recording,
-    event_of,
+    decision_of,
     frame_of,
     icrs_or_none,
-    is_own,
-    place_of,
+    sync_of,
     verdict_of,
 )
-from mountnav.night.rules import NightRules
-from mountnav.night.session import NightSession
-from mountnav.night.telescope import NightTelescope
-from mountnav.simulation.virtual_time import VirtualClock
-from mountnav.sky.coordinates import Icrs, Site
+from mountnav.night.recorded_inputs import event_of, judged_of, meanwhile_of, state_of
+from mountnav.night.rules import NightRules, decide
+from mountnav.night.states import NightState
+from mountnav.sky.coordinates import Site
 
 NEVER_LONGER_S = 3600.0
-
-
-class Opened(NightTelescope, Protocol):
-    """A telescope whose devices are opened and released."""
-
-    async def open(self) -> None:
-        """Open them."""
-        ...
-
-    async def close(self) -> None:
-        """Release them."""
-        ...
+"""A pause in the recording is played no longer than this (s of the night)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,49 +57,40 @@ class ReplayReport:
     Attributes
     ----------
     rows : tuple of Row
-        In the order of time.
+        The decisions that could be judged, in their order.
+    not_judged : int
+        Recorded decisions whose values are not all in the recording.
     frames : int
     solved_anew : int
         Frames that were identified anew from their files.
     missing : tuple of str
         Files that are gone or changed: their recorded solutions were taken.
+    after_missing : int
+        Frames that were identified together with a missing one: theirs were taken as well.
     notes : tuple of str
     """
 
     rows: tuple[Row, ...]
+    not_judged: int
     frames: int
     solved_anew: int
     missing: tuple[str, ...]
+    after_missing: int
     notes: tuple[str, ...]
 
     @property
     def same(self) -> bool:
-        """Whether everything was decided as it was then."""
-        return all(row.same for row in self.rows)
+        """Whether all that could be judged was decided as it was then; not if nothing could."""
+        return all(row.same for row in self.rows) and (bool(self.rows) or not self.not_judged)
 
 
-class AsRecorded:
-    """A `Placing` that answers with the recorded solutions, or lets a frame be identified anew.
-
-    Parameters
-    ----------
-    anew : Placing, optional
-        Who identifies frames whose files are there.
-    """
-
-    def __init__(self, anew: Placing | None = None) -> None:
-        self._anew = anew
-        self.now: Placed | None = None
-        self.there = False
-        self.solved_anew = 0
-
-    async def place(self, frame: Frame, near: Icrs | None, *, fully: bool) -> Placed:
-        """The recorded place of the present frame; or anew, if its file is there."""
-        if self._anew is not None and self.there:
-            self.solved_anew += 1
-            return await self._anew.place(frame, near, fully=fully)
-        assert self.now is not None
-        return self.now
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    arrived: Arrived
+    seen: Seen
+    moving: bool
+    segment: str
+    anew: bool
 
 
 @dataclass(slots=True)
@@ -118,14 +104,13 @@ class Replay:
         The recorded ones, or others.
     site : Site
     telescope_id : str
-    mount : Mount
-        The tape.
-    make_telescope : callable
-        ``make_telescope(mount, journal, clock)``: the navigator.
-    clock : VirtualClock
-        At the recording's beginning; its loop runs this.
-    anew : Placing or None
-        Identifies frames anew.
+    sync : SyncPolicy
+        By which corrections are judged.
+    other_rules : bool
+        Whether rules or policy are others than the recorded ones: then what was remembered of the night is
+        the replay's own.
+    anew : callable or None
+        Makes who identifies frames anew; one for each run of the service.
     read : callable
         Reads a frame's file if it is still what it was; None if it is not.
     speed : float
@@ -136,146 +121,325 @@ class Replay:
     rules: NightRules
     site: Site
     telescope_id: str
-    mount: Mount
-    make_telescope: Callable[[Mount, Journal, VirtualClock], Opened]
-    clock: VirtualClock
-    anew: Placing | None = None
+    sync: SyncPolicy
+    other_rules: bool = False
+    anew: Callable[[], Placing] | None = None
     read: Callable[[Path, str], Frame | None] = lambda path, digest: None
     speed: float = 0.0
-    heard: Heard = field(default_factory=Heard)
-    missing: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    sources: dict[str, str] = field(default_factory=dict)
+    _state: NightState | None = None
+    _known: bool = False
+    _run: str = ""
+    _next: int = 0
+    _placing: Placing | None = None
+    _now: datetime | None = None
+    _frames: dict[str, _Frame] = field(default_factory=dict)
+    _judged: dict[str, Judged] = field(default_factory=dict)
+    _commands: dict[str, Json] = field(default_factory=dict)
+    _correcting_then: str = ""
+    _correcting_now: str = ""
+    _judgements: list[Judgement] = field(default_factory=list)
+    _corrections: dict[str, Judgement] = field(default_factory=dict)
+    _beliefs: Beliefs = field(default_factory=Beliefs)
+    _sources: dict[str, str] = field(default_factory=dict)
+    _not_judged: int = 0
+    _count: int = 0
+    _solved_anew: int = 0
+    _missing: list[str] = field(default_factory=list)
+    _after_missing: int = 0
+    _gaps: int = 0
+    _other_catalogs: int = 0
+    _unjudged_corrections: int = 0
 
     async def run(self) -> ReplayReport:
-        """Play it to its end, and compare."""
-        journal = MemoryJournal()
-        placing = AsRecorded(self.anew)
-        telescope: Opened | None = None
-        session: NightSession | None = None
-        commands: dict[str, dict[str, object]] = {}
-        frames = 0
-        try:
-            for line in self.recording.lines:
-                await self._until(line.utc)
-                if line.kind == "header":
-                    # the service was started (again): all is new but for the journal
-                    if telescope is not None:
-                        await telescope.close()
-                    telescope = self.make_telescope(self.mount, journal, self.clock)
-                    await telescope.open()
-                    session = self._session(telescope, placing, journal)
-                    await session.begin()
-                    continue
-                if session is None or telescope is None:
-                    continue
-                if line.kind == "reading":
-                    await session.read_mount()
-                elif line.kind == "event":
-                    await _said(session, line)
-                elif line.kind == "frame":
-                    frames += 1
-                    await self._frame(session, placing, line)
-                elif line.kind == "command":
+        """Play it to its end, and compare. Once."""
+        for line in self.recording.lines:
+            await self._paced(line.utc)
+            match line.kind:
+                case "header":
+                    self._begun(line)
+                case "state":
+                    self._state_told(line)
+                case "frame":
+                    await self._frame(line)
+                case "event":
+                    self._event(line)
+                case "judged":
+                    self._judged[str(line.facts["frame_id"])] = judged_of(line.facts["judged"])
+                case "command":
                     command = line.facts["command"]
-                    commands[command["command_id"]] = command
-                elif line.kind == "command-end":
-                    command = commands.pop(line.facts["command_id"], {})
-                    await self._others(telescope, command, line.facts["end"])
-        finally:
-            if telescope is not None:
-                await telescope.close()
-        rows = compared(self.recording, self.heard, self.sources)
-        return ReplayReport(rows, frames, placing.solved_anew, tuple(self.missing), tuple(self.notes))
-
-    # -- the lines ----------------------------------------------------------------------------------------
-
-    def _session(self, telescope: NightTelescope, placing: Placing, journal: MemoryJournal) -> NightSession:
-        return NightSession(
-            telescope,
-            self.rules,
-            FramesIn(1_000_000),
-            placing,
-            name=self.telescope_id,
-            sun_altitude_deg=lambda utc: sun_altitude_deg(utc, self.site),
-            night_name=lambda utc: night_name(self.telescope_id, utc, self.site),
-            journal=journal,
-            clock=self.clock,
-            remembered=remembered(journal.entries),
-            recorder=self.heard,
+                    self._commands[command["command_id"]] = command
+                case "command-end":
+                    self._command_ended(self._commands.pop(line.facts["command_id"], None), line.facts["end"])
+        return ReplayReport(
+            tuple(one.row for one in self._judgements),
+            self._not_judged,
+            self._count,
+            self._solved_anew,
+            tuple(self._missing),
+            self._after_missing,
+            tuple(self._notes()),
         )
 
-    async def _until(self, utc: datetime | None) -> None:
-        """Let the time of a line come; at some speed, if one is set."""
-        if utc is None:
+    def _begun(self, line: Line) -> None:
+        """The service was started (again), or another night's file was begun: nothing is known."""
+        run, self._run = self._run, str(line.facts.get("begun_utc", ""))
+        if run and run == self._run:
+            # it wrote into another night's file meanwhile
             return
-        ahead_s = (utc - self.clock.utc()).total_seconds()
-        if ahead_s <= 0.0:
+        self._known = False
+        self._frames.clear()
+        self._correcting_then = self._correcting_now = ""
+        self._placing = None if self.anew is None else self.anew()
+
+    async def _paced(self, utc: datetime | None) -> None:
+        """Let the time of a line come, if a speed is set; what a clock was set back by takes no time."""
+        before, self._now = self._now, utc
+        if self.speed > 0.0 and before is not None and utc is not None:
+            ahead_s = (utc - before).total_seconds()
+            await asyncio.sleep(min(max(ahead_s, 0.0), NEVER_LONGER_S) / self.speed)
+
+    def _notes(self) -> list[str]:
+        notes = []
+        if self._gaps:
+            notes.append(f"{self._gaps} gaps in the recording: it is judged again from the next state on")
+        if self._unjudged_corrections:
+            notes.append(
+                f"{self._unjudged_corrections} corrections were not made then: taken as carried out, since "
+                "nobody knows what would have come of them"
+            )
+        if self._other_catalogs:
+            notes.append(f"{self._other_catalogs} frames were identified by another catalog than then")
+        return notes
+
+    # -- the state ----------------------------------------------------------------------------------------
+
+    def _state_told(self, line: Line) -> None:
+        """Begin with the recorded state, where none is known."""
+        if self._known:
             return
-        if self.speed > 0.0:
-            await asyncio.to_thread(time.sleep, min(ahead_s, NEVER_LONGER_S) / self.speed)
-        await self.clock.sleep(ahead_s)
+        told, own = state_of(line.facts["state"]), self._state
+        if self.other_rules and own is not None and own.night_id == told.night_id:
+            # by other rules another night was remembered, in its own way; what the restart found is the same
+            own = remembered_state(state_record(own))
+            slept = own.running and not told.running
+            told = replace(own, phase=told.phase, under_way=None, evidence=None) if slept else own
+        self._state, self._known, self._next = told, True, int(line.facts["number"])
 
-    async def _frame(self, session: NightSession, placing: AsRecorded, line: Line) -> None:
-        told = line.facts["arrived"]
-        source, digest = str(told["source"]), str(told["digest"])
-        self.sources[str(told["frame_id"])] = source
-        frame: Frame | None = None
-        placing.now, placing.there = None, False
-        if "placed" in line.facts:
-            placed = line.facts["placed"]
-            placing.now = Placed(verdict_of(placed["verdict"]), bool(placed["fully"]), str(placed["field"]))
-            frame = frame_of(line.facts["frame"], source)
-            if self.anew is not None:
-                frame = await self._from_file(Path(source), digest, placing) or frame
-        detail = str(line.facts.get("detail", ""))
+    # -- frames -------------------------------------------------------------------------------------------
 
-        def read() -> Frame:
-            if frame is None:
-                raise BadFrame(detail)
-            return frame
-
-        session.frames.offer(
-            source,
-            digest,
-            read,
-            datetime.fromisoformat(told["arrived_utc"]),
-            held=bool(told["held"]),
-            target=icrs_or_none(told["target"]),
-            pixels=bool(told["pixels"]),
+    async def _frame(self, line: Line) -> None:
+        """What the rules are to be told of a frame, made anew of what was known of it."""
+        facts = line.facts
+        arrived = _arrived(facts["arrived"])
+        self._count += 1
+        self._sources[arrived.frame_id] = arrived.source
+        if "placed" not in facts:
+            return
+        told = facts["placed"]
+        placed = Placed(verdict_of(told["verdict"]), bool(told["fully"]), str(told["field"]))
+        frame = frame_of(facts["frame"], arrived.source)
+        again = await self._placed_anew(arrived, facts)
+        if again is not None:
+            self._other_catalogs += _catalog(again[1]) not in ("", _catalog(placed))
+            frame, placed = again
+        middle = frame.mid_exposure_utc
+        if "meanwhile" not in facts or middle is None:
+            return
+        meanwhile = self._beliefs.of(meanwhile_of(facts["meanwhile"]))
+        looked = compared(frame, placed.verdict, middle, meanwhile, look_id=arrived.frame_id)
+        seen = Seen(frame, placed, looked)
+        segment = self._beliefs.segment(str(facts["segment"]))
+        self._frames[arrived.frame_id] = _Frame(
+            arrived, seen, bool(facts["moving"]), segment, again is not None
         )
-        await session.take(await session.frames.next())
 
-    async def _from_file(self, path: Path, digest: str, placing: AsRecorded) -> Frame | None:
-        frame = await asyncio.to_thread(self.read, path, digest)
-        if frame is None:
-            self.missing.append(str(path))
+    async def _placed_anew(
+        self, arrived: Arrived, facts: Mapping[str, object]
+    ) -> tuple[Frame, Placed] | None:
+        """The frame identified from its file; None where it can't be, as one before it was missing."""
+        if self.anew is None:
             return None
-        placing.there = True
-        return frame
+        frame = await asyncio.to_thread(self.read, Path(arrived.source), arrived.digest)
+        if frame is None:
+            # what follows is identified by shifts from frames before
+            self._missing.append(arrived.source)
+            self._placing = None
+            return None
+        if self._placing is None:
+            self._after_missing += 1
+            return None
+        self._solved_anew += 1
+        frame = replace(frame, source=arrived.source)
+        near = icrs_or_none(cast("Json | None", facts["near"]))
+        return frame, await placed_by(self._placing, frame, near, fully=bool(facts["fully"]))
 
-    async def _others(
-        self, telescope: NightTelescope, command: Mapping[str, object], end: Mapping[str, object]
-    ) -> None:
-        """What somebody else ordered through the service: told to the navigator's mount, as it was then."""
-        if not command or is_own(command) or end.get("outcome") not in ("done", "late"):
+    # -- events -------------------------------------------------------------------------------------------
+
+    def _event(self, line: Line) -> None:
+        number, then = int(line.facts["number"]), [decision_of(one) for one in line.facts["decisions"]]
+        if self._known and number != self._next:
+            self._known = False
+            self._gaps += 1
+        self._next = number + 1
+        if not self._known:
+            self._not_judged += len(then)
             return
-        order, place = command.get("order"), command.get("place")
-        mount = telescope.mount
-        act = getattr(mount, {"set-park": "set_park"}.get(str(order), str(order)), None)
-        try:
-            if order in ("slew", "sync") and isinstance(place, dict) and act is not None:
-                await act(place_of(place))
-            elif order in ("park", "unpark", "home", "stop") and act is not None:
-                await act()
-        except MountnavError as error:
-            self.notes.append(f"{order} of the recording: {error}")
+        event = self._of_now(event_of(line.facts["event"]))
+        if event is None:
+            return
+        for before, after in paired(then, self._decided(event)):
+            self._compare(event, before, after)
+
+    def _of_now(self, event: Event) -> Event | None:
+        """An event as the present code and rules know it; None if it doesn't happen."""
+        match event:
+            case Tick():
+                utc = event.utc
+                name = night_name(self.telescope_id, utc, self.site)
+                return Tick(utc, sun_altitude_deg(utc, self.site), name)
+            case FrameSeen():
+                known = self._frames.get(event.frame_id)
+                if known is None:
+                    return event
+                return known.seen.event(known.arrived, event.utc, moving=known.moving, segment=known.segment)
+            case CorrectionEnded():
+                return self._ended(event)
+        return event
+
+    def _decided(self, event: Event) -> tuple[Decision, ...]:
+        assert self._state is not None
+        self._state, decisions = decide(self._state, event, self.rules)
+        return decisions
+
+    def _compare(self, event: Event, then: Decision | None, now: Decision | None) -> None:
+        frame_id = next((one.frame_id for one in (then, now) if one is not None and one.frame_id), "")
+        known = self._frames.get(frame_id)
+        judgement = Judgement(
+            event.utc,
+            self._sources.get(frame_id, frame_id),
+            then,
+            now,
+            anew=known is not None and known.anew,
+        )
+        self._judgements.append(judgement)
+        corrects_then = then is not None and then.act is Act.CORRECT
+        corrects_now = now is not None and now.act is Act.CORRECT
+        if corrects_then:
+            self._correcting_then = frame_id
+        if corrects_now:
+            self._correcting_now = frame_id
+        if corrects_then or corrects_now:
+            self._corrections[frame_id] = judgement
+        if corrects_now and not corrects_then:
+            self._made_now(event.utc, frame_id, judgement)
+
+    # -- corrections --------------------------------------------------------------------------------------
+
+    def _ended(self, event: CorrectionEnded) -> CorrectionEnded | None:
+        """The end of a correction: as recorded, where it was judged as it was then."""
+        self._correcting_then = ""
+        judgement = self._corrections.get(event.frame_id)
+        if judgement is not None:
+            judgement.ended_then = event
+        if self._state is None or self._state.under_way != event.frame_id:
+            return None
+        now = self._end_of(event)
+        self._correcting_now = ""
+        if judgement is not None:
+            judgement.ended_now = now
+        return now
+
+    def _end_of(self, event: CorrectionEnded) -> CorrectionEnded:
+        frame_id, judged = event.frame_id, self._judged.get(event.frame_id)
+        if judged is None:
+            # it ended before it was judged
+            return event
+        if self._beliefs.changed:
+            # nobody knows what would have been expected
+            return self._done(event.utc, frame_id) if event.outcome == "done" else event
+        doubts = self._doubts(frame_id, judged)
+        if doubts == judged.doubts and self._by == judged.by:
+            return event
+        if forbids(doubts, self._by):
+            told = tuple(str(one) for one in doubts)
+            return CorrectionEnded(event.utc, frame_id, "refused", None, told)
+        if self._by == judged.by and not forbids(judged.doubts, judged.by):
+            return event
+        self._unjudged_corrections += 1
+        self._carried_out(event.utc, frame_id)
+        return self._done(event.utc, frame_id)
+
+    def _doubts(self, frame_id: str, judged: Judged) -> tuple[SyncDoubt, ...]:
+        """What stands against a correction, judged anew by what it was judged by."""
+        look = self._look(frame_id)
+        if look is None:
+            return judged.doubts
+        return judge(look, Occasion.NIGHT, self.sync, judged.context).doubts
+
+    def _made_now(self, utc: datetime, frame_id: str, judgement: Judgement) -> None:
+        """A correction that wasn't made then is taken as carried out: the frames don't show it."""
+        self._unjudged_corrections += 1
+        self._carried_out(utc, frame_id)
+        judgement.ended_now = self._done(utc, frame_id)
+        self._correcting_now = ""
+        self._decided(judgement.ended_now)
+
+    def _carried_out(self, utc: datetime, frame_id: str) -> None:
+        look = self._look(frame_id)
+        if self._by == "sync" and look is not None:
+            self._beliefs.made(utc, look, recorded=None)
+
+    def _done(self, utc: datetime, frame_id: str) -> CorrectionEnded:
+        look = self._look(frame_id)
+        meant = look.offset if look is not None and self._by != "sync" else None
+        return CorrectionEnded(utc, frame_id, "done", meant)
+
+    def _command_ended(self, command: Json | None, end: Json) -> None:
+        """A sync of the recorded night: made now as well, or not, or another one."""
+        sync = None if command is None else sync_of(command, end)
+        if sync is None or not self._correcting_then:
+            return
+        frame_id = self._correcting_then
+        judged = self._judged.get(frame_id)
+        made = self._correcting_now == frame_id and self._by == "sync"
+        if made and judged is not None and not self._beliefs.changed:
+            made = not forbids(self._doubts(frame_id, judged), self._by)
+        if not made:
+            self._beliefs.unmade(sync)
+        elif self._beliefs.changed:
+            look = self._look(frame_id)
+            if look is not None:
+                self._beliefs.made(sync.utc, look, recorded=sync)
+
+    def _look(self, frame_id: str) -> Look | None:
+        known = self._frames.get(frame_id)
+        return None if known is None else known.seen.looked.look
+
+    @property
+    def _by(self) -> By:
+        # "nothing" never decides to correct
+        return cast("By", self.rules.correct_by)
 
 
-async def _said(session: NightSession, line: Line) -> None:
-    event = event_of(line.facts["event"])
-    if isinstance(event, Tick):
-        await session.tick()
-    elif isinstance(event, Said) and event.word is not Word.RESTARTED:
-        for_s = None if event.until is None else (event.until - event.utc).total_seconds()
-        await session.say(event.word, event.why, for_s=for_s)
+def _catalog(placed: Placed) -> str:
+    solution = placed.verdict.solution
+    return "" if solution is None else solution.catalog
+
+
+def _arrived(record: Json) -> Arrived:
+    def read() -> Frame:
+        raise AssertionError("a replay reads frames by itself")
+
+    return Arrived(
+        str(record["frame_id"]),
+        str(record["source"]),
+        str(record["digest"]),
+        datetime.fromisoformat(record["arrived_utc"]),
+        read,
+        held=bool(record["held"]),
+        target=icrs_or_none(record["target"]),
+        pixels=bool(record["pixels"]),
+    )
+
+
+__all__ = ["Replay", "ReplayReport"]

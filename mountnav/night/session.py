@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from typing import cast
@@ -25,24 +25,24 @@ from mountnav.night.events import (
     Tick,
     Word,
 )
+from mountnav.night.events_kept import EventsKept
 from mountnav.night.frame_seen import Seen
 from mountnav.night.frames_in import Arrived, FrameAnswer, FramesIn, facts_of
 from mountnav.night.memory import FRAME, Remembered
 from mountnav.night.noting import Listen, NightNotes, Recorder, Unrecorded
 from mountnav.night.parking import MakeWay, NightParking
-from mountnav.night.placing import Placing
+from mountnav.night.placing import Placing, placed_by
 from mountnav.night.rules import NightRules, decide
 from mountnav.night.states import NightState, Phase
 from mountnav.night.telescope import By, NightTelescope
 from mountnav.sky.coordinates import Icrs
-from mountnav.sky.sphere import displaced, separation_arcsec
+from mountnav.sky.sphere import displaced
+from mountnav.tasks import waited_for
 
 _log = logging.getLogger(__name__)
 
 READINGS_MISSED = 3
 """So many readings in a row that fail, and the mount counts as lost."""
-OTHER_PLACE_DEG = 0.5
-"""A header that names a place further from the mount's belief is asked too, when the belief leads nowhere."""
 HALT_S = 60.0
 
 
@@ -123,6 +123,7 @@ class NightSession:
         self._notes = NightNotes(name, journal or Unwritten(), self._clock, self._listen)
         self._parking = NightParking(telescope, name, self._notes, self._listen, self._clock, make_way)
         self._recorder = recorder or Unrecorded()
+        self._events = EventsKept(self._recorder, night_name)
         self._state = NightState()
         self._remembered = remembered
         self._drifting = Drifting()
@@ -224,10 +225,11 @@ class NightSession:
             return await self._header_alone(arrived, frame, answer)
         # one reading at least must come after the exposure
         await self.read_mount()
+        inputs: dict[str, object] = {"arrived": arrived, "frame": frame}
         try:
-            seen = await self._seen(frame)
+            seen = await self._seen(frame, inputs)
         except (BadFrame, DeviceError, JournalFailed) as trouble:
-            return await self._left(arrived, answer, str(trouble))
+            return await self._left(arrived, answer, str(trouble), inputs)
         solution = seen.placed.verdict.solution
         look = seen.looked.look
         event = seen.event(
@@ -236,7 +238,8 @@ class NightSession:
             moving=self._telescope.activity != "idle",
             segment=self._telescope.mount.segment_id,
         )
-        self._record_frame(arrived, seen)
+        inputs |= {"moving": event.moving, "segment": event.segment}
+        self._recorder.keep("frame", event.utc, inputs)
         if look is not None and frame.mid_exposure_utc is not None and not seen.looked.doubts:
             point = DriftPoint(frame.mid_exposure_utc, look.offset, event.sigma_arcsec)
             self._drifting.add(seen.placed.field, event.segment, point)
@@ -258,23 +261,29 @@ class NightSession:
             answer = replace(answer, outcome=outcome)
         return answer
 
-    async def _seen(self, frame: Frame) -> Seen:
-        """Identify and compare; the header's place is asked where the mount's belief led nowhere."""
+    async def _seen(self, frame: Frame, inputs: dict[str, object]) -> Seen:
+        """Identify and compare; `inputs` is told all that this goes by, as far as it came."""
         fully = self._state.phase is Phase.CALIBRATING
         middle = frame.mid_exposure_utc
         near = None if middle is None else self._telescope.believed(middle)
-        placed = await self._placing.place(frame, near, fully=fully)
-        told = frame.hint.center
-        elsewhere = near and told and separation_arcsec(near, told) > 3600.0 * OTHER_PLACE_DEG
-        if placed.verdict.solution is None and elsewhere:
-            again = await self._placing.place(frame, told, fully=True)
-            placed = again if again.verdict.solution is not None else placed
-        return Seen(frame, placed, await self._telescope.frame(frame, placed.verdict, used="night"))
+        inputs |= {"near": near, "fully": fully}
+        placed = await placed_by(self._placing, frame, near, fully=fully)
+        inputs["placed"] = placed
+        looked = await self._telescope.frame(frame, placed.verdict, used="night")
+        inputs["meanwhile"] = looked.meanwhile
+        return Seen(frame, placed, looked)
 
-    async def _left(self, arrived: Arrived, answer: FrameAnswer, detail: str) -> FrameAnswer:
+    async def _left(
+        self,
+        arrived: Arrived,
+        answer: FrameAnswer,
+        detail: str,
+        inputs: Mapping[str, object] | None = None,
+    ) -> FrameAnswer:
         """Answer for a frame that was not looked at."""
-        self._recorder.keep("frame", self._clock.utc(), {"arrived": arrived, "detail": detail})
-        event = FrameSeen(self._clock.utc(), arrived.frame_id, arrived.arrived_utc, detail=detail)
+        now = self._clock.utc()
+        self._recorder.keep("frame", now, {"arrived": arrived, **(inputs or {}), "detail": detail})
+        event = FrameSeen(now, arrived.frame_id, arrived.arrived_utc, detail=detail)
         return replace(answer, decision=_of_frame(await self._happened(event)), detail=detail)
 
     async def _header_alone(self, arrived: Arrived, frame: Frame, answer: FrameAnswer) -> FrameAnswer:
@@ -294,8 +303,14 @@ class NightSession:
             wanted = displaced(look.seen, -decision.error.east_arcsec, -decision.error.north_arcsec)
         outcome, meant, told = "unknown", None, ""
         doubts: tuple[str, ...] = ()
+
+        def heard(judged: object) -> None:
+            self._recorder.keep(
+                "judged", self._clock.utc(), {"frame_id": decision.frame_id, "judged": judged}
+            )
+
         with because(look_id=look.look_id, why=f"night: {decision.text}"):
-            task = asyncio.ensure_future(self._telescope.correct(look, by=by, target=wanted, key=field))
+            task = waited_for(self._telescope.correct(look, by=by, target=wanted, key=field, heard=heard))
             self._correcting = task
             try:
                 done = await task
@@ -328,9 +343,7 @@ class NightSession:
 
     def _forget_correction(self, look: Look, decision: Decision, outcome: str) -> None:
         """On the way out: leave a row, without waiting."""
-        self._state, _ = decide(
-            self._state, CorrectionEnded(self._clock.utc(), decision.frame_id, outcome), self.rules
-        )
+        self._decide(CorrectionEnded(self._clock.utc(), decision.frame_id, outcome))
         self._notes.decided_now(decision, self._state, ended=outcome)
 
     async def _halt(self) -> None:
@@ -345,19 +358,15 @@ class NightSession:
 
     async def _happened(self, event: Event) -> tuple[Decision, ...]:
         """Let the rules decide, write it down, and do what is to be done at once."""
-        if not isinstance(event, FrameSeen):
-            self._recorder.keep("event", event.utc, {"event": event})
-        self._state, decisions = decide(self._state, event, self.rules)
+        decisions = self._decide(event)
         state = self._state
         for decision in decisions:
             self._last = decision
             self._parking.decided(decision)
-            self._recorder.keep("decision", event.utc, {"decision": decision})
             written = await self._notes.decided(decision, state)
             if decision.act is Act.CORRECT and not written:
                 # what leaves no trace isn't done
-                failed = CorrectionEnded(self._clock.utc(), decision.frame_id, "failed")
-                self._state, _ = decide(self._state, failed, self.rules)
+                self._decide(CorrectionEnded(self._clock.utc(), decision.frame_id, "failed"))
                 return tuple(_unwritten(one) if one is decision else one for one in decisions)
             if decision.act is Act.HALT:
                 await self._halt()
@@ -365,12 +374,12 @@ class NightSession:
                 await self._parking.park(decision, self._state.night_id)
         return decisions
 
-    def _record_frame(self, arrived: Arrived, seen: Seen) -> None:
-        self._recorder.keep(
-            "frame",
-            self._clock.utc(),
-            {"arrived": arrived, "frame": seen.frame, "placed": seen.placed},
-        )
+    def _decide(self, event: Event) -> tuple[Decision, ...]:
+        """Let the rules decide, and keep what they decided by: no event passes them but here."""
+        before = self._state
+        self._state, decisions = decide(before, event, self.rules)
+        self._events.keep(before, event, decisions)
+        return decisions
 
 
 def _of_frame(decisions: tuple[Decision, ...]) -> Decision | None:

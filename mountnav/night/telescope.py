@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from datetime import datetime
 from typing import Literal, Protocol
 
 from mountnav.errors import SyncDoubt
 from mountnav.frames import Frame
 from mountnav.navigation.devices import MountReading
+from mountnav.navigation.readings_kept import Meanwhile
 from mountnav.navigation.reports import Look
 from mountnav.sky.coordinates import Icrs
 from mountnav.solution import Verdict
@@ -31,6 +33,11 @@ class FrameLooked(Protocol):
     @property
     def why(self) -> str:
         """In words."""
+        ...
+
+    @property
+    def meanwhile(self) -> Meanwhile | None:
+        """What it was compared by, for recordings."""
         ...
 
 
@@ -85,8 +92,16 @@ class NightTelescope(Protocol):
         """
         ...
 
-    async def correct(self, look: Look, *, by: By, target: Icrs | None, key: str) -> Corrected:
-        """Correct the mount by a look, guarded.
+    async def correct(
+        self,
+        look: Look,
+        *,
+        by: By,
+        target: Icrs | None,
+        key: str,
+        heard: Callable[[object], None] | None = None,
+    ) -> Corrected:
+        """Correct the mount by a look, guarded; `heard` is told what it is judged by, before it is done.
 
         Raises `SyncRefused`, `Busy`, `OutsideLimits`, `DeviceError`.
         """

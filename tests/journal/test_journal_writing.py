@@ -208,7 +208,7 @@ def test_a_full_disk_refuses_commands_and_is_outlived(file: Path, how: str) -> N
     told = json.loads(done.stdout)
     assert told["refused"] == 3
     assert "can't be written" in told["told"]
-    assert "nothing but a stop is sent" in told["problem"]
+    assert "nothing but a stop and a park is sent" in told["problem"]
     assert told["end"] == "owed"
     # when there is room again: end and stop were kept, the refused commands were never sent, nor written
     assert told["after"] is None
