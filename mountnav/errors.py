@@ -7,8 +7,11 @@
     │   ├── DeviceMissing           device-missing       yes       no such port, or it can't be opened
     │   ├── DeviceSilent            device-silent        yes       no answer within the deadline
     │   ├── DeviceGarbled           device-garbled       yes       answers that match nothing
+    │   ├── CameraStale             camera-stale         no        the camera hands out old frames as new
     │   ├── DeviceRefused           device-refused       no        the device said no
-    │   └── SyncIgnored             sync-ignored         no        it said yes, and nothing changed
+    │   ├── RefusedButDone          refused-but-done     no        it said no, and did it all the same
+    │   ├── SyncIgnored             sync-ignored         no        it said yes, and nothing changed
+    │   └── SyncElsewhere           sync-elsewhere       no        it took another place than it was told
     ├── SkyError                                                   sky side
     │   ├── NotSolved               solve-failed         yes       the frame was not identified (reason)
     │   ├── OffsetImplausible       offset-too-large     no        solved, but too far off to be believed
@@ -93,6 +96,8 @@ class Refusal(StrEnum):
     PARKED = "parked"
     BUSY = "busy"
     UNTRUSTED = "untrusted"
+    SITE_OR_TIME = "site-or-time"
+    """Mount and settings contradict each other on where it stands or what time it is."""
     NOT_ALIGNED = "not-aligned"
     NOT_TRACKING = "not-tracking"
     UNSUPPORTED = "unsupported"
@@ -124,10 +129,31 @@ class DeviceRefused(DeviceError):
         self.reason = reason
 
 
+class CameraStale(DeviceError):
+    """The camera hands out frames from before as if they were new: the same pixels, or the sky of before."""
+
+    slug = "camera-stale"
+
+
+class RefusedButDone(DeviceError):
+    """The device said no, and did what it was ordered all the same; its position counts no more.
+
+    No `DeviceRefused`: whoever goes on after a refusal must not go on after this.
+    """
+
+    slug = "refused-but-done"
+
+
 class SyncIgnored(DeviceError):
     """The device accepted a sync and its reading did not follow."""
 
     slug = "sync-ignored"
+
+
+class SyncElsewhere(DeviceError):
+    """The device took another place than it was synced to (half of it, say); its position counts no more."""
+
+    slug = "sync-elsewhere"
 
 
 class SkyError(MountnavError):
@@ -216,6 +242,7 @@ class SyncDoubt(StrEnum):
     MOVED = "mount-moved"
     NEAR_MERIDIAN = "too-near-the-meridian"
     NEAR_POLE = "too-near-the-pole"
+    TOLD_TOO_MUCH = "told-syncs-add-up-to-too-much"
     TOO_LOW = "altitude-too-low"
     ODDS = "odds-too-low"
     FEW_STARS = "too-few-stars"
@@ -223,6 +250,7 @@ class SyncDoubt(StrEnum):
     ROTATION = "rotation-not-as-before"
     PARITY = "parity-not-as-before"
     WRONG_SIDE = "pier-side-misreported"
+    NOT_FRESH = "frame-not-proven-new"
     NOT_TRACKING = "not-tracking"
 
 
@@ -273,6 +301,7 @@ class NotReached(StrEnum):
     WORSE = "corrections-make-it-worse"
     SLIPPING = "pointing-jumps-from-slew-to-slew"
     REST = "came-to-rest-elsewhere"
+    RESTLESS = "tube-does-not-hold-still"
     SIDE = "wrong-side"
     POLE = "hole-at-the-pole"
     OTHER = "other"
@@ -340,10 +369,16 @@ class Unknown(UserError):
 
 
 class JournalFailed(MountnavError):
-    """The journal can't be written: nothing is ordered that would leave no trace, but a stop."""
+    """The journal can't be written: nothing is ordered that would leave no trace, but a stop or a park."""
 
     slug = "journal-failed"
     retryable = True
+
+
+class JournalDamaged(JournalFailed):
+    """The journal's file is damaged: it is never used, nor replaced by itself."""
+
+    retryable = False
 
 
 class StarsUnavailable(MountnavError):

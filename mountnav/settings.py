@@ -11,6 +11,8 @@ from pydantic import ConfigDict, Field, ValidationError, field_validator, model_
 from pydantic_core import PydanticCustomError
 
 from mountnav.errors import BadSettings
+from mountnav.parsing import toml_of
+from mountnav.plain_files import read_text
 from mountnav.settings_alpaca_camera import AlpacaCameraSettings
 from mountnav.settings_catalogs import CatalogsSettings
 from mountnav.settings_centering import CenteringSettings
@@ -82,14 +84,31 @@ class MountErrorSettings(Section):
 class MountSettings(Section):
     """`mount` of a telescope. `slew_rate_deg_s` and `errors` are for the fake mount alone."""
 
-    url: str = Field(pattern=r"^[a-z][a-z0-9]*(\+[a-z0-9]+)?://")
+    url: str
     epoch: Literal["apparent", "icrs"] | None = None
     set_clock: bool = False
     set_site: bool = False
     trust_on_connect: bool = True
+    swap_sides: bool = False
+    dtr: bool | None = None
+    rts: bool | None = None
+    settle_s: float | None = Field(default=None, ge=0, le=120)
     mounting: Literal["german", "fork", "altaz"] | None = None
     slew_rate_deg_s: float | None = Field(default=None, gt=0, le=360)
     errors: MountErrorSettings | None = None
+
+    @field_validator("url")
+    @classmethod
+    def _is_a_url(cls, url: str) -> str:
+        """What it names is checked by who opens it: the core knows no drivers."""
+        if not re.match(r"[a-z][a-z0-9]*(\+[a-z0-9]+)?://", url):
+            path = url if url.startswith("/") else "/dev/ttyUSB0"
+            raise PydanticCustomError(
+                "no_url",
+                "{url} is no URL of a mount",
+                {"url": url, "fix": f'write url = "lx200+serial://{path}" or "lx200+tcp://host:port"'},
+            )
+        return url
 
     @property
     def is_fake(self) -> bool:
@@ -327,7 +346,7 @@ class Settings(Section):
 
 def _text(path: Path) -> str:
     try:
-        return Path(path).read_text(encoding="utf-8")
+        return read_text(Path(path))
     except OSError as error:
         raise BadSettings(
             f"the settings file can't be read: {error.strerror}",
@@ -344,7 +363,7 @@ def _text(path: Path) -> str:
 
 def _parsed(text: str, name: str) -> dict[str, Any]:
     try:
-        return tomllib.loads(text)
+        return toml_of(text)
     except tomllib.TOMLDecodeError as error:
         raise syntax_fault(name, text, error) from error
 

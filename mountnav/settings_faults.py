@@ -16,6 +16,9 @@ from mountnav.toml_lines import line_of
 
 _SHOWN = 5
 
+_LONGEST_SHOWN = 80
+"""Characters of a wrong line that are told."""
+
 
 def syntax_fault(name: str, text: str, error: tomllib.TOMLDecodeError) -> BadSettings:
     """Tell what to raise for a text that is not TOML."""
@@ -23,7 +26,7 @@ def syntax_fault(name: str, text: str, error: tomllib.TOMLDecodeError) -> BadSet
     what = re.sub(r"\s*\(at [^)]*\)", "", str(error))
     lines = text.splitlines() or [""]
     number = int(found.group(1)) if found else len(lines)
-    shown = lines[min(number, len(lines)) - 1].strip()
+    shown = lines[min(number, len(lines)) - 1].strip()[:_LONGEST_SHOWN]
     fix = f"correct this line: {shown!r}" if found else f"the file ends too early, after {shown!r}"
     return BadSettings(f"line {number}: this is not TOML: {what}", device=name, advice=fix)
 

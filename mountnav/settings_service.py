@@ -35,6 +35,10 @@ class ServiceSettings(Section):
         limited.
     rate_burst : int
         So many may come at once after a pause.
+    max_connections : int
+        HTTP connections at a time; fewer where the system's limit of open files leaves no room.
+    connections_per_address : int
+        Of these from one address. Behind a reverse proxy all come from its address.
     cors_origins : tuple of str
         Pages of these origins (``https://host[:port]``) may use the API from a browser. Empty: none but the
         service's own.
@@ -52,6 +56,8 @@ class ServiceSettings(Section):
     max_body_kb: float = Field(default=256.0, ge=1, le=1_000_000)
     rate_limit_per_s: float = Field(default=200.0, ge=0, le=100_000)
     rate_burst: int = Field(default=400, ge=1, le=1_000_000)
+    max_connections: int = Field(default=512, ge=8, le=512)
+    connections_per_address: int = Field(default=128, ge=4, le=512)
     cors_origins: tuple[str, ...] = ()
     events_kept: int = Field(default=1000, ge=10, le=100_000)
     jobs_kept: int = Field(default=1000, ge=10, le=100_000)

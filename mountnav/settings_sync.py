@@ -63,8 +63,8 @@ class SyncSettings(Section):
     verify_arcsec : float
         How near solved place and reading must be in that look.
     told_max_arcsec : float
-        How far a planetarium's sync, coordinates that nobody has solved, may be from what the mount believes;
-        0 takes none.
+        How far a planetarium's sync, coordinates that nobody has solved, may be from what the mount believes,
+        and all of a night together; 0 takes none.
     """
 
     rule: SyncRule = SyncRule.WHEN_OFF_BY

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +14,7 @@ from mountnav.identification.preliminary_settings import PreliminarySettings
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.settings import MeasuringSettings
 from mountnav.settings import FolderCameraSettings, Settings, SimulatedCameraSettings
+from mountnav.settings_solving import _RANGES
 from mountnav.toml_lines import line_of
 
 GOOD = """\
@@ -190,3 +192,40 @@ def test_single_parameters_lie_over_the_profile() -> None:
     assert solving.measuring_settings == MeasuringSettings()
     assert solving.preliminary_settings == PreliminarySettings()
     assert Settings.parse(GOOD).solving.preliminary_settings == PreliminarySettings.measured()
+
+
+@pytest.mark.parametrize(
+    ("table", "line"),
+    [
+        ("identification", "angle_arcmin = 0.01"),  # asked numpy for 4 TiB
+        ("identification", "angle_arcmin = 0"),
+        ("identification", "stages = [[100, 100000]]"),
+        ("identification", "stages = [[2, 50]]"),
+        ("identification", f"stages = {[[20, 50]] * 9}"),
+        ("identification", "frame_triangles = 1000000000"),
+        ("identification", "tile_step = 0.001"),
+        ("identification", "tile_radius = 1000.0"),
+        ("identification", "m_reg = 100000"),
+        ("identification", "n_confirm_stars = 100000000"),
+        ("identification", "outward_fields = 1e9"),
+        ("identification", "fragments = 100000"),
+        ("identification", "degree_max = 1000"),
+        ("preliminary", "m_reg = 100000"),
+        ("preliminary", "n_mea_reg = 10000000"),
+        ("preliminary", "tries = 100000000"),
+        ("measuring", "max_sources = 1000000000"),
+        ("measuring", "box_px = 1"),
+        ("measuring", "detection_sigma_px = 1e6"),
+    ],
+)
+def test_what_costs_memory_has_a_bound_that_is_told(table: str, line: str) -> None:
+    name = line.partition(" ")[0]
+    with pytest.raises(BadSettings, match=rf"{name}.*(at most|at least)"):
+        Settings.parse(f"{GOOD}\n[solving.{table}]\n{line}\n", name="o.toml")
+
+
+def test_every_parameter_has_its_range() -> None:
+    for kind in (IdentificationSettings, PreliminarySettings, MeasuringSettings):
+        for field in dataclasses.fields(kind):
+            if field.type not in ("bool", "tuple[Stage, ...]"):
+                assert field.name in _RANGES, field

@@ -69,6 +69,7 @@ class Calls:
     center = Call(requests.center)
     look = Call(requests.look)
     recover = Call(requests.recover)
+    first_light = Call(requests.first_light)
     park = Call(requests.park)
     unpark = Call(requests.unpark)
     cancel = Call(requests.cancel)

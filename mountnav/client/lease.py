@@ -15,6 +15,7 @@ from mountnav.client.failures import ServiceError
 from mountnav.client.requests import Request
 from mountnav.client.results import LeaseState
 from mountnav.client.sending import Known
+from mountnav.tasks import begun, fault_words
 
 if TYPE_CHECKING:
     from mountnav.client.async_client import AsyncClient
@@ -128,7 +129,7 @@ class AsyncLease(_Held):
     async def __aenter__(self) -> Self:
         """Take it. Raises `ServiceError` ``leased`` if somebody else holds it."""
         self._taken(await self._client.do(self._asked), self._client.known)
-        self._beating = asyncio.create_task(self._beat(), name=f"lease-{self.telescope_id}")
+        self._beating = begun(self._beat(), f"lease-{self.telescope_id}", died=self._died)
         return self
 
     async def __aexit__(
@@ -144,6 +145,10 @@ class AsyncLease(_Held):
             with contextlib.suppress(ServiceError, httpx.TransportError):
                 # if that fails it runs out by itself
                 await self._client.do(release)
+
+    def _died(self, fault: Exception) -> None:
+        """No heartbeat goes out any more: it will run out."""
+        self.lost = ServiceError({"title": "no heartbeats", "detail": fault_words(fault)}, 0)
 
     async def _beat(self) -> None:
         while self.lost is None:

@@ -99,9 +99,24 @@ def trust() -> Order:
     return _order("trust")
 
 
+def set_site_time() -> Order:
+    """Set the mount's site and clock to the service's."""
+    return _order("set-site-time")
+
+
+def accept_site_time() -> Order:
+    """Accept that mount and settings differ on site or time, until that changes. Needs configure."""
+    return _order("accept-site-time")
+
+
 def recover(*, exposure_s: float | None = None) -> Order:
     """Tell a lost mount where it points: two looks that agree, then a sync. Never moves."""
     return _order("recover", exposure_s=exposure_s)
+
+
+def first_light(*, exposure_s: float | None = None) -> Order:
+    """Tell a telescope set up by eye where it points, and learn its camera: looks, small moves, a sync."""
+    return _order("first-light", exposure_s=exposure_s)
 
 
 def solve(

@@ -209,6 +209,11 @@ def recover(telescope_id: str, *, wait_s: float = 0.0, key: str | None = None) -
     return order(telescope_id, orders.recover(), wait_s=wait_s, key=key)
 
 
+def first_light(telescope_id: str, *, wait_s: float = 0.0, key: str | None = None) -> Request[Job]:
+    """Start a telescope's first light; the job. Moves it a little, within its limits."""
+    return order(telescope_id, orders.first_light(), wait_s=wait_s, key=key)
+
+
 def park(
     telescope_id: str, *, wait_s: float = 0.0, supersede: bool = False, key: str | None = None
 ) -> Request[Job]:

@@ -83,6 +83,7 @@ class TelescopeState(TypedDict):
     job_id: str | None
     problem: str | None
     trusted: bool | None
+    contradiction: str | None
     link: str | None
     slew_state: str | None
     tracking: bool | None
@@ -95,17 +96,17 @@ class TelescopeState(TypedDict):
 
 
 class Stopped(TypedDict):
-    """A stop that was sent."""
+    """A stop that was given; `stopped` is None while it isn't known whether it was sent."""
 
     telescope: str
-    stopped: bool
+    stopped: bool | None
     cancelled_job_id: str | None
 
 
 class StopAll(TypedDict):
-    """What came of stopping all telescopes."""
+    """What came of stopping all telescopes; `stopped` is None while it isn't known of one of them."""
 
-    stopped: bool
+    stopped: bool | None
     telescopes: list[dict[str, Any]]
 
 

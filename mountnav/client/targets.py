@@ -41,3 +41,8 @@ def altaz(alt_deg: float, az_deg: float) -> Target:
 def named(name: str) -> Target:
     """A bundled bright object or a planet; `objects` finds names."""
     return {"kind": "name", "name": name}
+
+
+def typed(text: str, *, frame: str = "icrs") -> Target:
+    """A position as a person types it, ``05h34m31.9s +22°00′52″``; `frame` may be ``jnow-apparent``."""
+    return {"kind": "typed", "text": text, "frame": frame}

@@ -16,11 +16,11 @@ from mountnav.navigation.devices import (
     Skill,
     Skilled,
     SlewOutcome,
-    SyncOutcome,
     Trusts,
 )
 from mountnav.sky.coordinates import Apparent, Icrs, utc_now
 from mountnav.sky.sphere import displaced, separation_arcsec
+from mountnav.tasks import waited_for
 
 __all__ = ["NonConforming", "check_mount", "check_skills"]
 
@@ -111,7 +111,7 @@ async def _check_sync(mount: Mount, near_arcsec: float) -> None:
         except DeviceRefused as refusal:
             _demand(refusal.reason is Refusal.UNSUPPORTED, f"a sync was refused: {refusal.what}")
             return
-        _demand(result.outcome is not SyncOutcome.IGNORED, f"a sync to {place} was accepted and ignored")
+        _demand(result.outcome.seen, f"a sync to {place} was not seen: {result.outcome}")
         _demand(result.miss_arcsec <= near_arcsec, f"a sync that was seen misses by {result.miss_arcsec}")
         reading = await mount.reading()
         off_arcsec = _apart_arcsec(reading.place, place)
@@ -120,13 +120,13 @@ async def _check_sync(mount: Mount, near_arcsec: float) -> None:
 
 async def _check_stop(mount: Mount, place: Apparent | Icrs) -> None:
     await mount.stop()
-    slew = asyncio.create_task(mount.slew(place))
+    slew = waited_for(mount.slew(place))
     # one turn of the loop: the slew has begun to talk, then the stop overtakes it
     await asyncio.sleep(0)
     log: Any = getattr(mount, "wire_log", None)
     noted = 0 if log is None else log.count
     began_s = 0.0 if log is None else log.now_s()
-    stop = asyncio.create_task(mount.stop())
+    stop = waited_for(mount.stop())
     await stop
     if log is not None:
         sent = [entry.t_s for entry in log.entries(noted) if entry.way == "driver->mount"]
