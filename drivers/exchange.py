@@ -34,11 +34,19 @@ class Patience:
         For one answer; no longer than the deadline.
     quiet_s : float
         How long the line must be silent to count as quiet.
+    settle_s : float
+        After the line was opened, before the first question: for a board that is known to start anew then.
+    greeting_s : float
+        So long a greeting is begun again that was not answered well. A board that starts anew when its port
+        is opened is deaf for 2 to 8 s, its boot loader and its network included; doubled, a mount that is off
+        is told half a minute after it was asked for.
     """
 
     deadline_s: float = 5.0
     try_s: float = 1.6
     quiet_s: float = 0.1
+    settle_s: float = 0.0
+    greeting_s: float = 15.0
 
 
 class Exchange:
@@ -59,7 +67,14 @@ class Exchange:
         self._owing = False
         self._ended = False
         self._asked_s: float | None = None
+        self._first_s = 0.0
+        self._unanswered: set[str] = set()
         self.troubles = 0
+        self.answers = 0
+        """How many good answers came."""
+        self.woke_after_s: float | None = None
+        """Seconds after the first question at which it answered one that it had left unanswered, with all
+        others before; None where it answered from the beginning."""
 
     def unanswered_s(self) -> float:
         """Since when the present question waits for its first good answer; 0 when there is none."""
@@ -97,6 +112,7 @@ class Exchange:
             until = loop.time() + (self._patience.deadline_s if deadline_s is None else deadline_s)
             if command.answered:
                 self._asked_s = loop.time()
+                self._first_s = self._first_s or self._asked_s
             try:
                 return await self._asked(command, until)
             finally:
@@ -121,12 +137,17 @@ class Exchange:
                 value = await self._answer(command, until, owed)
             except (DeviceSilent, DeviceGarbled) as failure:
                 self.troubles += 1
+                if not self.answers and isinstance(failure, DeviceSilent):
+                    self._unanswered.add(command.meaning)
                 # the wire log keeps it; what can not be put right is raised
                 _LOG.info("%s", failure)
                 if not command.repeatable or loop.time() >= until:
                     raise
             else:
                 self._owing = False
+                self.answers += 1
+                if command.meaning in self._unanswered and self.woke_after_s is None:
+                    self.woke_after_s = loop.time() - self._first_s
                 return value
 
     async def send_now(self, *commands: Command[None]) -> None:

@@ -14,6 +14,7 @@ import time
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from datetime import datetime
 from typing import ClassVar
 
@@ -110,6 +111,10 @@ class WireFake(ABC):
     def deaf_reply(self, command: bytes) -> bytes:
         """Answer as if it were carried out."""
 
+    def denial(self, command: bytes) -> bytes | None:
+        """How it says no to a command; None where it has no words for that."""
+        return None
+
     def reboot(self) -> None:
         """Forget what a real one forgets; a family adds its own state (and calls this)."""
         self._buffer = b""
@@ -144,6 +149,20 @@ class WireFake(ABC):
             self._come_by_themselves(now_s)
             said = self._answers.take(now_s)
             return b"" if now_s < max(self._dumb_until_s, self._dead_until_s) else said
+
+    def port_opened(self) -> None:
+        """Take note that somebody has opened its port: faults that hang on that strike."""
+        with self._lock:
+            now_s = self._monotonic()
+            for fault in tuple(self.faults):
+                if not fault.by_opening or fault.times <= 0 or now_s - self._began_s < fault.at_s:
+                    continue
+                fault.times -= 1
+                self.strikes.append(Strike(now_s - self._began_s, fault, b"", 0))
+                if fault.kind == "reset-by-opening":
+                    self.reboot()
+                self._buffer = b""
+                self._dead_until_s = max(self._dead_until_s, now_s + (fault.for_s or 0.0))
 
     def due_in_s(self) -> float | None:
         """Seconds until `feed` has something to do without new bytes; None when there is nothing."""
@@ -209,6 +228,9 @@ class WireFake(ABC):
                 self.unknown.append(command)
                 return
             self.obeyed.append(command)
+            if "deny" in kinds:
+                told = next((fault.data for fault in struck if fault.kind == "deny"), b"")
+                answer = told or self.denial(command) or answer
         for fault in struck:
             answer = fault.spoil(answer) if answer else b""
         delay_s = sum(fault.delay_s for fault in struck if fault.kind == "late")
@@ -229,7 +251,8 @@ class WireFake(ABC):
         struck = [fault.complete(self._chances) for fault in struck]
         if struck:
             earlier = sum(count for text, count in self._counts.items() if text.startswith(command))
-            for fault in struck:
+            # what waits for an opening is noted when that comes
+            for fault in (one for one in struck if not one.by_opening):
                 self.strikes.append(Strike(t_s, fault, command, earlier))
         self._counts[command] += 1
         for fault in struck:
@@ -265,6 +288,9 @@ class WireFake(ABC):
         end_s = now_s + (math.inf if fault.for_s is None else fault.for_s)
         if fault.kind in LINE_KINDS:
             self._line_orders.append(LineOrder(fault.kind, fault.for_s))
+        elif fault.by_opening:
+            # drawn on a command: it waits for the next opening
+            self.faults.append(replace(fault, on=b"", times=1, after_s=0.0, at_s=0.0))
         elif fault.kind == "silence":
             self._dumb_until_s = max(self._dumb_until_s, end_s)
         elif fault.kind == "dead":

@@ -26,6 +26,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.faults import KINDS, USUAL_KINDS, Fault, Kind, RandomFaults
 from mountnav.errors import BadSettings
+from mountnav.parsing import toml_of
+from mountnav.plain_files import read_text
 from mountnav.toml_lines import line_of
 
 _Hex = Annotated[str | None, Field(pattern=r"^([0-9a-fA-F]{2})*$")]
@@ -113,7 +115,7 @@ def read_faults(path: Path | str, *, seed: int | None = None) -> FaultScript:
         If it can't be read or says something that makes no sense: with its line and what is allowed.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = read_text(Path(path))
     except (OSError, UnicodeDecodeError) as cause:
         raise BadSettings(f"the faults can't be read: {cause}", device=str(path)) from cause
     return parse_faults(text, name=str(path), seed=seed)
@@ -122,7 +124,7 @@ def read_faults(path: Path | str, *, seed: int | None = None) -> FaultScript:
 def parse_faults(text: str, *, name: str = "faults", seed: int | None = None) -> FaultScript:
     """Read faults from TOML text; `name` stands in the messages. Raises `BadSettings`."""
     try:
-        data = tomllib.loads(text)
+        data = toml_of(text)
     except tomllib.TOMLDecodeError as cause:
         raise BadSettings(f"this is not TOML: {cause}", device=name) from cause
     try:

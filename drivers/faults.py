@@ -13,7 +13,17 @@ from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 AnswerKind = Literal[
-    "lose", "late", "cut", "double", "garble", "scramble", "noise-before", "noise-after", "dribble", "deaf"
+    "lose",
+    "late",
+    "cut",
+    "double",
+    "garble",
+    "scramble",
+    "noise-before",
+    "noise-after",
+    "dribble",
+    "deaf",
+    "deny",
 ]
 """What happens to the answer to one command."""
 
@@ -25,10 +35,17 @@ MountKind = Literal[
     "sync-ignored",
     "sync-refused",
     "sync-late",
+    "sync-half",
+    "sync-elsewhere",
     "stick",
     "run-away",
+    "deaf-start",
+    "reset-by-opening",
 ]
 """What happens to the mount as a whole."""
+
+OpeningKind = Literal["deaf-start", "reset-by-opening"]
+"""Of these, what happens when its port is opened, each time."""
 
 LineKind = Literal["vanish", "hang-up", "reset", "black-hole"]
 """What happens to the line; `drivers.bench` does it."""
@@ -37,6 +54,7 @@ Kind = Literal[AnswerKind, MountKind, LineKind]
 ANSWER_KINDS: tuple[str, ...] = get_args(AnswerKind)
 MOUNT_KINDS: tuple[str, ...] = get_args(MountKind)
 LINE_KINDS: tuple[str, ...] = get_args(LineKind)
+OPENING_KINDS: tuple[str, ...] = get_args(OpeningKind)
 KINDS = ANSWER_KINDS + MOUNT_KINDS + LINE_KINDS
 
 
@@ -51,12 +69,18 @@ class Fault:
         it) comes `delay_s` later. ``cut``: only its first `byte` bytes come, half of it by default.
         ``double``: it comes twice. ``garble``: one bit flips. ``scramble``: `data` overwrites it from `byte`
         on. ``noise-before``, ``noise-after``: `data` comes as well. ``dribble``: its bytes come `delay_s`
-        apart. ``deaf``: answered, but not carried out.
+        apart. ``deaf``: answered, but not carried out. ``deny``: carried out, and answered by a refusal,
+        where the family has words for one (or by `data`).
         To the mount: ``silence``: for `for_s` it says nothing, but carries out what it hears. ``dead``: for
         `for_s` it neither hears nor speaks. ``flood``: for `for_s` it sends `data` unasked, every `delay_s`.
         ``reboot``: it forgets, and is dead for `for_s`. ``sync-ignored``, ``sync-refused``, ``sync-late``
-        (after `delay_s`): what becomes of the syncs for `for_s`. ``stick``: an `axis` no longer moves, for
+        (after `delay_s`), ``sync-half`` (the declination alone), ``sync-elsewhere`` (another place): what
+        becomes of the syncs for `for_s`. ``stick``: an `axis` no longer moves, for
         `for_s`. ``run-away``: for `for_s`, slews of an `axis` go on past their target, until a stop.
+        ``deaf-start``: for `for_s` after its port was opened it neither hears nor speaks, as a network
+        adapter that makes its connection. ``reset-by-opening``: it forgets as well, as an Arduino that DTR
+        starts anew. Both each time the port is opened, `times` times; on TCP and in memory, for a
+        pseudo-terminal doesn't tell when it is opened.
         To the line: ``vanish``: the port is gone for `for_s` and comes back under another name. ``hang-up``:
         the other end closes. ``reset``: it breaks off hard. ``black-hole``: for `for_s` the port can be
         opened, and nothing comes.
@@ -118,7 +142,12 @@ class Fault:
     @property
     def by_itself(self) -> bool:
         """Whether it comes without a command."""
-        return not self.on and not self.spoils_answers
+        return not self.on and not self.spoils_answers and not self.by_opening
+
+    @property
+    def by_opening(self) -> bool:
+        """Whether the opening of its port brings it on."""
+        return self.kind in OPENING_KINDS
 
     def strikes(
         self,
@@ -139,7 +168,7 @@ class Fault:
         chances : random.Random, optional
             For `chance`.
         """
-        if self.by_itself or self.times <= 0 or not command.startswith(self.on):
+        if self.by_itself or self.by_opening or self.times <= 0 or not command.startswith(self.on):
             return False
         if t_s < self.at_s or (self.when_slewing and not slewing):
             return False
@@ -289,6 +318,7 @@ class RandomFaults:
             for_s=chances.uniform(0.0, self.longest_s),
             byte=chances.randrange(1000),
             bit=chances.randrange(8),
-            data=chances.randbytes(chances.randint(1, 6)),
+            # a refusal is said in the family's words
+            data=b"" if kind == "deny" else chances.randbytes(chances.randint(1, 6)),
             axis=chances.choice(("ha", "dec")),
         )

@@ -14,7 +14,7 @@ from typing import Protocol
 
 from drivers.wire_log import WireLog
 from mountnav.errors import DeviceError, DeviceRefused, Refusal
-from mountnav.navigation.devices import Direction, Epoch, PierSide, Skill, TrackingRate
+from mountnav.navigation.devices import Direction, Epoch, MountReading, PierSide, Skill, TrackingRate
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 
 
@@ -28,10 +28,13 @@ class Identity:
         In words: product, firmware, dialect.
     problems : tuple of str
         What an operator should know of it.
+    doubt : str
+        Why its position doesn't count for the present; empty where nothing speaks against it.
     """
 
     text: str
     problems: tuple[str, ...] = ()
+    doubt: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +71,19 @@ class Readout:
     fresh: bool = False
     doubtful: bool = False
     failed: str = ""
+
+    @property
+    def reading(self) -> MountReading:
+        """What is published of it."""
+        return MountReading(
+            self.place,
+            self.utc,
+            self.slewing,
+            self.tracking,
+            self.parked,
+            self.at_home,
+            self.pier_side,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,6 +222,10 @@ class Language(Protocol):
         """Order a guide pulse that the mount times itself, or time it (and end it in every case)."""
         ...
 
+    async def guiding(self) -> bool | None:
+        """Whether a guide pulse still runs, by the mount's own word; None where it has none for that."""
+        ...
+
     async def read_clock(self) -> datetime | None:
         """Its clock, aware UTC, corrected for the way; None if it has none."""
         ...
@@ -277,6 +297,10 @@ class Unskilled:
     async def send_guide(self, direction: Direction, duration_s: float, wanted: Wanted) -> Sent:
         """Refused."""
         raise self._unsupported("guide")
+
+    async def guiding(self) -> bool | None:
+        """None: it can't tell."""
+        return None
 
     async def read_clock(self) -> datetime | None:
         """None."""

@@ -11,6 +11,7 @@ import asyncio
 import contextlib
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -23,6 +24,22 @@ from mountnav.errors import DeviceMissing, DeviceSilent
 
 _GLANCE_S = 0.05
 _WRITE_TIMEOUT_S = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class ControlLines:
+    """What DTR and RTS of a serial port are while it is open.
+
+    Both asserted is what cables that live on these lines need, and what keeps the reset circuit of an ESP32
+    at rest. Many Arduino boards start anew when DTR is asserted: those want it left alone.
+
+    Attributes
+    ----------
+    dtr, rts : bool
+    """
+
+    dtr: bool = True
+    rts: bool = True
 
 
 class ByteLine(Protocol):
@@ -84,11 +101,21 @@ class SerialLine:
         Speed; ignored on TCP.
     log : WireLog, optional
         Where all bytes are noted, both ways.
+    control : ControlLines, optional
+        Of a serial port.
     """
 
-    def __init__(self, address: str, *, baud: int = 9600, log: WireLog | None = None) -> None:
+    def __init__(
+        self,
+        address: str,
+        *,
+        baud: int = 9600,
+        log: WireLog | None = None,
+        control: ControlLines | None = None,
+    ) -> None:
         self._address = address
         self._baud = baud
+        self._control = control or ControlLines()
         self._log = log or WireLog(kept=1)
         self._port: serial.Serial | None = None
         self._threads: list[ThreadPoolExecutor] = []
@@ -147,7 +174,11 @@ class SerialLine:
             timeout=_GLANCE_S,
             write_timeout=_WRITE_TIMEOUT_S,
             exclusive=True,
+            do_not_open=True,
         )
+        # set before it is opened: pyserial asserts both otherwise, and the reset has begun
+        port.dtr, port.rts = self._control.dtr, self._control.rts
+        port.open()
         return port
 
     def _advice(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import TypeVar
 
 from drivers.command import Command
@@ -9,6 +10,7 @@ from drivers.exchange import Exchange, Patience
 from drivers.line import ByteLine
 from drivers.wire_log import WireLog
 from mountnav.errors import DeviceMissing
+from mountnav.tasks import waited_for
 
 T = TypeVar("T")
 
@@ -29,6 +31,8 @@ class Link:
         self._line = line
         self._patience = patience
         self._exchange = Exchange(line, patience)
+        self._fault: str | None = None
+        self._faulted = asyncio.Event()
         self.log = log
 
     @property
@@ -44,12 +48,22 @@ class Link:
     @property
     def usable(self) -> bool:
         """Whether it is open and not lost."""
-        return self._line.usable
+        return self._line.usable and self._fault is None
 
     @property
     def troubles(self) -> int:
         """How many answers went wrong since it was opened."""
         return self._exchange.troubles
+
+    @property
+    def answers(self) -> int:
+        """How many good answers came since it was opened."""
+        return self._exchange.answers
+
+    @property
+    def woke_after_s(self) -> float | None:
+        """See `Exchange.woke_after_s`."""
+        return self._exchange.woke_after_s
 
     def unanswered_s(self) -> float:
         """Since when the present question waits for its first good answer; 0 when there is none."""
@@ -62,9 +76,12 @@ class Link:
         self._exchange = Exchange(line, self._patience)
 
     async def open(self) -> None:
-        """Open the line, anew if it is open. Raises `DeviceMissing`."""
+        """Open the line, anew if it is open, and let it settle. Raises `DeviceMissing`."""
         self._exchange.end()
         await self._line.open()
+        await asyncio.sleep(self._patience.settle_s)
+        self._fault = None
+        self._faulted.clear()
         self._exchange = Exchange(self._line, self._patience)
 
     async def close(self) -> None:
@@ -73,11 +90,28 @@ class Link:
         await self._line.close()
 
     async def lost(self) -> str:
-        """Wait until the open line is lost, and tell why."""
-        return await self._line.lost()
+        """Wait until the open line is lost, or a task that used it has died, and tell why."""
+        line, faulted = waited_for(self._line.lost()), waited_for(self._faulted.wait())
+        try:
+            await asyncio.wait({line, faulted}, return_when=asyncio.FIRST_COMPLETED)
+            return self._fault or await line
+        finally:
+            for one in (line, faulted):
+                one.cancel()
+
+    def lose(self, why: str) -> None:
+        """Count it as lost, though its line is not: until it is opened anew nothing is asked on it."""
+        if self._fault is None:
+            self._fault = why
+            self.log.note("event", meaning=f"lost {self.device}: {why}")
+            self._faulted.set()
 
     async def ask(self, command: Command[T], *, deadline_s: float | None = None) -> T:
         """Send a command and return what its reader makes of the answer; see `Exchange.ask`."""
+        if self._fault is not None:
+            raise DeviceMissing(
+                f"the line is lost: {self._fault}", device=self.device, advice="connect again"
+            )
         if not self._line.usable:
             raise DeviceMissing("the line is not open", device=self.device, advice="connect first")
         return await self._exchange.ask(command, deadline_s=deadline_s)

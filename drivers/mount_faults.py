@@ -7,7 +7,13 @@ from collections.abc import Callable
 from drivers.faults import Fault
 from mountnav.simulation.mechanics import Mechanics, SyncBehavior
 
-_SYNCS: dict[str, SyncBehavior] = {"sync-ignored": "ignore", "sync-refused": "refuse", "sync-late": "late"}
+_SYNCS: dict[str, SyncBehavior] = {
+    "sync-ignored": "ignore",
+    "sync-refused": "refuse",
+    "sync-late": "late",
+    "sync-half": "dec-only",
+    "sync-elsewhere": "elsewhere",
+}
 
 
 def strike_mechanics(mechanics: Mechanics, fault: Fault) -> Callable[[], None]:

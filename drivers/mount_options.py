@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, cast
 
 from drivers.exchange import Patience
+from drivers.line import ControlLines
 from drivers.timing import Timing
-from drivers.url_options import number_of, yes_of
+from drivers.url_options import number_of, require_known, whole_of, yes_of
 from mountnav.errors import BadSettings
 from mountnav.navigation.devices import Epoch
 
@@ -34,8 +35,24 @@ _TIMES = (
     "fastest_deg_s",
     "near_arcsec",
 )
-OPTIONS = ("baud", "timeout_s", "epoch", "dialect", "set_clock", "set_site", "trust_on_connect", *_TIMES)
+PORT_OPTIONS = ("baud", "dtr", "rts")
+"""Of serial ports; without effect on what is no serial port, and without sense there but for ``baud``."""
+LINE_OPTIONS = (*PORT_OPTIONS, "settle_s", "greeting_s")
+"""Of all that is opened as a line of bytes."""
+OPTIONS = (
+    *LINE_OPTIONS,
+    "timeout_s",
+    "epoch",
+    "dialect",
+    "set_clock",
+    "set_site",
+    "trust_on_connect",
+    "swap_sides",
+    *_TIMES,
+)
 _MAY_BE_ZERO = ("heartbeat_s",)
+_BAUDS = (300, 4_000_000)
+_LONGEST_SETTLING_S = 120.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +74,14 @@ class MountOptions:
         Whether connecting sets the mount's clock and site to ours.
     trust_on_connect : bool
         Whether its position counts at the first connecting, unless it shows that it was just switched on.
+    swap_sides : bool
+        It tells the other side of the pier than the one on which the tube hangs.
     own : mapping of str to str
         Options of the family's own, not yet read.
+    control : ControlLines
+        Of a serial port.
+    settle_s, greeting_s : float
+        As of `Patience`.
     """
 
     baud: int
@@ -69,12 +92,20 @@ class MountOptions:
     set_clock: bool
     set_site: bool
     trust_on_connect: bool
+    swap_sides: bool
     own: Mapping[str, str]
+    control: ControlLines
+    settle_s: float
+    greeting_s: float
 
     @property
     def patience(self) -> Patience:
         """For one question: three tries within the deadline."""
-        return Patience(deadline_s=self.timeout_s, try_s=self.timeout_s / 3.0)
+        return self.patience_with(Patience(deadline_s=self.timeout_s, try_s=self.timeout_s / 3.0))
+
+    def patience_with(self, patience: Patience) -> Patience:
+        """The times of a family's question, with those of a greeting."""
+        return replace(patience, settle_s=self.settle_s, greeting_s=self.greeting_s)
 
     def mount(self, language: Language, *, name: str | None, site: Site | None) -> DrivenMount:
         """Make the mount of a language, treated as these options say."""
@@ -88,6 +119,7 @@ class MountOptions:
             set_clock=self.set_clock,
             set_site=self.set_site,
             trust_on_connect=self.trust_on_connect,
+            swap_sides=self.swap_sides,
         )
 
 
@@ -123,11 +155,7 @@ def read_options(
     """
     own, dialects = tuple(own), tuple(dialects)
     known = [one for one in OPTIONS if one != "dialect" or dialects] + list(own)
-    unknown = sorted(set(options) - set(known))
-    if unknown:
-        raise BadSettings(
-            f"unknown option {', '.join(unknown)} for {driver}", advice=f"known: {', '.join(known)}"
-        )
+    require_known(options, known, driver)
     given_epoch = options.get("epoch", epoch)
     if given_epoch not in ("apparent", "icrs"):
         raise BadSettings(
@@ -142,7 +170,7 @@ def read_options(
         for name in _TIMES
     }
     return MountOptions(
-        baud=round(number_of(options, "baud", float(baud))),
+        baud=whole_of(options, "baud", baud, *_BAUDS),
         timeout_s=number_of(options, "timeout_s", timeout_s),
         epoch=cast("Epoch", given_epoch),
         dialect=dialect,
@@ -150,5 +178,11 @@ def read_options(
         set_clock=yes_of(options, "set_clock", default=False),
         set_site=yes_of(options, "set_site", default=False),
         trust_on_connect=yes_of(options, "trust_on_connect", default=True),
+        swap_sides=yes_of(options, "swap_sides", default=False),
         own={name: options[name] for name in own if name in options},
+        control=ControlLines(
+            dtr=yes_of(options, "dtr", default=True), rts=yes_of(options, "rts", default=True)
+        ),
+        settle_s=number_of(options, "settle_s", 0.0, may_be_zero=True, most=_LONGEST_SETTLING_S),
+        greeting_s=number_of(options, "greeting_s", Patience().greeting_s, most=_LONGEST_SETTLING_S),
     )

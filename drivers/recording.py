@@ -15,6 +15,8 @@ from drivers.fake_wire import WireFake
 from drivers.faults import LineOrder
 from drivers.wire_log import Way, WireEntry
 from mountnav.errors import BadSettings
+from mountnav.parsing import json_of
+from mountnav.plain_files import MOST_RECORD_BYTES, read_text
 
 
 class Recorder:
@@ -108,13 +110,13 @@ def read_dialogue(path: Path | str) -> list[tuple[bytes, bytes]]:
         If it can't be read or is no recording; with the line.
     """
     try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
+        lines = read_text(Path(path), MOST_RECORD_BYTES).splitlines()
     except (OSError, UnicodeDecodeError) as cause:
         raise BadSettings(f"the recording can't be read: {cause}", device=str(path)) from cause
     turns: list[tuple[bytes, bytes]] = []
     for number, line in enumerate(lines, 1):
         try:
-            entry = json.loads(line)
+            entry = json_of(line)
             if entry["dir"] == "driver->mount":
                 turns.append((bytes.fromhex(entry["hex"]), b""))
             elif entry["dir"] == "mount->driver" and turns:

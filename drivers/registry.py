@@ -7,9 +7,10 @@ import inspect
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from importlib.metadata import entry_points
 from typing import Any
-from urllib.parse import parse_qsl, unquote, urlsplit
+from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
 
 from mountnav.errors import BadSettings
 from mountnav.navigation.devices import Camera, Mount
@@ -31,6 +32,22 @@ _SERVERS = {"indi": 7624}
 _WEB = {"http": 11111, "https": 443}
 """Drivers' servers that speak HTTP have these ports if none is given."""
 _DATAGRAMS = ("skywatcher",)
+_PORTS = {"lx200": 9999, "nexstar": 2000, "synscan": 11882, "ioptron": 8899, "skywatcher": 11880}
+"""Ports that are usual for these families' network adapters: for advice only."""
+_MAKERS = {
+    "meade": "lx200",
+    "autostar": "lx200",
+    "losmandy": "lx200",
+    "zwo": "lx200",
+    "am3": "lx200",
+    "tenmicron": "lx200",
+    "astrophysics": "lx200",
+    "celestron": "nexstar",
+    "eqmod": "skywatcher",
+    "eqdir": "skywatcher",
+    "ascom": "alpaca",
+}
+"""What people call a driver by."""
 _EXAMPLE = (
     "lx200+serial:///dev/ttyUSB0?baud=9600, nexstar+tcp://host:port, indi://host:7624/Telescope%20Simulator "
     "or alpaca+http://host:11111/telescope/0"
@@ -75,43 +92,110 @@ def read_url(url: str) -> MountUrl:
     Raises
     ------
     BadSettings
-        If it is none, with what is allowed.
+        If it is none; the advice is the form that was probably meant.
     """
     shown = _without_password(url)
+
+    def wrong(what: str, advice: str) -> BadSettings:
+        return BadSettings(f"mount URL {shown!r} {what}", advice=advice)
+
+    if "://" not in url:
+        raise wrong("names no driver", f"write {_guessed(url)}; for example {_EXAMPLE}")
+    if any(byte.isspace() or not byte.isprintable() for byte in url):
+        raise wrong("has blanks or invisible characters in it", "write %20 for a blank in a name")
     try:
         parts = urlsplit(url)
         port = parts.port
-        options = dict(parse_qsl(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query)))
+        pairs = parse_qsl(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query))
     except ValueError as cause:
-        raise BadSettings(f"mount URL {shown!r}: {cause}", advice=f"for example {_EXAMPLE}") from cause
+        raise wrong(f"can't be read: {cause}", f"for example {_EXAMPLE}") from cause
+    names = [name for name, _ in pairs]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise wrong(f"says {', '.join(twice)} more than once", "say each option once")
+    if parts.fragment or url.endswith("#"):
+        raise wrong("has a # in it", "write %23 for a # in a name")
+    if port == 0:
+        raise wrong("names port 0", "ports are from 1 to 65535")
+    options = dict(pairs)
     driver, _, transport = parts.scheme.partition("+")
     if driver not in drivers():
-        raise BadSettings(
-            f"mount URL {shown!r} names no known driver",
-            advice=f"known: {', '.join(drivers())}; for example {_EXAMPLE}",
-        )
-    bare = parts.path in ("", "/")
+        raise wrong("names no known driver", _known_drivers(driver, transport, parts))
     host = f"[{parts.hostname}]" if parts.hostname and ":" in parts.hostname else parts.hostname
     if driver == "alpaca":
         return _alpaca_url(url, transport, host, port, options)
+    if "@" in parts.netloc:
+        raise wrong("has a user or a password in it", f"{driver} takes none: leave out what stands before @")
+    bare = parts.path in ("", "/")
     if driver in _SERVERS:
+        usual = _SERVERS[driver]
         if not transport and host and not bare:
-            line = f"{host}:{port or _SERVERS[driver]}"
-            return MountUrl(driver, line, options, unquote(parts.path.lstrip("/")))
-        raise BadSettings(
-            f"mount URL {shown!r} names no device of a server",
-            advice=f"for example {driver}://host:{_SERVERS[driver]}/Telescope%20Simulator",
+            return MountUrl(driver, f"{host}:{port or usual}", options, unquote(parts.path.lstrip("/")))
+        device = parts.path if not bare else "/Telescope%20Simulator"
+        raise wrong(
+            "names no device of a server", f"write {driver}://{host or 'host'}:{port or usual}{device}"
         )
     if transport == "serial" and not parts.netloc and not bare:
         return MountUrl(driver, parts.path, options)
-    if transport in ("tcp", "socket") and host and port and bare:
-        return MountUrl(driver, f"socket://{host}:{port}", options)
-    if transport == "udp" and host and port and bare and driver in _DATAGRAMS:
-        return MountUrl(driver, f"udp://{host}:{port}", options)
-    known = "serial, socket, tcp" + ", udp" * (driver in _DATAGRAMS)
-    raise BadSettings(
-        f"mount URL {shown!r} names no line", advice=f"known for {driver}: {known}; for example {_EXAMPLE}"
+    datagrams = transport == "udp" and driver in _DATAGRAMS
+    if (transport in ("tcp", "socket") or datagrams) and host and port and bare:
+        of_ports = sorted({"dtr", "rts"} & set(options))
+        if of_ports:
+            raise wrong(f"says {', '.join(of_ports)}", "that is of serial ports: leave it out")
+        return MountUrl(driver, f"{'udp' if datagrams else 'socket'}://{host}:{port}", options)
+    raise wrong(*_no_line(driver, transport, parts))
+
+
+def _guessed(url: str) -> str:
+    """The URL that somebody meant who gave a path, or a host and a port."""
+    if re.fullmatch(r"[^/?]+:[0-9]+", url):
+        return f"lx200+tcp://{url}"
+    path = re.sub(r"^[a-z0-9+]+:", "", url)
+    return (
+        f"lx200+serial://{path}"
+        if path.startswith("/")
+        else "driver+serial:///dev/... or driver+tcp://host:port"
     )
+
+
+def _known_drivers(driver: str, transport: str, parts: SplitResult) -> str:
+    """What to write instead of a driver that there isn't."""
+    known = f"known: {', '.join(drivers())}; for example {_EXAMPLE}"
+    if driver == "fake":
+        return (
+            "the service alone starts fake mounts by their URL: start `mountnav fake-mount` and name its port"
+        )
+    rest = f"{parts.netloc}{parts.path}"
+    # by its name, as the drivers: this room knows which there are, and they don't know each other
+    if driver in _loaded("drivers.lx200.dialects:names")():
+        named = f"lx200+{transport or 'serial'}://{rest}?dialect={driver}"
+        return f"it is a dialect of lx200: write {named}; {known}"
+    meant = _MAKERS.get(driver) or next(iter(get_close_matches(driver, drivers(), n=1)), None)
+    plus = f"+{transport}" if transport else ""
+    return f"did you mean {meant}{plus}://{rest}? {known}" if meant else known
+
+
+def _no_line(driver: str, transport: str, parts: SplitResult) -> tuple[str, str]:
+    """What is wrong with a URL that names no line, and what to write."""
+    path, bare, host = parts.path, parts.path in ("", "/"), parts.netloc
+    lines = f"known for {driver}: serial, socket, tcp{', udp' * (driver in _DATAGRAMS)}"
+    if transport == "serial" and host:
+        slashes = f"write three slashes: {driver}+serial:///{host}{path}; {lines}"
+        return "names a host instead of a serial port", slashes
+    if transport == "serial":
+        return "names no serial port", f"write {driver}+serial:///dev/ttyUSB0; `mountnav ports` lists them"
+    if transport in ("tcp", "socket") or (transport == "udp" and driver in _DATAGRAMS):
+        usual = _PORTS.get(driver, 4030) if transport != "udp" else 11880
+        if parts.hostname is None:
+            return "names no host", f"write {driver}+{transport}://192.168.0.20:{parts.port or usual}"
+        if not bare:
+            return "has a path after its host", f"write {driver}+{transport}://{host}"
+        # the port is wanted: which one differs between mounts
+        return "names no port of its host", f"write {driver}+{transport}://{host}:{usual}, or the port it has"
+    meant = f"{driver}+tcp://{host or 'host:port'}" if host else f"{driver}+serial://{path or '/dev/ttyUSB0'}"
+    if not transport:
+        return "doesn't say over which line", f"write {meant}; {lines}"
+    return f"names the line {transport}", f"{lines}; write {meant}"
 
 
 def _alpaca_url(

@@ -12,10 +12,12 @@ import asyncio
 import random
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from urllib.parse import urlencode
 
 import httpx
 
+from drivers.alpaca.bodies import MOST_ANSWER_BYTES, MOST_IMAGE_BYTES, answered
 from drivers.alpaca.codec import Answer, Malformed, Parameters, form, next_id, read_answer
 from drivers.alpaca.connections import Connections
 from drivers.alpaca.image_bytes import IMAGE_BYTES, ImageAnswer, read_image
@@ -24,6 +26,7 @@ from drivers.alpaca.responses import garbled, require_understood
 from drivers.alpaca.where import Where
 from drivers.wire_log import WireLog
 from mountnav.errors import DeviceError, DeviceMissing, DeviceSilent
+from mountnav.tasks import fault_words
 
 _BROKEN = (httpx.RemoteProtocolError, httpx.ReadError, httpx.WriteError, httpx.CloseError)
 _LOGGED_BYTES = 2000
@@ -100,6 +103,10 @@ class Asking:
             self.log.note("event", meaning=f"{self.address}: {why}")
             self._news.set()
 
+    def died(self, fault: Exception) -> None:
+        """A task of ours that spoke with it hit a fault: what it was told is not known."""
+        self.lose(fault_words(fault))
+
     # -- questions -------------------------------------------------------------------------------
 
     async def get(
@@ -121,7 +128,7 @@ class Asking:
         transaction, said = self._next(parameters or {})
         url = f"{self.where.url(member)}?{urlencode(said)}"
         with self._asked():
-            response = await self._question("GET", url, member, deadline_s or self.deadline_s)
+            response = await self._question(url, member, deadline_s or self.deadline_s)
         return self._judged(response, transaction, f"a question for {member}").value
 
     async def image(self, *, deadline_s: float) -> ImageAnswer:
@@ -136,7 +143,7 @@ class Asking:
         url = f"{self.where.url('imagearray')}?{urlencode(said)}"
         accept = {"Accept": f"{IMAGE_BYTES}, application/json;q=0.5"}
         with self._asked():
-            response = await self._question("GET", url, "imagearray", deadline_s, accept)
+            response = await self._question(url, "imagearray", deadline_s, accept, MOST_IMAGE_BYTES)
         require_understood(response, "a question for imagearray", self.address)
         try:
             kind = response.headers.get("content-type", "")
@@ -150,7 +157,7 @@ class Asking:
         """What devices the server has, in words; empty if it doesn't tell."""
         try:
             url = f"{self.where.server}/management/v1/configureddevices"
-            response = await self._question("GET", url, "configureddevices", self.deadline_s)
+            response = await self._question(url, "configureddevices", self.deadline_s)
             value = read_answer(response.content, response.headers.get("content-type", ""), 0).value
             if not isinstance(value, list):
                 return []
@@ -161,25 +168,31 @@ class Asking:
             return []
 
     async def _question(
-        self, method: str, url: str, member: str, deadline_s: float, headers: dict[str, str] | None = None
+        self,
+        url: str,
+        member: str,
+        deadline_s: float,
+        headers: dict[str, str] | None = None,
+        most_bytes: int = MOST_ANSWER_BYTES,
     ) -> httpx.Response:
         """Ask, once more if the connection broke."""
-        self.log.note("driver->mount", f"{method} {_shown(url)}".encode())
+        self.log.note("driver->mount", f"GET {_shown(url)}".encode())
         client = self._open_ones().looks
+        ask = partial(answered, client, "GET", url, most_bytes=most_bytes, headers=headers)
         try:
             async with asyncio.timeout(deadline_s):
                 try:
-                    response = await client.get(url, headers=headers)
+                    response = await ask()
                 except _BROKEN as broken:
                     self.log.note("event", meaning=f"asked again: {_words(broken)}")
-                    response = await client.get(url, headers=headers)
+                    response = await ask()
         except TimeoutError as late:
             raise DeviceSilent(
                 f"no answer to a question for {member} within {deadline_s:.1f} s",
                 device=self.address,
                 advice="is the server busy, or the network slow?",
             ) from late
-        except httpx.DecodingError as fault:
+        except Malformed as fault:
             raise garbled(member, fault, self.address) from fault
         except httpx.TransportError as fault:
             raise self._unreachable(fault) from fault
@@ -218,7 +231,7 @@ class Asking:
         self.log.note("driver->mount", f"PUT {_shown(url)} {urlencode(said)}".encode())
         try:
             async with asyncio.timeout(deadline_s):
-                response = await client.put(url, data=said)
+                response = await answered(client, "PUT", url, most_bytes=MOST_ANSWER_BYTES, said=said)
         except TimeoutError as late:
             raise DeviceSilent(
                 f"no answer to {member} within {deadline_s:.1f} s: whether it was taken up is not known",
@@ -234,7 +247,7 @@ class Asking:
                 device=self.address,
                 advice="see what it does before the next order",
             ) from fault
-        except httpx.DecodingError as fault:
+        except Malformed as fault:
             raise garbled(member, fault, self.address, order=True) from fault
         self._note_answer(response)
         self._judged(response, transaction, member, order=True)

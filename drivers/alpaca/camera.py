@@ -33,6 +33,7 @@ from mountnav.frames import Frame
 from mountnav.reading import frame_from_array
 from mountnav.reading.fits_cards import Value
 from mountnav.sky.coordinates import utc_now
+from mountnav.tasks import begun
 
 _BUSY = (1, 2, 3, 4)
 _EXPOSING = (1, 2)
@@ -41,6 +42,10 @@ _IDLE_WITHIN_S = 5.0
 _START_S = 30.0
 _SLOWEST_PX_S = 0.25e6
 """A server that speaks JSON over a slow network sends some bytes for each pixel."""
+
+
+_LONGEST_TOLD_S = 1e6
+"""Longer than any exposure; sums with longer ones leave the calendar."""
 
 
 class AlpacaCameraLanguage:
@@ -128,7 +133,7 @@ class AlpacaCameraLanguage:
         member = None if chip is None else "abortexposure" if chip.can_abort else "stopexposure"
         if chip is None or member is None or not (chip.can_abort or chip.can_stop):
             return
-        aborting = asyncio.create_task(self._send(member), name="alpaca-abortexposure")
+        aborting = begun(self._send(member), "alpaca-abortexposure", died=self._device.asking.died)
         self._aborting.add(aborting)
         aborting.add_done_callback(self._aborting.discard)
 
@@ -242,7 +247,9 @@ class AlpacaCameraLanguage:
         with suppress(AlpacaRefused, Malformed):
             start = codec.instant(await self._device.asking.get("lastexposurestarttime"))
         with suppress(AlpacaRefused, Malformed):
-            duration_s = codec.number(await self._device.asking.get("lastexposureduration"), 0.0)
+            duration_s = codec.number(
+                await self._device.asking.get("lastexposureduration"), 0.0, _LONGEST_TOLD_S
+            )
         return Told(start, duration_s)
 
     async def _fetched(self, field: Field, shot: Shot) -> Pixels:

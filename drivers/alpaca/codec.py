@@ -16,6 +16,9 @@ from typing import Any, NoReturn
 Parameter = str | int | float | bool
 Parameters = Mapping[str, Parameter]
 _EXCERPT = 120
+_LONGEST_TEXT = 1000
+EARLIEST, LATEST = datetime(1900, 1, 1, tzinfo=UTC), datetime(2200, 1, 1, tzinfo=UTC)
+"""Instants that are one: sums with those beyond them leave the calendar."""
 _LARGEST_ID = 0xFFFFFFFF
 
 
@@ -83,7 +86,7 @@ def read_answer(body: bytes, content_type: str, transaction_id: int) -> Answer:
         raise Malformed(f"no Alpaca answer: {excerpt(body)}")
     echoed = told.get("ClientTransactionID")
     if echoed not in (None, 0, transaction_id):
-        raise Malformed(f"the answer to question {echoed!r}, not to {transaction_id}")
+        raise Malformed(f"the answer to question {shortened(echoed)}, not to {transaction_id}")
     number = told.get("ErrorNumber") or 0
     message = told.get("ErrorMessage") or ""
     if type(number) is not int or not isinstance(message, str):
@@ -107,13 +110,23 @@ def excerpt(body: bytes) -> str:
     return repr(text[:_EXCERPT] + ("…" if len(text) > _EXCERPT else ""))
 
 
+def shortened(value: object) -> str:
+    """A stranger's value as it stands in our messages: no longer than a line."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):
+        # Python writes no number of more than 4,300 digits
+        return f"a {type(value).__name__} beyond all bounds"
+    return text if len(text) <= _EXCERPT else text[:_EXCERPT] + "…"
+
+
 # -- values ----------------------------------------------------------------------------------------
 
 
 def number(value: object, low: float = -math.inf, high: float = math.inf) -> float:
     """Read a number from `low` to `high`. Raises `Malformed`."""
     if not isinstance(value, int | float) or isinstance(value, bool):
-        raise Malformed(f"{value!r} where a number belongs")
+        raise Malformed(f"{shortened(value)} where a number belongs")
     try:
         read = float(value)
     except OverflowError as fault:
@@ -127,22 +140,22 @@ def integer(value: object, low: int = -(2**63), high: int = 2**64) -> int:
     """Read a whole number from `low` to `high`. Raises `Malformed`."""
     read = number(value, low, high)
     if read != math.floor(read):
-        raise Malformed(f"{value!r} where a whole number belongs")
+        raise Malformed(f"{shortened(value)} where a whole number belongs")
     return int(read)
 
 
 def truth(value: object) -> bool:
     """Read a truth value. Raises `Malformed`."""
     if not isinstance(value, bool):
-        raise Malformed(f"{value!r} where true or false belongs")
+        raise Malformed(f"{shortened(value)} where true or false belongs")
     return value
 
 
 def text(value: object) -> str:
     """Read a text. Raises `Malformed`."""
     if not isinstance(value, str):
-        raise Malformed(f"{value!r} where a text belongs")
-    return value
+        raise Malformed(f"{shortened(value)} where a text belongs")
+    return value[:_LONGEST_TEXT]
 
 
 def instant(value: object) -> datetime:
@@ -156,9 +169,13 @@ def instant(value: object) -> datetime:
     said = text(value).strip()
     try:
         read = datetime.fromisoformat(said)
-    except ValueError as fault:
-        raise Malformed(f"{said!r} where an instant belongs") from fault
-    return read.replace(tzinfo=UTC) if read.tzinfo is None else read.astimezone(UTC)
+        utc = read.replace(tzinfo=UTC) if read.tzinfo is None else read.astimezone(UTC)
+    except (ValueError, OverflowError) as fault:
+        raise Malformed(f"{shortened(said)} where an instant belongs") from fault
+    if not EARLIEST <= utc <= LATEST:
+        # .NET's DateTime.MinValue is what drivers say of an instant that they don't know
+        raise Malformed(f"{shortened(said)} is no instant of this age")
+    return utc
 
 
 def said_instant(utc: datetime) -> str:

@@ -9,6 +9,9 @@ import httpx
 from drivers.alpaca.where import Where
 from mountnav.errors import DeviceMissing
 
+_KEPT = 8
+"""A look at a telescope without DeviceState asks seven questions at once; fewer are opened anew each time."""
+
 
 class Connections:
     """Three sets of connections, so that no kind waits for another.
@@ -43,7 +46,7 @@ class Connections:
                 trust_env=False,
             )
 
-        self.looks, self.orders, self.stops = client(kept=2), client(kept=0), client(kept=0)
+        self.looks, self.orders, self.stops = client(kept=_KEPT), client(kept=0), client(kept=0)
 
     async def close(self) -> None:
         """Release all."""

@@ -13,6 +13,7 @@ from drivers.alpaca.codec import Malformed, Parameters
 from drivers.alpaca.refusals import NOT_CONNECTED, AlpacaRefused
 from drivers.alpaca.responses import require_known, understood
 from mountnav.errors import DeviceGarbled, DeviceMissing, DeviceRefused, DeviceSilent
+from mountnav.tasks import together
 
 T = TypeVar("T")
 _CONNECTS_ASYNC = 4
@@ -93,8 +94,9 @@ class AlpacaDevice:
             ours = True
         self.asking.connected = True
         version = version or await self._version() or 1
-        name = await self.maybe("name", codec.text) or "unnamed"
-        told = (await self.maybe("driverinfo", codec.text), await self.maybe("driverversion", codec.text))
+        words = await self.asked_all(("name", "driverinfo", "driverversion"), codec.text)
+        name = words.get("name") or "unnamed"
+        told = (words.get("driverinfo"), words.get("driverversion"))
         driver = " ".join(" ".join(filter(None, told)).split()) or "unknown driver"
         return Found(name, driver, version, ours)
 
@@ -178,8 +180,9 @@ class AlpacaDevice:
 
     async def asked_all(self, members: Iterable[str], read: Callable[[object], T]) -> dict[str, T]:
         """Ask for several values; those the device has no member for are left out."""
-        told = {member: await self.maybe(member, read) for member in members}
-        return {member: value for member, value in told.items() if value is not None}
+        wanted = list(members)
+        told = await together(*(self.maybe(member, read) for member in wanted))
+        return {member: value for member, value in zip(wanted, told, strict=True) if value is not None}
 
     async def has(self, member: str, parameters: Parameters | None = None) -> bool:
         """Whether a member can be read; one that has no value just now counts."""

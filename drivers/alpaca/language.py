@@ -22,6 +22,7 @@ from mountnav.errors import DeviceGarbled, DeviceRefused, DeviceSilent, Refusal
 from mountnav.navigation.devices import Direction, Epoch, PierSide, Skill, TrackingRate
 from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
 
+_HEIGHTS_M = (-1000.0, 20_000.0)
 _FASTEST_PULSE_DEG_S = 0.1
 _PROBED = ("utcdate", "sitelatitude")
 _RETURNS_AT_ONCE = 4
@@ -303,6 +304,10 @@ class AlpacaLanguage(Unskilled):
             return Sent(lost=failure)
         return Sent()
 
+    async def guiding(self) -> bool | None:
+        """Whether a pulse still runs; None where it doesn't tell [ASCOM IsPulseGuiding]."""
+        return await self._device.maybe("ispulseguiding", codec.truth)
+
     async def _tracks(self) -> bool:
         return await self._device.maybe("tracking", codec.truth) is not False
 
@@ -327,6 +332,10 @@ class AlpacaLanguage(Unskilled):
             told = await self._device.value("utcdate", codec.instant)
         except AlpacaRefused:
             return None
+        except DeviceGarbled as garbled:
+            # it can be used all the same; whose clock it is isn't known
+            self.log.note("event", meaning=f"its clock is not known: {garbled.what}")
+            return None
         return told + (utc_now() - before) / 2
 
     async def write_clock(self, utc: datetime) -> None:
@@ -348,9 +357,12 @@ class AlpacaLanguage(Unskilled):
             )
         except AlpacaRefused:
             return None
+        except DeviceGarbled as garbled:
+            self.log.note("event", meaning=f"its site is not known: {garbled.what}")
+            return None
         try:
-            height_m = await device.value("siteelevation", codec.number)
-        except AlpacaRefused:
+            height_m = await device.value("siteelevation", lambda value: codec.number(value, *_HEIGHTS_M))
+        except (AlpacaRefused, DeviceGarbled):
             height_m = 0.0
         return Site(latitude_deg, (longitude_deg + 180.0) % 360.0 - 180.0, height_m)
 

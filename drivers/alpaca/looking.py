@@ -6,6 +6,7 @@ Whoever happens to ask hears it, and perhaps nobody after; so it is kept for the
 
 from __future__ import annotations
 
+from datetime import datetime, timedelta
 from typing import Any
 
 from drivers.alpaca import claims, codec
@@ -17,6 +18,7 @@ from drivers.language import Readout
 from mountnav.errors import DeviceSilent
 from mountnav.navigation.devices import Epoch
 from mountnav.sky.coordinates import utc_now
+from mountnav.tasks import both, together
 
 _STATES = ("tracking", "atpark", "athome", "sideofpier")
 _NEEDED = ("rightascension", "declination")
@@ -44,9 +46,13 @@ class Looking:
     async def begin(self, version: int, members: tuple[str, ...]) -> None:
         """See which members can be read: the device is up anew."""
         self._failed, self._orders = "", self._orders + 1
-        there = {member for member in (*_STATES, "slewing", *members) if await self._device.has(member)}
-        self.implemented = frozenset(there)
-        self._by_state = version >= _TELLS_STATE and await self._device.has("devicestate")
+        asked = [*_STATES, "slewing", *members]
+        if version >= _TELLS_STATE:
+            asked.append("devicestate")
+        found = await together(*(self._device.has(member) for member in asked))
+        there = {member for member, has in zip(asked, found, strict=True) if has}
+        self.implemented = frozenset(there - {"devicestate"})
+        self._by_state = "devicestate" in there
 
     def ordered(self) -> int:
         """An order to move goes out: what failed before it is over. Gives its number."""
@@ -71,17 +77,8 @@ class Looking:
         DeviceMissing
             If the server is gone or its driver is not connected.
         """
-        slewing = await self._slewing()
-        before = utc_now()
-        state = await self._state()
-        for member in _NEEDED:
-            if state.get(member) is None:
-                state[member] = await self._read(member)
-        span = utc_now() - before
-        utc = before + span / 2
-        if not self._by_state:
-            for member in _STATES:
-                state[member] = await self._maybe(member)
+        # all at once: one after the other, over a slow line, they would tell of times that lie seconds apart
+        (state, utc, span), slewing = await both(self._placed(), self._slewing())
         try:
             place = claims.place(state["rightascension"], state["declination"], self.epoch, utc)
             by_state = claims.maybe_truth(state, "slewing")
@@ -98,6 +95,29 @@ class Looking:
             )
         except Malformed as fault:
             raise understood("state", fault, self._device.address) from fault
+
+    async def _placed(self) -> tuple[dict[str, Any], datetime, timedelta]:
+        """Place and state, when (the middle between question and answer), and how long that took."""
+        state: dict[str, Any] = {}
+        before = utc_now()
+        if self._by_state:
+            state = await self._state()
+        missing = [member for member in _NEEDED if state.get(member) is None]
+        if missing:
+            before = utc_now()
+        answered = before
+
+        async def read(member: str) -> object:
+            nonlocal answered
+            value = await self._read(member)
+            answered = max(answered, utc_now())
+            return value
+
+        rest = () if self._by_state else _STATES
+        values = await together(*map(read, missing), *map(self._maybe, rest))
+        span = (answered if missing else utc_now()) - before
+        state |= dict(zip((*missing, *rest), values, strict=True))
+        return state, before + span / 2, span
 
     async def _slewing(self) -> bool | None:
         if "slewing" not in self.implemented:

@@ -16,6 +16,7 @@ from drivers.alpaca.looking import Looking
 from drivers.alpaca.refusals import PARKED, AlpacaRefused
 from drivers.language import Sent
 from mountnav.errors import DeviceError, DeviceGarbled, DeviceMissing, DeviceRefused, DeviceSilent
+from mountnav.tasks import begun
 
 T = TypeVar("T")
 _SOON_S = 1.0
@@ -67,7 +68,9 @@ class Moving:
             except (DeviceSilent, DeviceGarbled) as failure:
                 return Sent(lost=failure)
             return Sent()
-        sending = asyncio.create_task(self._to_its_end(member, parameters, number), name=f"alpaca-{member}")
+        sending = begun(
+            self._to_its_end(member, parameters, number), f"alpaca-{member}", died=self._asking.died
+        )
         self._orders.add(sending)
         sending.add_done_callback(self._orders.discard)
         try:
@@ -103,9 +106,9 @@ class Moving:
         """
         if len(self._stops) >= _MOST_STOPS:
             return
-        stopping = asyncio.create_task(self._abort(), name="alpaca-abortslew")
+        stopping = begun(self._abort(), "alpaca-abortslew", died=self._stop_failed)
         self._stops.add(stopping)
-        stopping.add_done_callback(self._forget_stop)
+        stopping.add_done_callback(self._stops.discard)
         done, _ = await asyncio.wait({stopping}, timeout=_SOON_S)
         if done:
             self._outcome(stopping)
@@ -128,10 +131,10 @@ class Moving:
             if refused.number != PARKED:
                 self._asking.log.note("event", meaning=f"the stop was refused: {refused.words}")
 
-    def _forget_stop(self, stopping: asyncio.Task[None]) -> None:
-        self._stops.discard(stopping)
-        if not stopping.cancelled() and stopping.exception() is not None:
-            self._asking.log.note("event", meaning=f"a stop failed: {stopping.exception()}")
+    def _stop_failed(self, fault: Exception) -> None:
+        self._asking.log.note("event", meaning=f"a stop failed: {fault}")
+        if not isinstance(fault, DeviceError):
+            self._asking.died(fault)
 
     async def end(self) -> None:
         """Wait for no answer any more."""
@@ -139,5 +142,5 @@ class Moving:
         for one in running:
             one.cancel()
         for one in running:
-            with contextlib.suppress(asyncio.CancelledError, DeviceError):
+            with contextlib.suppress(asyncio.CancelledError, Exception):
                 await one

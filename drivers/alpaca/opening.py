@@ -29,10 +29,10 @@ TIMING = Timing(
     sync_wait_s=6.0,
     late_s=3.5,
     heartbeat_s=1.0,
-    silence_s=2.0,
-    lost_after_s=8.0,
+    silence_s=3.0,
+    lost_after_s=9.0,
 )
-"""Servers answer from what they read up to a second ago, and may take a second for it."""
+"""Servers answer from what they read up to a second ago, and those far away take up to two seconds for it."""
 MOUNT_OPTIONS = ("connect", "connect_s", "ca", "finds_home", "resolution_arcsec")
 CAMERA_OPTIONS = (
     "connect",

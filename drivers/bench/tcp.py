@@ -77,6 +77,7 @@ class FakeOnTcp(Bench):
             self._client, _ = self._listener.accept()
             self._client.setblocking(False)
             self._client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._opened_by_client()
             return
         if self._client is None:
             return

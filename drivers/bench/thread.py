@@ -44,6 +44,15 @@ class Troubled(Protocol):
         ...
 
 
+@runtime_checkable
+class Opened(Protocol):
+    """A fake that wants to know when its port is opened."""
+
+    def port_opened(self) -> None:
+        """Take note of it."""
+        ...
+
+
 @dataclass(slots=True)
 class _Errand:
     """Something that another thread wants done in this one."""
@@ -260,6 +269,11 @@ class Bench(ABC):
         if isinstance(self.fake, Troubled):
             for order in self.fake.line_orders():
                 self._happen(order)
+
+    def _opened_by_client(self) -> None:
+        """Tell the fake that somebody has opened its port."""
+        if isinstance(self.fake, Opened):
+            self.fake.port_opened()
 
     # -- what a wire is --------------------------------------------------------------------------
 

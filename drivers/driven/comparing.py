@@ -4,14 +4,36 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from drivers.language import Identity, Language
+from drivers.language import Identity, Language, Readout
 from mountnav.navigation.devices import ConnectReport
-from mountnav.sky.coordinates import Icrs, Site, utc_now
+from mountnav.navigation.kinds import from_mount
+from mountnav.sky.chain import icrs_to_observed
+from mountnav.sky.coordinates import Air, Icrs, Site, utc_now
 from mountnav.sky.sphere import half_turn_deg, separation_arcsec
 
 CLOCK_TOLERANCE_S = 2.0
 SITE_TOLERANCE_ARCSEC = 120.0
 """The classic protocol carries whole minutes of arc."""
+
+LOWEST_PLACE_DEG = -10.0
+"""No tube looks further down than this below the horizon, except parked: a place there is no true one.
+Doubled, a mount whose clock is an hour off in the east or west is believed."""
+_NOTHING_DEG = 0.001
+
+
+def implausible(readout: Readout, site: Site | None) -> str:
+    """Why the place that a mount tells at connecting can't be where it points; empty if it may be."""
+    place = readout.place
+    if readout.parked:
+        return ""
+    if abs(half_turn_deg(place.ra_deg)) < _NOTHING_DEG and abs(place.dec_deg) < _NOTHING_DEG:
+        return "it tells right ascension 0 and declination 0, as one that knows nothing"
+    if site is None:
+        return ""
+    altitude_deg = icrs_to_observed(from_mount(place), readout.utc, site, Air()).alt_deg
+    if altitude_deg < LOWEST_PLACE_DEG:
+        return f"the place it tells is {-altitude_deg:.0f}° below the horizon of our site"
+    return ""
 
 
 async def compared(

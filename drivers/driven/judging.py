@@ -20,6 +20,12 @@ MOST_LOOKS = 10
 _LONGEST_SPAN_S = 1.0
 _LONGEST_GAIN_S = 3.0
 _SHORTEST_PACE_S = 0.02
+_LEAP_DEG = 10.0
+"""So far beyond its pace a mount may be found on its way: fast ones reach full speed within a look. Doubled,
+one that is switched off and on for a second and wakes up 20° away is not noticed."""
+HAND_DEG, HAND_DEG_S = 0.5, 6.0
+"""So far and so fast somebody at the hand control may move it between two looks. Doubled, a mount that wakes
+up 10° from where it was passes for one that was moved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,10 +37,13 @@ class Believed:
     readout : Readout
     jump_arcsec : float
         By how much it lies further from the last one than any mount can move; 0 as a rule.
+    leap_arcsec : float
+        By how much it lies further than this mount can have gone by the pace it had; 0 as a rule.
     """
 
     readout: Readout
     jump_arcsec: float = 0.0
+    leap_arcsec: float = 0.0
 
 
 class Judge:
@@ -94,10 +103,11 @@ class Judge:
         last, self.last = self.last, readout
         if last is None:
             return Believed(readout)
+        leap_arcsec = self._beyond_its_pace(last, readout)
         elapsed_s = (readout.utc - last.utc).total_seconds()
         if elapsed_s > _SHORTEST_PACE_S:
             self._pace_arcsec_s = apart_arcsec(last.place, readout.place) / elapsed_s
-        return Believed(readout, self._beyond_any_motor(last, readout))
+        return Believed(readout, self._beyond_any_motor(last, readout), leap_arcsec)
 
     def _rests(self, before: Readout, after: Readout) -> bool:
         """Whether a reading is where the last one was, but for the turn of the sky."""
@@ -131,6 +141,13 @@ class Judge:
         free_arcsec = self._timing.resting_arcsec + 2.0 * self.resolution_arcsec
         reach_arcsec = self._timing.fastest_deg_s * 3600.0 * _elapsed_s(before, after) + free_arcsec
         return max(0.0, apart_arcsec(before.place, after.place) - reach_arcsec)
+
+    def _beyond_its_pace(self, before: Readout, after: Readout) -> float:
+        elapsed_s = _elapsed_s(before, after)
+        gained_arcsec_s = self._timing.acceleration_deg_s2 * 3600.0 * min(elapsed_s, _LONGEST_GAIN_S)
+        rate = max(1.5 * self._pace_arcsec_s + gained_arcsec_s, HAND_DEG_S * 3600.0)
+        free_arcsec = _LEAP_DEG * 3600.0 + 2.0 * self.resolution_arcsec
+        return max(0.0, apart_arcsec(before.place, after.place) - free_arcsec - rate * elapsed_s)
 
     def _steady_motion(self, first: Readout, second: Readout, third: Readout) -> bool:
         """Whether three readings lie on one motion of constant speed in one direction."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 from collections.abc import Awaitable, Callable
 from enum import StrEnum
 
@@ -15,6 +16,9 @@ from drivers.language import Language
 from drivers.timing import Timing
 from mountnav.errors import DeviceError, DeviceMissing
 from mountnav.sky.present import real_s
+from mountnav.tasks import fault_words, waited_for
+
+_log = logging.getLogger(__name__)
 
 _GLANCE_S = 0.1
 
@@ -63,6 +67,8 @@ class Keeper:
         self._tasks: list[asyncio.Task[None]] = []
         self._heard_s = 0.0
         self._silent_since_s: float | None = None
+        self._fault: str | None = None
+        """What went wrong in here: then the link counts as lost."""
         self.state = LinkState.CLOSED
 
     def start(self) -> None:
@@ -70,10 +76,11 @@ class Keeper:
         self.heard()
         self.state = LinkState.UP
         self._silent_since_s = None
+        self._fault = None
         if not self._tasks:
-            self._tasks = [asyncio.create_task(self._watch(), name="link-watch")]
+            self._tasks = [waited_for(self._kept(self._watch), "link-watch")]
             if self._timing.heartbeat_s > 0.0:
-                self._tasks.append(asyncio.create_task(self._beating(), name="link-beat"))
+                self._tasks.append(waited_for(self._kept(self._beating), "link-beat"))
 
     async def end(self) -> None:
         """Watch no more."""
@@ -88,6 +95,16 @@ class Keeper:
     def heard(self) -> None:
         """A good reading has come."""
         self._heard_s = asyncio.get_running_loop().time()
+
+    async def _kept(self, work: Callable[[], Awaitable[None]]) -> None:
+        """Keep one of both at work; a fault of ours in it ends the link, and it is opened anew."""
+        while True:
+            try:
+                await work()
+            except Exception as fault:
+                _log.exception("%s: keeping its link hit a fault", self._language.device)
+                self._fault = fault_words(fault)
+                await asyncio.sleep(self._timing.backoff_s)
 
     async def _beating(self) -> None:
         loop, each_s = asyncio.get_running_loop(), real_s(self._timing.heartbeat_s)
@@ -121,6 +138,9 @@ class Keeper:
     async def _glance(self) -> str | None:
         """Wait a moment; tell why the link counts as lost, or None."""
         loop = asyncio.get_running_loop()
+        fault, self._fault = self._fault, None
+        if fault is not None:
+            return fault
         try:
             async with asyncio.timeout(_GLANCE_S):
                 return await self._language.lost()

@@ -9,11 +9,12 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 
 from drivers.driven.keeping import LinkState
 from drivers.driven.moving import Mover
-from drivers.driven.syncing import as_reading, sync
+from drivers.driven.refused import Took
+from drivers.driven.syncing import sync
 from drivers.driven.tended import Connecting, Listener, Tended
 from drivers.language import Language, Readout, Sent, Wanted
 from drivers.places import apart_arcsec, check_kind
@@ -37,6 +38,11 @@ from mountnav.sky.coordinates import Apparent, Icrs, Site
 from mountnav.sky.present import real_s
 
 LONGEST_PULSE_S = 60.0
+_PULSE_LATE_S = 2.0
+"""How much later than we count a pulse may end (s): a queue of orders at 9600 baud, a busy machine. Doubled,
+a mount that says "guiding" for ever holds each pulse up for so much longer."""
+_PULSE_LOOK_S = 0.05
+"""Between two such questions (s): three exchanges at 9600 baud."""
 
 
 class DrivenMount:
@@ -55,6 +61,8 @@ class DrivenMount:
         Whether connecting sets the mount's clock and site to ours.
     trust_on_connect : bool
         Whether its position counts at the first connecting, unless it shows that it was just switched on.
+    swap_sides : bool
+        It tells the other side of the pier than the one on which the tube hangs.
     """
 
     def __init__(
@@ -67,13 +75,15 @@ class DrivenMount:
         set_clock: bool = False,
         set_site: bool = False,
         trust_on_connect: bool = True,
+        swap_sides: bool = False,
     ) -> None:
         self.language = language
         self._name = name or language.device
         self._timing = timing or Timing()
-        connecting = Connecting(site, set_clock, set_site, trust_on_connect)
+        connecting = Connecting(site, set_clock, set_site, trust_on_connect, swap_sides)
         self._tended = Tended(language, self._name, self._timing, connecting)
         self._mover = Mover(self._tended)
+        self._refusals = self._mover.refusals
 
     # -- what it is --------------------------------------------------------------------------------
 
@@ -136,6 +146,14 @@ class DrivenMount:
         """An operator's word that the position is right."""
         self._tended.trust("the operator says so")
 
+    async def compare(self) -> ConnectReport:
+        """Ask for its clock and site again, and compare them with ours. Raises `DeviceError`."""
+        return await self._tended.compare()
+
+    async def set_site_and_time(self) -> ConnectReport:
+        """Set its site and clock to ours, as far as it takes them. Raises `DeviceRefused`, `DeviceError`."""
+        return await self._tended.set_site_and_time()
+
     def listen(self, listener: Listener) -> None:
         """Tell `listener(what, facts)` of what happens to the link and to the position."""
         self._tended.listeners.append(listener)
@@ -167,7 +185,7 @@ class DrivenMount:
             If there is no answer, none that makes sense, or no link.
         """
         await self._tended.ready()
-        return as_reading(await self._tended.look())
+        return (await self._tended.look()).reading
 
     # -- orders ------------------------------------------------------------------------------------
 
@@ -192,6 +210,8 @@ class DrivenMount:
             If another order to move runs.
         DeviceRefused
             When it says no, is parked, or its position can't be trusted; nothing moves.
+        RefusedButDone
+            When it said no and moved all the same; it was stopped.
         DeviceSilent, DeviceGarbled, DeviceMissing
             If the mount can't be followed any more; a stop was sent.
         """
@@ -239,7 +259,8 @@ class DrivenMount:
         Returns
         -------
         SyncResult
-            Seen (also late), or accepted and ignored. A sync that was seen makes the position count.
+            Seen (also late), accepted and ignored, or another place taken. A sync that was seen makes the
+            position count; after one that took another place it counts no more.
 
         Raises
         ------
@@ -249,11 +270,13 @@ class DrivenMount:
             If an order to move runs.
         DeviceRefused
             When it says no, or slews.
+        RefusedButDone
+            When it said no, and believes something else since.
         DeviceSilent, DeviceGarbled
             If its answer was lost and the readings don't show it.
         """
         check_kind(place, self.epoch, device=self._name)
-        return await sync(self._tended, place)
+        return await sync(self._tended, self._refusals, place)
 
     # -- park, home, tracking, guiding -------------------------------------------------------------
 
@@ -285,21 +308,17 @@ class DrivenMount:
         ------
         DeviceRefused
             If it can't, says no, or goes on saying it is parked.
+        RefusedButDone
+            If it said no and did it.
         """
         self._require_skill(Skill.UNPARK)
-        self._require_no_job()
-        await self._tended.ready()
-        async with self._tended.ordering:
-            await self.language.send_unpark()
+        await self._told("unparking", self.language.send_unpark, lambda now: _not(now.parked))
         await self._until(lambda now: not now.parked, "unparking")
 
     async def set_park(self) -> None:
         """Take the present place for the park position. Raises `DeviceRefused`."""
         self._require_skill(Skill.SET_PARK)
-        self._require_no_job()
-        await self._tended.ready()
-        async with self._tended.ordering:
-            await self.language.send_set_park()
+        await self._told("setting the park position", self.language.send_set_park)
 
     async def home(self) -> SlewOutcome:
         """Go to its home, or find it by its sensors if it has some: then its position counts again.
@@ -320,7 +339,8 @@ class DrivenMount:
             outcome = await self._mover.ordered(
                 self.language.send_home, lambda now: now.at_home, stops=stops, before=before
             )
-            if finds and outcome is SlewOutcome.ARRIVED and (await self._tended.look()).at_home:
+            found = finds and outcome is SlewOutcome.ARRIVED and (await self._tended.look()).at_home
+            if found and not self._tended.silent_on_its_way:
                 self._tended.trust("it has found its home")
             return outcome
 
@@ -331,15 +351,24 @@ class DrivenMount:
         ------
         DeviceRefused
             If it can't, says no, or says yes and does otherwise.
+        RefusedButDone
+            If it said no and did it; tracking that was begun so is ended.
         """
         if not on or Skill.TRACKING_RATES not in self.skills:
             self._require_skill(Skill.TRACK)
         if rate is not TrackingRate.SIDEREAL:
             self._require_skill(Skill.TRACKING_RATES)
-        self._require_no_job()
-        await self._tended.ready()
-        async with self._tended.ordering:
-            await self.language.send_tracking(on, rate)
+
+        async def rest() -> None:
+            async with self._tended.ordering:
+                await self.language.send_tracking(False, TrackingRate.SIDEREAL)
+
+        await self._told(
+            "switching tracking",
+            lambda: self.language.send_tracking(on, rate),
+            lambda now: now.tracking if on else _not(now.tracking),
+            undo=rest if on else None,
+        )
         await self._until(lambda now: now.tracking is None or now.tracking is on, "switching tracking")
 
     async def guide(self, direction: Direction, duration_s: float) -> None:
@@ -361,17 +390,32 @@ class DrivenMount:
             )
         self._require_no_job()
         await self._tended.ready()
+        before = await self._refusals.before()
         stops, loop = self._tended.stops, asyncio.get_running_loop()
         began = loop.time()
-        # two axes may be guided at once, but no slew may begin: the end of a pulse would halt it
-        self._tended.pulses += 1
-        try:
-            sent = await self.language.send_guide(direction, duration_s, lambda: self._tended.stops == stops)
-            if sent.lost is not None:
-                raise sent.lost
-            await asyncio.sleep(max(0.0, began + real_s(duration_s) - loop.time()))
-        finally:
-            self._tended.pulses -= 1
+        async with self._refusals.seen_to("the guide pulse", before):
+            # two axes may be guided at once, but no slew may begin: the end of a pulse would halt it
+            self._tended.pulses += 1
+            try:
+                sent = await self.language.send_guide(
+                    direction, duration_s, lambda: self._tended.stops == stops
+                )
+                if sent.lost is not None:
+                    raise sent.lost
+                await asyncio.sleep(max(0.0, began + real_s(duration_s) - loop.time()))
+                await self._pulse_over()
+            finally:
+                self._tended.pulses -= 1
+
+    async def _pulse_over(self) -> None:
+        """Wait until the mount says so, where it can: it counts from when it took the order up, not we.
+
+        One that says "guiding" for longer is left to say so: the next order that can't be is refused by it.
+        """
+        loop = asyncio.get_running_loop()
+        until = loop.time() + real_s(_PULSE_LATE_S)
+        while await self.language.guiding() and loop.time() < until:
+            await pause(_PULSE_LOOK_S)
 
     async def destination_side(self, place: Apparent | Icrs) -> PierSide | None:
         """On which side of the pier it would look at a place; None if it can't tell."""
@@ -379,7 +423,22 @@ class DrivenMount:
         await self._tended.ready()
         # some have to be given the place as the target first
         async with self._tended.ordering:
-            return await self.language.destination_side(place)
+            return self._tended.side(await self.language.destination_side(place))
+
+    async def _told(
+        self,
+        order: str,
+        send: Callable[[], Awaitable[None]],
+        took: Took | None = None,
+        *,
+        undo: Callable[[], Awaitable[None]] | None = None,
+    ) -> None:
+        """Give an order that ends by itself."""
+        self._require_no_job()
+        await self._tended.ready()
+        before = await self._refusals.before()
+        async with self._refusals.seen_to(order, before, took=took, undo=undo), self._tended.ordering:
+            await send()
 
     def _require_no_job(self) -> None:
         if self._tended.job is not None:
@@ -400,3 +459,8 @@ class DrivenMount:
             if loop.time() > until:
                 raise DeviceRefused(f"accepted {what} and didn't do it", device=self._name)
             await pause(min(0.2, self._timing.poll_s))
+
+
+def _not(said: bool | None) -> bool | None:
+    """The contrary of what a mount says; None where it can't tell."""
+    return None if said is None else not said

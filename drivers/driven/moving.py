@@ -11,6 +11,7 @@ import contextlib
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 
+from drivers.driven.refused import Refusals
 from drivers.driven.tended import Tended
 from drivers.language import Readout, Sent, Wanted
 from drivers.places import apart_arcsec
@@ -26,11 +27,17 @@ from mountnav.errors import (
 from mountnav.navigation.devices import SlewOutcome, SlewState
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.present import real_s
+from mountnav.tasks import waited_for
 
 There = Callable[[Readout], bool | None]
 """Whether a resting mount has done what it was ordered; None when it can't tell."""
 
 _ROOM_S = 0.4
+_TELLINGS = 5
+"""So often an order is told to a mount that falls silent meanwhile. Doubled, a caller waits a minute."""
+_NEARLY_ARCSEC = 7200.0
+"""A mount in doubt that rests so near to where it was sent is sent on: it can't have woken up there. Doubled,
+one that woke up elsewhere may be."""
 _STATES = {
     SlewOutcome.ARRIVED: SlewState.ARRIVED,
     SlewOutcome.STALLED: SlewState.STALLED,
@@ -48,7 +55,9 @@ class Mover:
 
     def __init__(self, tended: Tended) -> None:
         self._tended = tended
+        self.refusals = Refusals(tended, self.stop)
         self._went_out = False
+        """Whether the order that runs has reached the wire."""
 
     @asynccontextmanager
     async def job(self, what: str) -> AsyncIterator[int]:
@@ -74,9 +83,14 @@ class Mover:
             # said no in the middle, or won't be stopped: something may still move
             tended.state = SlewState.LOST if self._went_out else SlewState.REFUSED
             tended.stop_owed = tended.stop_owed or self._went_out
+            self._settle_doubt(arrived=not self._went_out)
             raise
-        except (DeviceSilent, DeviceGarbled, DeviceMissing, asyncio.CancelledError):
+        except (DeviceSilent, DeviceGarbled, DeviceMissing, asyncio.CancelledError) as trouble:
             tended.state, tended.stop_owed = SlewState.LOST, True
+            if self._went_out and isinstance(trouble, DeviceError):
+                # where it is when it can be read again nobody has seen it go
+                tended.distrust(f"it could not be followed on its way: {trouble.what}")
+            self._settle_doubt(arrived=not self._went_out)
             # nobody watches it any more: a mount that may be moving is not left so
             with contextlib.suppress(DeviceError):
                 await tended.language.send_stop(0)
@@ -85,7 +99,7 @@ class Mover:
                 self._require_link(links)
             raise
         finally:
-            tended.job = None
+            tended.job, tended.sent_out = None, False
 
     async def ordered(
         self,
@@ -118,8 +132,7 @@ class Mover:
         def wanted() -> bool:
             return tended.stops == stops and tended.links == links
 
-        async with tended.ordering:
-            sent = await send(wanted)
+        sent, before = await self._sent(send, wanted, before, there)
         if not sent.wire:
             self._require_link(links)
             tended.state = SlewState.STOPPED
@@ -135,7 +148,55 @@ class Mover:
             await tended.language.send_stop(0)
         outcome = await self._follow(there, wanted, links, before, sent, towards)
         tended.state = _STATES[outcome]
+        proven = towards is not None or not tended.silent_on_its_way
+        self._settle_doubt(arrived=outcome is SlewOutcome.ARRIVED and proven)
         return outcome
+
+    async def _sent(
+        self,
+        send: Callable[[Wanted], Awaitable[Sent]],
+        wanted: Wanted,
+        before: Readout,
+        there: There,
+    ) -> tuple[Sent, Readout]:
+        """Send an order, unless the mount falls silent while it is told: then it is looked at again first.
+
+        It may have been switched off and on: the order would go out by the place at which it woke up, and be
+        seen to arrive there.
+        """
+        tended = self._tended
+        trusted = tended.trusted
+
+        def wanted_and_heard() -> bool:
+            # asked right before what moves it goes out
+            goes = wanted() and not tended.doubt
+            tended.sent_out = tended.sent_out or goes
+            return goes
+
+        for _ in range(_TELLINGS):
+            tended.doubt, tended.silent_on_its_way = "", False
+            async with self.refusals.seen_to(f"the {tended.job}", before, took=there), tended.ordering:
+                sent = await send(wanted_and_heard)
+            if sent.wire or not wanted():
+                tended.sent_out = sent.wire
+                return sent, before
+            tended.sent_out = False
+            now = await tended.look()
+            if self._changes(before, now):
+                tended.distrust(f"its reading changed while it was told the {tended.job}")
+            if trusted:
+                tended.require_trust(f"the {tended.job}")
+            before = now
+        raise DeviceSilent(
+            f"fell silent each time it was told the {tended.job}: it was not sent",
+            device=tended.name,
+            advice="check cable and power",
+        )
+
+    def _settle_doubt(self, *, arrived: bool) -> None:
+        """What was odd on its way is explained if it came to where it was sent; else its place is not."""
+        if self._tended.doubt and not arrived:
+            self._tended.distrust(self._tended.doubt)
 
     def _require_link(self, links: int) -> None:
         """What began on a link doesn't go on on the next: the mount may have been switched off meanwhile."""
@@ -164,11 +225,7 @@ class Mover:
             now = await tended.look()
             self._require_link(links)
             if now.failed and wanted():
-                raise DeviceRefused(
-                    f"took up the {tended.job}, and failed on the way: {now.failed}",
-                    device=tended.name,
-                    advice="see what its driver says; look at the sky before the next slew",
-                )
+                raise await self._failed(before, now)
             took_s = real_s((now.utc - before.utc).total_seconds())
             silent = silent or took_s > real_s(timing.poll_s) + timing.silence_s
             resting, changes = tended.judge.still(before, now), self._changes(before, now)
@@ -185,7 +242,10 @@ class Mover:
             if not wanted():
                 return SlewOutcome.STOPPED
             arrived = there(now)
-            if towards is not None and await self._next_leg(towards, wanted):
+            lost = bool(tended.doubt) and (
+                towards is None or apart_arcsec(now.place, towards) > _NEARLY_ARCSEC
+            )
+            if towards is not None and not lost and await self._next_leg(towards, wanted):
                 ordered, moved = loop.time(), False
                 continue
             if arrived:
@@ -199,6 +259,19 @@ class Mover:
                     self._nothing_happened(sent, counts=arrived is not None)
                 # one that can't tell whether it has parked, and rests, has
                 return SlewOutcome.ARRIVED if arrived is None else SlewOutcome.STALLED
+
+    async def _failed(self, before: Readout, now: Readout) -> DeviceRefused:
+        """What to raise for a motion that is said to have failed; one that goes on is stopped."""
+        tended = self._tended
+        said = f"took up the {tended.job}, and failed on the way: {now.failed}"
+        if not tended.judge.still(before, now):
+            await self.stop()
+            said = f"{said}; it was still moving, and was stopped"
+        return DeviceRefused(
+            said,
+            device=tended.name,
+            advice="see what its driver says; look at the sky before the next slew",
+        )
 
     def _changes(self, before: Readout, now: Readout) -> bool:
         """Whether the place has changed by more than a step and the turn of the sky."""
@@ -237,7 +310,7 @@ class Mover:
         if not tended.language.usable:
             await tended.ready()
         await tended.language.send_stop(0)
-        repeating = asyncio.create_task(self._again_and_again())
+        repeating = waited_for(self._again_and_again())
         tended.stopping = True
         try:
             await self._seen_at_rest()

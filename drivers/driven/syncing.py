@@ -1,23 +1,25 @@
-"""A sync and its read-back: seen, seen late, or accepted and ignored; sent once, never believed unread."""
+"""A sync and its read-back: seen, late, ignored, or another place taken; sent once, never believed unread."""
 
 from __future__ import annotations
 
 import asyncio
 
+from drivers.driven.refused import Refusals
 from drivers.driven.tended import LateSync, Tended
 from drivers.language import Readout
 from drivers.places import apart_arcsec
 from mountnav.clock import pause
 from mountnav.errors import Busy, DeviceMissing, DeviceRefused, Refusal
-from mountnav.navigation.devices import MountReading, SyncOutcome, SyncResult
-from mountnav.sky.coordinates import Apparent, Icrs
+from mountnav.navigation.devices import SyncOutcome, SyncResult
+from mountnav.navigation.sync_outcomes import miss_arcsec, near_arcsec, unseen
+from mountnav.sky.coordinates import Apparent, Icrs, utc_now
 from mountnav.sky.present import sky_s
 
 _LATE_FOR_S = 60.0
 """So long after it was given up a sync that shows is still recognized."""
 
 
-async def sync(tended: Tended, place: Apparent | Icrs) -> SyncResult:
+async def sync(tended: Tended, refusals: Refusals, place: Apparent | Icrs) -> SyncResult:
     """Tell a mount that it points at a place, and read back; see `DrivenMount.sync`."""
     if tended.job is not None:
         raise Busy(f"a {tended.job} is running", device=tended.name, advice="wait for it, or stop it")
@@ -27,62 +29,54 @@ async def sync(tended: Tended, place: Apparent | Icrs) -> SyncResult:
         before = await tended.look()
         if before.slewing:
             raise DeviceRefused("the sync refused: it slews", device=tended.name, reason=Refusal.BUSY)
-        tended.judge.forget()
-        sent = await tended.language.send_sync(place, lambda: tended.stops == stops and tended.links == links)
-        # a look between the two would have kept the place before it
-        tended.judge.forget()
-        tended.restless()
+        way_arcsec = apart_arcsec(before.place, place)
+        near = near_arcsec(way_arcsec, tended.language.resolution_arcsec, tended.timing.near_arcsec)
+        # one that was given up earlier would be taken for this one
+        tended.late_sync = None
+        async with refusals.seen_to("the sync", before, stops=False):
+            tended.judge.forget()
+            try:
+                sent = await tended.language.send_sync(
+                    place, lambda: tended.stops == stops and tended.links == links
+                )
+            finally:
+                # a look between the two would have kept the place before it
+                tended.judge.forget()
+                tended.restless()
         if not sent.wire:
             raise DeviceRefused(
                 "the sync was not sent: a stop came before it, or its link was lost", device=tended.name
             )
-        # a quarter of the offset is left to the mount, so that a small sync that was ignored still shows
-        share_arcsec = 0.25 * apart_arcsec(before.place, place)
-        free_arcsec = tended.language.resolution_arcsec + 5.0
-        near_arcsec = max(min(share_arcsec, tended.timing.near_arcsec), free_arcsec)
-        result = await _read_back(tended, place, near_arcsec)
+        result = await _read_back(tended, before, place, near)
     if tended.links != links:
         raise DeviceMissing(
             "its link was lost during the sync: whether it was carried out is not known",
             device=tended.name,
             advice="look at the sky before anything moves",
         )
-    if result.outcome is not SyncOutcome.IGNORED:
+    if result.outcome.seen:
         tended.trust("a sync was seen")
+        return result
+    tended.late_sync = LateSync(place, near, asyncio.get_running_loop().time() + _LATE_FOR_S)
+    if result.outcome is SyncOutcome.ELSEWHERE:
+        tended.went_elsewhere(result.miss_arcsec)
         return result
     if sent.lost is not None:
         raise sent.lost
-    tended.late_sync = LateSync(place, near_arcsec, asyncio.get_running_loop().time() + _LATE_FOR_S)
     return result
 
 
-async def _read_back(tended: Tended, place: Apparent | Icrs, near_arcsec: float) -> SyncResult:
+async def _read_back(tended: Tended, before: Readout, place: Apparent | Icrs, near: float) -> SyncResult:
     loop, timing = asyncio.get_running_loop(), tended.timing
-    asked = loop.time()
+    asked, told_utc = loop.time(), utc_now()
     while True:
-        now = await tended.look()
+        now = (await tended.look()).reading
         # the sky turns by its own time; how long is too long for a wire goes by the machine's
         waited_s = loop.time() - asked
-        after_s = sky_s(waited_s)
-        miss_arcsec = apart_arcsec(now.place, place)
-        drift_arcsec = 0.0 if now.tracking else timing.drift_arcsec_s * after_s
-        seen = miss_arcsec <= near_arcsec + drift_arcsec
+        seen = miss_arcsec(place, told_utc, now) <= near
         if seen or waited_s > timing.sync_wait_s:
-            outcome = SyncOutcome.IGNORED
+            outcome = unseen(before.reading, now, tended.language.resolution_arcsec)
             if seen:
                 outcome = SyncOutcome.LATE if waited_s > timing.late_s else SyncOutcome.SEEN
-            return SyncResult(outcome, as_reading(now), miss_arcsec, after_s)
+            return SyncResult(outcome, now, apart_arcsec(now.place, place), sky_s(waited_s))
         await pause(min(0.2, timing.poll_s))
-
-
-def as_reading(readout: Readout) -> MountReading:
-    """What is published of a look."""
-    return MountReading(
-        readout.place,
-        readout.utc,
-        readout.slewing,
-        readout.tracking,
-        readout.parked,
-        readout.at_home,
-        readout.pier_side,
-    )

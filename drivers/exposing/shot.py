@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from typing import TypeVar
 
 from mountnav.errors import BadRequest, Busy, Cancelled, MountnavError
+from mountnav.tasks import waited_for
 
 T = TypeVar("T")
 
@@ -51,8 +52,8 @@ class Shot:
 
     async def outlast(self, work: Awaitable[T]) -> T:
         """Wait for a piece of work; drops it and raises `Cancelled` as soon as it is aborted."""
-        working = asyncio.ensure_future(work)
-        waiting = asyncio.ensure_future(self._aborted.wait())
+        working = waited_for(work)
+        waiting = waited_for(self._aborted.wait())
         try:
             await asyncio.wait({working, waiting}, return_when=asyncio.FIRST_COMPLETED)
             self.require_wanted()

@@ -8,13 +8,40 @@ before never counts.
 from __future__ import annotations
 
 import asyncio
+from datetime import datetime, timedelta
 from pathlib import Path
 
 from mountnav.errors import BadFrame, Busy, Cancelled, DeviceMissing, DeviceSilent
 from mountnav.frames import Frame
 from mountnav.reading import read_frame
+from mountnav.sky.coordinates import utc_now
 
 _State = tuple[int, int, int]
+_MOST_CAUSES = 3
+_WITH_CAUSES = (
+    "check that the capture program exposes after it is asked, with the right clock, and saves whole files "
+    "of this pattern into this folder"
+)
+_OLD_S = 2.0
+"""A frame whose exposure ended so long before it was asked for is an older one, or the camera's clock is off.
+Doubled, one from before a short slew isn't told."""
+
+
+def _age(frame: Frame, asked_utc: datetime) -> str:
+    """Say that a frame was exposed before it was asked for; empty if not."""
+    assert frame.mid_exposure_utc is not None
+    ended = frame.mid_exposure_utc + timedelta(seconds=0.5 * (frame.exposure_s or 0.0))
+    early_s = (asked_utc - ended).total_seconds()
+    if early_s <= _OLD_S:
+        return ""
+    return (
+        f"the last one, {frame.source}, was exposed {early_s:.0f} s before it was asked for, by its DATE-OBS"
+    )
+
+
+def _listed(causes: list[str]) -> str:
+    more = f"; and {len(causes) - _MOST_CAUSES} more" if len(causes) > _MOST_CAUSES else ""
+    return "; ".join(causes[:_MOST_CAUSES]) + more
 
 
 class FolderCamera:
@@ -49,6 +76,10 @@ class FolderCamera:
         self._poll_s = poll_s
         self._name = name or str(folder)
         self._abort: asyncio.Event | None = None
+        self._last: dict[Path, _State] | None = None
+        """What the last wait for a file saw."""
+        self._doubt = ""
+        """What spoke against the last frame that was given: who took it may have refused it for that."""
 
     @property
     def name(self) -> str:
@@ -94,7 +125,7 @@ class FolderCamera:
         Cancelled
             After `abort`.
         DeviceSilent
-            If no file came in time.
+            If no file came in time; with what came and doesn't count, and why.
         BadFrame
             If the only new files can't be read, or the header of one tells no time of exposure.
         DeviceMissing
@@ -111,9 +142,11 @@ class FolderCamera:
     async def _next(self, exposure_s: float, abort: asyncio.Event) -> Frame:
         loop = asyncio.get_running_loop()
         until = loop.time() + exposure_s + self._timeout_s
+        asked_utc = utc_now()
+        strange = await asyncio.to_thread(self._others)
         old = await asyncio.to_thread(self._files)
-        seen = old
-        unreadable: BadFrame | None = None
+        seen, last = old, self._last
+        unusable: dict[Path, BadFrame] = {}
         tried: set[tuple[Path, _State]] = set()
         while loop.time() < until:
             try:
@@ -127,28 +160,85 @@ class FolderCamera:
             fresh = [
                 path for path, state in now.items() if old.get(path) != state and seen.get(path) == state
             ]
-            seen = now
+            seen = self._last = now
             for path in sorted(fresh, key=lambda path: now[path][1]):
                 if (path, now[path]) in tried:
                     continue
                 tried.add((path, now[path]))
                 try:
-                    return self._timed(await asyncio.to_thread(read_frame, path, raw=True))
+                    frame = self._timed(await asyncio.to_thread(read_frame, path, raw=True))
                 except BadFrame as cause:
                     # maybe still being written: it is tried again when it has changed
-                    unreadable = cause
-        if unreadable is not None:
-            raise unreadable
+                    unusable[path] = cause
+                else:
+                    self._doubt = _age(frame, asked_utc)
+                    return frame
+        causes = [f"{path.name} came and can't be used: {cause.what}" for path, cause in unusable.items()]
+        causes += [
+            f"{path.name} came and was still being written"
+            for path in sorted(set(seen) - set(unusable))
+            if old.get(path) != seen[path]
+        ]
+        causes += await asyncio.to_thread(self._ignored, strange)
+        if not causes:
+            # what was there when it was asked for: never taken, and often what was meant
+            causes += [
+                f"{path.name} came before the exposure was asked for"
+                for path in sorted(old)
+                if last is not None and last.get(path) != old[path]
+            ]
+        if not causes and old:
+            newest = max(old, key=lambda path: old[path][1])
+            age_s = asked_utc.timestamp() - old[newest][1] / 1e9
+            causes.append(
+                f"the newest there, {newest.name}, was written {age_s:.0f} s before it was asked for"
+            )
+        if self._doubt:
+            causes.append(self._doubt)
+        waited = f"no new file {self._pattern} came within {exposure_s + self._timeout_s:.0f} s"
+        if unusable:
+            last_one = list(unusable.values())[-1]
+            raise BadFrame(
+                f"no usable {waited.removeprefix('no new ')}: {_listed(causes)}",
+                device=self._name,
+                advice=last_one.advice or "check what the capture program writes",
+            )
         raise DeviceSilent(
-            f"no new file {self._pattern} came within {exposure_s + self._timeout_s:.0f} s",
+            f"{waited}: {_listed(causes)}" if causes else waited,
             device=self._name,
-            advice="check that the capture program runs and saves into this folder",
+            advice=_WITH_CAUSES
+            if causes
+            else "check that the capture program runs and saves into this folder",
         )
+
+    def _others(self) -> set[Path]:
+        """What is in the folder, whatever its name; runs in a thread."""
+        try:
+            return set(self._folder.iterdir())
+        except OSError:
+            return set()
+
+    def _ignored(self, before: set[Path]) -> list[str]:
+        """Files that have come and don't count, and why; runs in a thread."""
+        found = []
+        matching = set(self._folder.glob(self._pattern))
+        for path in sorted(self._others() - before):
+            try:
+                if not path.is_file():
+                    continue
+                if path not in matching:
+                    found.append(f"{path.name} came, which is none of {self._pattern}")
+                elif not path.stat().st_size:
+                    found.append(f"{path.name} came and is empty")
+            except OSError:
+                # gone meanwhile
+                continue
+        return found
 
     def _timed(self, frame: Frame) -> Frame:
         if frame.mid_exposure_utc is None:
             raise BadFrame(
-                f"{frame.source} tells no time of exposure",
+                f"{frame.source} tells no time of exposure (DATE-OBS)",
                 device=self._name,
                 advice="have the capture program write DATE-OBS and EXPTIME",
             )

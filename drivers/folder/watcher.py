@@ -16,6 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from mountnav.clock import Clock, SystemClock
+from mountnav.plain_files import open_buffered
 
 _log = logging.getLogger(__name__)
 _State = tuple[int, int]
@@ -139,7 +140,7 @@ class FolderWatcher:
         """Read a file through; None if it changes while it is read, or is gone: it comes again then."""
         digest = hashlib.sha256()
         try:
-            with path.open("rb") as file:
+            with open_buffered(path) as file:
                 while block := file.read(BLOCK):
                     digest.update(block)
             facts = path.stat()

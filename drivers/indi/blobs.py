@@ -11,9 +11,9 @@ import zlib
 from collections.abc import Iterable
 
 from drivers.indi.codec import Blob
+from mountnav.reading.unpacking import most_unpacked
 
 _WHITE = b" \t\r\n"
-MOST_BYTES = 2_500_000_000
 
 
 class BrokenBlob(ValueError):
@@ -60,8 +60,10 @@ def _decoded(pieces: Iterable[bytes]) -> bytearray:
 
 
 def _inflated(packed: bytes | bytearray, size: int) -> bytes:
-    if not 0 < size <= MOST_BYTES:
-        raise BrokenBlob(f"it unpacks to {size} bytes, it says")
+    if not 0 < size <= most_unpacked(len(packed)):
+        raise BrokenBlob(
+            f"{len(packed)} bytes unpack to {size}, it says: no picture of the sky packs so well"
+        )
     machine = zlib.decompressobj()
     try:
         plain = machine.decompress(packed, size + 1)

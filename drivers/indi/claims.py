@@ -148,9 +148,9 @@ def clock(get: Get, now: datetime) -> datetime | None:
         return None
     try:
         told = datetime.fromisoformat((time.text("UTC") or "").strip().rstrip("Z"))
-    except ValueError:
+        return told.replace(tzinfo=UTC) + (now - time.pushed)
+    except (ValueError, OverflowError):
         return None
-    return told.replace(tzinfo=UTC) + (now - time.pushed)
 
 
 def site(get: Get) -> Site | None:

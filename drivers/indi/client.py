@@ -21,10 +21,13 @@ from drivers.indi.xml_stream import Malformed
 from drivers.wire_log import WireLog
 from mountnav.errors import DeviceMissing
 from mountnav.sky.coordinates import utc_now
+from mountnav.tasks import begun, fault_words
 
 PORT = 7624
 _AT_ONCE_BYTES = 1 << 18
 _MOST_UNSENT_BYTES = 1 << 20
+_MOST_PROPERTIES = 5000
+"""Of all devices that a connection hears of; a large observatory has a tenth. Each may take kilobytes."""
 _WORDS_KEPT = 200
 _INTRODUCTION_S = 0.5
 
@@ -128,8 +131,8 @@ class IndiClient:
         self._writer, self._why_lost = writer, None
         self.send(orders.ping_request(self._ping_id()), orders.get_properties(self._device))
         self._tasks = [
-            asyncio.create_task(self._hear(reader), name="indi-hear"),
-            asyncio.create_task(self._watch(), name="indi-watch"),
+            begun(self._hear(reader), "indi-hear", died=self._died),
+            begun(self._watch(), "indi-watch", died=self._died),
         ]
 
     async def close(self) -> None:
@@ -139,7 +142,8 @@ class IndiClient:
         for task in tasks:
             task.cancel()
         for task in tasks:
-            with contextlib.suppress(asyncio.CancelledError):
+            # a fault of its own was told when it came
+            with contextlib.suppress(asyncio.CancelledError, Exception):
                 await task
         writer, self._writer = self._writer, None
         if writer is not None:
@@ -223,13 +227,16 @@ class IndiClient:
                 self._lose("the server closed the connection")
                 return
             self._heard = True
-            events = reader.feed(data)
-            for event in events:
-                self._take(event)
-            if any(isinstance(event, Malformed) for event in events) and self.usable:
+            troubles = self.troubles
+            for events in reader.parts(data):
+                for event in events:
+                    self._take(event)
+                self._tell_news()
+                # whatever a server sends: a stop, and all else, has its turn in between
+                await asyncio.sleep(0)
+            if self.troubles > troubles and self.usable:
                 # a change may have been lost with it: have everything told anew
                 self.send(orders.get_properties(self._device))
-            self._tell_news()
 
     def _take(self, event: Event) -> None:
         if isinstance(event, Malformed):
@@ -243,6 +250,9 @@ class IndiClient:
         if isinstance(event, Pinged):
             self.send(orders.ping_reply(event.uid))
         now = self.properties.take(event, utc_now(), asyncio.get_running_loop().time())
+        if len(self.properties) > _MOST_PROPERTIES:
+            self._lose(f"it defines more than {_MOST_PROPERTIES} properties")
+            self.properties.clear()
         message = getattr(event, "message", "")
         # a message that comes with a definition is as old as that
         if message and not isinstance(event, Defined):
@@ -253,6 +263,10 @@ class IndiClient:
     def _tell_news(self) -> None:
         news, self._news = self._news, asyncio.Event()
         news.set()
+
+    def _died(self, fault: Exception) -> None:
+        """A task of ours is gone: what nobody reads or watches any more is no link."""
+        self._lose(fault_words(fault))
 
     def _lose(self, why: str) -> None:
         if self._why_lost is not None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
@@ -20,6 +21,10 @@ _SEXAGESIMAL = re.compile(
     r"([+-]?)(\d+(?:\.\d*)?|\.\d+)(?:[:; ]+(\d+(?:\.\d*)?))?(?:[:; ]+(\d+(?:\.\d*)?))?$",
     re.ASCII,  # other scripts' digits are no order to a mount
 )
+_LENGTH = re.compile(r"[0-9]{1,15}", re.ASCII)
+"""Of a file, in bytes. Python refuses to read numbers of more than 4,300 digits."""
+_MOST_NUMBER_CHARACTERS = 400
+"""The longest double that C writes with ``%f`` has 317; what is longer is no number of any driver."""
 
 
 class State(StrEnum):
@@ -189,7 +194,12 @@ class Reader:
 
     def feed(self, data: bytes) -> list[Event]:
         """Take bytes, and return what they complete."""
-        return [one if isinstance(one, Malformed) else event_of(one) for one in self._stream.feed(data)]
+        return [event for part in self.parts(data) for event in part]
+
+    def parts(self, data: bytes) -> Iterator[list[Event]]:
+        """Take bytes, and yield what they complete; see `ElementStream.parts`."""
+        for part in self._stream.parts(data):
+            yield [one if isinstance(one, Malformed) else event_of(one) for one in part]
 
 
 class _Nonsense(ValueError):
@@ -254,10 +264,15 @@ def _meant(element: Element) -> Event:
     return Other(tag, element.raw)
 
 
+def shortened(text: str) -> str:
+    """A stranger's text as it stands in our messages: quoted, and no longer than a line."""
+    return repr(text if len(text) <= 60 else f"{text[:60]}...")
+
+
 def _needed(element: Element, attribute: str) -> str:
     value = element.attributes.get(attribute, "")
     if not value:
-        raise _Nonsense(f"a {element.tag} without its {attribute}")
+        raise _Nonsense(f"a {shortened(element.tag)} without its {attribute}")
     return value
 
 
@@ -265,14 +280,14 @@ def _state(text: str) -> State:
     try:
         return State(text)
     except ValueError:
-        raise _Nonsense(f"{text!r} is no state") from None
+        raise _Nonsense(f"{shortened(text)} is no state") from None
 
 
 def _values(element: Element, tag: str) -> dict[str, Value]:
     values: dict[str, Value] = {}
     for child in element.children:
         if child.tag != tag:
-            raise _Nonsense(f"a {child.tag} in a {element.tag}")
+            raise _Nonsense(f"a {shortened(child.tag)} in a {element.tag}")
         values[_needed(child, "name")] = _value(child, tag[3:])
     return values
 
@@ -292,7 +307,7 @@ def _value(element: Element, kind: str) -> Value:
             return number(text)
         case "Switch":
             if text not in ("On", "Off"):
-                raise _Nonsense(f"{text!r} is no switch")
+                raise _Nonsense(f"{shortened(text)} is no switch")
             return text == "On"
         case "Light":
             return _state(text)
@@ -300,8 +315,8 @@ def _value(element: Element, kind: str) -> Value:
 
 
 def _count(text: str) -> int:
-    if not text.strip().isdecimal():
-        raise _Nonsense(f"{text!r} is no length")
+    if not _LENGTH.fullmatch(text.strip()):
+        raise _Nonsense(f"{shortened(text)} is no length")
     return int(text)
 
 
@@ -313,10 +328,12 @@ def number(text: str) -> float:
     ValueError
         If it is none. "nan" and "inf" are numbers: drivers say so of what they don't know.
     """
+    if len(text) > _MOST_NUMBER_CHARACTERS:
+        raise _Nonsense(f"{shortened(text)} is no number")
     match = _SEXAGESIMAL.match(text)
     if match is None:
         try:
-            if "_" in text:
+            if "_" in text or not text.isascii():
                 raise ValueError
             return float(text)
         except ValueError:

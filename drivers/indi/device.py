@@ -216,10 +216,14 @@ class IndiDevice:
         heard: list[Event] = []
         self._heard, self._asked_s = heard, asyncio.get_running_loop().time()
 
+        seen = 0
+
         def answered() -> bool:
-            return self._gone is not None or any(
-                isinstance(one, Defined) and one.name == asking for one in heard
-            )
+            nonlocal seen
+            # what was looked at once is not looked at again: a driver may say thousands of things meanwhile
+            fresh, seen = heard[seen:], len(heard)
+            told = any(isinstance(one, Defined) and one.name == asking for one in fresh)
+            return self._gone is not None or told
 
         try:
             self.client.send(*messages, orders.get_properties(self.name, asking))

@@ -7,6 +7,7 @@ for drivers carry out orders to deleted properties too.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 
@@ -49,9 +50,9 @@ class Property:
     pushed: datetime | None = None
 
     def number(self, element: str) -> float | None:
-        """A number, or None if there is no such element."""
+        """A number, or None if there is no such element, or its driver doesn't know it (NaN, infinity)."""
         value = self.values.get(element)
-        return value if isinstance(value, float) else None
+        return value if isinstance(value, float) and math.isfinite(value) else None
 
     def on(self, element: str) -> bool | None:
         """Whether a switch is on, or None if there is no such element."""
@@ -70,6 +71,10 @@ class Properties:
 
     _all: dict[tuple[str, str], Property] = field(default_factory=dict)
     count: int = 0
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self._all)
 
     def get(self, device: str, name: str) -> Property | None:
         """One property, or None if it is not defined."""
@@ -123,8 +128,11 @@ class Properties:
                 )
             case Deleted(device=device, name=name):
                 self.count += 1
-                for key in [key for key in self._all if key[0] == device and name in ("", key[1])]:
-                    del self._all[key]
+                if name:
+                    self._all.pop((device, name), None)
+                else:
+                    for key in [key for key in self._all if key[0] == device]:
+                        del self._all[key]
                 return None
             case _:
                 self.count += 1

@@ -138,6 +138,12 @@ class FakeIoptron(WireFake):
             return b""
         return self._teller.told(order.name) or b"1"
 
+    def denial(self, command: bytes) -> bytes | None:
+        """Orders that it answers at all it denies by 0."""
+        order = order_from_text(command, self._dialect)
+        told = order is not None and self._teller.told(order.name) is not None
+        return None if told or self.deaf_reply(command) != b"1" else b"0"
+
     def reboot(self) -> None:
         """Forget target and speeds; a parked mount is unparked by it [IOPTRON310 :MP1#]."""
         super().reboot()

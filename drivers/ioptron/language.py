@@ -62,6 +62,7 @@ class IoptronLanguage(OverLink):
         self._home_ordered = False
         self._rests_at_home = False
         self._flips_past_deg = 0
+        self._tells_time = True
 
     # -- what it is --------------------------------------------------------------------------------
 
@@ -100,11 +101,12 @@ class IoptronLanguage(OverLink):
             Skill.HOME,
             Skill.TRACK,
             Skill.TRACKING_RATES,
-            Skill.CLOCK,
             Skill.SET_CLOCK,
             Skill.SITE,
             Skill.SET_SITE,
         }
+        if self._tells_time:
+            skills |= {Skill.CLOCK}
         if self._model.parks:
             skills |= {Skill.PARK, Skill.UNPARK, Skill.SET_PARK}
         if self._model.searches_home:
@@ -127,33 +129,41 @@ class IoptronLanguage(OverLink):
         DeviceSilent, DeviceGarbled
             If nothing on it speaks iOptron's v2 or v3 set.
         """
-        await self._link.open()
-        self._home_ordered = self._rests_at_home = False
-        # each session begins with it [IOPTRON310 Initialization]
-        number = await self._talk.ask(codec.MODEL)
-        words = await self._talk.ask(GREETING)
-        if self._dialect not in (None, words.name):
+        identity = await self._greeted(self._identify)
+        if self._dialect not in (None, self._words.name):
+            await self._link.close()
             raise DeviceGarbled(
-                f"its answers are of the command set {words.name}, dialect={self._dialect} is set",
+                f"its answers are of the command set {self._words.name}, dialect={self._dialect} is set",
                 device=self.device,
                 advice="leave dialect out",
             )
+        return identity
+
+    async def _identify(self) -> Identity:
+        self._home_ordered = self._rests_at_home = False
+        self._talk.refining.begin()
+        # each session begins with it [IOPTRON310 Initialization]
+        number = await self._talk.known(codec.MODEL) or ""
+        words = await self._talk.ask(GREETING)
         self._talk.words = words
         status = await self._talk.ask(self._words.status)
+        await self._talk.ask(self._words.pointing)
         self._talk.model = model(number, words.name)
         firmware = await self._talk.known(codec.FIRMWARE)
         meridian = await self._talk.known(codec.MERIDIAN) if self._model.equatorial else None
         self._flips_past_deg = meridian[1] if meridian is not None else 0
-        text = f"iOptron {self._model.name or 'mount'} ({number}), command set {self._words.name}"
+        told = f"iOptron {self._model.name or 'mount'} ({number or 'it tells no model'})"
+        text = f"{told}, command set {self._words.name}"
         if firmware is not None:
             text += f", firmware {firmware}"
         if meridian is not None:
             text += f", {'flips' if meridian[0] else 'stops'} {meridian[1]}° past the meridian"
-        return Identity(text, self._problems(status))
+        self._tells_time = await timekeeping.read_clock(self._talk) is not None
+        return Identity(text, (*self._problems(status), *self._talk.refining.notes))
 
     def _problems(self, status: Status) -> tuple[str, ...]:
         problems = []
-        if not self._model.name:
+        if self._model.number and not self._model.name:
             problems.append(f"its model number {self._model.number} is unknown to us")
         if status.northern != (status.latitude_deg >= 0.0):
             side = "northern" if status.northern else "southern"
@@ -345,6 +355,10 @@ class IoptronLanguage(OverLink):
             )
         await self._talk.ask(self._words.pulse(direction.value, duration_ms))
         return Sent()
+
+    async def guiding(self) -> bool | None:
+        """Whether a pulse still runs [IOPTRON310 :GLS# system status 3]."""
+        return (await self._talk.ask(self._words.status)).state is MountState.GUIDING
 
     async def send_set_park(self) -> None:
         """Tell it the present altitude and azimuth for the park position.

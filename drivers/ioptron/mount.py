@@ -7,7 +7,7 @@ from collections.abc import Callable
 from drivers.driven import DrivenMount
 from drivers.exchange import Patience
 from drivers.ioptron.language import IoptronLanguage
-from drivers.line import ByteLine, SerialLine
+from drivers.line import ByteLine, ControlLines, SerialLine
 from drivers.link import Link
 from drivers.timing import Timing
 from drivers.wire_log import WireLog
@@ -22,6 +22,7 @@ def ioptron_language(
     line: str | Callable[[], ByteLine],
     *,
     baud: int = BAUD,
+    control: ControlLines | None = None,
     epoch: Epoch = "apparent",
     dialect: str | None = None,
     patience: Patience | None = None,
@@ -34,6 +35,8 @@ def ioptron_language(
         Address for a `SerialLine`, or a function that makes a `ByteLine`.
     baud : int
         Speed of a serial port.
+    control : ControlLines, optional
+        Of a serial port.
     epoch : {"apparent", "icrs"}
         Kind of coordinates it is taken to speak.
     dialect : {"v2", "v3"}, optional
@@ -42,7 +45,7 @@ def ioptron_language(
         For one question.
     """
     log = WireLog()
-    made = SerialLine(line, baud=baud, log=log) if isinstance(line, str) else line()
+    made = SerialLine(line, baud=baud, log=log, control=control) if isinstance(line, str) else line()
     return IoptronLanguage(Link(made, patience or Patience(), log), epoch=epoch, dialect=dialect)
 
 

@@ -26,6 +26,7 @@ def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> Dri
     language = ioptron_language(
         url.line,
         baud=options.baud,
+        control=options.control,
         epoch=options.epoch,
         dialect=options.dialect,
         patience=options.patience,

@@ -9,10 +9,12 @@ from __future__ import annotations
 from typing import TypeVar
 
 from drivers.command import Command
+from drivers.ioptron.greeting import GREETING
 from drivers.ioptron.models import Model
 from drivers.ioptron.values import MountState, Status
 from drivers.ioptron.words import Words
 from drivers.link import Link
+from drivers.refining import Refining
 from mountnav.errors import DeviceError, DeviceGarbled, DeviceRefused, DeviceSilent, Refusal
 from mountnav.sky.coordinates import Site
 
@@ -34,17 +36,18 @@ class Talk:
         self.link = link
         self.words = words
         self.model = model
+        self.refining = Refining(link, self._alive)
 
     async def ask(self, command: Command[T]) -> T:
         """Ask, or order once; raises as `Link.ask` does."""
         return await self.link.ask(command)
 
     async def known(self, command: Command[T]) -> T | None:
-        """Ask what is not needed; None where no good answer comes."""
-        try:
-            return await self.link.ask(command)
-        except (DeviceSilent, DeviceGarbled):
-            return None
+        """Ask what it may lack; None where it does. See `drivers.refining.Refining.known`."""
+        return await self.refining.known(command)
+
+    async def _alive(self) -> None:
+        await self.link.ask(GREETING)
 
     async def settled(self, what: str, *, moves: bool = True) -> Status:
         """Ask for a text, so that no older `1` is on its way; refuse what a parked mount can't do.

@@ -8,13 +8,15 @@ from drivers.ioptron.talk import Talk
 from mountnav.sky.coordinates import Site, utc_now
 
 
-async def read_clock(talk: Talk) -> datetime:
-    """Its clock, aware UTC, corrected for the way.
+async def read_clock(talk: Talk) -> datetime | None:
+    """Its clock, aware UTC, corrected for the way; None where it tells none.
 
     The v2 set tells local time, zone and summer time apart: reckoned back.
     """
     before = utc_now()
-    clock = await talk.ask(talk.words.clock)
+    clock = await talk.known(talk.words.clock)
+    if clock is None:
+        return None
     way = (utc_now() - before) / 2
     return clock.utc + timedelta(seconds=0.5 * talk.words.clock_step_s) + way
 

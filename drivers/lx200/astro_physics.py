@@ -13,7 +13,7 @@ from dataclasses import replace
 from drivers.command import Command, Unreadable
 from drivers.lx200 import codec
 from drivers.lx200.angles import dec_to_text, ra_to_text
-from drivers.lx200.dialect import Ask, State
+from drivers.lx200.dialect import Ask, Dialect, Lacks, State
 from drivers.lx200.meade import BASIC
 from drivers.lx200.replies import Answer, of_text, words_but_no_place
 from drivers.lx200.site_and_time import Writing, read_clock, read_site
@@ -55,7 +55,12 @@ RAW_RA: Command[bool] = Command(b":GR#", "whether it was calibrated", of_text(_n
 
 
 async def _state(ask: Ask) -> State:
-    return replace(await ask(STATUS), pier_side=await ask(SIDE))
+    state = await ask.known(STATUS) or State()
+    return replace(state, pier_side=await ask.known(SIDE))
+
+
+def _without(dialect: Dialect, lacks: Lacks) -> Dialect:
+    return replace(dialect, tells_pier_side=not lacks(SIDE), parks_unread=lacks(STATUS))
 
 
 async def _was_never_calibrated(ask: Ask) -> bool:
@@ -88,6 +93,7 @@ ASTRO_PHYSICS = replace(
     caption="Astro-Physics GTO",
     recognizes=lambda handshake: False,
     state=_state,
+    without=_without,
     set_ra=_set_ra,
     set_dec=_set_dec,
     # CM takes the present side of the pier for wrong; CMR keeps it, and is what is meant after a solve

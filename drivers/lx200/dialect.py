@@ -30,6 +30,10 @@ class Ask(Protocol):
         """Send and read; `deadline_s` shorter than usual for what may stay unanswered."""
         ...
 
+    async def known(self, command: Command[T]) -> T | None:
+        """Ask what this mount may lack; None where it does. See `drivers.refining.Refining.known`."""
+        ...
+
 
 @dataclass(frozen=True, slots=True)
 class Handshake:
@@ -83,6 +87,10 @@ class Nudge:
     stop: Mapping[Direction, Command[None]]
 
 
+Lacks = Callable[..., bool]
+"""Whether one of the commands given is known to be missing."""
+
+
 @dataclass(frozen=True, slots=True)
 class Dialect:
     """One dialect.
@@ -98,9 +106,9 @@ class Dialect:
     place : callable (Ask) -> awaitable Spot
         Asks for the place; nothing else, so that its instant is known.
     state : callable (Ask) -> awaitable State, optional
-        Asks for the rest, where `place` didn't tell it.
-    may_lack_state : bool
-        Whether clones may lack the questions of `state`: unanswered at opening, they are left out.
+        Asks for the rest, where `place` didn't tell it; with `Ask.known`, since firmware may lack any of it.
+    asked_sometimes : tuple of Command
+        Questions that `state` asks in some states only: put once at opening, to know whether they exist.
     set_ra, set_dec : callable (deg, short) -> Command of bool
         Take a target; `short` while the mount is in the short format.
     slew, sync : Command of Answer
@@ -134,8 +142,10 @@ class Dialect:
         A guide pulse that the mount times.
     longest_pulse_ms : int
         Longer ones are sent in pieces.
-    read_guide_rate : callable (Ask) -> awaitable float, optional
+    read_guide_rate : callable (Ask) -> awaitable float or None, optional
         Of a pulse on either axis (°/s); asked at opening.
+    guiding : callable (Ask) -> awaitable bool, optional
+        Whether a pulse still runs; asked after the time of each one that the mount times.
     nudge : Nudge, optional
         Where there is no `pulse`.
     read_clock : callable (Ask) -> awaitable datetime or None, optional
@@ -152,6 +162,8 @@ class Dialect:
         In words, when the handshake shows that it is not ready; it counts as fresh then.
     fitted : callable (Dialect, Handshake) -> Dialect
         What product and firmware change in it.
+    without : callable (Dialect, Lacks) -> Dialect
+        What it is when some of its questions are missing.
     epoch : {"apparent", "icrs"}
         By itself.
     """
@@ -166,7 +178,7 @@ class Dialect:
     sync: Command[Answer]
     stop: tuple[Command[None], ...]
     state: Callable[[Ask], Awaitable[State]] | None = None
-    may_lack_state: bool = False
+    asked_sometimes: tuple[Command[bool], ...] = ()
     after_stop: tuple[Order, ...] = ()
     prelude: tuple[Order, ...] = ()
     toggle: Command[None] | None = None
@@ -185,7 +197,8 @@ class Dialect:
     tells_pier_side: bool = False
     pulse: Callable[[Direction, int], Order] | None = None
     longest_pulse_ms: int = 9999
-    read_guide_rate: Callable[[Ask], Awaitable[float]] | None = None
+    read_guide_rate: Callable[[Ask], Awaitable[float | None]] | None = None
+    guiding: Callable[[Ask], Awaitable[bool]] | None = None
     nudge: Nudge | None = None
     read_clock: Callable[[Ask], Awaitable[datetime | None]] | None = None
     write_clock: Callable[[datetime], tuple[Order, ...]] | None = None
@@ -196,6 +209,7 @@ class Dialect:
     greets: bool = True
     boot: Callable[[Handshake], str | None] = lambda handshake: None
     fitted: Callable[[Dialect, Handshake], Dialect] = lambda dialect, handshake: dialect
+    without: Callable[[Dialect, Lacks], Dialect] = lambda dialect, lacks: dialect
     epoch: Epoch = "apparent"
 
     @property

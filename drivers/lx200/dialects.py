@@ -22,6 +22,8 @@ _WHERE = {
     "basic": "drivers.lx200.meade:BASIC",
 }
 
+_WEAK = ("generic", "classic", "basic")
+
 
 def names() -> list[str]:
     """List what ``?dialect=`` may say."""
@@ -41,6 +43,11 @@ def dialect_named(name: str) -> Dialect:
     module, _, value = _WHERE[name].partition(":")
     dialect: Dialect = getattr(importlib.import_module(module), value)
     return dialect
+
+
+def weak(dialect: Dialect) -> bool:
+    """Whether a dialect is what remains when no product name is known: also that of an answer gone wrong."""
+    return dialect.name in _WEAK
 
 
 def recognized(handshake: Handshake) -> Dialect:

@@ -141,6 +141,10 @@ class FakeLx200(WireFake):
         known = {b":CM#": self.dialect.matched, b":MS#": b"0"}
         return known.get(command, b"1" if command[1:2] == b"S" else b"")
 
+    def denial(self, command: bytes) -> bytes | None:
+        """How its dialect says no."""
+        return self.dialect.denials.get(command[1:-1].decode("latin-1"))
+
     def reboot(self) -> None:
         """Forget target, rates and format; the mechanics forget what their machine forgets."""
         super().reboot()

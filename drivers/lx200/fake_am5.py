@@ -152,6 +152,7 @@ class Am5Speaker:
             ("n", not mechanics.tracking),
             ("N", not self.going and not mechanics.slewing()),
             ("H", mechanics.at_home and not self.going),
+            ("T", mechanics.guiding()),
             ("G", True),
         )
         said = "".join(letter for letter, up in letters if up)
@@ -250,4 +251,5 @@ AM5_FAKE = FakeDialect(
     speaker=lambda fake: Am5Speaker(fake.mechanics),
     classic_too=lambda text: False,
     matched=b"N/A#",
+    denials={"MS": _error(5), "CM": _error(5), "Te": b"0", "Td": b"0", "hR": b"0"},
 )

@@ -49,6 +49,8 @@ class FakeDialect:
         Whether it times guide pulses (``:Mg#``).
     unparks_by_itself : bool
         Whether an order to move ends parking, for there is no other that does.
+    denials : mapping of str to bytes
+        How it says no to an order; those that are missing it can't refuse.
     """
 
     name: str
@@ -61,3 +63,4 @@ class FakeDialect:
     idle: bytes = b"#"
     pulses: bool = True
     unparks_by_itself: bool = True
+    denials: Mapping[str, bytes] = field(default_factory=lambda: {"MS": b"1Object below horizon.#"})

@@ -210,4 +210,5 @@ ONSTEP_FAKE = FakeDialect(
     speaker=lambda fake: OnStepSpeaker(fake.mechanics),
     classic_too=lambda text: False,
     matched=b"N/A#",
+    denials={"MS": b"1", "CM": b"E1#", "Te": b"0", "Td": b"0", "hP": b"0", "hR": b"0", "hQ": b"0"},
 )

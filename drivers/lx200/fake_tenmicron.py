@@ -300,4 +300,5 @@ TENMICRON_FAKE = FakeDialect(
     speaker=lambda fake: TenMicronSpeaker(fake.mechanics),
     classic_too=lambda text: False,
     matched=_MATCHED,
+    denials={"MS": _REFUSED[Refusal.BELOW_HORIZON], "CM": _TOO_FAR},
 )

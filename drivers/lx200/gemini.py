@@ -11,9 +11,10 @@ from dataclasses import replace
 
 from drivers.command import Command, Read, Unreadable
 from drivers.lx200 import codec
-from drivers.lx200.dialect import Ask, Handshake, State
+from drivers.lx200.dialect import Ask, Dialect, Handshake, Lacks, State
 from drivers.lx200.meade import CLASSIC
 from drivers.lx200.replies import Answer, of_text, text, words_but_no_place
+from drivers.lx200.site_and_time import clock_was_never_set
 from mountnav.errors import Refusal
 from mountnav.navigation.devices import PierSide, TrackingRate
 
@@ -111,14 +112,25 @@ STATUS: Command[int] = Command(native(b"<99:"), "status", of_text(_status))
 
 
 async def _state(ask: Ask) -> State:
-    velocity = await ask(VELOCITY)
-    parking = await ask(PARKING)
+    velocity = await ask.known(VELOCITY)
+    parking = await ask.known(PARKING)
+    status = await ask.known(STATUS)
+    moves = None if velocity is None else velocity in ("S", "C")
     return State(
-        slewing=velocity in ("S", "C") or parking == 2,
+        slewing=True if parking == 2 else moves,
         tracking=velocity in ("T", "G") if velocity in ("N", "T", "G") else None,
-        parked=parking == 1,
-        pier_side=await ask(SIDE),
-        fresh=not await ask(STATUS) & _ALIGNED,
+        parked=None if parking is None else parking == 1,
+        pier_side=await ask.known(SIDE),
+        fresh=status is not None and not status & _ALIGNED,
+    )
+
+
+def _without(dialect: Dialect, lacks: Lacks) -> Dialect:
+    return replace(
+        dialect,
+        tells_pier_side=not lacks(SIDE),
+        parks_unread=lacks(PARKING),
+        fresh=clock_was_never_set if lacks(STATUS) else None,
     )
 
 
@@ -141,7 +153,7 @@ GEMINI = replace(
         and (handshake.product is None or "Gemini" in handshake.product)
     ),
     state=_state,
-    may_lack_state=False,
+    without=_without,
     slew=Command(b":MS#", "slew to target", _slewed, False),
     sync=Command(b":CM#", "sync to target", of_text(_synced), False),
     stop=(codec.STOP,),

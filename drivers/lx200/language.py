@@ -103,12 +103,7 @@ class Lx200Language(OverLink):
         DeviceSilent, DeviceGarbled
             If nothing on it speaks LX200.
         """
-        await self._link.open()
-        try:
-            return await self._look.identify()
-        except BaseException:
-            await self._link.close()
-            raise
+        return await self._greeted(self._look.identify)
 
     async def readout(self) -> Readout:
         """Place, state, and evidence of a power-up; see `Lx200Look.readout`."""
@@ -248,6 +243,11 @@ class Lx200Language(OverLink):
             halt = self._link.send_now
             return await nudged(dialect.nudge, self._once, halt, direction, duration_s, wanted)
         raise self._unsupported("guide")
+
+    async def guiding(self) -> bool | None:
+        """Whether a pulse still runs, where the dialect has a word for it."""
+        dialect = self.dialect
+        return None if dialect.guiding is None else await dialect.guiding(self._ask)
 
     # -- clock, site, sides ------------------------------------------------------------------------
 

@@ -6,6 +6,7 @@ It asks, and sets nothing but the forms of the answers; orders are `drivers.lx20
 from __future__ import annotations
 
 import contextlib
+from dataclasses import replace
 from typing import TypeVar
 
 from drivers.command import Command
@@ -13,13 +14,39 @@ from drivers.language import Identity, Readout
 from drivers.link import Link
 from drivers.lx200 import codec
 from drivers.lx200.dialect import Dialect, Handshake, Spot, State
-from drivers.lx200.dialects import recognized
+from drivers.lx200.dialects import recognized, weak
+from drivers.refining import Refining
 from mountnav.errors import DeviceGarbled, DeviceRefused, DeviceSilent, Refusal
 from mountnav.navigation.devices import Epoch
 from mountnav.sky.coordinates import Apparent, Icrs, utc_now
 
 T = TypeVar("T")
 _SHORT_ARCSEC = 15.0
+_NAMELESS = (
+    "it tells no name, so it is given the few words that any clone has; if it knows more, name its dialect "
+    "in the URL (?dialect=...)"
+)
+
+
+class _Asking:
+    """Puts questions over a link; see `drivers.lx200.dialect.Ask`."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self.has_letter = False
+        """Whether it answered ACK: a Gemini that starts up answers nothing else."""
+        self.refining = Refining(
+            link, self._alive, greetings=(codec.ALIGNMENT, codec.PRODUCT, codec.FIRMWARE)
+        )
+
+    async def __call__(self, command: Command[T], deadline_s: float | None = None) -> T:
+        return await self._link.ask(command, deadline_s=deadline_s)
+
+    async def known(self, command: Command[T]) -> T | None:
+        return await self.refining.known(command)
+
+    async def _alive(self) -> None:
+        await self._link.ask(codec.ALIGNMENT if self.has_letter else codec.GET_RA)
 
 
 class Lx200Look:
@@ -35,6 +62,8 @@ class Lx200Look:
     def __init__(self, link: Link, named: Dialect | None) -> None:
         self._link = link
         self._named = named
+        self.ask = _Asking(link)
+        """Puts one question; see `drivers.link.Link.ask`."""
         self.dialect: Dialect | None = named
         self.step_arcsec = _SHORT_ARCSEC
         self.rests = False
@@ -42,7 +71,6 @@ class Lx200Look:
         self.guide_rate_deg_s: float | None = None
         """Of a pulse, as it told at opening."""
         self._known: Handshake | None = None
-        self._knows_state = True
         self._troubles = 0
         self._look_for_power_up = True
         self._fresh = False
@@ -75,20 +103,27 @@ class Lx200Look:
     # -- who ---------------------------------------------------------------------------------------
 
     async def identify(self) -> Identity:
-        """Find dialect and format; only a mount in the short format is asked to toggle it."""
+        """Find dialect and format; only a mount in the short format is asked to toggle it.
+
+        Raises
+        ------
+        DeviceSilent, DeviceGarbled
+            If it tells no place, or no greeting that can be believed.
+        """
+        self.ask.has_letter = False
+        self.ask.refining.begin()
         handshake = await self._handshake()
         if handshake.product is None and self._known is not None:
             # it told its name before: on a bad line that counts more than a silence now
-            handshake = await self._handshake()
-            handshake = self._known if handshake.product is None else handshake
+            handshake = self._known
+        dialect = self._named or await self._proven(handshake)
         if handshake.product is not None:
             self._known = handshake
-        dialect = self._named or recognized(handshake)
         dialect = self.dialect = dialect.fitted(dialect, handshake)
         self._boot = dialect.boot(handshake)
         # what it was found starting up as counts once it is ready
         self._fresh, self._starting = self._starting, self._boot is not None
-        self._parking, self._knows_state, self.rests = None, True, False
+        self._parking, self.rests = None, False
         for order in dialect.prelude:
             await self.ask(order)
         if self.ready:
@@ -98,54 +133,57 @@ class Lx200Look:
                 await self.ask(dialect.toggle)
                 spot = await dialect.place(self.ask)
             self.step_arcsec = spot.ra.step_arcsec
-            await self._try_state(dialect)
-            self.guide_rate_deg_s = await self._guide_rate_deg_s(dialect)
+            dialect = self.dialect = await self._refined(dialect, spot)
         self._look_for_power_up = True
         named = " ".join(filter(None, (handshake.product, handshake.firmware)))
         text = f"{dialect.caption}: {named}" if named else dialect.caption
-        return Identity(text, () if self._boot is None else (self._boot,))
+        problems = (self._boot,) if self._boot else self.ask.refining.notes
+        if self._named is None and dialect.name == "basic":
+            problems = (_NAMELESS, *problems)
+        return Identity(text, problems)
 
     async def _handshake(self) -> Handshake:
         """Ask what every dialect bears; clones may know one greeting, or none."""
         if self._named is not None and not self._named.greets:
             return Handshake()
-        letter = await self._maybe(codec.ALIGNMENT)
-        product = await self._maybe(codec.PRODUCT)
-        firmware = await self._maybe(codec.FIRMWARE) if product is not None else None
+        letter = await self.ask.known(codec.ALIGNMENT)
+        self.ask.has_letter = letter is not None
+        product = await self.ask.known(codec.PRODUCT)
+        firmware = await self.ask.known(codec.FIRMWARE) if product is not None else None
         return Handshake(
             None if letter is None else letter.letter, letter is not None and letter.ended, product, firmware
         )
 
-    async def _maybe(self, command: Command[T]) -> T | None:
-        try:
-            return await self.ask(command, self._link.patience.try_s)
-        except (DeviceSilent, DeviceGarbled):
-            return None
+    async def _proven(self, handshake: Handshake) -> Dialect:
+        """The dialect that a handshake shows; one of the poor ones is believed when it shows twice."""
+        dialect = recognized(handshake)
+        if weak(dialect) and handshake not in (again := await self._handshake(), self._known):
+            raise DeviceGarbled(
+                f"its greetings contradict each other: {handshake}, then {again}",
+                device=self._link.device,
+                advice="check cable, speed (baud) and that nothing else talks to the mount",
+            )
+        return dialect
 
-    async def _try_state(self, dialect: Dialect) -> None:
-        """A clone may lack the question for its state: it is left out then."""
-        if dialect.state is None or not dialect.may_lack_state:
-            return
-
-        async def ask(command: Command[T], deadline_s: float | None = None) -> T:
-            return await self.ask(command, 2.0 * self._link.patience.try_s)
-
-        try:
-            await dialect.state(ask)
-        except DeviceSilent:
-            self._knows_state = False
-
-    async def _guide_rate_deg_s(self, dialect: Dialect) -> float | None:
-        """A mount that doesn't tell is guided all the same."""
-        if dialect.read_guide_rate is None:
-            return None
-        with contextlib.suppress(DeviceSilent, DeviceGarbled):
-            return await dialect.read_guide_rate(self.ask)
-        return None
-
-    async def ask(self, command: Command[T], deadline_s: float | None = None) -> T:
-        """Put one question; see `drivers.link.Link.ask`."""
-        return await self._link.ask(command, deadline_s=deadline_s)
+    async def _refined(self, dialect: Dialect, spot: Spot) -> Dialect:
+        """Ask all that the mount may lack, and leave out what it does lack."""
+        lacks = self.ask.refining.lacks
+        dialect = dialect.without(dialect, lacks)
+        if spot.state is None and dialect.state is not None:
+            await dialect.state(self.ask)
+        for question in dialect.asked_sometimes:
+            await self.ask.known(question)
+        if dialect.fresh is not None:
+            await dialect.fresh(self.ask)
+        dialect = dialect.without(dialect, lacks)
+        if dialect.read_guide_rate is not None:
+            # one that doesn't tell is guided all the same
+            self.guide_rate_deg_s = await dialect.read_guide_rate(self.ask)
+        if dialect.read_clock is not None and await dialect.read_clock(self.ask) is None:
+            dialect = replace(dialect, read_clock=None)
+        if dialect.read_site is not None and await dialect.read_site(self.ask) is None:
+            dialect = replace(dialect, read_site=None)
+        return dialect
 
     # -- where -------------------------------------------------------------------------------------
 
@@ -187,7 +225,7 @@ class Lx200Look:
     async def _state_of(self, spot: Spot, dialect: Dialect) -> State:
         if spot.state is not None:
             return spot.state
-        return await dialect.state(self.ask) if dialect.state and self._knows_state else State()
+        return await dialect.state(self.ask) if dialect.state else State()
 
     async def _see_whether_it_is_ready(self) -> None:
         assert self.dialect is not None
@@ -196,6 +234,8 @@ class Lx200Look:
             raise DeviceRefused(boot, device=self._link.device, reason=Refusal.BUSY)
         self._boot = None
         self._fresh, self._starting = True, False
+        # while it started up it answered little: nothing is missing for that
+        self.ask.refining.begin()
 
     async def _was_switched_on(self, dialect: Dialect) -> bool:
         if self._link.troubles != self._troubles:

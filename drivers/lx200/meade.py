@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from drivers.command import Command, Unreadable
 from drivers.lx200 import codec
-from drivers.lx200.dialect import Ask, Dialect, Handshake, Nudge, Spot, State
+from drivers.lx200.dialect import Ask, Dialect, Handshake, Lacks, Nudge, Spot, State
 from drivers.lx200.replies import of_text
 from drivers.lx200.site_and_time import Writing, clock_was_never_set, read_clock, read_site
 from mountnav.navigation.devices import TrackingRate
@@ -28,7 +28,7 @@ async def spot(ask: Ask) -> Spot:
 
 
 async def _bars(ask: Ask) -> State:
-    return State(slewing=await ask(codec.SLEWING))
+    return State(slewing=await ask.known(codec.SLEWING))
 
 
 def _status(wire: bytes) -> State:
@@ -43,7 +43,13 @@ ALIGNMENT_STATUS: Command[State] = Command(b":GW#", "alignment status", of_text(
 
 
 async def _gps_state(ask: Ask) -> State:
-    return replace(await ask(ALIGNMENT_STATUS), slewing=await ask(codec.SLEWING))
+    state = await ask.known(ALIGNMENT_STATUS) or State()
+    return replace(state, slewing=await ask.known(codec.SLEWING))
+
+
+def _without_alignment(dialect: Dialect, lacks: Lacks) -> Dialect:
+    """Its power-up shows in its clock then, as a classic's."""
+    return replace(dialect, fresh=clock_was_never_set) if lacks(ALIGNMENT_STATUS) else dialect
 
 
 BASIC = Dialect(
@@ -67,7 +73,6 @@ CLASSIC = replace(
     # the classic has no product name [LX200 :GVP#]
     recognizes=lambda handshake: handshake.letter in ("P", "A", "L") and handshake.product is None,
     state=_bars,
-    may_lack_state=True,
     stop=_HALT,
     greets=True,
     rates={rate: codec.RATES[rate] for rate in (TrackingRate.SIDEREAL, TrackingRate.LUNAR)},
@@ -114,7 +119,7 @@ LX200GPS = replace(
         re.match(r"LX2001|LX200 ?GPS|RCX|Autostar II", handshake.product or "", re.IGNORECASE) is not None
     ),
     state=_gps_state,
-    may_lack_state=False,
+    without=_without_alignment,
     # it starts anew, from the place it was parked at [LX200 :I#]
     unpark=(codec.quiet(b":I#", "start anew", repeatable=False),),
     pulse=codec.guide_pulse,

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from drivers.driven import DrivenMount
 from drivers.exchange import Patience
-from drivers.line import ByteLine, SerialLine
+from drivers.line import ByteLine, ControlLines, SerialLine
 from drivers.link import Link
 from drivers.lx200.dialects import dialect_named
 from drivers.lx200.language import Lx200Language
@@ -20,6 +20,7 @@ def lx200_language(
     line: str | Callable[[WireLog], ByteLine],
     *,
     baud: int = 9600,
+    control: ControlLines | None = None,
     patience: Patience | None = None,
     dialect: str | None = None,
     epoch: Epoch | None = None,
@@ -32,6 +33,8 @@ def lx200_language(
         Address for a `SerialLine`, or a function that makes a `ByteLine` with the log given.
     baud : int
         Speed of a serial port.
+    control : ControlLines, optional
+        Of a serial port.
     patience : Patience, optional
         For one question.
     dialect : str, optional
@@ -45,7 +48,9 @@ def lx200_language(
         If there is no such dialect.
     """
     log = WireLog()
-    opened: ByteLine = SerialLine(line, baud=baud, log=log) if isinstance(line, str) else line(log)
+    opened: ByteLine = (
+        SerialLine(line, baud=baud, log=log, control=control) if isinstance(line, str) else line(log)
+    )
     spoken = None if dialect is None else dialect_named(dialect)
     return Lx200Language(Link(opened, patience or Patience(), log), spoken, epoch=epoch)
 

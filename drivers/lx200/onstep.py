@@ -11,14 +11,17 @@ What matters of its behavior [ONSTEP]:
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from drivers.command import Command
 from drivers.lx200 import codec, onstep_codec
 from drivers.lx200.angles import dec_from_text, longitude_from_text
-from drivers.lx200.dialect import Ask, Dialect, Handshake, Spot, State
+from drivers.lx200.dialect import Ask, Dialect, Handshake, Lacks, Spot, State
 from drivers.lx200.fine_angles import degrees_to_fine_text
+from drivers.lx200.meade import BASIC
 from drivers.lx200.onstep_codec import Status
 from drivers.lx200.replies import of_text
-from drivers.lx200.site_and_time import Writing, read_clock
+from drivers.lx200.site_and_time import Writing, read_clock, read_site
 from mountnav.navigation.devices import PierSide
 from mountnav.sky.coordinates import Site
 
@@ -29,12 +32,19 @@ GET_FINE_LONGITUDE: Command[float] = Command(b":GgH#", "longitude", of_text(long
 
 
 async def _place(ask: Ask) -> Spot:
-    return Spot(await ask(onstep_codec.GET_FINE_RA), await ask(onstep_codec.GET_FINE_DEC))
+    ra = await ask.known(onstep_codec.GET_FINE_RA)
+    dec = await ask.known(onstep_codec.GET_FINE_DEC)
+    # the coarse words are those of any LX200: without them there is no place
+    return Spot(
+        await ask(codec.GET_RA) if ra is None else ra, await ask(codec.GET_DEC) if dec is None else dec
+    )
 
 
-async def _status(ask: Ask) -> Status:
+async def _status(ask: Ask) -> Status | None:
     """Ask once; twice for what one flipped bit can make of the usual answer: `N` and `n`, `p` and `P`."""
-    status = await ask(onstep_codec.STATUS)
+    status = await ask.known(onstep_codec.STATUS)
+    if status is None:
+        return None
     if status.slewing or status.parked or status.parking or status.park_failed or status.homing:
         again = await ask(onstep_codec.STATUS)
         if again != status:
@@ -44,10 +54,12 @@ async def _status(ask: Ask) -> Status:
 
 async def _state(ask: Ask) -> State:
     status = await _status(ask)
+    if status is None:
+        return State()
     fresh = False
     if status.at_home and not status.tracking and not status.parked and not status.slewing:
         # where it wakes up; one with a clock of its own knows the time at once, see `_woke_up`
-        fresh = await ask(onstep_codec.CLOCK_UNSET)
+        fresh = bool(await ask.known(onstep_codec.CLOCK_UNSET))
     return State(
         slewing=status.slewing or status.homing or status.parking,
         tracking=status.tracking,
@@ -61,16 +73,35 @@ async def _state(ask: Ask) -> State:
 async def _woke_up(ask: Ask) -> bool:
     """Whether it stands as after power-up; one that was sent home stands so, too."""
     status = await _status(ask)
+    if status is None:
+        return False
     return status.at_home and not status.tracking and not status.parked and not status.slewing
 
 
-async def _read_site(ask: Ask) -> Site:
-    latitude_deg = await ask(GET_FINE_LATITUDE)
-    return Site(latitude_deg, await ask(GET_FINE_LONGITUDE))
+async def _read_site(ask: Ask) -> Site | None:
+    latitude_deg = await ask.known(GET_FINE_LATITUDE)
+    longitude_deg = await ask.known(GET_FINE_LONGITUDE)
+    if latitude_deg is None or longitude_deg is None:
+        return await read_site(ask)
+    return Site(latitude_deg, longitude_deg)
 
 
-async def _guide_rate_deg_s(ask: Ask) -> float:
-    return await ask(onstep_codec.GUIDE_RATE_DEG_S)
+async def _guiding(ask: Ask) -> bool:
+    status = await ask.known(onstep_codec.STATUS)
+    return status is not None and status.guiding
+
+
+async def _guide_rate_deg_s(ask: Ask) -> float | None:
+    return await ask.known(onstep_codec.GUIDE_RATE_DEG_S)
+
+
+def _without(dialect: Dialect, lacks: Lacks) -> Dialect:
+    """What reads coarsely is written coarsely; what doesn't tell its status tells no side and no park."""
+    if lacks(onstep_codec.GET_FINE_RA, onstep_codec.GET_FINE_DEC):
+        dialect = replace(dialect, set_ra=codec.set_ra, set_dec=codec.set_dec, step_arcsec=BASIC.step_arcsec)
+    if lacks(onstep_codec.STATUS):
+        dialect = replace(dialect, tells_pier_side=False, parks_unread=True)
+    return dialect
 
 
 async def _destination_side(ask: Ask) -> PierSide | None:
@@ -117,6 +148,7 @@ ONSTEP = Dialect(
     set_park=(onstep_codec.SET_PARK,),
     tells_pier_side=True,
     pulse=onstep_codec.pulse,
+    guiding=_guiding,
     read_guide_rate=_guide_rate_deg_s,
     longest_pulse_ms=onstep_codec.LONGEST_PULSE_MS,
     read_clock=read_clock,
@@ -125,4 +157,6 @@ ONSTEP = Dialect(
     write_site=_WRITING.site,
     destination_side=_destination_side,
     fresh=_woke_up,
+    asked_sometimes=(onstep_codec.CLOCK_UNSET,),
+    without=_without,
 )

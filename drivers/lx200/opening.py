@@ -26,6 +26,7 @@ def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> Dri
     language = lx200_language(
         url.line,
         baud=options.baud,
+        control=options.control,
         patience=options.patience,
         dialect=options.dialect,
         epoch=options.epoch if "epoch" in url.options else None,

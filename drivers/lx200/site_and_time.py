@@ -134,17 +134,24 @@ class Writing:
         )
 
 
-async def read_clock(ask: Ask) -> datetime:
-    """Ask for date, time and offset; the second that the time was cut to is centered."""
-    day = await ask(GET_DATE)
+async def read_clock(ask: Ask) -> datetime | None:
+    """Ask for date, time and offset; the second that the time was cut to is centered.
+
+    None where one of the three is missing: a guessed offset would be a clock wrong by hours.
+    """
+    day = await ask.known(GET_DATE)
+    if day is None:
+        return None
     while True:
-        at = await ask(GET_TIME)
-        again = await ask(GET_DATE)
+        at = await ask.known(GET_TIME)
+        again = await ask.known(GET_DATE)
         if again == day:
             break
         # midnight came between the two
         day = again
-    hours = await ask(GET_OFFSET)
+    hours = await ask.known(GET_OFFSET)
+    if day is None or at is None or hours is None:
+        return None
     local = datetime.combine(day, at, UTC)
     half = timedelta(0) if at.microsecond else timedelta(milliseconds=500)
     return local + half + timedelta(hours=hours)
@@ -152,10 +159,14 @@ async def read_clock(ask: Ask) -> datetime:
 
 async def clock_was_never_set(ask: Ask) -> bool:
     """Evidence of a power-up: the date is of long ago."""
-    return (await ask(GET_DATE)).year < NOT_SET_BEFORE_YEAR
+    day = await ask.known(GET_DATE)
+    return day is not None and day.year < NOT_SET_BEFORE_YEAR
 
 
-async def read_site(ask: Ask) -> Site:
-    """Ask for latitude and longitude."""
-    latitude_deg = await ask(GET_LATITUDE)
-    return Site(latitude_deg, await ask(GET_LONGITUDE))
+async def read_site(ask: Ask) -> Site | None:
+    """Ask for latitude and longitude; None where one of them is missing."""
+    latitude_deg = await ask.known(GET_LATITUDE)
+    longitude_deg = await ask.known(GET_LONGITUDE)
+    if latitude_deg is None or longitude_deg is None:
+        return None
+    return Site(latitude_deg, longitude_deg)

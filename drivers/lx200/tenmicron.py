@@ -15,7 +15,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 from drivers.lx200 import codec, tenmicron_codec
-from drivers.lx200.dialect import Ask, Dialect, Handshake, Order, Spot, State
+from drivers.lx200.dialect import Ask, Dialect, Handshake, Lacks, Order, Spot, State
 from drivers.lx200.fine_angles import degrees_to_fine_text
 from drivers.lx200.site_and_time import Writing, read_site
 from drivers.lx200.tenmicron_codec import FOLLOWING, MOVING, MountStatus
@@ -24,7 +24,7 @@ from mountnav.navigation.devices import PierSide
 _FIRST_WITH_INFO = (2, 14, 9)
 
 
-def _as_state(status: MountStatus, side: PierSide, *, slewing: bool = False) -> State:
+def _as_state(status: MountStatus, side: PierSide | None, *, slewing: bool = False) -> State:
     return State(
         slewing=slewing or status in MOVING,
         tracking=status in FOLLOWING,
@@ -34,7 +34,9 @@ def _as_state(status: MountStatus, side: PierSide, *, slewing: bool = False) -> 
 
 
 async def _one_line(ask: Ask) -> Spot:
-    info = await ask(tenmicron_codec.INFO)
+    info = await ask.known(tenmicron_codec.INFO)
+    if info is None:
+        return await _place(ask)
     return Spot(info.ra, info.dec, _as_state(info.status, info.pier_side, slewing=info.slewing))
 
 
@@ -43,12 +45,13 @@ async def _place(ask: Ask) -> Spot:
 
 
 async def _state(ask: Ask) -> State:
-    status = await ask(tenmicron_codec.STATUS)
-    return _as_state(status, await ask(tenmicron_codec.PIER_SIDE))
+    status = await ask.known(tenmicron_codec.STATUS)
+    side = await ask.known(tenmicron_codec.PIER_SIDE)
+    return State(pier_side=side) if status is None else _as_state(status, side)
 
 
-async def _read_clock(ask: Ask) -> datetime:
-    return await ask(tenmicron_codec.GET_UTC)
+async def _read_clock(ask: Ask) -> datetime | None:
+    return await ask.known(tenmicron_codec.GET_UTC)
 
 
 async def _destination_side(ask: Ask) -> PierSide | None:
@@ -62,6 +65,16 @@ def _for_firmware(dialect: Dialect, handshake: Handshake) -> Dialect:
     if not numbers or numbers >= _FIRST_WITH_INFO:
         return dialect
     return replace(dialect, place=_place, state=_state)
+
+
+def _without(dialect: Dialect, lacks: Lacks) -> Dialect:
+    if lacks(tenmicron_codec.INFO):
+        dialect = replace(dialect, place=_place, state=_state)
+    return replace(
+        dialect,
+        tells_pier_side=not lacks(tenmicron_codec.PIER_SIDE),
+        parks_unread=lacks(tenmicron_codec.STATUS),
+    )
 
 
 def _write_clock(utc: datetime) -> tuple[Order, ...]:
@@ -106,4 +119,5 @@ TENMICRON = Dialect(
     write_site=_WRITING.site,
     destination_side=_destination_side,
     fitted=_for_firmware,
+    without=_without,
 )

@@ -5,6 +5,7 @@ Whatever was owed has come when a letter comes back that was not used just befor
 
 from __future__ import annotations
 
+import functools
 import operator
 from collections.abc import Callable
 from typing import TypeVar
@@ -14,6 +15,7 @@ from drivers.language import Sent, Wanted
 from drivers.link import Link
 from drivers.nexstar import codec
 from drivers.nexstar.replies import ECHOES
+from drivers.refining import Refining
 from mountnav.errors import DeviceGarbled, DeviceSilent
 
 T = TypeVar("T")
@@ -32,10 +34,12 @@ class Asking:
         self._link = link
         self._echoes = 0
         self._troubles = 0
+        self.refining = Refining(link, self.step)
 
     def opened(self) -> None:
         """Take note that the link is new."""
         self._troubles = 0
+        self.refining.begin()
 
     async def step(self) -> None:
         """Come into step."""
@@ -78,6 +82,16 @@ class Asking:
             device=self._link.device,
             advice="check cable, speed (baud) and that nothing else talks to the mount",
         )
+
+    async def agreed_if_known(
+        self, command: Command[T], *, alike: Callable[[T, T], bool] = operator.eq
+    ) -> T | None:
+        """As `agreed`, what it may lack: None then."""
+        return await self.refining.known(command, functools.partial(self.agreed, alike=alike))
+
+    async def asked_if_known(self, command: Command[T]) -> T | None:
+        """As `asked`, what it may lack: None then."""
+        return await self.refining.known(command, self.asked)
 
     async def once(self, order: Command[None], wanted: Wanted) -> Sent:
         """Send an order a single time; its answer may be lost, but is never another's."""

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, TypeVar, cast
+from typing import Any, Protocol, TypeVar
 
 from drivers.command import Command
 from drivers.nexstar import codec
 from drivers.nexstar.handsets import Handset
 from drivers.nexstar.passthrough import Axis
-from mountnav.errors import DeviceGarbled, DeviceSilent
 
 T = TypeVar("T")
 
@@ -19,6 +18,14 @@ class Ask(Protocol):
 
     async def __call__(self, command: Command[Any], deadline_s: float | None = None) -> Any:
         """Return the answer; raises `DeviceError`."""
+        ...
+
+
+class Maybe(Protocol):
+    """Ask what may be missing."""
+
+    async def __call__(self, command: Command[T]) -> T | None:
+        """Return the answer, or None where it is missing; raises `DeviceError`."""
         ...
 
 
@@ -43,7 +50,7 @@ class Greeting:
     known: bool = False
 
 
-async def greet(ask: Ask, before: Handset, moment_s: float) -> Greeting:
+async def greet(ask: Ask, maybe: Maybe, before: Handset) -> Greeting:
     """Ask for version, kind, model, motors and the form of a place.
 
     Boards that may be absent are not asked: the hand control passes the question on, and never answers.
@@ -51,32 +58,24 @@ async def greet(ask: Ask, before: Handset, moment_s: float) -> Greeting:
     Parameters
     ----------
     ask : callable
+        What it can't do without.
+    maybe : callable
+        What it may lack: None then.
     before : Handset
         Who answered last time: what an answer lost now would have told of it still counts.
-    moment_s : float
-        How long to wait for an answer that an old hand control doesn't give.
 
     Raises
     ------
     DeviceSilent, DeviceGarbled, DeviceMissing
         If nothing on the line speaks NexStar.
     """
-
-    async def maybe(command: Command[T], deadline_s: float | None = None) -> T | None:
-        try:
-            return cast("T", await ask(command, deadline_s=deadline_s))
-        except (DeviceSilent, DeviceGarbled):
-            return None
-
     handset = Handset(await ask(codec.VERSION))
     if handset.version == before.version and handset.synscan == before.synscan:
         handset = before
     # the kind is told by all StarSense, whose versions begin anew, and by NexStar 5.28 and later [INDI]
-    if handset.variant is None and not handset.synscan:
-        if handset.quarter_zones:
-            handset = replace(handset, variant=await maybe(codec.VARIANT))
-        elif handset.version.major < 2:
-            handset = replace(handset, variant=await maybe(codec.VARIANT, moment_s))
+    asked_kind = not handset.synscan and (handset.quarter_zones or handset.version.major < 2)
+    if handset.variant is None and asked_kind:
+        handset = replace(handset, variant=await maybe(codec.VARIANT))
     if handset.model is None and handset.tells_model:
         model = codec.SYNSCAN_MODEL if handset.synscan else codec.MODEL
         handset = replace(handset, model=await maybe(model))

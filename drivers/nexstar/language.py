@@ -14,7 +14,7 @@ from drivers.command import Command
 from drivers.language import Identity, Readout, Sent, Wanted
 from drivers.link import Link
 from drivers.nexstar import codec
-from drivers.nexstar.angles import LONG_STEP_ARCSEC, SHORT_STEP_ARCSEC
+from drivers.nexstar.angles import LONG_STEP_ARCSEC, SHORT_STEP_ARCSEC, WirePair
 from drivers.nexstar.asking import Asking
 from drivers.nexstar.greeting import Greeting, greet
 from drivers.nexstar.guiding import Guiding
@@ -96,10 +96,15 @@ class NexstarLanguage(OverLink):
         if self._parking.place is not None:
             skills.add(Skill.PARK)
         if handset.keeps_time:
-            skills |= {Skill.CLOCK, Skill.SET_CLOCK, Skill.SITE, Skill.SET_SITE}
+            skills |= {Skill.SET_CLOCK, Skill.SET_SITE}
+            lacks = self._asking.refining.lacks
+            if not lacks(codec.GET_FINE_TIME if handset.quarter_zones else codec.GET_TIME):
+                skills.add(Skill.CLOCK)
+            if not lacks(codec.GET_SITE):
+                skills.add(Skill.SITE)
         if handset.has_rates:
             skills.add(Skill.TRACKING_RATES)
-        if handset.tells_pier_side:
+        if handset.tells_pier_side and not self._asking.refining.lacks(codec.PIER_SIDE):
             skills.add(Skill.PIER_SIDE)
         return frozenset(skills)
 
@@ -120,24 +125,26 @@ class NexstarLanguage(OverLink):
         DeviceSilent, DeviceGarbled
             If nothing on it speaks NexStar.
         """
-        link = self._link
-        await link.open()
+        return await self._greeted(self._identify)
+
+    async def _identify(self) -> Identity:
         self._asking.opened()
         self._rate = None
-        try:
-            await self._asking.step()
-            self._greeting = await greet(self._asking.agreed, self.handset, link.patience.try_s)
-            handset, problems = self.handset, []
-            if handset.keeps_time:
-                self._latitude_deg = (await self._asking.agreed(codec.GET_SITE)).latitude_deg
-            if not await self._asking.asked(codec.ALIGNED):
-                problems.append("it is not aligned: it goes nowhere until that is done at its hand control")
-            if not handset.knows_sync:
-                problems.append(f"its hand control {handset.version} knows no sync")
-        except BaseException:
-            await link.close()
-            raise
-        return Identity(handset.text, tuple(problems))
+        await self._asking.step()
+        self._greeting = await greet(self._asking.agreed, self._asking.agreed_if_known, self.handset)
+        handset, problems = self.handset, []
+        await self.read_site()
+        await self.read_clock()
+        await self._place()
+        await self._state()
+        aligned, doubt = await self._asking.asked_if_known(codec.ALIGNED), ""
+        if aligned is None:
+            doubt = "it doesn't tell whether it is aligned"
+        elif not aligned:
+            problems.append("it is not aligned: it goes nowhere until that is done at its hand control")
+        if not handset.knows_sync:
+            problems.append(f"its hand control {handset.version} knows no sync")
+        return Identity(handset.text, (*problems, *self._asking.refining.notes), doubt)
 
     # -- readings ----------------------------------------------------------------------------------
 
@@ -149,17 +156,16 @@ class NexstarLanguage(OverLink):
         DeviceSilent, DeviceGarbled, DeviceMissing
             If there is no answer, none that makes sense, or no link.
         """
-        handset, short = self.handset, self._greeting.short
+        handset = self.handset
         await self._asking.back_in_step()
         troubles, before = self._link.troubles, utc_now()
-        pair = await self._link.ask(codec.GET_PLACE_SHORT if short else codec.GET_PLACE)
+        pair = await self._place()
         span = utc_now() - before
         utc = before + span / 2
-        slewing = await self._asking.asked(codec.SLEWING)
-        mode = await self._asking.asked(codec.get_tracking(handset)) if handset.tells_tracking else None
-        aligned = await self._asking.asked(codec.ALIGNED)
-        if handset.tells_pier_side:
-            letter = await self._asking.asked(codec.PIER_SIDE)
+        slewing, mode, letter = await self._state()
+        # one that can't say so is taken as aligned, as it was before hand controls could
+        aligned = await self._asking.asked_if_known(codec.ALIGNED) is not False
+        if letter is not None:
             mirrored = handset.mirrors_pier_side and self._latitude_deg < 0.0
             self._pier_side = side_of(letter, pair.second_deg, mirrored=mirrored)
         if mode:
@@ -181,7 +187,18 @@ class NexstarLanguage(OverLink):
             doubtful=self._link.troubles != troubles,
         )
 
-    async def _parked(self, slewing: bool, mode: Tracking | None, aligned: bool) -> bool:
+    async def _place(self) -> WirePair:
+        return await self._link.ask(codec.GET_PLACE_SHORT if self._greeting.short else codec.GET_PLACE)
+
+    async def _state(self) -> tuple[bool | None, Tracking | None, str | None]:
+        """Whether it slews, how it tracks, its pier side's letter; None for what it lacks."""
+        handset, known = self.handset, self._asking.asked_if_known
+        slewing = await known(codec.SLEWING)
+        mode = await known(codec.get_tracking(handset)) if handset.tells_tracking else None
+        letter = await known(codec.PIER_SIDE) if handset.tells_pier_side else None
+        return slewing, mode, letter
+
+    async def _parked(self, slewing: bool | None, mode: Tracking | None, aligned: bool) -> bool:
         """Whether it is parked: sent to its place, seen there, tracking off, and nothing since."""
         parking = self._parking
         if not parking.concerned:
@@ -208,7 +225,7 @@ class NexstarLanguage(OverLink):
         if self._parking.parked:
             raise DeviceRefused("the slew refused: it is parked", device=self.device, reason=Refusal.PARKED)
         if self.handset.tells_tracking and wanted():
-            tracking = await self._asking.asked(codec.get_tracking(self.handset))
+            tracking = await self._asking.asked_if_known(codec.get_tracking(self.handset))
             if tracking is Tracking.OFF and wanted():
                 await self._asking.asked(codec.set_tracking(self.handset.number(self._usual_mode())))
         short = self._greeting.short
@@ -299,7 +316,7 @@ class NexstarLanguage(OverLink):
         return self._mode or self.handset.usual_mode(self._latitude_deg)
 
     async def _require_alignment(self, what: str) -> None:
-        if not await self._asking.asked(codec.ALIGNED):
+        if await self._asking.asked_if_known(codec.ALIGNED) is False:
             raise DeviceRefused(
                 f"{what} refused: it is not aligned",
                 device=self.device,
@@ -314,7 +331,9 @@ class NexstarLanguage(OverLink):
         if not self.handset.keeps_time:
             return None
         command = codec.GET_FINE_TIME if self.handset.quarter_zones else codec.GET_TIME
-        earlier = await self._asking.agreed(command, alike=goes_on)
+        earlier = await self._asking.agreed_if_known(command, alike=goes_on)
+        if earlier is None:
+            return None
         before = utc_now()
         shown = await self._asking.asked(command)
         way = utc_now() - before
@@ -331,7 +350,10 @@ class NexstarLanguage(OverLink):
         """Where it believes to stand [NexStar w]."""
         if not self.handset.keeps_time:
             return None
-        site = site_of(await self._asking.agreed(codec.GET_SITE))
+        wire = await self._asking.agreed_if_known(codec.GET_SITE)
+        if wire is None:
+            return None
+        site = site_of(wire)
         self._latitude_deg = site.latitude_deg
         return site
 
@@ -344,7 +366,7 @@ class NexstarLanguage(OverLink):
     async def _require_no_alignment(self, what: str) -> None:
         if not self.handset.keeps_time:
             raise self._unsupported(f"take {what}")
-        if await self._asking.asked(codec.ALIGNED):
+        if await self._asking.asked_if_known(codec.ALIGNED):
             raise DeviceRefused(
                 f"won't be given {what}: its alignment was made with the one it has",
                 device=self.device,

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from drivers.driven import DrivenMount
 from drivers.exchange import Patience
-from drivers.line import ByteLine, SerialLine
+from drivers.line import ByteLine, ControlLines, SerialLine
 from drivers.link import Link
 from drivers.nexstar.language import NexstarLanguage
 from drivers.nexstar.parking import Horizon
@@ -25,6 +25,7 @@ def nexstar_language(
     line: str | Callable[[], ByteLine],
     *,
     baud: int = 9600,
+    control: ControlLines | None = None,
     epoch: Epoch = "apparent",
     patience: Patience | None = None,
     park: Horizon | None = None,
@@ -37,6 +38,8 @@ def nexstar_language(
         Address for a `SerialLine`, or a function that makes a `ByteLine`.
     baud : int
         Speed of a serial port.
+    control : ControlLines, optional
+        Of a serial port.
     epoch : {"apparent", "icrs"}
         Kind of coordinates: JNow for Celestron, J2000 for SynScan.
     patience : Patience, optional
@@ -45,7 +48,7 @@ def nexstar_language(
         Where it parks.
     """
     log = WireLog()
-    made = SerialLine(line, baud=baud, log=log) if isinstance(line, str) else line()
+    made = SerialLine(line, baud=baud, log=log, control=control) if isinstance(line, str) else line()
     return NexstarLanguage(Link(made, patience or patience_of(8.0), log), epoch=epoch, park=park)
 
 

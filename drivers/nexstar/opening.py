@@ -41,8 +41,9 @@ def _mount(url: MountUrl, name: str | None, site: Site | None, driver: str, epoc
     language = nexstar_language(
         url.line,
         baud=options.baud,
+        control=options.control,
         epoch=options.epoch,
-        patience=patience_of(options.timeout_s),
+        patience=options.patience_with(patience_of(options.timeout_s)),
         park=_park(options.own),
     )
     return options.mount(language, name=name, site=site)

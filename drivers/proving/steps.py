@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from drivers.places import apart_arcsec
 from drivers.proving.findings import Finding
 from drivers.proving.trial import REFUSED, Trial
-from mountnav.navigation.devices import Direction, PierSide, Skill, SlewOutcome, SyncOutcome
+from mountnav.navigation.devices import Direction, PierSide, Skill, SlewOutcome
 from mountnav.navigation.kinds import from_mount
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import half_turn_deg, offset_arcsec
+from mountnav.tasks import waited_for
 
 _READINGS = 20
 _STOPPED_AFTER_S = 1.0
@@ -23,6 +24,24 @@ _BELOW_DEG = -5.0
 _SET_OUT_ARCSEC = 1800.0
 _FLIP_HOURS_DEG = 20.0
 SIDEREAL_ARCSEC_S = 15.041
+_USUAL_GUIDE_ARCSEC_S = 0.5 * SIDEREAL_ARCSEC_S
+_GUIDE_RATES = (0.1, 2.5)
+"""Least and most that mounts guide by, in sidereal rates, where they don't tell."""
+_SHORTEST_PULSE_S, _LONGEST_PULSE_S = 1.0, 12.0
+_PULSE_STEPS = 2.0
+"""A pulse is made so long that it should move by so many steps of the readings: fewer prove nothing."""
+_PULSE_TOLERANCE = 0.5
+"""Of what a told rate makes: a board's timer, the way over the wire, an order that is taken up late."""
+_PULSE_FREE_ARCSEC = 1.0
+_STILL_ARCSEC = 0.3
+"""Below that nothing moved: what tracking alone makes in a second."""
+_AFTER_PULSE_S = 0.5
+"""Until what reads its motors twice a second shows where they are."""
+_REFUSED_STAYS_S = 2.0
+"""So long a mount is watched that refused: a slew shows within a second of its order."""
+_STAYS_ARCSEC = 120.0
+"""A mount that refused may have drifted by so much, not tracking, while it was watched."""
+_OTHER_REASONS = ("untrusted", "parked", "busy", "not-aligned", "not-tracking", "unsupported")
 _STOPPED_ENDS = (SlewOutcome.STOPPED, SlewOutcome.ARRIVED)
 
 
@@ -93,7 +112,7 @@ async def stop(trial: Trial) -> list[Finding]:
     """Set out for a place 10° away, and stop on the way."""
     start = await trial.place()
     log = trial.mount.wire_log
-    slew = asyncio.create_task(trial.outcome(trial.mount.slew(_far(trial, start))))
+    slew = waited_for(trial.outcome(trial.mount.slew(_far(trial, start))))
     await asyncio.sleep(_STOPPED_AFTER_S)
     noted, asked_s = log.count, log.now_s()
     ended, words = await trial.outcome(trial.mount.stop())
@@ -119,13 +138,13 @@ async def sync(trial: Trial) -> list[Finding]:
     findings = []
     for name, place in (("sync", trial.beside(start, 0.0, 1.0 / 6.0)), ("sync.back", None)):
         target = start if place is None else place
-        order = asyncio.create_task(trial.mount.sync(target))
+        order = waited_for(trial.mount.sync(target))
         outcome, words = await trial.outcome(asyncio.shield(order))
         if outcome != "done":
             findings.append(Finding(name, outcome, fine=False, words=words))
             continue
         result = order.result()
-        fine = result.outcome is not SyncOutcome.IGNORED
+        fine = result.outcome.seen
         findings.append(Finding(name, str(result.outcome), fine=fine))
         findings.append(Finding(f"{name}.miss", result.miss_arcsec, "arcsec"))
         findings.append(Finding(f"{name}.after", result.after_s, "s"))
@@ -159,40 +178,136 @@ async def _drift(trial: Trial, key: str, expected_arcsec_s: float) -> list[Findi
 
 
 async def guiding(trial: Trial) -> list[Finding]:
-    """One second in each direction."""
-    findings = []
-    if Skill.GUIDE not in trial.mount.skills:
+    """Pulses in each direction: each must move the right way, along one axis, as far as its rate says."""
+    mount = trial.mount
+    if Skill.GUIDE not in mount.skills:
         return [Finding("guide", f"{REFUSED}: unsupported")]
+    if (await mount.reading()).tracking is False and Skill.TRACK in mount.skills:
+        # else the right ascension runs with the sky meanwhile
+        await mount.set_tracking(True)
+    wanted_arcsec = max(_SHORTEST_PULSE_S * _USUAL_GUIDE_ARCSEC_S, _PULSE_STEPS * mount.resolution_arcsec)
+    duration_s = min(wanted_arcsec / _USUAL_GUIDE_ARCSEC_S, _LONGEST_PULSE_S)
+    findings = [Finding("guide.pulse", duration_s, "s")]
     for direction in Direction:
-        before = await trial.place()
-        outcome, words = await trial.outcome(trial.mount.guide(direction, 1.0))
-        offset = offset_arcsec(from_mount(await trial.place()), from_mount(before))
-        findings.append(
-            Finding(f"guide.{direction.name.lower()}", outcome, fine=outcome == "done", words=words)
-        )
-        findings.append(Finding(f"guide.{direction.name.lower()}.moved", offset.total_arcsec, "arcsec"))
+        findings += await _guided(trial, direction, duration_s)
     return findings
 
 
+async def _guided(trial: Trial, direction: Direction, duration_s: float) -> list[Finding]:
+    key = f"guide.{direction.name.lower()}"
+    before = await trial.mount.reading()
+    outcome, words = await trial.outcome(trial.mount.guide(direction, duration_s))
+    await trial.settled(_AFTER_PULSE_S)
+    after = await trial.mount.reading()
+    offset = offset_arcsec(from_mount(after.place), from_mount(before.place))
+    # what the sky turned away while it didn't track is no pulse
+    turned_arcsec = 0.0
+    if after.tracking is False:
+        elapsed_s = (after.utc - before.utc).total_seconds()
+        turned_arcsec = SIDEREAL_ARCSEC_S * elapsed_s * math.cos(math.radians(after.place.dec_deg))
+    east_arcsec, north_arcsec = offset.east_arcsec - turned_arcsec, offset.north_arcsec
+    along = {
+        Direction.NORTH: (north_arcsec, east_arcsec),
+        Direction.SOUTH: (-north_arcsec, east_arcsec),
+        Direction.EAST: (east_arcsec, north_arcsec),
+        Direction.WEST: (-east_arcsec, north_arcsec),
+    }
+    moved_arcsec, across_arcsec = along[direction]
+    turns = direction in (Direction.EAST, Direction.WEST)
+    cos_dec = math.cos(math.radians(after.place.dec_deg)) if turns else 1.0
+    if outcome == "done":
+        rates = trial.mount.guide_rates_deg_s
+        rate_deg_s = None if rates is None else rates[0 if turns else 1]
+        step_arcsec = trial.mount.resolution_arcsec * max(cos_dec, 0.1)
+        outcome, words = _judged_pulse(
+            moved_arcsec, across_arcsec, duration_s, rate_deg_s, cos_dec=cos_dec, step_arcsec=step_arcsec
+        )
+    return [
+        Finding(key, outcome, fine=outcome == "done", words=words),
+        Finding(f"{key}.moved", moved_arcsec, "arcsec"),
+        Finding(f"{key}.across", across_arcsec, "arcsec"),
+    ]
+
+
+def _judged_pulse(
+    moved_arcsec: float,
+    across_arcsec: float,
+    duration_s: float,
+    rate_deg_s: float | None,
+    *,
+    cos_dec: float,
+    step_arcsec: float,
+) -> tuple[str, str]:
+    """In a word whether a pulse did what it should, and in words why not.
+
+    Parameters
+    ----------
+    moved_arcsec, across_arcsec : float
+        On the sky, in the direction that was ordered, and square to it.
+    duration_s : float
+    rate_deg_s : float or None
+        Of the axis, as the mount tells it; None where it doesn't: then any usual rate will do.
+    cos_dec : float
+        What a turn of the axis is on the sky.
+    step_arcsec : float
+        What a reading may be off by.
+    """
+    free_arcsec = 2.0 * step_arcsec + _PULSE_FREE_ARCSEC
+    if rate_deg_s is None:
+        low, high = (rate * SIDEREAL_ARCSEC_S * duration_s * cos_dec for rate in _GUIDE_RATES)
+    else:
+        told_arcsec = rate_deg_s * 3600.0 * duration_s * cos_dec
+        low, high = (1.0 - _PULSE_TOLERANCE) * told_arcsec, (1.0 + _PULSE_TOLERANCE) * told_arcsec
+    # more than a step, or it may be the reading that changed: nothing is not little
+    least = max(low - free_arcsec, min(0.5 * low, step_arcsec), _STILL_ARCSEC)
+    expected = f"{low:.1f} to {high:.1f} arcsec were to be expected"
+    if moved_arcsec <= -least:
+        return "reversed", f"it went the other way; {expected}"
+    if abs(across_arcsec) > max(free_arcsec, abs(moved_arcsec), least):
+        return "wrong axis", f"it went {across_arcsec:.1f} arcsec square to its direction; {expected}"
+    if abs(moved_arcsec) < least:
+        return "moved nothing", expected
+    if moved_arcsec > high + free_arcsec:
+        return "too far", expected
+    return "done", ""
+
+
 async def limits(trial: Trial) -> list[Finding]:
-    """Ask for a place below the horizon: it should say no. If it sets out, it is stopped at once."""
+    """Ask for a place below the horizon: it must say no, and stay. If it sets out, it is stopped at once."""
     # under the pole, a little below the horizon: no mount has far to go there from anywhere
     dec_deg = math.copysign(90.0 - abs(trial.site.latitude_deg) + _BELOW_DEG, trial.site.latitude_deg)
     below = trial.at_hour_angle(180.0, dec_deg)
     start = await trial.place()
-    slew = asyncio.create_task(trial.outcome(trial.mount.slew(below)))
+    slew = waited_for(trial.outcome(trial.mount.slew(below)))
     while not slew.done() and apart_arcsec(await trial.place(), start) < _SET_OUT_ARCSEC:
         await asyncio.wait([slew], timeout=0.2)
+    outcome, words = "set out", ""
     if slew.done():
         outcome, words = slew.result()
-        fine = outcome.startswith(REFUSED)
-        return [Finding("limit.below-horizon", outcome, fine=fine, words=words)]
+        # its word alone proves nothing: one that says no may go all the same
+        await trial.settled(_REFUSED_STAYS_S)
+    went_arcsec = apart_arcsec(await trial.place(), start)
+    stays = went_arcsec < _STAYS_ARCSEC + 2.0 * trial.mount.resolution_arcsec
+    if outcome.startswith(REFUSED) and stays:
+        proves = not outcome.endswith(_OTHER_REASONS)
+        return [
+            Finding(
+                "limit.below-horizon",
+                outcome,
+                fine=proves,
+                words=words if proves else f"{words}; refused for another reason, which proves no limit",
+            )
+        ]
     await trial.mount.stop()
-    await slew
+    if not slew.done():
+        await slew
+    said = "" if outcome == "set out" else f" ({outcome})"
     moved = Finding(
         "limit.below-horizon",
         "set out",
-        words="it has no horizon of its own: keep ours switched on",
+        fine=False,
+        words=f"it went {went_arcsec / 3600.0:.1f}° towards a place below the horizon{said}: it has no "
+        "horizon of its own, or not ours; keep ours switched on",
     )
     return [moved, *await trial.go("limit.back", start)]
 
@@ -249,7 +364,7 @@ STEPS: tuple[Step, ...] = (
     Step("stop", "send it 10° away and stop it after a second, then bring it back", True, stop),
     Step("sync", "sync it 10 arcminutes off and back; nothing moves", False, sync),
     Step("track", "watch it track, switch tracking off and on", True, tracking),
-    Step("guide", "send guide pulses of a second in each direction", True, guiding),
+    Step("guide", "send guide pulses of a second or some in each direction", True, guiding),
     Step("limit", "ask for a place below the horizon; if it sets out, it is stopped", True, limits),
     Step("flip", "go 20° east and 20° west of the meridian: it may flip", True, flip),
     Step("park", "park it, ask for a slew while parked, and unpark it", True, parking),

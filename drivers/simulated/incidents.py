@@ -7,6 +7,7 @@ import asyncio
 from drivers.simulated.mount import SimulatedMount
 from mountnav.clock import Clock
 from mountnav.simulation.sky_script import Incident, SkyScript
+from mountnav.tasks import waited_for
 
 
 async def let_happen(script: SkyScript, mount: SimulatedMount, clock: Clock) -> None:
@@ -24,7 +25,7 @@ async def let_happen(script: SkyScript, mount: SimulatedMount, clock: Clock) -> 
     try:
         for incident in sorted(script.incidents, key=lambda one: one.at_min):
             await clock.sleep(max(0.0, began_s + 60.0 * incident.at_min - clock.monotonic_s()))
-            over.append(asyncio.ensure_future(_happen(incident, mount, clock)))
+            over.append(waited_for(_happen(incident, mount, clock)))
         await asyncio.gather(*over)
     finally:
         for task in over:

@@ -70,6 +70,7 @@ class MemoryLine:
         self._came.clear()
         self._news.clear()
         self._gone.clear()
+        self.fake.port_opened()
         self._arm()
 
     async def close(self) -> None:

@@ -15,9 +15,10 @@ from contextlib import asynccontextmanager
 from drivers.driven.keeping import LinkState
 from drivers.places import apart_arcsec, check_kind
 from drivers.simulated.state import SimulatedState
-from mountnav.errors import BadRequest, DeviceError, DeviceRefused, Refusal
+from mountnav.errors import BadRequest, DeviceError, DeviceRefused, Refusal, RefusedButDone
 from mountnav.navigation.devices import (
     Direction,
+    MountReading,
     PierSide,
     Skill,
     SlewOutcome,
@@ -26,6 +27,7 @@ from mountnav.navigation.devices import (
     SyncResult,
     TrackingRate,
 )
+from mountnav.navigation.sync_outcomes import miss_arcsec, moved_arcsec, near_arcsec, unseen
 from mountnav.simulation.mechanics import SIDEREAL_DEG_S
 from mountnav.sky.chain import icrs_to_apparent
 from mountnav.sky.coordinates import Apparent, Icrs
@@ -33,6 +35,7 @@ from mountnav.sky.coordinates import Apparent, Icrs
 _GUIDE_DEG_S = 0.5 * SIDEREAL_DEG_S
 _LONGEST_PULSE_S = 60.0
 _STOPS_WITHIN_S = 20.0
+_START_GRACE_S = 3.0
 _STATES = {
     SlewOutcome.ARRIVED: SlewState.ARRIVED,
     SlewOutcome.STALLED: SlewState.STALLED,
@@ -57,6 +60,8 @@ class SimulatedMount(SimulatedState):
     ----------
     received : list of str
         Every order that reached the mechanics, in its order: "slew", "sync", "stop", "park", ...
+    denies : set of str
+        Orders of those names it carries out, and says no to.
     """
 
     # -- orders ------------------------------------------------------------------------------------
@@ -118,24 +123,29 @@ class SimulatedMount(SimulatedState):
         refusal = self.mechanics.sync(self._as_understood(place))
         if refusal is not None:
             raise DeviceRefused(f"the sync refused: {refusal}", device=self._name, reason=refusal)
-        share_arcsec = 0.25 * apart_arcsec(before.place, place)
-        near_arcsec = max(min(share_arcsec, self.behavior.near_arcsec), self.resolution_arcsec + 5.0)
-        began_s = self._clock.monotonic_s()
+        if "sync" in self.denies:
+            raise await self._belied("the sync", before)
+        way_arcsec = apart_arcsec(before.place, place)
+        near = near_arcsec(way_arcsec, self.resolution_arcsec, self.behavior.near_arcsec)
+        began_s, told_utc = self._clock.monotonic_s(), self._clock.utc()
         while True:
             await self.cable.ask()
             self.cable.require(links)
             now, after_s = self._reading(), self._clock.monotonic_s() - began_s
-            miss_arcsec = apart_arcsec(now.place, place)
-            seen = miss_arcsec <= near_arcsec + (0.0 if self.mechanics.tracking else 20.0 * after_s)
+            seen = miss_arcsec(place, told_utc, now) <= near
             if seen or after_s > self.behavior.sync_wait_s:
                 break
             await self._clock.sleep(0.2)
+        miss = apart_arcsec(now.place, place)
         if not seen:
-            self._late = (place, near_arcsec)
-            return SyncResult(SyncOutcome.IGNORED, now, miss_arcsec, after_s)
+            self._late = (place, near)
+            outcome = unseen(before, now, self.resolution_arcsec)
+            if outcome is SyncOutcome.ELSEWHERE:
+                self._went_elsewhere(miss)
+            return SyncResult(outcome, now, miss, after_s)
         self._believe("a sync was seen")
         late = after_s > self.behavior.late_s
-        return SyncResult(SyncOutcome.LATE if late else SyncOutcome.SEEN, now, miss_arcsec, after_s)
+        return SyncResult(SyncOutcome.LATE if late else SyncOutcome.SEEN, now, miss, after_s)
 
     async def stop(self) -> None:
         """Stop all motion now; return when it rests.
@@ -243,6 +253,8 @@ class SimulatedMount(SimulatedState):
         except DeviceRefused:
             self._state = SlewState.REFUSED
             raise
+        except RefusedButDone:
+            raise  # it was stopped
         except (DeviceError, asyncio.CancelledError):
             self._state, self._stop_owed = SlewState.LOST, len(self.received) > sent
             # nobody watches it any more: a mount that may be moving is not left so
@@ -257,8 +269,11 @@ class SimulatedMount(SimulatedState):
     async def _ordered(
         self, order: str, send: Callable[[], object], there: Callable[[], bool], links: int, stops: int
     ) -> SlewOutcome:
+        stood = self._reading()
         self.received.append(order)
         send()
+        if order in self.denies:
+            raise await self._belied(f"the {order}", stood)
         self._stop_owed = False
         self._state = SlewState.UNDER_WAY
         began_s = changed_s = self._clock.monotonic_s()
@@ -295,4 +310,30 @@ class SimulatedMount(SimulatedState):
         await self.cable.ask()
         self.received.append(order)
         send()
+        if order in self.denies:
+            self._distrust(f"it said no to {order}, and did it")
+            raise self._denied(order, "did it")
         await self.cable.ask()
+
+    async def _belied(self, order: str, before: MountReading) -> DeviceError:
+        """Look after an order that was refused, as `drivers.driven.refused` does; what is to be raised."""
+        began_s = self._clock.monotonic_s()
+        free_arcsec = 5.0 + 2.0 * self.resolution_arcsec
+        while self._clock.monotonic_s() - began_s <= _START_GRACE_S:
+            await self.cable.ask()
+            moves = self.mechanics.slewing()
+            if moves or moved_arcsec(before, self._reading()) > free_arcsec:
+                self._distrust(f"it said no to {order}, and moved")
+                if moves:
+                    await self.stop()
+                self._state = SlewState.STOPPED
+                return self._denied(order, "moved; stopped" if moves else "moved")
+            await self._clock.sleep(0.2)
+        return DeviceRefused(f"{order} refused", device=self._name)
+
+    def _denied(self, order: str, what: str) -> RefusedButDone:
+        said = f"{order}: said refused, but {what}"
+        self.cable.tell("refused-but-done", {"order": order, "why": said})
+        return RefusedButDone(
+            said, device=self._name, advice="its position doesn't count: solve a frame and sync (recover)"
+        )

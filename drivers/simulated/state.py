@@ -32,6 +32,7 @@ class SimulatedState:
         self.mechanics = mechanics
         self.behavior = behavior or MountBehavior()
         self.received: list[str] = []
+        self.denies: set[str] = set()
         self._clock = clock
         self._name = name
         self._trusted = trusted
@@ -177,7 +178,8 @@ class SimulatedState:
             raise DeviceRefused(
                 f"{what} refused: its position can't be trusted ({self._why_untrusted})",
                 device=self._name,
-                advice="solve a frame and sync (recover), or let it find its home",
+                advice="order first light if it was just set up, else recover: both look at the sky; or let "
+                "it find its home",
                 reason=Refusal.UNTRUSTED,
             )
 
@@ -197,6 +199,10 @@ class SimulatedState:
             self._boots = self.mechanics.boots
             self._late = None
             self._distrust("it was switched off and on")
+
+    def _went_elsewhere(self, miss_arcsec: float) -> None:
+        self.cable.tell("sync-elsewhere", {"miss_arcsec": round(miss_arcsec, 1)})
+        self._distrust(f"it took a sync for another place: it believes to be {miss_arcsec:.0f}″ from there")
 
     def _see_a_late_sync(self, reading: MountReading) -> None:
         if self._late is not None and self._job is None:

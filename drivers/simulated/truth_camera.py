@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import timedelta
+from typing import Literal
 
 import numpy as np
 
@@ -34,6 +35,10 @@ class TruthCamera:
         Between the end of an exposure and its frame.
     clock_off_s : float
         The camera's clock minus UTC.
+    habit : {"sound", "frozen", "one-behind"}
+        "frozen": from frame `ails_from` on each one has the pixels of that one; "one-behind": each has those
+        of the exposure before it; both with the time of the present exposure.
+    ails_from : int
     name : str
 
     Attributes
@@ -52,6 +57,8 @@ class TruthCamera:
         turned_deg: float = 0.0,
         read_out_s: float = 0.3,
         clock_off_s: float = 0.0,
+        habit: Literal["sound", "frozen", "one-behind"] = "sound",
+        ails_from: int = 0,
         name: str = "truth camera",
     ) -> None:
         self._mechanics = mechanics
@@ -61,6 +68,9 @@ class TruthCamera:
         self._turned_deg = turned_deg
         self._read_out_s = read_out_s
         self._clock_off_s = clock_off_s
+        self._habit = habit
+        self._ails_from = ails_from
+        self._held: FrameTruth | None = None
         self._name = name
         self._turn = Turn(name)
         self._last: Frame | None = None
@@ -106,7 +116,8 @@ class TruthCamera:
             max(separation_arcsec(first, center), separation_arcsec(center, last)) * 2.0,
             number,
         )
-        self._last = truth.frame(
+        shown, self._held = self._shown(truth)
+        self._last = shown.frame(
             self._through.width_px,
             self._through.height_px,
             exposure_s,
@@ -114,6 +125,17 @@ class TruthCamera:
             f"{self._name} {number}",
         )
         return self._last
+
+    def mend(self) -> None:
+        """Put right what ails it: its frames, and its clock."""
+        self._habit, self._clock_off_s = "sound", 0.0
+
+    def _shown(self, truth: FrameTruth) -> tuple[FrameTruth, FrameTruth]:
+        """What stands in the frame, and what is held for the next ones."""
+        held = self._held
+        if held is None or self._habit == "sound" or truth.number <= self._ails_from:
+            return truth, truth
+        return held, (held if self._habit == "frozen" else truth)
 
     async def abort(self) -> None:
         """End a running exposure; its `expose` raises `Cancelled`. Without one, nothing happens."""

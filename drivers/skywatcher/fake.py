@@ -153,6 +153,10 @@ class FakeSkywatcher(WireFake):
         """Answer questions, and orders as if they were carried out."""
         return _OK if command[1:2].isupper() else self._answered(command.decode("latin-1")[1:-1], command)
 
+    def denial(self, command: bytes) -> bytes | None:
+        """Orders it denies by an error: the motor isn't stopped."""
+        return b"!2\r" if command[1:2].isupper() else None
+
     def reboot(self) -> None:
         """Power blinks: motors off, counts from where the axes stand."""
         super().reboot()

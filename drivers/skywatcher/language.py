@@ -78,7 +78,12 @@ class SkywatcherLanguage(SkywatcherReading):
         self._standing.counts(aim(utc_now()))
         self._drop_tasks()
         self._parking = self._parked = False
-        still = self._while_no_stop(wanted)
+        stops, starts = self._motors.stops, self._motors.starts
+
+        def still() -> bool:
+            # when one axis has set out the other one follows, unless a stop comes
+            return self._motors.stops == stops and (self._motors.starts > starts or wanted())
+
         await self._energize()
         started, lost = await self._steering.set_out(aim, still)
         # a stop that came meanwhile has the last word: whoever follows this sends another one
@@ -264,8 +269,9 @@ class SkywatcherLanguage(SkywatcherReading):
 
     async def send_park(self, wanted: Wanted) -> Sent:
         """Send both axes to the park position and leave them at rest; that it is parked is held by us."""
+        stops = self._motors.stops
         sent = await self._send_to(self._park, wanted)
-        self._parking = sent.wire and wanted()
+        self._parking = sent.wire and self._motors.stops == stops
         return sent
 
     async def send_home(self, wanted: Wanted) -> Sent:

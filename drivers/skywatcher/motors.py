@@ -15,6 +15,7 @@ from typing import Any
 
 from drivers.command import Command
 from drivers.link import Link
+from drivers.refining import Refining
 from drivers.skywatcher import codec
 from drivers.skywatcher.rates import Gearing, true_timer_hz
 from drivers.skywatcher.words import Axis, Board, Features, MotorStatus, Nack
@@ -22,8 +23,11 @@ from mountnav.clock import pause
 from mountnav.errors import DeviceError, DeviceRefused, Refusal
 from mountnav.sky.coordinates import utc_now
 from mountnav.sky.present import real_s
+from mountnav.tasks import waited_for
 
 _BETWEEN_STOPS_S = 0.03
+_USUAL_RATIO = 16
+"""Steps at once in the high speed range, of a board that doesn't tell them [SKYWATCHER :g]."""
 _GLANCE_S = 0.05
 _HALT_S = 8.0
 _HARD_AFTER_S = 5.0
@@ -65,13 +69,16 @@ class Motors:
         Known after `meet`.
     stops : int
         Stops that were sent.
+    starts : int
+        How often one was told to start.
     """
 
     def __init__(self, link: Link, fastest_deg_s: float) -> None:
         self.link = link
         self._fastest_deg_s = fastest_deg_s
         self.gears: dict[Axis, Gearing] = {}
-        self.stops = 0
+        self.stops = self.starts = 0
+        self.refining = Refining(link, self._alive)
         self._last: dict[Axis, tuple[Count, bool]] = {}
 
     # -- questions -------------------------------------------------------------------------------
@@ -79,16 +86,22 @@ class Motors:
     async def meet(self) -> tuple[Board, Features | None]:
         """Ask who is there and what the gears are; changes nothing."""
         ask = self.link.ask
+        self.refining.begin()
         board = await ask(codec.board())
         gears: dict[Axis, Gearing] = {}
         for axis in Axis:
             counts = await ask(codec.counts_per_turn(axis))
             timer_hz = true_timer_hz(board, await ask(codec.timer_hz(axis)))
-            gears[axis] = Gearing(counts, timer_hz, await ask(codec.fast_ratio(axis)))
+            # only what runs fast when it is found is reckoned with it: gotos are the board's own
+            ratio = await self.refining.known(codec.fast_ratio(axis))
+            gears[axis] = Gearing(counts, timer_hz, ratio or _USUAL_RATIO)
         self.gears = gears
         self._last.clear()
-        features = await ask(codec.features(Axis.HOUR_ANGLE))
+        features = await self.refining.known(codec.features(Axis.HOUR_ANGLE))
         return board, None if isinstance(features, Nack) else features
+
+    async def _alive(self) -> None:
+        await self.link.ask(codec.board())
 
     async def status(self, axis: Axis) -> MotorStatus:
         """What a motor does."""
@@ -222,6 +235,7 @@ class Motors:
     async def _start(self, axis: Axis, wanted: Callable[[], bool]) -> bool:
         if not wanted():
             return False
+        self.starts += 1
         await self.order(codec.start(axis))
         return True
 
@@ -270,7 +284,7 @@ class Motors:
 
 async def _to_its_end(work: Coroutine[Any, Any, None]) -> None:
     """Wait for some work that a cancelled caller must not leave half done."""
-    task = asyncio.create_task(work)
+    task = waited_for(work)
     try:
         await asyncio.shield(task)
     except asyncio.CancelledError:

@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 
 from drivers.driven import DrivenMount
 from drivers.exchange import Patience
-from drivers.line import ByteLine, SerialLine
+from drivers.line import ByteLine, ControlLines, SerialLine
 from drivers.link import Link
 from drivers.skywatcher.language import SkywatcherLanguage
 from drivers.skywatcher.settings import SkywatcherSettings
@@ -20,7 +20,7 @@ from mountnav.sky.coordinates import Site
 BAUD = 9600
 """Of EQDIR cables; mounts with a USB socket speak at 115200 [SKYWATCHER]."""
 
-PATIENCE = Patience(deadline_s=3.0, try_s=0.5, quiet_s=0.05)
+PATIENCE = Patience(deadline_s=3.0, try_s=0.8, quiet_s=0.05)
 """A real board answers within 17 ms (an owner's 2000 exchanges); datagrams are lost now and then."""
 
 
@@ -29,6 +29,7 @@ def skywatcher_language(
     site: Site | None,
     *,
     baud: int = BAUD,
+    control: ControlLines | None = None,
     patience: Patience = PATIENCE,
     settings: SkywatcherSettings | None = None,
 ) -> SkywatcherLanguage:
@@ -42,6 +43,8 @@ def skywatcher_language(
         Where the mount stands.
     baud : int
         Speed of a serial port.
+    control : ControlLines, optional
+        Of a serial port.
     patience : Patience
         For one question.
     settings : SkywatcherSettings, optional
@@ -57,16 +60,18 @@ def skywatcher_language(
             advice="set latitude and longitude of the telescope",
         )
     log = WireLog()
-    return SkywatcherLanguage(Link(_line(line, baud, log), patience, log), site, settings)
+    return SkywatcherLanguage(Link(_line(line, baud, log, control), patience, log), site, settings)
 
 
-def _line(line: str | Callable[[], ByteLine], baud: int, log: WireLog) -> ByteLine:
+def _line(
+    line: str | Callable[[], ByteLine], baud: int, log: WireLog, control: ControlLines | None
+) -> ByteLine:
     if not isinstance(line, str):
         return line()
     parts = urlsplit(line)
     if parts.scheme == "udp" and parts.hostname and parts.port:
         return UdpLine(parts.hostname, parts.port, log=log)
-    return SerialLine(line, baud=baud, log=log)
+    return SerialLine(line, baud=baud, log=log, control=control)
 
 
 def skywatcher_mount(

@@ -49,7 +49,8 @@ def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> Dri
         url.line,
         site,
         baud=options.baud,
-        patience=Patience(timeout_s, min(PATIENCE.try_s, timeout_s), PATIENCE.quiet_s),
+        control=options.control,
+        patience=options.patience_with(Patience(timeout_s, min(PATIENCE.try_s, timeout_s), PATIENCE.quiet_s)),
         settings=_settings(options.own, settle_s=2.0 * options.timing.poll_s + 0.2),
     )
     return options.mount(language, name=name, site=site)

@@ -20,6 +20,7 @@ from drivers.skywatcher.words import NOT_EQUATORIAL, Axis, MotorStatus
 from mountnav.errors import DeviceRefused, Refusal
 from mountnav.navigation.devices import Epoch, PierSide, Skill, TrackingRate
 from mountnav.sky.coordinates import Site
+from mountnav.tasks import begun, fault_words
 
 _SKILLS = frozenset(
     {
@@ -101,12 +102,7 @@ class SkywatcherReading(OverLink):
         DeviceRefused
             If it is no equatorial mount.
         """
-        await self._link.open()
-        try:
-            return await self._identify()
-        except BaseException:
-            await super().close()
-            raise
+        return await self._greeted(self._identify)
 
     async def _identify(self) -> Identity:
         motors = self._motors
@@ -116,6 +112,8 @@ class SkywatcherReading(OverLink):
                 f"{board.text} is no equatorial mount", device=self.device, reason=Refusal.UNSUPPORTED
             )
         self._standing.geared(motors.gears)
+        for axis in Axis:
+            await motors.count(axis)
         status = {axis: await motors.status(axis) for axis in Axis}
         self._rate = None
         problems = [await self._running(axis, status[axis]) for axis in Axis if status[axis].running]
@@ -132,14 +130,17 @@ class SkywatcherReading(OverLink):
             self._parked = False
         gear = motors.gears[Axis.HOUR_ANGLE]
         text = f"{board.text}, {gear.counts} counts per turn ({gear.step_arcsec:.2f}″)"
-        return Identity(text, tuple(problems))
+        return Identity(text, (*problems, *motors.refining.notes))
 
     async def _running(self, axis: Axis, status: MotorStatus) -> str:
         """Say what a motor does that was found running; tracking is taken over."""
         gear, way = self._motors.gears[axis], "backward" if status.backward else "forward"
         if status.goto:
             return f"motor {int(axis)} runs to a target, {way} since before this connecting"
-        rate_deg_s = gear.rate_deg_s(await self._link.ask(codec.step_period(axis)), fast=status.fast)
+        period = await self._motors.refining.known(codec.step_period(axis))
+        if period is None:
+            return f"motor {int(axis)} runs {way} since before this connecting, how fast it doesn't tell"
+        rate_deg_s = gear.rate_deg_s(period, fast=status.fast)
         text = f"motor {int(axis)} runs {way} at {rate_deg_s * 3600.0:.2f}″/s since before this connecting"
         if axis is not Axis.HOUR_ANGLE or not self._follows(status):
             return text
@@ -165,7 +166,11 @@ class SkywatcherReading(OverLink):
         old = self._tasks.pop(what, None)
         if old is not None:
             old.cancel()
-        self._tasks[what] = asyncio.create_task(work, name=f"skywatcher-{what}")
+        self._tasks[what] = begun(work, f"skywatcher-{what}", died=self._died)
+
+    def _died(self, fault: Exception) -> None:
+        """What was to stop a motor or to set it going again is gone: the link ends, and is opened anew."""
+        self._link.lose(fault_words(fault))
 
     def _drop_tasks(self) -> None:
         for task in self._tasks.values():

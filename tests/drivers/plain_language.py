@@ -21,6 +21,8 @@ class PlainLanguage(Unskilled):
         self.mechanics = mechanics
         self.log = WireLog()
         self.orders: list[str] = []
+        self.denies: set[str] = set()
+        """Orders that it carries out and says no to."""
         self.usable = False
         self.silent = False
         self.absent = False
@@ -57,6 +59,14 @@ class PlainLanguage(Unskilled):
 
     def unanswered_s(self) -> float:
         return 0.0 if self._asked_s is None else asyncio.get_running_loop().time() - self._asked_s
+
+    def _said(self, order: str) -> None:
+        self.log.note("driver->mount", order.encode())
+        self.orders.append(order)
+
+    def _denied(self, order: str) -> None:
+        if order.partition(" ")[0] in self.denies:
+            raise DeviceRefused("below horizon", device=self.device, reason=Refusal.BELOW_HORIZON)
 
     def lose(self) -> None:
         self.usable = False
@@ -112,23 +122,25 @@ class PlainLanguage(Unskilled):
     async def send_slew(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
         if not wanted():
             return Sent(wire=False)
-        self.orders.append("slew")
+        self._said("slew")
         assert isinstance(place, Apparent)
         if self.mechanics.believed_altitude_deg(place) < 0.0:
             raise DeviceRefused("below horizon", device=self.device, reason=Refusal.BELOW_HORIZON)
         if not self.slew_ignored:
             self.mechanics.slew(place)
+        self._denied("slew")
         if self.slew_answer_lost:
             return Sent(lost=DeviceSilent("no answer to the slew", device=self.device))
         return Sent()
 
     async def send_sync(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
-        self.orders.append("sync")
+        self._said("sync")
         assert isinstance(place, Apparent)
         if self.sync_late_s:
             asyncio.get_running_loop().call_later(self.sync_late_s, self.mechanics.sync, place)
         elif not self.sync_ignored:
             self.mechanics.sync(place)
+        self._denied("sync")
         return Sent()
 
     async def send_stop(self, again: int) -> None:
@@ -138,7 +150,7 @@ class PlainLanguage(Unskilled):
             self.mechanics.stop()
 
     async def send_park(self, wanted: Wanted) -> Sent:
-        self.orders.append("park")
+        self._said("park")
         self.mechanics.move("n", 1.0)
 
         def parked() -> None:
@@ -146,14 +158,16 @@ class PlainLanguage(Unskilled):
             self.parked = True
 
         asyncio.get_running_loop().call_later(0.3, parked)
+        self._denied("park")
         return Sent()
 
     async def send_unpark(self) -> None:
-        self.orders.append("unpark")
+        self._said("unpark")
         self.parked = False
+        self._denied("unpark")
 
     async def send_home(self, wanted: Wanted) -> Sent:
-        self.orders.append("home")
+        self._said("home")
         self.mechanics.move("n", 1.0)
 
         def there() -> None:
@@ -161,14 +175,20 @@ class PlainLanguage(Unskilled):
             self.at_home = True
 
         asyncio.get_running_loop().call_later(0.3, there)
+        self._denied("home")
         return Sent()
 
     async def send_tracking(self, on: bool, rate: TrackingRate) -> None:
-        self.orders.append("tracking")
+        self._said("tracking")
         self.mechanics.tracking = on
+        self._denied("tracking")
 
     async def send_guide(self, direction: Direction, duration_s: float, wanted: Wanted) -> Sent:
-        self.orders.append(f"guide {direction} {duration_s}")
+        self._said(f"guide {direction} {duration_s}")
+        if "guide" in self.denies:
+            # a hand control's key that is never let go
+            self.mechanics.move(direction.value, 1.0)
+        self._denied("guide")
         return Sent()
 
     async def read_clock(self) -> datetime | None:

@@ -23,7 +23,14 @@ from mountnav.sky.sphere import separation_arcsec
 
 NORTH, SOUTH = Site(49.6, 36.9, 150.0), Site(-33.3, 149.1, 600.0)
 RATE_DEG_S, ACCELERATION_DEG_S2 = 180.0, 900.0
-TIMING = Timing(poll_s=0.05, heartbeat_s=0.0, rest_s=0.5, stop_timeout_s=30.0, fastest_deg_s=400.0)
+TIMING = Timing(
+    poll_s=0.05,
+    heartbeat_s=0.0,
+    rest_s=0.5,
+    stop_timeout_s=30.0,
+    fastest_deg_s=400.0,
+    acceleration_deg_s2=ACCELERATION_DEG_S2,
+)
 PATIENCE = Patience(deadline_s=3.0, try_s=0.3, quiet_s=0.03)
 SETTINGS = SkywatcherSettings(goto_deg_s=RATE_DEG_S, goto_deg_s2=ACCELERATION_DEG_S2, settle_s=0.3)
 WIRES = {"pty": FakeOnPty, "tcp": FakeOnTcp, "udp": FakeOnUdp}

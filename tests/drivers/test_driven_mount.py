@@ -11,6 +11,7 @@ from datetime import timedelta
 import pytest
 
 from drivers.driven import DrivenMount
+from drivers.driven.judging import Believed
 from drivers.driven.keeping import LinkState
 from drivers.language import Readout
 from drivers.timing import Timing
@@ -207,7 +208,7 @@ def test_a_pause_of_the_machine_is_no_silence_under_a_fast_sky(speed: float, cou
         later = before.utc + timedelta(seconds=4.0)
         after = replace(before, place=Apparent(10.0, 20.05, later), utc=later)
         tended.trust("for the test")
-        tended._watch_for_jumps(before, after, 0.0)
+        tended._watch_for_jumps(before, Believed(after))
         assert mount.trusted is counts
 
 

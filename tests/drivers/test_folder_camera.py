@@ -91,8 +91,9 @@ async def test_a_file_written_anew_counts(folder: Path, tmp_path: Path) -> None:
 
 async def test_nothing_comes(folder: Path, tmp_path: Path) -> None:
     (folder / "old.fits").write_bytes(fits_bytes(tmp_path))
-    with pytest.raises(DeviceSilent, match="capture program"):
+    with pytest.raises(DeviceSilent, match="capture program") as silent:
         await watching(folder, timeout_s=0.2).expose(0.0)
+    assert "the newest there, old.fits, was written 0 s before" in silent.value.what
 
 
 async def test_abort(folder: Path) -> None:
@@ -117,3 +118,60 @@ async def test_a_file_of_no_use_is_told_at_the_end(folder: Path, tmp_path: Path,
 async def test_no_folder(tmp_path: Path) -> None:
     with pytest.raises(DeviceMissing):
         await watching(tmp_path / "none").open()
+
+
+@pytest.mark.parametrize(
+    ("content", "cause"),
+    [
+        ("garbage", "bad.fits came and can't be used"),
+        ("untimed", "no time of exposure"),
+        ("empty", "is empty"),
+    ],
+)
+async def test_the_cause_is_told(folder: Path, tmp_path: Path, content: str, cause: str) -> None:
+    data = {"garbage": b"no image at all", "untimed": fits_bytes(tmp_path, timed=False), "empty": b""}[
+        content
+    ]
+    task = await asked(watching(folder, timeout_s=0.4))
+    (folder / "bad.fits").write_bytes(data)
+    with pytest.raises((BadFrame, DeviceSilent)) as told:
+        await task
+    assert cause in told.value.what
+
+
+async def test_a_file_of_another_pattern_is_named(folder: Path) -> None:
+    task = await asked(watching(folder, timeout_s=0.4))
+    (folder / "look.cr2").write_bytes(b"raw")
+    with pytest.raises(DeviceSilent, match=r"look\.cr2 came, which is none of \*\.fit\*"):
+        await task
+
+
+async def test_a_file_that_came_before_it_was_asked_for_is_named(folder: Path, tmp_path: Path) -> None:
+    camera = watching(folder, timeout_s=0.3)
+    with pytest.raises(DeviceSilent):
+        await camera.expose(0.0)
+    (folder / "early.fits").write_bytes(fits_bytes(tmp_path))
+    with pytest.raises(DeviceSilent, match=r"early\.fits came before the exposure was asked for"):
+        await camera.expose(0.0)
+
+
+async def test_an_old_frame_is_remembered_when_no_other_comes(folder: Path, tmp_path: Path) -> None:
+    camera = watching(folder, timeout_s=0.4)
+    task = await asked(camera)
+    (folder / "old.fits").write_bytes(fits_bytes(tmp_path))
+    # it is given: who compares it with the mount's readings refuses it, and asks for another one
+    assert (await task).source == "old.fits"
+    with pytest.raises(
+        DeviceSilent, match=r"old\.fits, was exposed \d+ s before it was asked for, by its DATE-OBS"
+    ):
+        await camera.expose(0.0)
+
+
+async def test_a_file_that_is_never_whole_is_named(folder: Path) -> None:
+    task = await asked(watching(folder, timeout_s=0.6))
+    with (folder / "endless.fits").open("wb", buffering=0) as out:
+        while not task.done():
+            out.write(b"x" * 100)
+            await asyncio.sleep(0.005)
+    with pytest.raises(DeviceSilent, match=r"endless\.fits came and was still being written"):
+        await task

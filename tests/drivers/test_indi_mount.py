@@ -163,7 +163,7 @@ async def test_a_sync_left_by_another_program_does_not_turn_our_slew_into_one(
     other = server.device(TELESCOPE)
     await other.bring_up(may_connect=False, needed=("ON_COORD_SET",))
     await other.set_switches("ON_COORD_SET", {"TRACK": False, "SLEW": False, "SYNC": True})
-    there = beside((await mount.reading()).place, 3.0)
+    there = beside((await mount.reading()).place, 12.0)
     task = asyncio.create_task(mount.slew(there))
     await until(lambda: mount.slew_state is SlewState.UNDER_WAY)
     # a sync would have brought it there at once

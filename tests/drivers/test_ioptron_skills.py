@@ -13,6 +13,7 @@ from drivers.driven import DrivenMount
 from drivers.ioptron.faking import DIALECTS, MACHINE, fake_from
 from drivers.ioptron.mount import ioptron_language, ioptron_mount
 from drivers.ioptron.values import MountState
+from drivers.registry import open_mount
 from mountnav.errors import BadRequest, DeviceRefused, Refusal
 from mountnav.navigation.devices import Direction, PierSide, Skill, SlewOutcome, TrackingRate
 from mountnav.simulation.mechanics import RATES_DEG_S, SIDEREAL_DEG_S, Mechanics
@@ -47,6 +48,21 @@ async def test_a_slew_changes_sides_and_the_side_is_told(dialect: str) -> None:
         # the v2 set has no word for it
         assert reading.pier_side is (PierSide.WEST if dialect == "v3" else None)
         assert (Skill.PIER_SIDE in mount.skills) is (dialect == "v3")
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+async def test_a_mount_that_tells_the_other_side_is_read_as_the_settings_say(swapped: bool) -> None:
+    fake = fake_of()
+    with FakeOnPty(fake) as bench:
+        option = "?swap_sides=yes" if swapped else ""
+        mount = open_mount(f"ioptron+serial://{bench.address}{option}", site=HERE)
+        await mount.open()
+        try:
+            told = PierSide.WEST if swapped else PierSide.EAST
+            assert (await mount.reading()).pier_side is told
+            assert await mount.destination_side(at_hour_angle(30.0, 60.0)) is told  # type: ignore[attr-defined]
+        finally:
+            await mount.close()
 
 
 async def test_the_side_of_a_destination_is_foretold_except_near_the_meridian() -> None:

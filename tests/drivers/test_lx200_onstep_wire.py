@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from dataclasses import replace
 
 import pytest
@@ -26,6 +27,25 @@ async def test_it_conforms(tcp: bool) -> None:
     assert fake.unknown == []
     # never sent: it declares the present place to be its home
     assert b":hF#" not in fake.heard
+
+
+@pytest.mark.parametrize("dialect", ["onstep", "am5"])
+async def test_a_pulse_is_over_when_the_mount_says_so(dialect: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Under load it took a pulse up late, and refused to park: it was "already in motion"."""
+    fake = german(dialect)
+    feed = fake.feed
+
+    def late(data: bytes) -> bytes:
+        if b":Mg" in data:
+            time.sleep(0.4)  # the fake's thread is what is late
+        return feed(data)
+
+    monkeypatch.setattr(fake, "feed", late)
+    async with opened(fake) as mount:
+        for direction in Direction:
+            await mount.guide(direction, 0.2)
+            assert not fake.mechanics.guiding()
+        assert await mount.park() is SlewOutcome.ARRIVED
 
 
 async def test_connecting_tells_who_and_sets_nothing() -> None:

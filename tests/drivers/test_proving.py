@@ -5,22 +5,27 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from functools import partial
 from pathlib import Path
+from typing import Any, Literal
 
 import pytest
 
+from api.bench_command import BenchRun, build_of, run
 from drivers.bench import FakeOnPty
 from drivers.driven import DrivenMount
 from drivers.faults import Fault
 from drivers.lx200.fake import FakeLx200
-from drivers.proving.findings import Capabilities, as_lines, differences
+from drivers.lx200.faking import fake_from
+from drivers.proving.findings import Capabilities, Finding, StepResult, as_lines, differences
 from drivers.proving.run import tried
-from drivers.proving.steps import STEPS
+from drivers.proving.steps import STEPS, _judged_pulse
 from drivers.proving.trial import Trial
 from drivers.registry import open_mount
 from mountnav.errors import BadRequest
+from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Site
 
@@ -126,8 +131,6 @@ async def test_what_a_mount_does_wrong_is_found_and_told_apart_from_a_fake(
 def test_the_command_writes_its_report_and_a_transcript(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from api.bench_command import BenchRun, run
-
     report, transcript = tmp_path / "report.json", tmp_path / "said.jsonl"
     with FakeOnPty(fake_mount()) as bench:
         asked = BenchRun(
@@ -176,3 +179,131 @@ async def test_a_closed_terminal_stops_what_moves(tmp_path: Path) -> None:
             while mechanics.slewing():
                 await asyncio.sleep(0.02)
     assert [step["name"] for step in json.loads(report.read_text())["mount"]["steps"]] == ["read"]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "value"),
+    [
+        (lambda fake: fake.faults.append(Fault("deaf", on=b":M", times=99)), "moved nothing"),
+        pytest.param(
+            lambda fake: swap(fake, {"n": "s", "s": "n", "e": "w", "w": "e"}),
+            "reversed",
+            marks=pytest.mark.long,
+        ),
+        pytest.param(
+            lambda fake: swap(fake, {"n": "e", "s": "w", "e": "n", "w": "s"}),
+            "wrong axis",
+            marks=pytest.mark.long,
+        ),
+    ],
+    ids=["deaf", "reversed", "axes"],
+)
+async def test_a_pulse_is_judged_by_amount_and_direction(
+    spoil: Callable[[FakeLx200], None], value: str
+) -> None:
+    fake = fine_mount()
+    spoil(fake)
+    bad = await whole(fake, "guide")
+    assert not bad.is_fine
+    values = {key: one.value for key, one in bad.findings().items()}
+    assert {values[f"guide.{way}"] for way in ("north", "south", "east", "west")} == {value}
+
+
+def fine_mount() -> FakeLx200:
+    """One that reads finely, so that pulses are short."""
+    mechanics = Mechanics(HERE, Air(), PointingErrors(), slew_rate_deg_s=20.0, acceleration_deg_s2=40.0)
+    return fake_from("onstep", mechanics)
+
+
+def swap(fake: FakeLx200, ways: dict[str, str]) -> None:
+    """Wire the motors wrongly."""
+    mechanics: Any = fake.mechanics
+    right = mechanics.pulse
+    mechanics.pulse = lambda way, rate, duration: right(ways[way], rate, duration)
+
+
+@pytest.mark.parametrize("told_rate", [0.00208, None])
+def test_a_pulse_of_the_wrong_size(told_rate: float | None) -> None:
+    judged = partial(_judged_pulse, across_arcsec=0.0, duration_s=1.0, rate_deg_s=told_rate, cos_dec=1.0)
+    assert judged(7.5, step_arcsec=0.1)[0] == "done"
+    assert judged(3e-6, step_arcsec=0.1)[0] == "moved nothing"
+    assert judged(-7.5, step_arcsec=0.1)[0] == "reversed"
+    assert judged(75.0, step_arcsec=0.1)[0] == "too far"
+
+
+async def test_a_mount_that_sets_out_below_the_horizon_is_a_failure() -> None:
+    mechanics = Mechanics(HERE, Air(), PointingErrors(), slew_rate_deg_s=20.0, acceleration_deg_s2=40.0)
+    found = await whole(FakeLx200(mechanics, lowest_altitude_deg=-90.0), "limit")
+    (finding,) = [one for key, one in found.findings().items() if key == "limit.below-horizon"]
+    assert (finding.value, finding.fine) == ("set out", False)
+    assert not found.is_fine
+    assert found.findings()["limit.back"].value == "arrived"
+
+
+async def test_a_refusal_for_another_reason_proves_no_limit() -> None:
+    fake = fake_mount()
+    async with on_trial(fake) as trial:
+        trial.mount.trust()
+        trial.mount._tended.distrust("for the test")
+        (step,) = [step for step in STEPS if step.name == "limit"]
+        (finding,) = await step.do(trial)
+    assert finding.value == "refused: untrusted"
+    assert finding.fine is False
+
+
+def shown(**values: str) -> Capabilities:
+    """A report of a mount that showed this."""
+    step = StepResult(
+        "shown", findings=[Finding(key.replace("_", "-"), said) for key, said in values.items()]
+    )
+    return Capabilities("", "", "", "", [], [], [step])
+
+
+@pytest.mark.parametrize(
+    ("protocol", "said", "build"),
+    [
+        ("lx200", {"flip": "flips"}, "german"),
+        ("lx200", {"flip": "stays", "read.pier-side": "west"}, "fork"),
+        ("lx200", {"read.pier-side": "east"}, "german"),
+        ("lx200", {"read.pier-side": "unknown"}, "fork"),
+        ("lx200", {}, "fork"),
+        ("skywatcher", {}, "german"),
+        ("nexstar", {"flip": "unknown"}, "german"),
+    ],
+)
+def test_the_fake_to_compare_with_is_built_as_the_mount_shows_itself(
+    protocol: str, said: dict[str, str], build: str
+) -> None:
+    mount = open_mount(f"{protocol}+serial:///dev/nowhere", site=HERE)
+    assert isinstance(mount, DrivenMount)
+    found = shown(**said)
+    assert build_of(found, mount, protocol, None).mounting == build
+    assert build_of(found, mount, protocol, "german").mounting == "german"
+    assert build_of(found, mount, protocol, "fork").mounting == "fork"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("mounting", ["german", "fork"])
+def test_it_is_compared_with_a_fake_of_its_build(
+    mounting: Literal["german", "fork"], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    build = Machine(mounting=mounting, slew_rate_deg_s=20.0, acceleration_deg_s2=40.0)
+    fake = fake_from("onstep", Mechanics(HERE, Air(), PointingErrors(), machine=build))
+    report = tmp_path / "report.json"
+    with FakeOnPty(fake) as bench:
+        asked = BenchRun(
+            url=f"lx200+serial://{bench.address}?{QUICK}",
+            latitude_deg=49.6,
+            longitude_deg=36.9,
+            steps=("read", "flip"),
+            yes=True,
+            report=report,
+        )
+        assert run(asked) == 0
+    kept = json.loads(report.read_text())
+    flips = [
+        next(one["value"] for step in kept[who]["steps"] for one in step["findings"] if one["key"] == "flip")
+        for who in ("mount", "fake")
+    ]
+    assert flips[0] == flips[1]
+    assert (flips[0] == "flips") is (mounting == "german")

@@ -27,7 +27,7 @@ def test_serial_and_socket() -> None:
         ("lx200+socket://host", "socket"),
         ("lx200+socket://host:port", "lx200"),
         ("lx200+serial:///dev/ttyUSB0?speed=9600", "baud"),
-        ("lx200+serial:///dev/ttyUSB0?baud=fast", "above 0"),
+        ("lx200+serial:///dev/ttyUSB0?baud=fast", "whole number"),
         ("lx200+serial:///dev/ttyUSB0?baud", "lx200"),
         ("lx200+serial:///dev/ttyUSB0?epoch=B1950", "JNow"),
     ],

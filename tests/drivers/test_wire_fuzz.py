@@ -12,6 +12,7 @@ import pytest
 
 from drivers.fakes import make_fake
 from drivers.faults import USUAL_KINDS, Fault, Kind, scripted
+from mountnav.navigation.devices import SyncOutcome
 from tests.drivers.virtual_wire import HandClock, VirtualLoop, in_virtual_time
 from tests.drivers.wire_families import family
 from tests.drivers.wire_fuzz import Findings, Rig
@@ -25,6 +26,7 @@ EVERYTHING: tuple[Kind, ...] = (
     "vanish",
     "hang-up",
     "black-hole",
+    "deaf-start",
 )
 FAMILIES = [
     ("lx200", "lx200gps"),
@@ -52,6 +54,8 @@ def lived(
     rate: float = 0.03,
     kinds: tuple[Kind, ...] = EVERYTHING,
     script: list[Fault] | None = None,
+    *,
+    contradicts: bool = False,
 ) -> tuple[Findings, Rig]:
     clock = HandClock()
     fuzzed = family(protocol, dialect)
@@ -59,7 +63,7 @@ def lived(
     loop = VirtualLoop(clock)
     try:
         # its events and locks are made for this loop
-        rig = Rig(fuzzed, make_fake, clock, seed, rate, kinds)
+        rig = Rig(fuzzed, make_fake, clock, seed, rate, kinds, contradicts=contradicts)
         if script is not None:
             rig.fake.faults += script
         return loop.run_until_complete(rig.live(exchanges)), rig
@@ -99,6 +103,38 @@ def test_nothing_wrong_in_100_000_exchanges(
         wrong += [f"seed {seed}: {what}" for what in findings.wrong]
     assert wrong == []
     assert exchanges >= 100_000
+
+
+CONTRADICTING = [*FAMILIES, ("lx200", "onstep"), ("lx200", "10micron"), ("lx200", "am5")]
+A_LIFE = 10_000
+"""Exchanges of a whole one; `benchmarks.contradicting_mounts` lives ten of each."""
+
+CONTRADICTING_SEED = 201
+
+
+@pytest.mark.parametrize(
+    ("protocol", "dialect", "exchanges"),
+    [
+        pytest.param("lx200", "onstep", 2000, id="short"),
+        *(
+            pytest.param(*one, A_LIFE, marks=pytest.mark.long, id="-".join(filter(None, one)))
+            for one in CONTRADICTING
+        ),
+    ],
+)
+def test_a_mount_that_contradicts_itself_is_never_believed(
+    protocol: str, dialect: str | None, exchanges: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    life, rig = lived(
+        monkeypatch, protocol, dialect, exchanges, CONTRADICTING_SEED, 0.02, USUAL_KINDS, contradicts=True
+    )
+    assert life.wrong == []
+    assert life.exchanges >= exchanges
+    # what it is about was met
+    assert rig.mechanics.boots > 0
+    assert life.outcomes["slew: arrived"] > 0
+    if rig.family.syncs:
+        assert life.outcomes[f"sync: {SyncOutcome.ELSEWHERE}"] > 0
 
 
 def test_the_same_seed_is_the_same_life() -> None:

@@ -15,8 +15,8 @@ from typing import Any
 from drivers.driven import DrivenMount
 from drivers.exchange import Patience
 from drivers.fake_wire import WireFake
-from drivers.faults import Kind, RandomFaults
-from drivers.language import Language
+from drivers.faults import Fault, Kind, RandomFaults
+from drivers.language import Language, Sent
 from drivers.link import Link
 from drivers.timing import Timing
 from drivers.wire_log import WireLog
@@ -26,10 +26,12 @@ from mountnav.navigation.devices import (
     MountReading,
     Skill,
     SlewOutcome,
+    SlewState,
     SyncOutcome,
     TrackingRate,
 )
-from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
+from mountnav.navigation.sync_outcomes import FREE_ARCSEC
+from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors, SyncBehavior
 from mountnav.sky.chain import apparent_to_icrs
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
@@ -41,6 +43,13 @@ LONGEST_S = 1500.0
 STOP_S = 0.1
 RIGHT_WITHIN_S = 1.0
 """A reading is right when the mount was there so long before or after its instant, or nearly so."""
+WRONG_BELIEF_ARCSEC = 12.0 * 3600.0
+"""So far a hand at the keys may have moved it between two looks: less is no proof of another belief."""
+SYNCS: tuple[SyncBehavior, ...] = ("normal", "normal", "ignore", "half", "dec-only", "elsewhere", "reverse")
+ALIGNED_ARCSEC = 3600.0
+"""So near to the truth is a mount aligned by its marks: refraction, which it doesn't know, is less."""
+SLACK_ARCSEC = 5.0
+"""What the clock's steps and a belief's own rounding come to."""
 UNSEEN_ARCSEC = 30.0
 """What no reader can tell from a little motion: flipped bits in last digits, without check sums."""
 
@@ -90,10 +99,16 @@ class _Counted:
 
         async def counted(*given: Any) -> Any:
             before = len(self._rig.fake.obeyed)
+            if name in ("send_slew", "send_park", "send_home"):
+                self._rig.check_belief(name)
+            went_out = True
             try:
-                return await told(*given)
+                answer = await told(*given)
+                # one that didn't go out may be told again
+                went_out = not isinstance(answer, Sent) or answer.wire or bool(self._rig.moved_since(before))
+                return answer
             finally:
-                self._rig.sent[name] += 1
+                self._rig.sent[name] += went_out
                 self._rig.check_once(name, before)
 
         return counted
@@ -110,12 +125,16 @@ class Rig:
         seed: int,
         rate: float,
         kinds: tuple[Kind, ...],
+        *,
+        contradicts: bool = False,
     ) -> None:
         self.family, self.clock = family, clock
+        self.contradicts = contradicts
+        """Whether it says no and goes, takes syncs for other places, and is switched off and on in slews."""
         self.chances = random.Random(seed)
         self.findings = Findings()
         self.sent: Counter[str] = Counter()
-        self.unsure = False
+        self.unsure = self.moved_before = False
         self.mechanics = Mechanics(
             HERE,
             Air(),
@@ -131,7 +150,9 @@ class Rig:
         log = WireLog(monotonic=clock.monotonic)
         self.line = MemoryLine(self.fake, clock, log)
         language = _Counted(family.language(Link(self.line, Patience(), log)), self)
-        self.mount = DrivenMount(language, timing=Timing(longest_backoff_s=4.0), site=HERE)  # type: ignore[arg-type]
+        timing = Timing(longest_backoff_s=4.0)
+        self.nearest_arcsec = timing.near_arcsec
+        self.mount = DrivenMount(language, timing=timing, site=HERE)  # type: ignore[arg-type]
         self.mount.listen(self.hear)
 
     def hear(self, what: str, facts: object) -> None:
@@ -144,11 +165,25 @@ class Rig:
     def note(self, what: str) -> None:
         self.findings.wrong.append(f"at {self.clock.now_s:.3f} s, after {len(self.fake.heard)}: {what}")
 
+    def moved_since(self, before: int) -> list[bytes]:
+        """Which of the commands that were obeyed since then move it."""
+        return [one for one in self.fake.obeyed[before:] if one.startswith(self.family.moves)]
+
     def check_once(self, order: str, before: int) -> None:
-        sent = [one for one in self.fake.obeyed[before:] if one.startswith(self.family.moves)]
+        sent = self.moved_since(before)
         twice = [one for one, count in Counter(sent).items() if count > 1]
         if twice:
             self.note(f"{order} was carried out twice: {twice}")
+
+    def astray_arcsec(self) -> float:
+        """How far the tube is from where the mount believes."""
+        return separation_arcsec(self.mechanics.truth(), apparent_to_icrs(self.mechanics.reported()))
+
+    def check_belief(self, order: str) -> None:
+        """No order to move goes out by a place at which it woke up, or that a sync gave it wrongly."""
+        self.moved_before, astray = self.moves(), self.astray_arcsec()
+        if self.contradicts and astray > WRONG_BELIEF_ARCSEC:
+            self.note(f"{order} by a belief that is {astray / 3600.0:.1f} degrees off")
 
     def check_reading(self, reading: MountReading, began_s: float) -> None:
         self.findings.readings += 1
@@ -165,6 +200,21 @@ class Rig:
             self.findings.off_arcsec.append(off)
             if off > free + UNSEEN_ARCSEC:
                 self.note(f"a reading is {off:.0f} arcsec off (free: {free:.0f}): {reading}")
+
+    def check_sync(self, outcome: SyncOutcome, *, off: float, moved: float) -> None:
+        """What a sync is said to have come to, by how far (arcsec) the belief is off, and has moved.
+
+        The driver sees both through the steps of the wire.
+        """
+        step = self.mount.resolution_arcsec
+        if outcome.seen and off > max(self.nearest_arcsec, step + FREE_ARCSEC) + 1.5 * step + SLACK_ARCSEC:
+            self.note(f"sync {outcome}, {off:.0f} arcsec off")
+        if not outcome.seen and off < 0.5 * step + SLACK_ARCSEC:
+            self.note(f"sync {outcome}, and it was taken: {off:.0f} arcsec off")
+        if outcome is SyncOutcome.IGNORED and moved > FREE_ARCSEC + 3.0 * step + SLACK_ARCSEC:
+            self.note(f"sync {outcome}, and it believes something else: {moved:.0f}")
+        if outcome is SyncOutcome.ELSEWHERE and moved < SLACK_ARCSEC:
+            self.note(f"sync {outcome}, and it believes what it did: {moved:.0f}")
 
     def belief(self, reading: MountReading, shift_s: float) -> Apparent | Icrs:
         utc = min(reading.utc + timedelta(seconds=shift_s), self.clock())
@@ -200,6 +250,17 @@ class Rig:
         if not self.mount.trusted and roll < 0.5:
             if self.mechanics.boots:
                 self.family.recover(self.fake)
+            if self.contradicts:
+                # it is aligned again before that is said: by the marks of its axes, since a place alone
+                # tells it no posture, and at the pole no hour angle
+                self.mechanics.unpark()
+                self.mechanics.stop()
+                self.mechanics.sync_behavior = "normal"
+                await asyncio.sleep(5.0)
+                self.mechanics.align()
+                await asyncio.sleep(2.0)
+                if self.astray_arcsec() > ALIGNED_ARCSEC:
+                    return  # it was switched off just now: next time
             self.mount.trust()
         if roll < 0.70:
             await self.told("read", self.read)
@@ -267,6 +328,14 @@ class Rig:
         if place is None:
             return "nowhere"
         sent = self.sent["send_slew"]
+        if self.contradicts and self.chances.random() < 0.2:
+            for on in self.family.moves:
+                self.fake.add_fault(Fault("deny", on=on))
+        if self.contradicts and self.chances.random() < 0.15:
+            mute_s = self.chances.uniform(0.8, 7.0)
+            asyncio.get_running_loop().call_later(
+                self.chances.uniform(0.1, 5.0), lambda: self.fake.add_fault(Fault("reboot", for_s=mute_s))
+            )
         slew = asyncio.ensure_future(self.mount.slew(place))
         watch = asyncio.ensure_future(self.watch())
         if self.chances.random() < 0.3:
@@ -280,7 +349,14 @@ class Rig:
             outcome = await slew
         except asyncio.CancelledError:
             return "cancelled"
+        except DeviceRefused:
+            # one that was refused before it was sent tells nothing of what moves since before
+            went_out = self.sent["send_slew"] > sent and not self.moved_before
+            if went_out and self.moves() and self.mount.slew_state is SlewState.REFUSED:
+                self.note("refused, and the mount slews")
+            raise
         finally:
+            self.fake.faults = [one for one in self.fake.faults if one.kind != "deny"]
             watch.cancel()
             await asyncio.wait({watch})
             if self.sent["send_slew"] > sent + 1:
@@ -323,21 +399,24 @@ class Rig:
             self.unsure = not stayed or result.outcome is SyncOutcome.IGNORED
             return result.outcome
         here = self.now()
+        if self.contradicts and abs(here.dec_deg) > 75.0:
+            return "too near the pole"
         ra_deg = (here.ra_deg + self.chances.uniform(-0.3, 0.3)) % 360.0
         dec_deg = max(-80.0, min(80.0, here.dec_deg + self.chances.uniform(-0.3, 0.3)))
         place = (
             Icrs(ra_deg, dec_deg) if self.mount.epoch == "icrs" else Apparent(ra_deg, dec_deg, self.clock())
         )
         sent = self.sent["send_sync"]
+        if self.contradicts:
+            self.mechanics.sync_behavior = self.chances.choice(SYNCS)
         try:
             result = await self.mount.sync(place)
         finally:
+            self.mechanics.sync_behavior = "normal"
             if self.sent["send_sync"] > sent + 1:
                 self.note("a sync was ordered twice")
-        off = _apart(self.now(), place)
-        taken = off <= 60.0 + 3.0 * self.mount.resolution_arcsec
-        if taken != (result.outcome is not SyncOutcome.IGNORED) and self.mechanics.tracking:
-            self.note(f"sync {result.outcome}, {off:.0f} arcsec off")
+        if self.mechanics.tracking:
+            self.check_sync(result.outcome, off=_apart(self.now(), place), moved=_apart(self.now(), here))
         return result.outcome
 
     async def track(self) -> str:

@@ -62,7 +62,8 @@ class Fault:
 
     What: "slow" (seconds), "deaf" (done, never answered within seconds), "drop" (done, connection closed
     without an answer), "refuse-connection" (closed before anything is done), "wrong-id", "html", "status",
-    "error" (number, message), "text" (that body), "ignored" (answered, not done), "half" (cut in the middle).
+    "error" (number, message), "denied" (the same, but done), "text" (that body), "ignored" (answered, not
+    done), "half" (cut in the middle).
     """
 
     member: str
@@ -508,6 +509,8 @@ class _Handler(BaseHTTPRequestHandler):
             wanted = "Basic " + base64.b64encode(":".join(owner.basic).encode()).decode()
             if self.headers.get("Authorization") != wanted:
                 return self._reply(401, b"who are you?", "text/plain")
+        way_s = owner.far()
+        time.sleep(way_s / 2.0)
         owner.note(verb, member, form)
         fault = owner.fault_for(member)
         what = fault.what if fault else ""
@@ -539,11 +542,14 @@ class _Handler(BaseHTTPRequestHandler):
                 value = owner.described()
             elif what != "ignored":
                 value = self._device(path).answer(verb, member, form)
+            if fault and what == "denied":
+                raise AlpacaError(fault.number, fault.body)
         except Bad as bad:
             return self._reply(400, str(bad).encode(), "text/plain")
         except AlpacaError as error:
             envelope |= {"ErrorNumber": error.number, "ErrorMessage": error.message}
             value = None
+        time.sleep(way_s / 2.0)
         if fault and what == "deaf":
             time.sleep(fault.seconds)
         if what in ("drop", "deaf"):
@@ -635,10 +641,13 @@ class AlpacaServer:
     devices : dict
         By "telescope/0".
     asked : list of (verb, member, parameters)
+    far : callable
+        Seconds that a question and its answer take on their way, half of them each.
     """
 
     devices: dict[str, FakeDevice]
     basic: tuple[str, str] | None = None
+    far: Callable[[], float] = lambda: 0.0
     gzip: bool = False
     faults: list[Fault] = field(default_factory=list)
     asked: list[tuple[str, str, dict[str, str]]] = field(default_factory=list)

@@ -236,3 +236,63 @@ def test_whose_image_it_is(start_s: float | None, lasted_s: float, agree: bool, 
     told = Told(None if start_s is None else NOON + timedelta(seconds=start_s), lasted_s)
     came = NOON + timedelta(seconds=4.0)
     assert exposure.is_of_another(told, came, 1.0, clocks_agree=agree) is another
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "0001-01-01T00:00:00+23:59",
+        "9999-12-31T23:59:59-23:59",
+        "0001-01-01T00:00:00",
+        "9999-12-31T23:59:59Z",
+        "1899-12-31T23:59:59Z",
+        "2026-13-01T00:00:00",
+        "",
+        "9" * 5000,
+    ],
+)
+def test_instants_beyond_the_calendar_are_none(said: str) -> None:
+    with pytest.raises(codec.Malformed) as fault:
+        codec.instant(said)
+    assert len(str(fault.value)) < 200
+
+
+json_values = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.integers(10**300, 10**310)
+    | st.just(10**4000)
+    | st.floats()
+    | st.text(max_size=8)
+    | st.sampled_from(["0001-01-01T00:00:00+23:59", "x" * 5000, "2026-11-22T12:00:00Z"]),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=5,
+)
+
+
+@given(json_values)
+def test_whatever_a_server_sends_is_a_value_or_malformed(value: object) -> None:
+    readers = (
+        codec.number,
+        codec.integer,
+        codec.truth,
+        codec.text,
+        codec.instant,
+        codec.named_values,
+        claims.pier_side,
+        lambda one: claims.place(one, one, "apparent", NOON),
+    )
+    for read in readers:
+        words = ""
+        try:
+            read(value)  # type: ignore[operator]
+        except codec.Malformed as fault:
+            words = str(fault)
+        assert len(words) < 400
+
+
+@pytest.mark.parametrize("body", [b'{"Value": ' + b"[" * 100_000, b'{"Value": ' + b"9" * 5000 + b"}"])
+def test_answers_that_python_refuses_to_read_are_malformed(body: bytes) -> None:
+    with pytest.raises(codec.Malformed):
+        codec.read_answer(body, "application/json", 1)
