@@ -40,9 +40,12 @@ from api.routes import (
 )
 from api.security import TokenRequired
 from api.service import open_service
+from api.strict_requests import KnownQueryOnly
 from mountnav import __version__
 from mountnav.catalog.at_hand import open_shelf
 from mountnav.catalog.stars import Catalog
+from mountnav.errors import MountnavError
+from mountnav.masking import mask_logs
 from mountnav.settings import Settings
 from mountnav.sky.iers import iers_status, override_dut1
 
@@ -62,14 +65,21 @@ def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI
     catalog : Catalog, optional
         Instead of the embedded one and those of the settings.
     """
+    mask_logs()
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         await asyncio.to_thread(iers_status)  # the tables are read before the first request
         override_dut1(settings.site.dut1_s)
-        service = await open_service(
-            settings, await asyncio.to_thread(open_shelf, settings.catalogs) if catalog is None else catalog
-        )
+        try:
+            service = await open_service(
+                settings,
+                await asyncio.to_thread(open_shelf, settings.catalogs) if catalog is None else catalog,
+            )
+        except MountnavError as error:
+            # for who serves: told in one line there
+            app.state.failure = error
+            raise
         app.state.service = service
         service.doors = doors_of(service, getattr(app.state, "http_address", None))
         try:
@@ -91,7 +101,7 @@ def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI
     app.state.settings = settings
     faults.install(app)
     guards.install(app, settings)
-    app.include_router(health.router, prefix="/v1")
+    app.include_router(health.router, prefix="/v1", dependencies=[KnownQueryOnly])
     shut = (
         telescopes,
         orders,
@@ -115,8 +125,8 @@ def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI
         capabilities,
     )
     for router in (one.router for one in shut):
-        app.include_router(router, prefix="/v1", dependencies=[TokenRequired])
-    app.include_router(metrics.router, dependencies=[TokenRequired])
+        app.include_router(router, prefix="/v1", dependencies=[TokenRequired, KnownQueryOnly])
+    app.include_router(metrics.router, dependencies=[TokenRequired, KnownQueryOnly])
     if settings.alpaca.enabled:
         app.router.routes.extend(alpaca_routes(lambda: app.state.service, lambda: app.state.keys))
     # the page asks for the key itself

@@ -13,6 +13,7 @@ from api.callers import Caller
 from api.faults import Problem, Refused, internal_problem, problem_of
 from mountnav.errors import MountnavError
 from mountnav.journal.audit_rows import AuditRow
+from mountnav.masking import masked
 from mountnav.sky.coordinates import utc_now
 
 _log = logging.getLogger(__name__)
@@ -91,10 +92,10 @@ class Audit:
                     role=str(caller.role),
                     face=str(caller.face),
                     address=caller.address,
-                    what=what,
+                    what=masked(what),
                     request=_shown(request),
                     outcome=outcome,
-                    detail=detail[:_LONGEST_TEXT],
+                    detail=masked(detail[:_LONGEST_TEXT]),
                     status=status,
                     job_id=job_id,
                 )
@@ -116,7 +117,9 @@ class Audit:
             How often he did so since the last note.
         """
         request = {"more_since_the_last_note": more} if more else {}
-        row = AuditRow(utc_now(), "", "(unknown)", "", "", address, what, request, outcome, status=status)
+        row = AuditRow(
+            utc_now(), "", "(unknown)", "", "", address, masked(what), request, outcome, status=status
+        )
         try:
             self._keeper.audit_now(row)
         except Exception:
@@ -172,6 +175,7 @@ def _kept(mapping: Mapping[str, object]) -> list[tuple[str, object]]:
 
 def _cut(value: object, depth: int = 1) -> object:
     if isinstance(value, str):
+        value = masked(value)
         return (
             value if len(value) <= _LONGEST_TEXT else f"{value[:_LONGEST_TEXT]}... ({len(value)} characters)"
         )

@@ -9,12 +9,13 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drivers.bench import FakeOnPty
 from drivers.driven import DrivenMount
-from drivers.fakes import dialects, make_fake, protocols
+from drivers.fakes import dialects, machine, make_fake, protocols
+from drivers.mount_options import PORT_OPTIONS
 from drivers.proving.findings import Capabilities, StepResult, as_lines
 from drivers.proving.run import Ask, begun, go_on, tried
 from drivers.proving.steps import STEPS, Step
@@ -22,6 +23,8 @@ from drivers.proving.trial import Trial
 from drivers.registry import open_mount, read_url
 from drivers.wire_log import WireEntry
 from mountnav.errors import BadRequest
+from mountnav.navigation.devices import PierSide
+from mountnav.simulation.machine import Machine, Mounting
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.sky.coordinates import Air, Site, utc_now
@@ -39,6 +42,7 @@ class BenchRun:
     yes: bool = False
     compare: bool = True
     dialect: str | None = None
+    mounting: Mounting | None = None
     report: Path | None = None
     transcript: Path | None = None
     watch_s: float = 30.0
@@ -97,7 +101,8 @@ async def _run(asked: BenchRun, steps: list[Step]) -> int:
         done = [step for step, result in zip(steps, found.steps, strict=True) if result.done]
         if asked.compare and url.driver in protocols():
             dialect = asked.dialect or _dialect_of(mount, url.driver)
-            fake = await _of_fake(asked, url.driver, dialect, site, done)
+            build = build_of(found, mount, url.driver, asked.mounting)
+            fake = await _of_fake(asked, url.driver, dialect, build, site, done)
     print()
     print("\n".join(as_lines(found, fake)))
     _write_report(asked, found, fake)
@@ -169,16 +174,45 @@ def _dialect_of(mount: DrivenMount, protocol: str) -> str:
     return name if name in known else known[0]
 
 
+def build_of(found: Capabilities, mount: DrivenMount, protocol: str, mounting: Mounting | None) -> Machine:
+    """How the fake is built that the mount is compared with: as the mount shows itself to be.
+
+    Whether it changes sides on the way across the meridian says it; else what its hand control calls it, or
+    that it tells a side of a pier at all. What shows nothing is built as its family usually is.
+
+    Parameters
+    ----------
+    found : Capabilities
+        Of the mount.
+    mount : DrivenMount
+    protocol : str
+    mounting : {"fork", "german"} or None
+        What the owner says, before all else.
+    """
+    usual = machine(protocol)
+    if mounting is None:
+        values = {key: finding.value for key, finding in found.findings().items()}
+        handset = getattr(mount.language, "handset", None)
+        crossed = {"flips": True, "stays": False}.get(str(values.get("flip")))
+        if crossed is None:
+            sides = {str(PierSide.EAST), str(PierSide.WEST)}
+            tells_side = str(values.get("read.pier-side")) in sides
+            crossed = tells_side if handset is None or handset.model is None else handset.german
+            crossed = crossed or usual.mounting == "german"
+        mounting = "german" if crossed else "fork"
+    return replace(usual, mounting=mounting)
+
+
 async def _of_fake(
-    asked: BenchRun, protocol: str, dialect: str, site: Site, steps: list[Step]
+    asked: BenchRun, protocol: str, dialect: str, build: Machine, site: Site, steps: list[Step]
 ) -> Capabilities:
-    """The same steps on a fake of the same family, without asking."""
-    mechanics = Mechanics(site, Air(), PointingErrors())
+    """The same steps on a fake of the same family and build, without asking."""
+    mechanics = Mechanics(site, Air(), PointingErrors(), machine=build)
     fake = make_fake(protocol, dialect, mechanics, clock=utc_now, monotonic=time.monotonic)
     with ExitStack() as stack:
         bench = stack.enter_context(FakeOnPty(fake))
         query = read_url(asked.url).options
-        options = "&".join(f"{name}={value}" for name, value in query.items() if name != "baud")
+        options = "&".join(f"{name}={value}" for name, value in query.items() if name not in PORT_OPTIONS)
         mount = _mount(f"{protocol}+serial://{bench.address}{'?' * bool(options)}{options}", site)
         try:
             await mount.open()

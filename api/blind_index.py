@@ -8,12 +8,14 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from api.solver_answers import Built, Done, Fault, Progress
 from api.solver_link import ProcessEnded, ProcessLink
-from api.solver_messages import Built, Done, Progress, Setup
+from api.solver_messages import Setup
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.shelf import Shelf
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import MountnavError
+from mountnav.tasks import waited_for
 
 _log = logging.getLogger(__name__)
 BUILDER = "api.index_process"
@@ -95,7 +97,7 @@ class BlindIndexKeeper:
             if self._building is None or self._building.done():
                 if time.monotonic() < self._not_before_s:
                     return None
-                self._building = asyncio.create_task(self._build(self._catalog), name="blind index")
+                self._building = waited_for(self._build(self._catalog), "blind index")
             await asyncio.wait({self._building}, timeout=max(0.0, wait_s))
         return self._path
 
@@ -136,8 +138,8 @@ class BlindIndexKeeper:
                             self._told()
                     case Built(path=path):
                         return path
-                    case Done(error=Exception() as error):
-                        raise error
+                    case Done(fault=Fault() as fault):
+                        raise fault.error()
         finally:
             await asyncio.shield(process.close())
 

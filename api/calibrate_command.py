@@ -15,7 +15,7 @@ from mountnav.errors import BadFrame, BadRequest
 from mountnav.frames import Frame
 from mountnav.measuring.calibration import Calibration, CalibrationPolicy, CalibrationReport
 from mountnav.measuring.calibration.building import build
-from mountnav.measuring.calibration.facts import Kind
+from mountnav.measuring.calibration.facts import Kind, assumptions
 from mountnav.measuring.calibration.masters import Master
 from mountnav.measuring.calibration.stacking import StackSettings
 from mountnav.reading import read_frame
@@ -31,6 +31,7 @@ def run_build(
     zero_adu: float | None,
     method: str,
     kappa_sigma: float,
+    assumed: Sequence[str] = (),
     as_json: bool,
 ) -> int:
     """Build masters and print what was made; 0.
@@ -48,6 +49,7 @@ def run_build(
         lights=lights,
         zero_adu=zero_adu,
         settings=StackSettings(method=method, kappa_sigma=kappa_sigma),
+        assumed=assumptions(assumed),
     )
     if as_json:
         facts = {

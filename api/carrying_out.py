@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 
 from api.orders import (
+    AcceptSiteTimeOrder,
     CenterOrder,
+    FirstLightOrder,
     FlipOrder,
     GuideOrder,
     HomeOrder,
@@ -15,6 +17,7 @@ from api.orders import (
     ParkOrder,
     RecoverOrder,
     SetParkOrder,
+    SetSiteTimeOrder,
     SlewOrder,
     SyncOrder,
     SyncToOrder,
@@ -76,6 +79,8 @@ async def carry_out(navigator: Navigator, order: Order) -> object:
             return await navigator.flip(there(navigator, order.target), planned_s=order.planned_s)
         case RecoverOrder():
             return await navigator.recover(order.exposure_s)
+        case FirstLightOrder():
+            return await navigator.first_light(order.exposure_s)
         case _:
             return await _without_sky(navigator, order)
 
@@ -96,6 +101,10 @@ async def _without_sky(navigator: Navigator, order: Order) -> object:
             await navigator.guide(Direction(order.direction), order.duration_s)
         case TrustOrder():
             navigator.trust()
+        case SetSiteTimeOrder():
+            await navigator.set_site_and_time()
+        case AcceptSiteTimeOrder():
+            navigator.accept_site_and_time()
         case _:
             raise AssertionError(f"nobody carries out {order.kind}")
     return None

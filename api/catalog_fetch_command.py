@@ -20,7 +20,7 @@ def show_fetch(
     dec_deg: float,
     radius_deg: float,
     mag_limit: float | None,
-    timeout_s: float,
+    timeout_s: float | None,
     as_json: bool,
 ) -> int:
     """Fetch what isn't in the cache yet, and print what came.
@@ -60,18 +60,25 @@ def show_fetch(
             f"{cached.tiles} tiles, {cached.stars:,} stars, {cached.size_bytes / 1e6:.1f} MB\n"
         )
         if came.problem is not None:
-            sys.stdout.write(f"not all of it: {came.problem}. The same command goes on\n")
+            sys.stdout.write(
+                f"not all of it: {came.problem}. The same command goes on where it ended"
+                f"{'; --timeout gives a slow server more time' if 'within' in came.problem else ''}\n"
+            )
     return 0 if came.problem is None else 1
 
 
 @contextmanager
-def _shown(what: str) -> Iterator[Callable[[float], None]]:
-    """A progress bar on stderr, if somebody looks."""
+def _shown(what: str) -> Iterator[Callable[[int, int], None]]:
+    """Say on stderr how many tiles came: a progress bar to a person, else a line for each."""
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(what, total=1.0)
-        yield lambda share: bar.update(task, completed=share)
+    if not console.is_terminal:
+        yield lambda came, wanted: print(f"{what}: {came} of {wanted} tiles", file=sys.stderr, flush=True)
+        return
+    # the time goes on while a slow server is waited for
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda came, wanted: bar.update(task, completed=came, total=wanted)

@@ -10,6 +10,7 @@ import typer
 from api.cli_calibrate import calibrate_app
 from api.cli_catalog import catalog_app
 from api.cli_fake import fake_mount
+from api.cli_first_light import first_light
 from api.cli_frames import accuracy, series, solve
 from api.cli_indi import indi_driver
 from api.cli_journal import journal_app
@@ -20,6 +21,7 @@ from api.cli_night import night_app, replay
 from api.cli_pointing import drift, pointing_doctor
 from api.cli_ports import ports
 from api.cli_serve import serve
+from api.cli_site_time import site_time
 
 app = typer.Typer(
     name="mountnav",
@@ -40,6 +42,8 @@ app.add_typer(journal_app, name="journal")
 app.add_typer(model_app, name="model")
 app.add_typer(night_app, name="night")
 app.add_typer(key_app, name="key")
+app.command("first-light")(first_light)
+app.command("site-time")(site_time)
 app.command()(replay)
 app.command()(drift)
 app.command("pointing-doctor")(pointing_doctor)

@@ -35,6 +35,13 @@ def calibrate_build(
     ] = None,
     method: Annotated[str, typer.Option(help="Of what is left after clipping: mean or median.")] = "mean",
     kappa: Annotated[float, typer.Option(help="Clip beyond so many sigma.")] = 5.0,
+    assume: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE",
+            help="Of frames whose headers don't say it: gain, offset, egain, readout, camera, binning.",
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Build masters from stacks of frames. All of them or, if a frame doesn't belong there, none."""
@@ -50,6 +57,7 @@ def calibrate_build(
             zero_adu=zero,
             method=method,
             kappa_sigma=kappa,
+            assumed=assume or (),
             as_json=as_json,
         )
     )

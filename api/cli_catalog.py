@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from api.cli_options import Json
+from api.cli_options import DEC_OPTION, RA_OPTION, Json
 
 catalog_app = typer.Typer(
     help="Star catalogs: the embedded one, imported ones, online ones.", no_args_is_help=True
@@ -110,8 +110,8 @@ def remove(
 
 @catalog_app.command()
 def cone(
-    ra: Annotated[float, typer.Option(min=0, max=360, help="Degrees (ICRS).")],
-    dec: Annotated[float, typer.Option(min=-90, max=90, help="Degrees (ICRS).")],
+    ra: Annotated[float, RA_OPTION],
+    dec: Annotated[float, DEC_OPTION],
     radius: Annotated[float, typer.Option(min=0, max=180, help="Degrees.")],
     mag: Annotated[float | None, typer.Option(help="Faintest magnitude.")] = None,
     epoch: Annotated[
@@ -136,13 +136,16 @@ def fetch(
     config: Annotated[
         Path, typer.Option("--config", "-c", help="Settings file: its catalogs table is used.")
     ],
-    ra: Annotated[float, typer.Option(min=0, max=360, help="Degrees (ICRS).")],
-    dec: Annotated[float, typer.Option(min=-90, max=90, help="Degrees (ICRS).")],
+    ra: Annotated[float, RA_OPTION],
+    dec: Annotated[float, DEC_OPTION],
     radius: Annotated[float, typer.Option(min=0, max=180, help="Degrees.")],
     mag: Annotated[float | None, typer.Option(help="Faintest magnitude that will be asked for.")] = None,
     timeout: Annotated[
-        float, typer.Option(min=1, max=600, help="Seconds for each round of a few tiles.")
-    ] = 60.0,
+        float | None,
+        typer.Option(
+            min=1, max=600, help="Seconds for each round of three tiles.", show_default="the settings'"
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Fetch an area of an online catalog into the cache, for a night without network."""

@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
+
+
+class _Mounting(StrEnum):
+    """What a fake to compare with may be built like."""
+
+    FORK = "fork"
+    GERMAN = "german"
+
+
+_BUILDS: dict[_Mounting, Literal["fork", "german"]] = {_Mounting.FORK: "fork", _Mounting.GERMAN: "german"}
 
 
 def wire(
@@ -39,6 +50,10 @@ def bench(
         bool, typer.Option("--compare/--no-compare", help="Try the same on a fake of its family.")
     ] = True,
     dialect: Annotated[str | None, typer.Option(help="Of that fake; see `fake-mount --list`.")] = None,
+    mounting: Annotated[
+        _Mounting | None,
+        typer.Option(help="Build of that fake; as the mount shows itself, or its family usually is."),
+    ] = None,
     report: Annotated[Path | None, typer.Option(help="Write the findings here (JSON).")] = None,
     transcript: Annotated[
         Path | None,
@@ -60,6 +75,7 @@ def bench(
                 yes=yes,
                 compare=compare,
                 dialect=dialect,
+                mounting=None if mounting is None else _BUILDS[mounting],
                 report=report,
                 transcript=transcript,
                 watch_s=watch,

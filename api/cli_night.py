@@ -84,7 +84,7 @@ def replay(
     ] = True,
     wire: Annotated[
         bool,
-        typer.Option("--wire/--no-wire", help="Let the real driver read the recorded wire, if there is one."),
+        typer.Option("--wire/--no-wire", help="Let the driver read the recorded wire as well."),
     ] = True,
     config: Annotated[
         Path | None,
@@ -93,7 +93,7 @@ def replay(
     every: Annotated[bool, typer.Option("--all", help="Also show what was decided the same.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Play a recorded night through the same code, and compare what is decided. Touches no mount.
+    """Decide a recorded night once more from what each decision hung on, and compare. Touches no mount.
 
     Exit code 0 if everything was decided as it was then, 1 if not, 2 if the file is no recording.
     """

@@ -7,9 +7,13 @@ from typing import Annotated
 
 import typer
 
+from mountnav.sky.typed import read_dec_deg, read_ra_deg
+
 Json = Annotated[bool, typer.Option("--json", help="JSON, for programs.")]
-Ra = Annotated[float | None, typer.Option(help="Believed center, degrees (ICRS).")]
-Dec = Annotated[float | None, typer.Option(help="Believed center, degrees (ICRS).")]
+RA_OPTION = typer.Option(parser=read_ra_deg, metavar="RA", help="Center (ICRS): degrees, or 12h30m45s.")
+DEC_OPTION = typer.Option(parser=read_dec_deg, metavar="DEC", help="Center (ICRS): degrees, or +10:20:30.")
+Ra = Annotated[float | None, RA_OPTION]
+Dec = Annotated[float | None, DEC_OPTION]
 Radius = Annotated[float | None, typer.Option(help="How wrong that may be, degrees.")]
 Scale = Annotated[float | None, typer.Option(help="Arcseconds per pixel, good to 5 %.")]
 Calibration = Annotated[Path | None, typer.Option(help="Folder of masters to calibrate with.")]

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 from api.audit import Audit
@@ -21,12 +23,37 @@ from api.orders import ModelRunOrder, Order, SeriesOrder, SolveOrder, role_for
 from api.security import require_role
 from api.targets import Target, icrs_of
 from api.watching import Watch
-from mountnav.errors import DeviceError, MountnavError
+from mountnav.errors import DeviceError, JournalFailed, MountnavError
+from mountnav.navigation.checked_mount.written_orders import EVEN_UNWRITTEN
 from mountnav.navigation.navigator import Navigator
 from mountnav.sky.coordinates import utc_now
+from mountnav.tasks import waited_for
+
+_log = logging.getLogger(__name__)
 
 _END_OF_JOB_S = 1.0
 _LONGEST_FRESHENING_S = 5.0
+STOP_KNOWN_S = 1.4
+"""So long a stop's answer waits for what came of it: it is to be there within 2 s, whatever a mount does."""
+
+
+@dataclass(frozen=True, slots=True)
+class StopGiven:
+    """A stop that was given, and what is known of it by now.
+
+    Attributes
+    ----------
+    job : Job or None
+        The one that it cancelled.
+    sent : bool or None
+        Whether the mount was told; None: not known yet, the event ``stop-settled`` will tell.
+    error : DeviceError or None
+        Why not.
+    """
+
+    job: Job | None
+    sent: bool | None
+    error: DeviceError | None = None
 
 
 class Guard(Protocol):
@@ -50,6 +77,10 @@ class Desk:
     audit : Book
     poll_s : float
         How often each telescope is read.
+    tell : callable
+        Publishes an event.
+    unwritable : callable
+        Why nothing can be written down just now; None when it can.
     """
 
     def __init__(
@@ -61,12 +92,17 @@ class Desk:
         leases: Guard,
         audit: Audit,
         poll_s: float,
+        tell: Callable[[str, dict[str, object]], object],
+        unwritable: Callable[[], str | None] = lambda: None,
     ) -> None:
         self._observatory = observatory
         self._jobs = jobs
         self._longer = longer
         self._leases = leases
         self._audit = audit
+        self._tell = tell
+        self._unwritable = unwritable
+        self._stopping: set[asyncio.Task[Job | None]] = set()
         self._watches = {one.id: Watch(one, jobs, poll_s) for one in observatory.telescopes}
 
     @property
@@ -84,7 +120,10 @@ class Desk:
             watch.start()
 
     async def close(self) -> None:
-        """Watch no more."""
+        """Watch no more. A stop that is still being sent is given up: the telescopes are stopped next."""
+        for stopping in self._stopping:
+            stopping.cancel()
+        await asyncio.gather(*self._stopping, return_exceptions=True)
         await asyncio.gather(*(watch.close() for watch in self._watches.values()))
 
     async def order(
@@ -96,7 +135,7 @@ class Desk:
         key: str | None = None,
         supersede: bool = False,
     ) -> Job:
-        """Take an order; its job has begun when this returns. See `give`."""
+        """Take an order; its job has begun, and is on the disk, when this returns. See `give`."""
         devices = True
         if isinstance(order, SolveOrder | SeriesOrder | ModelRunOrder):
             work = self._longer.work_of(self._observatory.telescope(telescope_id).id, order)
@@ -157,23 +196,36 @@ class Desk:
             The caller's role, or somebody else's lease; or the key was used for something else.
         TelescopeBusy
             Another job holds it.
+        JournalFailed
+            It can't be written down, and is no park: nothing was begun.
         """
+        safe = kind in EVEN_UNWRITTEN
         telescope = self._observatory.telescope(telescope_id)
         try:
             require_role(caller, needs)
             known = self._jobs.known(key, kind, telescope.id, request)
             if known is not None:
+                await known.written.wait()
                 return known
+            if not safe and (why := self._unwritable()) is not None:
+                raise JournalFailed(
+                    why, device=telescope.id, advice="it is tried again by itself; stops and parks are taken"
+                )
             self._leases.require(caller, telescope.id)
             job = self._jobs.start(
                 kind,
                 telescope.id,
                 request,
-                self.done(telescope, work, devices=devices),
+                self.done(telescope, work, devices=devices, even_unwritten=safe),
                 key=key,
                 make_room=(lambda: self._stop(telescope, None)) if supersede else None,
                 epoch=telescope.navigator.mount.epoch,
+                even_unwritten=safe,
             )
+            # first on the disk, then answered: after a kill the same request finds it
+            await job.written.wait()
+            if job.unwritten is not None:
+                raise job.unwritten
         except (Refused, MountnavError) as refusal:
             self._audit.refused(caller, kind, refusal, telescope=telescope.id, request=request)
             raise
@@ -225,24 +277,48 @@ class Desk:
         self._audit.note(caller, "stop", telescope=telescope.id, job_id=None if job is None else job.id)
         return job
 
-    async def stop_all(self, caller: Caller) -> dict[str, Job | DeviceError | None]:
-        """Stop all telescopes at once: what was cancelled of each, or why its stop could not be sent."""
+    async def give_stop(self, caller: Caller, telescope_id: str) -> StopGiven:
+        """Stop as `stop` does, for those who wait for an answer: it is there within 2 s.
+
+        A mount that takes longer is told to stop all the same; an event tells what came of it.
+
+        Raises
+        ------
+        Refused
+            The caller may only look on.
+        """
+        telescope = self._observatory.telescope(telescope_id)
         require_role(caller, Role.OPERATE)
+        job = self._jobs.running_on(telescope.id)
+        begun_s = asyncio.get_running_loop().time()
+        stopping = waited_for(self.stop(caller, telescope.id), name=f"stop {telescope.id}")
+        self._stopping.add(stopping)
+        stopping.add_done_callback(self._stopping.discard)
+        await asyncio.wait({stopping}, timeout=STOP_KNOWN_S)
+        if not stopping.done():
+            stopping.add_done_callback(lambda ended: self._settled(telescope.id, ended, begun_s))
+            return StopGiven(job, None)
+        try:
+            return StopGiven(stopping.result(), True)
+        except DeviceError as error:
+            return StopGiven(job, False, error)
 
-        async def one(telescope: Telescope) -> Job | DeviceError | None:
-            try:
-                return await self.stop(caller, telescope.id)
-            except DeviceError as error:
-                return error
-
-        ended = await asyncio.gather(*(one(telescope) for telescope in self.telescopes))
-        return {telescope.id: end for telescope, end in zip(self.telescopes, ended, strict=True)}
+    async def stop_all(self, caller: Caller) -> dict[str, StopGiven]:
+        """Stop all telescopes at once, each as `give_stop` does."""
+        require_role(caller, Role.OPERATE)
+        given = await asyncio.gather(*(self.give_stop(caller, one.id) for one in self.telescopes))
+        return {telescope.id: one for telescope, one in zip(self.telescopes, given, strict=True)}
 
     async def cancel(self, caller: Caller, job: Job) -> None:
-        """Cancel a job and stop its mount; one that is over is left alone. Raises as `stop`."""
+        """Cancel a job and stop its mount; one that is over is left alone. Raises as `stop`.
+
+        The job's own end tells what came of a stop that takes long.
+        """
         require_role(caller, Role.OPERATE)
         if not job.is_over and self._jobs.running_on(job.telescope) is job:
-            await self.stop(caller, job.telescope)
+            given = await self.give_stop(caller, job.telescope)
+            if given.error is not None:
+                raise given.error
 
     def done(
         self,
@@ -250,13 +326,16 @@ class Desk:
         work: Callable[[Navigator], Awaitable[object]],
         *,
         devices: bool = True,
+        even_unwritten: bool = False,
     ) -> Callable[[], Awaitable[object]]:
         """Work as a job does it: the telescope opened before, if need be, its state read anew after."""
         watch = self._watches[telescope.id]
 
         async def done() -> object:
             try:
-                report = await work(await telescope.ready() if devices else telescope.navigator)
+                report = await work(
+                    await telescope.ready(even_unwritten=even_unwritten) if devices else telescope.navigator
+                )
             except DeviceError as error:
                 if link_is_lost(error):
                     await telescope.lost(error)
@@ -278,6 +357,20 @@ class Desk:
 
     # -- inside --------------------------------------------------------------------------------------
 
+    def _settled(self, telescope_id: str, stopping: asyncio.Task[Job | None], begun_s: float) -> None:
+        if stopping.cancelled():
+            return
+        error = stopping.exception()
+        told: dict[str, object] = {
+            "telescope": telescope_id,
+            "sent": error is None,
+            "took_s": round(asyncio.get_running_loop().time() - begun_s, 1),
+        }
+        if error is not None:
+            told["problem"] = str(error)
+            _log.error("the stop of %s could not be sent: %s", telescope_id, error)
+        self._tell("stop-settled", told)
+
     async def _stop(self, telescope: Telescope, job: Job | None, why: str = "") -> None:
         if job is not None:
             self._jobs.cancel(job, why)
@@ -295,4 +388,4 @@ class Desk:
                     await job.ended.wait()
 
 
-__all__ = ["Desk", "Guard"]
+__all__ = ["STOP_KNOWN_S", "Desk", "Guard", "StopGiven"]

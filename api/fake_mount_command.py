@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
+import socket
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 
 from drivers.bench import Bench, Fake, FakeOnPty, FakeOnTcp, FakeOnUdp
 from drivers.bench.fast_time import InFastTime
@@ -22,6 +24,9 @@ from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.simulation.sky_clock import FastClock
 from mountnav.sky.coordinates import Air, Site
 from mountnav.sky.iers import prepare
+
+_ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Ctrl-C, a supervisor, and a terminal that was closed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +59,7 @@ def list_fakes() -> int:
 
 
 def run(asked: FakeMount) -> int:
-    """Serve until SIGINT or SIGTERM; the symlink is taken away again.
+    """Serve until SIGINT, SIGTERM or SIGHUP; the symlink is taken away again.
 
     Raises
     ------
@@ -67,10 +72,7 @@ def run(asked: FakeMount) -> int:
     """
     _check(asked)
     address = _address(asked)
-    stop_signals = {signal.SIGINT, signal.SIGTERM}
-    # Blocked before the fake's thread starts, which inherits it: the signal then waits for sigwait below,
-    # and the symlink is taken away whenever it comes.
-    with _blocked(stop_signals), ExitStack() as ending:
+    with _ending_signal() as wait_for_end, ExitStack() as ending:
         prepare()
         clock, mechanics = _telescope(asked)
         fake = _fake(asked, clock, mechanics)
@@ -87,18 +89,43 @@ def run(asked: FakeMount) -> int:
             ) from error
         ending.callback(bench.stop)
         print(bench.address, flush=True)
-        signal.sigwait(stop_signals)
+        wait_for_end()
     return 0
 
 
 @contextmanager
-def _blocked(signals: set[signal.Signals]) -> Iterator[None]:
-    """The mask is given back: whoever calls this in a process of its own goes on hearing its signals."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, signals)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+def _ending_signal() -> Iterator[Callable[[], None]]:
+    """Gives what waits for SIGINT, SIGTERM or SIGHUP, from now on; the handlers of before are given back.
+
+    Handlers, and no mask: numpy's BLAS has started threads by now that don't share the main thread's mask,
+    and a signal that one of them takes would end the process before the symlink is removed. A handler
+    writes to a socket whichever thread takes the signal, and a signal that comes early is still in it.
+    """
+    heard, written = socket.socketpair()
+    with heard, written:
+        written.setblocking(False)
+        fd_before = signal.set_wakeup_fd(written.fileno(), warn_on_full_buffer=False)
+        # nohup has a closed terminal ignored: so be it
+        taken = [one for one in _ENDING_SIGNALS if one is not signal.SIGHUP or not _ignored(one)]
+        before = {number: signal.signal(number, _nothing) for number in taken}
+        try:
+            yield lambda: _wait(heard)
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+            signal.set_wakeup_fd(fd_before)
+
+
+def _ignored(number: signal.Signals) -> bool:
+    return signal.getsignal(number) == signal.SIG_IGN
+
+
+def _wait(heard: socket.socket) -> None:
+    heard.recv(1)
+
+
+def _nothing(number: int, frame: FrameType | None) -> None:
+    """A handler is what makes the signal reach the wake-up descriptor."""
 
 
 def _check(asked: FakeMount) -> None:

@@ -22,6 +22,7 @@ from mountnav.errors import (
     SyncRefused,
     TargetNotReached,
 )
+from mountnav.masking import masked
 
 PROBLEM_TYPE = "application/problem+json"
 _PREFIX = "urn:mountnav:problem:"
@@ -36,7 +37,10 @@ STATUS_OF_SLUG = {
     "device-silent": 504,
     "device-garbled": 502,
     "device-refused": 502,
+    "camera-stale": 502,
+    "refused-but-done": 502,
     "sync-ignored": 502,
+    "sync-elsewhere": 502,
     "solve-failed": 422,
     "offset-too-large": 409,
     "outside-limits": 422,
@@ -70,6 +74,7 @@ RETRY_AFTER_S: dict[str, float] = {
     "stars-unavailable": 60.0,
     "closing": 10.0,
     "too-many-requests": 1.0,
+    "too-many-connections": 2.0,
 }
 """How long to wait before the same request is sent again, where it may succeed then."""
 _ANY_RETRY_AFTER_S = 5.0
@@ -79,7 +84,10 @@ _TITLES = {
     "device-silent": "The device gives no answer",
     "device-garbled": "The device's answers make no sense",
     "device-refused": "The device refused",
+    "camera-stale": "The camera hands out old frames",
+    "refused-but-done": "The device refused, and did it all the same",
     "sync-ignored": "The mount accepted a sync and ignored it",
+    "sync-elsewhere": "The mount took a sync for another place",
     "solve-failed": "The frame could not be identified",
     "offset-too-large": "The offset is too large to be believed",
     "outside-limits": "The target is outside the limits",
@@ -105,6 +113,7 @@ _TITLES = {
     "leased": "Somebody else holds the lease",
     "lease-lost": "The lease is over",
     "too-many-requests": "Too many requests",
+    "too-many-connections": "Too many connections",
     "too-large": "The body is too large",
     "idempotency-key-reused": "The Idempotency-Key was used for another request",
     "closing": "The service is going down",
@@ -208,7 +217,7 @@ def internal_problem() -> Problem:
 
 def problem_response(found: Problem, headers: dict[str, str] | None = None) -> Response:
     """Answer with a problem. ASCII JSON, since a message may echo text that UTF-8 can't hold."""
-    body = json.dumps(found.model_dump(exclude_none=True), allow_nan=False)
+    body = masked(json.dumps(found.model_dump(exclude_none=True), allow_nan=False))
     if found.retry_after_s is not None:
         headers = {"Retry-After": str(math.ceil(found.retry_after_s)), **(headers or {})}
     return Response(body, status_code=found.status, media_type=PROBLEM_TYPE, headers=headers)

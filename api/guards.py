@@ -19,7 +19,9 @@ from api.keys import open_keys
 from api.limits_of_rate import RateLimit, TokenBuckets
 from api.open_streams import OpenStreams
 from api.refusals import ALPACA_PATHS
+from api.safe_headers import SafeHeaders
 from api.security import LEASE_HEADER, OwnMachineOnly, address_of, caller_from_headers
+from api.strict_requests import PlainJson
 from mountnav.settings import Settings
 
 _ASKED = (
@@ -38,9 +40,9 @@ _TOLD = ("ETag", "Location", "Retry-After", "Preference-Applied", "Mountnav-Virt
 def install(app: FastAPI, settings: Settings) -> None:
     """Put the guards before an application; its keys are found at ``app.state.keys`` from now on.
 
-    From the outside in: requests are counted, HEAD becomes GET, other sites' pages are turned away, what
-    would change something is noted, callers that ask too much are held back, bodies that are too large are
-    refused, streams end with the keys that opened them.
+    From the outside in: every answer gets the headers against foreign pages, requests are counted, HEAD
+    becomes GET, other sites' pages are turned away, what would change something is noted, callers that ask
+    too much are held back, bodies that are too large are refused, streams end with the keys that opened them.
 
     Parameters
     ----------
@@ -74,6 +76,7 @@ def install(app: FastAPI, settings: Settings) -> None:
 
     # what is added last stands outermost
     app.add_middleware(OpenStreams, caller_of=caller_of)
+    app.add_middleware(PlainJson)
     app.add_middleware(BodyLimit, max_body_kb=service.max_body_kb, max_upload_mb=service.max_upload_mb)
     if service.rate_limit_per_s > 0:
         buckets = TokenBuckets(service.rate_limit_per_s, service.rate_burst)
@@ -90,3 +93,6 @@ def install(app: FastAPI, settings: Settings) -> None:
         )
     app.add_middleware(HeadAsGet)
     app.add_middleware(CountedRequests, metrics=app.state.http_metrics)
+    build = app.build_middleware_stack
+    # around starlette's own answer to a fault as well, which no middleware that is added sees
+    app.build_middleware_stack = lambda: SafeHeaders(build())  # type: ignore[method-assign]

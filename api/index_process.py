@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import os
 
-from api.solver_messages import Built, Done, Progress, Setup, receive, send
+from api.solver_answers import Built, Done, Progress
+from api.solver_messages import Setup, receive, send
 from api.solver_process import attached, sendable
 from mountnav.catalog.packed import PackedStore
 from mountnav.identification.blind.cache import cached_index
@@ -26,7 +27,7 @@ def main() -> None:
         try:
             index = cached_index(setup.catalog, progress=lambda share: send(link, Progress(share)))
         except Exception as error:  # it belongs to the service, which tells it
-            send(link, Done(error=sendable(error)))
+            send(link, Done(fault=sendable(error)))
         else:
             send(link, Built(index.path))
     except (EOFError, OSError):

@@ -11,7 +11,7 @@ from datetime import datetime
 from enum import StrEnum
 
 from api.faults import Problem, problem, problem_of
-from mountnav.errors import Busy, Cancelled
+from mountnav.errors import Busy, Cancelled, JournalFailed
 from mountnav.journal.job_rows import JobRow
 from mountnav.navigation.devices import Epoch
 
@@ -58,6 +58,9 @@ class Job:
     why_stopped: str = ""
     epoch: Epoch | None = None
     announced: bool = False
+    written: asyncio.Event = field(default_factory=asyncio.Event)
+    """Set when it is on the disk, or won't be: `unwritten` tells why."""
+    unwritten: JournalFailed | None = None
 
     @property
     def is_over(self) -> bool:

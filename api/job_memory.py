@@ -20,6 +20,7 @@ from mountnav.errors import JournalFailed, Unknown
 from mountnav.journal.job_rows import JobRow
 from mountnav.journal.job_store import JobKeeper
 from mountnav.sky.coordinates import utc_now
+from mountnav.tasks import waited_for
 
 _log = logging.getLogger(__name__)
 
@@ -78,6 +79,7 @@ class JobMemory:
                 job.problem = interrupted_problem(job, known)
                 await store.save(self._row(job))
                 interrupted.append(job)
+            job.written.set()
             job.ended.set()
             self.remember(job)
         return interrupted
@@ -147,6 +149,11 @@ class JobMemory:
                 break
             del self._keys[key]
 
+    def forget_key(self, job: Job) -> None:
+        """A job that never began stands for no request: its key may be used again."""
+        if job.key is not None and self._keys.get(job.key) is job:
+            del self._keys[job.key]
+
     async def write(self, job: Job) -> None:
         """Write it down as it stands; on the disk on return. Raises `JournalFailed`."""
         if self._store is not None:
@@ -175,7 +182,7 @@ class JobMemory:
             # a result that can't be shown is a fault of ours, and no reason to forget how the job ended
             _log.exception("the result of job %s can't be written down", job.id)
             row = replace(self._row(job), state=str(state), phase="ended")
-        saving = asyncio.ensure_future(self._store.save(row))
+        saving = waited_for(self._store.save(row))
         while not saving.done():
             # it is over: a cancellation now changes nothing
             with contextlib.suppress(asyncio.CancelledError):

@@ -14,13 +14,17 @@ from api.events import Events
 from api.faults import Problem, Refused, internal_problem, problem, problem_of
 from api.job import ENDS, Job, JobState, TelescopeBusy, fingerprint_of, stopped, told_stopped
 from api.job_memory import KEYS_LIVE, JobMemory, View
-from mountnav.errors import Cancelled, MountnavError
+from mountnav.errors import Cancelled, JournalFailed, MountnavError
 from mountnav.journal.job_store import JobKeeper
 from mountnav.journal.records import because
 from mountnav.navigation.devices import Epoch
 from mountnav.sky.coordinates import utc_now
+from mountnav.tasks import begun, waited_for
 
 _log = logging.getLogger(__name__)
+
+_SAFE_WAITS_S = 2.0
+"""So long a park waits for its row to be on the disk."""
 
 
 class Jobs:
@@ -87,6 +91,7 @@ class Jobs:
         key: str | None = None,
         make_room: Callable[[], Awaitable[object]] | None = None,
         epoch: Epoch | None = None,
+        even_unwritten: bool = False,
     ) -> Job:
         """Start `work` as a job, or return the one that was started with the same key.
 
@@ -102,6 +107,8 @@ class Jobs:
             mount, and `work` begins when both have ended. If `make_room` fails, so does the new job.
         epoch : {"apparent", "icrs"}, optional
             The mount's own frame, for answers that give places in both.
+        even_unwritten : bool
+            Whether it is done though the journal can't be written; its row follows then.
 
         Raises
         ------
@@ -136,7 +143,9 @@ class Jobs:
                 one.superseded_by, one.superseded_by_kind = job.id, kind
             self.cancel(one)
         doing = work if make_room is None or not before else self._after(job, before, make_room, work)
-        self._tasks[job.id] = asyncio.create_task(self._run(job, doing), name=f"{kind} {telescope}")
+        self._tasks[job.id] = begun(
+            self._run(job, doing, even_unwritten), f"{kind} {telescope}", died=lambda _: self._died(job)
+        )
         return job
 
     def _after(
@@ -148,7 +157,7 @@ class Jobs:
     ) -> Callable[[], Awaitable[object]]:
         """Work that begins when the jobs before it have ended and the mount was told to stop."""
         # the stop waits neither for the journal nor for the end of those jobs
-        stopping = asyncio.ensure_future(make_room())
+        stopping = waited_for(make_room())
         stopping.add_done_callback(_heard_of)
 
         async def done() -> object:
@@ -219,14 +228,16 @@ class Jobs:
             self.cancel(job, "the service went down")
         await asyncio.gather(*tasks, return_exceptions=True)
 
-    async def _run(self, job: Job, work: Callable[[], Awaitable[object]]) -> None:
+    async def _run(
+        self, job: Job, work: Callable[[], Awaitable[object]], even_unwritten: bool = False
+    ) -> None:
         job.state, job.phase, job.started_utc = JobState.RUNNING, "starting", utc_now()
         result: object | None = None
         found: Problem | None = None
         state = JobState.SUCCEEDED
         try:
             # before it does anything: a request repeated after a restart must find it
-            await self._memory.write(job)
+            await self._write(job, even_unwritten)
             self._tell(job)
             with because(job_id=job.id, why=job.kind):
                 result = await work()
@@ -246,6 +257,28 @@ class Jobs:
         await self._memory.write_end(job, state, result, found)
         self._end(job, state, result=result, found=found)
 
+    def _died(self, job: Job) -> None:
+        """Its end could not be told as it should: it has ended all the same, and holds nothing any more."""
+        if not job.is_over:
+            self._end(job, JobState.FAILED, found=internal_problem())
+
+    async def _write(self, job: Job, even_unwritten: bool) -> None:
+        """Write it down before it does anything; whoever ordered it is answered after that."""
+        try:
+            async with asyncio.timeout(_SAFE_WAITS_S if even_unwritten else None):
+                await self._memory.write(job)
+        except TimeoutError:
+            _log.error("job %s (%s %s) begins before it is written down", job.id, job.kind, job.telescope)
+        except JournalFailed as failure:
+            if not even_unwritten:
+                job.unwritten = failure
+                # the same request may come again, and is to be tried again then
+                self._memory.forget_key(job)
+                job.written.set()
+                raise
+            _log.error("job %s (%s %s) begins unwritten: %s", job.id, job.kind, job.telescope, failure)
+        job.written.set()
+
     def _end(
         self, job: Job, state: JobState, *, result: object | None = None, found: Problem | None = None
     ) -> None:
@@ -254,6 +287,7 @@ class Jobs:
         if job in (line := self._line.get(job.telescope, [])):
             line.remove(job)
         self._tasks.pop(job.id, None)
+        job.written.set()
         job.ended.set()
         self._tell(job)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import hashlib
 import json
 import logging
@@ -23,6 +22,8 @@ from api.callers import Role
 from mountnav.errors import BadRequest, BadSettings, Unknown
 from mountnav.journal.database import database_url, file_of
 from mountnav.journal.places import state_folder
+from mountnav.plain_files import read_bytes
+from mountnav.private_files import locked
 from mountnav.settings import Settings
 from mountnav.sky.coordinates import utc_now
 
@@ -211,14 +212,14 @@ class KeyStore:
         self._seen = seen
 
     def _read(self, found: os.stat_result) -> _KeyFile:
-        if found.st_mode & stat.S_IWOTH:
+        if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
             raise BadSettings(
-                "anybody on this machine could add a key to the file of keys",
+                "others than its owner could add a key to the file of keys",
                 device=str(self.path),
                 advice=f"chmod 600 {self.path}",
             )
         try:
-            return _KeyFile.model_validate_json(self.path.read_bytes())
+            return _KeyFile.model_validate_json(read_bytes(self.path))
         except OSError as error:
             raise BadSettings(
                 f"the file of keys can't be read: {error.strerror}",
@@ -242,9 +243,7 @@ class KeyStore:
         """The file's content, written back at the end; others who change it wait for their turn."""
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            with open(self.path.with_name(self.path.name + ".lock"), "w", encoding="ascii") as turn:
-                os.fchmod(turn.fileno(), 0o600)
-                fcntl.flock(turn, fcntl.LOCK_EX)
+            with locked(self.path.with_name(self.path.name + ".lock")):
                 record = self._read(self.path.stat()) if self.path.exists() else _KeyFile()
                 yield record
                 self._write(record)

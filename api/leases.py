@@ -24,6 +24,7 @@ from api.lease_refusals import holds, kept_out, leased
 from api.security import require_role
 from mountnav.errors import MountnavError
 from mountnav.journal.lease_rows import LeaseRow
+from mountnav.tasks import begun, fault_words
 
 _log = logging.getLogger(__name__)
 
@@ -268,7 +269,11 @@ class Leases:
             telescope=lease.telescope,
             request={"on_expiry": str(lease.on_expiry), "ttl_s": lease.ttl_s, "note": lease.note},
         )
-        self._acting[lease.telescope] = asyncio.create_task(self._act(lease), name=f"lease {lease.telescope}")
+        self._acting[lease.telescope] = begun(
+            self._act(lease),
+            f"lease {lease.telescope}",
+            died=lambda fault: self._done(lease, fault_words(fault)),
+        )
 
     async def _act(self, lease: Lease) -> None:
         assert self._orders is not None, "leases are open before they can run out"
@@ -285,7 +290,11 @@ class Leases:
         self._leases.pop(lease.telescope, None)
         self._keeper.end_lease_now(lease.telescope, lease.secret_sha256)
         if job is not None:
-            watching = asyncio.create_task(self._watch(lease, job))
+            watching = begun(
+                self._watch(lease, job),
+                f"end of the lease of {lease.telescope}",
+                died=lambda fault: self._done(lease, fault_words(fault)),
+            )
             self._watching.add(watching)
             watching.add_done_callback(self._watching.discard)
         else:

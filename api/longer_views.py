@@ -71,9 +71,9 @@ class ModelRunView(BaseModel):
     solved: int
     used: int = Field(description="Of the fit; the others were left out as gross errors")
     terms: list[TermView]
-    sky_rms_arcsec: Finite
-    before_arcsec: Finite = Field(description="Sky RMS with zero points alone")
-    loo_arcsec: Finite = Field(description="Each point predicted from the others")
+    sky_rms_arcsec: Finite | None = Field(description="Null where there are as many unknowns as points")
+    before_arcsec: Finite | None = Field(description="Sky RMS with zero points alone")
+    loo_arcsec: Finite = Field(description="Each target predicted from the others")
     model_id: str
     model: dict[str, JsonValue] = Field(description="The model's file, as `mountnav model fit` writes it")
     written_to: str | None = Field(description="Where it was put in force; null if it was not")

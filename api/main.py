@@ -20,7 +20,9 @@ def main() -> None:
     try:
         app()
     except MountnavError as error:
-        print(f"mountnav: {error}", file=sys.stderr)
+        from mountnav.masking import masked
+
+        print(f"mountnav: {masked(str(error))}", file=sys.stderr)
         sys.exit(2 if isinstance(error, BadSettings | BadRequest) else 1)
     except KeyboardInterrupt:
         sys.exit(130)

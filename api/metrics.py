@@ -26,6 +26,7 @@ from mountnav import __version__
 from mountnav.navigation.devices import SyncOutcome
 from mountnav.sky.coordinates import utc_now
 from mountnav.sky.present import real_s
+from mountnav.tasks import begun
 
 _SOLVE_S = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 60.0)
 _OFFSETS_ARCSEC = (1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 120.0, 300.0, 900.0, 1800.0, 3600.0)
@@ -34,6 +35,7 @@ _SYNCS = {
     str(SyncOutcome.SEEN): "seen",
     str(SyncOutcome.LATE): "late",
     str(SyncOutcome.IGNORED): "ignored",
+    str(SyncOutcome.ELSEWHERE): "elsewhere",
 }
 _T = ("telescope",)
 
@@ -90,7 +92,8 @@ class Metrics:
 
     def start(self) -> None:
         """Begin to count."""
-        self._task = asyncio.create_task(self._count(), name="metrics")
+        # figures that stand still would say that nothing happens: count on
+        self._task = begun(self._count(), "metrics", died=lambda _: self.start())
 
     async def close(self) -> None:
         """Count no more."""

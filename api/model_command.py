@@ -15,6 +15,7 @@ from uuid import uuid4
 from api.model_sources import Source, Whose, source, whose
 from mountnav.clock import SystemClock
 from mountnav.errors import BadRequest
+from mountnav.plain_files import read_bytes
 from mountnav.pointing.model.allowed_sky import allowed_by
 from mountnav.pointing.model.fit import Fit
 from mountnav.pointing.model.making import Made, make
@@ -121,6 +122,7 @@ def fit_record(made: Made, model: PointingModel, written: Path | None) -> dict[s
         "written_to": None if written is None else str(written),
         "observations": len(found.observations),
         "used": int(found.used.sum()),
+        "visits": len(found.points),
         "after": _finite(asdict(found.after)),
         "before": _finite(asdict(found.before)),
         "loo_arcsec": found.loo_arcsec if math.isfinite(found.loo_arcsec) else None,
@@ -155,15 +157,17 @@ def fit_lines(made: Made, model: PointingModel) -> Iterator[str]:
         ("largest", found.before.max_arcsec, found.after.max_arcsec),
     )
     for name, before, after in rows:
-        yield f"{name:24}{before:>19.2f}″{after:>17.2f}″"
+        yield f"{name:24}{_arcsec(before, 20)}{_arcsec(after, 18)}"
+    if found.after.sky_rms_arcsec is None:
+        yield "(n-k) is unknown where each look costs an unknown, as after many syncs: see left out in turn"
     yield ""
     yield f"{'':24}{'what was there':>20}{'the new model':>18}"
-    yield f"{'left out in turn':24}{judged.old_loo_arcsec:>19.2f}″{judged.new_loo_arcsec:>17.2f}″"
-    if judged.held_out:
-        yield (
-            f"{f'{judged.held_out} held-out points':24}{judged.old_held_out_arcsec:>19.2f}″"
-            f"{judged.new_held_out_arcsec:>17.2f}″"
-        )
+    pairs = (
+        ("left out in turn", judged.old_loo_arcsec, judged.new_loo_arcsec),
+        (f"{judged.held_out} held-out visits", judged.old_held_out_arcsec, judged.new_held_out_arcsec),
+    )
+    for name, before, after in pairs[: 2 if judged.held_out else 1]:
+        yield f"{name:24}{_arcsec(before, 20)}{_arcsec(after, 18)}"
     yield from _far(found)
     if len(found.segments) > 1:
         yield ""
@@ -183,18 +187,18 @@ def fit_lines(made: Made, model: PointingModel) -> Iterator[str]:
         yield f"  {reason}"
 
 
+def _arcsec(value: float | None, width: int) -> str:
+    """A figure in its column; unknown is no number."""
+    told = "unknown" if value is None or not math.isfinite(value) else f"{value:.2f}″"
+    return f"{told:>{width}}"
+
+
 def _far(found: Fit) -> Iterator[str]:
-    out = len(found.observations) - int(found.used.sum())
-    if out:
-        yield f"{out} of {len(found.observations)} points are left out as gross errors"
-    worst = [
-        (abs(float(found.correlation[i, j])), found.terms[i], found.terms[j])
-        for i in range(len(found.terms))
-        for j in range(i)
-    ]
-    if worst and max(worst)[0] > 0.9:
-        size, one, other = max(worst)
-        yield f"{one} and {other} are hard to tell apart here (correlation {size:.2f})"
+    looks, used = len(found.observations), int(found.used.sum())
+    if len(found.points) < looks:
+        yield f"{looks} looks are {len(found.points)} visits of targets, and as much is known"
+    if used < looks:
+        yield f"{looks - used} of {looks} looks are left out as gross errors"
 
 
 def model_lines(model: PointingModel) -> Iterator[str]:
@@ -204,11 +208,13 @@ def model_lines(model: PointingModel) -> Iterator[str]:
         f"made {model.made_utc:%Y-%m-%d %H:%M} UTC of {model.source or 'unknown'}: "
         f"{model.n_used} of {model.n} points, latitude {model.site_latitude_deg:.4f}°"
     )
-    if model.sky_rms_arcsec is not None:
+    if model.sky_rms_arcsec is None and model.population_rms_arcsec is not None:
+        yield f"sky RMS (n-k) unknown, (n) {model.population_rms_arcsec:.2f}″"
+    elif model.sky_rms_arcsec is not None:
         before = "" if model.before_arcsec is None else f", zero points alone {model.before_arcsec:.1f}″"
         yield f"sky RMS {model.sky_rms_arcsec:.2f}″{before}"
     if model.loo_arcsec is not None:
-        yield f"points predicted from the others to {model.loo_arcsec:.2f}″"
+        yield f"left out in turn, targets are predicted to {model.loo_arcsec:.2f}″"
     yield ""
     for name, value, sigma in zip(model.terms, model.coefficients_arcsec, model.sigma_arcsec, strict=True):
         yield f"  {name:8} {value:+10.2f}″ ± {sigma:7.2f}″  {term(model.kind, name).meaning}"
@@ -242,7 +248,7 @@ def import_(path: Path, out: Path, about: Whose, latitude_deg: float | None) -> 
             "the latitude of the telescope is not known", advice="give --config, --site or --latitude"
         )
     try:
-        text = path.read_text(encoding="utf-8", errors="replace")
+        text = read_bytes(path).decode("utf-8", "replace")
     except OSError as cause:
         raise BadRequest(f"{path} can't be read: {cause.strerror}") from cause
     latitude = latitude_deg if latitude_deg is not None else about.site.latitude_deg if about.site else 0.0

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from mountnav.errors import BadRequest, BadSettings, Unknown
+from mountnav.plain_files import MOST_RECORD_BYTES, open_buffered, read_text
 from mountnav.pointing.model.mechanical import Conversion, Mechanical, mechanical
 from mountnav.pointing.model.run_file import read_run
 from mountnav.pointing.model.tpoint_file import read_observations_text
@@ -145,7 +146,7 @@ def source(
         return _of_looks(_journal(given, about, since, until), about, given)
     path = Path(given)
     try:
-        with path.open("rb") as opened:
+        with open_buffered(path) as opened:
             head = opened.read(4096)
     except OSError as cause:
         raise BadRequest(f"{path} can't be read: {cause.strerror}") from cause
@@ -165,7 +166,7 @@ def source(
             f"run {path.name}",
         )
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path, MOST_RECORD_BYTES)
     except UnicodeDecodeError as cause:
         raise BadRequest(f"{path} is neither text nor a journal") from cause
     return Source(read_observations_text(text, name=str(path)), None, None, path.name)

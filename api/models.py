@@ -101,6 +101,23 @@ class RecoverView(BaseModel):
     elapsed_s: Finite
 
 
+class FirstLightView(BaseModel):
+    """How a first light ended: the first look, the one that was synced on, and the last one after it."""
+
+    kind: Literal["first-light"] = "first-light"
+    outcome: str
+    first: LookView
+    synced: LookView
+    last: LookView
+    altitude_deg: Finite
+    looks: int
+    learned: str = Field(description="What is known of the camera now")
+    read_back: Place
+    read_back_mount: Place | None = Field(default=None, description=_MOUNT)
+    read_back_miss_arcsec: Finite
+    elapsed_s: Finite
+
+
 class CrossingView(BaseModel):
     """A limit that tracking will reach."""
 
@@ -151,6 +168,7 @@ Result = Annotated[
     | SyncView
     | ToldView
     | RecoverView
+    | FirstLightView
     | CenterView
     | MovedView
     | SolvedView
@@ -174,7 +192,10 @@ JobKind = Literal[
     "tracking",
     "guide",
     "trust",
+    "set-site-time",
+    "accept-site-time",
     "recover",
+    "first-light",
     "solve",
     "series",
     "model-run",
@@ -229,6 +250,11 @@ class TelescopeView(BaseModel):
     problem: str | None = Field(description="What is wrong, in words")
     trusted: bool | None = Field(
         default=None, description="Whether the mount's position counts; if not, it refuses to slew"
+    )
+    contradiction: str | None = Field(
+        default=None,
+        description="In what mount and settings contradict each other on site and time: nothing is slewed "
+        "until that is resolved or accepted",
     )
     link: str | None = Field(default=None, description="The line to the mount: up, silent, lost, closed")
     slew_state: str | None = Field(default=None, description="What the last slew has come to")

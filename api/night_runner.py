@@ -27,11 +27,13 @@ from mountnav.night.placing import BySeries, Placing
 from mountnav.night.recording import NightRecording
 from mountnav.night.session import Listen, NightSession
 from mountnav.night.telescope import NightTelescope
+from mountnav.plain_files import open_buffered
 from mountnav.reading import read_frame
 from mountnav.series.results import SeriesSettings
 from mountnav.settings_night import NightSettings
 from mountnav.sky.coordinates import Icrs, Site
 from mountnav.solve_settings import SolveSettings
+from mountnav.tasks import waited_for
 
 _log = logging.getLogger(__name__)
 
@@ -158,7 +160,7 @@ class NightRunner:
             )
             await self.watcher.begin()
             work.append(self._watch)
-        self._tasks = [asyncio.create_task(self._kept(one), name=f"night {one.__name__}") for one in work]
+        self._tasks = [waited_for(self._kept(one), f"night {one.__name__}") for one in work]
 
     async def close(self) -> None:
         """End: a correction under way is ended and written down as such. Twice is fine."""
@@ -419,5 +421,5 @@ def unsafe_by_file(file: Path, max_age_s: float, now_s: float) -> str:
 
 def digest_of(path: Path) -> str:
     """SHA-256 of a file's content, hexadecimal. Blocks."""
-    with path.open("rb") as file:
+    with open_buffered(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

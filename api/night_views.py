@@ -95,7 +95,7 @@ class FrameView(BaseModel):
     detail: str
 
 
-class DriftView(BaseModel):
+class NightDriftView(BaseModel):
     """How what the mount is off changes, in the present field."""
 
     field: str
@@ -138,7 +138,7 @@ class NightView(BaseModel):
     correcting: bool
     busy_until: datetime | None
     last: DecisionView | None
-    drift: DriftView | None
+    drift: NightDriftView | None
     folder: str | None
     folder_problem: str | None
     recording_problem: str | None
@@ -235,11 +235,11 @@ def _plate(plate: PlateSeen | None) -> PlateView | None:
     )
 
 
-def _drift(so_far: DriftSoFar | None) -> DriftView | None:
+def _drift(so_far: DriftSoFar | None) -> NightDriftView | None:
     if so_far is None:
         return None
     drift = so_far.drift
-    return DriftView(
+    return NightDriftView(
         field=so_far.field,
         since_utc=so_far.since_utc,
         until_utc=so_far.until_utc,

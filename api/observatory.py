@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from api.last_frame import LastFrame
 from api.navigators import make_navigator
@@ -13,11 +15,20 @@ from api.replay_header import recording_header
 from api.taking_up import TakingUp
 from api.virtual_bench import fake_on_pty, mechanics_of
 from drivers.bench import FakeOnPty
+from drivers.fakes import dialects
 from drivers.folder.camera import FolderCamera
 from drivers.registry import open_camera, open_mount
 from mountnav.catalog.shelf import DrawnSky, Shelf
 from mountnav.catalog.stars import Catalog
-from mountnav.errors import DeviceError, DeviceMissing, DeviceSilent, JournalFailed, MountnavError, Unknown
+from mountnav.errors import (
+    BadSettings,
+    DeviceError,
+    DeviceMissing,
+    DeviceSilent,
+    JournalFailed,
+    MountnavError,
+    Unknown,
+)
 from mountnav.journal.records import Journal
 from mountnav.journal.sql_journal import SqlJournal
 from mountnav.navigation.devices import Camera, Mount
@@ -35,6 +46,7 @@ from mountnav.settings import (
 )
 from mountnav.settings_alpaca_camera import AlpacaCameraSettings
 from mountnav.simulation.mechanics import Mechanics
+from mountnav.toml_lines import line_of
 
 _log = logging.getLogger(__name__)
 
@@ -76,10 +88,18 @@ class Telescope:
     last_frame: LastFrame | None = None
     problem: str | None = None
     is_open: bool = False
+    is_taken_up: bool = False
+    """What an earlier run left in flight is closed; nothing but a stop and a park is sent before."""
     _opening: asyncio.Lock = field(default_factory=asyncio.Lock)
 
-    async def ready(self) -> Navigator:
+    async def ready(self, *, even_unwritten: bool = False) -> Navigator:
         """Open the devices if they are not; called before each command, so a lost port is tried again.
+
+        Parameters
+        ----------
+        even_unwritten : bool
+            For stops and parks: a journal that can't be read or written is no hindrance. What an earlier run
+            left in flight is closed before the next order, then.
 
         Raises
         ------
@@ -92,11 +112,25 @@ class Telescope:
             if not self.is_open:
                 try:
                     await self.navigator.open()
-                    await self._take_up()
-                except (DeviceError, JournalFailed) as error:
+                except DeviceError as error:
                     self.problem = str(error)
                     raise
-                self.is_open = True
+                self.is_open, self.is_taken_up = True, False
+            if not self.is_taken_up:
+                try:
+                    await self._take_up()
+                except JournalFailed as error:
+                    self.problem = str(error)
+                    if not even_unwritten:
+                        raise
+                    return self.navigator
+                except BaseException as error:
+                    self.is_open = False
+                    await self._release()
+                    if isinstance(error, DeviceError):
+                        self.problem = str(error)
+                    raise
+                self.is_taken_up = True
             self.problem = None
         return self.navigator
 
@@ -115,11 +149,18 @@ class Telescope:
         if not self.is_open:
             return TelescopeState(self.id, False, "idle", None, None, None, None, self.problem)
         state = await self.navigator.state()
-        return state if state.problem else replace(state, problem=self.problem or self.taking_up.notice)
+        if state.connected:
+            # it answers: what kept it away is over, though nobody has ordered anything since
+            self.problem = None
+        return (
+            state
+            if state.problem
+            else replace(state, problem=self.problem or self.taking_up.told(self.navigator.mount))
+        )
 
     async def stop(self) -> None:
         """Stop all motion now. Raises `DeviceError` when that could not be told to the mount."""
-        await (await self.ready()).stop()
+        await (await self.ready(even_unwritten=True)).stop()
 
     async def close(self) -> None:
         """Stop what moves, and release everything. Trouble on the way is logged, the rest still done."""
@@ -134,11 +175,7 @@ class Telescope:
             await asyncio.to_thread(self.bench.stop)
 
     async def _take_up(self) -> None:
-        try:
-            await self.taking_up.at_first_link(self.navigator.mount, self.navigator.guard)
-        except MountnavError:
-            await self._release()
-            raise
+        await self.taking_up.at_first_link(self.navigator.mount, self.navigator.guard)
 
     async def _release(self) -> None:
         try:
@@ -209,9 +246,15 @@ def link_is_lost(error: BaseException) -> bool:
 async def _open_quietly(telescope: Telescope) -> None:
     try:
         await telescope.ready()
-    except (DeviceError, JournalFailed) as error:
+    except DeviceError as error:
         _log.warning(
             "%s is not connected, and will be tried again with the next command: %s", telescope.id, error
+        )
+    except JournalFailed as error:
+        _log.warning(
+            "%s is connected, and takes nothing but a stop and a park until the journal is back: %s",
+            telescope.id,
+            error,
         )
 
 
@@ -223,7 +266,7 @@ def _build(
     solve: Solve,
     sql_journal: SqlJournal,
 ) -> Telescope:
-    taking_up = TakingUp(sql_journal, one.id)
+    taking_up = TakingUp(sql_journal, one.id, outlives=not one.mount.is_fake)
     journal: Journal = sql_journal
     bench: FakeOnPty | None = None
     mechanics: Mechanics | None = None
@@ -264,6 +307,58 @@ def _build(
     return Telescope(one.id, navigator, url, journal, taking_up, bench, mechanics, recording, seen)
 
 
+def require_devices(settings: Settings, file: Path | None = None) -> None:
+    """Check what the settings say of mounts and cameras by making them; nothing is opened or started.
+
+    Parameters
+    ----------
+    settings : Settings
+    file : Path, optional
+        Where they stand, for the line in the message.
+
+    Raises
+    ------
+    BadSettings
+        If a URL or an option of it makes no sense.
+    """
+    for number, one in enumerate(settings.telescope):
+        with _told_of(file, number, one, "mount", "url"):
+            if one.mount.is_fake:
+                protocol, dialect = one.mount.fake
+                if dialect is not None and dialect not in (known := dialects(protocol)):
+                    raise BadSettings(
+                        f"no fake mount of {protocol} speaks the dialect {dialect}",
+                        advice=f"there is: {', '.join(known)}",
+                    )
+            else:
+                open_mount(_with_options(one.mount.url, one), name=one.id, site=settings.site.site)
+        with _told_of(file, number, one, "limits", "horizon_file"):
+            # reads the file of the horizon
+            _ = one.limits.limits
+        with _told_of(file, number, one, "camera", "url"):
+            match one.camera:
+                case AlpacaCameraSettings() as camera:
+                    open_camera(camera.device_url, name=one.id)
+                case IndiCameraSettings(url=url):
+                    open_camera(url, name=one.id)
+
+
+@contextmanager
+def _told_of(file: Path | None, number: int, one: TelescopeSettings, *key: str) -> Iterator[None]:
+    """Add where in the settings it stands to what is wrong with a device."""
+    try:
+        yield
+    except BadSettings as error:
+        text = "" if file is None else file.read_text(encoding="utf-8")
+        line = line_of(text, ("telescope", number, *key))
+        where = f"line {line}: " if line else ""
+        raise BadSettings(
+            f"{where}{'.'.join(('telescope', *key))} of {one.id}: {error.what}",
+            device=None if file is None else str(file),
+            advice=error.advice,
+        ) from error
+
+
 def _with_options(url: str, one: TelescopeSettings) -> str:
     """The URL with what the settings say of the mount as its options, unless it says its own."""
     mount = one.mount
@@ -272,9 +367,17 @@ def _with_options(url: str, one: TelescopeSettings) -> str:
         "set_clock": "yes" if mount.set_clock else None,
         "set_site": "yes" if mount.set_site else None,
         "trust_on_connect": None if mount.trust_on_connect else "no",
+        "swap_sides": "yes" if mount.swap_sides else None,
+        "dtr": _yes_or_no(mount.dtr),
+        "rts": _yes_or_no(mount.rts),
+        "settle_s": None if mount.settle_s is None else f"{mount.settle_s:g}",
     }
     added = [f"{name}={value}" for name, value in given.items() if value and f"{name}=" not in url]
     return f"{url}{'&' if '?' in url else '?'}{'&'.join(added)}" if added else url
+
+
+def _yes_or_no(value: bool | None) -> str | None:
+    return None if value is None else "yes" if value else "no"
 
 
 def _camera(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +18,7 @@ from api.solver_work import Upload
 from mountnav.errors import BadFrame, NotSolved
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.reports import Look
+from mountnav.plain_files import open_plain
 from mountnav.sky.coordinates import utc_now
 from mountnav.solution import Reason
 
@@ -53,13 +53,11 @@ async def solve_frame(
         settings, blind=order.blind or settings.blind, budget_s=order.budget_s or settings.budget_s
     )
     try:
-        file = await asyncio.to_thread(os.open, path, os.O_RDONLY | os.O_CLOEXEC)
+        file = await asyncio.to_thread(open_plain, path)
     except OSError as trouble:
         raise BadFrame(f"the file can't be read: {trouble.strerror}", device=str(path)) from trouble
-    try:
-        verdict = await solver.solve_upload(Upload(path.name, file), hint, settings)
-    finally:
-        os.close(file)
+    with file:
+        verdict = await solver.solve_upload(Upload(path.name, file.fileno()), hint, settings)
     if verdict.reason is Reason.BAD_FRAME:
         raise BadFrame(verdict.detail or str(verdict.reason), device=str(path))
     solution = verdict.solution

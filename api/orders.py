@@ -125,10 +125,29 @@ class TrustOrder(Tagged):
     kind: Literal["trust"] = "trust"
 
 
+class SetSiteTimeOrder(Tagged):
+    """Set the mount's site and clock to this service's. Moves nothing; its position may count no more."""
+
+    kind: Literal["set-site-time"] = "set-site-time"
+
+
+class AcceptSiteTimeOrder(Tagged):
+    """Accept that mount and settings contradict each other on site or time, until that changes."""
+
+    kind: Literal["accept-site-time"] = "accept-site-time"
+
+
 class RecoverOrder(Tagged):
     """Tell a lost mount where it points: two looks anywhere in the sky that agree, then a sync."""
 
     kind: Literal["recover"] = "recover"
+    exposure_s: _Exposure = None
+
+
+class FirstLightOrder(Tagged):
+    """Tell a telescope set up by eye where it points, and learn its camera: looks and small moves."""
+
+    kind: Literal["first-light"] = "first-light"
     exposure_s: _Exposure = None
 
 
@@ -221,7 +240,10 @@ Order = Annotated[
     | TrackingOrder
     | GuideOrder
     | TrustOrder
+    | SetSiteTimeOrder
+    | AcceptSiteTimeOrder
     | RecoverOrder
+    | FirstLightOrder
     | SolveOrder
     | SeriesOrder
     | ModelRunOrder,
@@ -245,7 +267,10 @@ KINDS: dict[str, type[Tagged]] = {
         TrackingOrder,
         GuideOrder,
         TrustOrder,
+        SetSiteTimeOrder,
+        AcceptSiteTimeOrder,
         RecoverOrder,
+        FirstLightOrder,
         SolveOrder,
         SeriesOrder,
         ModelRunOrder,
@@ -253,20 +278,27 @@ KINDS: dict[str, type[Tagged]] = {
 }
 """Each kind of order, and so of job, with its body."""
 
-MOVING = frozenset({"slew", "center", "offset", "flip", "park", "home", "model-run"})
+MOVING = frozenset({"slew", "center", "offset", "flip", "park", "home", "model-run", "first-light"})
 """Kinds of orders that slew the mount: from the moment one is taken the telescope counts as slewing."""
+
+
+OVERRULING = (TrustOrder, AcceptSiteTimeOrder)
+"""Orders that are somebody's word against what the guards know by themselves."""
 
 
 def role_for(order: Order) -> Role:
     """Which role an order needs, by whatever face it comes: what overrules the guards needs more."""
-    overrules = isinstance(order, TrustOrder) or (isinstance(order, ModelRunOrder) and order.put_in_force)
+    overrules = isinstance(order, OVERRULING) or (isinstance(order, ModelRunOrder) and order.put_in_force)
     return Role.CONFIGURE if overrules else Role.OPERATE
 
 
 __all__ = [
     "KINDS",
     "MOVING",
+    "OVERRULING",
+    "AcceptSiteTimeOrder",
     "CenterOrder",
+    "FirstLightOrder",
     "FlipOrder",
     "GuideOrder",
     "HomeOrder",
@@ -279,6 +311,7 @@ __all__ = [
     "RecoverOrder",
     "SeriesOrder",
     "SetParkOrder",
+    "SetSiteTimeOrder",
     "SlewOrder",
     "SolveOrder",
     "SyncOrder",

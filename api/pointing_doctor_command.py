@@ -89,6 +89,7 @@ def diagnosed(
     model: PointingModel | None = None,
     points_within_arcsec: float | None = None,
     synced_on: Sequence[PointingObservation] | None = None,
+    sign_confirmed: bool = False,
 ) -> Diagnosis:
     """Diagnose with all that is known of the mount; see `mountnav.pointing.doctor.diagnose`.
 
@@ -115,6 +116,7 @@ def diagnosed(
         geometry=geometry,
         noise_arcsec=noise,
         synced_on=synced_on,
+        sign_confirmed=sign_confirmed,
     )
 
 
@@ -128,6 +130,7 @@ def diagnosis_view(
     rotator: bool = False,
     model: PointingModel | None = None,
     synced_on: Sequence[PointingObservation] | None = None,
+    sign_confirmed: bool = False,
 ) -> dict[str, object]:
     """Diagnose as plain values, for HTTP; docs/doctor.md describes them. Raises `BadRequest`."""
     return diagnosed(
@@ -139,6 +142,7 @@ def diagnosis_view(
         rotator=rotator,
         model=model,
         synced_on=synced_on,
+        sign_confirmed=sign_confirmed,
     ).as_dict()
 
 

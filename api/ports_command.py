@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 from dataclasses import asdict
 
 import typer
 
 from drivers.ports import Port, Probed, probe, serial_ports
+from drivers.registry import read_url
+from mountnav.errors import BadRequest
 
 
 def run(*, asks: bool, ports: tuple[str, ...], as_json: bool) -> int:
@@ -19,7 +22,7 @@ def run(*, asks: bool, ports: tuple[str, ...], as_json: bool) -> int:
     asks : bool
         Whether to probe.
     ports : tuple of str
-        Device paths or ``socket://host:port``; all serial ports if empty.
+        Device paths, ``tcp://host:port`` or mounts' URLs; all serial ports if empty.
     as_json : bool
 
     Returns
@@ -60,6 +63,16 @@ def run_alpaca(*, as_json: bool) -> int:
 
 
 def _named(name: str) -> Port:
+    if "+" in name.partition("://")[0]:
+        # a mount's URL: its line alone is asked
+        name = read_url(name).line
+    elif name.startswith("tcp://"):
+        name = f"socket://{name.removeprefix('tcp://')}"
+    if "://" in name and not re.fullmatch(r"socket://[^/?#]+:[0-9]{1,5}", name):
+        raise BadRequest(
+            f"{name!r} is no port that can be listed",
+            advice="give a device path, tcp://host:port, or a mount's URL with a serial port or tcp",
+        )
     for port in serial_ports():
         if name in (port.device, *port.names):
             return port

@@ -38,8 +38,8 @@ def readiness(service: Service) -> Readiness:
     """Look at what is known."""
     why_not: list[str] = []
     concerns: list[str] = []
-    if service.journal.problem is not None:
-        why_not.append(f"journal: {service.journal.problem}")
+    if (problem := service.remembering.problem) is not None:
+        why_not.append(f"journal: {problem}")
     solver = service.solver.state
     if solver.startswith("failed"):
         why_not.append(f"solver: {solver}")
@@ -50,7 +50,11 @@ def readiness(service: Service) -> Readiness:
     # one of several that is missing costs the others nothing
     to = why_not if telescopes and len(missing) == len(telescopes) else concerns
     to.extend(f"{one.id}: not connected" + (f": {one.problem}" if one.problem else "") for one in missing)
-    concerns.extend(f"{one.id}: {one.problem}" for one in telescopes if one.is_open and one.problem)
+    told = {one.id: one.problem or one.taking_up.fault for one in telescopes if one.is_open}
+    concerns.extend(f"{one}: {words}" for one, words in told.items() if words)
+    for one in telescopes:
+        if one.is_open and (words := one.navigator.mount.contradiction) is not None:
+            concerns.append(f"{one.id}: mount and settings contradict each other, nothing is slewed: {words}")
     warning = iers_status().warning
     if warning is not None:
         concerns.append(f"Earth rotation: {warning}")

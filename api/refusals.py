@@ -6,6 +6,7 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.types import Scope
 
 from api.faults import Problem, problem_response
+from mountnav.masking import masked
 
 ALPACA_PATHS = ("/api/", "/management/", "/setup")
 """Where Alpaca is spoken: whatever is no 200 is plain text there [Alpaca §2]."""
@@ -18,7 +19,7 @@ def refusal_response(scope: Scope, found: Problem) -> Response:
         return answer
     words = found.detail if found.advice is None else f"{found.detail} ({found.advice})"
     again = {name: answer.headers[name] for name in ("retry-after",) if name in answer.headers}
-    return PlainTextResponse(words, found.status, again)
+    return PlainTextResponse(masked(words), found.status, again)
 
 
 __all__ = ["ALPACA_PATHS", "refusal_response"]

@@ -2,58 +2,32 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import sys
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
-from datetime import timedelta
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from api.catalogs import chosen_shelf
-from api.navigators import make_navigator
+from api.navigators import centering_policy
 from api.night_runner import digest_of
 from api.replay_header import settings_of
-from api.replay_wire import WireReader
+from api.replay_wire import WireCheck, check_wire
+from api.solving import solve_settings
+from mountnav.catalog.at_hand import open_shelf
 from mountnav.catalog.stars import Catalog
-from mountnav.errors import BadFrame, BadRequest, Cancelled
+from mountnav.errors import BadFrame, BadRequest, BadSettings
 from mountnav.frames import Frame, Hint
-from mountnav.journal.records import Journal
-from mountnav.navigation.devices import Mount, MountReading, Skill
-from mountnav.navigation.navigator import Navigator
-from mountnav.night.placing import BySeries
-from mountnav.night.recorded import Recording, read_recording, reading_of, syncs_of_night
+from mountnav.navigation.navigator import sync_rules
+from mountnav.night.placing import BySeries, Placing
+from mountnav.night.recorded import Recording, read_recording
 from mountnav.night.replaying import Replay, ReplayReport
-from mountnav.night.tape import TapeMount
 from mountnav.reading import read_frame
 from mountnav.series.results import SeriesSettings
 from mountnav.settings import Settings, TelescopeSettings
-from mountnav.simulation.virtual_time import VirtualClock, for_all_modules, run_virtually
 from mountnav.sky.coordinates import Icrs
-
-GREETING = timedelta(minutes=2)
-
-
-class NoCamera:
-    """Nothing is exposed in a replay."""
-
-    @property
-    def name(self) -> str:
-        """For messages."""
-        return "no camera"
-
-    async def open(self) -> None:
-        """Nothing to open."""
-
-    async def close(self) -> None:
-        """Nothing to close."""
-
-    async def expose(self, exposure_s: float) -> Frame:
-        """Refuse. Raises `Cancelled`."""
-        raise Cancelled("a replay exposes nothing", device=self.name)
-
-    async def abort(self) -> None:
-        """Nothing to end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,15 +37,12 @@ class Played:
     Attributes
     ----------
     report : ReplayReport
-    wire : str
-        What read the mount: "the recorded wire, through the driver", or why not.
-    unanswered : int
-        Readings that the recorded wire had no answer for.
+    wire : WireCheck or None
+        What the real driver makes of the recorded wire; None where it wasn't asked.
     """
 
     report: ReplayReport
-    wire: str
-    unanswered: int
+    wire: WireCheck | None
 
 
 def run(
@@ -94,7 +65,8 @@ def run(
     solve : bool
         Identify frames anew where their files are there.
     wire : bool
-        Read the mount through its driver and the recorded wire, where there is one.
+        Let the mount's driver read the recorded wire, where there is one, and compare the readings. No
+        decision hangs on that.
     config : Path or None
         Other settings than the recorded ones.
     every : bool
@@ -134,63 +106,25 @@ def play(
     telescope_id = str(recording.header["telescope"])
     settings = _settings(recording, config)
     one = _telescope(settings, telescope_id)
-    first = next((line.utc for line in recording.lines if line.kind != "wire" and line.utc is not None), None)
-    if first is None:
+    if not any(line.kind != "wire" for line in recording.lines):
         raise BadRequest("the recording holds nothing", device=str(recording.path))
-    # the driver's greeting takes its time before the first line
-    clock = VirtualClock(first - GREETING)
-    shelf: Catalog = chosen_shelf(config, None) if catalog is None else catalog
-    with for_all_modules(clock):
-        return run_virtually(_played(recording, settings, one, clock, shelf, speed, solve, wire), clock)
-
-
-async def _played(
-    recording: Recording,
-    settings: Settings,
-    one: TelescopeSettings,
-    clock: VirtualClock,
-    catalog: Catalog,
-    speed: float,
-    solve: bool,
-    wire: bool,
-) -> Played:
-    reader = WireReader(_url(recording, one), recording, clock)
-    told = "the recorded readings"
-    ask = None
-    if wire and recording.has_wire:
-        ask = await reader.open()
-        told = "the recorded wire, through its driver" if ask is not None else reader.problem
-    tape = _tape(recording, clock, ask)
-
-    def made(mount: Mount, journal: Journal, clock: VirtualClock) -> Navigator:
-        return make_navigator(
-            one,
-            settings,
-            mount=mount,
-            camera=NoCamera(),
-            catalog=catalog,
-            solve=None,
-            listen=lambda kind, data: None,
-            journal=journal,
-            clock=clock,
-        )
-
+    anew, problem = _who_identifies(one, settings, catalog) if solve else (None, "")
     replay = Replay(
         recording,
         one.night.rules,
         settings.site.site,
         one.id,
-        tape,
-        made,
-        clock,
-        anew=_anew(one, settings, catalog) if solve else None,
+        sync_rules(one.sync.policy, centering_policy(one)),
+        other_rules=config is not None,
+        anew=anew,
         read=_read,
         speed=speed,
     )
-    try:
-        return Played(await replay.run(), told, tape.unanswered)
-    finally:
-        await reader.close()
+    report = asyncio.run(replay.run())
+    if problem:
+        report = replace(report, notes=(*report.notes, problem))
+    checked = check_wire(_url(recording, one), recording) if wire and recording.has_wire else None
+    return Played(report, checked)
 
 
 def _settings(recording: Recording, config: Path | None) -> Settings:
@@ -217,33 +151,23 @@ def _telescope(settings: Settings, telescope_id: str) -> TelescopeSettings:
 
 def _url(recording: Recording, one: TelescopeSettings) -> str:
     """The recorded mount's URL; a fake's is that of its language on a port that is never opened."""
-    if one.mount.is_fake:
-        return f"{one.mount.fake[0]}+serial:///recorded"
-    return one.mount.url
+    return f"{one.mount.fake[0]}+serial:///recorded" if one.mount.is_fake else one.mount.url
 
 
-def _tape(
-    recording: Recording, clock: VirtualClock, ask: Callable[[], Awaitable[MountReading]] | None
-) -> TapeMount:
-    mounts = [line.facts for line in recording.of("mount")]
-    told: dict[str, Any] = mounts[-1] if mounts else {}
-    return TapeMount(
-        str(told.get("name") or recording.header["telescope"]),
-        [reading_of(line.facts["reading"]) for line in recording.of("reading")],
-        syncs_of_night(recording),
-        clock,
-        epoch="icrs" if told.get("epoch") == "icrs" else "apparent",
-        resolution_arcsec=float(told.get("resolution_arcsec") or 1.0),
-        skills=frozenset(Skill(one) for one in told.get("skills", ())),
-        ask=ask,
-    )
+def _who_identifies(
+    one: TelescopeSettings, settings: Settings, catalog: Catalog | None
+) -> tuple[Callable[[], Placing] | None, str]:
+    """Who identifies frames anew, by the catalogs and masters of the settings; or why nobody can."""
+    try:
+        anew = partial(_anew, one, settings, open_shelf(settings.catalogs) if catalog is None else catalog)
+        anew()
+    except (BadSettings, BadRequest, BadFrame) as trouble:
+        return None, f"no frame was identified anew: {trouble}"
+    return anew, ""
 
 
 def _anew(one: TelescopeSettings, settings: Settings, catalog: Catalog) -> BySeries:
     """Identify frames as the night did."""
-    from api.navigators import centering_policy
-    from api.solving import solve_settings
-
     policy = centering_policy(one)
     solving = solve_settings(settings.solving, calibration=one.calibration)
     scale, off = policy.scale_arcsec_px, policy.scale_tolerance
@@ -273,14 +197,16 @@ def _read(path: Path, digest: str) -> Frame | None:
 
 def record(played: Played) -> dict[str, Any]:
     """A replay as JSON values."""
-    report = played.report
+    report, wire = played.report, played.wire
     return {
         "same": report.same,
+        "judged": len(report.rows),
+        "not_judged": report.not_judged,
         "frames": report.frames,
         "solved_anew": report.solved_anew,
         "missing": list(report.missing),
-        "mount": played.wire,
-        "unanswered": played.unanswered,
+        "after_missing": report.after_missing,
+        "wire": None if wire is None else asdict(wire),
         "notes": list(report.notes),
         "rows": [
             {
@@ -309,15 +235,19 @@ def shown(played: Played, *, every: bool) -> str:
             lines += [f"      then: {row.recorded}", f"      now:  {row.replayed}"]
     others = sum(not row.same for row in report.rows)
     lines.append(
-        f"{report.frames} frames, {report.solved_anew} identified anew; {len(report.rows)} decisions, "
+        f"{report.frames} frames, {report.solved_anew} identified anew; {len(report.rows)} decisions judged, "
         + ("all as they were" if not others else f"{others} otherwise")
     )
-    lines.append(f"mount: {played.wire}")
-    if played.unanswered:
-        lines.append(
-            f"{played.unanswered} readings were not in the recorded wire: the recorded readings were taken"
-        )
+    if report.not_judged:
+        lines.append(f"{report.not_judged} decisions could not be judged: what they hang on is not recorded")
     if report.missing:
         lines.append(f"{len(report.missing)} files are gone or changed: their recorded solutions were taken")
+    if report.after_missing:
+        lines.append(
+            f"{report.after_missing} frames were identified together with those: their recorded solutions "
+            "were taken as well"
+        )
+    if played.wire is not None:
+        lines.append(f"wire: {played.wire.told}")
     lines += report.notes
     return "\n".join(lines) + "\n"

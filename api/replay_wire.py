@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import asyncio
 from bisect import bisect_right
-from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 
 from drivers.driven.mount import DrivenMount
 from drivers.over_link import OverLink
+from drivers.places import apart_arcsec
 from drivers.registry import open_mount
 from mountnav.errors import DeviceError
 from mountnav.navigation.devices import MountReading
-from mountnav.night.recorded import Line, Recording
-from mountnav.simulation.virtual_time import VirtualClock
+from mountnav.night.recorded import Line, Recording, reading_of
+from mountnav.simulation.virtual_time import VirtualClock, for_all_modules, run_virtually
 
 SWAPPED = timedelta(milliseconds=20)
+"""An answer that is written down before its question is so much older at most: two threads write."""
+GREETING = timedelta(minutes=2)
+"""A driver's greeting and its first looks take no longer than this of virtual time."""
+NEAR_ARCSEC = 15.0
+"""An answer of a reading may be of the second before or after it: so much the sky turns in one."""
 _ASKED, _SAID = "driver->mount", "mount->driver"
 SETTLED = ("lx200", "nexstar", "synscan", "ioptron")
 """Families whose answers tell a place by themselves; others reckon it with the present time."""
@@ -83,10 +88,6 @@ class TapeLine:
     turns : dict of bytes to Turns
     clock : VirtualClock
 
-    Attributes
-    ----------
-    unknown : set of bytes
-        Questions that were never asked in the recording: nothing answers them.
     """
 
     def __init__(self, turns: dict[bytes, Turns], clock: VirtualClock) -> None:
@@ -95,7 +96,6 @@ class TapeLine:
         self._came = bytearray()
         self._news = asyncio.Event()
         self._open = False
-        self.unknown: set[bytes] = set()
 
     @property
     def address(self) -> str:
@@ -120,7 +120,7 @@ class TapeLine:
         """Ask; the answer takes no time, so that the replay never runs late."""
         found = self._turns.get(data)
         if found is None:
-            self.unknown.add(data)
+            # it was never asked in the recording: nothing answers it
             return
         answer = found.at(self._clock.utc())
         await asyncio.sleep(0)
@@ -154,49 +154,74 @@ class TapeLine:
         return ""
 
 
-class WireReader:
-    """The real driver over a recorded wire, asked for readings alone.
+@dataclass(frozen=True, slots=True)
+class WireCheck:
+    """What the real driver makes of a recorded wire, beside the recorded readings.
+
+    Attributes
+    ----------
+    problem : str
+        Why it could not be played; empty if it was.
+    readings : int
+        Recorded readings.
+    alike : int
+        So many that the driver reads as it did then, within a step of the mount and what it moves meanwhile.
+    unanswered : int
+        So many that the recorded wire had no answer for.
+    """
+
+    problem: str = ""
+    readings: int = 0
+    alike: int = 0
+    unanswered: int = 0
+
+    @property
+    def told(self) -> str:
+        """In words."""
+        if self.problem:
+            return self.problem
+        told = f"through its driver {self.alike} of {self.readings} readings are as they were"
+        return told + (f"; {self.unanswered} had no answer" if self.unanswered else "")
+
+
+def check_wire(url: str, recording: Recording) -> WireCheck:
+    """Let the real driver read the recorded wire at the times of the recorded readings. Opens no port.
 
     Parameters
     ----------
     url : str
-        The mount's, for its driver and options; its port is never opened.
+        The mount's, for its driver and options.
     recording : Recording
-    clock : VirtualClock
     """
+    readings = [reading_of(line.facts["reading"]) for line in recording.of("reading")]
+    if not readings:
+        return WireCheck("no reading was recorded")
+    clock = VirtualClock(min(one.utc for one in readings) - GREETING)
+    with for_all_modules(clock):
+        return run_virtually(_checked(url, recording, readings, clock), clock)
 
-    def __init__(self, url: str, recording: Recording, clock: VirtualClock) -> None:
-        self._url = url
-        self._turns = turns_of(recording)
-        self._clock = clock
-        self._mount: DrivenMount | None = None
-        self._line: TapeLine | None = None
-        self.problem = ""
 
-    @property
-    def unknown(self) -> list[bytes]:
-        """Questions that the recording has no answer for."""
-        return sorted(self._line.unknown) if self._line is not None else []
-
-    async def open(self) -> Callable[[], Awaitable[MountReading]] | None:
-        """Greet the recorded mount; None, with `problem`, if this driver can't be played."""
-        family = self._url.partition("://")[0].partition("+")[0]
-        mount = open_mount(self._url) if family in SETTLED else None
-        if not isinstance(mount, DrivenMount) or not isinstance(mount.language, OverLink):
-            self.problem = f"{family} is not played from its wire; the recorded readings are taken"
-            return None
-        self._line = TapeLine(self._turns, self._clock)
-        mount.language.take_line(self._line)
-        try:
-            await mount.open()
-        except DeviceError as error:
-            self.problem = f"the recorded wire doesn't greet: {error}; the recorded readings are taken"
-            await mount.close()
-            return None
-        self._mount = mount
-        return mount.reading
-
-    async def close(self) -> None:
-        """Let the driver go."""
-        if self._mount is not None:
-            await self._mount.close()
+async def _checked(
+    url: str, recording: Recording, readings: list[MountReading], clock: VirtualClock
+) -> WireCheck:
+    family = url.partition("://")[0].partition("+")[0]
+    mount = open_mount(url) if family in SETTLED else None
+    if not isinstance(mount, DrivenMount) or not isinstance(mount.language, OverLink):
+        return WireCheck(f"the wire of {family} is not read again: its answers alone don't tell a place")
+    mount.language.take_line(TapeLine(turns_of(recording), clock))
+    alike = unanswered = 0
+    try:
+        await mount.open()
+        for then in readings:
+            await clock.sleep(max(0.0, (then.utc - clock.utc()).total_seconds()))
+            try:
+                now = await mount.reading()
+            except DeviceError:
+                unanswered += 1
+                continue
+            alike += apart_arcsec(then.place, now.place) <= NEAR_ARCSEC + mount.resolution_arcsec
+    except DeviceError as error:
+        return WireCheck(f"the recorded wire doesn't greet: {error}")
+    finally:
+        await mount.close()
+    return WireCheck("", len(readings), alike, unanswered)

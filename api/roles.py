@@ -50,6 +50,7 @@ _OPERATE = (
     "POST /v1/stop",
     f"DELETE {_TELESCOPE}/lease",
     f"POST {_TELESCOPE}/center",
+    f"POST {_TELESCOPE}/first-light",
     f"POST {_TELESCOPE}/flip",
     f"POST {_TELESCOPE}/frames",
     f"POST {_TELESCOPE}/home",

@@ -9,6 +9,7 @@ from typing import Literal
 from pydantic import ValidationError
 
 from api.demo_observatory import served_demo
+from api.observatory import require_devices
 from api.serving import serve
 from mountnav.errors import BadRequest
 from mountnav.settings import Settings
@@ -38,7 +39,10 @@ def run(asked: Serve) -> int:
     BadSettings
         The settings can't be served.
     """
-    return serve(settings_of(asked))
+    settings = settings_of(asked)
+    # all of them before anything is opened: a wrong one is told in one line, and starting again won't help
+    require_devices(settings, asked.config)
+    return serve(settings)
 
 
 def settings_of(asked: Serve) -> Settings:

@@ -22,10 +22,13 @@ from api.metrics import Metrics, Observed
 from api.night_runner import Nights
 from api.nights import nights_of
 from api.observatory import Observatory, Telescope, build_observatory
+from api.remembering import Remembering
 from api.solver import Solver
+from api.solver_limits import Limits
 from api.solving import solve_settings
 from api.views import result_view
 from mountnav.catalog.stars import Catalog
+from mountnav.errors import DeviceError
 from mountnav.journal.job_store import JobStore
 from mountnav.journal.sql_journal import SqlJournal, open_journal
 from mountnav.settings import Settings
@@ -50,6 +53,7 @@ class Service:
     leases: Leases
     audit: Audit
     metrics: Metrics
+    remembering: Remembering
     doors: Doors = field(default_factory=lambda: Doors({}))
     _halted: bool = False
 
@@ -64,6 +68,7 @@ class Service:
         if self._halted:
             return
         self._halted = True
+        await self.remembering.close()
         await self.doors.stop()
         # a night's correction ends before the mount is let go, and all of it is written down
         await self.nights.close()
@@ -82,8 +87,9 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
 
     Raises
     ------
-    BadSettings, JournalFailed
-        The journal can't be opened, or a pointing model can't be read: then nothing is started.
+    BadSettings, JournalDamaged
+        The journal is of another kind or damaged, or a pointing model can't be read: then nothing is started.
+        One that can't be opened or written now is no reason: see `Remembering`.
     """
     journal = await asyncio.to_thread(
         open_journal,
@@ -92,6 +98,8 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         fsync=settings.journal.fsync,
         keep_days=settings.journal.keep_days,
         max_size_mb=settings.journal.max_size_mb,
+        # a mount that slews from before must be stopped all the same
+        patient=True,
     )
     events = Events(settings.service.events_kept)
     ids = frozenset(one.id for one in settings.telescope)
@@ -103,13 +111,21 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         events.publish(kind, data)
 
     early = settings.solving.worker and settings.solving.blind != "never"
-    solver = Solver(catalog, worker=settings.solving.worker, tell=tell, build_early=early)
+    solver = Solver(
+        catalog,
+        worker=settings.solving.worker,
+        tell=tell,
+        build_early=early,
+        limits=Limits(settings.solving.memory_mb),
+    )
+    remembering = Remembering(journal, tell)
     try:
-        await jobs.take_up()
         observatory = build_observatory(settings, catalog, jobs.heard, solver, journal)
     except BaseException:
         await asyncio.to_thread(journal.close)
         raise
+    # keys and what was running are known before any order is taken
+    await remembering.first(jobs.take_up)
     solver.open()
     await observatory.open()
     audit = Audit(journal)
@@ -121,17 +137,31 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         leases=leases,
         audit=audit,
         poll_s=settings.service.state_poll_s,
+        tell=events.publish,
+        unwritable=lambda: remembering.problem,
     )
     desk.start()
     nights = nights_of(
         settings, observatory, catalog, jobs.heard, journal, make_way=partial(make_way, desk, jobs)
     )
-    await nights.start()
+    await remembering.first(nights.start)
     # the first who asks is to be told where the telescopes point, and not that nobody knows yet
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(_FIRST_READINGS_S):
             await asyncio.gather(*(desk.watch(one.id).next(0) for one in desk.telescopes))
-    leases.open(desk, await asyncio.to_thread(journal.reader.leases, ids))
+
+    async def open_leases() -> None:
+        leases.open(desk, await asyncio.to_thread(journal.reader.leases, ids))
+
+    async def take_up(one: Telescope) -> None:
+        if one.is_open and not one.is_taken_up:
+            with contextlib.suppress(DeviceError):
+                await one.ready()
+
+    await remembering.first(open_leases)
+    for one in observatory.telescopes:
+        await remembering.besides(partial(take_up, one))
+    remembering.start()
     metrics = Metrics(Observed(desk, jobs, events, leases, journal))
     metrics.start()
     return Service(
@@ -147,6 +177,7 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         leases,
         audit,
         metrics,
+        remembering,
     )
 
 

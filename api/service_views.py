@@ -12,10 +12,13 @@ from api.virtual import VirtualView
 
 
 class StopView(BaseModel):
-    """A stop that was sent."""
+    """A stop that was given."""
 
     telescope: str
-    stopped: Literal[True] = True
+    stopped: Literal[True] | None = Field(
+        default=True,
+        description="true: it was sent. null (202): not known yet; the event `stop-settled` tells",
+    )
     cancelled_job_id: str | None
 
 
@@ -23,7 +26,9 @@ class StoppedView(BaseModel):
     """What came of stopping one of all telescopes."""
 
     telescope: str
-    stopped: bool = Field(description="Whether the stop was sent")
+    stopped: bool | None = Field(
+        description="Whether the stop was sent; null: not known yet, the event `stop-settled` tells"
+    )
     cancelled_job_id: str | None = None
     problem: str | None = Field(default=None, description="Why it could not be sent")
 
@@ -31,7 +36,9 @@ class StoppedView(BaseModel):
 class StopAllView(BaseModel):
     """What came of stopping all telescopes."""
 
-    stopped: bool = Field(description="Whether the stop was sent to each telescope that is connected")
+    stopped: bool | None = Field(
+        description="Whether the stop was sent to each telescope; null: of one or more it is not known yet"
+    )
     telescopes: list[StoppedView]
 
 

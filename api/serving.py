@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import gc
+import logging
 import signal
 import socket
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from types import FrameType
@@ -14,17 +16,22 @@ import uvicorn
 from fastapi import FastAPI
 
 from api.app import create_app
+from api.connections import Bounds, Gate
 from api.demo_observatory import own_journal
+from api.descriptors import ask_for_enough, descriptors_at_hand, shares
 from api.routes import truth
 from api.service import Service
+from api.strict_requests import KnownQueryOnly
 from api.virtual import VirtualHeader, virtual_days
-from mountnav.errors import BadSettings
+from mountnav.errors import BadSettings, MountnavError
 from mountnav.settings import Settings
 from mountnav.sky.iers import prepare
 from mountnav.sky.present import utc_now, virtual_time
 
 _GOODBYE_S = 5
 _GIVE_WAY_S = 0.001
+_WAITING = 1024
+"""Connections that the kernel keeps until they are accepted; beyond it clients try again after a second."""
 
 
 class ObservatoryServer(uvicorn.Server):
@@ -39,9 +46,32 @@ class ObservatoryServer(uvicorn.Server):
         self._observatory_app = app
         self._own_process = own_process
 
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """A closed terminal (SIGHUP) ends the service as SIGTERM does: the mounts are stopped first.
+
+        Nothing is to be read anew: keys are followed as their file changes, and other settings need a start.
+        Where SIGHUP is ignored (nohup) it stays so.
+        """
+        with super().capture_signals():
+            if threading.current_thread() is not threading.main_thread():
+                yield
+                return
+            before = signal.getsignal(signal.SIGHUP)
+            if before != signal.SIG_IGN:
+                signal.signal(signal.SIGHUP, self.handle_exit)
+            try:
+                yield
+            finally:
+                signal.signal(signal.SIGHUP, before)
+
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Start as uvicorn does; then, in a process of its own, let no answer wait for housekeeping."""
         await super().startup(sockets)
+        for listener in sockets or ():
+            # uvicorn's backlog is also how many are accepted in one turn: few, so that idle ones can be
+            # closed in between; the kernel may keep more waiting
+            listener.listen(_WAITING)
         if not self._own_process:
             return
         # what is here by now stays: going through all of it took the collector up to 0.2 s each time
@@ -60,12 +90,26 @@ class ObservatoryServer(uvicorn.Server):
 
 def make_server(app: FastAPI, *, log_level: str = "info", own_process: bool = False) -> ObservatoryServer:
     """Make the server; the socket is bound by the caller. `own_process`: it has the process for itself."""
+    settings: Settings = app.state.settings
+    shared = shares(descriptors_at_hand(), len(settings.telescope))
+    gate = Gate(
+        Bounds(
+            most=min(settings.service.max_connections, shared.http),
+            each_address=min(settings.service.connections_per_address, max(1, shared.http // 2)),
+            stops=shared.stops,
+        )
+    )
     config = uvicorn.Config(
         # outermost: no answer of a virtual observatory goes out without saying so
         VirtualHeader(app) if virtual_time() is not None else app,
         log_level=log_level,
         timeout_graceful_shutdown=_GOODBYE_S,
         server_header=False,
+        # the same whatever else is installed: its deadlines and bounds are ours
+        http=gate.protocol(),  # type: ignore[arg-type]
+        loop="asyncio",
+        ws="none",
+        backlog=shared.burst,
     )
     return ObservatoryServer(config, app, own_process=own_process)
 
@@ -102,6 +146,7 @@ def serve(settings: Settings, *, log_level: str = "info") -> int:
     BadSettings
         The address can't be had, or a virtual observatory would write into a real one's journal.
     """
+    ask_for_enough()
     with ExitStack() as standing:
         if settings.demo is not None:
             prepare()
@@ -113,12 +158,37 @@ def serve(settings: Settings, *, log_level: str = "info") -> int:
         app = create_app(settings)
         app.state.http_address = listener.getsockname()[:2]
         if settings.demo is not None:
-            app.include_router(truth.router, prefix="/v1")
+            app.include_router(truth.router, prefix="/v1", dependencies=[KnownQueryOnly])
         # uvicorn doesn't say which port a socket of ours has got
         print(_told(settings, listener), flush=True)
         server = make_server(app, log_level=log_level, own_process=True)
-        server.run(sockets=[listener])
+        with _failing_plainly(app):
+            server.run(sockets=[listener])
     return 0 if server.started else 1
+
+
+@contextmanager
+def _failing_plainly(app: FastAPI) -> Iterator[None]:
+    """Raise what kept the application from starting, instead of uvicorn's traceback and its exit code 3.
+
+    With that code a unit starts the service again for ever, whatever is wrong with its settings.
+    """
+    log = logging.getLogger("uvicorn.error")
+
+    def known(record: logging.LogRecord) -> bool:
+        return getattr(app.state, "failure", None) is None or "Traceback" not in record.getMessage()
+
+    log.addFilter(known)
+    try:
+        yield
+    except SystemExit:
+        if getattr(app.state, "failure", None) is None:
+            raise
+    finally:
+        log.removeFilter(known)
+    failure: MountnavError | None = getattr(app.state, "failure", None)
+    if failure is not None:
+        raise failure
 
 
 @contextmanager
@@ -128,11 +198,12 @@ def _tidy_when_terminated() -> Iterator[None]:
     def end(number: int, _: FrameType | None) -> None:
         sys.exit(128 + number)
 
-    before = signal.signal(signal.SIGTERM, end)
+    before = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGHUP)}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _told(settings: Settings, listener: socket.socket) -> str:

@@ -7,7 +7,16 @@ from typing import Any, Literal, Self
 from pydantic import ConfigDict, Field, model_validator
 
 from api.bodies import Body
-from api.orders import CenterOrder, FlipOrder, LookOrder, OffsetOrder, RecoverOrder, SlewOrder, TrackingOrder
+from api.orders import (
+    CenterOrder,
+    FirstLightOrder,
+    FlipOrder,
+    LookOrder,
+    OffsetOrder,
+    RecoverOrder,
+    SlewOrder,
+    TrackingOrder,
+)
 from api.targets import ApparentTarget, IcrsTarget, Target
 
 
@@ -142,6 +151,10 @@ class LookBody(Body):
     def recovery(self) -> RecoverOrder:
         """As an order to recover."""
         return RecoverOrder(exposure_s=self.exposure_s)
+
+    def first_light(self) -> FirstLightOrder:
+        """As an order for a first light."""
+        return FirstLightOrder(exposure_s=self.exposure_s)
 
 
 __all__ = ["CenterBody", "FlipBody", "LookBody", "OffsetBody", "SlewBody", "TrackingBody"]

@@ -11,18 +11,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from api.blind_index import BlindIndexKeeper
+from api.solver_limits import Limits
 from api.solver_work import Upload, Work
 from api.solver_worker import Tell, Worker
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Frame, Hint
 from mountnav.solution import Verdict
 from mountnav.solve_settings import SolveSettings
+from mountnav.tasks import begun
 
 if TYPE_CHECKING:
     from mountnav.identification.blind.index import BlindIndex
 
 UPLOADS_AT_ONCE = 2
 """Without a worker, in threads; looks never wait for uploads."""
+
+UPLOADS_PRIORITY = 10
+"""Of the process for uploads, as `nice` counts: on one core a look gets three times its share."""
+
+UPLOADS_IDLE_S = 600.0
+"""The process for uploads is ended after so long without one: 130 MB. The next one waits 2 to 5 s."""
 
 
 class Solver:
@@ -32,17 +40,37 @@ class Solver:
     ----------
     catalog : Catalog
     worker : bool
-        In a process of its own; else in threads of this one.
+        In processes of their own: one for looks, and one for uploads while there are any, so that no look
+        waits for what a stranger sent; else in threads of this one.
     tell : callable
         ``tell(kind, data)``: told of what becomes of the process and of the index.
     build_early : bool
         Have the index built when the solver opens, not when the first frame needs it, which may be at night.
+    limits : Limits, optional
+        What each of the processes may take.
     """
 
-    def __init__(self, catalog: Catalog, *, worker: bool, tell: Tell, build_early: bool = False) -> None:
+    def __init__(
+        self,
+        catalog: Catalog,
+        *,
+        worker: bool,
+        tell: Tell,
+        build_early: bool = False,
+        limits: Limits | None = None,
+    ) -> None:
         self._build_early = build_early
         self.blind_index = BlindIndexKeeper(catalog, tell)
-        self.worker = Worker(catalog, tell) if worker else None
+        self.worker = Worker(catalog, tell, limits=limits) if worker else None
+        self.uploads: Worker | None = None
+        if worker:
+            self.uploads = Worker(
+                catalog,
+                _of_uploads(tell),
+                limits=limits,
+                niceness=UPLOADS_PRIORITY,
+                idle_s=UPLOADS_IDLE_S,
+            )
         self._threads = Threads(catalog)
         self._opening: asyncio.Task[None] | None = None
 
@@ -54,15 +82,17 @@ class Solver:
     def open(self) -> None:
         """Begin to get ready, in the background."""
         if self._opening is None:
-            self._opening = asyncio.create_task(self._open(), name="solver opening")
+            # without an index or a warm process it solves all the same, later
+            self._opening = begun(self._open(), "solver opening", died=lambda _: None)
 
     async def close(self) -> None:
         """End the worker, and the building of the index if it is going on."""
         if self._opening is not None:
             await asyncio.gather(self._opening, return_exceptions=True)
         await self.blind_index.close()
-        if self.worker is not None:
-            await self.worker.close()
+        for worker in (self.worker, self.uploads):
+            if worker is not None:
+                await worker.close()
 
     async def __call__(self, frame: Frame, hint: Hint, settings: SolveSettings) -> Verdict:
         """Solve a look's frame, before any upload that waits."""
@@ -77,6 +107,18 @@ class Solver:
             It is no usable image.
         """
         return await self._solved(Work(upload, hint, settings), first=False)
+
+    async def read_upload(self, upload: Upload) -> Frame:
+        """Read an upload, raw, where it can do no harm.
+
+        Raises
+        ------
+        BadFrame
+            It is no usable image.
+        """
+        if self.uploads is not None:
+            return await self.uploads.read(upload)
+        return await asyncio.to_thread(_read, os.dup(upload.file), upload.name)
 
     async def _solved(self, work: Work, *, first: bool) -> Verdict:
         """Solve; wait for the index only if the frame needs it, and no longer than the budget."""
@@ -103,9 +145,10 @@ class Solver:
         return await self._carried_out(replace(work, index=index), first=first)
 
     async def _carried_out(self, work: Work, *, first: bool) -> Verdict:
-        if self.worker is None:
+        worker = self.worker if first else self.uploads
+        if worker is None:
             return await self._threads.solve(work, first=first)
-        return await self.worker.solve(work, first=first)
+        return await worker.solve(work, first=first)
 
     async def _open(self) -> None:
         await self.blind_index.find()
@@ -113,6 +156,21 @@ class Solver:
             self.worker.open(self.blind_index.path)
         if self._build_early:
             await self.blind_index.wait(0.0)
+
+
+def _of_uploads(tell: Tell) -> Tell:
+    """What is told of the process for uploads says that it is that one."""
+    return lambda kind, data: tell(kind, data | {"process": "uploads"})
+
+
+def _read(file: int, name: str) -> Frame:
+    """Read a frame from a descriptor, which is closed then."""
+    from mountnav.reading import read_frame  # with a worker the service itself never reads uploads
+
+    try:
+        return read_frame(Path(f"/proc/self/fd/{file}"), name=name, raw=True)
+    finally:
+        os.close(file)
 
 
 class Threads:

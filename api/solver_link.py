@@ -4,18 +4,31 @@ from __future__ import annotations
 
 import asyncio
 import os
+import signal
 import socket
 import subprocess
 import sys
 from typing import Self
 
-from api.solver_messages import HEADER, packed, unpacked
+from api.solver_answers import MOST_BYTES, Answer, BadAnswer, read
+from api.solver_messages import HEADER, packed
 
 _GOODBYE_S = 2.0
 
 
 class ProcessEnded(Exception):
-    """The process at the other end is gone, or never came up."""
+    """The process at the other end is gone, or never came up.
+
+    Parameters
+    ----------
+    how : str
+    out_of_cpu : bool
+        The kernel ended it for its limit of CPU time.
+    """
+
+    def __init__(self, how: str, *, out_of_cpu: bool = False) -> None:
+        super().__init__(how)
+        self.out_of_cpu = out_of_cpu
 
 
 class ProcessLink:
@@ -62,8 +75,8 @@ class ProcessLink:
         """The process's number."""
         return self._process.pid
 
-    async def send(self, message: object, file: int | None = None) -> None:
-        """Send a message, and with it a descriptor, which stays ours too.
+    async def send(self, message: object, *files: int) -> None:
+        """Send a message, and with it descriptors (two at most), which stay ours too.
 
         Raises
         ------
@@ -73,13 +86,13 @@ class ProcessLink:
         head = HEADER.pack(len(content))
         try:
             # nothing else is under way, so that these few bytes always find room
-            socket.send_fds(self._link, [head], [] if file is None else [file])
+            socket.send_fds(self._link, [head], files)
             await asyncio.get_running_loop().sock_sendall(self._link, content)
         except OSError as error:
-            raise ProcessEnded(await asyncio.to_thread(self._how)) from error
+            raise await asyncio.to_thread(self._how) from error
 
-    async def receive(self) -> object:
-        """Wait for a message.
+    async def receive(self) -> Answer:
+        """Wait for an answer. A process that answers otherwise is ended.
 
         Raises
         ------
@@ -87,13 +100,20 @@ class ProcessLink:
         """
         try:
             (length,) = HEADER.unpack(await self._exactly(HEADER.size))
-            return unpacked(await self._exactly(length))
+            if length > MOST_BYTES:
+                raise BadAnswer(f"it is {length} bytes long")
+            return read(await self._exactly(length))
+        except BadAnswer as error:
+            self.kill()
+            raise ProcessEnded(
+                f"process {self.pid} was ended, for it sent no answer of ours: {error}"
+            ) from error
         except (OSError, EOFError) as error:
-            raise ProcessEnded(await asyncio.to_thread(self._how)) from error
+            raise await asyncio.to_thread(self._how) from error
 
-    async def ask(self, message: object, file: int | None = None) -> object:
+    async def ask(self, message: object, *files: int) -> Answer:
         """Send a message and wait for its answer. Raises `ProcessEnded`."""
-        await self.send(message, file)
+        await self.send(message, *files)
         return await self.receive()
 
     def kill(self) -> None:
@@ -112,14 +132,14 @@ class ProcessLink:
             self._process.kill()
             await asyncio.to_thread(self._process.wait)
 
-    def _how(self) -> str:
-        """How it ended, in words."""
+    def _how(self) -> ProcessEnded:
+        """How it ended."""
         try:
             code = self._process.wait(1.0)
         except subprocess.TimeoutExpired:
-            return f"process {self.pid} closed its line"
+            return ProcessEnded(f"process {self.pid} closed its line")
         how = f"by signal {-code}" if code < 0 else f"with code {code}"
-        return f"process {self.pid} ended {how}"
+        return ProcessEnded(f"process {self.pid} ended {how}", out_of_cpu=code == -signal.SIGXCPU)
 
     async def _exactly(self, length: int) -> bytearray:
         loop = asyncio.get_running_loop()

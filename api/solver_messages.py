@@ -1,7 +1,9 @@
-"""What passes between the service and its solving process: pickles, each with its length before it.
+"""What the service asks of its solving process, and how both send: each message with its length before it.
 
 Pixels and uploads don't go through the pipe: they lie in a file without a name (`memfd_create`, or the
-upload's spool), whose descriptor is sent along. Both ends are one program: pickles are safe here.
+upload's spool), whose descriptor is sent along. What is asked are pickles: they come from the service, whom
+its process obeys in any case. What is answered is data, since the process reads strangers' files
+(`api.solver_answers`).
 """
 
 from __future__ import annotations
@@ -9,36 +11,31 @@ from __future__ import annotations
 import pickle
 import socket
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from api.solver_answers import Answer, written
+from api.solver_limits import Limits
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Frame, Hint
-from mountnav.solution import Verdict
 from mountnav.solve_settings import SolveSettings
 
 if TYPE_CHECKING:
     from mountnav.measuring.calibration import Calibration
 
 HEADER = struct.Struct("<Q")
-"""Length of the pickle that follows, bytes."""
+"""Length of the message that follows, bytes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """First of all: what to solve with, which catalog, and which index is known to exist."""
+    """First of all: what to solve with, which catalog, which index is known to exist, and the limits."""
 
     catalog: Catalog
     index: Path | None
-
-
-@dataclass(frozen=True, slots=True)
-class Ready:
-    """The process solved a frame of its own, and will not be slower from now on."""
-
-    started_s: float
-    troubles: tuple[str, ...]
+    limits: Limits = field(default_factory=Limits)
+    niceness: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,55 +87,45 @@ class Task:
     calibration: Calibration | None = None
     index: Path | None = None
 
-
-@dataclass(frozen=True, slots=True)
-class Done:
-    """What became of a task: a verdict, or the error that `solve` raised."""
-
-    verdict: Verdict | None = None
-    error: Exception | None = None
+    @property
+    def name(self) -> str:
+        """What to call the frame."""
+        return self.source.name if isinstance(self.source, SharedFile) else self.source.frame.source
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
-    """How far the index is built, 0 to 1."""
+class Read:
+    """A file to read, not to solve: its pixels go into the second of the two files that come along."""
 
-    share: float
-
-
-@dataclass(frozen=True, slots=True)
-class Built:
-    """The index lies there now."""
-
-    path: Path
+    name: str
 
 
 def packed(message: object) -> bytes:
-    """Pickle a message."""
+    """Pickle what is asked."""
     return pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
 
 
 def unpacked(content: bytes | bytearray) -> object:
-    """Read a pickled message."""
+    """Read what is asked; only the service may have written it."""
     return pickle.loads(content)
 
 
-def send(link: socket.socket, message: object) -> None:
-    """Send a message through a blocking socket. Raises `OSError` when the other end is gone."""
-    content = packed(message)
+def send(link: socket.socket, answer: Answer) -> None:
+    """Answer through a blocking socket. Raises `OSError` when the other end is gone."""
+    content = written(answer)
     link.sendall(HEADER.pack(len(content)))
     link.sendall(content)
 
 
 def receive(link: socket.socket) -> tuple[object, list[int]]:
-    """Receive a message, and the descriptors that came with it, from a blocking socket.
+    """Receive what is asked, and the descriptors that came with it, from a blocking socket.
 
     Raises
     ------
     EOFError
         The other end is gone.
     """
-    head, files, _, _ = socket.recv_fds(link, HEADER.size, 1)
+    head, files, _, _ = socket.recv_fds(link, HEADER.size, 2)
     head += _exactly(link, HEADER.size - len(head)) if head else b""
     if not head:
         raise EOFError

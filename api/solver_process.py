@@ -2,6 +2,8 @@
 
 It is started by `api.solver_link`, never by hand: ``python -m api.solver_process DESCRIPTOR``. It ends when
 the other end of its socket is closed, also in the middle of a solve, so that no service leaves one behind.
+It reads strangers' files: what it may take of the computer is bounded (`api.solver_limits`), and what it
+answers is data (`api.solver_answers`).
 """
 
 from __future__ import annotations
@@ -24,10 +26,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from api.solver_messages import Done, Ready, Setup, SharedPixels, Task, packed, receive, send, unpacked
+from api.solver_answers import Done, Fault, Ready
+from api.solver_limits import allow_cpu_s, own_memory_mb
+from api.solver_messages import Read, Setup, SharedPixels, Task, receive, send
 from api.solver_warmup import warmed_up
 from mountnav.catalog.stars import Catalog
-from mountnav.errors import BadSettings, MountnavError
+from mountnav.errors import BadFrame, BadSettings, MountnavError
 from mountnav.frames import Frame, Hint
 from mountnav.reading import read_frame
 from mountnav.solution import Verdict
@@ -39,7 +43,10 @@ if TYPE_CHECKING:
 
 
 _IDLE_S = 0.5
-_LOWER_PRIORITY = 5
+
+_WORTH_TELLING_MB = 64.0
+"""Memory that was not given back, from which on the process looks closer: the collector and the C library
+may hold some of it. Frames leave up to 30 MB behind; doubled, twice as much stays unnoticed."""
 
 
 class Bench:
@@ -164,21 +171,60 @@ def end_with(link: socket.socket) -> None:
     threading.Thread(target=watch, name="watch", daemon=True).start()
 
 
-def sendable(error: Exception) -> Exception:
-    """The error as it can be sent: with its way through the code as a note, and surely pickled."""
+def sendable(error: Exception) -> Fault:
+    """The error as it can be sent: with its way through the code as a note."""
     told = "".join(traceback.format_exception(error))
-    try:
-        unpacked(packed(error))
-    except Exception:  # whatever an error's own pickling does: its text must arrive
-        error = RuntimeError(f"{type(error).__name__}: {error}")
     error.add_note(f"in the solving process:\n{told}")
-    return error
+    return Fault.of(error)
+
+
+def read_into(file: int, pixels: int, name: str) -> Done:
+    """Read a frame from one open file, and write its pixels into the other.
+
+    Raises
+    ------
+    BadFrame
+    """
+    frame = read_frame(Path(f"/proc/self/fd/{file}"), name=name, raw=True)
+    plain = np.ascontiguousarray(frame.pixels)
+    left = plain.reshape(-1).view(np.uint8).data
+    while left:
+        left = left[os.write(pixels, left) :]
+    bare = replace(frame, pixels=np.empty((0, 0), plain.dtype))
+    return Done(frame=bare, dtype=plain.dtype.str, shape=plain.shape)
+
+
+def _carried_out(bench: Bench, task: Task | Read, files: list[int], more_cpu_s: float) -> Done:
+    """The task's outcome, an error included."""
+    try:
+        if isinstance(task, Read):
+            allow_cpu_s(more_cpu_s)
+            return read_into(files[0], files[1], task.name)
+        allow_cpu_s(task.settings.budget_s + more_cpu_s)
+        return Done(verdict=bench.verdict(task, files[0]))
+    except MemoryError:
+        fault = BadFrame(
+            "it needs more memory than the solver may use",
+            device=task.name,
+            advice="send a smaller image, or raise solving.memory_mb",
+        )
+        return Done(fault=Fault.of(fault))
+    except Exception as error:  # it belongs to whoever asked
+        return Done(fault=sendable(error))
 
 
 def _give_back() -> None:
     """Return the memory of the last frames to the system, now that nobody waits: 20 to 60 MB."""
     with contextlib.suppress(OSError, AttributeError):  # the C library may have no such function
         ctypes.CDLL(None).malloc_trim(0)
+
+
+def _grown_mb(at_first_mb: float) -> float:
+    """Memory that the last tasks left behind, after all of it was given back that can be."""
+    if own_memory_mb() - at_first_mb > _WORTH_TELLING_MB:
+        gc.collect()
+        _give_back()
+    return max(0.0, own_memory_mb() - at_first_mb)
 
 
 def attached() -> socket.socket:
@@ -197,28 +243,28 @@ def main() -> None:
     try:
         setup, _ = receive(link)
         assert isinstance(setup, Setup)
+        setup.limits.impose()
         bench = Bench(setup)
         troubles = bench.warmed_up()
         # where cores are scarce, a stop and a state go before a solve
-        os.nice(_LOWER_PRIORITY)
+        os.nice(setup.niceness)
         # what is here by now stays: the collector needn't go through it again during a solve
         gc.collect()
         gc.freeze()
         send(link, Ready(time.monotonic() - began, troubles))
+        at_first_mb = own_memory_mb()
         while True:
             if not select.select([link], [], [], _IDLE_S)[0]:
                 _give_back()
             task, files = receive(link)
-            assert isinstance(task, Task)
+            assert isinstance(task, (Task, Read))
             try:
-                done = Done(verdict=bench.verdict(task, files[0]))
-            except Exception as error:  # it belongs to whoever asked
-                done = Done(error=sendable(error))
+                done = _carried_out(bench, task, files, setup.limits.more_cpu_s)
             finally:
                 for file in files:
                     os.close(file)
             del task
-            send(link, done)
+            send(link, replace(done, grown_mb=_grown_mb(at_first_mb)))
     except (EOFError, OSError):
         return
 

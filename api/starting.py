@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from fastapi import Depends, Header, Query, Request, Response
+from fastapi import Depends, Header, Query, Response
 
 from api.callers import Caller
-from api.faults import Refused, problem, responses
+from api.faults import responses
 from api.models import JobView
 from api.orders import Order
 from api.security import TheCaller
@@ -32,7 +32,6 @@ Supersede = Annotated[
         "else that is refused as busy"
     ),
 ]
-_QUERY = frozenset({"wait", "supersede"})
 _LOCATION = {"Location": {"description": "The job", "schema": {"type": "string"}}}
 STARTING: dict[int | str, dict[str, Any]] = {
     **responses(404, 409, 503),
@@ -70,7 +69,6 @@ class Ordering:
 
 
 async def ordering_of(
-    request: Request,
     service: TheService,
     caller: TheCaller,
     patience: ThePatience,
@@ -79,23 +77,7 @@ async def ordering_of(
     key: Key = None,
     supersede: Supersede = False,
 ) -> Ordering:
-    """What a request says besides its body.
-
-    Raises
-    ------
-    Refused
-        422 ``bad-request``: it says more than that. Left out of account, a frame that stands in the wrong
-        place would send the telescope elsewhere.
-    """
-    strange = sorted(set(request.query_params) - _QUERY)
-    if strange:
-        wrong = [
-            {"at": f"query.{name[:80]}", "what": "an order has no such parameter"} for name in strange[:5]
-        ]
-        told = "; ".join(f"{one['at']}: {one['what']}" for one in wrong)
-        raise Refused(
-            problem("bad-request", 422, told, advice="what is ordered stands in the body", errors=wrong)
-        )
+    """What a request says besides its body; parameters that no order has are refused before."""
     return Ordering(service, caller, patience, response, telescope_id, key, supersede)
 
 

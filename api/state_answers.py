@@ -46,7 +46,7 @@ class StateAnswers:
         tag = f'"{self._service.events.run}-{snapshot.revision}-{job}"'
         kept = self._kept.get(telescope.id)
         if kept is None or kept.tag != tag:
-            problem = self._service.journal.problem
+            problem = self._service.remembering.problem
             view = telescope_view(telescope, snapshot, () if problem is None else (problem,))
             kept = self._kept[telescope.id] = Answer(tag, view.model_dump_json().encode())
         return kept

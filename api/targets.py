@@ -13,6 +13,7 @@ from mountnav.sky.chain import apparent_to_icrs, observed_to_icrs
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Observed, Site
 from mountnav.sky.named import object_of_name, place_of_name
 from mountnav.sky.proper_motion import moved_to
+from mountnav.sky.typed import LONGEST_TEXT, read_position
 
 _RaDeg = Annotated[float, Field(ge=0, lt=360)]
 _DecDeg = Annotated[float, Field(ge=-90, le=90)]
@@ -65,14 +66,45 @@ class NamedTarget(Tagged):
         return name
 
 
+class TypedTarget(Tagged):
+    """A position as a person types it, with both coordinates; one alone, or an ambiguous text, is refused."""
+
+    kind: Literal["typed"] = "typed"
+    text: str = Field(
+        min_length=1,
+        max_length=LONGEST_TEXT,
+        description="For example 05h34m31.9s +22°00′52″, or 83.633, 22.014 (degrees)",
+    )
+    frame: Literal["icrs", "jnow-apparent"] = "icrs"
+
+    @field_validator("text")
+    @classmethod
+    def _is_a_position(cls, text: str) -> str:
+        """Refuse it before a job begins."""
+        try:
+            read_position(text)
+        except BadRequest as refused:
+            raise ValueError(f"{refused.what} {refused.advice}") from refused
+        return text
+
+    def read(self) -> IcrsTarget | ApparentTarget:
+        """The same in degrees."""
+        place = read_position(self.text)
+        kind = IcrsTarget if self.frame == "icrs" else ApparentTarget
+        return kind(ra_deg=place.ra_deg, dec_deg=place.dec_deg)
+
+
 Target = Annotated[
-    IcrsTarget | ApparentTarget | AltAzTarget | NamedTarget,
+    IcrsTarget | ApparentTarget | AltAzTarget | NamedTarget | TypedTarget,
     Field(discriminator="kind"),
 ]
 
 
 def icrs_of(
-    target: IcrsTarget | ApparentTarget | AltAzTarget | NamedTarget, utc: datetime, site: Site, air: Air
+    target: IcrsTarget | ApparentTarget | AltAzTarget | NamedTarget | TypedTarget,
+    utc: datetime,
+    site: Site,
+    air: Air,
 ) -> Icrs:
     """A target as ICRS of this moment.
 
@@ -109,6 +141,8 @@ def icrs_of(
             )
         case NamedTarget():
             return place_of_name(target.name, utc, site)
+        case TypedTarget():
+            return icrs_of(target.read(), utc, site, air)
 
 
-__all__ = ["AltAzTarget", "ApparentTarget", "IcrsTarget", "NamedTarget", "Target", "icrs_of"]
+__all__ = ["AltAzTarget", "ApparentTarget", "IcrsTarget", "NamedTarget", "Target", "TypedTarget", "icrs_of"]

@@ -52,6 +52,7 @@ def telescope_view(telescope: Telescope, snapshot: Snapshot, warnings: Sequence[
         job_id=None if snapshot.job is None else snapshot.job.id,
         problem=state.problem,
         trusted=state.trusted,
+        contradiction=mount.contradiction if state.connected else None,
         link=state.link,
         slew_state=state.slew_state,
         tracking=None if reading is None else reading.tracking,

@@ -13,6 +13,7 @@ from api.longer_views import ModelRunView, SeriesView, SolvedView
 from api.models import (
     CenterView,
     CrossingView,
+    FirstLightView,
     JobView,
     LookView,
     MovedView,
@@ -27,6 +28,7 @@ from api.places import place as place
 from mountnav.navigation.devices import Epoch, SlewOutcome
 from mountnav.navigation.reports import (
     CenterReport,
+    FirstLightReport,
     Look,
     RecoverReport,
     SlewReport,
@@ -162,6 +164,20 @@ def result_view(report: object, *, epoch: Epoch | None = None, utc: datetime | N
                 apart_arcsec=report.apart_arcsec,
                 altitude_deg=report.altitude_deg,
                 believed_altitude_deg=report.believed_altitude_deg,
+                read_back=place(report.read_back),
+                read_back_mount=mounts(report.read_back),
+                read_back_miss_arcsec=report.read_back_miss_arcsec,
+                elapsed_s=report.elapsed_s,
+            )
+        case FirstLightReport():
+            return FirstLightView(
+                outcome=str(report.outcome),
+                first=look_view(report.first, epoch),
+                synced=look_view(report.synced, epoch),
+                last=look_view(report.last, epoch),
+                altitude_deg=report.altitude_deg,
+                looks=report.looks,
+                learned=report.learned,
                 read_back=place(report.read_back),
                 read_back_mount=mounts(report.read_back),
                 read_back_miss_arcsec=report.read_back_miss_arcsec,

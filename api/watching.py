@@ -15,6 +15,7 @@ from api.orders import MOVING
 from mountnav.navigation.reports import TelescopeState
 from mountnav.sky.coordinates import utc_now
 from mountnav.sky.present import real_s
+from mountnav.tasks import begun, fault_words
 
 _log = logging.getLogger(__name__)
 
@@ -77,7 +78,15 @@ class Watch:
     def start(self) -> None:
         """Begin to read."""
         self._telescope.navigator.mount.listen(self._mount_said)
-        self._task = asyncio.create_task(self._run(), name=f"watch {self._telescope.id}")
+        self._begin()
+
+    def _begin(self) -> None:
+        self._task = begun(self._run(), f"watch {self._telescope.id}", died=self._died)
+
+    def _died(self, fault: Exception) -> None:
+        """Nobody reads it any more: what was last seen is not what is. Begin anew."""
+        self._take(replace(self._state, connected=False, problem=fault_words(fault)))
+        self._begin()
 
     async def close(self) -> None:
         """Read no more."""

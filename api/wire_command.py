@@ -10,9 +10,11 @@ from typing import Any, TextIO
 
 import httpx
 
+from drivers.registry import read_url
 from drivers.wire_log import WireLog
 from mountnav.client import Client
 from mountnav.errors import BadRequest, DeviceMissing
+from mountnav.parsing import json_of
 
 _LOOK_S = 0.25
 _ARROWS = {"driver->mount": "->", "mount->driver": "<-", "event": "--"}
@@ -30,6 +32,9 @@ def run(what: str, *, service: str, token: str | None, follow: bool, as_json: bo
     DeviceMissing
         There is no service.
     """
+    if "://" in what:
+        # told before a file is begun for it
+        read_url(what)
     try:
         out = None if dump is None else dump.open("w", encoding="utf-8")
     except OSError as cause:
@@ -108,7 +113,7 @@ async def _own_line(url: str, shown: _Shown, *, follow: bool) -> None:
 
     def show() -> None:
         for line in log.lines({"mount": url} if shown.last == 0 else None, shown.last):
-            shown.show(json.loads(line))
+            shown.show(json_of(line))
 
     try:
         try:

@@ -12,6 +12,7 @@ from collections.abc import Awaitable, Callable
 from api.alpaca.clients import Client
 from api.alpaca.refusals import AlpacaError, error_of
 from api.faults import internal_problem
+from mountnav.tasks import begun
 
 _log = logging.getLogger(__name__)
 
@@ -50,7 +51,7 @@ class Connecting:
         if client in self._wanted:
             return
         self._wanted.add(client)
-        task = asyncio.create_task(self._run(client), name=f"alpaca connects {self._name}")
+        task = begun(self._run(client), f"alpaca connects {self._name}", died=lambda _: self._died(client))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
@@ -67,6 +68,10 @@ class Connecting:
         """Connect nobody any more."""
         for task in self._tasks:
             task.cancel()
+
+    def _died(self, client: Client) -> None:
+        self._wanted.discard(client)
+        self._failures[client] = error_of(internal_problem())
 
     async def _run(self, client: Client) -> None:
         failure: AlpacaError | None = None

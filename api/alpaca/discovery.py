@@ -14,6 +14,7 @@ import json
 import logging
 import socket
 import struct
+import time
 from collections.abc import Iterator
 
 from mountnav.settings_faces import AlpacaSettings
@@ -24,6 +25,8 @@ QUESTION = b"alpacadiscovery1"
 GROUP = "ff12::a1:9aca"
 _SIOCGIFADDR, _SIOCGIFBRDADDR = 0x8915, 0x8919
 _LONGEST = 1024
+_MOST_ANSWERS_S = 100
+"""In a second: a flood of questions must not keep the loop from a stop; a program asks once or twice."""
 
 
 def answer_to(datagram: bytes, http_port: int) -> bytes | None:
@@ -97,9 +100,16 @@ class _Answerer(asyncio.DatagramProtocol):
     def __init__(self, http_port: int, transports: list[asyncio.DatagramTransport]) -> None:
         self._http_port = http_port
         self._transports = transports
+        self._second, self._answered = 0, 0
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
         """Answer a question, to whoever asked alone."""
+        second = int(time.monotonic())
+        if second != self._second:
+            self._second, self._answered = second, 0
+        if self._answered >= _MOST_ANSWERS_S:
+            return
+        self._answered += 1
         answer = answer_to(data[:_LONGEST], self._http_port)
         if answer is not None and self._transports:
             self._transports[0].sendto(answer, addr)

@@ -11,6 +11,7 @@ from api.faults import problem_of
 from api.observatory import Telescope
 from api.watching import Watch
 from mountnav.errors import MountnavError
+from mountnav.tasks import begun
 
 _log = logging.getLogger(__name__)
 
@@ -75,7 +76,9 @@ class MountLink:
         if self._tried_s is not None and now_s - self._tried_s < _TRY_AGAIN_S:
             return
         self._tried_s = now_s
-        self._reopening = asyncio.create_task(self._reopen(), name=f"alpaca reopens {self._telescope.id}")
+        name = f"alpaca reopens {self._telescope.id}"
+        # the mount stays away, as clients see; the next look tries again
+        self._reopening = begun(self._reopen(), name, died=lambda _: self._watch.wake())
 
     async def _reopen(self) -> None:
         try:

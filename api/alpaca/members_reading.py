@@ -151,8 +151,8 @@ def _with_sides(skill: Skill) -> Callable[[AlpacaTelescope], bool]:
 _sides = _with_sides(Skill.PIER_SIDE)
 _STATES = (
     ("Altitude", altitude_deg, _any),
-    ("AtHome", lambda device, call: device.is_home, _any),
-    ("AtPark", lambda device, call: device.is_parked, _any),
+    ("AtHome", lambda device, call: device.at_home, _any),
+    ("AtPark", lambda device, call: device.at_park, _any),
     ("Azimuth", azimuth_deg, _any),
     ("Declination", declination_deg, _any),
     ("IsPulseGuiding", _is_guiding, with_skill(Skill.GUIDE)),
@@ -188,8 +188,8 @@ MEMBERS: tuple[Member, ...] = (
         default=-1,
     ),
     Member("GET", "slewing", slewing, default=False),
-    Member("GET", "athome", lambda device, call: device.is_home, default=False),
-    Member("GET", "atpark", lambda device, call: device.is_parked, default=False),
+    Member("GET", "athome", lambda device, call: device.at_home, default=False),
+    Member("GET", "atpark", lambda device, call: device.at_park, default=False),
     Member("GET", "tracking", lambda device, call: device.is_tracking, default=False),
     Member("GET", "ispulseguiding", pulse_guiding, able=with_skill(Skill.GUIDE), default=False),
     Member("GET", "utcdate", utc_date, default=""),

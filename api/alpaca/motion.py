@@ -21,6 +21,7 @@ from api.orders import Order
 from mountnav.errors import MountnavError
 from mountnav.navigation.navigator import Navigator
 from mountnav.sky.present import real_s
+from mountnav.tasks import begun, fault_words, waited_for
 
 _log = logging.getLogger(__name__)
 
@@ -127,7 +128,7 @@ class Motion:
             self._failure = None
             self._told.clear()
             self._hurry.clear()
-            self._following = asyncio.create_task(self._follow(job, arrived), name=f"alpaca {order.kind}")
+            self._following = begun(self._follow(job, arrived), f"alpaca {order.kind}", died=self._died)
         except BaseException:
             if self._aborted is held and held is not None and not held.is_over:
                 self._aborted = None  # it goes on
@@ -142,6 +143,8 @@ class Motion:
         await asyncio.wait({following})
         if following.cancelled():
             raise AlpacaError(0x508, "the service goes down: how this ended is not known")
+        if (fault := following.exception()) is not None:
+            raise AlpacaError(0x5FF, f"how it ended is not known: {fault_words(fault)}")
         if (failure := following.result()) is None:
             return
         if self._failure is failure:
@@ -182,7 +185,7 @@ class Motion:
         self._hurry.set()
         if self._job is not None and not self._job.is_over:
             self._aborted = self._job
-        stopping = asyncio.create_task(self._stop(caller), name="alpaca abort")
+        stopping = waited_for(self._stop(caller), "alpaca abort")
         self._stopping.add(stopping)
         stopping.add_done_callback(self._stopping.discard)
         await asyncio.wait({stopping}, timeout=_STOP_S)
@@ -208,8 +211,12 @@ class Motion:
         """Follow no more."""
         if self._following is not None:
             self._following.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
+            with contextlib.suppress(asyncio.CancelledError, Exception):
                 await self._following
+
+    def _died(self, fault: Exception) -> None:
+        """How it ended is not known: that must not look like an arrival."""
+        self._failure = AlpacaError(0x5FF, f"how it ended is not known: {fault_words(fault)}")
 
     async def _follow(self, job: Job, arrived: Callable[[], None] | None) -> AlpacaError | None:
         """Until a motion is settled and read; how it failed, aborted ones included."""

@@ -13,6 +13,7 @@ from api.faults import Refused, problem_of
 from api.job import Job
 from api.orders import GuideOrder
 from mountnav.errors import MountnavError
+from mountnav.tasks import begun, fault_words, waited_for
 
 _AXIS = {"n": "declination", "s": "declination", "e": "hour angle", "w": "hour angle"}
 DIRECTIONS: tuple[Literal["n", "s", "e", "w"], ...] = ("n", "s", "e", "w")
@@ -58,15 +59,13 @@ class Pulses:
         self._failure = None
         before = next((task for task in self._tasks.values() if not task.done()), None)
         if before is not None:
-            self._tasks[axis] = asyncio.create_task(
-                self._later(caller, order, before, self._stops), name="alpaca guide"
+            self._tasks[axis] = begun(
+                self._later(caller, order, before, self._stops), "alpaca guide", died=self._died
             )
             return
         # a task that waits for the order: a pulse that comes meanwhile finds it
-        ordered: asyncio.Task[Job] = asyncio.create_task(
-            self._desk.order(caller, self._telescope_id, order), name="alpaca guide"
-        )
-        self._tasks[axis] = asyncio.create_task(self._follow(ordered), name="alpaca guide")
+        ordered = waited_for(self._desk.order(caller, self._telescope_id, order), "alpaca guide")
+        self._tasks[axis] = begun(self._follow(ordered, self._stops), "alpaca guide", died=self._died)
         await ordered
 
     def failed_before(self) -> AlpacaError | None:
@@ -82,15 +81,18 @@ class Pulses:
         """Follow no more."""
         for task in self._tasks.values():
             task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
+            with contextlib.suppress(asyncio.CancelledError, Exception):
                 await task
 
-    async def _follow(self, ordered: asyncio.Task[Job]) -> None:
+    def _died(self, fault: Exception) -> None:
+        self._failure = AlpacaError(0x5FF, fault_words(fault))
+
+    async def _follow(self, ordered: asyncio.Task[Job], stops: int) -> None:
         try:
             job = await ordered
         except (MountnavError, Refused):
             return  # whoever ordered it hears of it
-        await self._end_of(job)
+        await self._end_of(job, stops)
 
     async def _later(self, caller: Caller, order: GuideOrder, before: asyncio.Task[None], stops: int) -> None:
         await asyncio.wait({before})
@@ -102,10 +104,10 @@ class Pulses:
             found = refusal.problem if isinstance(refusal, Refused) else problem_of(refusal)
             self._failure = error_of(found)
             return
-        await self._end_of(job)
+        await self._end_of(job, stops)
 
-    async def _end_of(self, job: Job) -> None:
-        stops = self._stops
+    async def _end_of(self, job: Job, stops: int) -> None:
+        """Wait for its end; `stops` as when the pulse was taken: an abort since is no failure of it."""
         await job.ended.wait()
         if job.problem is not None and self._stops == stops:
             self._failure = failure_of(job.problem)

@@ -71,6 +71,8 @@ _OF_SLUG: dict[str, int] = {
     "journal-failed": 0x506,
     "target-not-reached": 0x507,
     "interrupted": 0x508,
+    "refused-but-done": 0x50B,
+    "sync-elsewhere": 0x50C,
     "internal": 0x5FF,
 }
 _OTHER = 0x5FE
@@ -83,6 +85,7 @@ _OF_REFUSAL: dict[str, int] = {
     "limit": Number.INVALID_OPERATION,
     "busy": Number.INVALID_OPERATION,
     "untrusted": Number.INVALID_OPERATION,
+    "site-or-time": Number.INVALID_OPERATION,
     "not-aligned": Number.INVALID_OPERATION,
     "not-tracking": Number.INVALID_OPERATION,
 }

@@ -226,12 +226,25 @@ class AlpacaTelescope:
         return self.stations.is_at("home", self.snapshot) if home is None else home
 
     @property
+    def at_park(self) -> bool:
+        """AtPark: parked, and the order that led there is over: whoever sees it may order at once.
+
+        The mount says that it is parked some tenths of a second before the job has ended.
+        """
+        return self.is_parked and not self.is_slewing
+
+    @property
+    def at_home(self) -> bool:
+        """AtHome: as `at_park`."""
+        return self.is_home and not self.is_slewing
+
+    @property
     def is_tracking(self) -> bool:
         """Whether it follows the sky. A mount that neither tells nor can be told otherwise always does."""
         tracking = self.reading.tracking
         if tracking is None:
             return not self.is_parked and not self.can(Skill.TRACK)
-        return tracking
+        return tracking and not self.at_park
 
     @property
     def is_slewing(self) -> bool:

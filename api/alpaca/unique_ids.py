@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import logging
 import os
@@ -13,6 +12,8 @@ from uuid import NAMESPACE_URL, UUID, uuid4, uuid5
 
 from mountnav.journal.database import database_url, file_of
 from mountnav.journal.places import state_folder
+from mountnav.parsing import json_of
+from mountnav.private_files import locked
 from mountnav.settings import Settings
 
 _log = logging.getLogger(__name__)
@@ -38,9 +39,8 @@ def unique_ids(path: Path, telescopes: Sequence[str]) -> dict[str, str]:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.with_suffix(".lock").open("w", encoding="utf-8") as lock:
-            # two services may share a folder
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        # two services may share a folder
+        with locked(path.with_suffix(".lock")):
             known = _read(path)
             fresh = {one: str(uuid4()) for one in telescopes if one not in known}
             if fresh:
@@ -58,7 +58,7 @@ def _read(path: Path) -> dict[str, str]:
     """Raises ValueError for a file that holds anything else."""
     if not path.exists():
         return {}
-    found = json.loads(path.read_text(encoding="utf-8"))
+    found = json_of(path.read_text(encoding="utf-8"))
     if not isinstance(found, dict):
         raise ValueError("it holds no ids")
     return {str(name): str(UUID(str(value))) for name, value in found.items()}

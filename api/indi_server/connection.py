@@ -13,6 +13,7 @@ import logging
 from collections.abc import Mapping
 
 from api.callers import Caller, Face, Role
+from api.fair_turns import Allowance, Turns
 from api.indi_server.answers import Answer, chosen_switch
 from api.indi_server.device import ABORT, IndiTelescope
 from api.indi_server.hearing import Asked, Broken, Heard, Hearing, Nonsense
@@ -23,6 +24,7 @@ from api.indi_server.vectors import saying
 from drivers.indi.codec import Ordered, Pinged, State
 from drivers.indi.orders import ping_reply
 from mountnav.sky.coordinates import utc_now
+from mountnav.tasks import Crew
 
 _log = logging.getLogger(__name__)
 
@@ -49,12 +51,15 @@ class Connection:
         Of its connection.
     left : LeftSelections
         What clients have left behind.
+    turns : Turns
+        Shared by all clients of the port.
     """
 
     def __init__(
         self,
         devices: Mapping[str, IndiTelescope],
         left: LeftSelections,
+        turns: Turns,
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter,
     ) -> None:
@@ -64,34 +69,33 @@ class Connection:
         self._devices = devices
         self._reader, self._writer = reader, writer
         self._hearing = Hearing()
+        self._turns = turns
         self._waiting: asyncio.Queue[Heard | Closing | None] = asyncio.Queue(_MOST_WAITING)
         self._selections = Selections(left, str(peer[0]))
         self._telling = Telling(devices, self._selections)
+        self._crew = Crew()
         self._orders_waiting = 0
         self._surplus = ""
         """What is too much; once it is, only stops are heard."""
+        self._broken = ""
+        self._speaks_indi = False
+        """Whether a whole message came before anything else."""
 
     async def run(self) -> None:
         """Serve it until it goes, or has to; what it ordered before is carried out, and its jobs go on."""
-        reading = asyncio.create_task(self._read(), name=f"indi {self.address} reads")
-        working = asyncio.create_task(self._work(), name=f"indi {self.address} works")
-        full = asyncio.create_task(self._watch_its_reading(), name=f"indi {self.address} is full")
-        writing = asyncio.create_task(self._write(), name=f"indi {self.address} writes")
-        waiting = {reading, working, full}
+        crew = self._crew
+        crew.begin(self._read(), f"indi {self.address} reads")
+        working = crew.begin(self._work(), f"indi {self.address} works")
+        crew.begin(self._watch_its_reading(), f"indi {self.address} is full")
+        writing = crew.begin(self._write(), f"indi {self.address} writes")
         try:
-            while working in waiting:
-                done, waiting = await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
-                for task in done:
-                    task.result()
+            await crew.until(working)
         except Closing as reason:
             _log.info("the INDI client %s is closed: %s", self.address, reason)
             await self._say_goodbye(str(reason), writing)
         finally:
             self._selections.leave()
-            tasks = (reading, working, full, writing)
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            await crew.end()
             self._writer.close()
             try:
                 async with asyncio.timeout(_GOODBYE_S):
@@ -130,6 +134,10 @@ class Connection:
             async with asyncio.timeout(_GOODBYE_S):
                 await self._writer.drain()
 
+    def fail(self, fault: Exception) -> None:
+        """End it: what it would be told from now on is not so."""
+        self._crew.fail(fault)
+
     def changed(self) -> None:
         """Tell what is different now, as soon as it takes it."""
         self._telling.news.set()
@@ -146,19 +154,46 @@ class Connection:
 
     async def _read(self) -> None:
         """Take in what it says, to its end: whatever else is wrong, a stop that came is heard."""
+        allowance = Allowance()
         with contextlib.suppress(OSError):
             while data := await self._reader.read(_AT_ONCE_BYTES):
-                broken: str | None = None
-                for heard in self._hearing.feed(data):
-                    if isinstance(heard, Ordered) and heard.name == ABORT:
-                        self._abort(heard)
-                    elif isinstance(heard, Broken):
-                        broken = broken or heard.why
-                    elif broken is None:
-                        self._queue(heard)
-                if broken is not None:
-                    raise Closing(f"that is not INDI: {broken}")
+                # a stop goes before all that came with it
+                came: list[Heard] = []
+                async for part in self._turns.each(self._hearing.parts(data)):
+                    for heard in part:
+                        if isinstance(heard, Ordered) and heard.name == ABORT:
+                            self._abort(heard, came)
+                        else:
+                            came.append(heard)
+                self._take(came)
+                await allowance.spend(len(data))
         await self._waiting.put(None)
+
+    def _take(self, came: list[Heard]) -> None:
+        """Keep what came in its order; what is whole counts, though something between was broken.
+
+        Coordinates after a gap do not: a lost ON_COORD_SET would make a goto of a sync. And where the very
+        first is no INDI nothing counts, or a web page could order by what it has its browser send here.
+        """
+        for heard in came:
+            if isinstance(heard, Broken):
+                self._broken = self._broken or heard.why
+            elif self._broken and (not self._speaks_indi or _is_coordinates(heard)):
+                self._refuse_after_gap(heard)
+            else:
+                self._speaks_indi = True
+                self._queue(heard)
+        if self._broken and not self._surplus:
+            # it ends when what waits is done
+            self._surplus = f"that is not INDI: {self._broken}"
+            with contextlib.suppress(asyncio.QueueFull):
+                self._waiting.put_nowait(Closing(self._surplus))
+
+    def _refuse_after_gap(self, heard: Heard) -> None:
+        device = self._devices.get(heard.device) if isinstance(heard, Ordered) else None
+        if isinstance(heard, Ordered) and device is not None and self._speaks_indi:
+            why = "something before it was broken and may have been ON_COORD_SET: connect and order it again"
+            self._telling.tell(device, Answer.refused(heard.name, why))
 
     def _queue(self, heard: Heard) -> None:
         # when it is too much it ends, as soon as what waits is done; until then only stops are heard
@@ -177,10 +212,10 @@ class Connection:
         except asyncio.QueueFull:
             self._surplus = f"more than {_MOST_WAITING} messages were waiting"
 
-    def _abort(self, ordered: Ordered) -> None:
+    def _abort(self, ordered: Ordered, came: list[Heard]) -> None:
         """Stop before everything else; what this client ordered before, and isn't done yet, is dropped.
 
-        A client that has disconnected may stop too.
+        That is what waits, and what `came` with it. A client that has disconnected may stop too.
         """
         device = self._devices.get(ordered.device)
         if device is None:
@@ -192,14 +227,23 @@ class Connection:
         if ordered.values.get("ABORT") is not True:
             self._telling.tell(device, Answer(ABORT))
             return
+
+        def dropped(heard: Heard | Closing | None) -> bool:
+            drop = isinstance(heard, Ordered) and heard.device == ordered.device
+            if isinstance(heard, Ordered) and drop:
+                self._telling.tell(device, Answer.refused(heard.name, "a stop came first"))
+            return drop
+
+        if self._orders_waiting + sum(isinstance(heard, Ordered) for heard in came) > _MOST_ORDERS:
+            self._surplus = self._surplus or f"more than {_MOST_ORDERS} orders were waiting"
         kept = []
         while not self._waiting.empty():
             heard = self._waiting.get_nowait()
-            if isinstance(heard, Ordered) and heard.device == device.name:
+            if dropped(heard):
                 self._orders_waiting -= 1
-                self._telling.tell(device, Answer.refused(heard.name, "a stop came first"))
             else:
                 kept.append(heard)
+        came[:] = [heard for heard in came if not dropped(heard)]
         for heard in kept:
             self._waiting.put_nowait(heard)
         if self._surplus and not any(isinstance(heard, Closing) for heard in kept):
@@ -292,6 +336,10 @@ class Connection:
             self._telling.send(saying("", f"[ERROR] {heard.why}", utc_now()))
         else:
             self._telling.tell(device, Answer.refused(heard.name, heard.why))
+
+
+def _is_coordinates(heard: Heard) -> bool:
+    return isinstance(heard, Ordered) and heard.name == COORDINATES
 
 
 __all__ = ["Closing", "Connection"]

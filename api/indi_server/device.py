@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import logging
 from collections import Counter
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from datetime import timedelta
 
 from api.callers import Caller
@@ -26,8 +25,7 @@ from drivers.indi.codec import Ordered, State
 from mountnav.errors import MountnavError
 from mountnav.settings import TelescopeSettings
 from mountnav.sky.coordinates import utc_now
-
-_log = logging.getLogger(__name__)
+from mountnav.tasks import Died, begun, fault_words
 
 _TIME_TOLD_EVERY = timedelta(seconds=30)
 _FIRST_READING_S = 3.0
@@ -47,6 +45,8 @@ class IndiTelescope:
         Told whenever a property may have changed.
     say : callable
         ``say(device, answer)``: what all clients should know.
+    died : callable
+        Told of a fault in what it is told from: what clients see of it is not so any more.
     """
 
     def __init__(
@@ -57,6 +57,7 @@ class IndiTelescope:
         *,
         changed: Callable[[], None],
         say: Callable[[IndiTelescope, Answer], None],
+        died: Died,
     ) -> None:
         self.id = settings.id
         self.name = name
@@ -69,7 +70,7 @@ class IndiTelescope:
         self._watch = service.desk.watch(settings.id)
         self._ordering = Ordering(service.desk, service.audit, settings.id)
         self._optics = optics_of(settings)
-        self._changed, self._say = changed, say
+        self._changed, self._say, self._died = changed, say, died
         self._orders = TakingOrders(
             self._ordering, self._watch, self._telescope.navigator.mount.site, self._follow
         )
@@ -102,7 +103,15 @@ class IndiTelescope:
             async with asyncio.timeout(_FIRST_READING_S):
                 await self._watch.refresh()
         self._renew()
-        self._begin(self._follow_watch())
+        self._follow_on()
+
+    def _follow_on(self) -> None:
+        def died(fault: Exception) -> None:
+            # shown is what was last seen, and isn't renewed: nobody may take it for what is
+            self._died(fault)
+            self._follow_on()
+
+        self._begin(self._follow_watch(), died)
 
     async def close(self) -> None:
         """Follow it no more. Jobs go on."""
@@ -173,7 +182,10 @@ class IndiTelescope:
                 tell(Answer(ABORT, State.OK, "[INFO] stopped"))
             self._changed()
 
-        self._begin(stop())
+        def died(fault: Exception) -> None:
+            tell(Answer.refused(ABORT, f"whether the stop was sent is not known: {fault_words(fault)}"))
+
+        self._begin(stop(), died)
 
     async def take(self, caller: Caller, ordered: Ordered, mode: str) -> Answer:
         """Carry out an order, or refuse it.
@@ -218,17 +230,15 @@ class IndiTelescope:
                 self._say(self, told or Answer.refused(name, str(failure)))
             self._changed()
 
-        self._begin(end())
+        def died(fault: Exception) -> None:
+            self._say(self, Answer.refused(name, f"how it ended is not known: {fault_words(fault)}"))
 
-    def _begin(self, work: Awaitable[None]) -> None:
-        task = asyncio.ensure_future(work)
+        self._begin(end(), died)
+
+    def _begin(self, work: Coroutine[None, None, None], died: Died) -> None:
+        task = begun(work, f"INDI device {self.name}", died=died)
         self._tasks.add(task)
-        task.add_done_callback(self._ended)
-
-    def _ended(self, task: asyncio.Future[None]) -> None:
-        self._tasks.discard(task)
-        if not task.cancelled() and (error := task.exception()) is not None:
-            _log.error("the INDI device %s hit a fault", self.name, exc_info=error)
+        task.add_done_callback(self._tasks.discard)
 
 
 def device_names(telescopes: Sequence[TelescopeSettings]) -> dict[str, str]:

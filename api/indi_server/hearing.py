@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from drivers.indi.codec import Ordered, Pinged, event_of
@@ -40,7 +41,7 @@ class Nonsense:
 
 @dataclass(frozen=True, slots=True)
 class Broken:
-    """What came is not INDI: what was lost can't be known, so the connection ends."""
+    """Something that came is not INDI: what was lost can't be known, so the connection ends after it."""
 
     why: str
 
@@ -56,12 +57,13 @@ class Hearing:
 
     def feed(self, data: bytes) -> list[Heard]:
         """Take bytes, and return what they complete."""
-        found = []
-        for one in self._stream.feed(data):
-            heard = Broken(one.why) if isinstance(one, Malformed) else meant(one)
-            if heard is not None:
-                found.append(heard)
-        return found
+        return [heard for part in self.parts(data) for heard in part]
+
+    def parts(self, data: bytes) -> Iterator[list[Heard]]:
+        """Take bytes, and yield what they complete; see `ElementStream.parts`."""
+        for part in self._stream.parts(data):
+            understood = (Broken(one.why) if isinstance(one, Malformed) else meant(one) for one in part)
+            yield [heard for heard in understood if heard is not None]
 
 
 def meant(element: Element) -> Heard | None:

@@ -6,15 +6,17 @@ import asyncio
 import logging
 
 from api.events import Event
+from api.fair_turns import Turns
 from api.indi_server.answers import Answer
 from api.indi_server.connection import Connection
 from api.indi_server.device import IndiTelescope, device_names
 from api.indi_server.selections import LeftSelections
 from api.indi_server.vectors import saying
-from api.planetarium.listening import MOST_CLIENTS, Listening
+from api.planetarium.listening import Listening
 from api.service import Service
 from mountnav.settings_faces import IndiServerSettings
 from mountnav.sky.coordinates import utc_now
+from mountnav.tasks import begun
 
 _log = logging.getLogger(__name__)
 
@@ -22,6 +24,9 @@ _WORDS = {
     "mount-link-lost": "[ERROR] the link to the mount was lost: {why}",
     "mount-link-back": "[INFO] the link to the mount is back",
     "mount-untrusted": "[WARNING] the mount's position can't be trusted: {why}",
+    "mount-sync-elsewhere": "[ERROR] the mount took a sync for another place, {miss_arcsec}″ off",
+    "mount-refused-but-done": "[ERROR] {why}",
+    "mount-contradiction": "[WARNING] mount and settings contradict each other: {why}",
     "mount-trusted": "[INFO] the mount's position counts again",
     "stop-failed": "[ERROR] the mount could not be stopped: {problem}",
     "mount-limit-stop": "[WARNING] stopped at a limit: {words}",
@@ -46,10 +51,13 @@ class IndiServer:
         self._settings = settings or service.settings.indi_server
         self._connections: set[Connection] = set()
         self._left = LeftSelections()
+        self._turns = Turns()
         telescopes = service.settings.telescope
         names = device_names(telescopes)
         self._devices = {
-            names[one.id]: IndiTelescope(service, one, names[one.id], changed=self._changed, say=self._tell)
+            names[one.id]: IndiTelescope(
+                service, one, names[one.id], changed=self._changed, say=self._tell, died=self._died
+            )
             for one in telescopes
         }
         self._listening = Listening(
@@ -76,7 +84,7 @@ class IndiServer:
         except BaseException:
             await self.stop()
             raise
-        self._events = asyncio.create_task(self._follow_events(), name="INDI messages")
+        self._follow()
 
     async def stop(self) -> None:
         """Let all clients go, and listen no more. Jobs go on."""
@@ -88,12 +96,22 @@ class IndiServer:
             await device.close()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        connection = Connection(self._devices, self._left, reader, writer)
+        connection = Connection(self._devices, self._left, self._turns, reader, writer)
         self._connections.add(connection)
         try:
             await connection.run()
         finally:
             self._connections.discard(connection)
+
+    def _follow(self) -> None:
+        self._events = begun(self._follow_events(), "INDI messages", died=self._died)
+
+    def _died(self, fault: Exception) -> None:
+        """What all clients are told from is gone: they are let go, and find it whole when they come again."""
+        for connection in self._connections:
+            connection.fail(fault)
+        if self._events is not None and self._events.done():
+            self._follow()
 
     def _changed(self) -> None:
         for connection in self._connections:
@@ -112,8 +130,8 @@ class IndiServer:
                     connection.say(device, words)
 
 
-def _full() -> bytes:
-    return saying("", f"[ERROR] goodbye: {MOST_CLIENTS} clients are here already", utc_now())
+def _full(clients: int) -> bytes:
+    return saying("", f"[ERROR] goodbye: {clients} clients are here already", utc_now())
 
 
 def words_of_event(event: Event) -> str | None:

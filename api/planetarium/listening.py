@@ -7,13 +7,15 @@ import contextlib
 import logging
 import socket
 from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 
+from api.descriptors import descriptors_at_hand, shares
 from mountnav.errors import BadSettings
 
 _log = logging.getLogger(__name__)
 
 Serve = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
-MOST_CLIENTS = 64
+_MOST_BUFFERED_BYTES = 65_536
 _MOST_UNTAKEN_BYTES = 65_536
 _GOODBYE_S = 2.0
 _SILENT_S, _ASKED_AGAIN_S, _ASKED_TIMES = 60, 15, 4
@@ -32,19 +34,40 @@ class Listening:
         Serves one client to its end, and closes its writer.
     name : str
         For messages.
-    full : callable () -> bytes, optional
-        What a client is told that comes when `MOST_CLIENTS` are here; it is let go.
+    full : callable (int) -> bytes, optional
+        What a client is told that comes when so many are here already; it is let go.
+    speaks_first : bool
+        Whether clients of this protocol say something as soon as they come. When there are too many, one
+        that never did makes room: it may be a stop that comes.
+    most : int, optional
+        How many clients at a time, half of them from one address; by what the system allows if left out.
+
+    Attributes
+    ----------
+    most : int
     """
 
     def __init__(
-        self, host: str, port: int, serve: Serve, *, name: str, full: Callable[[], bytes] = bytes
+        self,
+        host: str,
+        port: int,
+        serve: Serve,
+        *,
+        name: str,
+        full: Callable[[int], bytes] | None = None,
+        speaks_first: bool = True,
+        most: int | None = None,
     ) -> None:
         self._host, self._port = host, port
         self._serve = serve
         self._name = name
         self._full = full
+        self._speaks_first = speaks_first
+        shared = shares(descriptors_at_hand(), 0)
+        self._burst = shared.burst
+        self.most = shared.door if most is None else most
         self._server: asyncio.Server | None = None
-        self._clients: set[asyncio.Task[None]] = set()
+        self._clients: dict[asyncio.Task[None], _Client] = {}
 
     @property
     def address(self) -> tuple[str, int]:
@@ -63,7 +86,9 @@ class Listening:
             The address can't be had.
         """
         try:
-            self._server = await asyncio.start_server(self._accept, self._host, self._port)
+            self._server = await asyncio.get_running_loop().create_server(
+                self._protocol, self._host, self._port, backlog=self._burst
+            )
         except OSError as error:
             raise BadSettings(
                 f"can't listen on {self._host} port {self._port}: {error.strerror or error}",
@@ -82,15 +107,40 @@ class Listening:
         if clients:
             await asyncio.wait(clients, timeout=_GOODBYE_S)
 
+    def _protocol(self) -> asyncio.StreamReaderProtocol:
+        return asyncio.StreamReaderProtocol(_Reader(_MOST_BUFFERED_BYTES), self._accept)
+
+    def _has_room(self, address: str) -> bool:
+        """Whether one more of this address can be served; a client that never spoke may make room."""
+        own = [one for one in self._clients.values() if one.address == address]
+        if len(own) >= max(1, self.most // 2):
+            crowd = own
+        elif len(self._clients) >= self.most:
+            crowd = list(self._clients.values())
+        else:
+            return True
+        mute = next((one for one in crowd if not one.reader.heard), None) if self._speaks_first else None
+        if mute is None:
+            _log.warning(
+                "%s lets a client from %s go: %d are here already", self._name, address, len(self._clients)
+            )
+            return False
+        del self._clients[mute.task]
+        mute.writer.transport.abort()
+        mute.task.cancel()
+        return True
+
     async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        if len(self._clients) >= MOST_CLIENTS:
-            _log.warning("%s lets a client go: %d are here already", self._name, MOST_CLIENTS)
-            writer.write(self._full())
+        address = str((writer.get_extra_info("peername") or ("",))[0])
+        if not self._has_room(address):
+            if self._full is not None:
+                writer.write(self._full(len(self._clients)))
             writer.close()
             return
         task = asyncio.current_task()
         assert task is not None
-        self._clients.add(task)
+        assert isinstance(reader, _Reader)
+        self._clients[task] = _Client(address, reader, writer, task)
         try:
             _keep_alive(writer.get_extra_info("socket"))
             writer.transport.set_write_buffer_limits(high=_MOST_UNTAKEN_BYTES)
@@ -102,9 +152,28 @@ class Listening:
             # one client's fault is not the others'
             _log.exception("a client of %s hit a fault", self._name)
         finally:
-            self._clients.discard(task)
+            self._clients.pop(task, None)
             with contextlib.suppress(OSError):
                 writer.close()
+
+
+class _Reader(asyncio.StreamReader):
+    """Knows whether its client ever said anything."""
+
+    heard = False
+
+    def feed_data(self, data: bytes) -> None:  # type: ignore[override]
+        """Something came."""
+        self.heard = True
+        super().feed_data(data)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Client:
+    address: str
+    reader: _Reader
+    writer: asyncio.StreamWriter
+    task: asyncio.Task[None]
 
 
 def _keep_alive(connection: socket.socket) -> None:
@@ -118,4 +187,4 @@ def _keep_alive(connection: socket.socket) -> None:
             connection.setsockopt(socket.IPPROTO_TCP, option, value)
 
 
-__all__ = ["MOST_CLIENTS", "Listening", "Serve"]
+__all__ = ["Listening", "Serve"]

@@ -23,6 +23,7 @@ from api.watching import Snapshot, Watch
 from drivers.command import Unreadable
 from drivers.lx200.angles import dec_to_text, ra_to_text
 from mountnav.sky.coordinates import Apparent, Site
+from mountnav.tasks import Died, begun
 
 _log = logging.getLogger(__name__)
 
@@ -52,11 +53,22 @@ class Lx200Client:
         The app's.
     letter : bytes
         What ACK is answered: how the mount stands.
+    died : callable
+        Told of a fault in what goes on beside the answers: LX200 has no word for it, so the connection ends.
     """
 
     def __init__(
-        self, caller: Caller, watch: Watch, ordering: Ordering, site: Site, machine: Machine, letter: bytes
+        self,
+        caller: Caller,
+        watch: Watch,
+        ordering: Ordering,
+        site: Site,
+        machine: Machine,
+        letter: bytes,
+        *,
+        died: Died,
     ) -> None:
+        self.died = died
         self.stops = 0
         """How many stops were heard: orders that were heard before one and wait are dropped."""
         self._caller = caller
@@ -200,8 +212,8 @@ class Lx200Client:
     async def _sync(self) -> bytes:
         target = self._aims.target()
         if target is None:
-            return b"No target was set#"
-        syncing = asyncio.ensure_future(self._ordering.sync(self._caller, target))
+            return b"Not synced: no target was set#"
+        syncing = begun(self._ordering.sync(self._caller, target), "LX200 sync", died=self._sync_failed)
         try:
             async with asyncio.timeout(_SYNC_ANSWERED_S):
                 await asyncio.shield(syncing)
@@ -209,9 +221,13 @@ class Lx200Client:
             return b"Not synced: " + lx200_words.words(refusal.problem.detail) + b"#"
         except TimeoutError:
             # its end is in the journal; the app must not wait longer
-            syncing.add_done_callback(lambda done: done.cancelled() or done.exception())
             return b"Not synced yet#"
         return lx200_words.MATCHED
+
+    def _sync_failed(self, fault: Exception) -> None:
+        """A refusal is an answer, or came too late for one; a fault of ours ends the connection."""
+        if not isinstance(fault, NotTaken):
+            self.died(fault)
 
     async def _quietly(self, order: ParkOrder | UnparkOrder) -> bytes:
         try:
@@ -226,7 +242,7 @@ class Lx200Client:
             _log.info("%s: a guide pulse of %d ms is too long: not taken", self._caller.name, duration_ms)
         elif duration_ms > 0:
             order = GuideOrder.model_validate({"direction": direction, "duration_s": duration_ms / 1000.0})
-            task = asyncio.create_task(self._pulse(order))
+            task = begun(self._pulse(order), "LX200 pulse", died=self.died)
             self._pulses.add(task)
             task.add_done_callback(self._pulses.discard)
         return b""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from typing import Literal
 
-from api.planetarium.lx200_words import plain_angle
+from api.planetarium.lx200_words import app_declination, app_right_ascension
 from api.targets import ApparentTarget
 from drivers.command import Unreadable
 from drivers.lx200.angles import dec_from_text, ra_from_text
@@ -15,8 +15,8 @@ from mountnav.sky.coordinates import utc_now
 
 Half = Literal["r", "d"]
 _READERS: dict[Half, Callable[[bytes], float]] = {
-    "r": lambda wire: ra_from_text(plain_angle(wire)).deg,
-    "d": lambda wire: dec_from_text(plain_angle(wire)).deg,
+    "r": lambda wire: ra_from_text(app_right_ascension(wire)).deg,
+    "d": lambda wire: dec_from_text(app_declination(wire)).deg,
 }
 _TOGETHER = timedelta(seconds=30)
 """Halves that were set further apart are of two targets: a place between them was never meant."""

@@ -9,13 +9,15 @@ from collections import OrderedDict
 from collections.abc import Coroutine
 
 from api.callers import Caller, Face, Role
+from api.fair_turns import Allowance, Turns
 from api.planetarium.lx200_client import Lx200Client, MountLost
 from api.planetarium.lx200_machine import Machine
-from api.planetarium.lx200_words import cut, is_http
+from api.planetarium.lx200_words import Commands, is_http
 from api.planetarium.one_telescope import OneTelescopeServer
 from api.planetarium.ordering import NotTaken
 from api.service import Service
 from mountnav.settings_faces import Lx200ServerSettings
+from mountnav.tasks import Crew, begun
 
 _log = logging.getLogger(__name__)
 
@@ -54,6 +56,7 @@ class Lx200Server(OneTelescopeServer):
         # P: a polar axis, A: altitude and azimuth [LX200 0x06]
         self._letter = b"A" if mounting == "altaz" else b"P"
         self._tasks: set[asyncio.Task[None]] = set()
+        self._turns = Turns()
         self._machines: OrderedDict[str, Machine] = OrderedDict()
 
     def _machine(self, host: str) -> Machine:
@@ -68,20 +71,25 @@ class Lx200Server(OneTelescopeServer):
         host = str((writer.get_extra_info("peername") or ("unknown",))[0])
         # apps open a connection for each command: the machine is the caller
         caller = Caller(f"lx200 {host}", Role.OPERATE, Face.LX200, host)
+        crew = Crew()
         client = Lx200Client(
-            caller, self._watch, self._ordering, self._site, self._machine(host), self._letter
+            caller,
+            self._watch,
+            self._ordering,
+            self._site,
+            self._machine(host),
+            self._letter,
+            died=crew.fail,
         )
         waiting: asyncio.Queue[Waiting | None] = asyncio.Queue(_MOST_WAITING)
-        hearing = asyncio.create_task(self._hear(reader, client, waiting), name=f"{caller.name} is heard")
-        answering = asyncio.create_task(_answer(client, waiting, writer), name=f"{caller.name} is answered")
+        crew.begin(self._hear(reader, client, waiting), f"{caller.name} is heard")
+        answering = crew.begin(_answer(client, waiting, writer), f"{caller.name} is answered")
         try:
-            await answering
+            await crew.until(answering)
         except MountLost as lost:
             _log.info("%s is closed: %s", caller.name, lost)
         finally:
-            for task in (hearing, answering):
-                task.cancel()
-            await asyncio.gather(hearing, answering, return_exceptions=True)
+            await crew.end()
             writer.close()
 
     async def _hear(
@@ -92,7 +100,8 @@ class Lx200Server(OneTelescopeServer):
         Nobody is waited for here, or a stop would be heard late: a client with too many commands waiting is
         answered those, and let go; until then only its stops are heard.
         """
-        first, buffer, surplus = b"", b"", False
+        first, surplus = b"", False
+        commands, allowance = Commands(), Allowance()
         with contextlib.suppress(OSError):
             while data := await reader.read(_AT_ONCE_BYTES):
                 if len(first) < _FIRST_BYTES:
@@ -100,20 +109,24 @@ class Lx200Server(OneTelescopeServer):
                     if is_http(first):
                         _log.warning("%s: a web browser has sent something to the LX200 port", self._id)
                         break
-                buffer += data
-                while True:
-                    command, buffer = cut(buffer)
-                    if command is None:
+                # an order that came before a stop in the same write is dropped by it, and never begun
+                came: list[Waiting] = []
+                async for part in self._turns.each(commands.parts(data)):
+                    for command in part:
+                        if self._is_stop(command):
+                            self._begin_stop(client)
+                        # what was cut off before a stop is refused in its turn
+                        if command != _STOP:
+                            came.append((command, client.stops))
+                for one in came:
+                    if surplus:
                         break
-                    if self._is_stop(command):
-                        self._begin_stop(client)
-                    # what was cut off before a stop is refused in its turn
-                    if command != _STOP and not surplus:
-                        try:
-                            waiting.put_nowait((command, client.stops))
-                        except asyncio.QueueFull:
-                            surplus = True
-                            self._begin_end(waiting)
+                    try:
+                        waiting.put_nowait(one)
+                    except asyncio.QueueFull:
+                        surplus = True
+                        self._begin(waiting.put(None), client)
+                await allowance.spend(len(data))
         await waiting.put(None)
 
     def _is_stop(self, command: bytes) -> bool:
@@ -125,13 +138,11 @@ class Lx200Server(OneTelescopeServer):
     def _begin_stop(self, client: Lx200Client) -> None:
         # its own task: it is sent though its client goes at once
         client.stops += 1
-        self._begin(self._stop(client))
+        self._begin(self._stop(client), client)
 
-    def _begin_end(self, waiting: asyncio.Queue[Waiting | None]) -> None:
-        self._begin(waiting.put(None))
-
-    def _begin(self, work: Coroutine[None, None, None]) -> None:
-        task = asyncio.create_task(work, name=f"LX200 {self._id}")
+    def _begin(self, work: Coroutine[None, None, None], client: Lx200Client) -> None:
+        # LX200 has no word for a stop that failed: the connection ends
+        task = begun(work, f"LX200 {self._id}", died=client.died)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 

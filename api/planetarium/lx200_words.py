@@ -9,6 +9,7 @@ silence for an answer.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 
 from drivers.lx200.angles import dec_to_text, ra_to_text
@@ -22,6 +23,10 @@ _BEGINS = re.compile(rb"[:\x06]")
 _HTTP = re.compile(rb"(?:GET|HEAD|POST|PUT|PATCH|DELETE|OPTIONS|TRACE|CONNECT) ")
 _MOST_WORDS = 48
 """Readers of replies give up beyond 64 bytes or so."""
+_ONE_DIGIT_HOUR = re.compile(rb"[0-9]:")
+_A_WHOLE_TURN = re.compile(rb"24:00(?::00(?:\.0+)?|\.0)")
+_COMMANDS_IN_A_PART = 32
+"""So many are taken in in a turn of the loop, some 0.2 ms; an app sends two or three at once."""
 _QUARTER_S = 900.0
 _SAME_TIME_S = 60.0
 
@@ -36,22 +41,61 @@ def is_http(heard: bytes) -> bool:
 
 def cut(buffer: bytes) -> tuple[bytes | None, bytes]:
     """Cut the next command off: ACK, or ``:...#``; None while it isn't whole. Noise between is dropped."""
-    while (begins := _BEGINS.search(buffer)) is not None:
-        buffer = buffer[begins.start() :]
-        if buffer[:1] == ACK:
-            return ACK, buffer[1:]
-        end = buffer.find(b"#", 0, LONGEST_COMMAND)
+    at = 0
+    while (begins := _BEGINS.search(buffer, at)) is not None:
+        at = begins.start()
+        if buffer[at : at + 1] == ACK:
+            return ACK, buffer[at + 1 :]
+        end = buffer.find(b"#", at, at + LONGEST_COMMAND)
         if end >= 0:
-            return buffer[: end + 1], buffer[end + 1 :]
-        if len(buffer) < LONGEST_COMMAND:
-            return None, buffer
-        buffer = buffer[1:]
+            return buffer[at : end + 1], buffer[end + 1 :]
+        if len(buffer) - at < LONGEST_COMMAND:
+            return None, buffer[at:]
+        at += 1
     return None, b""
+
+
+class Commands:
+    """Bytes in, commands out."""
+
+    def __init__(self) -> None:
+        self._buffer = b""
+
+    def parts(self, data: bytes) -> Iterator[list[bytes]]:
+        """Take bytes, and yield the commands they complete, some at a time: others have a turn in between."""
+        self._buffer += data
+        found: list[bytes] = []
+        while True:
+            command, self._buffer = cut(self._buffer)
+            if command is None:
+                break
+            found.append(command)
+            if len(found) == _COMMANDS_IN_A_PART:
+                yield found
+                found = []
+        yield found
 
 
 def plain_angle(argument: bytes) -> bytes:
     """An angle as the codec knows it: without blanks, its degree sign one byte."""
     return argument.replace(b"\xc2\xb0", b"*").replace(b"\xc3\x9f", b"*").strip()
+
+
+def app_right_ascension(argument: bytes) -> bytes:
+    """A right ascension as the codec knows it: apps write ``5:35:17``, and ``24:00:00`` for what rounds up.
+
+    Only that one: ``24:00:01`` is none. From mounts neither is taken: there they are a damaged answer.
+    """
+    text = plain_angle(argument)
+    if _ONE_DIGIT_HOUR.match(text):
+        text = b"0" + text
+    return b"00" + text[2:] if _A_WHOLE_TURN.fullmatch(text) else text
+
+
+def app_declination(argument: bytes) -> bytes:
+    """A declination as the codec knows it: one without a sign is north, as ``:Sd`` says which angle it is."""
+    text = plain_angle(argument)
+    return b"+" + text if text[:1].isdigit() else text
 
 
 def altitude_text(altitude_deg: float, *, short: bool) -> bytes:
@@ -101,7 +145,10 @@ __all__ = [
     "MATCHED",
     "SLEWING",
     "UPDATING",
+    "Commands",
     "altitude_text",
+    "app_declination",
+    "app_right_ascension",
     "azimuth_text",
     "cut",
     "is_http",

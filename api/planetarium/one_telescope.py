@@ -23,6 +23,8 @@ class OneTelescopeServer(ABC):
         Of the settings, for messages.
     name : str
         Of the port, for messages.
+    speaks_first : bool
+        Whether its clients say something as soon as they come; see `Listening`.
 
     Raises
     ------
@@ -31,12 +33,20 @@ class OneTelescopeServer(ABC):
     """
 
     def __init__(
-        self, service: Service, settings: Lx200ServerSettings | StellariumSettings, *, section: str, name: str
+        self,
+        service: Service,
+        settings: Lx200ServerSettings | StellariumSettings,
+        *,
+        section: str,
+        name: str,
+        speaks_first: bool = True,
     ) -> None:
         self._id = telescope_of(service, settings.telescope, section)
         self._watch = service.desk.watch(self._id)
         self._ordering = Ordering(service.desk, service.audit, self._id)
-        self._listening = Listening(settings.host, settings.port, self._serve, name=name)
+        self._listening = Listening(
+            settings.host, settings.port, self._serve, name=name, speaks_first=speaks_first
+        )
 
     @property
     def address(self) -> tuple[str, int]:

@@ -10,6 +10,7 @@ import contextlib
 import logging
 
 from api.callers import Caller, Face, Role
+from api.fair_turns import Allowance
 from api.planetarium.one_telescope import OneTelescopeServer
 from api.planetarium.ordering import NotTaken
 from api.planetarium.stellarium_codec import GotoStream, NotStellarium, position_message
@@ -17,6 +18,7 @@ from api.service import Service
 from api.targets import IcrsTarget
 from api.watching import Snapshot
 from mountnav.settings_faces import StellariumSettings
+from mountnav.tasks import Crew, waited_for
 
 _log = logging.getLogger(__name__)
 
@@ -42,26 +44,23 @@ class StellariumServer(OneTelescopeServer):
 
     def __init__(self, service: Service, settings: StellariumSettings | None = None) -> None:
         settings = settings or service.settings.stellarium
-        super().__init__(service, settings, section="stellarium", name="Stellarium's port")
+        super().__init__(
+            service, settings, section="stellarium", name="Stellarium's port", speaks_first=False
+        )
         self._gotos: set[asyncio.Task[None]] = set()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         peer = writer.get_extra_info("peername") or ("unknown", 0)
         caller = Caller(f"stellarium {peer[0]}:{peer[1]}", Role.OPERATE, Face.STELLARIUM, str(peer[0]))
-        tasks = [
-            asyncio.create_task(self._tell(writer), name=f"{caller.name} is told"),
-            asyncio.create_task(self._hear(reader, caller), name=f"{caller.name} is heard"),
-        ]
+        crew = Crew()
+        crew.begin(self._tell(writer), f"{caller.name} is told")
+        crew.begin(self._hear(reader, caller), f"{caller.name} is heard")
         try:
-            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            for task in done:
-                task.result()
+            await crew.until_any()
         except NotStellarium as error:
             _log.info("%s is closed: %s", caller.name, error)
         finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            await crew.end()
             writer.close()
 
     async def _tell(self, writer: asyncio.StreamWriter) -> None:
@@ -77,15 +76,16 @@ class StellariumServer(OneTelescopeServer):
             snapshot = self._watch.latest
 
     async def _hear(self, reader: asyncio.StreamReader, caller: Caller) -> None:
-        stream = GotoStream()
+        stream, allowance = GotoStream(), Allowance()
         while data := await reader.read(_AT_ONCE_BYTES):
+            await allowance.spend(len(data))
             gotos = stream.feed(data)
             if gotos:
                 # what was clicked last is meant
                 place = gotos[-1].place
                 target = IcrsTarget(ra_deg=place.ra_deg, dec_deg=place.dec_deg)
                 # its own task: it is ordered, or refused and audited, though its client goes at once
-                going = asyncio.create_task(self._go(caller, target), name=f"{caller.name} goes")
+                going = waited_for(self._go(caller, target), f"{caller.name} goes")
                 self._gotos.add(going)
                 going.add_done_callback(self._gotos.discard)
                 await asyncio.shield(going)

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Request
 
 from api.callers import Role
 from api.faults import SLUGS, responses
-from api.orders import KINDS, MOVING, ModelRunOrder, TrustOrder
+from api.orders import KINDS, MOVING, OVERRULING, ModelRunOrder
 from api.routes.health import doors_view
 from api.security import TheCaller
 from api.service import TheService
@@ -31,7 +31,7 @@ async def get_capabilities(request: Request, service: TheService, caller: TheCal
                 kind=kind,
                 body=body.__name__,
                 moves=kind in MOVING,
-                role="configure" if body is TrustOrder else "operate",
+                role="configure" if body in OVERRULING else "operate",
                 what=(body.__doc__ or "").partition("\n")[0]
                 + (" To put it in force needs configure." if body is ModelRunOrder else ""),
             )

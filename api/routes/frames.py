@@ -18,11 +18,12 @@ from api.night_runner import NightRunner, digest_of
 from api.night_views import FramePathBody, FrameView, frame_view
 from api.routes.night import TheNight
 from api.service import TheService
+from api.solver_work import Upload, in_memory
 from api.uploads import received
 from mountnav.errors import BadFrame, BadRequest, Busy
 from mountnav.frames import Frame
 from mountnav.night.frames_in import Receipt
-from mountnav.reading import frame_from_array, read_frame
+from mountnav.reading import frame_from_array
 from mountnav.sky.coordinates import Icrs
 
 router = APIRouter(prefix="/telescopes", tags=["night"])
@@ -45,7 +46,6 @@ _BODY: dict[str, Any] = {
         "its header alone",
         "content": {
             "multipart/form-data": {"schema": _FORM},
-            "application/fits": _BINARY,
             "application/octet-stream": _BINARY,
             "application/json": {"schema": FramePathBody.model_json_schema()},
         },
@@ -95,7 +95,7 @@ async def send_frame(
         receipt = await _by_json(night, body, target)
     else:
         target = _target(target_ra_deg, target_dec_deg)
-        receipt = await _uploaded(request, service.settings.service.max_upload_mb, night, hold, target)
+        receipt = await _uploaded(request, service, night, hold, target)
     response.headers["Location"] = f"/v1/telescopes/{night.parts.telescope_id}/frames/{receipt.frame_id}"
     answer = await night.result(receipt.frame_id, wait)
     if answer.done or receipt.duplicate:
@@ -155,18 +155,26 @@ def _header_frame(header: dict[str, Any], source: str) -> Frame:
 
 
 async def _uploaded(
-    request: Request, max_upload_mb: float, night: NightRunner, hold: bool, target: Icrs | None
+    request: Request, service: TheService, night: NightRunner, hold: bool, target: Icrs | None
 ) -> Receipt:
     """Take an upload in; its content is kept until it has been looked at."""
     if night.session.frames.waiting >= UPLOADS_WAITING:
         raise Busy("frames wait to be identified", advice="send it again in a while, or send its path")
-    async with received(request, int(max_upload_mb * 1e6)) as upload:
+    async with received(request, int(service.settings.service.max_upload_mb * 1e6)) as upload:
         content = await asyncio.to_thread(_content, upload.file)
         name = upload.name
     digest = await asyncio.to_thread(lambda: hashlib.sha256(content).hexdigest())
 
+    loop = asyncio.get_running_loop()
+
     def read() -> Frame:
-        return read_frame(content, name=name, raw=True)
+        # called in a thread: what a stranger sent is unpacked where the solver's limits hold
+        file = in_memory(np.frombuffer(content, np.uint8))
+        try:
+            reading = service.solver.read_upload(Upload(name, file))
+            return asyncio.run_coroutine_threadsafe(reading, loop).result()
+        finally:
+            os.close(file)
 
     return night.offer_frame(name, digest, read, held=hold, target=target)
 

@@ -9,6 +9,7 @@ from fastapi import APIRouter, Body
 from api.models import JobView
 from api.order_examples import JOB_EXAMPLES, PLACE_EXAMPLES
 from api.orders import (
+    FirstLightOrder,
     HomeOrder,
     LookOrder,
     Order,
@@ -73,6 +74,16 @@ async def recover_telescope(ordering: TheOrdering, body: _Look = None) -> JobVie
     The body may be left out.
     """
     return await ordering.take(RecoverOrder() if body is None else body.recovery())
+
+
+@router.post("/first-light", status_code=202, responses=STARTING)
+async def first_light_telescope(ordering: TheOrdering, body: _Look = None) -> JobView:
+    """Tell a telescope that was set up by eye where it points, and learn its camera: the first night's order.
+
+    Looks, a small move within the limits that shows in which posture the mount stands, a sync, and two more
+    small moves. Up to 10° off. The body may be left out.
+    """
+    return await ordering.take(FirstLightOrder() if body is None else body.first_light())
 
 
 @router.post("/offset", status_code=202, responses=STARTING)

@@ -14,6 +14,7 @@ from api.observatory import Telescope
 from api.pointing_doctor_command import diagnosis_view
 from api.pointing_looks import looks_of_journal
 from api.service import Service, TheService, TheTelescope
+from mountnav.navigation.devices import ConnectReport
 from mountnav.pointing.model.in_force import ModelInForce
 from mountnav.pointing.model.model import PointingModel
 from mountnav.sky.coordinates import utc_now
@@ -37,6 +38,7 @@ async def get_diagnosis(service: TheService, telescope: TheTelescope, hours: Hou
         synced_on=synced_on,
         parity=None if navigator.learned.normal is None else navigator.learned.normal.parity,
         model=_model(telescope),
+        sign_confirmed=_says_the_same(telescope),
     )
 
 
@@ -52,6 +54,13 @@ async def get_drift(service: TheService, telescope: TheTelescope, hours: Hours =
         model=_model(telescope),
         altaz=telescope.navigator.mount.mounting == "altaz",
     )
+
+
+def _says_the_same(telescope: Telescope) -> bool:
+    """Whether the mount has told the longitude that we have, to half a degree."""
+    report = telescope.navigator.mount.told("report")
+    off_deg = report.longitude_off_deg if isinstance(report, ConnectReport) else None
+    return off_deg is not None and abs(off_deg) < 0.5
 
 
 def _model(telescope: Telescope) -> PointingModel | None:

@@ -16,6 +16,7 @@ from api.solve_record import SolveRecord, solve_record
 from api.uploads import received
 from mountnav.errors import BadFrame, Cancelled
 from mountnav.solution import Reason, Verdict
+from mountnav.tasks import waited_for
 
 router = APIRouter(tags=["solve"])
 
@@ -34,7 +35,6 @@ _BODY: dict[str, Any] = {
         "description": "The image: as the part `file` of a form, or the body itself",
         "content": {
             "multipart/form-data": {"schema": _FORM},
-            "application/fits": _BINARY,
             "application/octet-stream": _BINARY,
         },
     }
@@ -95,8 +95,8 @@ async def solve_upload(
 
 async def _unless_gone(request: Request, solving: Coroutine[None, None, Verdict]) -> Verdict:
     """Wait for the verdict, as long as the client does."""
-    solved = asyncio.create_task(solving)
-    gone = asyncio.create_task(_gone(request))
+    solved = waited_for(solving)
+    gone = waited_for(_gone(request))
     both: set[asyncio.Task[Any]] = {solved, gone}
     try:
         await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)

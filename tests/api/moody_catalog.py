@@ -15,10 +15,11 @@ HANGS = Icrs(10.0, 70.0)
 DIES = Icrs(10.0, -70.0)
 DIES_ONCE = Icrs(200.0, -70.0)
 FAILS = Icrs(200.0, 70.0)
+COMPUTES = Icrs(300.0, -70.0)
 
 
 class MoodyCatalog:
-    """The embedded one, but for four places.
+    """The embedded one, but for five places.
 
     Parameters
     ----------
@@ -39,6 +40,8 @@ class MoodyCatalog:
 
         if at(HANGS):
             time.sleep(1000.0)
+        while at(COMPUTES):
+            pass
         if at(FAILS):
             raise ZeroDivisionError("a bug")
         died = self._folder / "died"

@@ -6,7 +6,8 @@ import os
 import time
 from pathlib import Path
 
-from api.solver_messages import Built, Done, Progress, Setup, receive, send
+from api.solver_answers import Built, Done, Fault, Progress
+from api.solver_messages import Setup, receive, send
 from api.solver_process import attached
 from mountnav.errors import BadSettings
 
@@ -20,7 +21,7 @@ def main() -> None:
     while not (folder / "go on").exists():
         time.sleep(0.02)
     if (folder / "fail").exists():
-        send(link, Done(error=BadSettings("no room", device="the cache", advice="make some")))
+        send(link, Done(fault=Fault.of(BadSettings("no room", device="the cache", advice="make some"))))
     else:
         send(link, Built(folder / "index"))
 

@@ -25,7 +25,7 @@ from api.app import create_app
 from api.orders import KINDS, Order
 from api.service import Service
 from api.serving import bind, make_server
-from mountnav.client import AsyncClient, Client, JobFailed, ServiceError, orders, requests, targets
+from mountnav.client import AsyncClient, Client, JobFailed, ServiceError, orders, requests, results, targets
 from mountnav.client.calls import Call, Calls
 from mountnav.client.requests import Request
 from mountnav.client.results import ENDS
@@ -33,7 +33,9 @@ from mountnav.client.sending import Known, Pause, Send, sending
 from mountnav.client.stream import EventReader
 from mountnav.settings import Settings
 
-EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "ten_targets.py"
+DOCS = Path(__file__).parents[2] / "docs"
+EXAMPLE = DOCS / "examples" / "ten_targets.py"
+DESCRIPTION = DOCS / "openapi.json"
 TOML = """
 [service]
 port = 0
@@ -200,7 +202,7 @@ def test_every_kind_of_order_is_one_that_the_service_knows(client: Client) -> No
         "sync": orders.sync(),
         "sync-to": orders.sync_to(targets.altaz(50.0, 180.0)),
         "offset": orders.offset(1.0, 2.0),
-        "flip": orders.flip(targets.named("Vega"), planned_s=10.0),
+        "flip": orders.flip(targets.typed("18h36m56s +38°47′"), planned_s=10.0),
         "park": orders.park(),
         "unpark": orders.unpark(),
         "set-park": orders.set_park(),
@@ -208,7 +210,10 @@ def test_every_kind_of_order_is_one_that_the_service_knows(client: Client) -> No
         "tracking": orders.tracking(True, rate="lunar"),
         "guide": orders.guide("n", 0.5),
         "trust": orders.trust(),
+        "set-site-time": orders.set_site_time(),
+        "accept-site-time": orders.accept_site_time(),
         "recover": orders.recover(),
+        "first-light": orders.first_light(exposure_s=2.0),
         "solve": orders.solve(path="m31.fits", ra_deg=10.7, dec_deg=41.3, radius_deg=2.0, blind="never"),
         "series": orders.series(target=targets.named("Vega"), looks=5),
         "model-run": orders.model_run(points=10, spread="random", seed=3, put_in_force=False),
@@ -571,3 +576,20 @@ def test_the_example_ends_when_somebody_else_holds_the_telescope(
         code = example().main([service.url, "--telescope", "east", "--record", str(tmp_path / "n.jsonl")])
     assert code == 2
     assert "leased" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("ours", "schema"),
+    [
+        (results.TelescopeState, "TelescopeView"),
+        (results.Job, "JobView"),
+        (results.Problem, "Problem"),
+        (results.Stopped, "StopView"),
+        (results.StopAll, "StopAllView"),
+        (results.NextLimit, "LimitAheadView"),
+        (results.SkyObject, "ObjectView"),
+    ],
+)
+def test_the_clients_types_have_the_fields_that_are_described(ours: type, schema: str) -> None:
+    described = json.loads(DESCRIPTION.read_text())["components"]["schemas"][schema]
+    assert set(ours.__annotations__) == set(described["properties"])

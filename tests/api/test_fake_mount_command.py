@@ -106,10 +106,43 @@ def test_files_that_are_not_there_are_named(option: str) -> None:
 
 
 def test_a_refused_file_leaves_the_signals_as_they_were() -> None:
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)
     with pytest.raises(BadSettings):
         run(FakeMount(protocol="lx200", mechanics=Path("/there/is/none")))
-    assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == before
+    assert (signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)) == before
+    assert signal.set_wakeup_fd(-1) == -1
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+@pytest.mark.parametrize("when", ["before it waits", "when it waits"])
+def test_a_signal_ends_it_tidily_whichever_thread_takes_it(
+    tmp_path: Path, number: signal.Signals, when: str
+) -> None:
+    """numpy's BLAS starts threads when it is imported: they take signals that the main thread doesn't."""
+    link = tmp_path / "mount"
+    # the signal is sent to a thread of the library's kind, once before the command waits, once after
+    code = f"""
+import signal, sys, threading, time
+from pathlib import Path
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
+idle = threading.Event()
+older = threading.Thread(target=idle.wait, daemon=True)
+older.start()
+import api.fake_mount_command as command
+strike = lambda: signal.pthread_kill(older.ident, signal.{number.name})
+started = command.Bench.start
+def start(bench):
+    started(bench)
+    if {when!r} == "before it waits":
+        strike()
+    else:
+        threading.Timer(0.2, strike).start()
+command.FakeOnPty.start = start
+sys.exit(command.run(command.FakeMount(protocol="lx200", link=Path({str(link)!r}))))
+"""
+    ended_as = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (ended_as.returncode, ended_as.stderr) == (0, "")
+    assert not link.is_symlink()
 
 
 def test_the_list_tells_all() -> None:

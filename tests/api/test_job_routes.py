@@ -166,7 +166,10 @@ async def test_what_the_service_tells_of_itself(client: httpx.AsyncClient) -> No
     assert {one["kind"] for one in able["kinds"]} == set(KINDS)
     schemas = (await client.get("/openapi.json")).json()["components"]["schemas"]
     assert {one["body"] for one in able["kinds"]} <= set(schemas)
-    assert {one["kind"] for one in able["kinds"] if one["role"] == "configure"} == {"trust"}
+    assert {one["kind"] for one in able["kinds"] if one["role"] == "configure"} == {
+        "trust",
+        "accept-site-time",
+    }
     assert [one["id"] for one in able["telescopes"]] == ["east", "gone"]
     assert able["telescopes"][0]["frame"] == "jnow-apparent"
     assert {"http", "alpaca", "indi", "lx200", "stellarium"} <= set(able["faces"])

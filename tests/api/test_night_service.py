@@ -74,8 +74,10 @@ async def test_a_night_of_uploads_syncs_once_and_replays_the_same(site: NightSit
     others = [(row.recorded, row.replayed) for row in played.report.rows if not row.same]
     assert played.report.same, others
     assert played.report.frames == 7
-    assert played.wire == "the recorded wire, through its driver"
-    assert played.unanswered == 0
+    assert played.report.not_judged == 0
+    assert played.wire is not None
+    assert not played.wire.problem
+    assert played.wire.unanswered == 0
     # uploads leave no file: their recorded solutions were taken
     assert len(played.report.missing) == 7
 
@@ -129,6 +131,7 @@ async def test_a_folder_and_paths_and_headers(site: NightSite) -> None:
     site.app.state.service.nights.of("east").parts.recording.close()
     played = await asyncio.to_thread(play, read_recording(next(site.record.glob("*.jsonl"))), wire=False)
     assert played.report.same
+    assert played.wire is None
     assert played.report.solved_anew == 1
     assert not played.report.missing
 
@@ -173,8 +176,13 @@ async def test_the_night_goes_on_after_a_restart(tmp_path: Path, monkeypatch: py
         assert after["placed"] == 1
         again = await second.client.post("/v1/telescopes/east/frames", content=content)
         assert again.json()["duplicate"]
-    lines = [json.loads(line) for line in next(record.glob("*.jsonl")).read_text().splitlines()]
+    (path,) = record.glob("*.jsonl")
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
     assert [line["kind"] for line in lines].count("header") == 2
+    played = await asyncio.to_thread(play, read_recording(path), solve=False)
+    assert played.report.same
+    assert played.report.not_judged == 0
+    assert "go on: the service was restarted" in [row.replayed for row in played.report.rows]
 
 
 async def test_rain_parks_a_telescope_that_somebody_slews(tmp_path: Path) -> None:

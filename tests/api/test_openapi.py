@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 from api.openapi import FROZEN_PATH, openapi_text
 
@@ -33,3 +34,22 @@ def test_every_problem_is_described_as_problem_json() -> None:
             for status, answer in operation["responses"].items():
                 if int(status) >= 400:
                     assert list(answer["content"]) == ["application/problem+json"], operation["operationId"]
+
+
+def test_what_generators_of_clients_need_to_keep_every_route() -> None:
+    """Of two schemas with one name they keep one, and lose all routes that speak of the other.
+
+    A route whose body has a content type that they don't know is lost as well.
+    """
+    description = json.loads(openapi_text())
+    schemas = description["components"]["schemas"]
+    assert [name for name in schemas if "__" in name] == []
+    titles = [schema.get("title", name) for name, schema in schemas.items()]
+    assert len(set(titles)) == len(titles)
+    known = {"application/json", "application/octet-stream", "multipart/form-data"}
+    for path, operations in description["paths"].items():
+        for method, operation in operations.items():
+            content = operation.get("requestBody", {}).get("content", {})
+            assert set(content) <= known, (method, path, set(content))
+            for of_one in re.findall(r'"\$ref": "#/components/schemas/([^"]+)"', json.dumps(operation)):
+                assert of_one in schemas, (method, path, of_one)

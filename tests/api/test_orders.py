@@ -39,7 +39,7 @@ async def test_a_nudge_goes_that_far_and_is_written_down(client: httpx.AsyncClie
     assert job["state"] == "succeeded", job["problem"]
     after = (await client.get(EAST)).json()["icrs"]
     assert after["dec_deg"] - before["dec_deg"] == pytest.approx(-0.5, abs=0.01)
-    story = (await client.get("/v1/journal", params={"kind": "command", "job": job["id"]})).json()
+    story = (await client.get("/v1/journal", params={"kind": "command", "job_id": job["id"]})).json()
     assert "slew" in str(story)
 
 
@@ -51,7 +51,7 @@ async def test_below_the_limit_nothing_moves_and_the_limit_is_named(client: http
     assert job["problem"]["reasons"] == ["altitude"]
     refusals = (await client.get("/v1/journal", params={"kind": "refusal"})).json()
     assert "altitude" in str(refusals)
-    commands = (await client.get("/v1/journal", params={"kind": "command", "job": job["id"]})).json()
+    commands = (await client.get("/v1/journal", params={"kind": "command", "job_id": job["id"]})).json()
     assert "slew" not in str(commands)
 
 

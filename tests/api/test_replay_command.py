@@ -16,8 +16,11 @@ from api.replay_header import recording_header
 from api.replay_wire import turns_of
 from mountnav.errors import BadRequest, DeviceMissing
 from mountnav.navigation.devices import MountReading
+from mountnav.night.events import Act, Decision, Tick, Why
+from mountnav.night.events_kept import EventsKept
 from mountnav.night.recorded import read_recording
-from mountnav.night.recording import NightRecording
+from mountnav.night.recording import VERSION, NightRecording
+from mountnav.night.states import NightState
 from mountnav.settings import Settings
 from mountnav.sky.coordinates import Apparent
 from tests.api.night_site import night_toml
@@ -33,11 +36,9 @@ def recording(folder: Path) -> Path:
     settings = Settings.parse(night_toml(folder, folder, folder / "safety.txt"))
     header = recording_header(settings.telescope[0], settings)
     kept = NightRecording(folder, header, lambda utc: "night")
-    from mountnav.night.events import Act, Decision, Tick, Why
-
     kept.keep("reading", START, {"reading": MountReading(Apparent(10.0, 20.0, START), START)})
-    kept.keep("event", START, {"event": Tick(START, -30.0, "east-2026-11-21")})
-    kept.keep("decision", START, {"decision": Decision(Act.BEGIN, Why.DARK)})
+    events = EventsKept(kept, lambda utc: "night")
+    events.keep(NightState(), Tick(START, -30.0, "east-2026-11-21"), [Decision(Act.BEGIN, Why.DARK)])
     kept.close()
     return folder / "night.jsonl"
 
@@ -48,16 +49,15 @@ def test_exit_codes_and_what_is_shown(tmp_path: Path) -> None:
     assert same.exit_code == 0, same.output
     assert "all as they were" in same.output
     assert "begin: it is dark" in same.output
+    assert "1 decisions judged" in same.output
     # the night is said to have ended, and by these rules it doesn't
-    text = path.read_text().splitlines()
-    path.write_text(
-        "\n".join([*text, text[-1].replace('"begin"', '"end"').replace("it is dark", "daylight")])
-    )
+    path.write_text(path.read_text().replace('"begin"', '"end"').replace("it is dark", "daylight"))
     other = CliRunner().invoke(app, ["replay", str(path), "--json"])
     assert other.exit_code == 1
     told = json.loads(other.output)
     assert not told["same"]
-    assert [row["recorded"] for row in told["rows"] if not row["same"]] == ["end: daylight"]
+    assert (told["judged"], told["not_judged"]) == (2, 0)
+    assert [row["recorded"] for row in told["rows"]] == ["end: daylight", "-"]
 
 
 def test_other_settings(tmp_path: Path) -> None:
@@ -86,7 +86,7 @@ def test_no_secret_is_recorded(tmp_path: Path) -> None:
 
 def test_an_answer_written_down_before_its_question_is_put_right(tmp_path: Path) -> None:
     path = tmp_path / "wire.jsonl"
-    lines: list[dict[str, object]] = [{"kind": "header", "version": 1, "telescope": "east"}]
+    lines: list[dict[str, object]] = [{"kind": "header", "version": VERSION, "telescope": "east"}]
     said = [
         ("driver->mount", ":GR#"), ("mount->driver", "05:"), ("mount->driver", "00:00#"),
         ("driver->mount", ":GD#"), ("mount->driver", "+20*00:00#"),

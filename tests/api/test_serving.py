@@ -233,16 +233,21 @@ async def test_a_service_with_a_worker(observatory_toml: str, tmp_path: Path) ->
         assert (await client.get("/v1/health")).json()["solver"] == "ready"
 
         # a client that leaves takes its frame along: the process that hangs on it makes room for another
-        before = solver.worker.pid
+        assert solver.uploads is not None
+        before = solver.uploads.pid
         with pytest.raises(httpx.ReadTimeout):
             await client.post("/v1/solve", params=_near(HANGS), content=content, timeout=0.5)
         hanging = asyncio.create_task(client.post("/v1/solve", params=_near(HANGS), content=content))
-        while solver.state != "solving" or solver.worker.pid == before:
+        while solver.uploads.state != "solving" or solver.uploads.pid == before:
             await asyncio.sleep(0.02)
-        # status and stop answer meanwhile, and so does going down
+        # a look has a process of its own, and status and stop answer meanwhile; so does going down
+        looking = await client.post(f"{EAST}/look", json={"exposure_s": 0.2})
+        look = (await client.get(looking.headers["location"], params={"wait": 60})).json()
+        assert look["state"] == "succeeded", look
+        assert solver.uploads.state == "solving"
         assert (await client.get(EAST)).status_code == 200
         assert (await client.post(f"{EAST}/stop")).json()["stopped"] is True
-        last = solver.worker.pid
+        last = solver.uploads.pid
         running.server.should_exit = True
         refused = await hanging
         assert (refused.status_code, refused.json()["type"]) == (503, "urn:mountnav:problem:closing")

@@ -86,9 +86,9 @@ async def test_frames_and_uploads_come_back_solved_and_masters_go_over_once(
     sent: list[Task] = []
     ask = ProcessLink.ask
 
-    async def overheard(self: ProcessLink, message: object, file: int | None = None) -> object:
+    async def overheard(self: ProcessLink, message: object, *files: int) -> object:
         sent.extend([message] if isinstance(message, Task) else [])
-        return await ask(self, message, file)
+        return await ask(self, message, *files)
 
     monkeypatch.setattr(ProcessLink, "ask", overheard)
     settings = replace(SETTINGS, calibration=Calibration(tmp_path, ()))

@@ -62,6 +62,18 @@ def test_a_star_is_taken_to_the_present_by_its_motion() -> None:
     assert found == icrs_of(star, NOW, SITE, AIR)
 
 
+def test_a_typed_position_is_read_before_a_job_begins() -> None:
+    asked = TARGETS.validate_python({"kind": "typed", "text": "12h30m, -10°30′"})
+    assert icrs_of(asked, NOW, SITE, AIR) == Icrs(187.5, -10.5)
+    of_date = TARGETS.validate_python({"kind": "typed", "text": "12h30m, -10°30′", "frame": "jnow-apparent"})
+    assert icrs_of(of_date, NOW, SITE, AIR) == icrs_of(
+        ApparentTarget(ra_deg=187.5, dec_deg=-10.5), NOW, SITE, AIR
+    )
+    for lone in ("12h30m", "10:30", "12 -30"):
+        with pytest.raises(ValidationError, match=r"Declination is missing|hours or degrees"):
+            TARGETS.validate_python({"kind": "typed", "text": lone})
+
+
 def test_names_are_checked_before_a_job_begins() -> None:
     assert isinstance(TARGETS.validate_python({"kind": "name", "name": "jupiter"}), NamedTarget)
     with pytest.raises(ValidationError, match="Betelgeuse"):

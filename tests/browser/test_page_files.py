@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import random
 import re
 import subprocess
 from collections.abc import AsyncIterator
@@ -16,6 +17,8 @@ from fastapi import FastAPI
 
 from api.faults import install
 from api.routes import page
+from mountnav.errors import BadRequest
+from mountnav.sky.typed import TypedName, read_target
 
 WEB = Path(str(files("api").joinpath("web")))
 SERVED = sorted(path for path in WEB.rglob("*") if path.suffix[1:] in page.MEDIA_TYPES)
@@ -108,36 +111,8 @@ def test_the_library_came_with_its_license() -> None:
     assert "uPlot" in (WEB / "vendor" / "uplot.js").read_text()[:100]
 
 
-READ = {
-    "05 34 31.9 +22 00 52": (83.632917, 22.014444),
-    "5h34m31.9s +22d00m52s": (83.632917, 22.014444),
-    "5:34:31.9 -22:00:52": (83.632917, -22.014444),
-    "05 34.5 22 00.9": (83.625, 22.015),
-    "83.633 22.014": (83.633, 22.014),
-    "83.633, −22.014": (83.633, -22.014),
-    "18h36m56.3s, +38°47′01″": (279.234583, 38.783611),
-    "12 30 -00 30 00": (187.5, -0.5),
-    "RA 5h 34m Dec +22°": (83.5, 22.0),
-    "0 0": (0.0, 0.0),
-    "359.9999 -90": (359.9999, -90.0),
-}
-NAMES = ["M 31", "Vega", "3C 273", "47 Tuc", "61 Cyg", "h Per", "S Mon", "HD 12345"]
-WRONG = {
-    "24 00 00 +1 0 0": "24 h",
-    "05 60 00 +1 0 0": "minutes",
-    "05 00 60 +1 0 0": "seconds",
-    "-5 10": "no minus",
-    "10": "Declination is missing",
-    "10 20 30": "comma",
-    "361 0": "360",
-    "10 95": "90",
-    "10 -90 00 01": "90",
-    "12.5 30 10 +10 10 10": "only the last number",
-    "1, 2, 3": "comma",
-    "10 +20 -30": "sign",
-    "5h 22h": "degrees",
-    "1..5 20": "can't be read",
-}
+TABLE = json.loads((Path(__file__).parents[1] / "sky" / "typed_coordinates.json").read_text(encoding="utf-8"))
+"""The same rules as `mountnav.sky.typed`, held to the same table."""
 
 
 def _read(texts: list[str]) -> dict[str, dict[str, object]]:
@@ -150,24 +125,63 @@ def _read(texts: list[str]) -> dict[str, dict[str, object]]:
         "console.log(JSON.stringify(Object.fromEntries(texts.map((one) => [one, readTarget(one)]))));"
     )
     ran = subprocess.run(
-        [node, "--input-type=module", "-e", script], capture_output=True, text=True, check=True, timeout=60
+        [node, "--input-type=module"], input=script, capture_output=True, text=True, check=True, timeout=60
     )
     found: dict[str, dict[str, object]] = json.loads(ran.stdout)
     return found
 
 
 def test_typed_coordinates_are_read_rightly_or_refused_with_the_reason() -> None:
-    found = _read([*READ, *NAMES, *WRONG, "", "  "])
-    for text, (ra_deg, dec_deg) in READ.items():
-        assert found[text]["kind"] == "place", text
+    positions, names, refused, empty = (TABLE[kind] for kind in ("positions", "names", "refused", "empty"))
+    found = _read([*positions, *names, *refused, *empty])
+    for text, (ra_deg, dec_deg, unit) in positions.items():
+        assert found[text]["kind"] == "place", (text, found[text])
         assert found[text]["ra_deg"] == pytest.approx(ra_deg, abs=1e-6), text
         assert found[text]["dec_deg"] == pytest.approx(dec_deg, abs=1e-6), text
-    for text in NAMES:
+        assert found[text]["read"] == unit, text
+    for text in names:
         assert found[text] == {"kind": "name", "name": text}
-    for text, why in WRONG.items():
+    for text, why in refused.items():
         assert found[text]["kind"] == "wrong", (text, found[text])
         assert why in str(found[text]["why"]), (text, found[text])
-    assert found[""]["kind"] == found["  "]["kind"] == "empty"
+    assert all(found[text]["kind"] == "empty" for text in empty)
+
+
+def test_the_page_and_the_service_read_alike() -> None:
+    """Texts strewn from the characters that count: the same answer, word for word."""
+    chance = random.Random(20261123)
+    pieces = [
+        *"0123456789",
+        *"+-.,; :°'\"hmsd",
+        "12",
+        "30",
+        " ",
+        "h",
+        "m",
+        ":",
+        "05",
+        "22.5",
+        "RA",
+        "′",
+        "\u00a0",
+    ]
+    texts = ["".join(chance.choices(pieces, k=chance.randint(1, 14))) for _ in range(20_000)]
+    for text, found in _read(texts).items():
+        try:
+            read = read_target(text)
+        except BadRequest as wrong:
+            said = {"kind": "empty"} if found["kind"] == "empty" else {"kind": "wrong", "why": wrong.what}
+        else:
+            if isinstance(read, TypedName):
+                said = {"kind": "name", "name": read.name}
+            else:
+                said = {
+                    "kind": "place",
+                    "ra_deg": read.ra_deg,
+                    "dec_deg": read.dec_deg,
+                    "read": "hours" if read.ra_in_hours else "degrees",
+                }
+        assert found == said, text
 
 
 def _luminance(color: str) -> float:

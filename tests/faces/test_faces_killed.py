@@ -10,6 +10,7 @@ import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
@@ -126,5 +127,58 @@ async def test_a_request_repeated_after_a_kill_never_slews_twice(moment: str, tm
             if before == 1:
                 assert end["state"] == "failed", end
                 assert end["problem"]["type"].endswith(":interrupted"), end
+            child.send_signal(signal.SIGTERM)
+            await child.wait()
+
+
+async def _ended(url: str, path: str, body: object, key: str) -> dict[str, Any]:
+    answer = await _posted(url, path, body, key)
+    assert answer is not None
+    assert answer.status_code == 202, answer.text
+    async with httpx.AsyncClient(base_url=url, timeout=PATIENCE_S) as http:
+        while True:
+            end = (await http.get(f"/v1/jobs/{answer.json()['id']}", params={"wait": 30})).json()
+            if end["state"] not in ("waiting", "running"):
+                return dict(end)
+
+
+async def _state(url: str) -> dict[str, Any]:
+    async with httpx.AsyncClient(base_url=url, timeout=PATIENCE_S) as http:
+        return dict((await http.get(EAST)).json())
+
+
+@pytest.mark.long
+async def test_a_mount_that_was_moved_while_the_service_was_dead_is_not_trusted(tmp_path: Path) -> None:
+    with fake_on_tcp() as (bench, toml):
+        fake = bench.fake
+        assert isinstance(fake, WireFake)
+        body = {"frame": "jnow-apparent"}
+        here, there, far = up_now(-30.0, 30.0), up_now(-50.0, 10.0), up_now(-20.0, 20.0)
+        places = [body | {"ra_deg": one.ra_deg, "dec_deg": one.dec_deg} for one in (here, there, far)]
+        async with process(tmp_path, toml) as (child, url):
+            await _ended(url, "/trust", None, "t1")
+            assert (await _ended(url, "/slew", places[0], "s1"))["state"] == "succeeded"
+            child.send_signal(signal.SIGKILL)
+            await child.wait()
+        async with process(tmp_path, toml) as (child, url):
+            # it stands where it was left
+            assert (await _state(url))["trusted"] is True
+            child.send_signal(signal.SIGKILL)
+            await child.wait()
+        assert fake.mechanics.slew(there) is None
+        await until(lambda: not fake.mechanics.slewing(), "at rest")
+        for number in range(2):
+            async with process(tmp_path, toml) as (child, url):
+                state = await _state(url)
+                assert state["trusted"] is False
+                assert "from where it was seen last" in state["problem"], state["problem"]
+                end = await _ended(url, "/slew", places[2], f"far {number}")
+                assert end["problem"]["reasons"] == ["untrusted"], end
+                child.send_signal(signal.SIGKILL)
+                await child.wait()
+        async with process(tmp_path, toml) as (child, url):
+            await _ended(url, "/trust", None, "t2")
+            assert (await _ended(url, "/slew", places[2], "s2"))["state"] == "succeeded"
+            assert (await _state(url))["problem"] is None
             child.send_signal(signal.SIGTERM)
             await child.wait()

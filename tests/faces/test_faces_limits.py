@@ -69,7 +69,7 @@ async def test_what_is_not_allowed_moves_nothing_by_any_face() -> None:
         for what, place in FORBIDDEN.items():
             await everywhere_refused(stand, by, what, place())
         # every one of them is in the audit, also those that have no answer
-        rows = (await by["rest"].http.get("/v1/audit", params={"count": 1000})).json()
+        rows = (await by["rest"].http.get("/v1/audit", params={"limit": 1000})).json()
         told = {(row["face"], row["outcome"]) for row in (rows if isinstance(rows, list) else rows["rows"])}
         for face in FACES:
             outcome = "taken" if face == "rest" else "outside-limits"

@@ -1,60 +1,103 @@
 // Angles as people write and read them: typed coordinates in, sexagesimal out. Nothing is guessed silently.
 
-const NUMBERLIKE = /^[\d+\-.,;\s:°'"hmsd]*$/i;
+// The rules stand in mountnav/sky/typed.py, and tests/sky/typed_coordinates.json holds both to them.
+const LONGEST_TEXT = 100;
+const LABEL = /\b(?:ra|dec|alpha|delta|icrs|j2000)\b *[:=]?|[αδ] *[:=]?/gi;
+const NUMBERLIKE = /^[0-9+\-.,; :°'"hmsd]*$/i;
+const NUMBER = "(?:[0-9]+(?:\\.[0-9]*)?|\\.[0-9]+)";
+// one coordinate, its numbers parted in one way: by colons, by blanks, or by units
+const COLONS = new RegExp(`^([+-]?) *(${NUMBER}):(${NUMBER})(?::(${NUMBER}))?$`);
+const BLANKS = new RegExp(`^([+-]?) *(${NUMBER})(?: +(${NUMBER})(?: +(${NUMBER}))?)?$`);
+const UNITS = new RegExp(`^([+-]?) *(${NUMBER}) *([hd°]) *(?:(${NUMBER}) *[m']? *(?:(?<=[m' ])(${NUMBER}) *[s"]?)?)?$`, "i");
+// what may be one coordinate, however its numbers are parted
+const ONE = new RegExp(`^[+-]? *${NUMBER} *[hd°:]?(?: *${NUMBER} *[m':]?(?: *${NUMBER} *[s"]?)?)?$`, "i");
+const MISSING = "Declination is missing, or it is not clear where it begins: put a comma before it, or its sign.";
+
+const strip = (text) => text.replace(/^ +| +$/g, "");
 
 /** What was typed: {kind: "empty"} | {kind: "place", ra_deg, dec_deg, read} | {kind: "name", name} | {kind: "wrong", why}. */
 export function readTarget(text) {
-  const plain = text.trim()
+  const plain = strip(text.replace(/[ \t\n\r\u00a0\u2007\u2009\u202f]+/g, " ")
     .replace(/[−–—]/g, "-").replace(/[′’´]/g, "'").replace(/[″”]|''/g, '"').replace(/º/g, "°")
-    .replace(/[ʰʱ]/g, "h").replace(/ᵐ/g, "m").replace(/ˢ/g, "s");
+    .replace(/[ʰʱ]/g, "h").replace(/ᵐ/g, "m").replace(/ˢ/g, "s"));
   if (!plain) return { kind: "empty" };
-  const bare = plain.replace(/\b(ra|dec|alpha|delta|icrs|j2000)\b\s*[:=]?/gi, " ").replace(/[αδ]\s*[:=]?/g, " ").trim();
-  if (!NUMBERLIKE.test(bare) || !/^[+-]?[\d.]/.test(bare)) return { kind: "name", name: plain };
   try {
-    const [first, second] = halves(bare);
-    const ra = readAngle(first, true), dec = readAngle(second, false);
-    return { kind: "place", ra_deg: ra.deg, dec_deg: dec.deg, read: ra.hours ? "hours" : "degrees" };
+    if ([...text].length > LONGEST_TEXT) throw new Error(`More than ${LONGEST_TEXT} characters.`);
+    const bare = strip(plain.replace(LABEL, " "));
+    if (!NUMBERLIKE.test(bare) || !/^[+-]? *[0-9.]/.test(bare)) return { kind: "name", name: plain };
+    const [first, second] = parted(bare);
+    const ra = readRa(first);
+    return { kind: "place", ra_deg: ra.deg, dec_deg: readDec(second), read: ra.hours ? "hours" : "degrees" };
   } catch (wrong) {
     return { kind: "wrong", why: wrong.message };
   }
 }
 
-function halves(text) {
-  const parts = text.split(/[,;]/).map((one) => one.trim()).filter(Boolean);
-  if (parts.length === 2) return parts;
-  if (parts.length > 2) throw new Error("More than one comma: put one between right ascension and declination, and points in numbers.");
-  const signs = [...text.matchAll(/[+-]/g)].filter((one) => one.index > 0);
-  if (signs.length > 1) throw new Error("There is more than one sign.");
-  if (signs.length === 1) return [text.slice(0, signs[0].index), text.slice(signs[0].index)];
-  const numbers = [...text.matchAll(/[\d.]+/g)];
-  if (numbers.length < 2) throw new Error("Declination is missing.");
-  if (numbers.length % 2 || numbers.length > 6) {
-    throw new Error("Where does right ascension end? Put a comma, or the declination's sign.");
+function parted(text) {
+  const pieces = text.split(/[,;]/).map(strip);
+  if (pieces.length > 2) throw new Error("More than one comma: put one before the declination, and points in numbers.");
+  if (pieces.length === 2) {
+    if (/(?<![0-9.])[0-9]+,[0-9]+$/.test(text)) throw new Error("Is that comma a decimal point? Put a blank after it if it is not.");
+    return pieces;
   }
-  const at = numbers[numbers.length / 2].index;
-  return [text.slice(0, at), text.slice(at)];
+  const signs = [...text.matchAll(/[+-]/g)].map((one) => one.index).filter((at) => at > 0);
+  if (signs.length > 1) throw new Error("There is more than one sign.");
+  if (signs.length === 1) return [strip(text.slice(0, signs[0])), strip(text.slice(signs[0]))];
+  if (ONE.test(text) && !pointsWithin(text)) throw new Error(MISSING);
+  // a coordinate begins after a blank or a unit, never within one's own colons or digits
+  const begins = [...text.matchAll(/(?<=[ °'"hmsd])[0-9.]+/gi)].map((one) => one.index);
+  const ways = begins.map((at) => [strip(text.slice(0, at)), strip(text.slice(at))])
+    .filter(([first, second]) => isCoordinate(first, true) && isCoordinate(second, false));
+  if (ways.length !== 1) throw new Error(ways.length || begins.length < 2 ? MISSING : "That can't be read as a position.");
+  return ways[0];
 }
 
-function readAngle(text, isRa) {
-  const name = isRa ? "Right ascension" : "Declination";
-  const found = text.trim().match(/^([+-]?)\s*(\d+(?:\.\d*)?|\.\d+)\s*([hd°:]?)\s*(?:(\d+(?:\.\d*)?)\s*([m':]?)\s*(?:(\d+(?:\.\d*)?)\s*(s|"|)\s*)?)?$/i);
-  if (!found) throw new Error(`${name} can't be read: "${text.trim()}".`);
-  const [, sign, head, unit, minutes, , seconds] = found;
-  const sexagesimal = minutes !== undefined;
-  const hours = unit.toLowerCase() === "h" || (isRa && sexagesimal && (unit === "" || unit === ":"));
-  if (!isRa && unit.toLowerCase() === "h") throw new Error("Declination is in degrees, not in hours.");
-  if (sexagesimal && head.includes(".")) throw new Error(`${name}: only the last number may have a point.`);
-  if (seconds !== undefined && minutes.includes(".")) throw new Error(`${name}: only the last number may have a point.`);
-  if (Number(minutes ?? 0) >= 60) throw new Error(`${name}: minutes go up to 59.`);
-  if (Number(seconds ?? 0) >= 60) throw new Error(`${name}: seconds go up to 59.`);
-  const size = Number(head) + Number(minutes ?? 0) / 60 + Number(seconds ?? 0) / 3600;
-  if (isRa) {
-    if (sign === "-") throw new Error("Right ascension has no minus.");
-    if (hours ? size >= 24 : size >= 360) throw new Error(`Right ascension goes up to ${hours ? "24 h" : "360°"}.`);
-    return { deg: hours ? size * 15 : size, hours };
+/** Whether a number before the last one has a decimal point: then it is the last of its coordinate. */
+function pointsWithin(text) {
+  return [...text.matchAll(new RegExp(NUMBER, "g"))].slice(0, -1).some(([one]) => one.includes("."));
+}
+
+function isCoordinate(text, hours) {
+  const numbers = numbersOf(text);
+  return numbers !== null && !pointsWithin(text) && (hours || numbers.unit !== "h");
+}
+
+function numbersOf(text) {
+  let found = text.match(COLONS);
+  if (found) return { sign: found[1], unit: ":", head: found[2], minutes: found[3], seconds: found[4] };
+  found = text.match(UNITS);
+  if (found) return { sign: found[1], unit: found[3].toLowerCase() === "h" ? "h" : "°", head: found[2], minutes: found[4], seconds: found[5] };
+  found = text.match(BLANKS);
+  return found && { sign: found[1], unit: "", head: found[2], minutes: found[3], seconds: found[4] };
+}
+
+function sizeOf(name, text) {
+  const numbers = numbersOf(text);
+  if (numbers === null) throw new Error(`${name} can't be read: "${text}".`);
+  if (pointsWithin(text)) throw new Error(`${name}: only the last number may have a point.`);
+  const minutes = Number(numbers.minutes ?? 0), seconds = Number(numbers.seconds ?? 0);
+  if (minutes >= 60) throw new Error(`${name}: minutes go up to 59.`);
+  if (seconds >= 60) throw new Error(`${name}: seconds go up to 59.`);
+  return [Number(numbers.head) + minutes / 60 + seconds / 3600, numbers];
+}
+
+function readRa(text) {
+  const [size, numbers] = sizeOf("Right ascension", text);
+  if (numbers.sign === "-") throw new Error("Right ascension has no minus.");
+  const hours = numbers.unit === "h" || (numbers.minutes !== undefined && numbers.unit !== "°");
+  const alone = numbers.unit === "" && numbers.minutes === undefined;
+  if (alone && !numbers.head.includes(".") && size > 0 && size < 24) {
+    throw new Error(`Is right ascension ${numbers.head} hours or degrees? Write ${numbers.head}h, ${numbers.head}° or ${numbers.head}.0.`);
   }
+  if (size >= (hours ? 24 : 360)) throw new Error(`Right ascension goes up to ${hours ? "24 h" : "360°"}.`);
+  return { deg: hours ? size * 15 : size, hours };
+}
+
+function readDec(text) {
+  const [size, numbers] = sizeOf("Declination", text);
+  if (numbers.unit === "h") throw new Error("Declination is in degrees, not in hours.");
   if (size > 90) throw new Error("Declination goes from -90° to +90°.");
-  return { deg: sign === "-" ? -size : size, hours: false };
+  return numbers.sign === "-" ? -size : size;
 }
 
 function parts(value, digits) {

@@ -54,6 +54,7 @@ const STEPS = {
   look: [["exposing"], ["solving", "solved"]],
   sync: [["exposing"], ["solving", "solved"], ["syncing", "synced"]],
   recover: [["exposing"], ["solving", "solved"], ["confirmed"], ["syncing", "synced"]],
+  "first-light": [["exposing"], ["solving", "solved"], ["confirmed"], ["slewing", "slewed"], ["syncing", "synced"]],
 };
 
 function stepList(steps, phase) {

@@ -65,7 +65,7 @@ export function showJournal(observatory) {
       const date = one.utc.slice(0, 10);
       if (date !== day) items.push(element("li", { class: "day" }, date));
       day = date;
-      const trouble = TROUBLE.includes(one.kind) || one.facts?.solved === false || ["refused", "unknown", "ignored", "stalled", "not sent"].includes(one.facts?.outcome);
+      const trouble = TROUBLE.includes(one.kind) || one.facts?.solved === false || ["refused", "unknown", "refused but done", "ignored", "elsewhere", "stalled", "not sent"].includes(one.facts?.outcome);
       const well = one.kind === "link" && one.words.startsWith("connected");
       items.push(element("li", { class: [trouble ? "trouble" : "", well ? "well" : ""].join(" ").trim() },
         element("time", { datetime: one.utc }, clockOf(one.utc)), element("span", { class: "kind" }, one.kind), element("span", { class: "what" }, one.words)));

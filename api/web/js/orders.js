@@ -64,9 +64,10 @@ export function takeOrders(observatory) {
 
   for (const button of document.querySelectorAll("[data-order]")) {
     const what = button.dataset.order, name = button.textContent;
+    const body = button.dataset.kind ? { kind: button.dataset.kind } : undefined;
     button.addEventListener("click", () => {
-      if (!button.dataset.ask) once(what, what === "look" ? {} : undefined, name);
-      else askOnce(`${observatory.id}: ${button.dataset.ask}`, button, () => once(what, undefined, name));
+      if (!button.dataset.ask) once(what, what === "look" ? {} : body, name);
+      else askOnce(`${observatory.id}: ${button.dataset.ask}`, button, () => once(what, body, name));
     });
   }
   observatory.on("telescope", () => told(""));

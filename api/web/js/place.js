@@ -41,7 +41,8 @@ export function showPlace(observatory) {
     set("link", link, link === "up" || link === null ? "" : "bad");
     const warnings = state ? [...(state.warnings ?? [])] : [];
     if (state?.problem) warnings.unshift(state.problem);
-    if (state?.trusted === false) warnings.unshift("The mount's position is not trusted: nothing slews until a recovery.");
+    if (state?.trusted === false) warnings.unshift("The mount's position is not trusted: nothing slews before a first light, a recovery or a home.");
+    by("contradiction").hidden = !state?.contradiction;
     fill(by("warnings"), ...warnings.map((one) => element("li", {}, one)));
   }
 

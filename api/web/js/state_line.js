@@ -6,8 +6,9 @@ import { clockOf, span } from "./angles.js";
 
 const DOING = {
   center: "Centering", slew: "Slewing", look: "Looking", sync: "Syncing", "sync-to": "Syncing", recover: "Recovering",
+  "first-light": "First light",
   offset: "Nudging", flip: "Flipping", park: "Parking", unpark: "Unparking", home: "Homing", solve: "Solving",
-  series: "Following", "model-run": "Model run", tracking: "Tracking set", trust: "Trusting", guide: "Guiding",
+  series: "Following", "model-run": "Model run", tracking: "Tracking set", trust: "Trusting", "set-site-time": "Site and time set", "accept-site-time": "Accepting", guide: "Guiding",
 };
 
 /** The word for what a telescope does now, its tone, and what else is to be said. */

@@ -46,6 +46,13 @@ export function takeStop(observatory) {
           told("bad", `STOP ${who}: NOT ALL were told. ${missed.join("; ")}. Look at them; use their own hand controls.`);
           return;
         }
+        if (response.ok && answer.stopped === null) {
+          // a mount that takes long: the stop is on its way, and is asked for until it is known
+          const late = (answer.telescopes ?? [{ telescope: who, stopped: null }]).filter((one) => one.stopped === null);
+          told("warn", `STOP ${who}: NOT KNOWN YET whether ${late.map((one) => one.telescope).join(", ")} was told, since ${began} UTC; trying again (${attempt}). Look at it; use its own hand control.`);
+          await new Promise((done) => setTimeout(done, PAUSE_MS));
+          continue;
+        }
         if (response.ok) {
           told("good", `STOP ${who}: told the mount at ${clockOf(new Date())} UTC.`);
           observatory.soon("jobs", 0);

@@ -7,7 +7,7 @@ import socket
 
 import pytest
 
-from api.planetarium.listening import MOST_CLIENTS, Listening
+from api.planetarium.listening import Listening
 
 pytestmark = pytest.mark.asyncio
 
@@ -16,26 +16,57 @@ async def test_a_client_too_many_is_told_and_let_go_and_room_is_made_by_one_that
     left = asyncio.Semaphore(0)
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readexactly(1)
         writer.write(b"hello")
         await reader.read()
         left.release()
 
-    port = Listening("127.0.0.1", 0, serve, name="a test", full=lambda: b"full")
+    port = Listening("127.0.0.1", 0, serve, name="a test", full=lambda count: b"full %d" % count)
     await port.start()
-    clients = [await asyncio.open_connection(*port.address) for _ in range(MOST_CLIENTS)]
+    clients = [await asyncio.open_connection(*port.address) for _ in range(port.most // 2)]
     try:
         async with asyncio.timeout(60.0):
-            for reader, _ in clients:
+            for reader, writer in clients:
+                writer.write(b"?")
                 assert await reader.readexactly(5) == b"hello"
             reader, writer = await asyncio.open_connection(*port.address)
-            assert await reader.read() == b"full"
+            assert await reader.read() == b"full %d" % len(clients)
             writer.close()
             clients.pop()[1].close()
             await left.acquire()
             clients.append(await asyncio.open_connection(*port.address))
+            clients[-1][1].write(b"?")
             assert await clients[-1][0].readexactly(5) == b"hello"
     finally:
         for _, writer in clients:
+            writer.close()
+        await port.stop()
+
+
+@pytest.mark.parametrize("speaks_first", [True, False])
+async def test_clients_that_never_spoke_make_room_where_clients_speak_first(speaks_first: bool) -> None:
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readexactly(1)
+        writer.write(b"hello")
+        await reader.read()
+
+    port = Listening("127.0.0.1", 0, serve, name="a test", speaks_first=speaks_first, most=4)
+    await port.start()
+    mute = [await asyncio.open_connection(*port.address) for _ in range(2)]
+    try:
+        async with asyncio.timeout(60.0):
+            reader, writer = await asyncio.open_connection(*port.address)
+            mute.append((reader, writer))
+            writer.write(b"?")
+            if speaks_first:
+                assert await reader.readexactly(5) == b"hello"
+                with pytest.raises((ConnectionError, asyncio.IncompleteReadError)):
+                    await mute[0][0].readexactly(1)
+            else:
+                with pytest.raises((ConnectionError, asyncio.IncompleteReadError)):
+                    await reader.readexactly(5)
+    finally:
+        for _, writer in mute:
             writer.close()
         await port.stop()
 

@@ -74,3 +74,40 @@ def test_what_is_kept_for_a_machine_is_short_lived(clock: Clock) -> None:
     assert place(Aims(machine)) == (15.0, -5.0)
     clock.on(LIVES.total_seconds() + 1.0)
     assert place(Aims(machine)) is None
+
+
+@pytest.mark.parametrize(
+    ("ra", "dec", "wanted"),
+    [
+        (b"24:00:00", b"+20*30:00", (0.0, 20.5)),
+        (b"24:00.0", b"20*30", (0.0, 20.5)),
+        (b" 5:35:17", b" 20*30:00", (83.820833, 20.5)),
+        (b"5:35:17.3", b"20\xdf30:00", (83.822083, 20.5)),
+        (b"05:35:17", b"-20:30:00", (83.820833, -20.5)),
+    ],
+)
+def test_what_common_apps_send_is_a_place(
+    clock: Clock, ra: bytes, dec: bytes, wanted: tuple[float, float]
+) -> None:
+    aims = Aims(Machine())
+    aims.set("r", ra)
+    aims.set("d", dec)
+    assert place(aims) == pytest.approx(wanted, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("half", "wire"),
+    [
+        *(
+            ("r", one)
+            for one in (b"24:00:01", b"25:00:00", b"-5:35:17", b"5", b"5:35", b"005:35:17", b"", b"5:60:00")
+        ),
+        *(
+            ("d", one)
+            for one in (b"90*00:01", b"91*00:00", b"5*30:00", b"", b"+-20*30", b"*30:00", b"020*30")
+        ),
+    ],
+)
+def test_what_is_no_place_stays_none(clock: Clock, half: str, wire: bytes) -> None:
+    with pytest.raises(Unreadable):
+        Aims(Machine()).set(half, wire)  # type: ignore[arg-type]

@@ -281,7 +281,7 @@ async def test_a_target_whose_half_was_refused_is_none(rig: Rig) -> None:
     one, jobs = await app(rig), len(rig.service.jobs.all())
     await one.set_target(rig.beside(0.2))
     assert await one.ask(b":Sr16:00:00#:Sd+95*00:00#:MS#", "10(0|[1-9].*#)") == b"102No target was set#"
-    assert (await one.ask(b":CM#", ".*#")) == b"No target was set#"
+    assert (await one.ask(b":CM#", ".*#")) == b"Not synced: no target was set#"
     assert len(rig.service.jobs.all()) == jobs
     await one.close()
 

@@ -1,0 +1,276 @@
+"""HTTP connections: how many there may be and how long they may dawdle, so that a stop always gets through.
+
+uvicorn waits without end for the head of a request, and takes as many connections as there are. Here a
+connection that says nothing, or says it too slowly, is closed; one address may hold so many; and when there
+are too many, the one that has been idle for longest makes room. If none is idle, a newcomer is let in all the
+same, to send a stop and nothing else.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import h11
+from starlette.types import ASGIApp, Receive, Scope, Send
+from uvicorn import Config
+from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.server import ServerState
+
+from api.faults import problem
+from api.limits_of_rate import is_stop
+from api.refusals import refusal_response
+from api.safe_headers import SAFE_HEADERS
+
+_log = logging.getLogger(__name__)
+
+_SWEEP_S = 0.5
+_LEAST_BODY_BYTES_S = 1000.0
+"""A body that comes more slowly for `Deadlines.body_s` is given up: 256 kB would take it four minutes."""
+_TOLD_AGAIN_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Deadlines:
+    """How long a client may take, in seconds.
+
+    Attributes
+    ----------
+    head_s : float
+        From its coming, or from the last answer, until the next request's head is there.
+    stop_head_s : float
+        The same where only a stop is waited for.
+    body_s : float
+        For the next piece of a body; and the time over which its rate is judged.
+    answer_s : float
+        To take anything of an answer that waits for it.
+    """
+
+    head_s: float = 10.0
+    stop_head_s: float = 3.0
+    body_s: float = 15.0
+    answer_s: float = 30.0
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """How many connections there may be.
+
+    Attributes
+    ----------
+    most : int
+    each_address : int
+    stops : int
+        Beyond these: for stops alone.
+    """
+
+    most: int = 512
+    each_address: int = 128
+    stops: int = 32
+
+
+class Gate:
+    """Knows all connections; lets in, makes room, ends those that dawdle. Used from the loop's thread alone.
+
+    Parameters
+    ----------
+    bounds : Bounds
+    deadlines : Deadlines, optional
+    """
+
+    def __init__(self, bounds: Bounds, deadlines: Deadlines | None = None) -> None:
+        self._bounds = bounds
+        self.deadlines = deadlines or Deadlines()
+        self._here: dict[str, set[Guarded]] = {}
+        self._stopping: set[Guarded] = set()
+        self._sweeping: asyncio.TimerHandle | None = None
+        self._told_s = -_TOLD_AGAIN_S
+
+    @property
+    def count(self) -> int:
+        """How many connections there are."""
+        return sum(len(ones) for ones in self._here.values()) + len(self._stopping)
+
+    def protocol(self) -> Callable[..., asyncio.Protocol]:
+        """What uvicorn makes connections of: ``Config(http=...)``."""
+        gate = self
+
+        class OfThisGate(Guarded):
+            def __init__(
+                self,
+                config: Config,
+                server_state: ServerState,
+                app_state: dict[str, Any],
+                _loop: asyncio.AbstractEventLoop | None = None,
+            ) -> None:
+                super().__init__(gate, config, server_state, app_state, _loop)
+
+        return OfThisGate
+
+    def came(self, one: Guarded) -> None:
+        """Let a connection in; another one makes room for it, or it may only stop."""
+        if self._sweeping is None:
+            self._sweeping = one.loop.call_later(_SWEEP_S, self._sweep, one.loop)
+        own = self._here.setdefault(one.address, set())
+        if len(own) >= self._bounds.each_address:
+            crowd = own
+        elif self.count - len(self._stopping) >= self._bounds.most:
+            crowd = {each for ones in self._here.values() for each in ones}
+        else:
+            own.add(one)
+            return
+        self._tell(one)
+        idle = [each for each in crowd if each.is_idle]
+        if idle:
+            # who never asked anything goes before a program that keeps its connection open
+            self._drop(min(idle, key=lambda each: (each.answered > 0, each.since_s)))
+            own.add(one)
+            self._here[one.address] = own
+            return
+        one.stops_only = True
+        if len(self._stopping) >= self._bounds.stops:
+            self._drop(min(self._stopping, key=lambda each: (not each.is_idle, each.since_s)))
+        self._stopping.add(one)
+        if not own:
+            del self._here[one.address]
+
+    def went(self, one: Guarded) -> None:
+        """A connection is gone. Twice is fine."""
+        self._stopping.discard(one)
+        own = self._here.get(one.address)
+        if own is not None:
+            own.discard(one)
+            if not own:
+                del self._here[one.address]
+
+    def _drop(self, one: Guarded) -> None:
+        self.went(one)
+        one.transport.abort()
+
+    def _sweep(self, loop: asyncio.AbstractEventLoop) -> None:
+        everybody = [*(each for ones in self._here.values() for each in ones), *self._stopping]
+        for one in everybody:
+            if one.dawdles(_SWEEP_S):
+                self._drop(one)
+        self._sweeping = loop.call_later(_SWEEP_S, self._sweep, loop) if self.count else None
+
+    def _tell(self, one: Guarded) -> None:
+        now_s = one.loop.time()
+        if now_s - self._told_s >= _TOLD_AGAIN_S:
+            self._told_s = now_s
+            _log.warning(
+                "too many connections (%d, the last from %s): idle ones are closed, stops still get through",
+                self.count,
+                one.address,
+            )
+
+
+class Guarded(H11Protocol):
+    """A connection that stands before a gate."""
+
+    def __init__(
+        self,
+        gate: Gate,
+        config: Config,
+        server_state: ServerState,
+        app_state: dict[str, Any],
+        loop: asyncio.AbstractEventLoop | None = None,
+    ) -> None:
+        super().__init__(config, server_state, app_state, loop)
+        self._gate = gate
+        self._served: ASGIApp = self.app
+        self.app = self._serve
+        self.address = ""
+        self.stops_only = False
+        self.answered = 0
+        self.since_s = self.loop.time()
+        """When it came, or was last answered."""
+        self._body_bytes = 0
+        self._body_waited_s = 0.0
+        self._silent_s = 0.0
+        self._deaf_s = 0.0
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether nothing that it asked is being answered: no whole head of a request came since."""
+        return self.cycle is None or self.cycle.response_complete
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """It is there."""
+        super().connection_made(transport)
+        self.address = self.client[0] if self.client else ""
+        self._gate.came(self)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """It is gone."""
+        self._gate.went(self)
+        super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        """Something came."""
+        self._silent_s = 0.0
+        self._body_bytes += len(data)
+        super().data_received(data)
+
+    def on_response_complete(self) -> None:
+        """A request was answered; the next one's time begins."""
+        self.answered += 1
+        self.since_s = self.loop.time()
+        self._body_bytes, self._body_waited_s, self._silent_s, self._deaf_s = 0, 0.0, 0.0, 0.0
+        super().on_response_complete()
+
+    def dawdles(self, tick_s: float) -> bool:
+        """Whether its time is over; to be asked each `tick_s`."""
+        deadlines = self._gate.deadlines
+        if self.is_idle:
+            most_s = deadlines.stop_head_s if self.stops_only else deadlines.head_s
+            return self.loop.time() - self.since_s > most_s
+        if self.flow.write_paused:
+            self._deaf_s += tick_s
+            return self._deaf_s > deadlines.answer_s
+        self._deaf_s = 0.0
+        if self.cycle.more_body and not self.flow.read_paused:
+            self._silent_s += tick_s
+            self._body_waited_s += tick_s
+            slow = (
+                self._body_waited_s > deadlines.body_s
+                and self._body_bytes < _LEAST_BODY_BYTES_S * self._body_waited_s
+            )
+            return slow or self._silent_s > deadlines.body_s
+        return False
+
+    def send_400_response(self, msg: str) -> None:
+        """What was no HTTP is answered as everything is: with the headers that browsers heed."""
+        headers = [
+            (b"content-type", b"text/plain; charset=utf-8"),
+            (b"connection", b"close"),
+            *SAFE_HEADERS,
+        ]
+        for event in (
+            h11.Response(status_code=400, headers=headers, reason=b"Bad Request"),
+            h11.Data(data=msg.encode("ascii", "replace")),
+            h11.EndOfMessage(),
+        ):
+            self.transport.write(self.conn.send(event))
+        self.transport.close()
+
+    async def _serve(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if not self.stops_only or is_stop(scope["method"], scope["path"]):
+            await self._served(scope, receive, send)
+            return
+        found = problem(
+            "too-many-connections",
+            503,
+            "there are too many connections: only a stop is taken now",
+            retryable=True,
+            advice="close some; [service] max_connections and connections_per_address bound them",
+        )
+        answer = refusal_response(scope, found)
+        answer.headers["Connection"] = "close"
+        await answer(scope, receive, send)
+
+
+__all__ = ["Bounds", "Deadlines", "Gate", "Guarded"]

@@ -1,0 +1,141 @@
+"""What a request says besides what is known is refused, not left out: a misspelt bound would bound nothing.
+
+Parameters of the query that a route doesn't have, or that stand twice; keys that stand twice in one object of
+a JSON body, of which the last would win.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any, get_args, get_origin
+
+from fastapi import Depends, Request
+from fastapi.dependencies.models import Dependant
+from starlette.datastructures import Headers
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from api.faults import Refused, problem
+from api.limits_of_rate import is_stop
+from api.refusals import refusal_response
+
+_MOST_TOLD = 5
+_LONGEST = 80
+
+
+async def require_known_query(request: Request) -> None:
+    """Let a request through whose parameters its route knows, each once but for lists.
+
+    Raises
+    ------
+    Refused
+        422 ``bad-request``.
+    """
+    if not request.query_params or is_stop(request.method, request.url.path):
+        # a stop is taken whatever comes with it
+        return
+    dependant = getattr(request.scope.get("route"), "dependant", None)
+    if dependant is None:
+        return
+    known = _parameters(dependant)
+    is_order = request.method == "POST"
+    wrong = []
+    for name in sorted(set(request.query_params)):
+        at = f"query.{name[:_LONGEST]}"
+        if name not in known:
+            what = "an order has no such parameter" if is_order else "there is no such parameter here"
+            wrong.append({"at": at, "what": what})
+        elif not known[name] and len(request.query_params.getlist(name)) > 1:
+            wrong.append({"at": at, "what": "it stands there more than once"})
+    if wrong:
+        told = "; ".join(f"{one['at']}: {one['what']}" for one in wrong[:_MOST_TOLD])
+        advice = (
+            "what is ordered stands in the body"
+            if is_order
+            else f"known here: {', '.join(sorted(known)) or 'none'}"
+        )
+        raise Refused(problem("bad-request", 422, told, advice=advice, errors=wrong[:_MOST_TOLD]))
+
+
+KnownQueryOnly = Depends(require_known_query)
+"""For routers: each of their routes refuses parameters that it doesn't know."""
+
+
+def _parameters(dependant: Dependant) -> dict[str, bool]:
+    """Names of the query, and whether each may stand there several times."""
+    found = {field.alias: _takes_many(field.field_info.annotation) for field in dependant.query_params}
+    for below in dependant.dependencies:
+        found |= _parameters(below)
+    return found
+
+
+def _takes_many(annotation: Any) -> bool:
+    return get_origin(annotation) in (list, tuple, set, frozenset) or any(
+        _takes_many(one) for one in get_args(annotation)
+    )
+
+
+class _Twice(Exception):
+    """A key that stands twice in one object."""
+
+
+def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        names = [name for name, _ in pairs]
+        raise _Twice(next(name for name in names if names.count(name) > 1))
+    return found
+
+
+class PlainJson:
+    """Refuse JSON bodies in which a key stands twice; whatever else is wrong others tell. Plain ASGI.
+
+    Parameters
+    ----------
+    app : ASGIApp
+        Behind a bound on the length of bodies: they are read whole here.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on, with its body, or refuse it."""
+        if scope["type"] != "http" or not _is_json(scope) or is_stop(scope["method"], scope["path"]):
+            await self._app(scope, receive, send)
+            return
+        messages: list[Message] = []
+        while True:
+            message = await receive()
+            messages.append(message)
+            if message["type"] != "http.request" or not message.get("more_body", False):
+                break
+        body = b"".join(one.get("body", b"") for one in messages)
+        try:
+            json.loads(body, object_pairs_hook=_once)
+        except _Twice as twice:
+            name = str(twice)[:_LONGEST]
+            found = problem(
+                "bad-request",
+                422,
+                f"body: the key {name!r} stands twice in one object",
+                advice="say each thing once",
+                errors=[{"at": f"body.{name}", "what": "it stands there more than once"}],
+            )
+            await refusal_response(scope, found)(scope, receive, send)
+            return
+        except (ValueError, RecursionError):
+            # no JSON: whoever reads it tells so
+            pass
+
+        async def again() -> Message:
+            return messages.pop(0) if messages else await receive()
+
+        await self._app(scope, again, send)
+
+
+def _is_json(scope: Scope) -> bool:
+    kind = Headers(scope=scope).get("content-type", "").partition(";")[0].strip().lower()
+    return kind == "application/json" or kind.endswith("+json")
+
+
+__all__ = ["KnownQueryOnly", "PlainJson", "require_known_query"]
