@@ -28,7 +28,10 @@ $(VENV)/.set-up: requirements.lock pyproject.toml
 demo: $(VENV)/.set-up
 	$(BIN)/mountnav demo $(if $(KEEP),--keep)
 
-test: check
+# The tests' own code is compiled once, beside the check, and not by each process that runs them.
+test: $(VENV)/.set-up
+	@$(BIN)/python -m pytest --collect-only --quiet > /dev/null 2>&1 & compiling=$$!; \
+		$(MAKE) --no-print-directory check && { wait $$compiling || true; }
 	$(BIN)/python -m pytest -m "not long" -n $(PYTEST_WORKERS) --dist worksteal $(PYTEST_ARGS)
 
 check: $(VENV)/.set-up

@@ -1,13 +1,13 @@
 """A thousand centerings over random observatories, judged by the truth that only the simulator knows.
 
-Run: python -m benchmarks.centerings [--centerings 1000] [--wired 100] [--first 0] [--seeds 17 23] [--verbose]
+Run: python -m benchmarks.centerings [--centerings 1000] [--wired 100] [--first N] [--seeds 17 23] [--verbose]
 
 Each seed is an observatory (mount, errors, backlash, steps, what it does with syncs, clouds, false
 solutions, incidents) with four targets one after the other; `--wired` of the centerings go through the real
 drivers, over lines in memory. A centering is right when the tube truly looks at the target within the
 tolerance and the service says so; or when the sky, the limits or the mount don't allow it, and the service
 says that. What passes (a cloud, an unplugged cable) is waited for and ordered again, as an operator does. The
-exit code is 1 when fewer than 99.5 % of those that physics allows were centered, when anything was said
+exit code is 1 when fewer than 99.9 % of those that physics allows were centered, when anything was said
 wrongly, when a sync was sent on a place where the tube didn't look, or when the tube was ever beyond a limit.
 """
 
@@ -22,7 +22,7 @@ import time
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from typing import Any, cast
 
 from benchmarks.judging import (
@@ -35,7 +35,7 @@ from benchmarks.judging import (
     way_is_clear,
     wrong_syncs,
 )
-from benchmarks.worlds import AIR, WIRES, Observatory, World, built, drawn, target
+from benchmarks.worlds import AIR, WIRES, Observatory, ShiftedClock, World, built, drawn, target
 from drivers.simulated.incidents import let_happen
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import (
@@ -65,7 +65,7 @@ TARGETS = 4
 LONGEST_S = 900.0
 TRIES = 4
 LEARNED_AFTER = 3
-WANTED = 0.995
+WANTED = 0.999
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +122,7 @@ def navigator(made: Observatory, journal: MemoryJournal, events: list[tuple[str,
         mount=made.mount,
         camera=made.camera,
         catalog=cast("Catalog", None),  # the solver brings its own
-        site=world.site,
+        site=world.service_site,
         air=AIR,
         policy=policy,
         listen=lambda kind, data: events.append((kind, data)),
@@ -130,7 +130,7 @@ def navigator(made: Observatory, journal: MemoryJournal, events: list[tuple[str,
         limits=world.limits,
         sync=SyncPolicy(),
         journal=journal,
-        clock=made.clock,
+        clock=ShiftedClock(made.clock, world.service_clock_off_s),
         mounting=world.machine.mounting,
     )
 
@@ -141,7 +141,8 @@ def lived(seed: int, wire: str | None = None, targets: int = TARGETS, verbose: b
     clock = VirtualClock(world.start)
     outcome = Outcome()
     loop = VirtualLoop(clock)
-    patched = for_all_modules(clock) if wire is not None else contextlib.nullcontext()
+    ours = ShiftedClock(clock, world.service_clock_off_s)
+    patched = for_all_modules(ours) if wire is not None else contextlib.nullcontext()
     with patched:
         try:
             loop.run_until_complete(_life(world, clock, outcome, targets, verbose))
@@ -380,11 +381,16 @@ def report(outcomes: Iterable[Outcome], took_s: float) -> bool:
     return share >= WANTED and not (wrong or beyond or unclosed)
 
 
+def seed_of_the_day() -> int:
+    """Seeds that change: what a benchmark has been made to pass isn't all that it is asked."""
+    return 1_000_000 * int(datetime.now(UTC).strftime("%j")) + 10_000 * (datetime.now(UTC).year % 100)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--centerings", type=int, default=1000)
     parser.add_argument("--wired", type=int, default=100)
-    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--first", type=int, help="the first seed; of the day if left out")
     parser.add_argument("--seeds", type=int, nargs="*")
     parser.add_argument("--wire", choices=WIRES)
     parser.add_argument("--verbose", action="store_true")
@@ -392,13 +398,15 @@ def main() -> int:
     logging.disable(logging.WARNING)
     began = time.monotonic()
     runs: list[tuple[int, str | None]]
+    first = asked.first if asked.first is not None else seed_of_the_day()
     if asked.seeds:
         runs = [(seed, asked.wire) for seed in asked.seeds]
     else:
         wired = asked.wired // TARGETS
         free = asked.centerings // TARGETS - wired
-        runs = [(asked.first + number, None) for number in range(free)]
-        runs += [(asked.first + 100_000 + number, WIRES[number % len(WIRES)]) for number in range(wired)]
+        print(f"seeds from {first}")
+        runs = [(first + number, None) for number in range(free)]
+        runs += [(first + 100_000 + number, WIRES[number % len(WIRES)]) for number in range(wired)]
     outcomes = []
     for seed, wire in runs:
         if asked.verbose:

@@ -1,26 +1,29 @@
 """Print a table of every shared frame: solved or why not, error against the truth, pairs, odds, time.
 
-Run: python -m benchmarks.frames [rendered|real|all] [word in the file's name]
+Run: python -m benchmarks.frames [rendered|real|all] [word in the file's name] [--profile paper] [--budget 5]
+
+The budget is in seconds of processor time, for identification.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
 import os
 import random
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.errors import BadFrame
 from mountnav.frames import Frame, Hint
+from mountnav.identification.settings import IdentificationSettings
 from mountnav.reading import read_frame
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, separation_arcsec
 from mountnav.solution import Verdict
-from mountnav.solve import solve
+from mountnav.solve import SolveSettings, solve
 
 SEED = 20230511
 
@@ -156,13 +159,13 @@ def asked(known: Known, frame: Frame) -> Hint:
     return hint
 
 
-def row(known: Known) -> str:
+def row(known: Known, settings: SolveSettings | None = None) -> str:
     """Solve a frame and write a line of the table."""
     frame = read(known)
     start = f"| {'/'.join(known.path.parts[-2:])} | {known.grade} | {known.field_deg:.2f}"
     if isinstance(frame, BadFrame):
         return f"{start} | unreadable | | | | | | | {frame} |"
-    verdict = solve(frame, embedded_catalog(), hint=asked(known, frame))
+    verdict = solve(frame, embedded_catalog(), hint=asked(known, frame), settings=settings)
     times = verdict.times
     end = f"{times.measure_s:.2f} | {times.identify_s:.2f} | {verdict.measured}: {verdict.detail} |"
     solution, error = verdict.solution, known.error_px(verdict)
@@ -177,8 +180,18 @@ def row(known: Known) -> str:
 
 
 def main() -> None:
-    which = sys.argv[1] if len(sys.argv) > 1 else "all"
-    word = sys.argv[2] if len(sys.argv) > 2 else ""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("which", nargs="?", choices=["rendered", "real", "all"], default="all")
+    parser.add_argument("word", nargs="?", default="")
+    parser.add_argument("--profile", choices=["measured", "paper"], default="measured")
+    parser.add_argument("--budget", type=float, default=30.0)
+    arguments = parser.parse_args()
+    which, word = arguments.which, arguments.word
+    settings = SolveSettings(
+        identification=IdentificationSettings.profile(arguments.profile), budget_s=arguments.budget
+    )
     shared = shared_folder()
     titles = "frame, grade, field °, solved, error px, pairs, rms ″, p false, measure s, identify s, detail"
     print("| " + titles.replace(", ", " | ") + " |")
@@ -187,7 +200,7 @@ def main() -> None:
         real(shared) if which != "rendered" else []
     ):
         if word in str(known.path):
-            print(row(known), flush=True)
+            print(row(known, settings), flush=True)
 
 
 if __name__ == "__main__":

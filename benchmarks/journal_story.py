@@ -65,7 +65,8 @@ def _commands(
     known = Counter(
         command.order
         for command, end in commands
-        if end is not None and end.outcome in (Outcome.DONE, Outcome.LATE, Outcome.IGNORED, Outcome.STALLED)
+        if end is not None
+        and end.outcome in (Outcome.DONE, Outcome.LATE, Outcome.IGNORED, Outcome.ELSEWHERE, Outcome.STALLED)
     )
     got = Counter(received)
     for order in _ORDERS:

@@ -43,7 +43,7 @@ from mountnav.sky.sphere import separation_arcsec
 ERRORS = PointingErrors(ih_arcsec=500.0, id_arcsec=-400.0, ch_arcsec=150.0, ma_arcsec=200.0)
 SAME_ARCSEC = 40.0
 """An order on the wire and its row name the same place to within the wire's steps."""
-KNOWN = (Outcome.DONE, Outcome.LATE, Outcome.IGNORED, Outcome.STALLED)
+KNOWN = (Outcome.DONE, Outcome.LATE, Outcome.IGNORED, Outcome.ELSEWHERE, Outcome.STALLED)
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,6 +30,7 @@ from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.stars import Catalog
 from mountnav.identification.accuracy import accuracy_table, deviations, pooled
+from mountnav.identification.settings import IdentificationSettings
 from mountnav.simulation.sky_kinds import KINDS
 from mountnav.solve_settings import SolveSettings
 
@@ -190,9 +191,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--radius", type=float, default=0.25, help="of the hint, degrees")
     parser.add_argument("--epoch", type=float, default=2026.9, help="Julian year of the frames")
     parser.add_argument("--budget", type=float, default=30.0, help="seconds for identification")
+    parser.add_argument("--profile", choices=["measured", "paper"], default="measured")
     parser.add_argument("--jobs", type=int, default=1)
     asked = parser.parse_args(arguments)
-    settings = SolveSettings(budget_s=asked.budget)
+    profile = IdentificationSettings.profile(asked.profile)
+    settings = SolveSettings(identification=profile, budget_s=asked.budget)
     numbers = list(range(asked.frames)) if asked.only is None else [asked.only]
     runs: dict[tuple[str, str], list[Result]] = {}
     for preset in TELESCOPES if asked.preset == "all" else [asked.preset]:

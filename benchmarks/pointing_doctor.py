@@ -300,6 +300,10 @@ def make(illness: str, rng: np.random.Generator, synced: bool, kind: str = "any"
         case "longitude":
             one.ahead_s = -2.0 * one.site.longitude_deg * 240.0 / SIDEREAL
             wanted, looks = (Illness.LONGITUDE_SIGN,), night(one, synced=synced)
+        case "service":
+            # ours, not the mount's: the readings agree with what is seen
+            wanted, looks = (Illness.LONGITUDE_SIGN,), night(one, synced=synced)
+            one.site = replace(one.site, longitude_deg=-one.site.longitude_deg)
         case "hemisphere":
             one.sense = -1.0
             wanted, looks = (Illness.HEMISPHERE,), night(one, synced=synced)
@@ -374,6 +378,7 @@ ILLNESSES = (
     "slip",
     "slip>3°",
     "reclocked",
+    "service",
 )
 
 

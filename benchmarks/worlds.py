@@ -7,7 +7,7 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
-from typing import Any
+from typing import Any, Literal
 
 import erfa
 
@@ -34,7 +34,7 @@ from mountnav.simulation.sky_seen import SeenThrough, SkySeen
 from mountnav.simulation.virtual_time import VirtualClock
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_observed
 from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site
-from mountnav.sky.sphere import separation_arcsec
+from mountnav.sky.sphere import displaced, separation_arcsec
 
 AIR = Air(pressure_hpa=930.0, temperature_c=5.0, relative_humidity=0.7)
 WIRES = ("lx200", "nexstar", "synscan", "ioptron", "skywatcher")
@@ -74,6 +74,18 @@ class World:
     trusted : bool
         False: it was switched on just now, somewhere.
     sun_up : bool
+    camera : {"sound", "frozen", "one-behind"}
+        What its camera does with its frames.
+    camera_clock_off_s : float
+        The camera's clock minus UTC.
+    service_longitude_off_deg, service_clock_off_s : float
+        What the service's settings and clock are wrong by.
+    mount_longitude_off_deg : float
+        What the site in the mount is wrong by; its clock is the machine's.
+    loose : {"", "flop", "wind"}
+        "flop": a mirror that lies otherwise on each side of the meridian; "wind": gusts that shake the tube.
+    loose_arcsec : float
+        By how much.
     """
 
     seed: int
@@ -94,6 +106,18 @@ class World:
     correct_by: str
     trusted: bool
     sun_up: bool
+    camera: Literal["sound", "frozen", "one-behind"] = "sound"
+    camera_clock_off_s: float = 0.0
+    service_longitude_off_deg: float = 0.0
+    service_clock_off_s: float = 0.0
+    mount_longitude_off_deg: float = 0.0
+    loose: Literal["", "flop", "wind"] = ""
+    loose_arcsec: float = 0.0
+
+    @property
+    def service_site(self) -> Site:
+        """Where the service takes the telescope to stand."""
+        return _moved(self.site, self.service_longitude_off_deg)
 
     @property
     def worst_error_deg(self) -> float:
@@ -110,7 +134,8 @@ class World:
             errors.backlash_arcsec,
             errors.periodic_amplitude_arcsec,
         )
-        return sum(abs(part) for part in parts) / 3600.0
+        # a clock or a site in the mount that is wrong is told, and nothing is slewed by it
+        return (sum(abs(part) for part in parts) + self.loose_arcsec) / 3600.0
 
     @property
     def floor_arcsec(self) -> float:
@@ -282,13 +307,74 @@ def _script(chance: random.Random, seed: int, wire: str | None) -> SkyScript:
     )
 
 
+class ShiftedClock(VirtualClock):
+    """The service's clock, wrong by so many seconds."""
+
+    def __init__(self, true: VirtualClock, off_s: float) -> None:
+        super().__init__(true.utc())
+        self._true = true
+        self._off_s = off_s
+
+    def set_right(self) -> None:
+        """Let it show the true time from now on."""
+        self._off_s = 0.0
+
+    def utc(self) -> datetime:
+        """What the service takes for UTC."""
+        return self._true.utc() + timedelta(seconds=self._off_s)
+
+    def monotonic(self) -> float:
+        """Its seconds."""
+        return self._true.monotonic()
+
+    def monotonic_s(self) -> float:
+        """Its seconds."""
+        return self._true.monotonic_s()
+
+
+class LooseTube(Mechanics):
+    """Mechanics with a tube in which something lies loose: what the mount can't know of at all."""
+
+    def __init__(self, world: World, clock: VirtualClock) -> None:
+        super().__init__(world.site, AIR, world.errors, machine=world.machine, clock=clock)
+        self._world = world
+        self._gust_s = random.Random(f"wind {world.seed}").uniform(7.0, 23.0)
+        if world.mount_longitude_off_deg:
+            self.set_believed_site(_moved(world.site, world.mount_longitude_off_deg))
+
+    def truth(self, utc: datetime | None = None) -> Icrs:
+        """Where the optical axis looks."""
+        place = super().truth(utc)
+        world = self._world
+        if world.loose == "flop":
+            east = self.true_hour_angle(utc).ha_deg > 0.0
+            return displaced(place, world.loose_arcsec * (0.5 if east else -0.5), 0.2 * world.loose_arcsec)
+        if world.loose == "wind":
+            utc = utc or self._clock()
+            at_s = (utc - world.start).total_seconds()
+            swing = self.gust_arcsec(utc) * math.sin(at_s * math.tau / self._gust_s)
+            return displaced(place, swing, 0.5 * swing)
+        return place
+
+    def gust_arcsec(self, utc: datetime) -> float:
+        """How far the tube swings east and west at an instant: gusts that come and go within minutes."""
+        if self._world.loose != "wind":
+            return 0.0
+        at_s = (utc - self._world.start).total_seconds()
+        return self._world.loose_arcsec * max(0.0, math.sin(at_s / 97.0) * math.sin(at_s / 41.0))
+
+
+def _moved(site: Site, longitude_deg: float) -> Site:
+    return replace(site, longitude_deg=(site.longitude_deg + longitude_deg + 180.0) % 360.0 - 180.0)
+
+
 @dataclass
 class Observatory:
     """A world that runs: what the service gets, and what only the judge may see."""
 
     world: World
     clock: VirtualClock
-    mechanics: Mechanics
+    mechanics: LooseTube
     mount: Any
     camera: TruthCamera
     solve: SkySeen
@@ -301,34 +387,61 @@ class Observatory:
 
 def built(world: World, clock: VirtualClock) -> Observatory:
     """Build it; within a `VirtualLoop`, and `for_all_modules` where it has a wire."""
-    mechanics = Mechanics(world.site, AIR, world.errors, machine=world.machine, clock=clock)
+    mechanics = LooseTube(world, clock)
     mechanics.sync_behavior = world.sync_behavior
     mechanics.sync_late_s = world.sync_late_s
     mount: Any
     line = None
     if world.wire is None:
-        mount = SimulatedMount(mechanics, clock, world.behavior, trusted=world.trusted)
+        ours = ShiftedClock(clock, world.service_clock_off_s)
+        mount = SimulatedMount(mechanics, ours, world.behavior, trusted=world.trusted)
     else:
         fake = make_fake(world.wire, None, mechanics, clock=clock, monotonic=clock.monotonic)
-        log = WireLog(monotonic=clock.monotonic)
-        line = MemoryLine(fake, clock, log)
-        language = _LANGUAGES[world.wire](Link(line, Patience(), log), world.site)
-        mount = DrivenMount(language, timing=Timing(longest_backoff_s=4.0), site=world.site)
-    camera = TruthCamera(mechanics, clock, world.script, world.through, turned_deg=world.turned_deg)
+        line = MemoryLine(fake, clock, WireLog(monotonic=clock.monotonic))
+        mount = _driven(world, line, clock)
+    camera = TruthCamera(
+        mechanics,
+        clock,
+        world.script,
+        world.through,
+        turned_deg=world.turned_deg,
+        clock_off_s=world.camera_clock_off_s + world.service_clock_off_s,
+        habit=world.camera,
+        ails_from=random.Random(f"ails {world.seed}").randrange(6) if world.camera == "frozen" else 0,
+    )
     solve = SkySeen(world.script, clock, world.through, began_utc=world.start)
     if not world.trusted:
         # it was switched on just now: it takes itself to be at home, and doesn't track
         mechanics.reboot()
     made = Observatory(world, clock, mechanics, mount, camera, solve, line)
+    _listen(made)
+    return made
+
+
+def met_again(made: Observatory) -> None:
+    """A new driver for its mount, as after a start of the service with the world's present settings."""
+    assert made.world.wire is not None
+    assert made.line is not None
+    made.mount = _driven(made.world, made.line, made.clock)
+    _listen(made)
+
+
+def _driven(world: World, line: MemoryLine, clock: VirtualClock) -> DrivenMount:
+    assert world.wire is not None
+    log = WireLog(monotonic=clock.monotonic)
+    language = _LANGUAGES[world.wire](Link(line, Patience(), log), world.service_site)
+    return DrivenMount(language, timing=Timing(longest_backoff_s=4.0), site=world.service_site)
+
+
+def _listen(made: Observatory) -> None:
     _judge_syncs(made)
 
     def hear(what: str, facts: object) -> None:
         if what == "untrusted":
             # nearer to the pole a rotation tells little of the camera's angle
-            made.solved_in_trust = sum(abs(dec_deg) < 80.0 for dec_deg in solve.solved_dec_deg)
+            made.solved_in_trust = sum(abs(dec_deg) < 80.0 for dec_deg in made.solve.solved_dec_deg)
 
-    mount.listen(hear)
-    return made
+    made.mount.listen(hear)
 
 
 def _judge_syncs(made: Observatory) -> None:

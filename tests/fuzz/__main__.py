@@ -1,0 +1,150 @@
+"""``python -m tests.fuzz [--seconds N] [--target NAME ...]``: fuzz each target so long; 1 if one broke.
+
+Guided by coverage where atheris is installed, each target in a process of its own; else by chance. An input
+that breaks a target is kept in its corpus: the next `make test` fails on it until it is mended.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import random
+import subprocess
+import sys
+import time
+import traceback
+import warnings
+from importlib.util import find_spec
+from pathlib import Path
+
+
+def _keep(name: str, data: bytes) -> Path:
+    from tests.fuzz.targets import CORPORA
+
+    folder = CORPORA / name
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"broke-{hashlib.sha256(data).hexdigest()[:12]}"
+    path.write_bytes(data)
+    return path
+
+
+def _tried(name: str, data: bytes) -> None:
+    """Run one input; what breaks is kept, told and raised."""
+    from tests.fuzz.targets import TARGETS
+
+    try:
+        TARGETS[name].run(data)
+    except BaseException as fault:
+        if isinstance(fault, KeyboardInterrupt):
+            raise
+        print(f"{name}: broken by {_keep(name, data)}", flush=True)
+        raise
+
+
+def mutated(data: bytes, others: list[bytes], rng: random.Random) -> bytes:
+    """The input with some of its bytes changed, cut, doubled, or put together with another's."""
+    found = bytearray(data)
+    for _ in range(rng.choice((1, 1, 2, 4, 16))):
+        at = rng.randrange(len(found) + 1)
+        match rng.randrange(7):
+            case 0 if found:
+                found[at % len(found)] = rng.randrange(256)
+            case 1 if found:
+                found[at % len(found)] ^= 1 << rng.randrange(8)
+            case 2:
+                found[at:at] = rng.randbytes(rng.randrange(1, 9))
+            case 3:
+                del found[at : at + rng.randrange(1, 40)]
+            case 4:
+                piece = found[at : at + rng.randrange(1, 60)]
+                found[at:at] = piece * rng.randrange(1, 20)
+            case 5:
+                other = rng.choice(others)
+                start = rng.randrange(len(other) + 1)
+                found[at:] = other[start:]
+            case _:
+                word = rng.choice(_WORDS)
+                found[at : at + len(word)] = word
+    return bytes(found)
+
+
+_WORDS = (
+    b"NaN", b"1e999", b"-1", b"null", b"true", b"[]", b"{}", b'""', b"0", b"\0", b"\xff\xff\xff\xff",
+    b"9" * 30, b"1" * 5000, b"-0", b"#", b":", b"\r\n", b"0001-01-01T00:00:00+23:59",
+    b"\xc3\xa4", b"\xed\xa0\x80", b"2147483648", b"18446744073709551616", b"'", b'"', b"<", b">", b"&#0;",
+)  # fmt: skip
+
+
+def by_chance(name: str, seconds: float, seed: int) -> int:
+    """Mutate the corpus for so long; how many inputs were tried."""
+    from tests.fuzz.targets import corpus
+
+    rng, inputs, count = random.Random(seed), corpus(name), 0
+    for data in inputs:
+        _tried(name, data)
+    until_s = time.monotonic() + seconds
+    while time.monotonic() < until_s:
+        _tried(name, mutated(rng.choice(inputs), inputs, rng))
+        count += 1
+    return count
+
+
+def _guided(name: str, seconds: float) -> None:
+    """Let atheris find its way; never returns."""
+    import atheris
+
+    with atheris.instrument_imports(include=["mountnav", "drivers", "api"]):
+        from tests.fuzz.targets import CORPORA, corpus
+    import tempfile
+
+    seeds = Path(tempfile.mkdtemp(prefix=f"fuzz-{name}-"))
+    for number, data in enumerate(corpus(name)):
+        (seeds / f"{number:03d}").write_bytes(data)
+    options = [f"-max_total_time={seconds:.0f}", "-max_len=20000", "-timeout=60", "-rss_limit_mb=3000"]
+    options += [f"-artifact_prefix={CORPORA}/{name}-", "-verbosity=0", "-print_final_stats=1"]
+    atheris.Setup([sys.argv[0], *options, str(seeds)], lambda data: _tried(name, data))
+    atheris.Fuzz()
+
+
+def main() -> int:
+    """Fuzz."""
+    parser = argparse.ArgumentParser(prog="python -m tests.fuzz")
+    parser.add_argument("--seconds", type=float, default=10.0, help="for each target")
+    parser.add_argument("--target", action="append", help="only this one; may be given again")
+    parser.add_argument("--seed", type=int, default=int(time.time()), help="for the search by chance")
+    parser.add_argument("--guided", help=argparse.SUPPRESS)
+    chosen = parser.parse_args()
+    warnings.simplefilter("ignore")
+    if chosen.guided:
+        _guided(chosen.guided, chosen.seconds)
+        return 0
+    from tests.fuzz.targets import TARGETS
+
+    broken = []
+    for name in chosen.target or TARGETS:
+        if find_spec("atheris"):
+            command = [sys.executable, "-m", "tests.fuzz", "--guided", name, "--seconds", str(chosen.seconds)]
+            ended = subprocess.run(command, check=False, capture_output=True, text=True)
+            told = [line for line in ended.stderr.splitlines() if "number_of_executed_units" in line]
+            print(
+                name,
+                *told,
+                "ok" if ended.returncode == 0 else ended.stdout + ended.stderr[-3000:],
+                flush=True,
+            )
+            broken += [name] if ended.returncode else []
+            continue
+        try:
+            print(
+                f"{name}: {by_chance(name, chosen.seconds, chosen.seed)} inputs, seed {chosen.seed}",
+                flush=True,
+            )
+        except Exception:
+            traceback.print_exc()
+            broken.append(name)
+    print(f"broken: {', '.join(broken)}" if broken else "nothing broke", flush=True)
+    return 1 if broken else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

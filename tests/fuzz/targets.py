@@ -1,0 +1,427 @@
+"""What is fuzzed: each target takes any bytes, and raises nothing but what its parser promises."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+from astropy.io import fits
+from PIL import Image
+
+from api.indi_server.hearing import Hearing
+from api.planetarium import lx200_words, stellarium_codec
+from api.solver_answers import BadAnswer, Done, Fault, Progress, Ready, read, written
+from drivers.alpaca import codec as alpaca_codec
+from drivers.alpaca import image_bytes
+from drivers.command import Command, Unreadable
+from drivers.fault_files import parse_faults
+from drivers.indi.xml_stream import ElementStream
+from drivers.recording import read_dialogue
+from mountnav.catalog.packed.header import decode_header as decode_packed
+from mountnav.catalog.readers import open_reader
+from mountnav.errors import BadFrame, BadRequest, BadSettings, MountnavError
+from mountnav.identification.blind.file_format import Header, decode_header, encode_header
+from mountnav.journal.wanted import Mark
+from mountnav.night.recorded import read_recording
+from mountnav.pointing.limits.horizon import Horizon
+from mountnav.pointing.model.model import PointingModel
+from mountnav.pointing.model.run_file import read_run
+from mountnav.pointing.model.tpoint_file import read_observations_text
+from mountnav.pointing.observation_file import read_observations
+from mountnav.reading import read_frame
+from mountnav.settings import Settings
+from mountnav.simulation.machine_file import MachineFile
+from mountnav.simulation.pointing_errors import PointingErrors
+from mountnav.simulation.sky_script import SkyScript
+from tests.fuzz import files
+
+CORPORA = Path(__file__).parent / "corpora"
+"""A folder for each target: inputs that once broke it, or that reach far."""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A parser under fuzz.
+
+    Attributes
+    ----------
+    run : callable (bytes)
+        Whatever it raises is a finding.
+    seeds : callable () -> list of bytes
+        Good inputs to begin with, beside the kept corpus.
+    """
+
+    run: Callable[[bytes], None]
+    seeds: Callable[[], list[bytes]]
+
+
+def corpus(name: str) -> list[bytes]:
+    """The seeds of a target, and what is kept of it."""
+    folder = CORPORA / name
+    kept = [one.read_bytes() for one in sorted(folder.iterdir())] if folder.is_dir() else []
+    return [*TARGETS[name].seeds(), *kept]
+
+
+@contextlib.contextmanager
+def _promised(*kinds: type[Exception]) -> Iterator[None]:
+    """What a parser raises by its promise is an answer; an error of ours says something."""
+    try:
+        yield
+    except kinds as told:
+        if not str(told):
+            raise AssertionError("an error without a word") from told
+
+
+def _file(read_it: Callable[[Path], object], ending: str = "") -> Callable[[bytes], None]:
+    """A parser that wants a path."""
+
+    def run(data: bytes) -> None:
+        path = files.folder() / f"input{ending}"
+        path.write_bytes(data)
+        with _promised(MountnavError):
+            read_it(path)
+
+    return run
+
+
+def _text(read_it: Callable[[str], object]) -> Callable[[bytes], None]:
+    """A parser that wants text."""
+
+    def run(data: bytes) -> None:
+        with _promised(MountnavError):
+            read_it(data.decode("utf-8", "replace"))
+
+    return run
+
+
+# -- frames --------------------------------------------------------------------------------------------------
+
+
+def _frame(data: bytes) -> None:
+    with _promised(BadFrame):
+        frame = read_frame(data)
+        assert frame.pixels.ndim == 2
+        assert frame.exposure_s is None or math.isfinite(frame.exposure_s)
+
+
+def _frames() -> list[bytes]:
+    rng = np.random.default_rng(1)
+    pixels = rng.integers(0, 60_000, (20, 24)).astype(np.uint16)
+    header = fits.Header()
+    header["DATE-OBS"], header["EXPTIME"], header["OBJCTRA"] = "2026-11-21T03:04:05.6", 2.0, "05 40 12"
+    header["OBJCTDEC"], header["FOCALLEN"], header["XPIXSZ"] = "+30 01 02", 400.0, 3.76
+    header["BAYERPAT"], header["SITELAT"], header["SITELONG"] = "RGGB", "+48 10 00", "11 30 00"
+    found = []
+    for hdus in (
+        [fits.PrimaryHDU(pixels, header)],
+        [fits.PrimaryHDU(), fits.ImageHDU(pixels.astype(np.float32), header)],
+        [fits.PrimaryHDU(), fits.CompImageHDU(pixels, header)],
+        [fits.PrimaryHDU(), fits.CompImageHDU(pixels, header, compression_type="GZIP_2")],
+    ):
+        file = io.BytesIO()
+        fits.HDUList(hdus).writeto(file)
+        found.append(file.getvalue())
+    for kind in ("PNG", "JPEG", "TIFF", "BMP"):
+        file = io.BytesIO()
+        Image.fromarray((pixels >> 8).astype(np.uint8)).save(file, kind)
+        found.append(file.getvalue())
+    import bz2
+    import gzip
+
+    return [*found, gzip.compress(found[0], mtime=0), bz2.compress(found[0])]
+
+
+# -- wires ---------------------------------------------------------------------------------------------------
+
+_CODECS = {
+    "lx200": ("codec", "am5_codec", "onstep_codec", "tenmicron_codec", "gemini", "astro_physics", "dialect"),
+    "nexstar": ("codec", "passthrough", "handsets"),
+    "ioptron": ("codec", "codec_v2", "greeting", "orders"),
+    "skywatcher": ("codec",),
+}
+
+
+@cache
+def _commands(family: str) -> tuple[Command[object], ...]:
+    """Each question of a family whose reply can be read: the constants of its codecs, in dicts too."""
+    found: list[Command[object]] = []
+    for name in _CODECS[family]:
+        module = import_module(f"drivers.{family}.{name}")
+        for value in vars(module).values():
+            many = (
+                value.values() if isinstance(value, dict) else value if isinstance(value, tuple) else (value,)
+            )
+            found += [one for one in many if isinstance(one, Command)]
+        for maker, arguments in _MADE.items():
+            if hasattr(module, maker):
+                with contextlib.suppress(TypeError):
+                    made = getattr(module, maker)(*arguments)
+                    found += [made] if isinstance(made, Command) else []
+    if family == "skywatcher":
+        codec = import_module("drivers.skywatcher.codec")
+        axis = next(iter(codec.Axis))
+        for maker in (
+            "counts_per_turn",
+            "timer_hz",
+            "fast_ratio",
+            "features",
+            "status",
+            "position",
+            "worm_counts",
+        ):
+            found.append(getattr(codec, maker)(axis))
+        found.append(codec.board())
+    return tuple(found)
+
+
+_MADE: dict[str, tuple[object, ...]] = {
+    "set_ra": (10.0,),
+    "set_dec": (10.0,),
+    "slew": (10.0, 20.0),
+    "echo": (b"x",),
+}
+
+
+def _replies(family: str) -> Callable[[bytes], None]:
+    def run(data: bytes) -> None:
+        for command in _commands(family):
+            for final in (False, True):
+                with _promised(Unreadable):
+                    found = command.read(data, final)
+                    assert found is None or 0 <= found.length <= len(data)
+
+    return run
+
+
+_SAID = [
+    b"05:35:17#", b"-05*23:28#", b"+89*59'59.9#", b"1", b"0", b"0Below horizon#", b"1Object#", b"AUTO#",
+    b"nNpH#", b"n#", b"e5#", b"On-Step#", b"10micron GM1000HPS#", b"2026-11-21#", b"+002#", b"G\x00\x01#",
+    b"12AB,4000#", b"12AB0500,40000500#", b"\x04\x15#", b"x#", b"0030#", b"+0123456789012345678901#",
+    b"+12345678901234567890#", b"=\r", b"=000000\r", b"=563412\r", b"!0\r", b"=0210A1\r", b"=301\r",
+]  # fmt: skip
+
+
+def _xml(data: bytes) -> None:
+    whole, parts = ElementStream(), ElementStream()
+    together = whole.feed(data)
+    pieces = [one for at in range(0, len(data), 7) for one in parts.feed(data[at : at + 7])]
+    assert len(together) == len(pieces)
+
+
+def _heard(data: bytes) -> None:
+    hearing = Hearing()
+    for at in range(0, len(data), 50):
+        hearing.feed(data[at : at + 50])
+
+
+_XML = [
+    b'<getProperties version="1.7"/><enableBLOB device="a">Never</enableBLOB>',
+    b'<newNumberVector device="T" name="EQUATORIAL_EOD_COORD"><oneNumber name="RA">5:35:17</oneNumber>'
+    b'<oneNumber name="DEC">-5.4</oneNumber></newNumberVector>',
+    b'<newSwitchVector device="T" name="TELESCOPE_ABORT_MOTION"><oneSwitch name="ABORT">On</oneSwitch>'
+    b"</newSwitchVector>",
+    b'<setBLOBVector device="C" name="CCD1"><oneBLOB name="CCD1" size="3" format=".fits" enclen="4">'
+    b"QUJD</oneBLOB></setBLOBVector>",
+    b'<?xml version="1.0"?><!-- note --><message message="a &lt; b &#65;"/>',
+]
+
+
+def _lx200_server(data: bytes) -> None:
+    buffer, turns = data, 0
+    lx200_words.is_http(data)
+    while buffer:
+        command, buffer = lx200_words.cut(buffer)
+        turns += 1
+        assert turns <= len(data) + 1
+        if command is None:
+            break
+        with _promised(ValueError):
+            lx200_words.plain_angle(command)
+
+
+def _stellarium(data: bytes) -> None:
+    reader = stellarium_codec.GotoStream()
+    with _promised(ValueError):
+        for at in range(0, len(data), 9):
+            for goto in reader.feed(data[at : at + 9]):
+                assert 0.0 <= goto.place.ra_deg < 360.0
+                assert abs(goto.place.dec_deg) <= 90.0
+
+
+def _alpaca(data: bytes) -> None:
+    for kind in ("application/json", "application/imagebytes", "text/html"):
+        with _promised(alpaca_codec.Malformed, MountnavError):
+            value = alpaca_codec.read_answer(data, kind, 1).value
+            for understood in (
+                alpaca_codec.number,
+                alpaca_codec.integer,
+                alpaca_codec.truth,
+                alpaca_codec.text,
+                alpaca_codec.instant,
+                alpaca_codec.named_values,
+            ):
+                with _promised(alpaca_codec.Malformed):
+                    understood(value)
+        with _promised(alpaca_codec.Malformed, MountnavError):
+            image_bytes.read_image(data, kind, 1)
+
+
+_ALPACA = [
+    b'{"Value": 12.5, "ClientTransactionID": 1, "ServerTransactionID": 2, "ErrorNumber": 0}',
+    b'{"Value": "2026-11-21T03:04:05.1234567Z", "ClientTransactionID": 1, "ErrorNumber": 0}',
+    b'{"Value": [{"Name": "Slewing", "Value": false}], "ClientTransactionID": 1, "ErrorNumber": 0}',
+    b'{"Type": 2, "Rank": 2, "Value": [[1, 2], [3, 4]], "ClientTransactionID": 1, "ErrorNumber": 0}',
+    b"".join(one.to_bytes(4, "little") for one in (1, 0, 1, 2, 44, 2, 2, 2, 2, 2, 0, 1, 2, 3, 4)),
+]
+
+
+def _solver_answer(data: bytes) -> None:
+    with _promised(BadAnswer):
+        read(data)
+
+
+def _catalog(kind: str, ending: str) -> Callable[[bytes], None]:
+    def read_it(path: Path) -> None:
+        reader = open_reader(kind, path)
+        for part in reader.parts():
+            for _ in reader.read(part):
+                pass
+
+    return _file(read_it, ending)
+
+
+_ECSV = b"""# %ECSV 1.0
+# ---
+# datatype:
+# - {name: source_id, datatype: int64}
+# - {name: ra, datatype: float64, unit: deg}
+# - {name: dec, datatype: float64, unit: deg}
+# - {name: pmra, datatype: float64}
+# - {name: pmdec, datatype: float64}
+# - {name: ref_epoch, datatype: float64}
+# - {name: phot_g_mean_mag, datatype: float64}
+source_id,ra,dec,pmra,pmdec,ref_epoch,phot_g_mean_mag
+1,10.0,20.0,1.0,2.0,2016.0,12.0
+2,10.1,20.1,,,2016.0,null
+"""
+
+_SETTINGS = b"""[site]
+latitude_deg = 48.1
+longitude_deg = 11.6
+[solving.identification]
+stages = [[12, 50]]
+[[telescope]]
+id = "east"
+[telescope.mount]
+url = "fake+lx200://"
+[telescope.camera]
+kind = "simulated"
+"""
+
+
+def _index_head(data: bytes) -> None:
+    with _promised(BadSettings):
+        header, _ = decode_header(data, file="index")
+        header.layout()
+        assert math.isfinite(header.epoch_yr)
+
+
+def _json_lines(*lines: dict[str, object]) -> bytes:
+    return "".join(json.dumps(one) + "\n" for one in lines).encode()
+
+
+TARGETS: dict[str, Target] = {
+    "frame": Target(_frame, _frames),
+    "settings": Target(_text(lambda text: Settings.parse(text)), lambda: [_SETTINGS]),
+    "faults": Target(
+        _text(lambda text: parse_faults(text)),
+        lambda: [b'seed = 1\n[[fault]]\nkind = "silent"\ncommand = ":GR#"\n'],
+    ),
+    "dialogue": Target(
+        _file(read_dialogue),
+        lambda: [_json_lines({"t": 1.2, "dir": "driver->mount", "hex": "3a", "meaning": ""})],
+    ),
+    "night-recording": Target(
+        _file(read_recording),
+        lambda: [
+            _json_lines(
+                {"kind": "header", "version": 1}, {"kind": "event", "utc": "2026-11-21T00:00:00+00:00"}
+            )
+        ],
+    ),
+    "observations": Target(
+        _file(read_observations),
+        lambda: [_json_lines({"utc": "2026-11-21T00:00:00Z", "seen": {"ra_deg": 1.0, "dec_deg": 2.0}})],
+    ),
+    "tpoint": Target(
+        _text(lambda text: read_observations_text(text)), lambda: [b"label\n:NODA\n+48 10 00\n10 20\nEND\n"]
+    ),
+    "model": Target(
+        _text(lambda text: PointingModel.from_json(text)), lambda: [b'{"format": "mountnav-model"}']
+    ),
+    "run": Target(_file(read_run), lambda: [b'# plan {"points": [], "fresh": [], "telescope": "a"}\n']),
+    "horizon": Target(_file(Horizon.read), lambda: [b"# az alt\n0 10\n90 20\n180 15\n"]),
+    "machine": Target(
+        _file(MachineFile.from_toml), lambda: [b"[machine]\n[errors]\nih_arcsec = 2.0\n[clock]\n"]
+    ),
+    "errors": Target(_file(PointingErrors.from_toml), lambda: [b"ih_arcsec = 2.0\n"]),
+    "sky-script": Target(_file(SkyScript.from_toml), lambda: [b"[[cloud]]\nfrom_s = 1.0\n"]),
+    "blind-index": Target(
+        _index_head, lambda: [encode_header(Header("c", "0" * 64, 2000.0, 10, [10], [10]))]
+    ),
+    "packed-header": Target(
+        lambda data: _packed(data),
+        lambda: [b"MNAVCAT\x00" + (2).to_bytes(4, "little") + (20).to_bytes(4, "little")],
+    ),
+    "gaia-csv": Target(_catalog("gaia", ".csv"), lambda: [_ECSV, _ECSV.replace(b"# ", b"#", 1)]),
+    "gaia-votable": Target(
+        _catalog("gaia", ".vot"), lambda: [b"<?xml version='1.0'?><VOTABLE><RESOURCE/></VOTABLE>"]
+    ),
+    "gaia-fits": Target(files.catalog("gaia", "gaia.fits"), lambda: [files.gaia_fits()]),
+    "gaia-parquet": Target(files.catalog("gaia", "gaia.parquet"), lambda: [files.gaia_parquet()]),
+    "ucac4": Target(files.catalog("ucac4", files.UCAC4_NAME), lambda: [files.ucac4_zone()]),
+    "usno-b1": Target(files.catalog("usno-b1", "b0010.cat"), lambda: [files.usno_zone()]),
+    "astap": Target(files.catalog("astap", files.ASTAP_NAME), lambda: [files.astap_area()]),
+    "siril": Target(files.catalog("siril", "siril_cat.dat"), lambda: [files.siril_file()]),
+    "astrometry-net": Target(
+        files.catalog("astrometry-net", "index-5206.fits"), lambda: [files.index_file()]
+    ),
+    "packed": Target(files.read_packed, lambda: [files.packed()]),
+    "journal": Target(files.read_journal, lambda: [files.journal()]),
+    "indi-blob": Target(files.blob, files.blobs),
+    "lx200": Target(_replies("lx200"), lambda: _SAID),
+    "nexstar": Target(_replies("nexstar"), lambda: _SAID),
+    "ioptron": Target(_replies("ioptron"), lambda: _SAID),
+    "skywatcher": Target(_replies("skywatcher"), lambda: _SAID),
+    "indi-xml": Target(_xml, lambda: _XML),
+    "indi-server": Target(_heard, lambda: _XML),
+    "lx200-server": Target(
+        _lx200_server, lambda: [b":GR#:Sr05:35:17#:Sd-05*23:28#:MS#", b"\x06:Q#", b"GET / HTTP/1.1"]
+    ),
+    "stellarium": Target(
+        _stellarium, lambda: [(20).to_bytes(2, "little") + bytes(10) + (1 << 30).to_bytes(4, "little") * 2]
+    ),
+    "alpaca": Target(_alpaca, lambda: _ALPACA),
+    "solver-answer": Target(
+        _solver_answer,
+        lambda: [
+            written(one) for one in (Ready(1.0, ("x",)), Progress(0.5), Done(fault=Fault("BadFrame", "x")))
+        ],
+    ),
+    "cursor": Target(
+        _text(lambda text: Mark.decoded(text)), lambda: [b"WyIyMDI2LTExLTIxVDAwOjAwOjAwKzAwOjAwIiwxLDJd"]
+    ),
+}
+
+
+def _packed(data: bytes) -> None:
+    with _promised(BadSettings, BadRequest):
+        decode_packed(data, file="packed")
