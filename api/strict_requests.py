@@ -17,9 +17,13 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from api.faults import Refused, problem
 from api.limits_of_rate import is_stop
 from api.refusals import refusal_response
+from mountnav.parsing import repeated
 
 _MOST_TOLD = 5
+"""Wrong parameters that one refusal names; a query may hold thousands. Doubled: a longer answer."""
+
 _LONGEST = 80
+"""Characters of a stranger's name that a refusal repeats: ours have 30. Doubled: a longer answer."""
 
 
 async def require_known_query(request: Request) -> None:
@@ -81,8 +85,7 @@ class _Twice(Exception):
 def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
     found = dict(pairs)
     if len(found) != len(pairs):
-        names = [name for name, _ in pairs]
-        raise _Twice(next(name for name in names if names.count(name) > 1))
+        raise _Twice(repeated(name for name, _ in pairs)[0])
     return found
 
 

@@ -14,6 +14,7 @@ from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
 
 from mountnav.errors import BadSettings
 from mountnav.navigation.devices import Camera, Mount
+from mountnav.parsing import repeated
 from mountnav.sky.coordinates import Site
 
 GROUP = "mountnav.mounts"
@@ -109,9 +110,7 @@ def read_url(url: str) -> MountUrl:
         pairs = parse_qsl(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query))
     except ValueError as cause:
         raise wrong(f"can't be read: {cause}", f"for example {_EXAMPLE}") from cause
-    names = [name for name, _ in pairs]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
+    if twice := sorted(repeated(name for name, _ in pairs)):
         raise wrong(f"says {', '.join(twice)} more than once", "say each option once")
     if parts.fragment or url.endswith("#"):
         raise wrong("has a # in it", "write %23 for a # in a name")

@@ -1,7 +1,9 @@
 """TOML and JSON that somebody else wrote, parsed by the library: a refusal is a syntax error with its place.
 
 The parsers give up on deep nesting and on numbers of thousands of digits with errors of other kinds, and
-tomllib takes a time that grows with the square of a dotted key's parts: 22 s for 40 kB of ``a.a.a``.
+tomllib takes a time that grows with the square of a dotted key's parts: 22 s for 40 kB of ``a.a.a``. A whole
+number of some hundred digits they take, and whoever makes a float of it gets an OverflowError: it is refused
+here.
 """
 
 from __future__ import annotations
@@ -9,7 +11,11 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from typing import Any
+from collections import Counter
+from collections.abc import Hashable, Iterable
+from typing import Any, TypeVar
+
+_Name = TypeVar("_Name", bound=Hashable)
 
 MOST_KEY_PARTS = 32
 """Parts of a dotted key; ours have four at most. tomllib takes 0.1 ms for as many; twice as many, 0.4."""
@@ -17,6 +23,10 @@ MOST_KEY_PARTS = 32
 MOST_TOML_BYTES = 1_000_000
 """Longest TOML: settings of 100 telescopes have 100 kB. Doubled, a file that was made for it takes twice as
 long to read."""
+
+MOST_WHOLE = 2**64
+"""Largest whole number, in its amount, that is taken: TOML promises 64 bits, and star numbers of catalogs
+have as many. Squared it would fit into a float still; from 309 digits on none does."""
 
 _KEY_PART = r"""(?:[\w-]{1,200}|"[^"\n]{0,200}"|'[^'\n]{0,200}')[ \t]*\.[ \t]*"""
 _LONG_KEY = re.compile(f"(?:{_KEY_PART}){{{MOST_KEY_PARTS}}}")
@@ -44,7 +54,7 @@ def toml_of(text: str) -> dict[str, Any]:
     if long := _LONG_KEY.search(text):
         raise _toml_fault(f"Dotted key of more than {MOST_KEY_PARTS} parts", text, long.start())
     try:
-        return tomllib.loads(text)
+        values = tomllib.loads(text)
     except tomllib.TOMLDecodeError:
         raise
     except RecursionError:
@@ -53,6 +63,9 @@ def toml_of(text: str) -> dict[str, Any]:
         number = _LONG_NUMBER.search(text)
         what = "Number of too many digits" if number else f"Invalid value: {fault}"
         raise _toml_fault(what, text, number.start() if number else 0) from fault
+    if _holds_too_large(values):
+        raise _toml_fault("Number of too many digits", text, _longest_number(text))
+    return values
 
 
 def json_of(text: str | bytes | bytearray) -> Any:
@@ -73,7 +86,7 @@ def json_of(text: str | bytes | bytearray) -> Any:
         Wrong, no UTF-8, nested too deep, or with a number of too many digits.
     """
     try:
-        return json.loads(text)
+        return json.loads(text, parse_int=_whole)
     except json.JSONDecodeError:
         raise
     except UnicodeDecodeError as fault:
@@ -82,9 +95,54 @@ def json_of(text: str | bytes | bytearray) -> Any:
         plain = text if isinstance(text, str) else text.decode("utf-8", "replace")
         if isinstance(fault, RecursionError):
             raise json.JSONDecodeError("Nested too deep", plain, _deepest(plain)) from None
-        number = _LONG_NUMBER.search(plain)
-        at = number.start() if number else 0
-        raise json.JSONDecodeError("Number of too many digits", plain, at) from fault
+        raise json.JSONDecodeError("Number of too many digits", plain, _longest_number(plain)) from fault
+
+
+def repeated(names: Iterable[_Name]) -> list[_Name]:
+    """Find what stands there more than once, in the order of its first place, each name once.
+
+    One pass: whoever counts each name in the whole list takes a time that grows with its square, and a
+    stranger who sends 25,000 keys stops the service for seconds.
+
+    Parameters
+    ----------
+    names : iterable of hashable
+
+    Returns
+    -------
+    list
+    """
+    return [name for name, times in Counter(names).items() if times > 1]
+
+
+def _whole(digits: str) -> int:
+    number = int(digits)
+    if abs(number) > MOST_WHOLE:
+        raise ValueError("a whole number of too many digits")
+    return number
+
+
+def _holds_too_large(values: object) -> bool:
+    """Whether a whole number beyond `MOST_WHOLE` stands anywhere in it."""
+    waiting = [values]
+    while waiting:
+        match waiting.pop():
+            case dict() as table:
+                waiting.extend(table.values())
+            case list() as many:
+                waiting.extend(many)
+            case int() as number if abs(number) > MOST_WHOLE:
+                return True
+            case _:
+                pass
+    return False
+
+
+def _longest_number(text: str) -> int:
+    """Where the most digits stand in a row, for the place that a refusal tells."""
+    rows = re.finditer(r"[0-9][0-9a-fA-FxX_]*", text)
+    longest = max(rows, key=lambda row: row.end() - row.start(), default=None)
+    return longest.start() if longest else 0
 
 
 def _deepest(text: str) -> int:

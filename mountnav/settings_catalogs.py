@@ -8,6 +8,7 @@ from typing import Literal, Self
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
+from mountnav.parsing import repeated
 from mountnav.settings_section import Section
 
 COLUMN_ROLES = (
@@ -92,12 +93,10 @@ class CatalogsSettings(Section):
 
     @model_validator(mode="after")
     def _names_differ(self) -> Self:
-        names = [one.name for one in self.online]
-        twice = next((name for name in names if names.count(name) > 1), None)
-        if twice is not None:
+        if twice := repeated(one.name for one in self.online):
             raise PydanticCustomError(
                 "name_twice",
                 "two online catalogs have the name {name}",
-                {"name": twice, "key": "online", "fix": "give each [[catalogs.online]] a name of its own"},
+                {"name": twice[0], "key": "online", "fix": "give each [[catalogs.online]] a name of its own"},
             )
         return self

@@ -15,7 +15,7 @@ from drivers.fault_files import read_faults
 from drivers.recording import read_dialogue
 from mountnav.errors import BadRequest, BadSettings, MountnavError
 from mountnav.night.recorded import read_recording
-from mountnav.parsing import json_of, toml_of
+from mountnav.parsing import json_of, repeated, toml_of
 from mountnav.pointing.model.model import PointingModel
 from mountnav.pointing.observation_file import read_observations
 from mountnav.settings import Settings
@@ -34,12 +34,15 @@ BAD_TOML = {
     "digits": "a = 1\nb = " + "1" * 5000,
     "parted digits": "a = " + "1_" * 5000 + "1",
     "long": "# " + "x" * 1_000_001,
+    "beyond floats": "a = 1\nb = [{c = " + "1" * 400 + "}]",
+    "beyond floats, in sixteens": "a = 0x" + "f" * 400,
 }
 BAD_JSON = {
     "brackets": '{"a": ' + "[" * 100_000,
     "closed": '{"a": ' + "[" * 100_000 + "]" * 100_000 + "}",
     "objects": '{"a": ' * 100_000 + "1" + "}" * 100_000,
     "digits": '{"a": ' + "1" * 5000 + "}",
+    "beyond floats": '{"a": [-' + "1" * 400 + "]}",
     "text": "\x00",
     "surrogate": b'{"a": "\xff"}',
 }
@@ -62,6 +65,10 @@ def test_the_place_is_told() -> None:
         toml_of(BAD_TOML["dots"])
     with pytest.raises(tomllib.TOMLDecodeError, match=r"Nested too deep \(at line 2, column \d+\)"):
         toml_of(BAD_TOML["brackets"])
+    with pytest.raises(tomllib.TOMLDecodeError, match=r"Number of too many digits \(at line 2, column 11\)"):
+        toml_of(BAD_TOML["beyond floats"])
+    with pytest.raises(json.JSONDecodeError, match=r"Number of too many digits: line 1 column 9"):
+        json_of(BAD_JSON["beyond floats"])
     with pytest.raises(json.JSONDecodeError, match=r"Nested too deep: line 1"):
         json_of(BAD_JSON["closed"])
 
@@ -98,6 +105,45 @@ def test_long_strings_and_many_keys_are_no_fault() -> None:
     assert toml_of(text)["g2999"] == 2999
 
 
+@given(st.integers())
+def test_whole_numbers_of_64_bits_are_kept_and_larger_ones_refused(number: int) -> None:
+    if abs(number) <= 2**64:
+        assert toml_of(f"a = {number}") == json_of(f'{{"a": {number}}}') == {"a": number}
+    else:
+        with pytest.raises(tomllib.TOMLDecodeError):
+            toml_of(f"a = {number}")
+        with pytest.raises(json.JSONDecodeError):
+            json_of(f'{{"a": {number}}}')
+
+
+@given(st.lists(st.integers(0, 9)))
+def test_what_stands_there_twice_is_found(names: list[int]) -> None:
+    assert repeated(names) == sorted({one for one in names if names.count(one) > 1}, key=names.index)
+
+
+class _Counted:
+    """A name that counts how often names are compared: all share one hash only when they are equal."""
+
+    compared = 0
+
+    def __init__(self, name: int) -> None:
+        self.name = name
+
+    def __hash__(self) -> int:
+        return hash(self.name)
+
+    def __eq__(self, other: object) -> bool:
+        _Counted.compared += 1
+        return isinstance(other, _Counted) and self.name == other.name
+
+
+def test_twenty_five_thousand_names_are_compared_a_few_times_each() -> None:
+    _Counted.compared = 0
+    names = [_Counted(number) for number in (*range(25_000), 24_999)]
+    assert [one.name for one in repeated(names)] == [24_999]
+    assert _Counted.compared < 4 * len(names)  # 625,000,000 when each is counted in the whole list
+
+
 TOML_READERS = [
     Settings.load,
     Settings.load_solving,
@@ -120,7 +166,7 @@ def test_every_toml_file_gives_our_own_error(read: object, text: str, tmp_path: 
 
 
 @pytest.mark.parametrize("read", JSON_READERS, ids=lambda one: getattr(one, "__qualname__", str(one)))
-@pytest.mark.parametrize("name", ["brackets", "closed", "objects", "digits"])
+@pytest.mark.parametrize("name", ["brackets", "closed", "objects", "digits", "beyond floats"])
 def test_every_json_file_gives_our_own_error(read: object, name: str, tmp_path: Path) -> None:
     path = tmp_path / "bad.json"
     path.write_bytes(str(BAD_JSON[name]).encode() + b"\n{}\n")

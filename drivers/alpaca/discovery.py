@@ -7,13 +7,13 @@ a server that listens on this machine's own loopback alone, so that is asked by 
 from __future__ import annotations
 
 import asyncio
-import json
 import socket
 from dataclasses import dataclass
 
 from drivers.alpaca.asking import Asking
 from drivers.alpaca.where import Where
 from drivers.wire_log import WireLog
+from mountnav.parsing import json_of
 
 PORT = 32227
 _QUESTION = b"alpacadiscovery1"
@@ -51,7 +51,7 @@ async def servers(
         Whom to ask.
     """
     loop = asyncio.get_running_loop()
-    heard = _Heard()
+    heard = Heard()
     asker = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     asker.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
     asker.bind(("", 0))
@@ -74,15 +74,16 @@ async def _devices(address: str) -> tuple[str, ...]:
         await asking.close()
 
 
-class _Heard(asyncio.DatagramProtocol):
+class Heard(asyncio.DatagramProtocol):
     """Keeps the addresses of those who answer as a server does; passes over all else."""
 
     def __init__(self) -> None:
         self.addresses: set[str] = set()
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+        """Note who answers as a server does."""
         try:
-            http_port = json.loads(data)["AlpacaPort"]
+            http_port = json_of(data)["AlpacaPort"]
         except (ValueError, KeyError, TypeError):
             return
         if type(http_port) is int and 0 < http_port < 65536:

@@ -12,6 +12,7 @@ from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.shelf import Shelf
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadSettings
+from mountnav.parsing import repeated
 
 if TYPE_CHECKING:
     from mountnav.settings_catalogs import CatalogsSettings
@@ -82,10 +83,10 @@ def open_shelf(settings: CatalogsSettings | None = None, *, use: tuple[str, ...]
 
 def _told_apart(found: dict[str, Installed]) -> dict[str, Installed]:
     """Two imports of the same catalog, parts of it perhaps, are called by their own names besides."""
-    names = [one.store.name for one in found.values() if one.store is not None]
+    shared = repeated(one.store.name for one in found.values() if one.store is not None)
     return {
         slug: replace(one, store=PackedStore(one.path, f"{one.store.name} ({slug})"))
-        if one.store is not None and names.count(one.store.name) > 1
+        if one.store is not None and one.store.name in shared
         else one
         for slug, one in found.items()
     }

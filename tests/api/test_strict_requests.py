@@ -87,6 +87,14 @@ async def test_a_stop_is_taken_whatever_its_body(client: httpx.AsyncClient) -> N
 
 
 async def test_other_bodies_are_told_as_before(client: httpx.AsyncClient) -> None:
-    for body in ("{", "[" * 100_000, "nonsense", ""):
+    too_large = '{"ra_deg": ' + "1" * 400 + ', "dec_deg": 1}'
+    for body in ("{", "[" * 100_000, "nonsense", "", too_large, too_large.replace("1", "-1e9", 1)):
         answer = await client.post(f"{EAST}/slew", content=body, headers={"Content-Type": "application/json"})
         assert answer.status_code in (400, 422), (body[:10], answer.status_code)
+
+
+async def test_twenty_thousand_keys_are_refused_as_well(client: httpx.AsyncClient) -> None:
+    body = "{" + ", ".join(f'"k{number}": 0' for number in [*range(18_000), 17_999]) + "}"
+    answer = await client.post(f"{EAST}/slew", content=body, headers={"Content-Type": "application/json"})
+    assert answer.status_code == 422
+    assert "'k17999' stands twice" in answer.text

@@ -1,7 +1,8 @@
-"""``python -m tests.fuzz [--seconds N] [--target NAME ...]``: fuzz each target so long; 1 if one broke.
+"""``python -m tests.fuzz [--seconds N | --inputs N] [--target NAME ...]``: fuzz each target; 1 if one broke.
 
-Guided by coverage where atheris is installed, each target in a process of its own; else by chance. An input
-that breaks a target is kept in its corpus: the next `make test` fails on it until it is mended.
+Guided by coverage where atheris is installed, each target in a process of its own; else by chance. With
+`--inputs` the search is the same on every machine: so many inputs, by chance. An input that breaks a target
+is kept in its corpus: the next `make test` fails on it until it is mended.
 """
 
 from __future__ import annotations
@@ -75,15 +76,15 @@ _WORDS = (
 )  # fmt: skip
 
 
-def by_chance(name: str, seconds: float, seed: int) -> int:
-    """Mutate the corpus for so long; how many inputs were tried."""
+def by_chance(name: str, seconds: float, seed: int, most: int | None = None) -> int:
+    """Mutate the corpus for so long, or so many times; how many inputs were tried."""
     from tests.fuzz.targets import corpus
 
     rng, inputs, count = random.Random(seed), corpus(name), 0
     for data in inputs:
         _tried(name, data)
     until_s = time.monotonic() + seconds
-    while time.monotonic() < until_s:
+    while time.monotonic() < until_s if most is None else count < most:
         _tried(name, mutated(rng.choice(inputs), inputs, rng))
         count += 1
     return count
@@ -110,6 +111,7 @@ def main() -> int:
     """Fuzz."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz")
     parser.add_argument("--seconds", type=float, default=10.0, help="for each target")
+    parser.add_argument("--inputs", type=int, help="for each target, by chance, instead of a time")
     parser.add_argument("--target", action="append", help="only this one; may be given again")
     parser.add_argument("--seed", type=int, default=int(time.time()), help="for the search by chance")
     parser.add_argument("--guided", help=argparse.SUPPRESS)
@@ -122,7 +124,7 @@ def main() -> int:
 
     broken = []
     for name in chosen.target or TARGETS:
-        if find_spec("atheris"):
+        if chosen.inputs is None and find_spec("atheris"):
             command = [sys.executable, "-m", "tests.fuzz", "--guided", name, "--seconds", str(chosen.seconds)]
             ended = subprocess.run(command, check=False, capture_output=True, text=True)
             told = [line for line in ended.stderr.splitlines() if "number_of_executed_units" in line]
@@ -135,10 +137,8 @@ def main() -> int:
             broken += [name] if ended.returncode else []
             continue
         try:
-            print(
-                f"{name}: {by_chance(name, chosen.seconds, chosen.seed)} inputs, seed {chosen.seed}",
-                flush=True,
-            )
+            count = by_chance(name, chosen.seconds, chosen.seed, chosen.inputs)
+            print(f"{name}: {count} inputs, seed {chosen.seed}", flush=True)
         except Exception:
             traceback.print_exc()
             broken.append(name)

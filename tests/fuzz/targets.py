@@ -21,6 +21,7 @@ from api.planetarium import lx200_words, stellarium_codec
 from api.solver_answers import BadAnswer, Done, Fault, Progress, Ready, read, written
 from drivers.alpaca import codec as alpaca_codec
 from drivers.alpaca import image_bytes
+from drivers.alpaca.discovery import Heard
 from drivers.command import Command, Unreadable
 from drivers.fault_files import parse_faults
 from drivers.indi.xml_stream import ElementStream
@@ -274,6 +275,12 @@ def _alpaca(data: bytes) -> None:
             image_bytes.read_image(data, kind, 1)
 
 
+def _discovery(data: bytes) -> None:
+    heard = Heard()
+    heard.datagram_received(data, ("10.0.0.1", 32227))
+    assert all(0 < int(one.rpartition(":")[2]) < 65536 for one in heard.addresses)
+
+
 _ALPACA = [
     b'{"Value": 12.5, "ClientTransactionID": 1, "ServerTransactionID": 2, "ErrorNumber": 0}',
     b'{"Value": "2026-11-21T03:04:05.1234567Z", "ClientTransactionID": 1, "ErrorNumber": 0}',
@@ -410,6 +417,7 @@ TARGETS: dict[str, Target] = {
         _stellarium, lambda: [(20).to_bytes(2, "little") + bytes(10) + (1 << 30).to_bytes(4, "little") * 2]
     ),
     "alpaca": Target(_alpaca, lambda: _ALPACA),
+    "alpaca-discovery": Target(_discovery, lambda: [b'{"AlpacaPort": 11111}', b'{"AlpacaPort": [[]]}']),
     "solver-answer": Target(
         _solver_answer,
         lambda: [
