@@ -8,6 +8,7 @@ import json
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -16,6 +17,9 @@ import numpy as np
 from astropy.io import fits
 from PIL import Image
 
+from api.alpaca.answering import read_parameters
+from api.alpaca.members import MEMBERS
+from api.alpaca.parameters import BadParameter
 from api.indi_server.hearing import Hearing
 from api.planetarium import lx200_words, stellarium_codec
 from api.solver_answers import BadAnswer, Done, Fault, Progress, Ready, read, written
@@ -24,8 +28,11 @@ from drivers.alpaca import image_bytes
 from drivers.alpaca.discovery import Heard
 from drivers.command import Command, Unreadable
 from drivers.fault_files import parse_faults
+from drivers.indi.codec import Reader
+from drivers.indi.state import Properties
 from drivers.indi.xml_stream import ElementStream
 from drivers.recording import read_dialogue
+from drivers.registry import open_mount
 from mountnav.catalog.packed.header import decode_header as decode_packed
 from mountnav.catalog.readers import open_reader
 from mountnav.errors import BadFrame, BadRequest, BadSettings, MountnavError
@@ -42,6 +49,8 @@ from mountnav.settings import Settings
 from mountnav.simulation.machine_file import MachineFile
 from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.simulation.sky_script import SkyScript
+from mountnav.sky import typed
+from mountnav.sky.coordinates import Site
 from tests.fuzz import files
 
 CORPORA = Path(__file__).parent / "corpora"
@@ -223,6 +232,30 @@ def _heard(data: bytes) -> None:
         hearing.feed(data[at : at + 50])
 
 
+def _indi_client(data: bytes) -> None:
+    reader, properties = Reader(), Properties()
+    for at in range(0, len(data), 50):
+        for event in reader.feed(data[at : at + 50]):
+            properties.take(event, _NOON, 1.0)
+    for device in properties.devices():
+        for name, one in properties.of(device).items():
+            assert properties.get(device, name) == one
+            for element in one.values:
+                assert (one.number(element), one.on(element), one.text(element)) is not None
+
+
+_NOON = datetime(2026, 11, 21, 12, tzinfo=UTC)
+_TOLD = [
+    b'<defNumberVector device="T" name="EQUATORIAL_EOD_COORD" state="Ok" perm="rw">'
+    b'<defNumber name="RA" format="%m" min="0" max="24" step="0">5:35:17</defNumber>'
+    b'<defNumber name="DEC" format="%m" min="-90" max="90" step="0">-5.4</defNumber></defNumberVector>'
+    b'<setNumberVector device="T" name="EQUATORIAL_EOD_COORD" state="Busy" timestamp="2026-11-21T00:00:00">'
+    b'<oneNumber name="RA">5.5</oneNumber></setNumberVector>',
+    b'<defSwitchVector device="T" name="TELESCOPE_PARK" state="Idle" perm="rw" rule="OneOfMany">'
+    b'<defSwitch name="PARK">Off</defSwitch></defSwitchVector><delProperty device="T"/>',
+]
+
+
 _XML = [
     b'<getProperties version="1.7"/><enableBLOB device="a">Never</enableBLOB>',
     b'<newNumberVector device="T" name="EQUATORIAL_EOD_COORD"><oneNumber name="RA">5:35:17</oneNumber>'
@@ -280,6 +313,39 @@ def _discovery(data: bytes) -> None:
     heard.datagram_received(data, ("10.0.0.1", 32227))
     assert all(0 < int(one.rpartition(":")[2]) < 65536 for one in heard.addresses)
 
+
+def _alpaca_parameters(data: bytes) -> None:
+    text = data.decode("utf-8", "replace")
+    for member in MEMBERS.values():
+        given = {name: text for one in member.takes for name in (one.name, one.name.lower())}
+        with _promised(BadParameter):
+            read_parameters(member, given)
+
+
+def _typed(data: bytes) -> None:
+    text = data.decode("utf-8", "replace")
+    for read_it in (typed.read_target, typed.read_position, typed.read_ra_deg, typed.read_dec_deg):
+        with _promised(BadRequest):
+            match read_it(text):
+                case typed.TypedPosition(ra_deg=ra_deg, dec_deg=dec_deg):
+                    assert 0.0 <= ra_deg < 360.0
+                    assert abs(dec_deg) <= 90.0
+                case float(one):
+                    assert -90.0 <= one < 360.0
+                case _:
+                    pass
+
+
+def _mount_url(data: bytes) -> None:
+    with _promised(BadSettings):
+        open_mount(data.decode("utf-8", "replace"), site=Site(48.1, 11.6, 500.0))
+
+
+_URLS = [
+    b"lx200+serial:///dev/ttyUSB0?baud=9600&settle_s=2", b"onstep+tcp://192.168.1.1:9999?dtr=off",
+    b"indi://localhost:7624/Telescope%20Simulator", b"alpaca+http://user:word@host:11111/telescope/0",
+    b"skywatcher+udp://192.168.4.1:11880", b"nexstar+serial:///dev/ttyUSB0", b"ioptron+tcp://[::1]:8080",
+]  # fmt: skip
 
 _ALPACA = [
     b'{"Value": 12.5, "ClientTransactionID": 1, "ServerTransactionID": 2, "ErrorNumber": 0}',
@@ -409,6 +475,7 @@ TARGETS: dict[str, Target] = {
     "ioptron": Target(_replies("ioptron"), lambda: _SAID),
     "skywatcher": Target(_replies("skywatcher"), lambda: _SAID),
     "indi-xml": Target(_xml, lambda: _XML),
+    "indi-client": Target(_indi_client, lambda: _TOLD),
     "indi-server": Target(_heard, lambda: _XML),
     "lx200-server": Target(
         _lx200_server, lambda: [b":GR#:Sr05:35:17#:Sd-05*23:28#:MS#", b"\x06:Q#", b"GET / HTTP/1.1"]
@@ -418,6 +485,11 @@ TARGETS: dict[str, Target] = {
     ),
     "alpaca": Target(_alpaca, lambda: _ALPACA),
     "alpaca-discovery": Target(_discovery, lambda: [b'{"AlpacaPort": 11111}', b'{"AlpacaPort": [[]]}']),
+    "alpaca-parameters": Target(
+        _alpaca_parameters, lambda: [b"12.5", b"-1", b"true", b"2026-11-21T03:04:05.1234567Z", b"1e-3"]
+    ),
+    "typed": Target(_typed, lambda: [b"05:35:17 -05:23:28", b"83.82, -5.39", b"5h35m17s -5d23m28s", b"M 42"]),
+    "mount-url": Target(_mount_url, lambda: _URLS),
     "solver-answer": Target(
         _solver_answer,
         lambda: [
