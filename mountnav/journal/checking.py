@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from sqlalchemy import URL, func, select, text
-from sqlalchemy.exc import SQLAlchemyError
 
-from mountnav.journal.database import BUSY_S, connectable, file_of, shown_url
+from mountnav.journal.database import BUSY_S, FAULTS, connectable, file_of, shown_url
 from mountnav.journal.reading import JournalReader
 from mountnav.journal.records import CommandRecord
 from mountnav.journal.tables import HEAD, audit, command, entry, job, look, run
@@ -81,7 +80,7 @@ def check(url: URL) -> Checked:
             if file_of(url) is not None:
                 told = [str(row[0]) for row in connection.execute(text("PRAGMA integrity_check"))]
                 damage = () if told == ["ok"] else tuple(told)
-    except SQLAlchemyError as error:
+    except FAULTS as error:
         raise unusable(error, url) from error
     finally:
         engine.dispose()
@@ -159,7 +158,7 @@ def require_sound(url: URL, *, most_s: float = CHECK_S) -> bool:
             _log.info("the journal %s was not looked through whole within %g s", file, most_s)
             return False
         raise unusable(error, url) from error
-    except sqlite3.DatabaseError as error:
+    except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
         raise unusable(error, url) from error
     if told != ["ok"]:
         raise damaged_journal(" ".join("; ".join(told).split()), url)

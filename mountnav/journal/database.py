@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from sqlalchemy import URL, Engine, create_engine, event, make_url
-from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError
+from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError, SQLAlchemyError
 from sqlalchemy.pool import NullPool
 
 from mountnav.errors import BadSettings, JournalFailed
@@ -147,6 +147,11 @@ def _sqlite(url: URL, access: Access) -> Engine:
 def _beside(file: Path) -> list[Path]:
     beside = (file.with_name(file.name + ending) for ending in ("-wal", "-shm"))
     return [one for one in beside if one.exists()]
+
+
+FAULTS: tuple[type[Exception], ...] = (SQLAlchemyError, ValueError, TypeError)
+"""What reading a database may raise. The last two are those of a damaged file: what SQLite says of it is no
+text (UnicodeDecodeError), an instant is none, a JSON value is none or of another kind."""
 
 
 def explained(error: Exception) -> str:

@@ -14,18 +14,17 @@ from pathlib import Path
 from typing import Any
 
 from sqlalchemy import URL, Connection, Select, Table, desc, func, or_, select
-from sqlalchemy.exc import SQLAlchemyError
 
 from mountnav.errors import JournalFailed, Unknown
 from mountnav.journal.audit_rows import AuditRow, audit_of, audit_query
-from mountnav.journal.database import connectable, database_url, explained, file_of, shown_url
+from mountnav.journal.database import FAULTS, connectable, database_url, explained, file_of, shown_url
 from mountnav.journal.job_rows import JobRow, job_of
 from mountnav.journal.lease_rows import LeaseRow, lease_of
 from mountnav.journal.queries import chosen, tables_of
 from mountnav.journal.records import CommandEnd, CommandRecord, Entry, LookRecord
 from mountnav.journal.rows import command_of, end_of, entry_of, look_of
 from mountnav.journal.tables import command, entry, job, lease, look, run
-from mountnav.journal.upgrading import is_begun, require_today
+from mountnav.journal.upgrading import damaged_journal, is_begun, is_damage, require_today
 from mountnav.journal.wanted import COMMAND, LOOK, Mark, Wanted
 
 _TABLES: tuple[Table, ...] = (run, entry, command, look)
@@ -295,7 +294,9 @@ class JournalReader:
                     require_today(connection, self.url)
                     self._checked.set()
                 yield connection
-        except SQLAlchemyError as error:
+        except FAULTS as error:
+            if is_damage(error):
+                raise damaged_journal(explained(error), self.url) from error
             raise JournalFailed(
                 f"it can't be read: {explained(error)}",
                 device=shown_url(self.url),

@@ -43,7 +43,7 @@ def upgrade(url: URL) -> bool:
                 return False
             _migrate(connection)
             return True
-    except SQLAlchemyError as error:
+    except (SQLAlchemyError, UnicodeDecodeError) as error:
         raise unusable(error, url) from error
     finally:
         engine.dispose()
@@ -67,18 +67,22 @@ def is_begun(connection: Connection, url: URL) -> bool:
 
 def unusable(error: Exception, url: URL) -> JournalFailed:
     """What to raise for a database's error at opening."""
-    orig = getattr(error, "orig", error)
-    damaged = isinstance(orig, sqlite3.DatabaseError) and getattr(orig, "sqlite_errorname", "") in (
-        "SQLITE_CORRUPT",
-        "SQLITE_NOTADB",
-    )
-    if damaged:
+    if is_damage(error):
         return damaged_journal(explained(error), url)
     return JournalFailed(
         explained(error),
         device=shown_url(url),
         advice="is there room on the disk, may it be written, does the server run?",
     )
+
+
+def is_damage(error: Exception) -> bool:
+    """Whether one of `FAULTS` shows a damaged file."""
+    orig = getattr(error, "orig", error)
+    if isinstance(orig, sqlite3.DatabaseError):
+        return getattr(orig, "sqlite_errorname", "") in ("SQLITE_CORRUPT", "SQLITE_NOTADB")
+    # what SQLite says of it is no text, a value is of another kind than it should be
+    return isinstance(orig, ValueError | TypeError)
 
 
 def damaged_journal(why: str, url: URL) -> JournalDamaged:

@@ -5,6 +5,7 @@ Each seed is a good file; the bytes are put where the reader looks for them, und
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import contextlib
 import gzip
@@ -25,10 +26,13 @@ from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.packed.packing import CatalogColumns, pack
 from mountnav.catalog.readers import open_reader
 from mountnav.errors import MountnavError
+from mountnav.journal.checking import check
+from mountnav.journal.database import database_url
 from mountnav.journal.reading import JournalReader
 from mountnav.journal.sql_journal import open_journal
 from mountnav.sky.coordinates import Icrs
 from tests.catalog import astap_files, siril_files, ucac4_zones, usno_b1_files
+from tests.journal.samples import look_of, note_of, slew_of
 
 INDEX_FILES = Path(__file__).parents[1] / "catalog" / "index_files"
 
@@ -170,9 +174,17 @@ def read_packed(data: bytes) -> None:
 
 
 def journal() -> bytes:
-    """A journal of one run."""
+    """A journal of one run, with a look, an order and a note."""
     made = _emptied("seeds") / "journal.sqlite"
-    open_journal(made).close()
+    kept = open_journal(made, inline=True)
+
+    async def told() -> None:
+        await kept.look(look_of())
+        await kept.begin(slew_of())
+        await kept.note(note_of("a note"))
+
+    asyncio.run(told())
+    kept.close()
     return made.read_bytes()
 
 
@@ -181,7 +193,9 @@ def read_journal(data: bytes) -> None:
     path = _emptied("journals") / "journal.sqlite"
     path.write_bytes(data)
     reader = JournalReader(path)
-    for ask in (reader.runs, reader.commands, reader.looks, reader.entries, reader.in_flight):
+    asked = (reader.runs, reader.commands, reader.looks, reader.entries, reader.in_flight)
+    # and what a service does with it that starts
+    for ask in (*asked, lambda: check(database_url(path)), lambda: open_journal(path, inline=True).close()):
         try:
             ask()
         except MountnavError as told:
