@@ -6,7 +6,7 @@ import asyncio
 import io
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,8 @@ from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.render import draw_frame
 from mountnav.sky.coordinates import utc_now
 
-# wide enough for stars wherever the zenith is at this hour
+# a night is named from noon to noon, so that no test may run on the machine's time, across its noon
+EVENING = datetime(2026, 11, 21, 19, 0, tzinfo=UTC)
 OPTICS = SimulatedOptics(640, 480, 10.0, rotation_deg=20.0)
 EXPOSURE_S = 0.3
 

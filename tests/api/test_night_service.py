@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
 import pytest
@@ -13,7 +13,16 @@ import pytest
 from api.night_runner import unsafe_by_file
 from api.replay_command import play
 from mountnav.night.recorded import read_recording
-from tests.api.night_site import NightSite, night_toml, served
+from mountnav.simulation.sky_clock import FastClock
+from mountnav.sky.present import virtual_present
+from tests.api.night_site import EVENING, NightSite, night_toml, served
+
+
+@pytest.fixture(autouse=True)
+def _evening() -> Iterator[None]:
+    """The same evening in each run, a second in a second."""
+    with virtual_present(FastClock(1.0, EVENING)):
+        yield
 
 
 @pytest.fixture
