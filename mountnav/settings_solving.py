@@ -19,6 +19,11 @@ from mountnav.settings_section import Section
 T = TypeVar("T", IdentificationSettings, MeasuringSettings, PreliminarySettings)
 Values = dict[str, Any]
 
+# made once: each takes some ten milliseconds, and a file of settings asks for all of them again and again
+_CHECKED: dict[type[Any], TypeAdapter[Any]] = {
+    kind: TypeAdapter(kind) for kind in (IdentificationSettings, MeasuringSettings, PreliminarySettings)
+}
+
 _RANGES: dict[str, tuple[float, float]] = {
     # identification: what is searched grows with the counts, and with how finely angles and tiles are parted
     "m_reg": (1, 64),
@@ -131,7 +136,8 @@ def _over(named: T, values: Values, table: str) -> T:
             _check_stages(table, values[name])
     whole: dict[str, Any] = {name: getattr(named, name) for name in fields} | values
     try:
-        return TypeAdapter(type(named)).validate_python(whole)
+        checked: T = _CHECKED[type(named)].validate_python(whole)
+        return checked
     except ValidationError as error:
         detail = error.errors(include_url=False)[0]
         name = str(detail["loc"][0]) if detail["loc"] else next(iter(values))

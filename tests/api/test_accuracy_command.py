@@ -14,11 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 from astropy.io import fits
-from matplotlib.quiver import Quiver
 from PIL import Image
 
 from api.accuracy_command import rejected_percents, run
-from api.accuracy_plots import histograms, residual_map
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.errors import BadRequest
 from mountnav.identification.accuracy import Deviations
@@ -222,6 +220,8 @@ def strewn(n: int) -> Deviations:
 
 
 def test_histograms_hold_every_measurement() -> None:
+    from api.accuracy_plots import histograms
+
     found = strewn(500)
     panels = histograms(found, frames=3).axes
     for axes, number in zip(panels, (500, 500, 428), strict=True):
@@ -233,11 +233,23 @@ def test_histograms_hold_every_measurement() -> None:
     assert len(histograms(without, frames=1).axes) == 2
 
 
+def arrows_of(found: Deviations, frames: int) -> Any:
+    # here, because every process that collects tests would import matplotlib: a second for each
+    from matplotlib.quiver import Quiver
+
+    from api.accuracy_plots import residual_map
+
+    (arrows,) = (
+        one
+        for one in residual_map(found, 400, 300, frames=frames).axes[0].collections
+        if isinstance(one, Quiver)
+    )
+    return arrows
+
+
 def test_arrows_are_the_deviations_along_the_frames_axes() -> None:
     found = strewn(50)
-    (arrows,) = (
-        one for one in residual_map(found, 400, 300, frames=1).axes[0].collections if isinstance(one, Quiver)
-    )
+    arrows = arrows_of(found, frames=1)
     assert np.asarray(arrows.U) == pytest.approx(found.along_x_arcsec)
     assert np.asarray(arrows.V) == pytest.approx(found.along_y_arcsec)
     assert np.asarray(arrows.X) == pytest.approx(found.x_px)
@@ -246,9 +258,7 @@ def test_arrows_are_the_deviations_along_the_frames_axes() -> None:
 def test_of_many_measurements_the_cells_means_are_drawn() -> None:
     found = strewn(5000)
     pushed = replace(found, along_x_arcsec=found.along_x_arcsec + 1.0)
-    (arrows,) = (
-        one for one in residual_map(pushed, 400, 300, frames=9).axes[0].collections if isinstance(one, Quiver)
-    )
+    arrows = arrows_of(pushed, frames=9)
     assert arrows.X.size == 14 * 11
     assert np.mean(np.asarray(arrows.U)) == pytest.approx(1.0, abs=0.02)
     assert np.std(np.asarray(arrows.V)) < 0.1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -57,6 +59,14 @@ def cloud(steepness: float, seed: int, size: tuple[int, int] = SIZE) -> Array:
     return np.asarray(ndimage.gaussian_filter(image / image.std(), FWHM_PX / 2.3548))
 
 
+NAMES = (
+    *("flat", "gradient", "moon", "vignetting", "amplifier glow", "nebula", "galaxy", "clouds"),
+    *("two amplifiers", "four amplifiers"),
+)
+"""Of `skies`: who collects tests needs the names alone, and painting takes seconds."""
+
+
+@cache
 def skies(size: tuple[int, int] = SIZE) -> dict[str, tuple[Array, Array | float]]:
     """Sky in electrons per pixel, and the share of light let through, by name."""
     height, width = size

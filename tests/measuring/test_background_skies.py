@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from painted import as_frame
 from scipy.spatial import KDTree
-from skies import FWHM_PX, READ_NOISE, SIZE, exposed, field, skies, stamped
+from skies import FWHM_PX, NAMES, READ_NOISE, SIZE, Array, exposed, field, skies, stamped
 
 from mountnav.frames import Frame
 from mountnav.measuring.background import estimate_background, fine_structure
@@ -18,9 +20,12 @@ from mountnav.measuring.settings import MeasuringSettings
 from mountnav.measuring.steps import find_steps
 
 NO_STAR = int(Flag.NO_PEAK | Flag.TRAIL | Flag.BLEED)
-SKIES = skies()
 X, Y, ELECTRONS = field(450, seed=1)
-STARS = stamped(X, Y, ELECTRONS)
+
+
+@cache
+def stars() -> Array:
+    return stamped(X, Y, ELECTRONS)
 
 
 def measured(image: np.ndarray) -> Measurements:
@@ -44,10 +49,14 @@ def alone() -> np.ndarray:
     return keep
 
 
-@pytest.mark.parametrize("name", list(SKIES))
+def test_the_names_are_those_of_the_skies() -> None:
+    assert tuple(skies()) == NAMES
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_an_uneven_sky_neither_hides_nor_makes_stars(name: str) -> None:
-    sky, through = SKIES[name]
-    found = measured(exposed(sky, STARS, through))
+    sky, through = skies()[name]
+    found = measured(exposed(sky, stars(), through))
     snr = signal_to_noise(sky, through)
     clear = (snr > 10.0) & alone()
     distance, index = KDTree(np.c_[found.x_px, found.y_px]).query(np.c_[X, Y])
@@ -67,8 +76,8 @@ def test_an_uneven_sky_neither_hides_nor_makes_stars(name: str) -> None:
 
 def test_noise_follows_glow_and_vignetting_and_ignores_slopes() -> None:
     for name in ("gradient", "vignetting", "amplifier glow"):
-        sky, through = SKIES[name]
-        background = estimate_background(exposed(sky, STARS, through).astype(np.float32))
+        sky, through = skies()[name]
+        background = estimate_background(exposed(sky, stars(), through).astype(np.float32))
         true = np.sqrt(sky * through + READ_NOISE**2)
         rows, columns = np.mgrid[40 : SIZE[0] - 40 : 20, 40 : SIZE[1] - 40 : 20]
         got = background.noise_at(columns.ravel().astype(float), rows.ravel().astype(float))
@@ -102,44 +111,44 @@ def test_a_step_between_amplifiers_is_measured(step: float, column: int, sign: f
 
 def test_slopes_stars_and_bad_columns_are_no_steps() -> None:
     for name in ("flat", "gradient", "vignetting", "amplifier glow", "nebula", "galaxy", "clouds"):
-        sky, through = SKIES[name]
-        image = exposed(sky, STARS, through).astype(np.float32)
+        sky, through = skies()[name]
+        image = exposed(sky, stars(), through).astype(np.float32)
         image[:, 333] += 500.0
         image[:, 500:503] += 80.0
         assert find_steps(image) is None, name
 
 
 def test_overscan_strips_make_no_sources() -> None:
-    image = exposed(np.full(SIZE, 100.0), STARS)
+    image = exposed(np.full(SIZE, 100.0), stars())
     rng = np.random.default_rng(8)
     image[:, :40] = 500.0 + rng.normal(0.0, READ_NOISE, (SIZE[0], 40))
     image[:, -56:] = 500.0 + rng.normal(0.0, READ_NOISE, (SIZE[0], 56))
     found = measured(image)
     on_strip = (found.x_px < 37.0) | (found.x_px > SIZE[1] - 54.0)
     assert on_strip.sum() <= 3
-    plain = measured(exposed(np.full(SIZE, 100.0), STARS))
+    plain = measured(exposed(np.full(SIZE, 100.0), stars()))
     inside = (plain.x_px > 45.0) & (plain.x_px < SIZE[1] - 61.0) & (plain.flux > 2000.0)
     distance, _ = KDTree(np.c_[found.x_px, found.y_px]).query(np.c_[plain.x_px, plain.y_px][inside])
     assert (distance < 0.2).mean() >= 0.98
 
 
 def test_nan_borders_lose_no_stars_beside_them() -> None:
-    image = exposed(SKIES["gradient"][0], STARS).astype(np.float32)
+    image = exposed(skies()["gradient"][0], stars()).astype(np.float32)
     image[:, :130] = np.nan
     image[-90:] = np.nan
     found = measure(Frame(pixels=image), settings=MeasuringSettings(max_sources=6000))
-    here = (X > 136) & (SIZE[0] - 97 > Y) & (signal_to_noise(SKIES["gradient"][0], 1.0) > 10.0) & alone()
+    here = (X > 136) & (SIZE[0] - 97 > Y) & (signal_to_noise(skies()["gradient"][0], 1.0) > 10.0) & alone()
     distance, _ = KDTree(np.c_[found.x_px, found.y_px]).query(np.c_[X, Y][here])
     assert (distance < 1.0).mean() >= 0.98
     assert not ((found.x_px < 128.0) | (found.y_px > SIZE[0] - 88.0)).any()
 
 
 def test_fine_structure_is_none_on_a_plain_sky_and_follows_a_nebula() -> None:
-    plain = exposed(SKIES["flat"][0], STARS).astype(np.float32)
+    plain = exposed(skies()["flat"][0], stars()).astype(np.float32)
     background = estimate_background(plain)
     assert fine_structure(plain - background.level_image(), background, FWHM_PX) is None
-    sky = SKIES["nebula"][0]
-    image = exposed(sky, STARS).astype(np.float32)
+    sky = skies()["nebula"][0]
+    image = exposed(sky, stars()).astype(np.float32)
     background = estimate_background(image)
     rest = image - background.level_image()
     structure = fine_structure(rest, background, FWHM_PX)

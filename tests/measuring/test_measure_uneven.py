@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from painted import Array, as_frame, painted, scattered
@@ -15,6 +17,10 @@ SIZE = (800, 800)
 NO_STAR = int(Flag.NO_PEAK | Flag.TRAIL | Flag.BLEED)
 
 
+NAMES = ("flat", "gradient", "moonlight", "vignetting", "amplifier glow", "nebula")
+
+
+@cache
 def skies() -> dict[str, Array]:
     """Electrons of sky per pixel; all have the same at the faintest place."""
     row, column = np.indices(SIZE) / 800.0
@@ -29,7 +35,11 @@ def skies() -> dict[str, Array]:
     }
 
 
-@pytest.mark.parametrize("name", list(skies()))
+def test_the_names_are_those_of_the_skies() -> None:
+    assert tuple(skies()) == NAMES
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_stars_are_neither_made_nor_lost(name: str) -> None:
     sky = skies()[name]
     x, y = scattered(196, SIZE, seed=82)

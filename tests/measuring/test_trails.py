@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from painted import as_frame
 from scipy.spatial import KDTree
-from skies import exposed, field, stamped
+from skies import Array, exposed, field, stamped
 from spoiling import add_trail
 
 from mountnav.measuring.background import estimate_background
@@ -23,8 +25,18 @@ NOISE = float(np.sqrt(125.0))
 FLAT = np.full(SIZE, 100.0)
 ALONE = field(450, seed=1, size=SIZE)
 CROWD = field(9_000, seed=4, faint=60.0, size=SIZE)
-STARS = {"sparse": stamped(*ALONE, size=SIZE), "crowded": stamped(*CROWD, size=SIZE)}
-SPARSE = exposed(FLAT, STARS["sparse"])
+STARS = {"sparse": ALONE, "crowded": CROWD}
+
+
+@cache
+def drawn(stars: str) -> Array:
+    return stamped(*STARS[stars], size=SIZE)
+
+
+@cache
+def sparse() -> Array:
+    """A frame of the sparse field; for copies."""
+    return exposed(FLAT, drawn("sparse"))
 
 
 def trails_of(image: np.ndarray, fwhm_px: float = 3.0, bin_px: int = 1) -> list[Trail]:
@@ -70,7 +82,7 @@ INSIDE = (200.0, 750.0, 800.0, 300.0)
 def test_a_trail_is_found(
     stars: str, ends: tuple[float, ...], height: float, extra: dict[str, object]
 ) -> None:
-    image = exposed(FLAT, STARS[stars])
+    image = exposed(FLAT, drawn(stars))
     add_trail(image, ends, height * NOISE, **extra)
     trails = trails_of(image)
     assert share_covered(trails, ends, extra.get("sagitta_px", 0.0)) > 0.85
@@ -82,7 +94,7 @@ def test_a_trail_is_found(
 @settings(max_examples=20, deadline=None)
 def test_any_direction_will_do(angle: float, x: float, y: float) -> None:
     u, v = 700.0 * np.cos(np.radians(angle)), 700.0 * np.sin(np.radians(angle))
-    image = SPARSE.copy()
+    image = sparse().copy()
     ends = (x - u, y - v, x + u, y + v)
     add_trail(image, ends, 2.0 * NOISE)
     trails = trails_of(image)
@@ -91,7 +103,7 @@ def test_any_direction_will_do(angle: float, x: float, y: float) -> None:
 
 
 def test_several_at_once_and_the_same_in_bins_of_two() -> None:
-    image = SPARSE.copy()
+    image = sparse().copy()
     all_ends = [ACROSS, INSIDE, (850.0, -10.0, 640.0, 910.0), (-10.0, 800.0, 1010.0, 640.0)]
     for k, ends in enumerate(all_ends):
         add_trail(image, ends, (2.0 + 5.0 * k) * NOISE, seed=k)
@@ -122,7 +134,7 @@ def test_a_frame_of_star_trails_has_no_satellites(angle: float) -> None:
 
 
 def test_spikes_belong_to_their_star() -> None:
-    image = SPARSE.copy()
+    image = sparse().copy()
     rows, columns = np.mgrid[0 : SIZE[0], 0 : SIZE[1]]
     dx, dy = columns - 480.0, rows - 430.0
     along, across = dx * 0.8 + dy * 0.6, dy * 0.8 - dx * 0.6
@@ -140,8 +152,8 @@ def test_spikes_belong_to_their_star() -> None:
 
 
 def test_a_trail_spoils_what_it_crosses_and_nothing_else() -> None:
-    plain = measure(as_frame(SPARSE - 500.0))
-    image = SPARSE.copy()
+    plain = measure(as_frame(sparse() - 500.0))
+    image = sparse().copy()
     bright = np.flatnonzero((ALONE[2] > 3e4) & (np.abs(ALONE[0] - 500.0) < 300.0))[0]
     x, y = ALONE[0][bright], ALONE[1][bright]
     slope = 0.55

@@ -23,6 +23,11 @@ COLOR = RNG.integers(0, 256, (*SHAPE, 3)).astype(np.uint8)
 DEEP = RNG.integers(0, 65536, (*SHAPE, 4)).astype(np.uint16)
 
 
+@pytest.fixture(autouse=True)
+def _the_same_pixels_in_any_order() -> None:
+    RNG.bit_generator.state = np.random.default_rng(4).bit_generator.state
+
+
 def read(content: bytes) -> NDArray[np.generic]:
     return read_frame(content, raw=True).pixels
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2, wilcoxon
+from scipy.special import chdtrc
 
 from mountnav.errors import BadRequest
 from mountnav.pointing.model.fit import Fit
@@ -215,6 +215,9 @@ def chance_of_better(pairs: HeldOut) -> float:
 
     By the ranks of the differences [Wilcoxon 1945]: one gross error doesn't decide.
     """
+    # a second of CPU, and all of a service's start would pay it for fits alone
+    from scipy.stats import wilcoxon
+
     known = np.isfinite(pairs.new[:, 0]) & np.isfinite(pairs.old[:, 0])
     nearer = np.minimum(np.hypot(*pairs.new[known].T), np.hypot(*pairs.old[known].T))
     if nearer.size < _LEAST_PAIRS - 1:
@@ -265,4 +268,4 @@ def _chance(fitted: Fit, fresh: Mechanical) -> float:
     columns = basis(m.kind, fitted.terms, fresh.read_lon_rad, fresh.read_lat_rad, fresh.site_latitude_rad)
     model = np.einsum("nck,kl,ncl->nc", columns, fitted.covariance_arcsec2, columns)
     variance = model + (fitted.scatter_arcsec**2 + fresh.sigma_arcsec**2)[:, None]
-    return float(chi2.sf(np.sum(residuals**2 / variance), freedom))
+    return float(chdtrc(freedom, np.sum(residuals**2 / variance)))

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from mountnav.errors import ModelRefused
 from mountnav.pointing.model.covariance import covariance_of
@@ -218,7 +218,7 @@ class _Search:
         if self.m.target is None:
             return True
         sigma = math.sqrt(covariance_of(self.m, fit)[-1, -1])
-        least = float(norm.isf(0.5 * CHANCE_OF_NOISE / count))
+        least = -float(ndtri(0.5 * CHANCE_OF_NOISE / count))
         return abs(float(fit.state.coefficients_arcsec[-1])) >= least * sigma
 
     def complete(self, name: str, least_independence: float) -> None:
