@@ -367,7 +367,7 @@ def _with_options(url: str, one: TelescopeSettings) -> str:
         "set_clock": "yes" if mount.set_clock else None,
         "set_site": "yes" if mount.set_site else None,
         "trust_on_connect": None if mount.trust_on_connect else "no",
-        "swap_sides": "yes" if mount.swap_sides else None,
+        "swap_sides": _yes_or_no(mount.swap_sides),
         "dtr": _yes_or_no(mount.dtr),
         "rts": _yes_or_no(mount.rts),
         "settle_s": None if mount.settle_s is None else f"{mount.settle_s:g}",

@@ -21,7 +21,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any, cast
 
@@ -35,7 +35,7 @@ from benchmarks.judging import (
     way_is_clear,
     wrong_syncs,
 )
-from benchmarks.worlds import AIR, WIRES, Observatory, ShiftedClock, World, built, drawn, target
+from benchmarks.worlds import AIR, WIRES, Observatory, ShiftedClock, World, built, drawn, met_again, target
 from drivers.simulated.incidents import let_happen
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import (
@@ -135,6 +135,28 @@ def navigator(made: Observatory, journal: MemoryJournal, events: list[tuple[str,
     )
 
 
+@dataclass
+class Run:
+    """An observatory that runs, with the service that is in charge of it."""
+
+    made: Observatory
+    service: Navigator
+    journal: MemoryJournal
+    events: list[tuple[str, Any]]
+
+    async def look_at_the_tube(self) -> None:
+        """See on which side of the pier it hangs, set it, and start the service again."""
+        await self.service.close()
+        self.made.world = replace(self.made.world, sides_stated=True)
+        if self.made.world.wire is not None:
+            met_again(self.made)
+        else:
+            self.made.mount.sides_stated = True
+        self.service = navigator(self.made, self.journal, self.events)
+        self.service.guard.restore(self.journal.entries)
+        await self.service.open()
+
+
 def lived(seed: int, wire: str | None = None, targets: int = TARGETS, verbose: bool = False) -> Outcome:
     """Let an observatory center its targets, in virtual time."""
     world = drawn(seed, wire=wire)
@@ -156,12 +178,12 @@ async def _life(world: World, clock: VirtualClock, outcome: Outcome, targets: in
 
     made = built(world, clock)
     journal, events = MemoryJournal(), list[tuple[str, Any]]()
-    service = navigator(made, journal, events)
+    run = Run(made, navigator(made, journal, events), journal, events)
     chance = random.Random(f"targets {world.seed}")
-    await service.open()
+    await run.service.open()
     if world.wire == "skywatcher":
         # bare motors know nothing when they are switched on; whoever does so at home says it
-        service.trust()
+        run.service.trust()
     happening = asyncio.ensure_future(_incidents(made))
     try:
         for number in range(targets):
@@ -169,14 +191,14 @@ async def _life(world: World, clock: VirtualClock, outcome: Outcome, targets: in
             place = target(world, clock.utc(), chance)
             if verbose:
                 events.clear()
-            trial, since = await _centered(made, service, place, number)
+            trial, since = await _centered(run, place, number)
             outcome.trials.append(trial)
             _judge(made, since, number, outcome)
             if verbose:
                 _tell(trial, events, clock)
     finally:
         happening.cancel()
-        await service.close()
+        await run.service.close()
     outcome.unclosed += [f"{one.order} of {one.utc:%H:%M:%S}" for one in journal.in_flight]
     outcome.syncs = len(made.syncs)
     outcome.false_frames = len(made.solve.false_frames)
@@ -204,10 +226,9 @@ def _judge(made: Observatory, since: datetime, number: int, outcome: Outcome) ->
         outcome.beyond.append(f"seed {seed} #{number}: {one.what} by {one.by_deg:.2f}° at {one.utc:%H:%M:%S}")
 
 
-async def _centered(
-    made: Observatory, service: Navigator, place: Icrs, number: int
-) -> tuple[Trial, datetime]:
+async def _centered(run: Run, place: Icrs, number: int) -> tuple[Trial, datetime]:
     """Order a centering, and again when what stood against it has passed; judge what is said each time."""
+    made = run.made
     world, clock = made.world, made.clock
     began = clock.utc()
 
@@ -222,15 +243,18 @@ async def _centered(
         stands = standing(world, place, ordered, LONGEST_S + 300.0)
         clear = way_is_clear(made, place)
         try:
-            report = await service.center(place)
+            report = await run.service.center(place)
         except MountnavError as error:
             said = f"{type(error).__name__}: {error.what}"
-            allowed = _allowed(made, service, error, place, stands, clear, ordered)
+            allowed = _allowed(made, run.service, error, place, stands, clear, ordered)
             if allowed is None:
                 return trial("FAILED", f"said without a cause (try {attempt}): {said}")
             if allowed == "for good":
                 return trial("refused rightly", said)
-            if allowed == "home" and not await _homed(service):
+            if allowed == "look":
+                await run.look_at_the_tube()
+                continue
+            if allowed == "home" and not await _homed(run.service):
                 return trial("FAILED", f"can't be homed: {said}")
             await clock.sleep(_until_over_s(made))
             continue
@@ -256,7 +280,9 @@ def _allowed(
     clear: bool,
     since: datetime,
 ) -> str | None:
-    """Whether what was said is true: "for good", "for now", "home" (it has to be homed); None: it is not."""
+    """Whether what was said is true: "for good", "for now", "home", "look" (at the tube); None: it is not."""
+    if isinstance(error, OutsideLimits) and "nothing has shown yet" in str(error):
+        return None if made.world.sides_stated else "look"
     if isinstance(error, OutsideLimits):
         return "for good" if stands is not Place.INSIDE or not clear else None
     causes = _causes(made, since)

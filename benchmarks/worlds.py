@@ -86,6 +86,8 @@ class World:
         "flop": a mirror that lies otherwise on each side of the meridian; "wind": gusts that shake the tube.
     loose_arcsec : float
         By how much.
+    sides_stated : bool
+        Somebody has looked whether the mount tells the right side of the pier, and set it.
     """
 
     seed: int
@@ -113,6 +115,7 @@ class World:
     mount_longitude_off_deg: float = 0.0
     loose: Literal["", "flop", "wind"] = ""
     loose_arcsec: float = 0.0
+    sides_stated: bool = False
 
     @property
     def service_site(self) -> Site:
@@ -395,6 +398,7 @@ def built(world: World, clock: VirtualClock) -> Observatory:
     if world.wire is None:
         ours = ShiftedClock(clock, world.service_clock_off_s)
         mount = SimulatedMount(mechanics, ours, world.behavior, trusted=world.trusted)
+        mount.sides_stated = world.sides_stated
     else:
         fake = make_fake(world.wire, None, mechanics, clock=clock, monotonic=clock.monotonic)
         line = MemoryLine(fake, clock, WireLog(monotonic=clock.monotonic))
@@ -430,7 +434,12 @@ def _driven(world: World, line: MemoryLine, clock: VirtualClock) -> DrivenMount:
     assert world.wire is not None
     log = WireLog(monotonic=clock.monotonic)
     language = _LANGUAGES[world.wire](Link(line, Patience(), log), world.service_site)
-    return DrivenMount(language, timing=Timing(longest_backoff_s=4.0), site=world.service_site)
+    return DrivenMount(
+        language,
+        timing=Timing(longest_backoff_s=4.0),
+        site=world.service_site,
+        swap_sides=False if world.sides_stated else None,
+    )
 
 
 def _listen(made: Observatory) -> None:

@@ -284,6 +284,10 @@ class Life:
                 report = await self.service.center(place)
             except MountnavError as error:
                 said.append(f"{type(error).__name__}: {error}")
+                sides = isinstance(error, OutsideLimits) and "set swap_sides" in str(error)
+                if sides and (done := await self._sides_stated()) is not None:
+                    said.append(f"→ {done}")
+                    continue
                 if isinstance(error, OutsideLimits) and (stands is not Place.INSIDE or not clear):
                     return "outside", said[-1]
                 if stands is not Place.INSIDE:
@@ -338,8 +342,8 @@ class Life:
         if "camera's clock" in text:
             camera.mend()
             return "the camera's clock was set right"
-        if "set swap_sides" in text and await self._swapped_sides():
-            return "sides were swapped in the settings, and the service was started again"
+        if "set swap_sides" in text and (done := await self._sides_stated()) is not None:
+            return done
         if "by way of a place that stands high" in text:
             site, utc = self.made.world.site, self.clock.utc()
             for ha_deg in (-10.0, 10.0):
@@ -389,16 +393,22 @@ class Life:
         await self._started_again()
         return "settings and clock were set right, and the service was started again"
 
-    async def _swapped_sides(self) -> bool:
-        """Look where the tube hangs, and set it in the settings if the mount says otherwise."""
+    async def _sides_stated(self) -> str | None:
+        """Look where the tube hangs, and set in the settings whether the mount says so."""
         mount = self.made.mount
         told = (await mount.reading()).pier_side
-        if told is None or told is self.made.mechanics.pier_side():
-            return False
+        if told is None or mount.sides_stated:
+            return None
+        swapped = told is not self.made.mechanics.pier_side()
         await self.service.close()
-        mount.behavior = replace(mount.behavior, side_swapped=False)
+        self.made.world = replace(self.made.world, sides_stated=True)
+        if self.made.world.wire is not None:
+            met_again(self.made)
+        else:
+            mount.behavior = replace(mount.behavior, side_swapped=False)
+            mount.sides_stated = True
         await self._started_again()
-        return True
+        return f"swap_sides = {str(swapped).lower()} was set, and the service was started again"
 
     async def _started_again(self) -> None:
         self.service = navigator(self.made, self.journal, self.events)

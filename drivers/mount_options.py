@@ -74,8 +74,8 @@ class MountOptions:
         Whether connecting sets the mount's clock and site to ours.
     trust_on_connect : bool
         Whether its position counts at the first connecting, unless it shows that it was just switched on.
-    swap_sides : bool
-        It tells the other side of the pier than the one on which the tube hangs.
+    swap_sides : bool or None
+        It tells the other side of the pier than the one on which the tube hangs; None: nobody has looked.
     own : mapping of str to str
         Options of the family's own, not yet read.
     control : ControlLines
@@ -92,7 +92,7 @@ class MountOptions:
     set_clock: bool
     set_site: bool
     trust_on_connect: bool
-    swap_sides: bool
+    swap_sides: bool | None
     own: Mapping[str, str]
     control: ControlLines
     settle_s: float
@@ -178,7 +178,7 @@ def read_options(
         set_clock=yes_of(options, "set_clock", default=False),
         set_site=yes_of(options, "set_site", default=False),
         trust_on_connect=yes_of(options, "trust_on_connect", default=True),
-        swap_sides=yes_of(options, "swap_sides", default=False),
+        swap_sides=yes_of(options, "swap_sides", default=False) if "swap_sides" in options else None,
         own={name: options[name] for name in own if name in options},
         control=ControlLines(
             dtr=yes_of(options, "dtr", default=True), rts=yes_of(options, "rts", default=True)

@@ -89,7 +89,7 @@ class MountSettings(Section):
     set_clock: bool = False
     set_site: bool = False
     trust_on_connect: bool = True
-    swap_sides: bool = False
+    swap_sides: bool | None = None
     dtr: bool | None = None
     rts: bool | None = None
     settle_s: float | None = Field(default=None, ge=0, le=120)

@@ -61,8 +61,8 @@ class DrivenMount:
         Whether connecting sets the mount's clock and site to ours.
     trust_on_connect : bool
         Whether its position counts at the first connecting, unless it shows that it was just switched on.
-    swap_sides : bool
-        It tells the other side of the pier than the one on which the tube hangs.
+    swap_sides : bool, optional
+        It tells the other side of the pier than the one on which the tube hangs; None: nobody has looked.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class DrivenMount:
         set_clock: bool = False,
         set_site: bool = False,
         trust_on_connect: bool = True,
-        swap_sides: bool = False,
+        swap_sides: bool | None = None,
     ) -> None:
         self.language = language
         self._name = name or language.device
@@ -96,6 +96,11 @@ class DrivenMount:
     def epoch(self) -> Epoch:
         """Kind of coordinates this mount speaks, as set."""
         return self.language.epoch
+
+    @property
+    def sides_stated(self) -> bool:
+        """Whether somebody has looked where the tube hangs, and said so in the settings."""
+        return self._tended.sides_stated
 
     @property
     def resolution_arcsec(self) -> float:

@@ -39,15 +39,16 @@ class Connecting:
         Whether the mount's clock and site are set to ours.
     trust : bool
         Whether the position counts at the first connecting, unless the mount was just switched on.
-    swap_sides : bool
-        Whether it tells the other side of the pier than the one on which the tube hangs.
+    swap_sides : bool or None
+        Whether it tells the other side of the pier than the one on which the tube hangs; None: nobody has
+        looked.
     """
 
     site: Site | None = None
     set_clock: bool = False
     set_site: bool = False
     trust: bool = True
-    swap_sides: bool = False
+    swap_sides: bool | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -386,6 +387,11 @@ class Tended:
     async def _readout(self) -> Readout:
         readout = await self.language.readout()
         return replace(readout, pier_side=self.side(readout.pier_side))
+
+    @property
+    def sides_stated(self) -> bool:
+        """Whether somebody has looked on which side the tube hangs, and said so in the settings."""
+        return self._connecting.swap_sides is not None
 
     def side(self, told: PierSide | None) -> PierSide | None:
         """On which side of the pier the tube hangs, by what the mount tells."""

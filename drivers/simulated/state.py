@@ -42,6 +42,7 @@ class SimulatedState:
         self._job: str | None = None
         self._stops = 0
         self._stop_owed = False
+        self.sides_stated = False
         self._late: tuple[Apparent | Icrs, float] | None = None
         self.cable = Cable(name, clock, self.behavior, back=self._on_back, lost=self._on_lost)
 

@@ -18,6 +18,12 @@ BROKE = [
     ("syncs-reversed", 316),
     # so near the pole that what a reversed sync did is a large turn of the hour angle
     ("syncs-reversed", 230),
+    # stood at the meridian, told the wrong side, and let itself go 60° past it: no reading showed that
+    ("side-swapped", 507),
+    ("side-swapped", 327260005),
+    # by the pole the axis turned on by degrees before it stood
+    ("syncs-refused", 204),
+    ("new-telescope", 327260005),
 ]
 WIRED = [
     # the limits, judged by the wrong longitude, were named as the cause

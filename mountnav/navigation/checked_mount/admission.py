@@ -103,6 +103,8 @@ class Admission:
         DeviceRefused, OutsideLimits, DeviceError
         """
         before = await self._standing.reading()
+        if self._standing.trusted:
+            self._guard.stood(before)
         refusal = self.unfit(order, before, needs_trust=needs_trust, parked_too=parked_too)
         if refusal is not None:
             await self._sender.refused(order, refusal, before, place)

@@ -13,17 +13,20 @@ from datetime import datetime
 import numpy as np
 
 from mountnav.errors import LimitKind, OutsideLimits
+from mountnav.navigation.checked_mount.braking import Braking
 from mountnav.navigation.checked_mount.rates_seen import RatesSeen, Unlike
+from mountnav.navigation.checked_mount.side_proof import LOOK_AT_IT, SideProof, SideUnproven
 from mountnav.navigation.devices import Epoch, MountReading, PierSide
 from mountnav.navigation.kinds import for_mount, from_mount
 from mountnav.pointing.limits import Limits, Mounting, Reached, SlewCheck
 from mountnav.pointing.limits.bodies import SUN_DEG_PER_S, bodies
 from mountnav.pointing.limits.detours import legs_to
 from mountnav.pointing.limits.directions import of_body
-from mountnav.pointing.limits.postures import Standing
+from mountnav.pointing.limits.postures import COUNTERWEIGHT_DOWN_DEG, Standing
 from mountnav.pointing.limits.refusing import require_night, why
 from mountnav.pointing.limits.scene import Scene
-from mountnav.pointing.limits.tracked import VACUUM, standing_for, tracked_depths
+from mountnav.pointing.limits.slews import POLE_DOUBT_DEG
+from mountnav.pointing.limits.tracked import AT_POLE_DEG, VACUUM, standing_for, tracked_depths
 from mountnav.pointing.limits.ways import strays_deg
 from mountnav.sky.chain import icrs_to_hour_angle, icrs_to_observed
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Observed, Site
@@ -33,6 +36,7 @@ BELOW_GROUND_DEG = -2.0
 
 _SIDES = (PierSide.EAST, PierSide.WEST)
 _STRAYS_DEG = 3.0
+_OF_AXES = frozenset({LimitKind.MERIDIAN, LimitKind.UNREACHABLE})
 _MISREPORTED = (
     "if the tube hangs on the other side of the pier than the mount says (look at it), set swap_sides = true "
     "of the mount"
@@ -63,15 +67,38 @@ class Guard:
     limits : Limits
     site, air : Site, Air
     mounting : {"german", "fork", "altaz"} or None
+    proof : SideProof, optional
+        Of the side that the mount tells.
     """
 
-    def __init__(self, limits: Limits, site: Site, air: Air, mounting: Mounting | None) -> None:
+    def __init__(
+        self,
+        limits: Limits,
+        site: Site,
+        air: Air,
+        mounting: Mounting | None,
+        proof: SideProof | None = None,
+    ) -> None:
         self.limits = limits
         self.site = site
         self.air = air
         self.mounting = mounting
         self._expected_side: PierSide | None = None
         self._rates = RatesSeen()
+        self.proof = proof or SideProof()
+        self._set_out = False
+
+    def set_out(self) -> None:
+        """An order to move goes out: it isn't where it was switched on any more."""
+        self._set_out = True
+
+    def stood(self, reading: MountReading) -> bool:
+        """Take in where it stands before an order; whether that has proven the side that it tells."""
+        if not _told(reading) or reading.slewing or self.mounting in ("fork", "altaz"):
+            return False
+        scene = Scene(self.limits, reading.utc, self.site)
+        here = icrs_to_hour_angle(from_mount(reading.place), reading.utc, self.site, self.air)
+        return self.proof.stood(scene, standing_for(scene, here, "german", reading.pier_side))
 
     def side(self, reading: MountReading) -> PierSide | None:
         """On which side the tube hangs: as the mount says, or as the last slew should have left it."""
@@ -93,6 +120,8 @@ class Guard:
         """
         try:
             return Plan((target,), self.check_slew(reading, target, utc, destination))
+        except SideUnproven:
+            raise  # no way round shows it
         except OutsideLimits as refusal:
             start, side = from_mount(reading.place), self.side(reading)
             # it may take some tenths of a second, and a stop doesn't wait for it
@@ -101,6 +130,7 @@ class Guard:
             )
             if not legs:
                 raise
+            self._require_legs(reading, legs, utc)
             try:
                 return Plan(legs, self.check_slew(reading, legs[0], utc, None))
             except OutsideLimits:
@@ -111,7 +141,7 @@ class Guard:
     ) -> SlewCheck:
         """Check one slew from where the mount stands. Raises `OutsideLimits`."""
         try:
-            return self._reckoned.check_slew(
+            check = self._reckoned.check_slew(
                 from_mount(reading.place),
                 target,
                 utc,
@@ -122,7 +152,8 @@ class Guard:
                 destination=destination,
             )
         except OutsideLimits as refusal:
-            if self.mounting != "german" or not (_told(reading) or destination in _SIDES):
+            told = _told(reading) or destination in _SIDES
+            if self.mounting != "german" or self.proof.stated or not told:
                 raise
             raise OutsideLimits(
                 refusal.what,
@@ -130,18 +161,60 @@ class Guard:
                 advice=f"{refusal.advice}; {_MISREPORTED}",
                 limit=refusal.limit,
             ) from None
+        if check.mounting == "german" and _told(reading):
+            self._require_on_both_sides(reading, check)
+        return check
 
-    @staticmethod
-    def advice_astray(reading: MountReading) -> str:
+    def _require_on_both_sides(self, reading: MountReading, check: SlewCheck) -> None:
+        """Refuse a way that isn't allowed if the told side is wrong. Raises `OutsideLimits`."""
+        if self.proof.wrong:
+            raise OutsideLimits(
+                "the slew isn't allowed: the mount tells the sides of the pier the wrong way round: it says "
+                "that it looks at places in the west with its tube on the west side, its counterweight up",
+                advice="look at the tube while it points to the west; if it hangs on the east side, set "
+                "swap_sides = true of the mount, else swap_sides = false",
+                limit=LimitKind.MERIDIAN,
+            )
+        scene = Scene(self.limits, reading.utc, self.site)
+        ways = check.expected
+        # at the pole, and not sent there by us: it stands at home, its counterweight down
+        from_home = not self._set_out and any(
+            abs(abs(one.start.second_deg) - 90.0) < 90.0 - POLE_DOUBT_DEG for one in ways
+        )
+        if from_home:
+            ways = tuple(one for one in ways if one.start.first_deg == COUNTERWEIGHT_DOWN_DEG) or ways
+        for way in ways:
+            self.proof.require(scene, way.start, way.end, from_home=from_home)
+
+    def _may_be_misreported(self, reading: MountReading) -> bool:
+        return _told(reading) and not self.proof.stated
+
+    def advice_astray(self, reading: MountReading) -> str:
         """What to do about a mount that went another way than it was checked for."""
         advice = "send it to a place farther from the meridian first, or let it change sides by hand"
-        return f"{advice}; {_MISREPORTED}" if _told(reading) else advice
+        return f"{advice}; {_MISREPORTED}" if self._may_be_misreported(reading) else advice
 
-    @staticmethod
-    def advice_beyond(reading: MountReading, limit: LimitKind) -> str:
+    def advice_beyond(self, reading: MountReading, limit: LimitKind) -> str:
         """What to do about a mount that came outside a limit on its way."""
         advice = "see where it stands; it went another way than expected (side of the pier, rates)"
-        return f"{advice}; {_MISREPORTED}" if limit is LimitKind.MERIDIAN and _told(reading) else advice
+        misreported = limit is LimitKind.MERIDIAN and self._may_be_misreported(reading)
+        return f"{advice}; {_MISREPORTED}" if misreported else advice
+
+    def _require_legs(self, reading: MountReading, legs: tuple[Icrs, ...], utc: datetime) -> None:
+        """Refuse a way round if a later part hangs on a side that isn't proven. Raises `SideUnproven`."""
+        if not self.unproven(reading):
+            return
+        scene = Scene(self.limits, utc, self.site)
+        start, side = from_mount(reading.place), self.side(reading)
+        for leg in legs:
+            check = self._reckoned.check_slew(
+                start, leg, utc, self.site, self.air, mounting=self.mounting, side=side, track_for_s=0.0
+            )
+            for way in check.expected:
+                self.proof.require(scene, way.start, way.end)
+            if len(check.sides) != 1:
+                return
+            start, side = leg, check.sides[0]
 
     @property
     def _reckoned(self) -> Limits:
@@ -168,15 +241,28 @@ class Guard:
 
     def reached(self, reading: MountReading, *, within_s: float = 43200.0) -> Reached | None:
         """Which limit tracking from where the mount stands reaches first, and when."""
-        return self.limits.reached(
-            from_mount(reading.place),
-            reading.utc,
-            self.site,
-            self.air,
-            mounting=self.mounting,
-            side=self.side(reading),
-            within_s=within_s,
-        )
+        sides = [*_SIDES] if self.unproven(reading) else [self.side(reading)]
+        found = [
+            self.limits.reached(
+                from_mount(reading.place),
+                reading.utc,
+                self.site,
+                self.air,
+                mounting=self.mounting,
+                side=one,
+                within_s=within_s,
+            )
+            for one in sides
+        ]
+        return min((one for one in found if one is not None), key=lambda one: one.after_s, default=None)
+
+    def unproven(self, reading: MountReading) -> bool:
+        """Whether its tube may hang on the other side than it tells, and limits depend on it."""
+        if not _told(reading) or self.mounting in ("fork", "altaz"):
+            return False
+        scene = Scene(self.limits, reading.utc, self.site)
+        here = icrs_to_hour_angle(from_mount(reading.place), reading.utc, self.site, self.air)
+        return self.proof.ambiguous(scene, standing_for(scene, here, "german", reading.pier_side))
 
     def check_tracking(self, reading: MountReading, utc: datetime, lead_s: float) -> None:
         """Refuse to begin to track where that leads out of the limits at once. Raises `OutsideLimits`."""
@@ -184,10 +270,13 @@ class Guard:
         if soon is None or soon.after_s > lead_s:
             return
         place = Observed(soon.az_deg, soon.alt_deg, utc)
+        advice = "slew to a place within the limits first"
+        if soon.limit is LimitKind.MERIDIAN and self.unproven(reading):
+            advice = f"{advice}; nothing has shown yet on which side of the pier the tube hangs: {LOOK_AT_IT}"
         raise OutsideLimits(
             f"tracking here leads in {soon.after_s:.0f} s to altitude {soon.alt_deg:.1f}°, azimuth "
             f"{soon.az_deg:.0f}°, {why(self.limits, soon.limit, 0.0, place)}",
-            advice="slew to a place within the limits first",
+            advice=advice,
             limit=soon.limit,
         )
 
@@ -233,6 +322,34 @@ class Guard:
         scene = Scene(self.limits, reading.utc, self.site)
         then, now = (self._stands(one, check) for one in (before, reading))
         return self._rates.unlike(check.expected, then, now, scene)
+
+    def overruns(self, braking: Braking, reading: MountReading, check: SlewCheck) -> float | None:
+        """Where its first axis would come to rest beyond a limit, if it were stopped now; None: within.
+
+        It brakes by itself before an end of the ways that are allowed; only what turns away from all of them
+        has to be stopped. One that doesn't tell its side has its axes anywhere.
+        """
+        if check.mounting != "german" or not _told(reading):
+            return None
+        scene = Scene(self.limits, reading.utc, self.site)
+        place = from_mount(reading.place)
+        bare = icrs_to_hour_angle(place, reading.utc, self.site, VACUUM)
+        if 90.0 - abs(bare.dec_deg) <= AT_POLE_DEG:
+            return None
+        # as the mount reckons: by the pole refraction alone seems to turn the axis
+        now = standing_for(scene, bare, check.mounting, reading.pier_side)
+        rests_deg = braking.rests_at_deg(reading.utc, now)
+        if rests_deg is None:
+            return None
+        if any(
+            (way.end.first_deg - now.first_deg) * (rests_deg - now.first_deg) > 0.0 for way in check.expected
+        ):
+            return None
+        stands, rests = (scene.axis_depths(now, np.array([one])) for one in (now.first_deg, rests_deg))
+        deeper = any(
+            depth[0] > max(0.0, stands[limit][0]) for limit, depth in rests.items() if limit in _OF_AXES
+        )
+        return rests_deg if deeper else None
 
     def _stands(self, reading: MountReading, check: SlewCheck) -> list[Standing]:
         """How it may stand on a way: on both sides of the pier, where it doesn't tell."""

@@ -149,6 +149,7 @@ class Motions:
                 self._standing.regained()
             return Came(_OUTCOMES[outcome], detail, new_segment=new_segment if arrived else "")
 
+        self._guard.set_out()
         following = self._watch.follow(order, before, check)
         try:
             outcome = await self._sender.send(

@@ -18,6 +18,7 @@ from mountnav.navigation.checked_mount.last_seen import LastSeen, Memory
 from mountnav.navigation.checked_mount.motions import Motions
 from mountnav.navigation.checked_mount.segments import SegmentListener
 from mountnav.navigation.checked_mount.sending import Sender
+from mountnav.navigation.checked_mount.side_proof import SideProof
 from mountnav.navigation.checked_mount.slew_plans import SlewPlans
 from mountnav.navigation.checked_mount.standing import Listener, Standing
 from mountnav.navigation.checked_mount.syncs import Syncs
@@ -70,7 +71,8 @@ class CheckedMount:
         self._mount = mount
         self._clock = clock or SystemClock()
         self._rate: TrackingRate | None = None
-        self._guard = guard = Guard(limits, site, air, mounting)
+        stated = getattr(mount, "sides_stated", False) is True
+        self._guard = guard = Guard(limits, site, air, mounting, SideProof(stated=stated))
         self._book = book = OrderBook(journal or Unwritten(), self._clock, telescope)
         self._standing = standing = Standing(mount, book, self._clock)
         self._sender = sender = Sender(mount, book, standing)
@@ -383,6 +385,8 @@ class CheckedMount:
         if self._admission.job is not None and not after_stop:
             raise self._admission.busy()
         before = await self.reading()
+        if self.trusted:
+            self._guard.stood(before)
         if (refusal := self._admission.unfit("slew", before)) is not None:
             raise refusal
         await self._agreement.require("slew")

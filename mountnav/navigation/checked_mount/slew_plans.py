@@ -89,7 +89,21 @@ class SlewPlans:
         return None if ask is None else await ask(place)
 
     async def _destination(self, place: Apparent | Icrs) -> PierSide | None:
+        await self._prove_side()
         try:
             return await self.destination_side(place)
         except DeviceRefused:
             return None  # it can't tell of this place: then it isn't known
+
+    async def _prove_side(self) -> None:
+        """Have a German mount that foretells its sides show that it tells the right ones."""
+        guard = self._guard
+        foretells = Skill.DESTINATION_SIDE in getattr(self._mount, "skills", frozenset())
+        if guard.limits.past_meridian_deg is None or not foretells:
+            return
+        utc = self._clock.utc()
+
+        async def foretold(place: Icrs) -> PierSide | None:
+            return await self.destination_side(guard.for_mount(place, self._mount.epoch, utc))
+
+        await guard.proof.ask(foretold, guard.site, guard.air, utc)

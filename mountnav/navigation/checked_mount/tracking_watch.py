@@ -11,12 +11,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Container
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import timedelta
 
 from mountnav.clock import Clock
 from mountnav.errors import DeviceError, LimitKind, MountnavError, OutsideLimits
 from mountnav.journal.records import EntryKind
+from mountnav.navigation.checked_mount.braking import Braking
 from mountnav.navigation.checked_mount.guarding import Guard
 from mountnav.navigation.checked_mount.halting import SLEWING_S, Halting, Watched
 from mountnav.navigation.checked_mount.standing import Listener
@@ -63,6 +64,8 @@ class Following:
         Whether that stop was heard.
     before : MountReading or None
         The last look's, once it is on its way.
+    braking : Braking
+        How fast its first axis is seen to turn.
     """
 
     order: str
@@ -70,6 +73,7 @@ class Following:
     left: OutsideLimits | None = None
     stopped: bool = False
     before: MountReading | None = None
+    braking: Braking = field(default_factory=Braking)
 
 
 class TrackingWatch:
@@ -132,6 +136,8 @@ class TrackingWatch:
     def follow(self, order: str, before: MountReading, check: SlewCheck | None = None) -> Following:
         """An order to move goes out: look often, until `unfollow`; whether it goes as checked, if it was."""
         self._following = Following(order, check)
+        if check is not None:
+            self._guard.overruns(self._following.braking, before, check)
         self._least = self._guard.depths(before, passing=True)
         self._wake.set()
         return self._following
@@ -192,6 +198,7 @@ class TrackingWatch:
             return SLEWING_S if following.check is None or following.check.sure else GUESSED_S
         if self._mount.trusted:
             self._untrusted_s = 0.0
+            self._guard.stood(reading)
         if reading.parked or (reading.tracking is False and not self._moves(before, reading)):
             self._told_near = None
             return SLOWEST_S
@@ -246,7 +253,11 @@ class TrackingWatch:
             return
         before, following.before = following.before, reading
         if deeper is None:
-            following.left = self._astray(following.check, before, reading)
+            following.left = self._astray(following.check, before, reading) or await self._overrunning(
+                following, reading
+            )
+            if self._following is not following:
+                return  # it is over
         else:
             limit, depth = deeper
             following.left = OutsideLimits(
@@ -281,6 +292,25 @@ class TrackingWatch:
             f"outside the limits ({trouble.limit}); {where}",
             advice="set limits.axis_rates_deg_s as they are, or send it again: it is planned for these rates",
             limit=trouble.limit,
+        )
+
+    async def _overrunning(self, following: Following, reading: MountReading) -> OutsideLimits | None:
+        """Why a mount has to be stopped now, since later it would come to rest beyond a limit."""
+        check = following.check
+        if check is None or self._guard.overruns(following.braking, reading, check) is None:
+            return None
+        # place and side by two questions: see above
+        again = await self._mount.reading()
+        if self._guard.overruns(following.braking, again, check) is None:
+            return None
+        seen = self._guard.seen(again)
+        # planned anew it would go on from here, nearer to the limit
+        return OutsideLimits(
+            f"the mount went another way than expected ({', '.join(check.ways)}), towards the limit past the "
+            f"meridian: it was stopped while it could rest before it, at altitude {seen.alt_deg:.1f}°, "
+            f"azimuth {seen.az_deg:.0f}°",
+            advice=self._guard.advice_astray(again),
+            limit=LimitKind.MERIDIAN,
         )
 
     async def _stop_on_the_way(

@@ -1,0 +1,153 @@
+"""Whether the side of the pier that a German mount tells is the one on which its tube hangs.
+
+A mount that tells the other side, always, contradicts itself in no reading: a slew on which it stays on its
+side looks the same from both sides of the meridian. Only the limits past the meridian hang on it. Until the
+side is proven they count for both sides.
+
+It is proven by the word of one who looked (``swap_sides`` is set, to yes or to no); by a tube that stands
+where it would be far beyond those limits if it hung on the other side, for no order of ours leads there; or
+by the sides that the mount foretells for places far to the east and to the west.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from datetime import datetime
+
+from mountnav.errors import DeviceRefused, LimitKind, OutsideLimits
+from mountnav.navigation.devices import PierSide
+from mountnav.pointing.limits.postures import COUNTERWEIGHT_DOWN_DEG, Standing
+from mountnav.pointing.limits.scene import Scene
+from mountnav.sky.chain import hour_angle_to_icrs
+from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site
+from mountnav.sky.sphere import half_turn_deg
+
+BEYOND_DEG = 3.0
+"""A tube that would stand so far, °, beyond the limit past the meridian if the side were wrong proves it:
+more than a pointing error of a mount whose position counts. Doubled, more first slews would be refused."""
+PLAIN_DEC_DEG = 85.0
+"""Nearer to the pole than this, °, a place doesn't tell how the hour angle axis stands."""
+FAR_DEG = 75.0
+"""Places so far from the meridian, °, are asked for: a mount that looks at them from the wrong side, its
+counterweight so far up, has no limits at all."""
+_ASKED_DEC_DEG = 45.0
+_DEEPER_DEG = 0.3
+_OF_AXES = frozenset({LimitKind.MERIDIAN, LimitKind.UNREACHABLE})
+_SIDES = (PierSide.EAST, PierSide.WEST)
+
+LOOK_AT_IT = (
+    "slew to a place farther from the pole and the meridian first, if it lets you: that shows it; or "
+    "look at the tube, and set swap_sides of the mount: false if it hangs where the mount says, true if on "
+    "the other side; or let the mount find its home first"
+)
+
+Asked = Callable[[Icrs], Awaitable[PierSide | None]]
+
+
+class SideUnproven(OutsideLimits):
+    """A slew that may be made from the side that the mount tells, and not from the other one."""
+
+
+class SideProof:
+    """Of one mount.
+
+    Parameters
+    ----------
+    stated : bool
+        Whether somebody has looked, and said so in the settings.
+
+    Attributes
+    ----------
+    stated : bool
+    proven : bool
+    wrong : bool
+        It foretells the sides the wrong way round.
+    """
+
+    def __init__(self, *, stated: bool = False) -> None:
+        self.stated = self.proven = stated
+        self.wrong = False
+        self._asked = False
+
+    def stood(self, scene: Scene, now: Standing) -> bool:
+        """Take in how it stands, by what it tells; whether that has proven the side."""
+        past = scene.limits.past_meridian_deg
+        if self.proven or past is None or now.mounting != "german" or abs(_dec_deg(now)) > PLAIN_DEC_DEG:
+            return False
+        raised_deg = abs(half_turn_deg(now.first_deg - COUNTERWEIGHT_DOWN_DEG)) - 90.0
+        self.proven = -raised_deg > max(past) + BEYOND_DEG and not self.wrong
+        return self.proven
+
+    async def ask(self, foretold: Asked, site: Site, air: Air, utc: datetime) -> None:
+        """Ask a mount that foretells its side on which it would look at two places; once is enough.
+
+        Raises
+        ------
+        DeviceError
+        """
+        if self.proven or self._asked:
+            return
+        told = []
+        for ha_deg in (-FAR_DEG, FAR_DEG):
+            place = HourAngle(ha_deg, math.copysign(_ASKED_DEC_DEG, site.latitude_deg), utc)
+            try:
+                told.append(await foretold(hour_angle_to_icrs(place, site, air)))
+            except DeviceRefused:
+                return
+        self._asked = True
+        self.proven = told == [PierSide.WEST, PierSide.EAST]
+        self.wrong = told == [PierSide.EAST, PierSide.WEST]
+
+    def ambiguous(self, scene: Scene, now: Standing) -> bool:
+        """Whether nothing has shown the side, and the tube may hang on either as it stands now.
+
+        Where it would be beyond the limit on the other one it isn't: no order of ours leads there.
+        """
+        if self.proven or scene.limits.past_meridian_deg is None or now.mounting != "german":
+            return False
+        return all(
+            depth[0] <= BEYOND_DEG
+            for limit, depth in scene.axis_depths(mirrored(now)).items()
+            if limit in _OF_AXES
+        )
+
+    def require(self, scene: Scene, start: Standing, end: Standing, *, from_home: bool = False) -> None:
+        """Refuse a way on one side that would lead beyond a limit if the tube hung on the other one.
+
+        Raises
+        ------
+        SideUnproven
+        """
+        if self.proven or scene.limits.past_meridian_deg is None or start.side is not end.side:
+            return  # on a change of sides it is seen at once that the axes turn the other way round
+        before, after = (scene.axis_depths(mirrored(one)) for one in (start, end))
+        for limit in _OF_AXES & set(after):
+            depth_deg = float(after[limit][0])
+            # by the pole an order from home leads to either posture, unseen
+            came_in = not from_home or abs(_dec_deg(end)) < PLAIN_DEC_DEG
+            stood_deg = float(before[limit][0]) + _DEEPER_DEG if came_in else 0.0
+            if depth_deg > max(0.0, stood_deg):
+                raise SideUnproven(
+                    f"the slew isn't allowed: the mount says that its tube hangs on the {start.side} side of "
+                    f"the pier, which nothing has shown yet; if it hangs on the other one, the target would "
+                    f"be {depth_deg:.1f}° too far past the meridian",
+                    advice=LOOK_AT_IT,
+                    limit=LimitKind.MERIDIAN,
+                )
+
+
+def mirrored(one: Standing) -> Standing:
+    """How the axes would stand that look at the same place from the other side of the pier."""
+    other = PierSide.WEST if one.side is PierSide.EAST else PierSide.EAST
+    first_deg = COUNTERWEIGHT_DOWN_DEG + half_turn_deg(one.first_deg + 180.0 - COUNTERWEIGHT_DOWN_DEG)
+    return replace(one, side=other, first_deg=first_deg, second_deg=180.0 - one.second_deg)
+
+
+def _dec_deg(one: Standing) -> float:
+    """Declination of where the axes look."""
+    return math.degrees(math.asin(math.sin(math.radians(one.second_deg))))
+
+
+__all__ = ["LOOK_AT_IT", "SideProof", "SideUnproven", "mirrored"]
