@@ -15,7 +15,7 @@ from drivers.folder.watcher import FolderWatcher
 from drivers.wire_log import WireEntry, WireLog
 from mountnav.catalog.stars import Catalog
 from mountnav.clock import Clock, SystemClock
-from mountnav.errors import BadRequest, Busy, DeviceError, Unknown
+from mountnav.errors import BadRequest, Busy, DeviceError, JournalFailed, Unknown
 from mountnav.frames import Frame, Hint
 from mountnav.journal.records import Entry, EntryKind, Journal, Unwritten
 from mountnav.night.daylight import night_name, sun_altitude_deg
@@ -132,7 +132,7 @@ class NightRunner:
         known = None
         if parts.recall is not None:
             known = remembered(await parts.recall(parts.telescope_id, EntryKind.NIGHT, ROWS_READ))
-        self._session = NightSession(
+        session = NightSession(
             parts.navigator,
             self._settings.rules,
             self._frames,
@@ -147,8 +147,9 @@ class NightRunner:
             recorder=parts.recording,
             make_way=parts.make_way,
         )
+        await session.begin()
+        self._session = session
         self._record_wire()
-        await self._session.begin()
         work: list[Callable[[], Awaitable[None]]] = [self._take, self._pass_time, self._read_mount]
         if self._settings.folder is not None:
             self.watcher = FolderWatcher(
@@ -373,6 +374,7 @@ class Nights:
 
     def __init__(self, runners: Iterable[NightRunner] = ()) -> None:
         self._runners = {runner.parts.telescope_id: runner for runner in runners}
+        self._begun: set[str] = set()
 
     def of(self, telescope_id: str) -> NightRunner:
         """The runner of a telescope. Raises `Unknown` if it has no nights."""
@@ -383,12 +385,27 @@ class Nights:
         return self._runners[telescope_id]
 
     async def start(self) -> None:
-        """Let all begin to run; one that can't is logged, and the others run."""
-        for runner in self._runners.values():
+        """Let all begin to run that don't yet; one that can't is logged, and the others run.
+
+        Raises
+        ------
+        JournalFailed
+            What one of them remembers can't be read, or that it goes on can't be written: to be called again.
+        """
+        failure: JournalFailed | None = None
+        for name, runner in self._runners.items():
+            if name in self._begun:
+                continue
             try:
                 await runner.start()
+            except JournalFailed as failed:
+                failure = failure or failed
+                continue
             except Exception:
-                _log.exception("%s: its nights could not begin", runner.parts.telescope_id)
+                _log.exception("%s: its nights could not begin", name)
+            self._begun.add(name)
+        if failure is not None:
+            raise failure
 
     async def close(self) -> None:
         """End all. Call it before the telescopes are released. Twice is fine."""

@@ -30,7 +30,8 @@ def in_words(line: Line) -> str:
     why = record.facts.get("why")
     # what a mount tells unasked is a bare name, such as link-lost
     of_mount = record.kind in (EntryKind.LINK, EntryKind.FAULT)
-    return f"{record.what}: {why}" if of_mount and isinstance(why, str) and why else record.what
+    untold = isinstance(why, str) and why not in record.what
+    return f"{record.what}: {why}" if of_mount and why and untold else record.what
 
 
 def as_json(line: Line) -> dict[str, Any]:

@@ -123,6 +123,13 @@ async def test_a_lost_link_says_why(journal: SqlJournal) -> None:
     assert sorted(words) == ["link-back", "link-lost: no such device"]
 
 
+async def test_a_reason_that_stands_in_the_words_is_not_told_twice(journal: SqlJournal) -> None:
+    why = "its clock is 600 s ahead of ours"
+    what = f"mount and settings contradict each other: {why}"
+    await journal.note(Entry(at(0), "east", EntryKind.FAULT, what, {"why": why}))
+    assert [in_words(line) for line in journal.reader.lines(limit=10) if line.kind == "fault"] == [what]
+
+
 @pytest.mark.parametrize("text", ["", "!", "bm9uc2Vuc2U", "W10", "WzEsIDIsIDNd", "a" * 200, "″"])
 def test_cursors_that_are_none(text: str) -> None:
     with pytest.raises(BadRequest):

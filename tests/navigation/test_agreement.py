@@ -110,10 +110,37 @@ async def test_no_family_is_slewed_by_another_site_until_it_is_set_right(
         await mount.stop()
         written = [entry.what for entry in found.journal.entries if entry.kind is EntryKind.FAULT]
         assert any("contradict each other" in what for what in written), written
+        mount.trust()
         report = await mount.set_site_and_time()
         assert "site set" in report.done
         assert mount.contradiction is None
         assert "contradiction-over" in found.told
+        # whether the place or the axes were right nobody has seen
+        assert not mount.trusted
+        assert "turned its sky by +44.5°" in mount.why_untrusted
+        with pytest.raises(DeviceRefused) as lost:
+            await mount.slew(found.place())
+        assert lost.value.reason is Refusal.UNTRUSTED
+        assert "recover" in str(lost.value.advice)
+        mount.trust()
+        await mount.would_slew(found.place())
+
+
+async def test_what_changes_next_to_nothing_leaves_the_position_trusted() -> None:
+    async with met("lx200", "onstep", believes=SITE, ahead_s=20.0) as found:
+        found.mount.trust()
+        await found.mount.set_site_and_time()
+        assert found.mount.trusted
+        await found.mount.would_slew(found.place())
+
+
+async def test_at_its_park_position_the_axes_tell_where_it_stands() -> None:
+    async with met("lx200", "onstep") as found:
+        mount = found.mount
+        mount.trust()
+        await mount.park()
+        await mount.set_site_and_time()
+        assert mount.trusted
 
 
 async def test_what_it_was_turned_by_is_kept_until_the_sky_or_a_second_order_confirms_it() -> None:

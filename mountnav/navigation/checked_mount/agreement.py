@@ -14,6 +14,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from mountnav.errors import DeviceError, DeviceRefused, Refusal
 from mountnav.journal.records import EntryKind
+from mountnav.navigation.checked_mount.guarding import Guard
 from mountnav.navigation.checked_mount.standing import Standing
 from mountnav.navigation.checked_mount.written_orders import OrderBook
 from mountnav.navigation.devices import ConnectReport, Mount
@@ -112,6 +113,16 @@ class Difference:
             for a, b, apart in pairs
         )
 
+    def moved_from(self, before: Difference) -> str | None:
+        """What was changed by setting it from `before`, in words; None if next to nothing was."""
+        if before == Difference():
+            return "which it didn't tell before"
+        turned_deg = half_turn_deg(self.turn_deg - before.turn_deg)
+        tilted_deg = (self.latitude_deg or 0.0) - (before.latitude_deg or 0.0)
+        if max(abs(turned_deg), abs(tilted_deg)) <= _clock_apart_deg():
+            return None
+        return f"which turned its sky by {turned_deg:+.1f}° and tilted it by {tilted_deg:+.1f}°"
+
     def facts(self) -> dict[str, object]:
         """For the journal."""
         return {
@@ -131,10 +142,13 @@ class Agreement:
     standing : Standing
         Tells of the link, and those who listen.
     book : OrderBook
+    guard : Guard
+        Only asked for the Sun.
     """
 
-    def __init__(self, mount: Mount, standing: Standing, book: OrderBook) -> None:
+    def __init__(self, mount: Mount, standing: Standing, book: OrderBook, guard: Guard) -> None:
         self._mount = mount
+        self._guard = guard
         self._standing = standing
         self._book = book
         self._accepted: Difference | None = None
@@ -191,8 +205,31 @@ class Agreement:
             )
         # ordered once more it is the word of one who knows that ours are right
         self.turned_deg = None
-        report = await self._mount.set_site_and_time()
+        before = self.difference or Difference()
+        try:
+            reading = await self._standing.reading()
+        except DeviceError:
+            reading = None
+        try:
+            report = await self._mount.set_site_and_time()
+        except DeviceRefused:
+            raise  # it was told nothing
+        except DeviceError as error:
+            self._standing.distrust(f"its site and clock were being set, how far isn't known: {error.what}")
+            raise
         self._look()
+        now = Difference.of(report)
+        changed = now.moved_from(before)
+        by_its_axes = (
+            reading is not None
+            and bool(reading.parked or reading.at_home)
+            and self._guard.sun_is_down(reading.utc, half_turn_deg(now.turn_deg - before.turn_deg))
+        )
+        if changed is not None and not by_its_axes:
+            # one mount keeps its place among the stars, another one the angles of its axes: nobody has seen
+            # which of both is right. At home and at its park position the axes tell; but if it is our clock
+            # that is wrong, the Sun is elsewhere
+            self._standing.distrust(f"its site and clock were set to ours, {changed}")
         return report
 
     def accept(self) -> str | None:

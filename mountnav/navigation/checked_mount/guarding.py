@@ -367,6 +367,14 @@ class Guard:
         apart = sun.separation_deg(of_body(here, latitude_deg))
         return float(apart.min()) < float(apart[0]) - 1.0
 
+    def sun_is_down(self, utc: datetime, doubt_deg: float) -> bool:
+        """Whether the Sun stands in nobody's way, even if the hour angle is wrong by so much."""
+        if self.limits.sun_cone_deg <= 0.0:
+            return True
+        turned = np.array([-abs(doubt_deg), 0.0, abs(doubt_deg)])
+        sun = of_body(bodies(utc, self.site).sun, self.site.latitude_deg, turned)
+        return bool(sun.altitude_deg.max() < self.limits.sun_cone_from_altitude_deg)
+
     def seen(self, reading: MountReading) -> Observed:
         """Where the mount points, as the horizon counts."""
         return icrs_to_observed(from_mount(reading.place), reading.utc, self.site, self.air)

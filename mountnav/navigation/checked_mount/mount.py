@@ -77,7 +77,7 @@ class CheckedMount:
         self._standing = standing = Standing(mount, book, self._clock)
         self._sender = sender = Sender(mount, book, standing)
         self._watch = watch = TrackingWatch(self, guard, book, self._clock, standing.tell)
-        self._agreement = agreement = Agreement(mount, standing, book)
+        self._agreement = agreement = Agreement(mount, standing, book, guard)
         self._admission = admission = Admission(mount, guard, standing, sender, self._clock, agreement)
         self._plans = plans = SlewPlans(mount, guard, sender, book, self._clock)
         self._motions = Motions(mount, guard, standing, sender, admission, plans, watch, self._clock)
