@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
 from collections.abc import AsyncIterator
+from typing import Any
 
 import httpx
 import pytest
@@ -66,3 +68,25 @@ async def test_a_frozen_mount_holds_up_nobodys_stop(observatory_toml: str, deaf:
         assert event.data["telescope"] == "frozen"
         assert event.data["sent"] is False
         assert event.data["problem"]
+
+
+async def test_the_first_stop_waits_for_no_preparation(
+    observatory_toml: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """FastAPI asks for the signatures behind a route to make it ready: not while a stop waits."""
+    app = create_app(Settings.parse(observatory_toml))
+    asked: list[str] = []
+    signature = inspect.signature
+
+    def spied(function: object, *arguments: Any, **options: Any) -> inspect.Signature:
+        asked.append(getattr(function, "__module__", ""))
+        return signature(function, *arguments, **options)  # type: ignore[arg-type]
+
+    transport = httpx.ASGITransport(app=app)
+    async with (
+        app.router.lifespan_context(app),
+        httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1", timeout=60) as client,
+    ):
+        monkeypatch.setattr(inspect, "signature", spied)
+        assert (await client.post("/v1/stop")).status_code == 200
+    assert [module for module in asked if module.startswith("api.routes")] == []
