@@ -8,9 +8,6 @@ from typing import Literal
 
 from pydantic import ValidationError
 
-from api.demo_observatory import served_demo
-from api.observatory import require_devices
-from api.serving import serve
 from mountnav.errors import BadRequest
 from mountnav.settings import Settings
 from mountnav.settings_demo import DemoSettings
@@ -40,6 +37,10 @@ def run(asked: Serve) -> int:
         The settings can't be served.
     """
     settings = settings_of(asked)
+    # only now: all of the service takes seconds to import, and wrong settings are told without it
+    from api.observatory import require_devices
+    from api.serving import serve
+
     # all of them before anything is opened: a wrong one is told in one line, and starting again won't help
     require_devices(settings, asked.config)
     return serve(settings)
@@ -53,6 +54,8 @@ def settings_of(asked: Serve) -> Settings:
                 "there is nothing to serve",
                 advice="give --config observatory.toml, or --demo for a virtual observatory",
             )
+        from api.demo_observatory import served_demo
+
         port = 8000 if asked.port is None else asked.port
         return served_demo(_demo(asked, None), port, asked.mounting or "german")
     settings = Settings.load(asked.config)

@@ -51,9 +51,10 @@ def _tallies(trials, seed, index, *, budget_s):
     return tallies
 
 
-def test_no_answer_to_random_lists_is_wrong_and_skies_are_found(sky_index):
-    tallies = _tallies(90, SEED, sky_index, budget_s=2.0)  # enough on a busy machine
-    assert tallies["sky"].right >= 8
+@pytest.mark.parametrize(("trials", "right"), [(45, 4), pytest.param(90, 8, marks=pytest.mark.long)])
+def test_no_answer_to_random_lists_is_wrong_and_skies_are_found(sky_index, trials, right):
+    tallies = _tallies(trials, SEED, sky_index, budget_s=2.0)  # enough on a busy machine
+    assert tallies["sky"].right >= right
     assert all(tallies[kind].right == 0 for kind in ("even", "clustered", "raster"))
 
 

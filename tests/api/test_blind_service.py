@@ -37,7 +37,8 @@ WIDE = """
 [service]
 port = 0
 [solving]
-budget_s = 6.0
+# so long a look waits for the index as well, whose building on a busy machine takes many seconds
+budget_s = 60.0
 [site]
 latitude_deg = 47.0
 longitude_deg = 11.0

@@ -155,7 +155,15 @@ def not_there(kind, count, rng, turn, place):
 
 
 @pytest.mark.parametrize("kind", ["even", "cluster", "another sky", "cluster on cluster"])
-@pytest.mark.parametrize(("count", "scale"), [(12, 2.5), (60, 2.5), (60, 5.0), (300, 5.0)])
+@pytest.mark.parametrize(
+    ("count", "scale"),
+    [
+        (12, 2.5),
+        pytest.param(60, 2.5, marks=pytest.mark.long),
+        pytest.param(60, 5.0, marks=pytest.mark.long),
+        (300, 5.0),
+    ],
+)
 def test_the_odds_of_wrong_anchors_are_not_understated(kind, count, scale):
     """Plates through two made-up pairs; the brightest, the many and those alike in brightness are asked."""
     rng = np.random.default_rng(count)

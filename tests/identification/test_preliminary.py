@@ -104,7 +104,7 @@ def test_unrelated_lists_are_refused(seed, stars, size, profile) -> None:
 def test_unrelated_clusters_are_refused() -> None:
     """Lists that both crowd in the middle overlap by far more than even ones."""
     rng = np.random.default_rng(3)
-    for _ in range(60):
+    for _ in range(30):
         lists = []
         for _ in range(2):
             x, y = rng.normal(750, 60, 200), rng.normal(500, 60, 200)
@@ -205,7 +205,7 @@ def test_hot_pixels_stand_still_and_are_not_followed() -> None:
 def test_hot_pixels_alone_never_say_that_the_field_stood_still() -> None:
     """After a slew to another field, hot pixels are all that two frames share."""
     rng = np.random.default_rng(7)
-    for _ in range(40):
+    for _ in range(20):
         hot_x, hot_y, hot = rng.uniform(0, 1500, 60), rng.uniform(0, 1000, 60), rng.uniform(2, 6, 60)
         first, _ = two_lists(rng, 150, SIZE, (0.0, 0.0), 0.0)
         _, second = two_lists(rng, 150, SIZE, (0.0, 0.0), 0.0)

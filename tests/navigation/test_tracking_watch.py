@@ -500,7 +500,7 @@ def test_by_the_pole_the_meridian_limit_counts_by_the_axes(dec_deg: float) -> No
 def test_at_home_on_the_pole_tracking_begins(tells_side: bool) -> None:
     # there a place tells nothing of the axes: by it alone they may be anywhere beyond
     async def work(rig: Rig) -> None:
-        for _ in range(8):
+        for _ in range(4):
             await rig.mount.set_tracking(False)
             await rig.clock.sleep(3.0 * 3600.0)
             await rig.mount.set_tracking(True)
