@@ -66,6 +66,8 @@ LONGEST_S = 900.0
 TRIES = 4
 LEARNED_AFTER = 3
 WANTED = 0.999
+_TOLD_EVERY = 50
+"""After so many observatories it is told how it stands."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -438,6 +440,10 @@ def main() -> int:
         if asked.verbose:
             print(f"seed {seed}: {drawn(seed, wire=wire)}")
         outcomes.append(lived(seed, wire, verbose=asked.verbose))
+        if len(outcomes) % _TOLD_EVERY == 0:
+            # a run that is broken off counts as far as it came
+            report(outcomes, time.monotonic() - began)
+            print(flush=True)
     return 0 if report(outcomes, time.monotonic() - began) else 1
 
 

@@ -452,7 +452,7 @@ def main() -> int:
     asked = parser.parse_args()
     logging.disable(logging.WARNING)
     first = asked.first if asked.first is not None else seed_of_the_day()
-    print(f"seeds from {first}")
+    print(f"seeds from {first}", flush=True)
     began = time.monotonic()
     outcomes = []
     for name in asked.only or SCENARIOS:
@@ -461,9 +461,10 @@ def main() -> int:
             lived(name, seed, outcome, asked.verbose)
         outcomes.append(outcome)
         told = ", ".join(f"{count} {what}" for what, count in outcome.results.most_common())
-        print(f"{name:20} {told}; {outcome.syncs} syncs, {len(outcome.wrong)} wrong")
+        # at once: a run that is broken off counts as far as it came
+        print(f"{name:20} {told}; {outcome.syncs} syncs, {len(outcome.wrong)} wrong", flush=True)
         for line in (*outcome.wrong, *outcome.lost):
-            print(f"    {line}")
+            print(f"    {line}", flush=True)
     wrong = sum(len(one.wrong) for one in outcomes)
     lost = sum(len(one.lost) for one in outcomes)
     total = sum(sum(one.results.values()) for one in outcomes)
