@@ -14,6 +14,7 @@ from mountnav.journal.wanted import COMMAND, Wanted
 from mountnav.navigation.checked_mount import CheckedMount
 from mountnav.navigation.checked_mount.agreement import ACCEPTED, ADVICE
 from mountnav.navigation.checked_mount.last_seen import LastSeen, seen_of
+from mountnav.navigation.checked_mount.side_proof import SIDE_PROVEN
 from mountnav.navigation.syncing import GuardedSync
 from mountnav.sky.coordinates import utc_now
 from mountnav.tasks import fault_words
@@ -148,6 +149,9 @@ class TakingUp:
         said = [one.facts for one in settings if one.facts.get("about") == ACCEPTED]
         if said and said[-1].get("difference") is not None:
             mount.restore_agreement(said[-1])
+        proven = [one.facts for one in settings if one.facts.get("about") == SIDE_PROVEN]
+        if proven:
+            mount.restore_side_proof(proven[-1])
         guard.restore(sorted((*syncs, *learned), key=lambda one: one.utc))
 
 

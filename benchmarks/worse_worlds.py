@@ -226,6 +226,7 @@ class Life:
         self.journal = MemoryJournal()
         self.events: list[tuple[str, Any]] = []
         self.service = navigator(self.made, self.journal, self.events)
+        self._synced_away = False
 
     async def lived(self) -> None:
         """Center the targets, one after the other."""
@@ -243,6 +244,7 @@ class Life:
                 await clock.sleep(chance.uniform(0.0, 240.0))
                 place = target(world, clock.utc(), chance)
                 self.events.clear()
+                self._synced_away = False
                 since = clock.utc()
                 result, why = await self._centered(place)
                 self._note(number, since, result, why)
@@ -357,6 +359,13 @@ class Life:
             if "order first light" in text:
                 await service.first_light()
             return "put right by hand, trusted"
+        if "sync it further from the pole" in text and not self._synced_away:
+            self._synced_away = True
+            site, utc = self.made.world.site, self.clock.utc()
+            away = HourAngle(-40.0, math.copysign(50.0, site.latitude_deg), utc)
+            await service.center(hour_angle_to_icrs(away, site, AIR))
+            await service.sync()
+            return "synced further from the pole"
         if "first light" in text or "first-light" in text:
             await service.first_light()
             return "first light"

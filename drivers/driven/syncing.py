@@ -33,21 +33,38 @@ async def sync(tended: Tended, refusals: Refusals, place: Apparent | Icrs) -> Sy
         near = near_arcsec(way_arcsec, tended.language.resolution_arcsec, tended.timing.near_arcsec)
         # one that was given up earlier would be taken for this one
         tended.late_sync = None
-        async with refusals.seen_to("the sync", before, stops=False):
+        went_out = False
+
+        def wanted() -> bool:
+            nonlocal went_out
+            if tended.stops != stops or tended.links != links:
+                return False
+            # only now: until it goes out a place that has changed is a jump, say of a mount that was switched
+            # off and on while it was told the target
+            went_out = True
             tended.judge.forget()
+            return True
+
+        async with refusals.seen_to("the sync", before, stops=False):
             try:
-                sent = await tended.language.send_sync(
-                    place, lambda: tended.stops == stops and tended.links == links
-                )
+                sent = await tended.language.send_sync(place, wanted)
             finally:
-                # a look between the two would have kept the place before it
-                tended.judge.forget()
+                if went_out:
+                    # a look between the two would have kept the place before it
+                    tended.judge.forget()
                 tended.restless()
         if not sent.wire:
             raise DeviceRefused(
                 "the sync was not sent: a stop came before it, or its link was lost", device=tended.name
             )
-        result = await _read_back(tended, before, place, near)
+        try:
+            result = await _read_back(tended, before, place, near)
+        except BaseException:
+            # whoever reads it next finds it here, there, or where it woke up that was switched off meanwhile
+            if tended.judge.last is None:
+                tended.judge.last = before
+            tended.late_sync = _late(place, near)
+            raise
     if tended.links != links:
         raise DeviceMissing(
             "its link was lost during the sync: whether it was carried out is not known",
@@ -57,13 +74,17 @@ async def sync(tended: Tended, refusals: Refusals, place: Apparent | Icrs) -> Sy
     if result.outcome.seen:
         tended.trust("a sync was seen")
         return result
-    tended.late_sync = LateSync(place, near, asyncio.get_running_loop().time() + _LATE_FOR_S)
+    tended.late_sync = _late(place, near)
     if result.outcome is SyncOutcome.ELSEWHERE:
         tended.went_elsewhere(result.miss_arcsec)
         return result
     if sent.lost is not None:
         raise sent.lost
     return result
+
+
+def _late(place: Apparent | Icrs, near_arcsec: float) -> LateSync:
+    return LateSync(place, near_arcsec, asyncio.get_running_loop().time() + _LATE_FOR_S)
 
 
 async def _read_back(tended: Tended, before: Readout, place: Apparent | Icrs, near: float) -> SyncResult:

@@ -18,6 +18,9 @@ _ADVICE = (
 )
 STUCK_TRIES = 2
 ELSEWHERE_TRIES = 3
+NEARER = 0.7
+"""A correction that leaves less than this share of what the target was off is no slip. Doubled, whatever
+slips a little would be followed to the last try."""
 
 
 class Ends:
@@ -55,10 +58,19 @@ class Ends:
         match followed:
             case Followed.STUCK:
                 self._stuck += 1
-            case Followed.ELSEWHERE:
+            case Followed.ELSEWHERE if not self._comes_nearer():
                 self._elsewhere += 1
             case Followed.YES:
                 self._stuck = 0
+
+    def _comes_nearer(self) -> bool:
+        """Whether the last correction led much nearer, though not where it was sent.
+
+        So it goes near the pole with a zero point some degrees off: each step is turned, and still halves
+        what is left.
+        """
+        tried = self._tries.all
+        return len(tried) > 1 and tried[-1].error_arcsec <= NEARER * tried[-2].error_arcsec
 
     def believed(self) -> None:
         """A look that nothing stands against: doubts before it don't count any more."""

@@ -130,7 +130,8 @@ class PolarSteering:
                 short,
                 f"by its own count, {off_arcsec:.0f}″ off in declination, the target lies beyond the pole; "
                 f"it stays {short:.0f}″ short",
-                "sync it further from the pole, or order first light, and then again",
+                "sync it further from the pole, or order first light, and then again; if it takes no syncs, "
+                "choose a target further from the pole",
             )
         return Hole(short, f"at its own pole the mount can't point; it stays {short:.0f}″ short")
 

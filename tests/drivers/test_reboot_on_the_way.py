@@ -34,9 +34,11 @@ FAMILIES = [
     ("ioptron", None),
     ("skywatcher", None),
 ]
+SHORT_S = (0.2, 0.5, 0.8, 1.1)
+"""Nobody notices a silence of these: a question is asked again before it counts as unanswered."""
 MUTES_S = (1.0, 2.0, 3.0, 3.5, 4.0, 4.5, 5.0, 5.5, 6.5)
-ASKED_BEFORE_A_SLEW = {"nexstar": b"J", "synscan": b"J"}
-"""Commands that go out while a slew is told, begin so; the other families' all begin with a colon."""
+ASKED_BEFORE_AN_ORDER = {"nexstar": b"J", "synscan": b"J"}
+"""Commands that go out while an order is told, begin so; the other families' all begin with a colon."""
 WRONG_ARCSEC = 5.0 * 3600.0
 
 
@@ -54,6 +56,10 @@ class Rebooted:
         self.clock = HandClock()
         self.at_s, self.mute_s = at_s, mute_s
         self.protocol, self.dialect, self.seed = protocol, dialect, seed
+        self.error: BaseException | None = None
+        self.result: object = None
+        self.off_arcsec = 0.0
+        """How far the tube is at last from where the driver says; 0 where it says nothing."""
 
     def run(self, monkeypatch: pytest.MonkeyPatch, order: str, then: str = "") -> Rig:
         in_virtual_time(monkeypatch, self.clock)
@@ -82,11 +88,15 @@ class Rebooted:
                 rig.fake.add_fault(Fault("reboot", for_s=self.mute_s))
                 rig.fake.feed(b"")
             elif then == "while it is told":
-                on = ASKED_BEFORE_A_SLEW.get(self.protocol, b":")
+                on = ASKED_BEFORE_AN_ORDER.get(self.protocol, b":")
                 rig.fake.add_fault(Fault("reboot", on=on, skip=round(self.at_s), for_s=self.mute_s))
-            moving = asyncio.ensure_future(
-                mount.park() if order == "park" else mount.slew(_of_kind(aim, place))
-            )
+            if order == "sync":
+                near = Apparent(place.ra_deg, place.dec_deg + 0.3, utc_now())
+                moving: asyncio.Future[object] = asyncio.ensure_future(mount.sync(_of_kind(near, place)))
+            else:
+                moving = asyncio.ensure_future(
+                    mount.park() if order == "park" else mount.slew(_of_kind(aim, place))
+                )
             await asyncio.sleep(self.at_s)
             if then not in ("before", "while it is told"):
                 rig.fake.add_fault(Fault("reboot", for_s=self.mute_s))
@@ -100,8 +110,13 @@ class Rebooted:
                 moving.cancel()
             await asyncio.wait({moving})
             if not moving.cancelled():
-                moving.exception()
+                self.error = moving.exception()
+                self.result = None if self.error else moving.result()
             await asyncio.sleep(30.0)
+            with contextlib.suppress(DeviceError):
+                said = (await mount.reading()).place
+                seen = said if isinstance(said, Icrs) else apparent_to_icrs(said)
+                self.off_arcsec = separation_arcsec(rig.mechanics.truth(), seen)
         finally:
             await mount.close()
 
@@ -159,6 +174,57 @@ def test_nor_one_at_which_it_woke_up_before_the_order_went_out(
     )
     assert found == []
     assert wrong > 0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("protocol", "dialect"), FAMILIES)
+@pytest.mark.parametrize("then", ["before", "while it is told"])
+def test_nor_after_a_silence_too_short_to_be_noticed(
+    protocol: str, dialect: str | None, then: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ats_s = (0.0, 1.0, 2.0, 3.0)
+    found, _ = swept(monkeypatch, protocol, dialect, "slew", then, mutes_s=SHORT_S, ats_s=ats_s)
+    assert found == []
+
+
+def synced(
+    monkeypatch: pytest.MonkeyPatch,
+    protocol: str,
+    dialect: str | None,
+    then: str,
+    mutes_s: tuple[float, ...],
+    skips: tuple[float, ...],
+) -> list[str]:
+    """What was wrong of syncs during which the mount was switched off and on."""
+    found = []
+    for number, mute_s in enumerate(mutes_s):
+        for skip in skips:
+            one = Rebooted(protocol, dialect, skip, mute_s, number)
+            rig = one.run(monkeypatch, "sync", then)
+            # bare motors are synced by their driver, which alone knows of it
+            off = one.off_arcsec
+            said = f"after {skip:.0f}, mute {mute_s} s: {off / 3600.0:.1f}° off, {one.result or one.error!r}"
+            if off > WRONG_ARCSEC and rig.mount.trusted:
+                found.append(f"trusted {said}")
+            if one.result is None and not isinstance(one.error, DeviceError):
+                found.append(f"no outcome {said}")
+    return found
+
+
+def test_a_sync_during_which_it_was_switched_off_and_on_proves_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert synced(monkeypatch, "lx200", "10micron", "while it is told", (0.8, 2.0), (0.0, 2.0, 4.0)) == []
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("protocol", "dialect"), FAMILIES)
+@pytest.mark.parametrize("then", ["before", "while it is told"])
+def test_nor_does_one_in_any_family(
+    protocol: str, dialect: str | None, then: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    skips = tuple(map(float, range(8))) if then == "while it is told" else (0.0, 1.0)
+    assert synced(monkeypatch, protocol, dialect, then, (*SHORT_S[::2], 2.0, 4.0, 5.5), skips) == []
 
 
 @pytest.mark.long

@@ -7,6 +7,7 @@ import pytest
 from drivers.simulated.behavior import MountBehavior
 from mountnav.errors import LimitKind, OutsideLimits
 from mountnav.navigation.checked_mount import CheckedMount
+from mountnav.navigation.checked_mount.side_proof import SIDE_PROVEN
 from mountnav.navigation.devices import PierSide, SlewOutcome
 from mountnav.pointing.limits import Limits
 from mountnav.simulation.machine import Machine
@@ -73,6 +74,33 @@ def test_a_tube_that_could_not_stand_so_on_the_other_side_is_enough() -> None:
         assert await rig.mount.slew(rig.place(2.5 * ha_deg, 48.0)) is SlewOutcome.ARRIVED
 
     run(work, limits=LIMITS, machine=GERMAN, behavior=SILENT, mounting="german")
+
+
+def test_what_was_proven_once_is_taken_over_from_the_journal() -> None:
+    async def proves(rig: Rig) -> None:
+        ha_deg = -40.0 if rig.mechanics.pier_side() is PierSide.WEST else 40.0
+        rig.mechanics.slew(rig.place(ha_deg, 48.0))  # by hand
+        await rig.clock.sleep(60.0)
+        await rig.mount.would_slew(rig.place(ha_deg, 50.0))
+
+    facts = [
+        one.facts
+        for one in run(
+            proves, limits=LIMITS, machine=GERMAN, behavior=SILENT, mounting="german"
+        ).journal.entries
+        if one.facts.get("about") == SIDE_PROVEN
+    ]
+    assert len(facts) == 1
+
+    async def takes_over(rig: Rig) -> None:
+        ha_deg = -50.0 if told_side(rig) is PierSide.WEST else 50.0
+        rig.mount.restore_side_proof({**facts[0], "mount": "another one"})
+        with pytest.raises(OutsideLimits, match="nothing has shown yet"):
+            await rig.mount.slew(rig.place(ha_deg, 48.0))
+        rig.mount.restore_side_proof(facts[0])
+        assert await rig.mount.slew(rig.place(ha_deg, 48.0)) is SlewOutcome.ARRIVED
+
+    run(takes_over, limits=LIMITS, machine=GERMAN, behavior=SILENT, mounting="german")
 
 
 def test_from_home_the_way_itself_shows_it() -> None:

@@ -21,6 +21,8 @@ BROKE = [
     # stood at the meridian, told the wrong side, and let itself go 60° past it: no reading showed that
     ("side-swapped", 507),
     ("side-swapped", 327260005),
+    # each correction by the pole was turned by the zero point, and halved what was left
+    ("zero-point-5deg", 327260004),
     # by the pole the axis turned on by degrees before it stood
     ("syncs-refused", 204),
     ("new-telescope", 327260005),

@@ -9,7 +9,7 @@ from datetime import datetime
 from typing import Any
 
 from mountnav.clock import Clock, SystemClock
-from mountnav.journal.records import CommandRecord, Journal, Order, Unwritten
+from mountnav.journal.records import CommandRecord, EntryKind, Journal, Order, Unwritten
 from mountnav.navigation.checked_mount.admission import Admission
 from mountnav.navigation.checked_mount.agreement import Agreement
 from mountnav.navigation.checked_mount.brief_orders import BriefOrders
@@ -18,7 +18,7 @@ from mountnav.navigation.checked_mount.last_seen import LastSeen, Memory
 from mountnav.navigation.checked_mount.motions import Motions
 from mountnav.navigation.checked_mount.segments import SegmentListener
 from mountnav.navigation.checked_mount.sending import Sender
-from mountnav.navigation.checked_mount.side_proof import SideProof
+from mountnav.navigation.checked_mount.side_proof import SIDE_PROVEN, SideProof
 from mountnav.navigation.checked_mount.slew_plans import SlewPlans
 from mountnav.navigation.checked_mount.standing import Listener, Standing
 from mountnav.navigation.checked_mount.syncs import Syncs
@@ -72,7 +72,9 @@ class CheckedMount:
         self._clock = clock or SystemClock()
         self._rate: TrackingRate | None = None
         stated = getattr(mount, "sides_stated", False) is True
-        self._guard = guard = Guard(limits, site, air, mounting, SideProof(stated=stated))
+        self._guard = guard = Guard(
+            limits, site, air, mounting, SideProof(stated=stated, tell=self._side_proven)
+        )
         self._book = book = OrderBook(journal or Unwritten(), self._clock, telescope)
         self._standing = standing = Standing(mount, book, self._clock)
         self._sender = sender = Sender(mount, book, standing)
@@ -198,6 +200,15 @@ class CheckedMount:
     def sky_agrees(self) -> None:
         """A look has shown that its site and clock were set right."""
         self._agreement.turned_deg = None
+
+    def restore_side_proof(self, facts: Mapping[str, Any]) -> None:
+        """Take over from the journal that this mount was seen to tell the right side of the pier."""
+        if facts.get("mount") == self.name:
+            self._guard.proof.restore()
+
+    def _side_proven(self, how: str) -> None:
+        facts = {"about": SIDE_PROVEN, "mount": self.name, "why": how}
+        self._book.note_now(EntryKind.SETTINGS, f"it tells the right side of the pier: {how}", facts)
 
     def restore_agreement(self, facts: Mapping[str, Any]) -> None:
         """Take over from the journal that a contradiction was accepted."""

@@ -24,6 +24,8 @@ from mountnav.sky.chain import hour_angle_to_icrs
 from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site
 from mountnav.sky.sphere import half_turn_deg
 
+SIDE_PROVEN = "side-proven"
+"""What the facts of such a journal entry say under `about`."""
 BEYOND_DEG = 3.0
 """A tube that would stand so far, °, beyond the limit past the meridian if the side were wrong proves it:
 more than a pointing error of a mount whose position counts. Doubled, more first slews would be refused."""
@@ -57,6 +59,8 @@ class SideProof:
     ----------
     stated : bool
         Whether somebody has looked, and said so in the settings.
+    tell : callable, optional
+        Told once, in words, by what it was proven.
 
     Attributes
     ----------
@@ -66,7 +70,8 @@ class SideProof:
         It foretells the sides the wrong way round.
     """
 
-    def __init__(self, *, stated: bool = False) -> None:
+    def __init__(self, *, stated: bool = False, tell: Callable[[str], None] | None = None) -> None:
+        self._tell = tell or (lambda _how: None)
         self.stated = self.proven = stated
         self.wrong = False
         self._asked = False
@@ -77,8 +82,20 @@ class SideProof:
         if self.proven or past is None or now.mounting != "german" or abs(_dec_deg(now)) > PLAIN_DEC_DEG:
             return False
         raised_deg = abs(half_turn_deg(now.first_deg - COUNTERWEIGHT_DOWN_DEG)) - 90.0
-        self.proven = -raised_deg > max(past) + BEYOND_DEG and not self.wrong
-        return self.proven
+        if self.wrong or -raised_deg <= max(past) + BEYOND_DEG:
+            return False
+        self._prove(
+            f"on the other side its counterweight would stand {-raised_deg:.0f}° above the horizontal"
+        )
+        return True
+
+    def restore(self) -> None:
+        """It was proven in an earlier run."""
+        self.proven = True
+
+    def _prove(self, how: str) -> None:
+        self.proven = True
+        self._tell(how)
 
     async def ask(self, foretold: Asked, site: Site, air: Air, utc: datetime) -> None:
         """Ask a mount that foretells its side on which it would look at two places; once is enough.
@@ -97,7 +114,8 @@ class SideProof:
             except DeviceRefused:
                 return
         self._asked = True
-        self.proven = told == [PierSide.WEST, PierSide.EAST]
+        if told == [PierSide.WEST, PierSide.EAST]:
+            self._prove("it foretells the right sides for places far in the east and in the west")
         self.wrong = told == [PierSide.EAST, PierSide.WEST]
 
     def ambiguous(self, scene: Scene, now: Standing) -> bool:
@@ -150,4 +168,4 @@ def _dec_deg(one: Standing) -> float:
     return math.degrees(math.asin(math.sin(math.radians(one.second_deg))))
 
 
-__all__ = ["LOOK_AT_IT", "SideProof", "SideUnproven", "mirrored"]
+__all__ = ["LOOK_AT_IT", "SIDE_PROVEN", "SideProof", "SideUnproven", "mirrored"]
