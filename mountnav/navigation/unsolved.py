@@ -243,8 +243,8 @@ class Persistent:
         return SyncRefused(
             f"{frames} frames of one place don't agree on it: {taken.doubt}",
             device=self._equipment.camera.name,
-            advice="nothing was moved or synced by them; does the tube hold still (wind, tracking)? look again "
-            "when it does; does the camera hand out old frames?",
+            advice="nothing was moved or synced by them; does the tube hold still (wind, tracking)? look "
+            "again when it does; does the camera hand out old frames?",
             doubts=(SyncDoubt.NOT_FRESH,),
         )
 
