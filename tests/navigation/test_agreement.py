@@ -25,6 +25,8 @@ from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.chain import hour_angle_to_icrs
 from mountnav.sky.coordinates import Air, Apparent, HourAngle, Icrs, Site, utc_now
+from mountnav.sky.sphere import half_turn_deg
+from tests.drivers.alpaca import test_alpaca_mount as alpaca
 from tests.navigation.sync_rig import SITE, SyncRig, rigged
 
 OTHER = replace(SITE, longitude_deg=-SITE.longitude_deg)
@@ -257,3 +259,24 @@ def test_how_far_apart_is_apart() -> None:
     assert words(latitude_off_deg=1.1 * APART_DEG) is not None
     assert words(longitude_off_deg=-1.1 * APART_DEG) is not None
     assert words(clock_off_s=-61.0) == "its clock is 61 s behind ours"
+
+
+async def test_an_alpaca_mount_that_keeps_its_place_among_the_stars_is_not_trusted_for_that() -> None:
+    async with alpaca.rigged() as rig:
+        rig.telescope.site[1] -= 44.5
+        mount = CheckedMount(
+            rig.mount, telescope="east", limits=Limits(5.0, sun_cone_deg=0.0), site=alpaca.HERE, air=Air()
+        )
+        await rig.mount.compare()
+        mount.trust()
+        before = (await mount.reading()).place
+        await mount.set_site_and_time()
+        after = (await mount.reading()).place
+        # nothing has jumped that a driver could see
+        assert abs(half_turn_deg(after.ra_deg - before.ra_deg)) < 1.0
+        assert rig.mount.trusted
+        assert not mount.trusted
+        assert "turned its sky by +44.5°" in mount.why_untrusted
+        with pytest.raises(DeviceRefused) as lost:
+            await mount.slew(before)
+        assert lost.value.reason is Refusal.UNTRUSTED
