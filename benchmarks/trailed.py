@@ -6,9 +6,10 @@ Seeds are the numbers from `--first` on: each draws its kind, path, field, depth
 be cut in pieces and any frame drawn again. Kinds: straight trails, curved ones (the field turns about a
 place), jagged ones (wind, periodic error), trails with gaps, with uneven light, two exposures in one, a tube
 shaken once, a start before the mount stood still, ghosts mirrored about the optical axis, diffraction
-spikes, bleeding columns; and, for the stated errors, clean, dim and crowded frames. Every fourth seed lays
-its path upon a rendered frame (bins or cut-outs, the noise brought back to what it was), the others upon
-stars drawn here.
+spikes, bleeding columns; and, for the stated errors, clean, dim and crowded frames. Seeds from `FIELD_SEEDS`
+on also draw fields that move otherwise here than there: turning about a place in the frame, turning about a
+far one, turning and drifting, breathing (the scale changes). Every fourth seed lays its path upon a rendered
+frame (bins or cut-outs, the noise brought back to what it was), the others upon stars drawn here.
 
 **Truth** is the flux-weighted mean of the path: the place of the sky whose light, gathered during the
 exposure, has its mean at the frame's geometric center. For an even straight trail that is its middle; for
@@ -56,6 +57,7 @@ Pixels = NDArray[np.float32]
 RIGHT_PX = 3.0
 SHORTEST_PX, LONGEST_PX = 5.0, 400.0
 BUDGET_S = 6.0
+TOLD_EVERY = 100
 EPOCH_YR = 2000.0
 FULL_ADU = 60_000.0
 RENDERED_EVERY = 4
@@ -65,7 +67,7 @@ STEP_PX = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Path2:
-    """Where a star's light falls, beside its mean place: offsets, turns and shares; each of shape (n,).
+    """Where a star's light falls, beside its mean place: offsets, turns, shares; each of shape (n,).
 
     Attributes
     ----------
@@ -75,6 +77,8 @@ class Path2:
     share : ndarray
         Of the light; their sum is 1.
     axis_x_px, axis_y_px : float
+    grown : ndarray or None
+        Natural logarithm of the scale over that of the mean, about the same place; None if it stays.
     """
 
     dx_px: Array
@@ -83,12 +87,24 @@ class Path2:
     share: Array
     axis_x_px: float = 0.0
     axis_y_px: float = 0.0
+    grown: Array | None = None
+
+    @property
+    def turned(self) -> NDArray[np.complex128]:
+        """What distances from the axis are multiplied by."""
+        grown = np.zeros_like(self.turn_rad) if self.grown is None else self.grown
+        return np.asarray(np.exp(grown + 1j * self.turn_rad))
+
+    @property
+    def common(self) -> bool:
+        """Whether all stars have the same path."""
+        return not self.turn_rad.any() and self.grown is None
 
     @property
     def rest_px(self) -> tuple[float, float] | None:
         """Where it rests for half of its light or more; None where it doesn't."""
         most = int(np.argmax(self.share))
-        if self.share.size == 1 or self.share[most] < 0.5 or self.turn_rad.any():
+        if self.share.size == 1 or self.share[most] < 0.5 or not self.common:
             return None
         return float(self.dx_px[most]), float(self.dy_px[most])
 
@@ -191,6 +207,64 @@ def curved(rng: np.random.Generator, side_px: int = 1024) -> Path2:
         middle + away * math.cos(toward),
         middle + away * math.sin(toward),
     )
+
+
+def _field(
+    rng: np.random.Generator, away_sides: tuple[float, float], *, turns: bool, grows: bool, drift: bool
+) -> Path2:
+    """The whole field turns or grows about a place so far from the frame's middle, and drifts, or not."""
+    side_px = 1024
+    away, toward = rng.uniform(*away_sides) * side_px, rng.uniform(0, math.tau)
+    # what the farthest corner is drawn out to
+    length = _length(rng, SHORTEST_PX, 150.0)
+    swing = length / (away + 0.7 * side_px)
+    along = _length(rng, 3.0, 150.0) if drift else 0.0
+    angle = rng.uniform(0, math.tau)
+    s = _steps(length + along) - 0.5
+    how = rng.random()
+    light = np.ones(s.size)
+    if how < 0.2:  # cloud
+        light = np.exp(rng.uniform(0.3, 1.2) * np.sin(math.tau * (rng.uniform(0.3, 2.5) * s + rng.random())))
+    elif how < 0.4:  # two exposures
+        light = np.where(np.abs(s) < rng.uniform(0.1, 0.45), 0.0, np.where(s < 0, 1.0, rng.uniform(0.3, 1.0)))
+    light /= light.sum()
+    s = s - (s * light).sum()
+    middle = 0.5 * (side_px - 1)
+    share = rng.uniform(0.3, 0.7) if turns and grows else 1.0
+    grown = swing * (1.5 - share if turns else 1.0) * s
+    if grows and rng.random() >= 0.5:
+        grown = -grown
+    return Path2(
+        s * along * math.cos(angle),
+        s * along * math.sin(angle),
+        swing * share * s if turns else np.zeros(s.size),
+        light,
+        middle + away * math.cos(toward),
+        middle + away * math.sin(toward),
+        (1.0 if rng.random() < 0.5 else -1.0) * swing * (1.5 - share if turns else 1.0) * s
+        if grows
+        else None,
+    )
+
+
+def turning(rng: np.random.Generator) -> Path2:
+    """The field turns about a place in the frame: what lies there are points, the corners are arcs."""
+    return _field(rng, (0.0, 0.7), turns=True, grows=False, drift=False)
+
+
+def turning_far(rng: np.random.Generator) -> Path2:
+    """The field turns about a far place: trails whose length and direction change slowly over the frame."""
+    return _field(rng, (1.0, 12.0), turns=True, grows=False, drift=rng.random() < 0.3)
+
+
+def turning_drifting(rng: np.random.Generator) -> Path2:
+    """The field turns about a place in or beside the frame, and drifts as much."""
+    return _field(rng, (0.0, 1.5), turns=True, grows=False, drift=True)
+
+
+def breathing(rng: np.random.Generator) -> Path2:
+    """The scale changes (a zoom that slips, a focus that moves), and the field turns, or not."""
+    return _field(rng, (0.0, 0.4), turns=rng.random() < 0.3, grows=True, drift=rng.random() < 0.3)
 
 
 def jagged(rng: np.random.Generator) -> Path2:
@@ -307,6 +381,14 @@ PATHS: dict[str, Callable[[np.random.Generator], Path2]] = {
 }
 MOVED = ("straight", "gap", "uneven", "jagged", "double", "double10", "stop-and-go", "shaken")
 """Kinds that may be laid upon rendered frames."""
+FIELDS: dict[str, Callable[[np.random.Generator], Path2]] = {
+    "turning": turning,
+    "turning-far": turning_far,
+    "turning-drift": turning_drifting,
+    "breathing": breathing,
+}
+FIELD_SEEDS = 50_000
+"""Seeds from here on draw these as well; below, a seed's frame is what it was when its outcome was told."""
 OFTEN = ("straight", "straight", "curved", "jagged", "gap", "double")
 """Drawn besides, so that they come twice as often."""
 
@@ -334,10 +416,10 @@ def drawn(field: Field, path: Path2, rng: np.random.Generator) -> NDArray[np.uin
             flat = row[inside] * light.shape[1] + column[inside]
             light.reshape(-1)[...] += np.bincount(flat, (flux * part)[inside], minlength=light.size)
 
-    cos, sin = np.cos(path.turn_rad), np.sin(path.turn_rad)
+    cos, sin = path.turned.real, path.turned.imag
     reach = path.length_px + 10.0
     near = np.ones(field.x_px.size, dtype=bool)
-    if not path.turn_rad.any():
+    if path.common:
         near = (np.abs(field.x_px - side / 2) < side / 2 + reach) & (
             np.abs(field.y_px - side / 2) < side / 2 + reach
         )
@@ -422,9 +504,9 @@ def _upon_stars(kind: str, path: Path2, rng: np.random.Generator) -> Trial:
     drawing.bleeds = kind == "bleeds"
     pixels = drawn(drawing, path, rng)
     truth = center
-    if path.turn_rad.any():
+    if not path.common:
         # the place whose mean image is the middle: the mean of the turns shrinks distances from the axis
-        mean = complex((path.share * np.exp(1j * path.turn_rad)).sum())
+        mean = complex((path.share * path.turned).sum())
         off = complex(middle - path.axis_x_px, middle - path.axis_y_px) / mean
         truth = _sky_at(center, optics, path.axis_x_px + off.real, path.axis_y_px + off.imag)
     hint = _hint(rng, center, scale, side)
@@ -537,9 +619,9 @@ def _laid(pixels: Pixels, path: Path2, rng: np.random.Generator) -> NDArray[np.u
 def trial(seed: int, only: tuple[str, ...] = ()) -> Trial:
     """The frame of a seed."""
     rng = np.random.default_rng(seed)
-    kinds = only or (*PATHS, *OFTEN)
+    kinds = only or (*PATHS, *OFTEN, *(FIELDS if seed >= FIELD_SEEDS else ()))
     kind = kinds[int(rng.integers(len(kinds)))]
-    path = PATHS[kind](rng)
+    path = (PATHS | FIELDS)[kind](rng)
     if kind in MOVED and seed % RENDERED_EVERY == 0:
         return _upon_rendered(kind, path, rng)
     return _upon_stars(kind, path, rng)
@@ -577,6 +659,15 @@ class Tally:
         self.right += not wrong
         return wrong
 
+    def so_far(self, frames: int, seed: int) -> str:
+        """What came until this seed, should the run be cut short."""
+        chi2 = float(np.mean(self.squares)) if self.squares else math.nan
+        refused = sum(self.refused.values())
+        return (
+            f"{frames} frames, up to seed {seed}: {self.right} right, {refused} refused, "
+            f"{self.wrong} wrong, chi² {chi2:.2f}"
+        )
+
     def row(self, name: str) -> str:
         """For the table."""
         reasons = ", ".join(f"{count} {reason}" for reason, count in self.refused.most_common(4))
@@ -586,6 +677,17 @@ class Tally:
             f"| {name} | {self.frames} | {self.right} | {sum(self.refused.values())} | {self.wrong} | "
             f"{median:.3f} | {chi2:.2f} | {reasons} |"
         )
+
+
+def _summed(tallies: dict[str, Tally]) -> Tally:
+    total = Tally()
+    for tally in tallies.values():
+        total.right += tally.right
+        total.wrong += tally.wrong
+        total.refused += tally.refused
+        total.squares += tally.squares
+        total.errors += tally.errors
+    return total
 
 
 def main() -> None:
@@ -611,6 +713,8 @@ def main() -> None:
         solution = verdict.solution
         sigma = solution.center_sigma_arcsec / one.scale_arcsec_px if solution else math.nan
         wrong = tallies[one.kind].take(error, sigma, verdict.reason.name if verdict.reason else "")
+        if done % TOLD_EVERY == 0:
+            print(_summed(tallies).so_far(done, seed), flush=True)
         if wrong or given.told:
             odds = (
                 f"odds {solution.false_probability:.0e}, {solution.pairs} pairs"
@@ -624,17 +728,10 @@ def main() -> None:
             )
     titles = ("kind", "frames", "right", "refused", "wrong", "error px (median)", "chi²", "reasons")
     print(f"\n| {' | '.join(titles)} |\n{'|---' * len(titles)}|")
-    total = Tally()
-    for kind in PATHS:
+    for kind in (*PATHS, *FIELDS):
         if kind in tallies:
-            tally = tallies[kind]
-            print(tally.row(kind))
-            total.right += tally.right
-            total.wrong += tally.wrong
-            total.refused += tally.refused
-            total.squares += tally.squares
-            total.errors += tally.errors
-    print(total.row("all"))
+            print(tallies[kind].row(kind))
+    print(_summed(tallies).row("all"))
     print(f"\n{spent / max(done, 1):.2f} s of one processor per frame")
 
 

@@ -10,6 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.catalog.stars import Stars
+from mountnav.identification.field_motion import (
+    Centers,
+    FieldMotion,
+    SecondImage,
+    centers_of_light,
+    field_motion,
+    second_image,
+)
 from mountnav.identification.identified import Identified
 from mountnav.identification.pairing import predicted
 from mountnav.identification.plate import Plate
@@ -17,11 +25,14 @@ from mountnav.identification.reference import Reference, Selection
 from mountnav.identification.selection import star_like
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.identification.verification import KEPT_SHARE, reach_of, sound
+from mountnav.measuring.light_patches import Patches, light_patches
 from mountnav.measuring.light_path import (
     FEW_STARS,
+    NEAR_PX,
     REACH_PX,
     LightPath,
     brighter_image,
+    in_bins,
     light_path,
     tamed,
 )
@@ -52,6 +63,23 @@ GHOST_RATIO = 0.7
 """A mirrored set of the same stars that is brighter than this share of the identified ones may be the
 stars themselves:
 reflections keep a few percent, seldom half."""
+HALO_PX = 0.5
+"""Error of the middle of a drawn-out image per share of its light that lies beyond what a point has: shaken
+tubes erred by 0.1 to 1.5 px per share (25 drawn ones; 0.7 rms, both coordinates together). Doubled, the
+errors of even trails would be told three times too large."""
+CORNER_PX = 3.0
+"""Centers of light that leave the plate's places by more than this toward the corners (and more than an image
+is wide) are those of a field that turned or grew: as far as a place may be off."""
+LEAST_CORNER_PX, CORNER_SHARE = 1.0, 0.1
+"""Below this, or below this share of the offset at the center, the offset is common to all stars, and the
+mean path tells it: pieces of a gapped trail are cut a little otherwise where it is bright."""
+FEWEST_BRIGHT = 3
+"""Fewer bright stars than this tell nothing of the others."""
+BESIDE_PX = 1.5
+"""The brightest stars' light lies within half a pixel where they tell the same as the others, and 3 to 10 px
+off where the others are pieces: half of what a place may be off."""
+LONG_RATIO = 0.5
+"""Images narrower than this are trails longer than two widths, whose pieces may lie a pixel and more off."""
 MOVED = "moved_px"
 """Among a verdict's numbers: how far the plate was moved; absent where it stayed."""
 TOLD_PX, TOLD_SIGMAS = 0.03, 3.0
@@ -117,7 +145,8 @@ def in_its_light(
     clear = (measurements.flags[of_pairs] & _SPOILT) == 0
     fwhm_px = _fwhm_px(measurements, of_pairs)
     others = _expected(reference, stars, measurements)
-    plane = tamed(pixels)
+    bins = in_bins(pixels)
+    plane = tamed(pixels, bins)
     ratio, how = brighter_image(pixels, *others, plane)
     if ratio > GHOST_RATIO:
         refused = _as_ghosts(found, ratio, how)
@@ -128,6 +157,10 @@ def in_its_light(
     path = light_path(pixels, x, y, flux, clear, fwhm_px, others=others, plane=plane)
     if path is None:
         return InItsLight(found, measurements, None, points=True)
+    field = _field(light_patches(pixels, bins[0]), reference, stars, measurements)
+    why = field.contradicts(path, fwhm_px)
+    if why:
+        return InItsLight(_as_turned(found, field, why), measurements, path, points=False)
     if not _sure(path) or _moved_px(fwhm_px) < path.off_px <= MOVED_SIGMAS * path.sigma_px:
         return InItsLight(_refused(found, path), measurements, path, points=False)
     if not stands(path, fwhm_px):
@@ -142,7 +175,7 @@ def in_its_light(
         detail = f"{found.detail}, moved by {path.off_px:.1f} px to the middle of the stars' light"
         found = replace(found, reference=moved[0], detail=detail, numbers=numbers)
         return InItsLight(found, moved[1], path, points=False)
-    variance_px2 = _unfollowed_px2(path)
+    variance_px2 = _unfollowed_px2(path) + field.variance_px2
     if variance_px2 > 0.0:
         scale = reference.plate.scale_arcsec_px()
         reference = _with_error(reference, variance_px2 * scale**2)
@@ -157,9 +190,111 @@ def _unfollowed_px2(path: LightPath) -> float:
     """
     off2 = 0.5 * path.off_px**2
     if path.drawn_out:
+        # what lies too far off to be told from the sky pulls the middle as well
+        return off2 + path.sigma_px**2 + (HALO_PX * path.halo_share) ** 2
+    if path.uneven:
         return off2 + path.sigma_px**2
     # round images are those of points: what differs by no more than noise does is none
     return off2 if path.off_px > max(TOLD_PX, TOLD_SIGMAS * path.sigma_px) else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Field:
+    """What the whole field's patches of light tell, where `LightPath` is a mean over the stars.
+
+    Attributes
+    ----------
+    centers : Centers
+    motion : FieldMotion or None
+    second : SecondImage or None
+    half_px : float
+        From the frame's center to its corners.
+    """
+
+    centers: Centers
+    motion: FieldMotion | None
+    second: SecondImage | None
+    half_px: float
+
+    @property
+    def corner_px(self) -> float:
+        """How far the centers of light leave the plate's places from the center to a corner."""
+        return 0.0 if self.motion is None else abs(self.motion.turn) * self.half_px
+
+    @property
+    def variance_px2(self) -> float:
+        """Error of the center (squared, per coordinate) where the light lies otherwise here than there."""
+        if self.motion is None or not self.motion.differs:
+            return 0.0
+        return 0.5 * abs(self.motion.center_px) ** 2
+
+    def contradicts(self, path: LightPath, fwhm_px: float) -> str:
+        """Why the plate isn't that of the exposure's middle; empty if it may be."""
+        second, motion = self.second, self.motion
+        if second is not None:
+            reach_px = abs(second.center_px) + abs(second.turn) * self.half_px
+            # one that lies at the same offset everywhere, or near by, is in the path
+            if reach_px > NEAR_PX and abs(second.turn) * self.half_px > CORNER_PX:
+                return (
+                    f"{second.stars} of the identified stars are seen a second time, turned or at another "
+                    f"scale, {abs(second.center_px):.0f} px away at the frame's center (two exposures in one "
+                    f"of a field that turned?)"
+                )
+        common = 0j if stands(path, fwhm_px) else complex(path.dx_px, path.dy_px)
+        if motion is not None and motion.differs:
+            off_px = abs(motion.center_px - common)
+            told = self.corner_px > max(LEAST_CORNER_PX, CORNER_SHARE * abs(motion.center_px))
+            if self.corner_px > max(CORNER_PX, fwhm_px) or (told and off_px > _moved_px(fwhm_px)):
+                return (
+                    f"the light of {motion.stars} stars lies {off_px:.1f} px beside their places at the "
+                    f"frame's center and {self.corner_px:.1f} px more toward its corners: the field turned, "
+                    f"or its scale changed, during the exposure"
+                )
+        if not path.drawn_out:
+            return ""
+        stars, beside_px = self.centers.beside(common, motion)
+        if stars >= FEWEST_BRIGHT and beside_px > BESIDE_PX:
+            return (
+                f"the light of the {stars} brightest stars lies {beside_px:.1f} px beside their places: the "
+                f"others are pieces of trails, and the trails aren't alike all over the frame"
+            )
+        if path.far:
+            return ""
+        if motion is not None and motion.center_sigma_px > SURE_PX:
+            return (
+                f"the images of the stars are drawn out, each in its own way, and the middle of their light "
+                f"is only known to {motion.center_sigma_px:.1f} px"
+            )
+        if stars < FEWEST_BRIGHT and path.axis_ratio < LONG_RATIO:
+            return (
+                f"the images of the stars are drawn out, and only {stars} of them show by themselves where "
+                f"the middle of a trail is"
+            )
+        return ""
+
+
+def _field(patches: Patches, reference: Reference, stars: Stars, measurements: Measurements) -> _Field:
+    """Look at the patches of light all over the frame, identified or not."""
+    width, height = measurements.width_px, measurements.height_px
+    there = predicted(reference.plate, stars, width_px=width, height_px=height)
+    center = complex(0.5 * (width - 1), 0.5 * (height - 1))
+    mag = stars.mag[there.star]
+    light = 10.0 ** (-0.4 * np.where(np.isfinite(mag), mag, np.inf))
+    centers = centers_of_light(patches, there.x_px, there.y_px, light, center)
+    return _Field(
+        centers,
+        field_motion(centers),
+        second_image(patches, there.x_px, there.y_px, light, center, (height, width)),
+        abs(center),
+    )
+
+
+def _as_turned(found: Identified, field: _Field, why: str) -> Identified:
+    numbers = found.numbers | {"corner_px": field.corner_px}
+    if field.motion is not None:
+        numbers["light_off_px"] = abs(field.motion.center_px)
+        numbers["path_sigma_px"] = field.motion.center_sigma_px
+    return replace(found, reference=None, reason=Reason.TRAILED, detail=why, numbers=numbers)
 
 
 def _sure(path: LightPath) -> bool:

@@ -24,7 +24,7 @@ Mask = NDArray[np.bool_]
 REACH_PX = 420
 """How far from a star light of its own is looked for, pixels: longer paths run out of the window and are
 told as such. Twice as far costs four times the time."""
-_FAR_BIN_PX = 4
+FAR_BIN_PX = 4
 """The look for light far from the stars is at bins of this: a trail stays visible, the cost falls by 16."""
 _RIM_BINS = 10
 """So many bins beyond the farthest light are measured along, for their level."""
@@ -58,7 +58,7 @@ _GROWN_SIGMA = 3.0
 """What hangs together with such a bin above this belongs to it."""
 _CORE_FWHM, _CORE_PX = 3.0, 14.0
 """The first look leaves out the star itself, so many widths and at least so many pixels about it."""
-_NEAR_PX = 28
+NEAR_PX = 28
 """The near look sees so far, in the frame's own pixels."""
 _NEAR_SHARE = 0.004
 """Light above this share of the peak counts in the near look: below it are wings, halos and neighbors."""
@@ -67,6 +67,10 @@ _LIGHT_PX = 8.0
 _ROUND = 0.94
 """Mean images of plain frames have axis ratios of 0.95 to 1.00; trails from 4 px on and shaken tubes have
 0.1 to 0.93."""
+_EVEN = 0.97
+"""Plain frames with much light reach 0.98 to 1.00: what is less round is drawn out by a little, or dim."""
+_HALO_FWHM = 1.5
+"""Light farther off than so many widths is no longer that of a point: drawn points have 0 to 1 % there."""
 _COVERED = 0.3
 """A part of the window that a smaller share of the stars see (it lies beyond the frame for the others)
 is unknown."""
@@ -100,6 +104,8 @@ class LightPath:
         That were asked.
     axis_ratio : float
         Narrowest over widest rms width of the star's image; 1 if it is round, 0 where it was not asked.
+    halo_share : float
+        Of the light near by, what lies too far off for a point; 0 where it was not asked.
     """
 
     dx_px: float
@@ -111,11 +117,17 @@ class LightPath:
     far: bool
     stars: int
     axis_ratio: float = 0.0
+    halo_share: float = 0.0
 
     @property
     def drawn_out(self) -> bool:
         """Whether this is no image of a point: then nothing but the light tells which place is meant."""
         return self.far or self.axis_ratio < _ROUND
+
+    @property
+    def uneven(self) -> bool:
+        """Whether the image is less round than that of a point with much light: its middle may lie beside."""
+        return self.far or self.axis_ratio < _EVEN
 
     @property
     def off_px(self) -> float:
@@ -168,7 +180,9 @@ def light_path(
         return None
     if fine.size < _FEWEST:
         fine = every
-    near = _near(pixels, x_px[fine][:_NEAR_STARS], y_px[fine][:_NEAR_STARS], flux[fine][:_NEAR_STARS])
+    near = _near(
+        pixels, x_px[fine][:_NEAR_STARS], y_px[fine][:_NEAR_STARS], flux[fine][:_NEAR_STARS], fwhm_px
+    )
     runs_out = near is None or near.cut
     plane = plane or tamed(pixels)
     seen = _far_seen(plane, x_px[every], y_px[every], fwhm_px, runs_out=runs_out)
@@ -183,9 +197,9 @@ def light_path(
 # -- the near look: the star image itself --------------------------------------------------------------------
 
 
-def _near(pixels: NDArray[np.generic], x: Array, y: Array, flux: Array) -> LightPath | None:
+def _near(pixels: NDArray[np.generic], x: Array, y: Array, flux: Array, fwhm_px: float) -> LightPath | None:
     """The mean image within some widths of the star, and its center of light."""
-    half = _NEAR_PX
+    half = NEAR_PX
     stamps = _stamps(pixels, x, y, half).astype(np.float32)
     offset = np.arange(-half, half + 1, dtype=np.float64)
     away = np.hypot(offset[:, None], offset[None, :])
@@ -225,7 +239,20 @@ def _near(pixels: NDArray[np.generic], x: Array, y: Array, flux: Array) -> Light
     sigma = 1.25 * scatter / np.sqrt(max(1, int(sound.sum())))
     cut = bool(mask[rim & (away > half - 2)].any())
     ratio = _axis_ratio(np.where(mask, smooth, 0.0), offset)
-    return LightPath(dx, dy, max(float(sigma), _NEAR_SIGMA_PX), extent, 0.0, cut, False, x.size, ratio)
+    inner = away < half - 6
+    halo = mean[inner & (away > _HALO_FWHM * fwhm_px)].sum() / max(float(mean[inner].sum()), 1e-12)
+    return LightPath(
+        dx,
+        dy,
+        max(float(sigma), _NEAR_SIGMA_PX),
+        extent,
+        0.0,
+        cut,
+        False,
+        x.size,
+        ratio,
+        float(np.clip(halo, 0.0, 1.0)),
+    )
 
 
 def _axis_ratio(light: Array, offset: Array) -> float:
@@ -264,12 +291,16 @@ def _stamps(pixels: NDArray[np.generic], x: Array, y: Array, half: int) -> Array
 # -- the far look: is there light of the stars elsewhere? ----------------------------------------------------
 
 
-def tamed(pixels: NDArray[np.generic]) -> tuple[Image, Image]:
-    """The frame in coarse bins, in sigmas of its sky, cut at a few of them; and which bins are known."""
-    plane = coarse_plane(pixels, _FAR_BIN_PX)
-    tame, cover = _in_sigmas(plane, _FAR_BIN_PX, whole=pixels.dtype.kind in "ui")
-    np.clip(tame, -_TAME_SIGMA, _TAME_SIGMA, out=tame)
-    return tame, cover
+def in_bins(pixels: NDArray[np.generic]) -> tuple[Image, Image]:
+    """The frame in coarse bins, in sigmas of its sky; and which bins are known."""
+    plane = coarse_plane(pixels, FAR_BIN_PX)
+    return in_sigmas(plane, FAR_BIN_PX, whole=pixels.dtype.kind in "ui")
+
+
+def tamed(pixels: NDArray[np.generic], bins: tuple[Image, Image] | None = None) -> tuple[Image, Image]:
+    """The frame by `in_bins`, cut at a few sigmas, so that no bright star counts for much."""
+    plane, cover = in_bins(pixels) if bins is None else bins
+    return np.clip(plane, -_TAME_SIGMA, _TAME_SIGMA), cover
 
 
 def _far_seen_by_few(
@@ -279,7 +310,7 @@ def _far_seen_by_few(
 
     Bins overlap by half. Of many stars some lie well in their bins; of four none may.
     """
-    step = _FAR_BIN_PX // 2
+    step = FAR_BIN_PX // 2
     height, width = (side // step for side in pixels.shape)
     tame = np.zeros((height, width), dtype=np.float32)
     cover = np.zeros_like(tame)
@@ -287,7 +318,7 @@ def _far_seen_by_few(
         part, known = tamed(pixels[row * step :, column * step :])
         place = (slice(row, row + 2 * part.shape[0], 2), slice(column, column + 2 * part.shape[1], 2))
         tame[place], cover[place] = part, known
-    seen = np.zeros((2 * (REACH_PX // _FAR_BIN_PX) + 1,) * 2, dtype=bool)
+    seen = np.zeros((2 * (REACH_PX // FAR_BIN_PX) + 1,) * 2, dtype=bool)
     # the middle of an overlapping bin lies a pixel beyond that of its first half
     middle_x, middle_y = x - 0.5 * step, y - 0.5 * step
     for down, right in ((0, 0), (0, 1), (1, 0), (1, 1)):
@@ -304,20 +335,20 @@ def _far_seen(
     fwhm_px: float,
     *,
     runs_out: bool,
-    step: int = _FAR_BIN_PX,
+    step: int = FAR_BIN_PX,
     ahead: tuple[int, int] = (0, 0),
 ) -> Mask:
-    """Where the tamed mean image stands out, in bins of `_FAR_BIN_PX`; all False for plain stars.
+    """Where the tamed mean image stands out, in bins of `FAR_BIN_PX`; all False for plain stars.
 
     If the light runs out of the near look, what hangs together with the star belongs to it, however faint.
     The plane has a bin every `step` pixels; the look begins so many of these `ahead`.
     """
     tame, cover = plane
-    half = REACH_PX // _FAR_BIN_PX
+    half = REACH_PX // FAR_BIN_PX
     side = 2 * half + 1
     # two halves of the stars, so that what only one of them shows is told from what all have
     total, count = np.zeros((2, side, side), dtype=np.float32), np.zeros((2, side, side), dtype=np.float32)
-    every = _FAR_BIN_PX // step
+    every = FAR_BIN_PX // step
     for k, (window, frame) in enumerate(_windows(x, y, step, half, tame.shape, every=every, ahead=ahead)):
         total[k % 2][window] += tame[frame]
         count[k % 2][window] += cover[frame]
@@ -328,15 +359,15 @@ def _far_seen(
     if not known.any():
         return seen
     scaled = _scaled(total.sum(axis=0), count.sum(axis=0), known)
-    offset = np.arange(-half, half + 1) * _FAR_BIN_PX
+    offset = np.arange(-half, half + 1) * FAR_BIN_PX
     away = np.hypot(offset[:, None], offset[None, :])
     # images wider than the near look sees are paths themselves
-    core_px = min(max(_CORE_FWHM * fwhm_px, _CORE_PX), _NEAR_PX - _FAR_BIN_PX)
+    core_px = min(max(_CORE_FWHM * fwhm_px, _CORE_PX), NEAR_PX - FAR_BIN_PX)
     outside = known & (away >= core_px)
     seen = outside & (scaled > _SEEN_SIGMA)
     grown = outside & (scaled > _GROWN_SIGMA)
     if runs_out:
-        seen |= grown & (away < core_px + 3 * _FAR_BIN_PX)
+        seen |= grown & (away < core_px + 3 * FAR_BIN_PX)
     if seen.any():
         labels, _ = ndimage.label(grown, structure=np.ones((3, 3)))
         seen = np.isin(labels, np.unique(labels[seen]))
@@ -370,7 +401,7 @@ def _rays(scaled: Array, outside: Mask, core_px: float, limits: dict[int, float]
     """
     half = scaled.shape[0] // 2
     angle = np.arange(_RAYS) * (2.0 * np.pi / _RAYS)
-    radius = np.arange(core_px / _FAR_BIN_PX, half, 1.0)
+    radius = np.arange(core_px / FAR_BIN_PX, half, 1.0)
     rows = np.rint(half + np.outer(np.sin(angle), radius)).astype(np.intp)
     columns = np.rint(half + np.outer(np.cos(angle), radius)).astype(np.intp)
     # two bins wide: a tail lies between the bins as often as on them
@@ -392,7 +423,7 @@ def _rays(scaled: Array, outside: Mask, core_px: float, limits: dict[int, float]
     return seen & outside
 
 
-def _in_sigmas(plane: Image, bin_px: int, *, whole: bool) -> tuple[Image, Image]:
+def in_sigmas(plane: Image, bin_px: int, *, whole: bool) -> tuple[Image, Image]:
     """A coarse plane without its sky, in units of its noise; and 1 where there is a value, else 0."""
     cover = np.ones(plane.shape, dtype=np.float32)
     missing = ~np.isfinite(plane)
@@ -473,7 +504,7 @@ def brighter_image(
         return 0.0, ""
     tame, cover = plane or tamed(pixels)
     height, width = tame.shape
-    half = REACH_PX // _FAR_BIN_PX
+    half = REACH_PX // FAR_BIN_PX
     best = 0.0, ""
     for how, along_x, along_y in (
         ("turned", True, True),
@@ -484,7 +515,7 @@ def brighter_image(
         flipped, seen_by = tame[way], cover[way]
         total = np.zeros((2 * half + 1, 2 * half + 1), dtype=np.float32)
         count = np.zeros_like(total)
-        for window, frame in _windows(x, y, _FAR_BIN_PX, half, tame.shape):
+        for window, frame in _windows(x, y, FAR_BIN_PX, half, tame.shape):
             total[window] += flipped[frame]
             count[window] += seen_by[frame]
         known = count >= max(3.0, _COVERED * x.size)
@@ -495,14 +526,14 @@ def brighter_image(
         if scaled[row, column] < _SEEN_SIGMA:
             continue
         # a star's bin in the flipped frame, moved by the offset, back in the frame as it is
-        there_x = np.rint((x - 1.5) / _FAR_BIN_PX) + column - half
-        there_y = np.rint((y - 1.5) / _FAR_BIN_PX) + row - half
+        there_x = np.rint((x - 1.5) / FAR_BIN_PX) + column - half
+        there_y = np.rint((y - 1.5) / FAR_BIN_PX) + row - half
         there_x = width - 1 - there_x if along_x else there_x
         there_y = height - 1 - there_y if along_y else there_y
         inside = (there_x >= 1) & (there_y >= 1) & (there_x < width - 1) & (there_y < height - 1)
         if inside.sum() < _FEWEST:
             continue
-        at_x, at_y = there_x * _FAR_BIN_PX + 1.5, there_y * _FAR_BIN_PX + 1.5
+        at_x, at_y = there_x * FAR_BIN_PX + 1.5, there_y * FAR_BIN_PX + 1.5
         # two stars that lie opposite to each other about some place aren't images of each other: light that
         # the plate has a star for is that star's
         away = np.hypot(at_x[:, None] - x, at_y[:, None] - y).min(axis=1)
@@ -536,7 +567,7 @@ def _whole(pixels: NDArray[np.generic], x: Array, y: Array, flux: Array, seen: M
     # no farther out than there is light, and a rim that tells the level without
     middle_bin = seen.shape[0] // 2
     out = int(np.abs(np.argwhere(seen) - middle_bin).max()) if seen.any() else middle_bin
-    reach = min(middle_bin, max(out, _NEAR_PX // _FAR_BIN_PX) + _RIM_BINS)
+    reach = min(middle_bin, max(out, NEAR_PX // FAR_BIN_PX) + _RIM_BINS)
     seen = seen[middle_bin - reach : middle_bin + reach + 1, middle_bin - reach : middle_bin + reach + 1]
     plane = coarse_plane(pixels, bin_px)
     missing = ~np.isfinite(plane)
@@ -545,7 +576,7 @@ def _whole(pixels: NDArray[np.generic], x: Array, y: Array, flux: Array, seen: M
     level, _ = _spread(coarse_sky(plane, bin_px, whole_numbers=pixels.dtype.kind in "ui"), plane.shape)
     plane = plane - level
     plane[missing] = np.nan
-    half = (seen.shape[0] // 2) * (_FAR_BIN_PX // bin_px)
+    half = (seen.shape[0] // 2) * (FAR_BIN_PX // bin_px)
     side = 2 * half + 1
     windows = np.full((x.size, side, side), np.nan, dtype=np.float32)
     middle = 0.5 * (bin_px - 1)
@@ -561,7 +592,7 @@ def _whole(pixels: NDArray[np.generic], x: Array, y: Array, flux: Array, seen: M
     noise = 1.4826 * float(np.median(np.abs(mean[known]))) + 1e-12
     # the tamed look says where there is light: this mean, which counts bright neighbors in full, only
     # how much
-    share = _FAR_BIN_PX // bin_px
+    share = FAR_BIN_PX // bin_px
     room = np.zeros((side, side), dtype=bool)
     wide = np.kron(seen, np.ones((share, share), dtype=bool))[share // 2 :, share // 2 :][:side, :side]
     room[: wide.shape[0], : wide.shape[1]] = wide
