@@ -191,9 +191,9 @@ def _unfollowed_px2(path: LightPath) -> float:
     off2 = 0.5 * path.off_px**2
     if path.drawn_out:
         # what lies too far off to be told from the sky pulls the middle as well
-        return off2 + path.sigma_px**2 + (HALO_PX * path.halo_share) ** 2
+        return off2 + path.sigma_px**2 + 0.5 * path.pull_px**2 + (HALO_PX * path.halo_share) ** 2
     if path.uneven:
-        return off2 + path.sigma_px**2
+        return off2 + path.sigma_px**2 + 0.5 * path.pull_px**2
     # round images are those of points: what differs by no more than noise does is none
     return off2 if path.off_px > max(TOLD_PX, TOLD_SIGMAS * path.sigma_px) else 0.0
 

@@ -71,6 +71,8 @@ _EVEN = 0.97
 """Plain frames with much light reach 0.98 to 1.00: what is less round is drawn out by a little, or dim."""
 _HALO_FWHM = 1.5
 """Light farther off than so many widths is no longer that of a point: drawn points have 0 to 1 % there."""
+_PULL_SIGMAS = 3.0
+"""Faint light that pulls the center by fewer of its own errors than this is taken for noise."""
 _COVERED = 0.3
 """A part of the window that a smaller share of the stars see (it lies beyond the frame for the others)
 is unknown."""
@@ -106,6 +108,9 @@ class LightPath:
         Narrowest over widest rms width of the star's image; 1 if it is round, 0 where it was not asked.
     halo_share : float
         Of the light near by, what lies too far off for a point; 0 where it was not asked.
+    pull_px : float
+        How far the light near by that is too faint for the rest pulls the center; 0 if by no more than noise
+        may do, or where it was not asked.
     """
 
     dx_px: float
@@ -118,6 +123,7 @@ class LightPath:
     stars: int
     axis_ratio: float = 0.0
     halo_share: float = 0.0
+    pull_px: float = 0.0
 
     @property
     def drawn_out(self) -> bool:
@@ -240,7 +246,12 @@ def _near(pixels: NDArray[np.generic], x: Array, y: Array, flux: Array, fwhm_px:
     cut = bool(mask[rim & (away > half - 2)].any())
     ratio = _axis_ratio(np.where(mask, smooth, 0.0), offset)
     inner = away < half - 6
-    halo = mean[inner & (away > _HALO_FWHM * fwhm_px)].sum() / max(float(mean[inner].sum()), 1e-12)
+    total_light = max(float(mean[inner].sum()), 1e-12)
+    halo = mean[inner & (away > _HALO_FWHM * fwhm_px)].sum() / total_light
+    # all light near by, however faint, has another center
+    all_x, all_y = _center(np.where(inner, mean, 0.0), offset)
+    pull_px = float(np.hypot(all_x - dx, all_y - dy))
+    pull_noise_px = noise * float(np.sqrt(0.5 * (away[inner] ** 2).sum())) / total_light
     return LightPath(
         dx,
         dy,
@@ -252,6 +263,7 @@ def _near(pixels: NDArray[np.generic], x: Array, y: Array, flux: Array, fwhm_px:
         x.size,
         ratio,
         float(np.clip(halo, 0.0, 1.0)),
+        pull_px if pull_px > _PULL_SIGMAS * pull_noise_px else 0.0,
     )
 
 

@@ -143,3 +143,20 @@ def test_strangers_are_no_second_image() -> None:
         pixels = _frame(np.concatenate((place, others)), np.concatenate((light, light)))
         patches = light_patches(pixels)
         assert second_image(patches, place.real, place.imag, light, CENTER, (SIDE_PX, SIDE_PX)) is None
+
+
+def test_a_frame_without_light_tells_nothing() -> None:
+    place, light = _stars(1)
+    patches = light_patches(np.full((SIDE_PX, SIDE_PX), 500.0))
+    assert patches.x_px.size == 0
+    assert centers_of_light(patches, place.real, place.imag, light, CENTER).off.size == 0
+    assert second_image(patches, place.real, place.imag, light, CENTER, (SIDE_PX, SIDE_PX)) is None
+
+
+def test_a_frame_with_missing_pixels_is_looked_at() -> None:
+    place, light = _stars(1)
+    pixels = _frame(place, light)
+    pixels[300:340, :] = np.nan
+    motion = field_motion(centers_of_light(light_patches(pixels), place.real, place.imag, light, CENTER))
+    assert motion is not None
+    assert not motion.differs
