@@ -7,9 +7,11 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import cache
 
-from fastapi import APIRouter, FastAPI
+from fastapi import APIRouter, FastAPI, Request
+from fastapi.responses import JSONResponse
 from fastapi.routing import APIRoute
 from fastapi_offline import FastAPIOffline
+from starlette.routing import Route
 
 from api import faults, guards
 from api.alpaca.server import alpaca_routes
@@ -107,7 +109,23 @@ def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI
         app.router.routes.extend(alpaca_routes(lambda: app.state.service, lambda: app.state.keys))
     # the page asks for the key itself
     app.include_router(page.router)
+    _describe_beside(app)
     return app
+
+
+def _describe_beside(app: FastAPI) -> None:
+    """Have the description of the interface made in a thread, when it is first asked for.
+
+    FastAPI makes it in the event loop: 0.8 s, in which a stop of another caller would wait.
+    """
+    one_makes_it = asyncio.Lock()
+
+    async def described(request: Request) -> JSONResponse:
+        async with one_makes_it:
+            return JSONResponse(await asyncio.to_thread(app.openapi))
+
+    assert app.openapi_url is not None
+    app.router.routes.insert(0, Route(app.openapi_url, described, include_in_schema=False))
 
 
 @cache

@@ -21,7 +21,7 @@ from api.open_streams import OpenStreams
 from api.refusals import ALPACA_PATHS
 from api.safe_headers import SafeHeaders
 from api.security import LEASE_HEADER, OwnMachineOnly, address_of, caller_from_headers
-from api.strict_requests import PlainJson
+from api.strict_requests import PlainJson, ShortTargets
 from mountnav.settings import Settings
 
 _ASKED = (
@@ -40,9 +40,10 @@ _TOLD = ("ETag", "Location", "Retry-After", "Preference-Applied", "Mountnav-Virt
 def install(app: FastAPI, settings: Settings) -> None:
     """Put the guards before an application; its keys are found at ``app.state.keys`` from now on.
 
-    From the outside in: every answer gets the headers against foreign pages, requests are counted, HEAD
-    becomes GET, other sites' pages are turned away, what would change something is noted, callers that ask
-    too much are held back, bodies that are too large are refused, streams end with the keys that opened them.
+    From the outside in: every answer gets the headers against foreign pages, requests are counted, addresses
+    that are too long are refused, HEAD becomes GET, other sites' pages are turned away, what would change
+    something is noted, callers that ask too much are held back, bodies that are too large are refused,
+    streams end with the keys that opened them.
 
     Parameters
     ----------
@@ -92,6 +93,7 @@ def install(app: FastAPI, settings: Settings) -> None:
             expose_headers=_TOLD,
         )
     app.add_middleware(HeadAsGet)
+    app.add_middleware(ShortTargets)
     app.add_middleware(CountedRequests, metrics=app.state.http_metrics)
     build = app.build_middleware_stack
     # around starlette's own answer to a fault as well, which no middleware that is added sees

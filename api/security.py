@@ -200,7 +200,7 @@ class OwnMachineOnly:
             return problem(
                 "forbidden", 403, "the Host header names no loopback address", advice="use 127.0.0.1"
             )
-        if origin is not None and urlsplit(origin).netloc != host and origin not in self._origins:
+        if origin is not None and not _is_of(origin, host) and origin not in self._origins:
             return problem("forbidden", 403, "the request comes from another site's page")
         if any(name in headers for name in _PROXIES):
             return problem(
@@ -224,6 +224,14 @@ def _given(headers: Mapping[str, str], basic: bool) -> str | None:
             return ""
         return password
     return headers.get("x-api-key") or None
+
+
+def _is_of(origin: str, host: str) -> bool:
+    """Whether a page is one of this very host."""
+    try:
+        return urlsplit(origin).netloc == host
+    except ValueError:  # http://[
+        return False
 
 
 def _is_loopback_name(url: str) -> bool:

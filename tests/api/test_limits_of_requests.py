@@ -211,6 +211,9 @@ async def test_no_other_page_may_ask_unless_it_is_named(observatory_toml: str) -
         assert "Access-Control-Allow-Credentials" not in allowed.headers
         answer = await client.get("/v1/version", headers={"Origin": PAGE})
         assert (answer.status_code, answer.headers["Access-Control-Allow-Origin"]) == (200, PAGE)
+        for origin in ("https://evil.example", "http://[", "http://[" + "a" * 60_000, "null", "//", ""):
+            nowhere = await client.get("/v1/version", headers={"Origin": origin})
+            assert nowhere.status_code == 403, (origin[:20], nowhere.text)
         foreign = await client.get("/v1/version", headers={"Origin": "https://evil.example"})
         assert foreign.status_code == 403
         assert "Access-Control-Allow-Origin" not in foreign.headers

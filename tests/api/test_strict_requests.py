@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import httpx
 import pytest
 from fastapi.routing import iter_route_contexts
@@ -93,8 +95,47 @@ async def test_other_bodies_are_told_as_before(client: httpx.AsyncClient) -> Non
         assert answer.status_code in (400, 422), (body[:10], answer.status_code)
 
 
-async def test_twenty_thousand_keys_are_refused_as_well(client: httpx.AsyncClient) -> None:
-    body = "{" + ", ".join(f'"k{number}": 0' for number in [*range(18_000), 17_999]) + "}"
-    answer = await client.post(f"{EAST}/slew", content=body, headers={"Content-Type": "application/json"})
-    assert answer.status_code == 422
-    assert "'k17999' stands twice" in answer.text
+async def test_twenty_thousand_keys_are_refused_unread(client: httpx.AsyncClient) -> None:
+    headers = {"Content-Type": "application/json"}
+    for count in (1001, 18_000):
+        body = "{" + ", ".join(f'"k{number}": 0' for number in [*range(count), count - 1]) + "}"
+        answer = await client.post(f"{EAST}/slew", content=body, headers=headers)
+        assert answer.status_code == 422
+        assert f"{count + 1} keys in one object" in answer.text
+    body = "{" + ", ".join(f'"k{number}": 0' for number in [*range(900), 899]) + "}"
+    answer = await client.post(f"{EAST}/slew", content=body, headers=headers)
+    assert "'k899' stands twice" in answer.text
+
+
+@pytest.mark.parametrize("method", ["GET", "POST", "PUT", "OPTIONS", "TRACE"])
+async def test_an_address_without_end_is_refused_before_any_route_is_held_against_it(
+    client: httpx.AsyncClient, method: str
+) -> None:
+    for address in ("/v1/telescopes/" + "a" * 9000, f"{EAST}?a=" + "1" * 9000, "/" + "a/" * 5000):
+        answer = await client.request(method, address)
+        assert answer.status_code == 414, (address[:40], answer.status_code)
+        assert answer.json()["type"].endswith(":too-large")
+    assert (await client.get(f"{EAST}/events/none?a=" + "1" * 8000)).status_code != 414
+
+
+async def test_a_stop_is_taken_whatever_its_query(client: httpx.AsyncClient) -> None:
+    answer = await client.post(f"{EAST}/stop?a=" + "1" * 9000)
+    assert answer.status_code == 200, answer.text
+
+
+async def test_the_description_is_made_beside_the_loop(observatory_toml: str) -> None:
+    app = create_app(Settings.parse(observatory_toml))
+    threads: list[int] = []
+    make = app.openapi
+
+    def noted() -> dict[str, object]:
+        threads.append(threading.get_ident())
+        return make()
+
+    app.openapi = noted  # type: ignore[method-assign]
+    transport = httpx.ASGITransport(app=app)
+    async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as asking:
+        answers = [await asking.get("/openapi.json") for _ in range(2)]
+    assert [one.json()["info"]["title"] for one in answers] == ["mountnav"] * 2
+    assert threads
+    assert threading.get_ident() not in threads

@@ -397,6 +397,10 @@ def redirect_elsewhere(answering: Answering) -> None:
     _redirect(answering, "http://elsewhere.invalid/votable")
 
 
+def redirect_nowhere(answering: Answering) -> None:
+    _redirect(answering, "http://[elsewhere")
+
+
 def redirected(answering: Answering) -> None:
     """Once, on the same server."""
     if answering.path.startswith("/moved"):

@@ -87,6 +87,7 @@ CONE = {"protocol": "cone", "table": ""}
         (moods.no_table, "an empty answer for 3.4 square degrees", {}),
         (moods.no_table, "it has no stars here", CONE),
         (moods.redirect_loop, "it redirects more than 3 times", {}),
+        (moods.redirect_nowhere, "it redirects to what is no address: http://[elsewhere", {}),
         (moods.redirect_elsewhere, "it redirects to another server, elsewhere.invalid", {}),
     ],
     ids=lambda value: value.__name__ if callable(value) else None,

@@ -103,8 +103,11 @@ def get(client: httpx.Client, url: str, *, end: float) -> Got:
 
 def _followed(asked: str, location: str) -> str:
     """Where a redirect leads: on the same server, or to its https side."""
-    target = urljoin(asked, location)
-    old, new = urlsplit(asked), urlsplit(target)
+    try:
+        target = urljoin(asked, location)
+        old, new = urlsplit(asked), urlsplit(target)
+    except ValueError as fault:  # http://[
+        raise Unusable(f"it redirects to what is no address: {quoted(location)}") from fault
     is_upgrade = old.scheme == "http" and new.scheme == "https" and new.hostname == old.hostname
     if not is_upgrade and (new.scheme, new.netloc) != (old.scheme, old.netloc):
         raise Unusable(f"it redirects to another server, {quoted(new.hostname or location)}: configure that")
