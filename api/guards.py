@@ -11,7 +11,8 @@ from api.alpaca.access import alpaca_caller
 from api.audit import Audit
 from api.audited_requests import AuditedRequests
 from api.body_limit import BodyLimit
-from api.callers import Caller
+from api.callers import Caller, Role
+from api.fair_requests import FairRequests
 from api.faults import Refused
 from api.head_requests import HeadAsGet
 from api.http_metrics import CountedRequests, HttpMetrics
@@ -19,6 +20,7 @@ from api.keys import open_keys
 from api.limits_of_rate import RateLimit, TokenBuckets
 from api.open_streams import OpenStreams
 from api.refusals import ALPACA_PATHS
+from api.request_heads import BoundedHeads
 from api.safe_headers import SafeHeaders
 from api.security import LEASE_HEADER, OwnMachineOnly, address_of, caller_from_headers
 from api.strict_requests import PlainJson, ShortTargets
@@ -40,10 +42,10 @@ _TOLD = ("ETag", "Location", "Retry-After", "Preference-Applied", "Mountnav-Virt
 def install(app: FastAPI, settings: Settings) -> None:
     """Put the guards before an application; its keys are found at ``app.state.keys`` from now on.
 
-    From the outside in: every answer gets the headers against foreign pages, requests are counted, addresses
-    that are too long are refused, HEAD becomes GET, other sites' pages are turned away, what would change
-    something is noted, callers that ask too much are held back, bodies that are too large are refused,
-    streams end with the keys that opened them.
+    From the outside in: every answer gets the headers against foreign pages, heads with too many headers are
+    refused, requests are counted and begin one by one, addresses that are too long are refused, HEAD becomes
+    GET, other sites' pages are turned away, what would change something is noted, callers that ask too much
+    are held back, bodies that are too large are refused, streams end with the keys that opened them.
 
     Parameters
     ----------
@@ -71,6 +73,12 @@ def install(app: FastAPI, settings: Settings) -> None:
             # all strangers behind one address share what one caller may
             return f"({address_of(scope)})"
 
+    def may_stop(scope: Scope) -> bool:
+        try:
+            return caller_of(scope).role.includes(Role.OPERATE)
+        except Refused:
+            return False
+
     def audit_of() -> Audit | None:
         running = getattr(app.state, "service", None)
         return getattr(running, "audit", None)
@@ -94,7 +102,9 @@ def install(app: FastAPI, settings: Settings) -> None:
         )
     app.add_middleware(HeadAsGet)
     app.add_middleware(ShortTargets)
+    app.add_middleware(FairRequests, may_stop=may_stop)
     app.add_middleware(CountedRequests, metrics=app.state.http_metrics)
+    app.add_middleware(BoundedHeads)
     build = app.build_middleware_stack
     # around starlette's own answer to a fault as well, which no middleware that is added sees
     app.build_middleware_stack = lambda: SafeHeaders(build())  # type: ignore[method-assign]
