@@ -1,7 +1,8 @@
 """HTTP connections: how many there may be and how long they may dawdle, so that a stop always gets through.
 
 uvicorn waits without end for the head of a request, and takes as many connections as there are. Here a
-connection that says nothing, or says it too slowly, is closed; one address may hold so many; and when there
+connection that says nothing, or says it too slowly, is closed, and so is one whose request has a head beyond
+all bounds; what comes is read in turns (`api.reading_turns`); one address may hold so many; and when there
 are too many, the one that has been idle for longest makes room. If none is idle, a newcomer is let in all the
 same, to send a stop and nothing else.
 """
@@ -9,7 +10,9 @@ same, to send a stop and nothing else.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -22,15 +25,28 @@ from uvicorn.server import ServerState
 
 from api.faults import problem
 from api.limits_of_rate import is_stop
+from api.reading_turns import PIECE_BYTES, ReadingTurns
 from api.refusals import refusal_response
 from api.safe_headers import SAFE_HEADERS
 
 _log = logging.getLogger(__name__)
 
 _SWEEP_S = 0.5
+"""Deadlines are looked at so often, s: each may last longer by that. Doubled, by a second."""
+_MOST_HEAD_BYTES, _MOST_HEAD_LINES = 16_384, 256
+"""Of a request; ours have 1 kB and 20 lines. The parser takes 8 µs for a line before anybody sees the
+request: doubled, 4 ms of a turn."""
+_MOST_WAITING_BYTES = 65_536
+"""So much may wait to be read before nothing more is taken from a connection: as much as comes at once."""
+_STOP_HEAD = re.compile(
+    rb"(POST /v1/stop|POST /v1/telescopes/[^/\s]{1,200}/(night/)?stop|DELETE /v1/jobs/[^/\s]{1,200}"
+    rb"|POST /v1/jobs/[^/\s]{1,200}/cancel|PUT /api/v1/telescope/\d{1,9}/abortslew)/?[? ]"
+)
+"""How the bytes of a stop begin; see `is_stop`."""
 _LEAST_BODY_BYTES_S = 1000.0
 """A body that comes more slowly for `Deadlines.body_s` is given up: 256 kB would take it four minutes."""
 _TOLD_AGAIN_S = 60.0
+"""So long nothing is logged after it was told that there are too many, s: an attack may last all night."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +102,7 @@ class Gate:
         self.deadlines = deadlines or Deadlines()
         self._here: dict[str, set[Guarded]] = {}
         self._stopping: set[Guarded] = set()
+        self.turns = ReadingTurns()
         self._sweeping: asyncio.TimerHandle | None = None
         self._told_s = -_TOLD_AGAIN_S
 
@@ -192,6 +209,8 @@ class Guarded(H11Protocol):
         self._body_waited_s = 0.0
         self._silent_s = 0.0
         self._deaf_s = 0.0
+        self._waiting = bytearray()
+        self._ended = False
 
     @property
     def is_idle(self) -> bool:
@@ -205,15 +224,71 @@ class Guarded(H11Protocol):
         self._gate.came(self)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """It is gone."""
+        """It is gone; a stop that came before counts."""
         self._gate.went(self)
+        if self.is_urgent:
+            super().data_received(bytes(self._waiting[:_MOST_HEAD_BYTES]))
+        self._waiting.clear()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
         """Something came."""
         self._silent_s = 0.0
         self._body_bytes += len(data)
-        super().data_received(data)
+        if not self._waiting and self._has_sized_body:
+            super().data_received(data)
+            return
+        waited = bool(self._waiting)
+        self._waiting += data
+        if not waited:
+            self._gate.turns.ask(self)
+        if len(self._waiting) > _MOST_WAITING_BYTES:
+            self.transport.pause_reading()
+
+    def eof_received(self) -> bool:  # type: ignore[override]
+        """Nothing more comes; what waits is read before the connection is closed."""
+        self._ended = bool(self._waiting)
+        return self._ended
+
+    @property
+    def _has_sized_body(self) -> bool:
+        if self.conn.their_state is not h11.SEND_BODY:
+            return False
+        names = {name for name, _ in self.headers}
+        return b"content-length" in names and b"transfer-encoding" not in names
+
+    @property
+    def is_urgent(self) -> bool:
+        """Whether what waits is a stop."""
+        return self.conn.their_state is h11.IDLE and _STOP_HEAD.match(self._waiting) is not None
+
+    def read_piece(self) -> bool:
+        """Read some of what waits; whether more waits."""
+        if self.transport.is_closing():
+            self._waiting.clear()
+            return False
+        # a body whose length is told is one event, however much of it waits
+        size = len(self._waiting) if self._has_sized_body else PIECE_BYTES
+        piece = bytes(self._waiting[:size])
+        del self._waiting[:size]
+        super().data_received(piece)
+        if self._waiting:
+            return True
+        if self._ended:
+            self.transport.close()
+        elif not self.flow.read_paused:
+            with contextlib.suppress(RuntimeError):  # it is being closed
+                self.transport.resume_reading()
+        return False
+
+    def handle_events(self) -> None:
+        """Go through what was read; a head beyond all bounds is not even parsed."""
+        if self.conn.their_state is h11.IDLE:
+            head = self.conn.trailing_data[0].partition(b"\r\n\r\n")[0]
+            if len(head) > _MOST_HEAD_BYTES or head.count(b"\n") > _MOST_HEAD_LINES:
+                self._refuse(431, b"Request Header Fields Too Large", "The head of the request is too long.")
+                return
+        super().handle_events()
 
     def on_response_complete(self) -> None:
         """A request was answered; the next one's time begins."""
@@ -244,13 +319,16 @@ class Guarded(H11Protocol):
 
     def send_400_response(self, msg: str) -> None:
         """What was no HTTP is answered as everything is: with the headers that browsers heed."""
+        self._refuse(400, b"Bad Request", msg)
+
+    def _refuse(self, status: int, reason: bytes, msg: str) -> None:
         headers = [
             (b"content-type", b"text/plain; charset=utf-8"),
             (b"connection", b"close"),
             *SAFE_HEADERS,
         ]
         for event in (
-            h11.Response(status_code=400, headers=headers, reason=b"Bad Request"),
+            h11.Response(status_code=status, headers=headers, reason=reason),
             h11.Data(data=msg.encode("ascii", "replace")),
             h11.EndOfMessage(),
         ):

@@ -164,9 +164,14 @@ SOON = Deadlines(head_s=0.5, stop_head_s=0.5, body_s=0.5, answer_s=0.5)
 
 
 @asynccontextmanager
-async def _behind(gate: Gate) -> AsyncIterator[tuple[str, int]]:
+async def _behind(gate: Gate, heard: list[str] | None = None) -> AsyncIterator[tuple[str, int]]:
+    async def noted(scope: Scope, receive: Receive, send: Send) -> None:
+        if heard is not None:
+            heard.append(scope["path"])
+        await _application(scope, receive, send)
+
     config = uvicorn.Config(
-        _application,
+        noted,
         http=gate.protocol(),
         ws="none",
         lifespan="off",
