@@ -19,6 +19,7 @@ from mountnav.errors import BadFrame
 from mountnav.reading.content import Content, stored
 from mountnav.reading.fits_cards import BLOCK_LENGTH, CARD_LENGTH, Value
 from mountnav.reading.fits_extensions import Hdu, check_size, chosen_hdu, walk
+from mountnav.reading.fits_tiles import require_bounded
 from mountnav.reading.unpacking import check_ratio
 
 Pixels = NDArray[np.generic]
@@ -136,8 +137,14 @@ def _tiled(content: Content, hdu: Hdu, label: str) -> Pixels:
         _header(primary) + _header(cards) + table.ljust(-(-len(table) // BLOCK_LENGTH) * BLOCK_LENGTH, b"\0")
     )
     try:
+        with fits.open(
+            BytesIO(alone), memmap=False, mode="readonly", disable_image_compression=True
+        ) as opened:
+            require_bounded(opened[1], table, hdu, label)
         with fits.open(BytesIO(alone), memmap=False, mode="readonly") as opened:
             pixels = np.asarray(opened[1].data)
+    except BadFrame:
+        raise
     except Exception as fault:  # damaged tiles raise all kinds, some of them private to astropy
         raise BadFrame(
             f"this compressed FITS image can't be unpacked: {fault}",

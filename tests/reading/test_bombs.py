@@ -133,6 +133,52 @@ def test_tiles_of_nothing_are_refused() -> None:
         read_frame(content)
 
 
+def _tiled(kind: str, *, side: int = 600) -> bytearray:
+    file = io.BytesIO()
+    noise = np.random.default_rng(3).integers(0, 4096, (side, side)).astype(np.int16)
+    image = fits.CompImageHDU(noise, compression_type=kind, tile_shape=(side, side))
+    fits.HDUList([fits.PrimaryHDU(), image]).writeto(file)
+    content = bytearray(file.getvalue())
+    assert read_frame(bytes(content)).pixels.shape == (side, side)
+    return content
+
+
+@pytest.mark.usefixtures("_little_memory")
+@pytest.mark.parametrize("kind", ["GZIP_1", "GZIP_2"])
+@pytest.mark.parametrize("members", [1, 9])
+def test_a_tile_under_an_honest_header_that_unpacks_without_end_is_refused(kind: str, members: int) -> None:
+    content = _tiled(kind)
+    at = content.index(b"\x1f\x8b")
+    bomb = b""
+    for _ in range(members):
+        packing = zlib.compressobj(9, wbits=16 + zlib.MAX_WBITS)
+        bomb += b"".join(packing.compress(bytes(4_000_000)) for _ in range(100 // members))
+        bomb += packing.flush()
+    content[at : at + len(bomb)] = bomb
+    with pytest.raises(BadFrame, match="unpacks to more than the whole image"):
+        read_frame(bytes(content))
+
+
+def test_a_tile_of_hcompress_that_says_it_is_larger_is_refused() -> None:
+    content = _tiled("HCOMPRESS_1")
+    at = content.index(b"\xdd\x99")
+    content[at + 2 : at + 10] = (60_000).to_bytes(4, "big") * 2
+    with pytest.raises(BadFrame, match="unpacks to more than the whole image"):
+        read_frame(bytes(content))
+
+
+@pytest.mark.parametrize("kind", ["RICE_1", "GZIP_1", "GZIP_2", "HCOMPRESS_1", "PLIO_1"])
+@pytest.mark.parametrize("tile", [(1, 500), (64, 64), (400, 500)])
+def test_honest_tiles_of_every_kind_are_read(kind: str, tile: tuple[int, int]) -> None:
+    if kind == "HCOMPRESS_1" and tile[0] == 1:
+        tile = (16, 500)
+    pixels = np.random.default_rng(4).integers(0, 4096, (400, 500)).astype(np.int16)
+    file = io.BytesIO()
+    image = fits.CompImageHDU(pixels, compression_type=kind, tile_shape=tile)
+    fits.HDUList([fits.PrimaryHDU(), image]).writeto(file)
+    np.testing.assert_array_equal(read_frame(file.getvalue()).pixels, pixels)
+
+
 def test_a_bomb_among_calibration_frames_is_refused(tmp_path: Path) -> None:
     bomb = tmp_path / "dark.fits.bz2"
     bomb.write_bytes(_pack_bz2(_image(17_000, 17_000), 200_000_000))
