@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import cache
+from typing import Any
 
 from fastapi import APIRouter, FastAPI, Request
 from fastapi.responses import JSONResponse
@@ -118,7 +119,14 @@ def _describe_beside(app: FastAPI) -> None:
 
     FastAPI makes it in the event loop: 0.8 s, in which a stop of another caller would wait.
     """
-    one_makes_it = asyncio.Lock()
+    one_makes_it, make = asyncio.Lock(), app.openapi
+
+    def with_bodies_left_out() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            app.openapi_schema = _without_null_bodies(make())
+        return app.openapi_schema
+
+    app.openapi = with_bodies_left_out  # type: ignore[method-assign]
 
     async def described(request: Request) -> JSONResponse:
         async with one_makes_it:
@@ -126,6 +134,18 @@ def _describe_beside(app: FastAPI) -> None:
 
     assert app.openapi_url is not None
     app.router.routes.insert(0, Route(app.openapi_url, described, include_in_schema=False))
+
+
+def _without_null_bodies(schema: dict[str, Any]) -> dict[str, Any]:
+    """A body that may be left out needs no null besides: generated clients fail where one is told."""
+    for operations in schema["paths"].values():
+        for operation in operations.values():
+            for content in operation.get("requestBody", {}).get("content", {}).values():
+                either = content["schema"].get("anyOf", [])
+                bodies = [one for one in either if one != {"type": "null"}]
+                if len(bodies) == 1 < len(either):
+                    content["schema"] = bodies[0]
+    return schema
 
 
 @cache
