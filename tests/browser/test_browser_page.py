@@ -372,6 +372,53 @@ def test_a_key_is_asked_for_and_kept_in_the_tab_alone(visit: Visit, locked: Serv
     page.wait_for_function("() => document.querySelector('#place-list dd').textContent === '–'")
 
 
+def test_the_last_refusal_of_a_wrong_key_takes_nothing_from_the_right_one(visit: Visit, locked: Served) -> None:
+    # a question that was asked with the wrong key, and is answered when the right one has been taken long ago
+    visit.forgiven = ("Failed to load resource",)
+    page = visit.page
+    held: list[Any] = []
+
+    def hold(route: Any) -> None:
+        if route.request.headers.get("x-api-key") == "wrong" and "events" not in route.request.url:
+            held.append(route)
+        else:
+            route.continue_()
+
+    page.route("**/v1/**", hold)
+    page.goto(locked.url)
+    page.wait_for_selector("#key-row:not([hidden])")
+    page.fill("#key", "wrong")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#key-row", state="hidden")
+    deadline = time.monotonic() + 30.0
+    while not held and time.monotonic() < deadline:
+        page.wait_for_timeout(20)
+    page.get_by_role("button", name="Key").click()
+    page.fill("#key", KEY)
+    page.keyboard.press("Enter")
+    page.wait_for_function("() => document.querySelector('#place-list dd').textContent !== '–'")
+    # whatever the late answers would do is done when the page has heard them and gone on
+    page.evaluate(
+        """() => {
+          window.emptied = 0;
+          const look = () => { if (document.querySelector('#place-list dd').textContent === '–') window.emptied++; };
+          new MutationObserver(look).observe(document.querySelector('#place-list'),
+                                             { subtree: true, childList: true, characterData: true });
+        }"""
+    )
+    assert held
+    for route in held:
+        with page.expect_response(route.request.url):
+            route.continue_()
+    with page.expect_response("**/sky*"):
+        pass
+    with page.expect_response("**/sky*"):
+        pass
+    assert page.locator("#key-row").is_hidden()
+    assert page.locator("#notice").is_hidden()
+    assert page.evaluate("window.emptied") == 0
+
+
 def test_every_control_has_a_name(visit: Visit, observatory: Served) -> None:
     page = visit.open(observatory.url)
     page.get_by_role("button", name="Key").click()

@@ -18,6 +18,9 @@ export class Refused extends Error {
 /** No answer came: whether the service heard it is not known. */
 export class NoConnection extends Error {}
 
+/** The key was changed while this was read: the answer belongs to a key that nobody holds here any more. */
+export class AnotherKey extends NoConnection {}
+
 /** A STOP came while the order had no answer: it is not asked again. */
 export class Dropped extends Error {}
 
@@ -78,14 +81,32 @@ async function answered(response) {
   return told;
 }
 
-export const get = async (path) => answered(await asked("GET", path));
+/** What is read under one key counts as long as that key is held: what comes late says nothing of the next one. */
+async function underOneKey(read) {
+  const mine = key.get();
+  const same = () => {
+    if (key.get() !== mine) throw new AnotherKey("the key was changed meanwhile");
+  };
+  try {
+    const told = await read();
+    same();
+    return told;
+  } catch (error) {
+    same();
+    throw error;
+  }
+}
+
+export const get = (path) => underOneKey(async () => answered(await asked("GET", path)));
 
 /** GET that costs nothing while nothing changed: `known` is what it returned last time. */
-export async function getIfNew(path, known) {
+export function getIfNew(path, known) {
   const headers = known?.etag ? { "If-None-Match": known.etag } : {};
-  const response = await asked("GET", path, { headers, timeoutMs: 4000 });
-  if (response.status === 304) return known;
-  return { told: await answered(response), etag: response.headers.get("ETag") };
+  return underOneKey(async () => {
+    const response = await asked("GET", path, { headers, timeoutMs: 4000 });
+    if (response.status === 304) return known;
+    return { told: await answered(response), etag: response.headers.get("ETag") };
+  });
 }
 
 export const remove = async (path) => answered(await asked("DELETE", path));
