@@ -93,6 +93,18 @@ def state_of(record: Mapping[str, Any]) -> NightState:
     KeyError, ValueError, TypeError
         It is no such record.
     """
+    applied = Offset(float(record["applied_east_arcsec"]), float(record["applied_north_arcsec"]))
+    return state_with(record, applied)
+
+
+def state_with(record: Mapping[str, Any], applied: Offset) -> NightState:
+    """What the journal and a recording write alike of a state, with the offset that each writes in its way.
+
+    Raises
+    ------
+    KeyError, ValueError, TypeError
+        It is no such record.
+    """
     not_before = record["not_before"]
     plate = record["plate"]
     return NightState(
@@ -100,13 +112,13 @@ def state_of(record: Mapping[str, Any]) -> NightState:
         night_id=str(record["night_id"]),
         forced=bool(record["forced"]),
         was_dark=bool(record["was_dark"]),
-        plates=tuple(_plate(one) for one in record["plates"]),
-        plate=None if plate is None else _plate(plate),
+        plates=tuple(plate_of(one) for one in record["plates"]),
+        plate=None if plate is None else plate_of(plate),
         holds=frozenset(Hold(one) for one in record["holds"]),
         unsafe_why=str(record["unsafe_why"]),
         field=str(record["field"]),
         segment=str(record["segment"]),
-        applied=Offset(float(record["applied_east_arcsec"]), float(record["applied_north_arcsec"])),
+        applied=applied,
         under_way=record["under_way"],
         used=tuple(record["used"]),
         corrections=tuple(datetime.fromisoformat(one) for one in record["corrections"]),
@@ -127,11 +139,12 @@ def _plate_record(plate: PlateSeen) -> dict[str, Any]:
     }
 
 
-def _plate(record: Mapping[str, Any]) -> PlateSeen:
+def plate_of(record: Mapping[str, Any]) -> PlateSeen:
+    """A plate that was seen."""
     width, height = record["size"]
     return PlateSeen(
         float(record["scale_arcsec_px"]),
         float(record["rotation_deg"]),
         int(record["parity"]),
-        (width, height),
+        (int(width), int(height)),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from datetime import datetime
 from typing import cast
 
@@ -11,38 +12,21 @@ from mountnav.navigation.between_frames import By, Judged
 from mountnav.navigation.doubts import Counts, SyncContext
 from mountnav.navigation.readings_kept import Around, Meanwhile
 from mountnav.night.events import CorrectionEnded, Event, FrameSeen, Said, Tick, Word
+from mountnav.night.memory import plate_of, state_with
 from mountnav.night.recorded import Json, offset_of, reading_of
-from mountnav.night.states import NO_OFFSET, Evidence, Hold, NightState, Phase, PlateSeen
+from mountnav.night.states import NO_OFFSET, Evidence, NightState
 from mountnav.pointing.in_force import Expected
 from mountnav.sky.coordinates import Air, Site
 
 
 def state_of(record: Json) -> NightState:
-    """A night's state, whole; the journal's (`memory.state_of`) holds less."""
-    plate, evidence = record["plate"], record["evidence"]
-    return NightState(
-        phase=Phase(record["phase"]),
-        night_id=str(record["night_id"]),
-        forced=bool(record["forced"]),
-        was_dark=bool(record["was_dark"]),
-        plates=tuple(_plate(one) for one in record["plates"]),
-        plate=None if plate is None else _plate(plate),
-        holds=frozenset(Hold(one) for one in record["holds"]),
-        unsafe_why=str(record["unsafe_why"]),
+    """A night's state, whole; the journal's (`mountnav.night.memory.state_of`) holds less."""
+    evidence = record["evidence"]
+    return replace(
+        state_with(record, offset_of(record["applied"]) or NO_OFFSET),
         evidence=None if evidence is None else _evidence(evidence),
-        field=str(record["field"]),
-        segment=str(record["segment"]),
-        applied=offset_of(record["applied"]) or NO_OFFSET,
-        under_way=record["under_way"],
-        used=tuple(record["used"]),
-        corrections=tuple(datetime.fromisoformat(one) for one in record["corrections"]),
-        corrected=int(record["corrected"]),
-        not_before=_instant(record["not_before"]),
         busy_until=_instant(record["busy_until"]),
         free=bool(record["free"]),
-        frames=int(record["frames"]),
-        placed=int(record["placed"]),
-        unsolved=int(record["unsolved"]),
     )
 
 
@@ -141,7 +125,7 @@ def _frame_seen(utc: datetime, record: Json) -> FrameSeen:
         held=bool(record["held"]),
         placed=bool(record["placed"]),
         fully=bool(record["fully"]),
-        plate=None if plate is None else _plate(plate),
+        plate=None if plate is None else plate_of(plate),
         error=offset_of(record["error"]),
         of_target=bool(record["of_target"]),
         sigma_arcsec=math.nan if sigma is None else float(sigma),
@@ -160,16 +144,6 @@ def _evidence(record: Json) -> Evidence:
         offset_of(record["error"]) or NO_OFFSET,
         str(record["segment"]),
         str(record["field"]),
-    )
-
-
-def _plate(record: Json) -> PlateSeen:
-    width, height = record["size"]
-    return PlateSeen(
-        float(record["scale_arcsec_px"]),
-        float(record["rotation_deg"]),
-        int(record["parity"]),
-        (int(width), int(height)),
     )
 
 

@@ -9,6 +9,7 @@ import resource
 import subprocess
 import sys
 from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
@@ -44,9 +45,9 @@ def away(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return in_the_way
 
 
-@pytest.fixture
-async def degraded(observatory_toml: str, away: Path) -> AsyncIterator[tuple[httpx.AsyncClient, Service]]:
-    toml = observatory_toml.replace("fake+lx200://", "fake+lx200://?dialect=onstep")
+@asynccontextmanager
+async def served(toml: str) -> AsyncIterator[tuple[httpx.AsyncClient, Service]]:
+    """A service that runs, and a client of it."""
     app = create_app(Settings.parse(toml))
     transport = httpx.ASGITransport(app=app)
     async with (
@@ -54,6 +55,12 @@ async def degraded(observatory_toml: str, away: Path) -> AsyncIterator[tuple[htt
         httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1", timeout=60) as client,
     ):
         yield client, app.state.service
+
+
+@pytest.fixture
+async def degraded(observatory_toml: str, away: Path) -> AsyncIterator[tuple[httpx.AsyncClient, Service]]:
+    async with served(observatory_toml.replace("fake+lx200://", "fake+lx200://?dialect=onstep")) as ours:
+        yield ours
 
 
 async def _back(service: Service) -> None:
@@ -120,16 +127,10 @@ async def test_a_fault_in_taking_a_telescope_up_keeps_that_one_alone_from_orders
     monkeypatch.setattr(CheckedMount, "take_up", with_a_fault)
     if journal != "there":
         in_the_way.mkdir()
-    app = create_app(Settings.parse(two))
-    async with (
-        app.router.lifespan_context(app),
-        httpx.AsyncClient(
-            transport=httpx.ASGITransport(app=app), base_url="http://127.0.0.1", timeout=60
-        ) as client,
-    ):
+    async with served(two) as (client, service):
         if journal != "there":
             in_the_way.rmdir()
-            await _back(app.state.service)
+            await _back(service)
         state = await _told(client, EAST, "a row that makes no sense")
         assert state["connected"]
         assert not state["trusted"]
@@ -174,13 +175,7 @@ async def test_no_order_is_taken_while_the_keys_of_earlier_runs_can_not_be_read_
     monkeypatch.setattr(Jobs, "take_up", with_a_fault)
     if journal != "there":
         in_the_way.mkdir()
-    app = create_app(Settings.parse(observatory_toml))
-    async with (
-        app.router.lifespan_context(app),
-        httpx.AsyncClient(
-            transport=httpx.ASGITransport(app=app), base_url="http://127.0.0.1", timeout=60
-        ) as client,
-    ):
+    async with served(observatory_toml) as (client, service):
         if journal != "there":
             in_the_way.rmdir()
         async with asyncio.timeout(60):
@@ -193,7 +188,7 @@ async def test_no_order_is_taken_while_the_keys_of_earlier_runs_can_not_be_read_
         assert "a row that makes no sense" in " ".join(health["why_not"])
         assert (await client.post(f"{EAST}/stop")).json()["stopped"] is True
         faulty.clear()
-        await _back(app.state.service)
+        await _back(service)
         slewed = await client.post(f"{EAST}/slew", json=SOUTH, params={"wait": 60})
         assert slewed.json()["state"] == "succeeded", slewed.text
 
@@ -209,18 +204,12 @@ async def test_keys_of_earlier_runs_are_known_before_an_order_is_taken(
 
     ids = []
     for run in range(2):
-        app = create_app(Settings.parse(observatory_toml))
-        async with (
-            app.router.lifespan_context(app),
-            httpx.AsyncClient(
-                transport=httpx.ASGITransport(app=app), base_url="http://127.0.0.1", timeout=60
-            ) as client,
-        ):
+        async with served(observatory_toml) as (client, service):
             if run == 1:
                 assert (await order(client)).status_code == 503
                 file.rmdir()
                 hidden.rename(file)
-                await _back(app.state.service)
+                await _back(service)
             answer = await order(client)
             assert answer.status_code == 202, answer.text
             ids.append(answer.json()["id"])
@@ -231,9 +220,7 @@ async def test_keys_of_earlier_runs_are_known_before_an_order_is_taken(
 
 
 async def test_an_order_is_on_the_disk_before_it_is_answered(observatory_toml: str) -> None:
-    app = create_app(Settings.parse(observatory_toml))
-    async with app.router.lifespan_context(app):
-        service: Service = app.state.service
+    async with served(observatory_toml) as (client, service):
         journal, written = service.journal, []
         save = journal.save_job
 
@@ -243,15 +230,13 @@ async def test_an_order_is_on_the_disk_before_it_is_answered(observatory_toml: s
             written.append(row)
 
         journal.save_job = slowly  # type: ignore[method-assign]
-        transport = httpx.ASGITransport(app=app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1", timeout=60) as client:
-            answers = await asyncio.gather(
-                *(client.post(f"{EAST}/look", headers={"Idempotency-Key": "k"}) for _ in range(2))
-            )
-            assert written
-            assert len({answer.json()["id"] for answer in answers}) == 1
-            # another process would find it
-            assert journal.reader.job(answers[0].json()["id"]) is not None
+        answers = await asyncio.gather(
+            *(client.post(f"{EAST}/look", headers={"Idempotency-Key": "k"}) for _ in range(2))
+        )
+        assert written
+        assert len({answer.json()["id"] for answer in answers}) == 1
+        # another process would find it
+        assert journal.reader.job(answers[0].json()["id"]) is not None
 
 
 @pytest.mark.parametrize("cut", ["end", "middle", "zeros"])
