@@ -20,6 +20,7 @@ _EACH_TELESCOPE = 8
 _DOORS = 3
 """INDI, LX200, Stellarium."""
 _FEWEST_HTTP = 24
+"""Connections, however few descriptors there are: a page holds seven, a scheduler one or two."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ from mountnav.tasks import begun, fault_words
 _log = logging.getLogger(__name__)
 
 _AGAIN_S = 1.0
+"""Between tries to reach the journal, s. Doubled, orders are refused a second longer than it was away."""
 
 Step = Callable[[], Awaitable[object]]
 

@@ -14,7 +14,6 @@ from mountnav.errors import MountnavError
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.reports import TelescopeState
 from mountnav.pointing.limits.bodies import bodies
-from mountnav.pointing.limits.tracked import SIDEREAL_DEG_PER_S
 from mountnav.sky.chain import (
     hour_angle_to_observed,
     icrs_to_apparent,
@@ -24,6 +23,7 @@ from mountnav.sky.chain import (
 )
 from mountnav.sky.coordinates import GeometricHourAngle, HourAngle, Icrs, Site, utc_now
 from mountnav.sky.sphere import gnomonic, gnomonic_inverse, half_turn_deg
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 AHEAD_S = 43_200.0
 """So far ahead a limit is sought."""
@@ -252,7 +252,7 @@ def _track(
     track = []
     for later_s in dict.fromkeys((*steps, end_s)):
         at = utc + timedelta(seconds=later_s)
-        turned = HourAngle(half_turn_deg(here.ha_deg + SIDEREAL_DEG_PER_S * later_s), here.dec_deg, at)
+        turned = HourAngle(half_turn_deg(here.ha_deg + SIDEREAL_DEG_S * later_s), here.dec_deg, at)
         seen = hour_angle_to_observed(turned, site)
         track.append(TrackPointView(utc=at, altitude_deg=seen.alt_deg, azimuth_deg=seen.az_deg))
     return track

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 _MB = 1_000_000
+"""Bytes."""
 
 MOST_MEMORY_MB = 4000.0
 """Memory of the process where the settings are silent, unless half of the computer's is less. A frame of

@@ -52,7 +52,9 @@ OPTIONS = (
 )
 _MAY_BE_ZERO = ("heartbeat_s",)
 _BAUDS = (300, 4_000_000)
+"""Least and most bits a second: what serial ports and USB bridges do."""
 _LONGEST_SETTLING_S = 120.0
+"""s. A board starts in 10 s, an old hand box in 30; twice as long looks as if the service hung."""
 
 
 @dataclass(frozen=True, slots=True)

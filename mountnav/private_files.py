@@ -14,7 +14,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 FILE_MODE = 0o600
+"""The owner's alone: journals and keys tell where a telescope is and who may move it."""
 FOLDER_MODE = 0o700
+"""The same of a folder."""
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
 

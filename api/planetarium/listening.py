@@ -16,6 +16,7 @@ _log = logging.getLogger(__name__)
 
 Serve = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 _MOST_BUFFERED_BYTES = 65_536
+"""Read ahead of what is understood; a planetarium's message has 20 bytes. It is the most for each client."""
 _MOST_UNTAKEN_BYTES = 65_536
 _GOODBYE_S = 2.0
 _SILENT_S, _ASKED_AGAIN_S, _ASKED_TIMES = 60, 15, 4

@@ -17,6 +17,7 @@ Parameter = str | int | float | bool
 Parameters = Mapping[str, Parameter]
 _EXCERPT = 120
 _LONGEST_TEXT = 1000
+"""Characters kept of a device's own words: names and versions have some 50."""
 EARLIEST, LATEST = datetime(1900, 1, 1, tzinfo=UTC), datetime(2200, 1, 1, tzinfo=UTC)
 """Instants that are one: sums with those beyond them leave the calendar."""
 _LARGEST_ID = 0xFFFFFFFF

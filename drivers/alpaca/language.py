@@ -23,6 +23,7 @@ from mountnav.navigation.devices import Direction, Epoch, PierSide, Skill, Track
 from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
 
 _HEIGHTS_M = (-1000.0, 20_000.0)
+"""What the height of a site may be, m: an answer beyond is none."""
 _FASTEST_PULSE_DEG_S = 0.1
 _PROBED = ("utcdate", "sitelatitude")
 _RETURNS_AT_ONCE = 4

@@ -19,6 +19,7 @@ LOWEST_PLACE_DEG = -10.0
 """No tube looks further down than this below the horizon, except parked: a place there is no true one.
 Doubled, a mount whose clock is an hour off in the east or west is believed."""
 _NOTHING_DEG = 0.001
+"""So near to 0, 0 a place is the one that memory without a value tells: finer than any mount's readings."""
 
 
 def implausible(readout: Readout, site: Site | None) -> str:

@@ -18,6 +18,7 @@ from mountnav.sky.coordinates import utc_now
 
 _State = tuple[int, int, int]
 _MOST_CAUSES = 3
+"""So many reasons are told, the first ones: a folder may hold a thousand files that are none."""
 _WITH_CAUSES = (
     "check that the capture program exposes after it is asked, with the right clock, and saves whole files "
     "of this pattern into this folder"

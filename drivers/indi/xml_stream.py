@@ -35,8 +35,10 @@ _STEP_WORK = 64
 _COPIED_BYTES = 32
 """So many bytes of text are copied at the cost of one that is read."""
 _GATHERED_BYTES = 65_536
+"""Small pieces of text are joined when they are so many bytes. Doubled, a copy in one turn takes longer."""
 _KEPT_TEXT_BYTES = 96
 _KEPT_RAW_BYTES = 16_384
+"""So much of a message is kept as it came, to be recorded; only files' contents make one longer."""
 _EXCERPT_BYTES = 80
 
 _VECTORS = [

@@ -20,9 +20,10 @@ from drivers.ioptron.fake_told import RATES, Memory, Teller
 from drivers.ioptron.orders import Order, order_from_text
 from drivers.ioptron.values import Horizontal, Status
 from mountnav.navigation.devices import Direction, PierSide, TrackingRate
-from mountnav.simulation.mechanics import SIDEREAL_DEG_S, Mechanics
+from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.posture import axes_at, other_side
 from mountnav.sky.coordinates import Apparent, Site, utc_now
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 _LONGEST_COMMAND = 40
 # the last one is the greatest that the model has [IOPTRON310 :SRn]

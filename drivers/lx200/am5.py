@@ -21,6 +21,7 @@ from drivers.lx200.dialect import Ask, Dialect, Handshake, Lacks, Spot, State
 from drivers.lx200.site_and_time import Writing, read_clock, read_site
 
 _FIRST_WITH_PARK = (1, 1, 9)
+"""The firmware that parks [AM5]; older ones home, and tell no state of parking."""
 
 
 async def _place(ask: Ask) -> Spot:

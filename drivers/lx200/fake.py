@@ -30,8 +30,9 @@ from drivers.lx200.fake_meade import GENERIC_FAKE
 from drivers.lx200.site_and_time import date_from_text, hours_to_utc_from_text, time_from_text
 from mountnav.errors import Refusal
 from mountnav.navigation.devices import TrackingRate
-from mountnav.simulation.mechanics import SIDEREAL_DEG_S, Direction, Mechanics
+from mountnav.simulation.mechanics import Direction, Mechanics
 from mountnav.sky.coordinates import Apparent, Site, utc_now
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 _ACK = 0x06
 # a point of a 10micron's model has 71 bytes

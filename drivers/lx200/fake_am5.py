@@ -16,8 +16,9 @@ from drivers.lx200.fake_dialect import FakeDialect
 from drivers.lx200.fake_onstep_settings import Settings
 from mountnav.errors import Refusal
 from mountnav.navigation.devices import PierSide, TrackingRate
-from mountnav.simulation.mechanics import SIDEREAL_DEG_S, Direction, Mechanics
+from mountnav.simulation.mechanics import Direction, Mechanics
 from mountnav.sky.coordinates import Apparent, utc_now
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 _STANDING = {
     "\x06": b"P",

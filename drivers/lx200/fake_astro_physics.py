@@ -12,7 +12,8 @@ from drivers.lx200.angles import dec_to_text, ra_to_text
 from drivers.lx200.fake_dialect import MATCHED, FakeDialect
 from drivers.lx200.fake_horizon_slew import from_the_horizon_up
 from mountnav.navigation.devices import PierSide, TrackingRate
-from mountnav.simulation.mechanics import SIDEREAL_DEG_S, Direction
+from mountnav.simulation.mechanics import Direction
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 if TYPE_CHECKING:
     from drivers.lx200.fake import FakeLx200

@@ -18,7 +18,8 @@ from drivers.lx200.fake_onstep_status import HZ, SIDE_LETTERS, bits, flags
 from drivers.lx200.fake_onstep_words import SILENT, STANDING, TAKEN
 from drivers.lx200.fine_angles import degrees_to_fine_text, ra_to_fine_text
 from mountnav.navigation.devices import PierSide, TrackingRate
-from mountnav.simulation.mechanics import SIDEREAL_DEG_S, Direction, Mechanics
+from mountnav.simulation.mechanics import Direction, Mechanics
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 _RATE_LETTERS = {
     "Q": TrackingRate.SIDEREAL,

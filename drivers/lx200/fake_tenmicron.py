@@ -20,9 +20,10 @@ from drivers.lx200.fine_angles import degrees_to_fine_text, ra_to_fine_text
 from drivers.lx200.tenmicron_codec import MountStatus
 from mountnav.errors import Refusal
 from mountnav.navigation.devices import PierSide, TrackingRate
-from mountnav.simulation.mechanics import SIDEREAL_DEG_S, Direction, Mechanics
+from mountnav.simulation.mechanics import Direction, Mechanics
 from mountnav.sky.chain import apparent_to_icrs, icrs_to_observed, sidereal_time_deg
 from mountnav.sky.coordinates import Air, Apparent, utc_now
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 _REFUSED = {
     Refusal.BELOW_HORIZON: b"1Object Below Horizon        #",

@@ -16,11 +16,11 @@ from drivers.lx200.fine_angles import degrees_to_fine_text, ra_to_fine_text
 from drivers.lx200.replies import Answer, coded, nothing, of_text, text, words_but_no_place, yes_or_no
 from mountnav.errors import Refusal
 from mountnav.navigation.devices import Direction, PierSide, TrackingRate
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 FINE_STEP_ARCSEC = 0.0015
 LONGEST_PULSE_MS = 16399
 _FASTEST_PULSE = 8.0
-_SIDEREAL_DEG_S = 15.041067 / 3600.0
 _FLAGS = frozenset("nNpIPFeHhBSGgrst(OkwvuzaR/,~;^")
 _PARK = "pIPF"
 _PIER = {"o": PierSide.UNKNOWN, "T": PierSide.EAST, "W": PierSide.WEST}
@@ -154,7 +154,7 @@ def guide_rate_from_text(wire: bytes) -> float:
     """
     if re.fullmatch(rb" *\d{1,2}\.\d\d", wire) is None or not 0.0 < float(wire) <= _FASTEST_PULSE:
         raise Unreadable(f"{wire!r} is no rate of a guide pulse")
-    return float(wire) * _SIDEREAL_DEG_S
+    return float(wire) * SIDEREAL_DEG_S
 
 
 def status_from_bits(wire: bytes) -> Status:

@@ -16,6 +16,7 @@ from mountnav.navigation.devices import Direction, PierSide, Skill, SlewOutcome
 from mountnav.navigation.kinds import from_mount
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import half_turn_deg, offset_arcsec
+from mountnav.sky.turning import SIDEREAL_ARCSEC_S
 from mountnav.tasks import waited_for
 
 _READINGS = 20
@@ -23,16 +24,18 @@ _STOPPED_AFTER_S = 1.0
 _BELOW_DEG = -5.0
 _SET_OUT_ARCSEC = 1800.0
 _FLIP_HOURS_DEG = 20.0
-SIDEREAL_ARCSEC_S = 15.041
 _USUAL_GUIDE_ARCSEC_S = 0.5 * SIDEREAL_ARCSEC_S
+"""Guide rate of a mount that tells none: half the sidereal rate, as most are delivered."""
 _GUIDE_RATES = (0.1, 2.5)
 """Least and most that mounts guide by, in sidereal rates, where they don't tell."""
 _SHORTEST_PULSE_S, _LONGEST_PULSE_S = 1.0, 12.0
+"""A shorter pulse drowns in tracking and rounding; a longer one isn't taken by all (16.4 s by OnStep)."""
 _PULSE_STEPS = 2.0
 """A pulse is made so long that it should move by so many steps of the readings: fewer prove nothing."""
 _PULSE_TOLERANCE = 0.5
 """Of what a told rate makes: a board's timer, the way over the wire, an order that is taken up late."""
 _PULSE_FREE_ARCSEC = 1.0
+"""What a pulse may err by besides steps of the readings: the tracking of a fifteenth of a second."""
 _STILL_ARCSEC = 0.3
 """Below that nothing moved: what tracking alone makes in a second."""
 _AFTER_PULSE_S = 0.5

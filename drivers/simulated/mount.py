@@ -28,14 +28,15 @@ from mountnav.navigation.devices import (
     TrackingRate,
 )
 from mountnav.navigation.sync_outcomes import miss_arcsec, moved_arcsec, near_arcsec, unseen
-from mountnav.simulation.mechanics import SIDEREAL_DEG_S
 from mountnav.sky.chain import icrs_to_apparent
 from mountnav.sky.coordinates import Apparent, Icrs
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 _GUIDE_DEG_S = 0.5 * SIDEREAL_DEG_S
 _LONGEST_PULSE_S = 60.0
 _STOPS_WITHIN_S = 20.0
 _START_GRACE_S = 3.0
+"""So long a refusal is watched, s, as real mounts are (`Timing.start_grace_s`)."""
 _STATES = {
     SlewOutcome.ARRIVED: SlewState.ARRIVED,
     SlewOutcome.STALLED: SlewState.STALLED,

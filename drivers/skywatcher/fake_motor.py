@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from drivers.skywatcher.fake_board import FakeBoard
-from drivers.skywatcher.rates import SIDEREAL_DEG_S
 from drivers.skywatcher.words import LARGEST, POSITION_ZERO, Axis, MotorStatus
 from mountnav.simulation.mechanics import AxisName, Mechanics
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 _FASTEST_DEG_S = 1000.0 * SIDEREAL_DEG_S
 

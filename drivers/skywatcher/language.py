@@ -15,7 +15,7 @@ from datetime import datetime
 from drivers.language import Sent, Wanted
 from drivers.skywatcher import codec
 from drivers.skywatcher.postures import HOME, Turns, side_for, sight, sky_sign, turns_at
-from drivers.skywatcher.rates import RATES_DEG_S, SIDEREAL_DEG_S
+from drivers.skywatcher.rates import RATES_DEG_S
 from drivers.skywatcher.readings import SkywatcherReading
 from drivers.skywatcher.reckoning import altitude_deg, hour_angle_of
 from drivers.skywatcher.steering import Aim
@@ -25,6 +25,7 @@ from mountnav.errors import BadRequest, DeviceError, DeviceRefused, Refusal
 from mountnav.navigation.devices import Direction, PierSide, TrackingRate
 from mountnav.sky.coordinates import Apparent, Icrs, utc_now
 from mountnav.sky.sphere import separation_arcsec
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 _SYNC_FREE_DEG = 5.0
 _SYNC_STRETCH = 3.0

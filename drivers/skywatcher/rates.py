@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 from drivers.skywatcher.words import LARGEST, Board
 from mountnav.navigation.devices import TrackingRate
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
-SIDEREAL_DEG_S = 360.0 / 86164.0905
 RATES_DEG_S = {
     TrackingRate.SIDEREAL: SIDEREAL_DEG_S,
     # the mean Moon, as INDI has it; the mean Sun

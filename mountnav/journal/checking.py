@@ -99,7 +99,9 @@ def check(url: URL) -> Checked:
 CHECK_S = 5.0
 """So long the start of a service looks for damage: some 0.5 GB. What is beyond it `journal check` finds."""
 _STEPS = 10_000
+"""Of SQLite's machine between looks at the clock: some 0.1 ms."""
 _HEAD_BYTES = 100
+"""Length of the header of a database [SQLite file format, 1.3]."""
 
 
 def require_whole(url: URL) -> None:

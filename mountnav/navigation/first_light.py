@@ -55,6 +55,7 @@ FOLLOWS = 0.35
 _ROOM_DEG = 4.0
 """So far above the lowest altitude, the offset besides, there is room for the small steps."""
 _HALVES = ((0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0))
+"""Ways of the small steps, in `STEP_DEG` of hour angle and declination."""
 
 
 async def first_light(

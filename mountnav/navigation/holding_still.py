@@ -13,10 +13,10 @@ import math
 from mountnav.measuring.quality import StarImages
 from mountnav.navigation.reports import Look
 from mountnav.sky.sphere import separation_arcsec
+from mountnav.sky.turning import SIDEREAL_ARCSEC_S
 
 LOOKED_AGAIN = 6
 """So many more looks may be taken until it is seen to hold still: play of 600″ is taken up meanwhile."""
-_SIDEREAL_ARCSEC_S = 15.041
 _OF_DRIFT = 0.5
 """Stars drawn out by less than this share of the sky's turn did not drift with it."""
 _OF_TOLERANCE = 0.1
@@ -24,6 +24,7 @@ _OF_TOLERANCE = 0.1
 _SHOWS_S = 3.0
 """Gusts swing a tube within some seconds: a shorter exposure shows a moment of that."""
 _SIGMA_OF_FWHM = 1.0 / 2.3548
+"""Of a Gaussian."""
 _AGREE = 0.2
 """Looks that agree to so much of the tolerance show a tube that stays in it."""
 _SIGMAS, _OF_NOISE = 3.0, 0.5
@@ -43,7 +44,7 @@ def shows_rest(found: Look, tolerance_arcsec: float, exposure_s: float) -> bool:
     trail_arcsec, took_s = _trail_arcsec(found), found.exposure_s
     if trail_arcsec is None or took_s is None or took_s < max(_SHOWS_S, 0.9 * exposure_s):
         return False
-    drift_arcsec = _SIDEREAL_ARCSEC_S * math.cos(math.radians(found.seen.dec_deg)) * took_s
+    drift_arcsec = SIDEREAL_ARCSEC_S * math.cos(math.radians(found.seen.dec_deg)) * took_s
     return trail_arcsec <= min(_OF_DRIFT * drift_arcsec, _OF_TOLERANCE * tolerance_arcsec)
 
 

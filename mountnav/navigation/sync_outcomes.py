@@ -13,6 +13,7 @@ from datetime import datetime
 from mountnav.navigation.devices import MountReading, SyncOutcome
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import separation_arcsec
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 FREE_ARCSEC = 5.0
 """So far (and by its step) the reading of a mount that stands may wander. Doubled, a half of a sync of 10″
@@ -21,8 +22,6 @@ _SHARE = 0.25
 """So much of a sync's way is left to the mount, so that a small one that was ignored still shows."""
 _STEPS = 1.5
 """Both coordinates of a reading may be at the edge of a step at once."""
-_TURN_DEG_S = 15.041 / 3600.0
-"""The right ascension of a mount that rests grows so fast."""
 
 
 def near_arcsec(way_arcsec: float, resolution_arcsec: float, most_arcsec: float) -> float:
@@ -55,7 +54,8 @@ def miss_arcsec(place: Apparent | Icrs, told_utc: datetime, after: MountReading)
 
 def _turned(place: Apparent | Icrs, utc: datetime, after: MountReading) -> Apparent | Icrs:
     """Where one that believed `place` at `utc` is at `after`: there, or if it rests, as the sky turned."""
-    turned_deg = _TURN_DEG_S * (after.utc - utc).total_seconds()
+    # the right ascension of a mount that rests grows so fast
+    turned_deg = SIDEREAL_DEG_S * (after.utc - utc).total_seconds()
     turned = replace(place, ra_deg=(place.ra_deg + turned_deg) % 360.0)
     return min(place, turned, key=lambda one: _apart_arcsec(one, after.place))
 

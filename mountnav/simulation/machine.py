@@ -9,12 +9,10 @@ from typing import Literal
 
 from mountnav.errors import BadSettings
 from mountnav.navigation.devices import TrackingRate
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 Mounting = Literal["fork", "german"]
 AxisAngles = tuple[float, float]
-
-SIDEREAL_DEG_S = 360.0 / 86164.0905
-"""Rotation of the Earth against the equinox."""
 
 RATES_DEG_S: dict[TrackingRate, float] = {
     TrackingRate.SIDEREAL: SIDEREAL_DEG_S,

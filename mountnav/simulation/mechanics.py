@@ -18,7 +18,7 @@ from mountnav.errors import Refusal
 from mountnav.navigation.devices import PierSide
 from mountnav.simulation.belief import believing, with_future
 from mountnav.simulation.geometry import perfect_direction
-from mountnav.simulation.machine import RATES_DEG_S, SIDEREAL_DEG_S, Machine, Mounting
+from mountnav.simulation.machine import RATES_DEG_S, Machine, Mounting
 from mountnav.simulation.mechanics_motors import Order, positive
 from mountnav.simulation.mechanics_stations import MechanicsStations
 from mountnav.simulation.motion import AxisName, Goal, Stage
@@ -26,10 +26,10 @@ from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.simulation.posture import axes_at, side_for, side_of, turned_near, within_reach
 from mountnav.sky.coordinates import Air, Apparent, Site, utc_now
 from mountnav.sky.sphere import half_turn_deg, separation_arcsec
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 __all__ = [
     "RATES_DEG_S",
-    "SIDEREAL_DEG_S",
     "AxisName",
     "Direction",
     "Machine",

@@ -11,13 +11,14 @@ from typing import Literal
 from mountnav.navigation.devices import PierSide
 from mountnav.simulation.belief import Belief
 from mountnav.simulation.geometry import perfect_direction
-from mountnav.simulation.machine import SIDEREAL_DEG_S, AxisAngles, Machine
+from mountnav.simulation.machine import AxisAngles, Machine
 from mountnav.simulation.motion import Axis, AxisName, Limits, Motion, Stage
 from mountnav.simulation.motion_limits import limited
 from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.simulation.posture import side_of
 from mountnav.sky.coordinates import Air, Apparent, MountAxes, Site
 from mountnav.sky.sphere import half_turn_deg
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 _AT_HOME_DEG = 0.01
 

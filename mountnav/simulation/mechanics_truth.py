@@ -6,12 +6,13 @@ import math
 from datetime import datetime
 
 from mountnav.simulation.geometry import true_direction
-from mountnav.simulation.machine import SIDEREAL_DEG_S, AxisAngles
+from mountnav.simulation.machine import AxisAngles
 from mountnav.simulation.mechanics_readings import MechanicsReadings
 from mountnav.simulation.motion import Motion
 from mountnav.sky.chain import hour_angle_to_icrs, hour_angle_to_observed
 from mountnav.sky.coordinates import HourAngle, Icrs, Observed
 from mountnav.sky.sphere import position_angle_deg
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 _NUDGE_DEG = 0.01
 

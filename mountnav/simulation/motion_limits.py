@@ -13,9 +13,10 @@ from mountnav.navigation.devices import PierSide
 from mountnav.simulation.axes import AxisPath
 from mountnav.simulation.belief import Belief
 from mountnav.simulation.geometry import perfect_direction
-from mountnav.simulation.machine import SIDEREAL_DEG_S, Machine
+from mountnav.simulation.machine import Machine
 from mountnav.simulation.motion import Axis, Goal, Limits, Motion, Stage
 from mountnav.simulation.posture import flipped, side_of, within_reach
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 _MOST_EVENTS = 6
 _TOUCHING_DEG = 1e-7

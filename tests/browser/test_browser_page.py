@@ -372,7 +372,9 @@ def test_a_key_is_asked_for_and_kept_in_the_tab_alone(visit: Visit, locked: Serv
     page.wait_for_function("() => document.querySelector('#place-list dd').textContent === '–'")
 
 
-def test_the_last_refusal_of_a_wrong_key_takes_nothing_from_the_right_one(visit: Visit, locked: Served) -> None:
+def test_the_last_refusal_of_a_wrong_key_takes_nothing_from_the_right_one(
+    visit: Visit, locked: Served
+) -> None:
     # a question that was asked with the wrong key, and is answered when the right one has been taken long ago
     visit.forgiven = ("Failed to load resource",)
     page = visit.page
@@ -401,9 +403,9 @@ def test_the_last_refusal_of_a_wrong_key_takes_nothing_from_the_right_one(visit:
     page.evaluate(
         """() => {
           window.emptied = 0;
-          const look = () => { if (document.querySelector('#place-list dd').textContent === '–') window.emptied++; };
-          new MutationObserver(look).observe(document.querySelector('#place-list'),
-                                             { subtree: true, childList: true, characterData: true });
+          const list = document.querySelector('#place-list');
+          const look = () => { if (list.querySelector('dd').textContent === '–') window.emptied++; };
+          new MutationObserver(look).observe(list, { subtree: true, childList: true, characterData: true });
         }"""
     )
     assert held

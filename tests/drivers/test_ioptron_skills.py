@@ -16,10 +16,11 @@ from drivers.ioptron.values import MountState
 from drivers.registry import open_mount
 from mountnav.errors import BadRequest, DeviceRefused, Refusal
 from mountnav.navigation.devices import Direction, PierSide, Skill, SlewOutcome, TrackingRate
-from mountnav.simulation.mechanics import RATES_DEG_S, SIDEREAL_DEG_S, Mechanics
+from mountnav.simulation.mechanics import RATES_DEG_S, Mechanics
 from mountnav.sky.chain import apparent_to_icrs
 from mountnav.sky.coordinates import Site, utc_now
 from mountnav.sky.sphere import separation_arcsec
+from mountnav.sky.turning import SIDEREAL_DEG_S
 from tests.drivers.ioptron_fakes import (
     HERE,
     PATIENCE,

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from drivers.skywatcher.offsets import Offsets
 from drivers.skywatcher.postures import HOME, Turns, other_side, rise_deg, side_for, side_of, sight, turns_at
-from drivers.skywatcher.rates import SIDEREAL_DEG_S, Gearing, goto_s, true_timer_hz
+from drivers.skywatcher.rates import Gearing, goto_s, true_timer_hz
 from drivers.skywatcher.reckoning import altitude_deg, hour_angle_of, place_of
 from drivers.skywatcher.standing import Standing
 from drivers.skywatcher.words import Axis, Board
@@ -20,6 +20,7 @@ from mountnav.errors import DeviceRefused, Refusal
 from mountnav.navigation.devices import PierSide
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 from mountnav.sky.sphere import half_turn_deg, separation_arcsec
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 HOURS = st.floats(-179.9, 180.0)
 DECS = st.floats(-89.9, 89.9)

@@ -11,8 +11,9 @@ import pytest
 from drivers.skywatcher import codec
 from drivers.skywatcher.fake import FakeSkywatcher
 from drivers.skywatcher.fake_board import FakeBoard
-from drivers.skywatcher.rates import SIDEREAL_DEG_S, Gearing
+from drivers.skywatcher.rates import Gearing
 from drivers.skywatcher.words import Axis, Board
+from mountnav.sky.turning import SIDEREAL_DEG_S
 from tests.drivers.skywatcher_fakes import german
 
 _START = datetime(2026, 11, 21, 7, 11, 30, tzinfo=UTC)

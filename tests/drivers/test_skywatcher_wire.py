@@ -15,11 +15,11 @@ from drivers.registry import MountUrl
 from drivers.skywatcher.fake_board import BOARDS
 from drivers.skywatcher.mount import skywatcher_mount
 from drivers.skywatcher.opening import mount_from
-from drivers.skywatcher.rates import SIDEREAL_DEG_S
 from drivers.skywatcher.words import Axis, Board
 from mountnav.errors import BadSettings, DeviceRefused, DeviceSilent, Refusal
 from mountnav.navigation.devices import Direction, PierSide, SlewOutcome, SyncOutcome, TrackingRate
 from mountnav.sky.coordinates import Apparent, Site, utc_now
+from mountnav.sky.turning import SIDEREAL_DEG_S
 from mountnav.testing.check_mount import check_mount
 from tests.drivers.skywatcher_fakes import (
     NORTH,

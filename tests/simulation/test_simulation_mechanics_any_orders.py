@@ -8,11 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mountnav.navigation.devices import PierSide, TrackingRate
-from mountnav.simulation.mechanics import SIDEREAL_DEG_S, Machine, Mechanics, PointingErrors
+from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.simulation.sky_clock import FastClock
 from mountnav.sky.chain import sidereal_time_deg
 from mountnav.sky.coordinates import Air, Apparent, Site
 from mountnav.sky.sphere import separation_arcsec
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 SITE = Site(48.93, 22.27, 700.0)
 ERRORS = PointingErrors(

@@ -15,11 +15,12 @@ from mountnav.errors import Refusal
 from mountnav.navigation.devices import PierSide, TrackingRate
 from mountnav.simulation.geometry import perfect_direction, true_direction
 from mountnav.simulation.machine import Machine
-from mountnav.simulation.mechanics import SIDEREAL_DEG_S, Mechanics, PointingErrors
+from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.simulation.posture import axes_at, flipped, side_for, side_of, within_reach
 from mountnav.sky.chain import apparent_to_icrs, sidereal_time_deg
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
 from mountnav.sky.sphere import offset_arcsec, separation_arcsec
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 NO_AIR = Air(0.0)
 NONE = PointingErrors()

@@ -26,6 +26,7 @@ APART_DEG = 0.25
 limit, more than the whole minutes of arc and the seconds in which mounts keep site and time. Doubled, half a
 degree at the horizon would go untold."""
 _SECONDS_PER_DEG = 240.0
+"""Of the clock: the sky turns by a degree in so many seconds."""
 _WAY_S = 2.0
 """An answer about the clock may be so late by the machine's time."""
 _SAME = 0.4

@@ -22,6 +22,7 @@ from mountnav.navigation.kinds import from_mount
 from mountnav.sky.chain import icrs_to_hour_angle
 from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site
 from mountnav.sky.sphere import half_turn_deg, separation_arcsec
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 ELSEWHERE_DEG = 0.5
 """So far a mount may stand from where it was left. Guide corrections, a hand at the keys, polar error and the
@@ -29,7 +30,6 @@ wire's steps stay below it, places at which mounts wake up don't. Doubled, a wak
 from the last target would pass."""
 _WRITTEN_DEG = 0.1
 """A mount that rests so far from where it is written to stand is written down anew."""
-_SIDEREAL_DEG_S = 360.98564736629 / 86400.0
 
 _MOVING = frozenset({"slew", "sync", "park", "home", "guide"})
 
@@ -108,7 +108,7 @@ def strayed_deg(last: LastSeen, now: MountReading, site: Site, air: Air) -> floa
     here = icrs_to_hour_angle(from_mount(now.place), now.utc, site, air)
     there = icrs_to_hour_angle(last.place, last.utc, site, air)
     elapsed_s = max(0.0, (now.utc - last.utc).total_seconds())
-    longest = 0.0 if last.tracking is False else min(360.0, elapsed_s * _SIDEREAL_DEG_S)
+    longest = 0.0 if last.tracking is False else min(360.0, elapsed_s * SIDEREAL_DEG_S)
     ahead = half_turn_deg(here.ha_deg - there.ha_deg)
     nearest = min(
         separation_arcsec(

@@ -35,7 +35,10 @@ FAR_DEG = 75.0
 """Places so far from the meridian, °, are asked for: a mount that looks at them from the wrong side, its
 counterweight so far up, has no limits at all."""
 _ASKED_DEC_DEG = 45.0
+"""°, on the side of the visible pole: places that every mount reaches on both sides."""
 _DEEPER_DEG = 0.3
+"""What stands beyond a limit may be led so much deeper, °: a pointing error and a minute of tracking.
+Doubled, small slews in a row lead beyond it by twice as much."""
 _OF_AXES = frozenset({LimitKind.MERIDIAN, LimitKind.UNREACHABLE})
 _SIDES = (PierSide.EAST, PierSide.WEST)
 

@@ -22,8 +22,8 @@ from mountnav.pointing.doctor.priors import (
     WRONG_LOOK_SIGMA_DEG,
     ZEROS,
 )
-from mountnav.pointing.doctor.zero_points import SOLAR_TO_SIDEREAL
 from mountnav.sky.coordinates import Site
+from mountnav.sky.turning import SOLAR_TO_SIDEREAL
 
 _TRIED = 3
 _UNKNOWN_DEG = (0.3, 5.0, 60.0)

@@ -17,8 +17,8 @@ from mountnav.navigation.devices import PierSide
 from mountnav.pointing.doctor.facts import Array, Facts, from_altaz, wrapped
 from mountnav.pointing.doctor.findings import CERTAIN, Finding, Illness, Measured
 from mountnav.pointing.doctor.sides import log_hour_angles
-from mountnav.pointing.doctor.zero_points import SOLAR_TO_SIDEREAL
 from mountnav.sky.coordinates import Site
+from mountnav.sky.turning import SOLAR_TO_SIDEREAL
 
 BELOW_DEG = -2.0
 """Lower than this no telescope looks, whatever refraction and an uneven horizon do."""

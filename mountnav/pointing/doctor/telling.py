@@ -15,8 +15,9 @@ from mountnav.pointing.doctor.fit import Fit, zeros_of
 from mountnav.pointing.doctor.priors import NAMED, SUSPICION
 from mountnav.pointing.doctor.shapes import Shape
 from mountnav.pointing.doctor.sides import SideCheck
-from mountnav.pointing.doctor.zero_points import SIDEREAL_DEG_S, SOLAR_TO_SIDEREAL, Turn, ZeroPoint
+from mountnav.pointing.doctor.zero_points import Turn, ZeroPoint
 from mountnav.sky.coordinates import Site
+from mountnav.sky.turning import SIDEREAL_DEG_S, SOLAR_TO_SIDEREAL
 
 _NAMES: dict[Epoch, str] = {"apparent": "JNow (of date)", "icrs": "J2000"}
 _AXES = {"IH": "hour angle", "ID": "declination"}

@@ -23,9 +23,8 @@ from mountnav.pointing.doctor.priors import (
     ZERO_SIGMA_DEG,
     ZEROS,
 )
+from mountnav.sky.turning import SOLAR_TO_SIDEREAL
 
-SIDEREAL_DEG_S = 360.0 / 86164.0905
-SOLAR_TO_SIDEREAL = 1.00273790935
 _SYNCED = 0.5
 
 

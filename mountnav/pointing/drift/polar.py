@@ -14,9 +14,10 @@ import numpy as np
 
 from mountnav.pointing.drift.values import PolarAlignment, PolarError, Stretch
 from mountnav.sky.coordinates import Site
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
-RAD_H = 2.0 * math.pi / 86164.0905 * 3600.0
-"""How far the sky turns in an hour."""
+RAD_H = math.radians(SIDEREAL_DEG_S * 3600.0)
+"""How far the sky turns in an hour, rad."""
 _RATE_WIDTH_ARCSEC_H = 30.0
 """Motors that run a little fast or slow: 0.05 % of the sidereal rate."""
 _FLEXURE_WIDTH_ARCSEC = 30.0

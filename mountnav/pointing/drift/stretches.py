@@ -24,8 +24,8 @@ from mountnav.sky.chain import (
 )
 from mountnav.sky.coordinates import Apparent, HourAngle, Site
 from mountnav.sky.sphere import Offset, half_turn_deg, offset_arcsec, separation_arcsec
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
-SIDEREAL_DEG_S = 360.0 / 86164.0905
 MOVED_ARCSEC = 120.0
 """A reading that changes by more was moved; guiding and rounding change less."""
 JUMP_ARCSEC = 3.0

@@ -15,15 +15,15 @@ from mountnav.navigation.devices import PierSide
 from mountnav.pointing.limits.directions import Floats, of_axes
 from mountnav.pointing.limits.postures import Standing
 from mountnav.pointing.limits.scene import Scene
-from mountnav.pointing.limits.tracked import SIDEREAL_DEG_PER_S
 from mountnav.sky.chain import hour_angle_to_observed, icrs_to_hour_angle, icrs_to_observed
 from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 if TYPE_CHECKING:
     from mountnav.pointing.limits.bounds import Limits
 
 _DAY_S = 86400.0
-_SIDEREAL_DEG_PER_DAY = SIDEREAL_DEG_PER_S * _DAY_S
+_SIDEREAL_DEG_PER_DAY = SIDEREAL_DEG_S * _DAY_S
 _PRECISION = timedelta(seconds=1)
 _SCAN_S = 60.0
 
@@ -36,7 +36,7 @@ def place_depths(limits: Limits, target: Icrs, utc: datetime, site: Site, air: A
 
 
 def _depths(scene: Scene, here: HourAngle, later_s: Floats) -> dict[LimitKind, Floats]:
-    ha_deg = here.ha_deg + SIDEREAL_DEG_PER_S * later_s
+    ha_deg = here.ha_deg + SIDEREAL_DEG_S * later_s
     seen = of_axes(ha_deg, np.full(later_s.shape, here.dec_deg), "fork", scene.site.latitude_deg)
     margin = scene.limits.margin_deg
     found = {

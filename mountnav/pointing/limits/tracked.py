@@ -14,8 +14,8 @@ from mountnav.pointing.limits.postures import Mounting, Standing, side_by_rule, 
 from mountnav.pointing.limits.scene import Depths, Scene
 from mountnav.sky.chain import hour_angle_to_observed, icrs_to_hour_angle
 from mountnav.sky.coordinates import Air, HourAngle, Icrs
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
-SIDEREAL_DEG_PER_S = 360.98564736629 / 86400.0
 _STEP_S = 60.0
 _DEEPER_DEG = 0.02
 VACUUM = Air(pressure_hpa=0.0)
@@ -109,7 +109,7 @@ def tracked_depths(
     knows by which the mount reckons.
     """
     latitude_deg = scene.site.latitude_deg
-    turned = SIDEREAL_DEG_PER_S * later_s
+    turned = SIDEREAL_DEG_S * later_s
     seen = of_axes(here.ha_deg + turned, np.full(later_s.shape, here.dec_deg), "fork", latitude_deg)
     depths = scene.depths(seen, standing=standing, later_s=later_s)
     stands = standing_for(scene, here, mounting, side)

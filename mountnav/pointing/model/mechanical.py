@@ -30,13 +30,13 @@ from mountnav.sky.chain import (
     observed_to_hour_angle,
 )
 from mountnav.sky.coordinates import Air, Apparent, GeometricHourAngle, HourAngle, Icrs, Observed, Site
+from mountnav.sky.turning import SIDEREAL_ARCSEC_S
 
 Bools = NDArray[np.bool_]
 Numbers = NDArray[np.int64]
 
 SAME_TARGET_RAD = np.radians(0.5)
 """Looks one after another that saw places so near each other are of one target."""
-SIDEREAL_ARCSEC_S = 15.041
 _DRIVEN_ARCSEC_S = 1.6
 """An alt-azimuth axis that tracks faster has taken up its play, 20″ or so, in the dozen seconds from the end
 of a slew to the middle of an exposure; a slower one a part of it."""

@@ -42,6 +42,7 @@ _STEPS_ABSOLUTE, _STEPS_BIWEIGHT, _STEPS_PLAIN = 12, 25, 12
 _DONE_ARCSEC = 1e-4
 _SINGULAR = 1e-6
 _A_HAIR = 1.0 + 1e-9
+"""A residual just at the bound counts the same on every machine, whatever its last bit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,6 +25,7 @@ _SPAN_RAD = np.radians(2.0)
 _APART_ARCSEC = 120.0
 """Looks of one target that differ by more are not of one mind, before anything is known of their scatter."""
 _LEAST_APART_ARCSEC = 5.0
+"""And however little they scatter: seeing and wind part looks of one target by so much."""
 _GROSS = 4.685
 """In sigmas; as Tukey's biweight has it."""
 
