@@ -330,7 +330,9 @@ def test_all_is_done_by_keys_alone(visit: Visit, observatory: Served) -> None:
     page.keyboard.press("Escape")
     expect_text(page, "#stop-told", "told the mount")
     expect_text(page, "#job-body", "cancelled")
-    assert [one.rsplit("/", 1)[1] for one in orders] == ["park", "stop"]
+    sent = [one.rsplit("/", 1)[1] for one in orders]
+    # a stop of which a busy machine doesn't know in time whether it was told is asked for again
+    assert sent == ["park", *["stop"] * max(1, len(sent) - 1)]
 
 
 def test_a_night_is_begun_and_ended(visit: Visit, observatory: Served) -> None:

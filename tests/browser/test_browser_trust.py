@@ -93,6 +93,35 @@ def test_no_order_comes_behind_a_stop_nor_twice(visit: Visit, observatory: Serve
     expect_text(page, "#target-read", "Not looked up")
 
 
+def test_a_stop_of_one_telescope_takes_no_other_ones_away(visit: Visit, observatory: Served) -> None:
+    visit.forgiven = ("Failed to load resource",)
+    page = visit.open(observatory.url)
+    page.route("**/east/stop", lambda route: route.abort())
+    choose(page, "east")
+    page.locator("#stop").click()
+    expect_text(page, "#stop-told", "STOP east: NOT SENT")
+    choose(page, "slow")
+    page.locator("#stop").click()
+    expect_text(page, "#stop-told", "STOP slow: told the mount")
+    # the other one was never heard: it is tried on, and stands there in the color of what is wrong
+    with page.expect_request("**/east/stop"):
+        pass
+    expect_text(page, "#stop-told", "STOP east: NOT SENT")
+    assert "bad" in (page.get_attribute("#stop-told", "class") or "")
+    page.unroute("**/east/stop")
+    expect_text(page, "#stop-told", "STOP east: told the mount")
+    expect_text(page, "#stop-told", "STOP slow: told the mount")
+    assert "good" in (page.get_attribute("#stop-told", "class") or "")
+    # one for all is one for each
+    page.route("**/east/stop", lambda route: route.abort())
+    choose(page, "east")
+    page.locator("#stop").click()
+    expect_text(page, "#stop-told", "STOP east: NOT SENT")
+    press(page, "STOP ALL")
+    expect_text(page, "#stop-told", "STOP all: told the mount")
+    assert "east" not in (page.text_content("#stop-told") or "")
+
+
 def test_stop_all_says_whom_it_did_not_reach(visit: Visit, tmp_path_factory: pytest.TempPathFactory) -> None:
     folder = tmp_path_factory.mktemp("far")
     mount = '[[telescope]]\nid = "{}"\n[telescope.mount]\nurl = "lx200+tcp://127.0.0.1:1"\n'

@@ -48,13 +48,18 @@ export function showDoctors(observatory) {
 
   const button = by("doctor-catalog");
   button.addEventListener("click", async () => {
+    const { id } = observatory;
     button.disabled = true;
     say(button, "Counting stars …");
     try {
-      catalogs = await get(observatory.path("doctor"));
-      show();
+      const told = await get(observatory.path("doctor"));
+      // words about one telescope never stand under another
+      if (id === observatory.id) {
+        catalogs = told;
+        show();
+      }
     } catch (error) {
-      fill(by("doctor-words"), element("p", { class: "bad-text" }, error.message));
+      if (id === observatory.id) fill(by("doctor-words"), element("p", { class: "bad-text" }, error.message));
     }
     button.disabled = false;
     say(button, "Ask the catalog doctor");

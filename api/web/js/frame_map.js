@@ -56,10 +56,13 @@ export function showFrame(observatory) {
     loading = frame.frame_id;
     try {
       const bitmap = await createImageBitmap(await picture(frame.picture));
-      image?.close();
-      [image, imageOf] = [bitmap, frame.frame_id];
+      // one that comes when another frame is shown already takes nothing from it
+      if (observatory.frame?.frame_id === frame.frame_id) {
+        image?.close();
+        [image, imageOf] = [bitmap, frame.frame_id];
+      } else bitmap.close();
     } catch { /* the next look brings another */ }
-    loading = null;
+    if (loading === frame.frame_id) loading = null;
     again();
   }
   observatory.on("frame", load);

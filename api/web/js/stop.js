@@ -13,18 +13,42 @@ const ALL = "/v1/stop";
 
 export function takeStop(observatory) {
   const button = by("stop"), banner = by("stop-told");
-  let armed = 0, turn = 0;
+  let armed = 0;
+  /** The newest stop of each path, and what is told of it: one telescope's never takes another's away. */
+  const stops = new Map();
 
-  function told(tone, words, more) {
+  function show() {
+    const all = [...stops.values()];
+    const tone = ["bad", "warn"].find((one) => all.some((stop) => stop.tone === one)) ?? "good";
     banner.className = `banner ${tone}`;
     banner.hidden = false;
-    fill(banner, element("span", {}, words), more,
-      element("button", { type: "button", onclick: () => { banner.hidden = true; } }, "Seen"));
+    fill(banner, ...all.map((stop) => element("span", { class: `${stop.tone}-text` }, stop.words)),
+      element("button", { type: "button", onclick: seen }, "Seen"));
+  }
+
+  function seen() {
+    banner.hidden = true;
+    for (const [path, stop] of stops) if (stop.over) stops.delete(path);
   }
 
   /** Send until it is answered. Each press begins anew, and never waits for the one before. */
   async function send(path, who) {
-    const mine = ++turn;
+    // one for all is one for each; and what was told of the last press is old
+    for (const [other, stop] of stops) if (path === ALL || stop.over) stops.delete(other);
+    const mine = { tone: "warn", words: "", over: false };
+    stops.delete(path);
+    stops.set(path, mine);
+    try {
+      await sent(path, who, () => stops.get(path) === mine, (tone, words) => {
+        Object.assign(mine, { tone, words });
+        show();
+      });
+    } finally {
+      mine.over = true;
+    }
+  }
+
+  async function sent(path, who, counts, told) {
     // an order that waits for its answer must not come behind the stop, nor a question that was open
     dropOrders(path === ALL ? null : observatory.id);
     unask();
@@ -33,14 +57,14 @@ export function takeStop(observatory) {
     const missed = () => (silent ? "NO ANSWER, not certain that it stopped" : "NOT SENT, no connection");
     told("warn", `STOP ${who}: sending …`);
     for (let attempt = 1; attempt <= TRIES; attempt++) {
-      if (mine !== turn) return;
+      if (!counts()) return;
       try {
         const response = await fetch(path, {
           method: "POST", headers: headersWithKey({ Accept: "application/json" }), cache: "no-store",
           signal: AbortSignal.timeout(WAIT_MS), keepalive: true,
         });
         const answer = await response.json().catch(() => ({}));
-        if (mine !== turn) return;
+        if (!counts()) return;
         if (response.ok && answer.stopped === false) {
           const missed = (answer.telescopes ?? []).filter((one) => !one.stopped).map((one) => `${one.telescope}: ${one.problem ?? "not told"}`);
           told("bad", `STOP ${who}: NOT ALL were told. ${missed.join("; ")}. Look at them; use their own hand controls.`);
@@ -62,14 +86,14 @@ export function takeStop(observatory) {
         told("bad", `STOP ${who}: NOT CERTAIN that it stopped. ${words}. Look at the telescope; use its own hand control.`);
         if (response.status < 500 && response.status !== 429) return;
       } catch (error) {
-        if (mine !== turn) return;
+        if (!counts()) return;
         observatory.quiet(); // a browser has few connections to one place: the stream gives way
         silent ||= error.name === "TimeoutError"; // it may have been heard
         told("bad", `STOP ${who}: ${missed()} since ${began} UTC; trying again (${attempt}). Use the mount's own hand control.`);
       }
       await new Promise((done) => setTimeout(done, PAUSE_MS));
     }
-    if (mine === turn) told("bad", `STOP ${who}: ${missed()}. ${TRIES} tries since ${began} UTC came to nothing. Use the mount's own hand control.`);
+    if (counts()) told("bad", `STOP ${who}: ${missed()}. ${TRIES} tries since ${began} UTC came to nothing. Use the mount's own hand control.`);
   }
 
   const stop = () => {
