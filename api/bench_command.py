@@ -28,7 +28,7 @@ from mountnav.simulation.machine import Machine, Mounting
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.sky.coordinates import Air, Site, utc_now
-from mountnav.sky.iers import prepare
+from mountnav.sky.iers import read_tables
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +63,7 @@ def run(asked: BenchRun) -> int:
     for path in (asked.report, asked.transcript):
         if path is not None and not path.absolute().parent.is_dir():
             raise BadRequest(f"{path.parent} is no folder", advice="give another path")
-    prepare()
+    read_tables()
     try:
         return asyncio.run(_run(asked, steps))
     except asyncio.CancelledError:

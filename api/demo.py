@@ -26,7 +26,7 @@ from mountnav.client import Client, Json, ServerEvent
 from mountnav.errors import DeviceMissing
 from mountnav.settings import Settings
 from mountnav.sky.coordinates import Icrs, utc_now
-from mountnav.sky.iers import prepare
+from mountnav.sky.iers import read_tables
 from mountnav.sky.sphere import separation_arcsec
 
 
@@ -68,7 +68,7 @@ def run(*, keep: bool, host: str, port: int, picture: Path | None = None) -> int
         The port is taken.
     """
     console = Console(record=picture is not None, width=110 if picture is not None else None)
-    prepare()
+    read_tables()
     settings = demo_settings(host, port)
     console.rule("[bold]mountnav demo: an observatory without hardware")
     with own_journal(settings) as settings, _service(settings) as (base_url, truth):

@@ -23,7 +23,7 @@ from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.simulation.sky_clock import FastClock
 from mountnav.sky.coordinates import Air, Site
-from mountnav.sky.iers import prepare
+from mountnav.sky.iers import read_tables
 
 _ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Ctrl-C, a supervisor, and a terminal that was closed."""
@@ -73,7 +73,7 @@ def run(asked: FakeMount) -> int:
     _check(asked)
     address = _address(asked)
     with _ending_signal() as wait_for_end, ExitStack() as ending:
-        prepare()
+        read_tables()
         clock, mechanics = _telescope(asked)
         fake = _fake(asked, clock, mechanics)
         if asked.struck is not None:

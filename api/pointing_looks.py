@@ -17,7 +17,7 @@ from mountnav.pointing.observation import PointingObservation
 from mountnav.pointing.observation_file import read_observations
 from mountnav.sky.chain import apparent_to_icrs
 from mountnav.sky.coordinates import Apparent, Site
-from mountnav.sky.iers import prepare
+from mountnav.sky.iers import read_tables
 
 FILES = (".jsonl", ".ndjson")
 
@@ -89,7 +89,7 @@ def looks(
     from mountnav.journal.wanted import instant
     from mountnav.settings import Settings
 
-    prepare()
+    read_tables()
     settings = None if config is None else Settings.load(config)
     site = _site(latitude, longitude, None if settings is None else settings.site.site)
     now = datetime.now(UTC)

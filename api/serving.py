@@ -25,7 +25,7 @@ from api.strict_requests import KnownQueryOnly
 from api.virtual import VirtualHeader, virtual_days
 from mountnav.errors import BadSettings, MountnavError
 from mountnav.settings import Settings
-from mountnav.sky.iers import prepare
+from mountnav.sky.iers import read_tables
 from mountnav.sky.present import utc_now, virtual_time
 
 _GOODBYE_S = 5
@@ -149,7 +149,7 @@ def serve(settings: Settings, *, log_level: str = "info") -> int:
     ask_for_enough()
     with ExitStack() as standing:
         if settings.demo is not None:
-            prepare()
+            read_tables()
             standing.enter_context(_tidy_when_terminated())
             settings = standing.enter_context(own_journal(settings))
             assert settings.demo is not None

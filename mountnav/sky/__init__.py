@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         iers_status,
         override_dut1,
         prepare,
+        read_tables,
     )
     from mountnav.sky.sphere import (
         Offset,
@@ -77,6 +78,7 @@ __all__ = [
     "override_dut1",
     "position_angle_deg",
     "prepare",
+    "read_tables",
     "separation_arcsec",
     "sidereal_time_deg",
     "utc_now",

@@ -287,16 +287,30 @@ def iers_status(utc: datetime | None = None) -> IersStatus:
     )
 
 
+def read_tables() -> None:
+    """Read the tables before the first request. Calling it again is free.
+
+    Our own processes begin with this: none asks astropy for a time, and loading its times costs more than all
+    else that a fake mount needs.
+
+    Raises
+    ------
+    BadSettings
+        The installed table has gaps.
+    """
+    _table()
+
+
 @cache
 def prepare() -> None:
-    """Forbid astropy the network and read the tables, before the first request. Calling it again is free.
+    """Forbid astropy the network and read the tables, for programs that use astropy's times as well.
 
-    Without this astropy raises `ValueError` once the predictions are older than 30 days;
-    ``auto_max_age = None`` alone prevents that [POINTING §2].
+    Calling it again is free. Without this astropy raises `ValueError` once the predictions are older than 30
+    days; ``auto_max_age = None`` alone prevents that [POINTING §2].
     """
-    from astropy.utils import iers  # half a second, and not needed by the chain itself
+    from astropy.utils import iers  # half a second, and not needed by the chain itself: see `read_tables`
 
     iers.conf.auto_download = False
     iers.conf.auto_max_age = None
     iers.conf.iers_degraded_accuracy = "warn"
-    _table()
+    read_tables()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -87,6 +88,15 @@ def test_help_comes_without_numpy(arguments: list[str], tmp_path: Path) -> None:
     imported, printed = _imported(*arguments, cache=tmp_path)
     assert "mountnav" in printed
     assert _among(("numpy", "scipy", *DEAR[:4], "mountnav.solve"), imported) == []
+
+
+def test_a_fake_mount_is_served_without_astropy(tmp_path: Path) -> None:
+    """Up to where it tells that its port is taken: all that it needs is there by then."""
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        address = "127.0.0.1:{}".format(taken.getsockname()[1])
+        imported, _ = _imported("fake-mount", "--tcp", address, cache=tmp_path)
+    assert "mountnav.sky.iers" in imported
+    assert _among(("astropy", "astropy_healpix", "scipy", "fastapi"), imported) == []
 
 
 @pytest.mark.parametrize(
