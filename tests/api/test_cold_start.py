@@ -93,7 +93,7 @@ def test_help_comes_without_numpy(arguments: list[str], tmp_path: Path) -> None:
 def test_a_fake_mount_is_served_without_astropy(tmp_path: Path) -> None:
     """Up to where it tells that its port is taken: all that it needs is there by then."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        address = "127.0.0.1:{}".format(taken.getsockname()[1])
+        address = f"127.0.0.1:{taken.getsockname()[1]}"
         imported, _ = _imported("fake-mount", "--tcp", address, cache=tmp_path)
     assert "mountnav.sky.iers" in imported
     assert _among(("astropy", "astropy_healpix", "scipy", "fastapi"), imported) == []
