@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -33,6 +33,9 @@ _log = logging.getLogger(__name__)
 
 _END_OF_JOB_S = 1.0
 _LONGEST_FRESHENING_S = 5.0
+_HELD_S = 2.0
+"""Seconds from its beginning for which a stop holds orders back that haven't begun; by then it is answered.
+Doubled, a mount that never answers its stop delays the guide pulses of all others for twice as long."""
 STOP_KNOWN_S = 1.4
 """So long a stop's answer waits for what came of it: it is to be there within 2 s, whatever a mount does."""
 
@@ -103,6 +106,10 @@ class Desk:
         self._tell = tell
         self._unwritable = unwritable
         self._stopping: set[asyncio.Task[Job | None]] = set()
+        self._beginning = asyncio.Lock()
+        self._stops, self._stop_begun_s = 0, 0.0
+        self._calm = asyncio.Event()
+        self._calm.set()
         self._watches = {one.id: Watch(one, jobs, poll_s) for one in observatory.telescopes}
 
     @property
@@ -125,6 +132,19 @@ class Desk:
             stopping.cancel()
         await asyncio.gather(*self._stopping, return_exceptions=True)
         await asyncio.gather(*(watch.close() for watch in self._watches.values()))
+
+    async def turn(self) -> None:
+        """Wait for a turn of the loop in which no other order begins, and that no stop needs.
+
+        For faces whose clients may send many orders at once: to refuse a goto takes up to 20 ms, and a stop
+        needs some fifty turns. HTTP requests have it from `FairRequests`.
+        """
+        async with self._beginning:
+            with contextlib.suppress(TimeoutError):
+                # as long as that is in the future; later the stop has had its time
+                async with asyncio.timeout_at(self._stop_begun_s + _HELD_S):
+                    await self._calm.wait()
+            await asyncio.sleep(0)
 
     async def order(
         self,
@@ -270,7 +290,8 @@ class Desk:
         job = self._jobs.running_on(telescope.id)
         try:
             require_role(caller, Role.OPERATE)
-            await self._stop(telescope, job, f"stopped on request of {caller.name} ({caller.face})")
+            with self._others_held_back():
+                await self._stop(telescope, job, f"stopped on request of {caller.name} ({caller.face})")
         except (Refused, DeviceError) as error:
             self._audit.refused(caller, "stop", error, telescope=telescope.id)
             raise
@@ -356,6 +377,18 @@ class Desk:
         return done
 
     # -- inside --------------------------------------------------------------------------------------
+
+    @contextlib.contextmanager
+    def _others_held_back(self) -> Iterator[None]:
+        self._stops += 1
+        self._stop_begun_s = asyncio.get_running_loop().time()
+        self._calm.clear()
+        try:
+            yield
+        finally:
+            self._stops -= 1
+            if not self._stops:
+                self._calm.set()
 
     def _settled(self, telescope_id: str, stopping: asyncio.Task[Job | None], begun_s: float) -> None:
         if stopping.cancelled():

@@ -14,6 +14,9 @@ Part = TypeVar("Part")
 
 _BURST_BYTES = 1 << 20
 """What a client may send at once; 5,000 messages that may wait are half of it."""
+STOPS_AT_ONCE = 8
+"""Stops of one client that may be under way; the next one is read when one of them is over. A program in panic
+sends two or three; without a bound a client could begin 40,000 in a second."""
 _STEADY_BYTES_S = 131_072
 """What it may send for ever; a planetarium sends some hundreds. Doubled, 64 clients take twice the time."""
 
@@ -23,6 +26,11 @@ class Turns:
 
     def __init__(self) -> None:
         self._mine = asyncio.Lock()
+
+    async def mine(self) -> None:
+        """Wait for a turn of the loop that no other client of the port has."""
+        async with self._mine:
+            await asyncio.sleep(0)
 
     async def each(self, parts: Iterator[Part]) -> AsyncIterator[Part]:
         """Give out parts, each in a turn of the loop in which no other client's part is made."""
@@ -50,4 +58,4 @@ class Allowance:
         await asyncio.sleep(max(0.0, -self._left / _STEADY_BYTES_S))
 
 
-__all__ = ["Allowance", "Turns"]
+__all__ = ["STOPS_AT_ONCE", "Allowance", "Turns"]

@@ -13,7 +13,7 @@ import logging
 from collections.abc import Mapping
 
 from api.callers import Caller, Face, Role
-from api.fair_turns import Allowance, Turns
+from api.fair_turns import STOPS_AT_ONCE, Allowance, Turns
 from api.indi_server.answers import Answer, chosen_switch
 from api.indi_server.device import ABORT, IndiTelescope
 from api.indi_server.hearing import Asked, Broken, Heard, Hearing, Nonsense
@@ -74,6 +74,7 @@ class Connection:
         self._selections = Selections(left, str(peer[0]))
         self._telling = Telling(devices, self._selections)
         self._crew = Crew()
+        self._stops_room = asyncio.Semaphore(STOPS_AT_ONCE)
         self._orders_waiting = 0
         self._surplus = ""
         """What is too much; once it is, only stops are heard."""
@@ -162,7 +163,7 @@ class Connection:
                 async for part in self._turns.each(self._hearing.parts(data)):
                     for heard in part:
                         if isinstance(heard, Ordered) and heard.name == ABORT:
-                            self._abort(heard, came)
+                            await self._abort(heard, came)
                         else:
                             came.append(heard)
                 self._take(came)
@@ -212,7 +213,7 @@ class Connection:
         except asyncio.QueueFull:
             self._surplus = f"more than {_MOST_WAITING} messages were waiting"
 
-    def _abort(self, ordered: Ordered, came: list[Heard]) -> None:
+    async def _abort(self, ordered: Ordered, came: list[Heard]) -> None:
         """Stop before everything else; what this client ordered before, and isn't done yet, is dropped.
 
         That is what waits, and what `came` with it. A client that has disconnected may stop too.
@@ -250,17 +251,24 @@ class Connection:
             # there is room now: nothing was put back but questions and the like
             with contextlib.suppress(asyncio.QueueFull):
                 self._waiting.put_nowait(Closing(self._surplus))
+        await self._stops_room.acquire()
+
+        def ended(answer: Answer) -> None:
+            self._stops_room.release()
+            self._telling.tell(device, answer)
+
         # the device's own task: it is sent though its client goes at once
-        device.abort(self._caller, lambda answer: self._telling.tell(device, answer))
+        device.abort(self._caller, ended)
 
     async def _work(self) -> None:
         while (heard := await self._waiting.get()) is not None:
+            # what all clients have waiting would else be one turn of the loop
+            await self._turns.mine()
             match heard:
                 case Asked():
                     # at its own pace, and at no other client's cost
                     await self._telling.room.wait()
                     self._telling.ask(heard)
-                    await asyncio.sleep(0)
                 case Ordered():
                     self._orders_waiting -= 1
                     await self._order(heard)

@@ -213,21 +213,24 @@ class Lx200Client:
         target = self._aims.target()
         if target is None:
             return b"Not synced: no target was set#"
-        syncing = begun(self._ordering.sync(self._caller, target), "LX200 sync", died=self._sync_failed)
+        syncing = begun(self._synced(target), "LX200 sync", died=self.died)
         try:
             async with asyncio.timeout(_SYNC_ANSWERED_S):
-                await asyncio.shield(syncing)
-        except NotTaken as refusal:
-            return b"Not synced: " + lx200_words.words(refusal.problem.detail) + b"#"
+                refusal = await asyncio.shield(syncing)
         except TimeoutError:
             # its end is in the journal; the app must not wait longer
             return b"Not synced yet#"
+        if refusal is not None:
+            return b"Not synced: " + lx200_words.words(refusal.problem.detail) + b"#"
         return lx200_words.MATCHED
 
-    def _sync_failed(self, fault: Exception) -> None:
-        """A refusal is an answer, or came too late for one; a fault of ours ends the connection."""
-        if not isinstance(fault, NotTaken):
-            self.died(fault)
+    async def _synced(self, target: ApparentTarget) -> NotTaken | None:
+        """Sync, and return why it was not taken: an answer, or too late for one, and no fault of ours."""
+        try:
+            await self._ordering.sync(self._caller, target)
+        except NotTaken as refusal:
+            return refusal
+        return None
 
     async def _quietly(self, order: ParkOrder | UnparkOrder) -> bytes:
         try:

@@ -9,7 +9,7 @@ from collections import OrderedDict
 from collections.abc import Coroutine
 
 from api.callers import Caller, Face, Role
-from api.fair_turns import Allowance, Turns
+from api.fair_turns import STOPS_AT_ONCE, Allowance, Turns
 from api.planetarium.lx200_client import Lx200Client, MountLost
 from api.planetarium.lx200_machine import Machine
 from api.planetarium.lx200_words import Commands, is_http
@@ -83,7 +83,7 @@ class Lx200Server(OneTelescopeServer):
         )
         waiting: asyncio.Queue[Waiting | None] = asyncio.Queue(_MOST_WAITING)
         crew.begin(self._hear(reader, client, waiting), f"{caller.name} is heard")
-        answering = crew.begin(_answer(client, waiting, writer), f"{caller.name} is answered")
+        answering = crew.begin(_answer(client, waiting, self._turns, writer), f"{caller.name} is answered")
         try:
             await crew.until(answering)
         except MountLost as lost:
@@ -97,11 +97,11 @@ class Lx200Server(OneTelescopeServer):
     ) -> None:
         """Take commands in; a stop goes past those that wait, and what moves among them is dropped.
 
-        Nobody is waited for here, or a stop would be heard late: a client with too many commands waiting is
-        answered those, and let go; until then only its stops are heard.
+        Nobody is waited for here but a client's own earlier stops, or a stop would be heard late: a client
+        with too many commands waiting is answered those, and let go; until then only its stops are heard.
         """
         first, surplus = b"", False
-        commands, allowance = Commands(), Allowance()
+        commands, allowance, room = Commands(), Allowance(), asyncio.Semaphore(STOPS_AT_ONCE)
         with contextlib.suppress(OSError):
             while data := await reader.read(_AT_ONCE_BYTES):
                 if len(first) < _FIRST_BYTES:
@@ -114,7 +114,7 @@ class Lx200Server(OneTelescopeServer):
                 async for part in self._turns.each(commands.parts(data)):
                     for command in part:
                         if self._is_stop(command):
-                            self._begin_stop(client)
+                            await self._begin_stop(client, room)
                         # what was cut off before a stop is refused in its turn
                         if command != _STOP:
                             came.append((command, client.stops))
@@ -135,16 +135,18 @@ class Lx200Server(OneTelescopeServer):
             return True
         return command.endswith(_STOPS_ONE_WAY) and self._watch.latest.slewing
 
-    def _begin_stop(self, client: Lx200Client) -> None:
-        # its own task: it is sent though its client goes at once
+    async def _begin_stop(self, client: Lx200Client, room: asyncio.Semaphore) -> None:
         client.stops += 1
-        self._begin(self._stop(client), client)
+        await room.acquire()
+        # its own task: it is sent though its client goes at once
+        self._begin(self._stop(client), client).add_done_callback(lambda _: room.release())
 
-    def _begin(self, work: Coroutine[None, None, None], client: Lx200Client) -> None:
+    def _begin(self, work: Coroutine[None, None, None], client: Lx200Client) -> asyncio.Task[None]:
         # LX200 has no word for a stop that failed: the connection ends
         task = begun(work, f"LX200 {self._id}", died=client.died)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
+        return task
 
     async def _stop(self, client: Lx200Client) -> None:
         try:
@@ -154,10 +156,12 @@ class Lx200Server(OneTelescopeServer):
 
 
 async def _answer(
-    client: Lx200Client, waiting: asyncio.Queue[Waiting | None], writer: asyncio.StreamWriter
+    client: Lx200Client, waiting: asyncio.Queue[Waiting | None], turns: Turns, writer: asyncio.StreamWriter
 ) -> None:
     deaf = False
     while (one := await waiting.get()) is not None:
+        # a hundred commands of each client would be one turn of the loop
+        await turns.mine()
         answer = await client.answer(*one)
         if answer and not deaf:
             writer.write(answer)

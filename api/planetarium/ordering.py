@@ -87,6 +87,7 @@ class Ordering:
         stops = self._stops
         async with self._turn:
             await self._calm.wait()
+            await self._desk.turn()
             held = self._desk.watch(self.telescope_id).latest.job
             own = held is not None and held is self._gotos.get(caller.name)
             try:
@@ -194,6 +195,7 @@ class Ordering:
     async def _begun(self, caller: Caller, order: Order, stops: int) -> Job:
         # what is ordered after a stop begins when that is done
         await self._calm.wait()
+        await self._desk.turn()
         try:
             self._require_unstopped(stops)
             return await self._desk.order(caller, self.telescope_id, order)
