@@ -15,8 +15,8 @@ Part = TypeVar("Part")
 _BURST_BYTES = 1 << 20
 """What a client may send at once; 5,000 messages that may wait are half of it."""
 STOPS_AT_ONCE = 8
-"""Stops of one client that may be under way; the next one is read when one of them is over. A program in panic
-sends two or three; without a bound a client could begin 40,000 in a second."""
+"""Stops of one client that may be under way; the next one is read when one of them is over. A program in
+panic sends two or three; without a bound a client could begin 40,000 in a second."""
 _STEADY_BYTES_S = 131_072
 """What it may send for ever; a planetarium sends some hundreds. Doubled, 64 clients take twice the time."""
 
