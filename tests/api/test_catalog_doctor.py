@@ -16,6 +16,7 @@ import pytest
 from api.catalog_doctor_command import lines_of
 from api.doctor_record import DoctorRecord
 from mountnav.catalog.doctor import diagnosis as core
+from tests.api.command_here import run_here
 
 MOUNTNAV = (sys.executable, "-m", "api.main", "catalog", "doctor", "--config")
 ROOT = Path(__file__).resolve().parents[2]
@@ -31,7 +32,7 @@ camera = { kind = "simulated", width_px = 1600, height_px = 1200, scale_arcsec_p
 
 
 def asked(config: Path, *more: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([*MOUNTNAV, str(config), *more], capture_output=True, text=True, check=False)
+    return run_here("catalog", "doctor", "--config", config, *more)
 
 
 @pytest.fixture(autouse=True)
@@ -50,7 +51,7 @@ def test_a_telescope_that_sees_enough_ends_with_0(tmp_path: Path) -> None:
 
 def test_the_papers_narrow_telescope_is_told_what_to_get() -> None:
     config = ROOT / "deploy" / "telescopes" / "prompt-8.toml"
-    told = asked(config, "--json")
+    told = subprocess.run([*MOUNTNAV, str(config), "--json"], capture_output=True, text=True, check=False)
     assert (told.returncode, told.stderr) == (1, "")
     real, simulated = json.loads(told.stdout)["telescopes"]
     assert (real["telescope"], simulated["telescope"]) == ("prompt-8", "prompt-8-simulated")

@@ -21,6 +21,7 @@ from astropy.io import fits
 from mountnav import __version__
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
+from tests.api.command_here import run_here
 
 MOUNTNAV = (sys.executable, "-m", "api.main")
 KEYS = [
@@ -148,6 +149,9 @@ def test_solve_for_people_exits_0_when_all_are_solved(frame: tuple[Path, dict[st
     assert "″/px" in done.stdout
 
 
+IN_A_PROCESS = (["solve"], ["serve", "--config", "/there/is/none.toml"], ["fake-mount", "--tcp", "nowhere"])
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -173,7 +177,7 @@ def test_solve_for_people_exits_0_when_all_are_solved(frame: tuple[Path, dict[st
     ],
 )
 def test_bad_usage_exits_2_and_says_why(arguments: list[str]) -> None:
-    done = _run(*arguments)
+    done = (_run if arguments in IN_A_PROCESS else run_here)(*arguments)
     assert done.returncode == 2, done.stdout + done.stderr
     assert done.stderr
     assert "Traceback" not in done.stderr

@@ -111,7 +111,7 @@ def steps(stream: bytes, length: int) -> tuple[int, int]:
     return reader.work, calls
 
 
-@pytest.mark.parametrize("length", [1, 16, 4096])
+@pytest.mark.parametrize("length", [pytest.param(1, marks=pytest.mark.long), 16, 4096])
 @pytest.mark.parametrize("name", ATTACKS)
 def test_the_work_grows_as_the_bytes_do(name: str, length: int) -> None:
     stream = ATTACKS[name]

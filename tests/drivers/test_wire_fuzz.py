@@ -35,6 +35,8 @@ FAMILIES = [
     ("ioptron", None),
     ("skywatcher", None),
 ]
+IN_EVERY_RUN = (("lx200", "lx200gps"), ("skywatcher", None))
+"""One of words, one of an axis controller's numbers."""
 
 
 @pytest.fixture(autouse=True)
@@ -71,7 +73,10 @@ def lived(
         loop.close()
 
 
-@pytest.mark.parametrize(("protocol", "dialect"), FAMILIES)
+@pytest.mark.parametrize(
+    ("protocol", "dialect"),
+    [pytest.param(*one, marks=() if one in IN_EVERY_RUN else pytest.mark.long) for one in FAMILIES],
+)
 def test_nothing_wrong_in_3000_exchanges(
     protocol: str, dialect: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:

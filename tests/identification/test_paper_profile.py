@@ -160,7 +160,14 @@ def test_both_profiles_find_the_same_plate_of_a_frame(shared):
 
 
 @pytest.mark.shared
-@pytest.mark.parametrize("name", ["E00", "E02", "E03", "HATP-32171220013343", "HATP-32171220014512"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "E00",
+        "HATP-32171220013343",
+        *(pytest.param(one, marks=pytest.mark.long) for one in ("E02", "E03", "HATP-32171220014512")),
+    ],
+)
 def test_frames_with_fewer_catalog_stars_than_measurements_are_solved(shared, name):
     """16 to 64 of Tycho-2's stars among 440 to 1,400 sources: 70 of 100 can't pair, nearly all stars do.
 

@@ -25,7 +25,7 @@ def check(outcome: Outcome) -> None:
     assert outcome.unclosed == []
 
 
-@pytest.mark.parametrize("first", [0, 4, 8])
+@pytest.mark.parametrize("first", [0, 4, pytest.param(8, marks=pytest.mark.long)])
 def test_targets_all_over_the_sky_are_centered_or_refused_for_what_is_true(first: int) -> None:
     centered = 0
     for seed in range(first, first + 4):

@@ -29,8 +29,10 @@ def frames(shared) -> list[tuple[Known, Frame]]:
     return [(known, frame) for known, frame in pairs if not isinstance(frame, BadFrame)]
 
 
-def test_known_frames_are_solved_and_none_wrongly(frames):
-    judged = [(known, frame) for known, frame in frames if known.grade in "ABR"]
+@pytest.mark.parametrize("every", [3, pytest.param(1, marks=pytest.mark.long)])
+def test_known_frames_are_solved_and_none_wrongly(frames, every):
+    """Every third one; the long one tries all."""
+    judged = [(known, frame) for known, frame in frames if known.grade in "ABR"][::every]
     right, missed, wrong = [], [], []
     for known, frame in judged:
         verdict = solve(frame, embedded_catalog(), hint=asked(known, frame), settings=BUDGET)
@@ -50,7 +52,8 @@ def test_known_frames_are_solved_and_none_wrongly(frames):
     print(f"right {len(right)} of {len(judged)}; missed {missed}; wrong {wrong}")
     assert not wrong
     drawn = [one for one in right if one[1].grade == "R" and one[1].field_deg > 0.5]
-    assert len(drawn) == 9
+    assert len(drawn) == sum(known.grade == "R" and known.field_deg > 0.5 for known, _ in judged)
+    assert len(drawn) == 9 or every > 1
     wide = [one for one in right if one[1].grade in "AB" and one[1].field_deg >= 0.5]
     possible = [one for one, _ in judged if one.grade in "AB" and one.field_deg >= 0.5]
     assert len(wide) >= 0.9 * len(possible)
