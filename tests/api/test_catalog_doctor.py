@@ -103,6 +103,7 @@ def test_wrong_settings_end_with_2(tmp_path: Path, text: str) -> None:
     assert ended.stderr.startswith("mountnav: ")
 
 
+@pytest.mark.long
 def test_a_configured_online_catalog_is_named_and_not_counted(tmp_path: Path) -> None:
     config = tmp_path / "online.toml"
     config.write_text(

@@ -34,6 +34,16 @@ FAMILIES = [
     family("ioptron", "v3"),
     family("skywatcher"),
 ]
+IN_EVERY_RUN = ("onstep", "10micron", "classic", "nexstar", "skywatcher")
+"""One of each way to begin a conversation; all of them are long."""
+families = pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(one, marks=() if (one.dialect or one.protocol) in IN_EVERY_RUN else pytest.mark.long)
+        for one in FAMILIES
+    ],
+    ids=str,
+)
 DEAF_S = (0.4, 1.3, 1.9, 2.0, 2.7, 3.1, 3.4, 4.0, 4.9, 5.3, 6.6, 8.0, 9.5)
 PATIENCES = {"nexstar": patience_of(8.0), "synscan": patience_of(8.0), "skywatcher": PATIENCE}
 
@@ -51,7 +61,7 @@ def opened(kind: Family, run: Run, *faults: Fault) -> Rig:
     return run(one)
 
 
-@pytest.mark.parametrize("kind", FAMILIES, ids=str)
+@families
 def test_a_deaf_start_ends_in_the_right_dialect_with_all_skills(kind: Family, run: Run) -> None:
     well = opened(kind, run)
     assert well.mount.report is not None
@@ -85,7 +95,7 @@ def test_one_that_stays_deaf_is_told_after_its_time(run: Run) -> None:
         assert "check cable" in str(silent.value)
 
 
-@pytest.mark.parametrize("kind", FAMILIES, ids=str)
+@families
 def test_one_lost_answer_changes_no_dialect(kind: Family, run: Run) -> None:
     well = opened(kind, run)
     assert well.mount.report is not None

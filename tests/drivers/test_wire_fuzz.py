@@ -93,6 +93,7 @@ def test_nothing_wrong_in_3000_exchanges(
     assert set(worst.struck) & {"vanish", "hang-up", "black-hole"}
 
 
+@pytest.mark.first
 @pytest.mark.long
 @pytest.mark.parametrize(("protocol", "dialect"), FAMILIES)
 def test_nothing_wrong_in_100_000_exchanges(

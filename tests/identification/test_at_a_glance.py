@@ -25,7 +25,9 @@ def known(shared, word):
     return next(one for one in rendered(shared) if word in one.path.name)
 
 
-@pytest.mark.parametrize("word", ["A01", "B02", "C00", "E03"])
+@pytest.mark.parametrize(
+    "word", ["A01", "E03", *(pytest.param(one, marks=pytest.mark.long) for one in ("B02", "C00"))]
+)
 def test_a_glance_gives_the_same_place(shared, word):
     one = known(shared, word)
     frame, test = read_frame(one.path), truths(shared)[one.path.name]

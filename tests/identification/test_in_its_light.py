@@ -155,6 +155,7 @@ def test_too_few_stars_tell_nothing() -> None:
     assert light_path(pixels, x[:3], y[:3], np.ones(3), np.ones(3, dtype=bool), 3.5) is None
 
 
+@pytest.mark.first
 @pytest.mark.long
 def test_a_sample_of_drawn_paths_holds_no_wrong_place() -> None:
     came: Counter[str] = Counter()

@@ -40,6 +40,7 @@ def test_the_same_through_the_real_drivers(wire: str) -> None:
     check(lived(100_001, wire, targets=1))
 
 
+@pytest.mark.first
 @pytest.mark.long
 def test_three_hundred_more() -> None:
     for seed in range(1000, 1075):
