@@ -27,7 +27,9 @@ PORT = 7624
 _AT_ONCE_BYTES = 1 << 18
 _MOST_UNSENT_BYTES = 1 << 20
 _MOST_PROPERTIES = 5000
-"""Of all devices that a connection hears of; a large observatory has a tenth. Each may take kilobytes."""
+"""Of all devices that a connection hears of; a large observatory has a tenth."""
+_MOST_PROPERTIES_BYTES = 1 << 24
+"""Of all of them together; those of a large observatory take some hundred kB."""
 _WORDS_KEPT = 200
 _INTRODUCTION_S = 0.5
 
@@ -231,6 +233,8 @@ class IndiClient:
             for events in reader.parts(data):
                 for event in events:
                     self._take(event)
+                    if not self.usable:
+                        return
                 self._tell_news()
                 # whatever a server sends: a stop, and all else, has its turn in between
                 await asyncio.sleep(0)
@@ -251,14 +255,20 @@ class IndiClient:
             self.send(orders.ping_reply(event.uid))
         now = self.properties.take(event, utc_now(), asyncio.get_running_loop().time())
         if len(self.properties) > _MOST_PROPERTIES:
-            self._lose(f"it defines more than {_MOST_PROPERTIES} properties")
-            self.properties.clear()
+            self._give_up(f"it defines more than {_MOST_PROPERTIES} properties")
+        elif self.properties.size_bytes > _MOST_PROPERTIES_BYTES:
+            self._give_up(f"its properties take more than {_MOST_PROPERTIES_BYTES >> 20} MB")
         message = getattr(event, "message", "")
         # a message that comes with a definition is as old as that
         if message and not isinstance(event, Defined):
             self.words.append(Words(self.properties.count, getattr(event, "device", ""), message))
         for listener in self._listeners:
             listener(event, now)
+
+    def _give_up(self, why: str) -> None:
+        """Hear no more of a server that would have us grow without end."""
+        self._lose(f"{why}: a driver of it is out of order; restart it")
+        self.properties.clear()
 
     def _tell_news(self) -> None:
         news, self._news = self._news, asyncio.Event()
