@@ -13,7 +13,6 @@ from datetime import datetime
 
 from drivers.indi.codec import Changed, Defined, Deleted, Event, Kind, State, Value
 
-
 _EACH_BYTES = 300
 """What a property or an element takes in memory besides its texts, about."""
 
