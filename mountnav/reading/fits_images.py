@@ -109,7 +109,7 @@ def _cut_short(how: str, label: str) -> BadFrame:
 def _pixels(content: Content, hdu: Hdu, label: str) -> Pixels:
     """Read the chosen image as one plane of physical values."""
     if hdu.tiled:
-        flat = _tiled(content, hdu, label).reshape(-1)
+        flat = unpacked_tiles(content, hdu, label).reshape(-1)
         return _one_plane(hdu, flat.dtype, lambda first, count: flat[first : first + count])
     kind = np.dtype(_TYPES[hdu.bitpix])
     return _one_plane(
@@ -119,8 +119,14 @@ def _pixels(content: Content, hdu: Hdu, label: str) -> Pixels:
     )
 
 
-def _tiled(content: Content, hdu: Hdu, label: str) -> Pixels:
-    """Unpack the tiles; whole numbers come as stored, floats as they were before."""
+def unpacked_tiles(content: Content, hdu: Hdu, label: str) -> Pixels:
+    """Unpack a tile-compressed image; whole numbers come as stored, floats as they were before.
+
+    Raises
+    ------
+    BadFrame
+        Damaged, or it would unpack to more than the image has.
+    """
     check_ratio(math.prod(hdu.shape) * abs(hdu.bitpix) // 8, hdu.data_length, label)
     cards = [
         bytes(content[at : at + CARD_LENGTH])

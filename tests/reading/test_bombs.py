@@ -196,6 +196,33 @@ def test_a_bomb_among_calibration_frames_is_refused(tmp_path: Path) -> None:
     assert sum(one.stat().st_size for one in scratch.iterdir()) < 100_000_000
 
 
+@pytest.mark.usefixtures("_little_memory")
+@pytest.mark.parametrize("kind", ["GZIP_1", "GZIP_2", "HCOMPRESS_1"])
+def test_a_calibration_frames_tile_that_unpacks_without_end_is_refused(tmp_path: Path, kind: str) -> None:
+    content = _tiled(kind)
+    if kind == "HCOMPRESS_1":
+        at = content.index(b"\xdd\x99")
+        content[at + 2 : at + 10] = (60_000).to_bytes(4, "big") * 2
+    else:
+        bomb = _many_zeros(1)
+        at = content.index(b"\x1f\x8b")
+        content[at : at + len(bomb)] = bomb
+    frame, scratch = tmp_path / "dark.fits.fz", tmp_path / "scratch"
+    frame.write_bytes(content)
+    scratch.mkdir()
+    with pytest.raises(BadFrame, match="unpacks to more than the whole image"):
+        open_raw(frame, scratch)
+
+
+@pytest.mark.parametrize("kind", ["RICE_1", "GZIP_1", "GZIP_2", "HCOMPRESS_1", "PLIO_1"])
+def test_honest_calibration_frames_of_every_kind_are_read(tmp_path: Path, kind: str) -> None:
+    frame, scratch = tmp_path / "dark.fits.fz", tmp_path / "scratch"
+    frame.write_bytes(_tiled(kind))
+    scratch.mkdir()
+    raw = open_raw(frame, scratch)
+    np.testing.assert_array_equal(raw.rows(0, 600), read_frame(frame).pixels)
+
+
 def test_warnings_of_pillow_stay_off_stderr(tmp_path: Path) -> None:
     """Tags of a TIFF that are cut short, which pillow warns of."""
     file = io.BytesIO()

@@ -18,6 +18,9 @@ from numpy.typing import NDArray
 from mountnav.errors import BadFrame, BadRequest
 from mountnav.measuring.calibration.facts import CameraFacts, Card, facts_from_header
 from mountnav.plain_files import open_plain
+from mountnav.reading.content import OnDisk
+from mountnav.reading.fits_extensions import check_size, walk
+from mountnav.reading.fits_images import unpacked_tiles
 from mountnav.reading.unpacking import check_ratio
 
 FloatImage = NDArray[np.float32]
@@ -176,7 +179,7 @@ def _opened(path: Path, scratch: Path) -> RawFile:
         height, width = hdu.shape[-2:]
         if isinstance(hdu, fits.CompImageHDU):
             # numbers with their scaling kept apart, so that the copy is no larger than the camera's own
-            numbers = np.ascontiguousarray(hdu.data).reshape(height, width)
+            numbers = _unpacked_numbers(plain, hdus.index(hdu), path.name).reshape(height, width)
             data_path, start = scratch / f"{len(list(scratch.iterdir()))}.raw", 0
             numbers.tofile(data_path)
             dtype, bits = (
@@ -224,6 +227,17 @@ def _unpacked(path: Path, scratch: Path) -> Path:
                 check_ratio(length, size, path.name)
                 out.write(piece)
     return plain
+
+
+def _unpacked_numbers(plain: Path, number: int, label: str) -> NDArray[np.generic]:
+    """Unpack the tiles behind the bounds that hold for everybody's frames."""
+    with plain.open("rb", buffering=0) as file:
+        content = OnDisk(file)
+        found = walk(content, label)
+        if number >= len(found) or not found[number].tiled:
+            raise BadFrame("its compressed image can't be told from its header", device=label)
+        check_size(found[number], label)
+        return np.ascontiguousarray(unpacked_tiles(content, found[number], label))
 
 
 def _image(hdus: fits.HDUList, label: str) -> fits.PrimaryHDU:
