@@ -63,10 +63,12 @@ GHOST_RATIO = 0.7
 """A mirrored set of the same stars that is brighter than this share of the identified ones may be the
 stars themselves:
 reflections keep a few percent, seldom half."""
-HALO_PX = 0.5
-"""Error of the middle of a drawn-out image per share of its light that lies beyond what a point has: shaken
-tubes erred by 0.1 to 1.5 px per share (25 drawn ones; 0.7 rms, both coordinates together). Doubled, the
-errors of even trails would be told three times too large."""
+HALO_PX = 1.0
+"""Error of the middle of a drawn-out image, per coordinate, per share of its light that lies beyond what a
+point has and is too faint to be in the center of light: 0.98 px rms of the 13 drawn shaken tubes with more
+than 2 % of such light (`benchmarks.trailed`: seeds 60000 to 60211, and shaken ones from 41000 and 62000;
+0.2 to 2.8 px per share, both coordinates together). Doubled, the errors of shaken frames would be told twice
+too large."""
 CORNER_PX = 3.0
 """Centers of light that leave the plate's places by more than this toward the corners (and more than an image
 is wide) are those of a field that turned or grew: as far as a place may be off."""
@@ -175,9 +177,11 @@ def in_its_light(
         detail = f"{found.detail}, moved by {path.off_px:.1f} px to the middle of the stars' light"
         found = replace(found, reference=moved[0], detail=detail, numbers=numbers)
         return InItsLight(found, moved[1], path, points=False)
-    variance_px2 = _unfollowed_px2(path) + field.variance_px2
+    scale = reference.plate.scale_arcsec_px()
+    own_px2 = 0.5 * float(np.trace(reference.center_covariance_arcsec2)) / scale**2
+    # the plate's own error is a part of how far the light lies beside it: told once
+    variance_px2 = max(0.0, _unfollowed_px2(path) - own_px2) + field.variance_px2
     if variance_px2 > 0.0:
-        scale = reference.plate.scale_arcsec_px()
         reference = _with_error(reference, variance_px2 * scale**2)
     return InItsLight(replace(found, reference=reference), measurements, path, points=True)
 
@@ -189,11 +193,9 @@ def _unfollowed_px2(path: LightPath) -> float:
     plate's residuals, and no number of pairs makes it less.
     """
     off2 = 0.5 * path.off_px**2
-    if path.drawn_out:
-        # what lies too far off to be told from the sky pulls the middle as well
-        return off2 + path.sigma_px**2 + 0.5 * path.pull_px**2 + (HALO_PX * path.halo_share) ** 2
     if path.uneven:
-        return off2 + path.sigma_px**2 + 0.5 * path.pull_px**2
+        # the distance holds the center's own error; what is too faint to be in the center pulls it as well
+        return max(off2, path.sigma_px**2) + (HALO_PX * path.halo_share) ** 2
     # round images are those of points: what differs by no more than noise does is none
     return off2 if path.off_px > max(TOLD_PX, TOLD_SIGMAS * path.sigma_px) else 0.0
 
