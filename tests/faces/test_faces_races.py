@@ -9,6 +9,7 @@ from typing import Any
 import httpx
 import pytest
 
+from api.callers import Face
 from tests.faces.hands import EAST, hands
 from tests.faces.standing import STOP, Standing, standing, until, up_now
 
@@ -38,10 +39,19 @@ async def _mixed(stand: Standing, by: dict[str, Any], chance: random.Random) -> 
         by["stellarium"].goto(up_now(-40.0, 35.0)),
     ]
     chance.shuffle(acts)
+    clicked = _clicked(stand)
     ended = await asyncio.gather(*acts)
     for one in ended:
         if isinstance(one, httpx.Response):
             assert one.status_code < 500, one.text
+    # Stellarium is never answered: only the audit tells that its goto has been heard, and is not yet to come
+    await until(lambda: _clicked(stand) > clicked, "heard Stellarium")
+
+
+def _clicked(stand: Standing) -> int:
+    """How many gotos of Stellarium were taken or refused."""
+    rows = stand.service.journal.reader.audits(telescope="east", limit=1000)
+    return sum(row.face == Face.STELLARIUM for row in rows)
 
 
 async def _judged(stand: Standing, by: dict[str, Any], seed: int) -> None:
