@@ -187,7 +187,13 @@ def _flood(where: tuple[str, int], data: bytes, *, clients: int) -> Iterator[Non
             one.join()
 
 
-@pytest.mark.parametrize("data", ATTACKS.values(), ids=ATTACKS)
+@pytest.mark.parametrize(
+    "data",
+    [
+        pytest.param(data, id=name, marks=pytest.mark.long if name == "trailers" else ())
+        for name, data in ATTACKS.items()
+    ],
+)
 def test_a_stop_gets_through_a_flood(address: tuple[str, int], data: bytes) -> None:  # noqa: F811
     with _flood(address, data, clients=40):
         time.sleep(1.0)  # the flood is under way
