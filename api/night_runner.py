@@ -5,12 +5,12 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import logging
-import os
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from datetime import timedelta
 from pathlib import Path
 
+from api.safety_file import SafetyFile
 from drivers.folder.watcher import FolderWatcher
 from drivers.wire_log import WireEntry, WireLog
 from mountnav.catalog.stars import Catalog
@@ -33,13 +33,15 @@ from mountnav.series.results import SeriesSettings
 from mountnav.settings_night import NightSettings
 from mountnav.sky.coordinates import Icrs, Site
 from mountnav.solve_settings import SolveSettings
-from mountnav.tasks import waited_for
+from mountnav.tasks import fault_words, waited_for
 
 _log = logging.getLogger(__name__)
 
 TICK_S = 5.0
 READY_AGAIN_S = 15.0
 CLOCK_STEP_S = 0.5
+SAFETY_FILE = "safety file"
+"""Who says that it is safe or not, where the settings name a file."""
 ROWS_READ = 4000
 """Of the journal, to go on where the last life of the service ended."""
 
@@ -113,7 +115,12 @@ class NightRunner:
         self._frames = FramesIn(parts.settings.frames_waiting)
         self._tasks: list[asyncio.Task[None]] = []
         self._session: NightSession | None = None
-        self._unsafe = self._away = ""
+        self._unsafe: str | None = None
+        """What the safety file was last told to say."""
+        self._away = ""
+        self._safety_known = asyncio.Event()
+        file = parts.settings.safety_file
+        self._safety = None if file is None else SafetyFile(file, parts.settings.safety_max_age_s)
         self._mount_facts: dict[str, object] = {}
         self.watcher: FolderWatcher | None = None
 
@@ -150,7 +157,12 @@ class NightRunner:
         await session.begin()
         self._session = session
         self._record_wire()
-        work: list[Callable[[], Awaitable[None]]] = [self._take, self._pass_time, self._read_mount]
+        work: list[Callable[[], Awaitable[None]]] = [
+            self._watch_safety,
+            self._take,
+            self._pass_time,
+            self._read_mount,
+        ]
         if self._settings.folder is not None:
             self.watcher = FolderWatcher(
                 self._settings.folder,
@@ -237,20 +249,26 @@ class NightRunner:
 
     async def _kept(self, work: Callable[[], Awaitable[None]]) -> None:
         """Keep a task at work: a fault of ours costs one turn, not the night."""
+        told = ""
         while True:
             try:
                 await work()
-            except Exception:
-                _log.exception("%s: the night hit a fault and goes on", self.parts.telescope_id)
+            except Exception as fault:
+                if (words := fault_words(fault)) != told:
+                    told = words
+                    _log.exception("%s: the night hit a fault and goes on", self.parts.telescope_id)
+                    self.parts.listen("night-fault", {"problem": words})
             await self._clock.sleep(1.0)
 
     async def _take(self) -> None:
+        await self._safety_known.wait()
         while True:
             await self.session.take(await self._frames.next())
 
     async def _pass_time(self) -> None:
+        # nothing is begun before it is known whether it is safe
+        await self._safety_known.wait()
         while True:
-            await self._look_after_safety()
             await self.session.tick()
             await self._clock.sleep(TICK_S)
 
@@ -305,18 +323,23 @@ class NightRunner:
                 await self._clock.sleep(self._settings.poll_s)
             self.offer_file(new.path, new.digest)
 
-    async def _look_after_safety(self) -> None:
-        file = self._settings.safety_file
-        if file is None:
+    async def _watch_safety(self) -> None:
+        while True:
+            await self._look_at_safety()
+            self._safety_known.set()
+            await self._clock.sleep(TICK_S)
+
+    async def _look_at_safety(self) -> None:
+        if self._safety is None:
+            if any(by == SAFETY_FILE for by, _ in self.session.state.unsafe):
+                await self.session.say(Word.SAFE, "no safety file is set any more", by=SAFETY_FILE)
             return
-        age_s = self._settings.safety_max_age_s
-        told = await asyncio.to_thread(unsafe_by_file, file, age_s, self._clock.utc().timestamp())
+        told = await self._safety.look()
+        # of an earlier run's word nothing is left when this one has looked
         if told != self._unsafe:
+            word = Word.UNSAFE if told else Word.SAFE
+            await self.session.say(word, told or f"{self._safety.file.name} says so", by=SAFETY_FILE)
             self._unsafe = told
-            if told:
-                await self.session.say(Word.UNSAFE, told)
-            else:
-                await self.session.say(Word.SAFE, f"{file.name} says so")
 
     # -- parts --------------------------------------------------------------------------------------------
 
@@ -410,30 +433,6 @@ class Nights:
     async def close(self) -> None:
         """End all. Call it before the telescopes are released. Twice is fine."""
         await asyncio.gather(*(runner.close() for runner in self._runners.values()))
-
-
-def unsafe_by_file(file: Path, max_age_s: float, now_s: float) -> str:
-    """Why a safety file says that it is not safe; empty when it is safe.
-
-    Parameters
-    ----------
-    file : Path
-    max_age_s : float
-    now_s : float
-        Seconds since 1970.
-    """
-    try:
-        facts = os.stat(file)
-        words = file.read_text(encoding="utf-8", errors="replace").split()
-    except OSError as trouble:
-        return f"the safety file can't be read: {trouble.strerror or trouble}"
-    age_s = now_s - facts.st_mtime
-    if age_s > max_age_s:
-        return f"the safety file is {age_s:.0f} s old"
-    word = words[0].strip(":;,.").lower() if words else ""
-    if word in ("safe", "1", "true", "yes", "ok"):
-        return ""
-    return f"the safety file says {word!r}" if word else "the safety file is empty"
 
 
 def digest_of(path: Path) -> str:

@@ -118,9 +118,13 @@ class Watch:
                 await self.refresh()
             except asyncio.CancelledError:
                 raise
-            except Exception:
-                # one reading that fails in an unforeseen way must not blind the service for the night
-                _log.exception("%s can't be watched", self._telescope.id)
+            except Exception as fault:
+                # one reading that fails in an unforeseen way must not blind the service for the night; what
+                # was seen before is not what is
+                words = fault_words(fault)
+                if self._state.problem != words:
+                    _log.exception("%s can't be watched", self._telescope.id)
+                self._take(replace(self._state, connected=False, problem=words))
             self._wake.clear()
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(real_s(self._poll_s)):

@@ -58,6 +58,8 @@ class Said:
         Of `BUSY`: when the exposure will be over.
     night_id : str
         Of `START`.
+    by : str
+        Of `SAFE` and `UNSAFE`: who says so; what one says takes back nothing of another.
     """
 
     utc: datetime
@@ -65,6 +67,7 @@ class Said:
     why: str = ""
     until: datetime | None = None
     night_id: str = ""
+    by: str = ""
 
 
 @dataclass(frozen=True, slots=True)

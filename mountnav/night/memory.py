@@ -8,12 +8,42 @@ from datetime import datetime
 from typing import Any
 
 from mountnav.journal.records import Entry, EntryKind
+from mountnav.night.events import Act, Decision, Why
 from mountnav.night.states import Hold, NightState, Phase, PlateSeen
 from mountnav.sky.sphere import Offset
 
 USED_WRITTEN = 50
 STATE = "state"
 FRAME = "frame_id"
+PARK_OVER = "park over"
+"""Stands as the act of a row that tells how a park ended."""
+
+
+@dataclass(frozen=True, slots=True)
+class OwedPark:
+    """A park that was decided on and isn't done.
+
+    Attributes
+    ----------
+    decision : Decision
+    night_id : str
+        Of its night.
+    """
+
+    decision: Decision
+    night_id: str
+
+    def after(self, decision: Decision, night_id: str) -> OwedPark | None:
+        """What is owed after another decision.
+
+        One that takes the reason away ends it, and one that says that somebody has taken over. A park for
+        rain that is owed already stays one: the morning's would wait for whoever works.
+        """
+        for_rain = self.decision.why is Why.UNSAFE
+        if decision.act is Act.PARK:
+            return self if for_rain else OwedPark(decision, night_id)
+        over = (Act.GO_ON, Why.SAFE) if for_rain else (Act.BEGIN, decision.why)
+        return None if (decision.act, decision.why) in (over, (Act.END, Why.ORDERED)) else self
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,10 +56,13 @@ class Remembered:
         As of the last row that tells it.
     frame_ids : tuple of str
         Frames that were looked at, oldest first.
+    owed : OwedPark or None
+        A park that was decided on and of whose end nothing is written.
     """
 
     state: NightState | None
     frame_ids: tuple[str, ...]
+    owed: OwedPark | None = None
 
 
 def remembered(entries: Iterable[Entry]) -> Remembered:
@@ -45,6 +78,7 @@ def remembered(entries: Iterable[Entry]) -> Remembered:
     Remembered
     """
     state: NightState | None = None
+    owed: OwedPark | None = None
     frames: dict[str, None] = {}
     for entry in entries:
         if entry.kind is not EntryKind.NIGHT:
@@ -55,7 +89,22 @@ def remembered(entries: Iterable[Entry]) -> Remembered:
         told = entry.facts.get(STATE)
         if isinstance(told, Mapping):
             state = state_of(told)
-    return Remembered(state, tuple(frames))
+        if entry.facts.get("act") == PARK_OVER:
+            owed = None
+        elif (decision := _decision(entry.facts)) is not None:
+            night_id = str(entry.facts.get("night_id", ""))
+            if owed is not None:
+                owed = owed.after(decision, night_id)
+            elif decision.act is Act.PARK:
+                owed = OwedPark(decision, night_id)
+    return Remembered(state, tuple(frames), owed)
+
+
+def _decision(facts: Mapping[str, Any]) -> Decision | None:
+    try:
+        return Decision(Act(facts["act"]), Why(facts["why"]), str(facts.get("text", "")))
+    except (KeyError, ValueError):
+        return None  # no decision, or one of another version
 
 
 def state_record(state: NightState) -> dict[str, Any]:
@@ -69,7 +118,7 @@ def state_record(state: NightState) -> dict[str, Any]:
         "plate": None if plate is None else _plate_record(plate),
         "plates": [_plate_record(one) for one in state.plates],
         "holds": sorted(str(one) for one in state.holds),
-        "unsafe_why": state.unsafe_why,
+        "unsafe": [list(one) for one in state.unsafe],
         "field": state.field,
         "segment": state.segment,
         "applied_east_arcsec": state.applied.east_arcsec,
@@ -115,7 +164,7 @@ def state_with(record: Mapping[str, Any], applied: Offset) -> NightState:
         plates=tuple(plate_of(one) for one in record["plates"]),
         plate=None if plate is None else plate_of(plate),
         holds=frozenset(Hold(one) for one in record["holds"]),
-        unsafe_why=str(record["unsafe_why"]),
+        unsafe=_unsafe(record),
         field=str(record["field"]),
         segment=str(record["segment"]),
         applied=applied,
@@ -128,6 +177,13 @@ def state_with(record: Mapping[str, Any], applied: Offset) -> NightState:
         placed=int(record["placed"]),
         unsolved=int(record["unsolved"]),
     )
+
+
+def _unsafe(record: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
+    if "unsafe" in record:
+        return tuple((str(by), str(why)) for by, why in record["unsafe"])
+    # until 2026-11 it was not written down who said so
+    return (("", str(record["unsafe_why"])),) if str(Hold.UNSAFE) in record["holds"] else ()
 
 
 def _plate_record(plate: PlateSeen) -> dict[str, Any]:

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from mountnav.clock import Clock
 from mountnav.errors import Busy, DeviceMissing, DeviceSilent, JournalFailed, MountnavError
 from mountnav.journal.records import EntryKind, because
-from mountnav.night.events import Act, Decision, Why
+from mountnav.night.events import Decision, Why
+from mountnav.night.memory import PARK_OVER, OwedPark
 from mountnav.night.noting import Listen, NightNotes
 from mountnav.night.telescope import NightTelescope
 
@@ -27,11 +28,14 @@ MakeWay = Callable[[], Awaitable[None]]
 
 @dataclass(slots=True)
 class _Owed:
-    decision: Decision
-    night_id: str
+    park: OwedPark
     since_s: float
     next_s: float
     told: bool = False
+
+    @property
+    def why(self) -> Why:
+        return self.park.decision.why
 
 
 class NightParking:
@@ -68,15 +72,15 @@ class NightParking:
         self._owed: _Owed | None = None
 
     async def park(self, decision: Decision, night_id: str) -> None:
-        """Park now; if somebody holds the telescope, or it can't be reached, as soon as that is over.
+        """Park now; if somebody holds the telescope, or it can't be reached, as soon as that is over."""
+        before = None if self._owed is None else self._owed.park.after(decision, night_id)
+        self.owe(before or OwedPark(decision, night_id))
+        await self.again()
 
-        A park for rain that is owed already stays one: the morning's would wait for whoever works.
-        """
-        if self._owed is not None and self._owed.decision.why is Why.UNSAFE:
-            decision, night_id = self._owed.decision, self._owed.night_id
+    def owe(self, park: OwedPark) -> None:
+        """Park at the next `again`: so it was decided, maybe before the service was restarted."""
         now_s = self._clock.monotonic_s()
-        owed = self._owed = _Owed(decision, night_id, now_s, now_s)
-        await self._try(owed)
+        self._owed = _Owed(park, now_s, now_s)
 
     async def again(self) -> None:
         """Try again what is owed, when it is time. To be called every few seconds."""
@@ -86,10 +90,7 @@ class NightParking:
 
     def decided(self, decision: Decision) -> None:
         """Owe nothing any more if a decision takes the reason away, or says that somebody has taken over."""
-        if self._owed is None:
-            return
-        over = (Act.GO_ON, Why.SAFE) if self._owed.decision.why is Why.UNSAFE else (Act.BEGIN, decision.why)
-        if (decision.act, decision.why) in (over, (Act.END, Why.ORDERED)):
+        if self._owed is not None and self._owed.park.after(decision, "") is None:
             self._owed = None
 
     async def _try(self, owed: _Owed) -> None:
@@ -102,28 +103,28 @@ class NightParking:
             owed.next_s = self._clock.monotonic_s() + AGAIN_S
 
     async def _tried(self, owed: _Owed) -> None:
-        why = f"night: {owed.decision.why}"
+        why = f"night: {owed.why}"
         try:
-            with because(night_id=owed.night_id, why=why):
-                if owed.decision.why is Why.UNSAFE and self._make_way is not None:
+            with because(night_id=owed.park.night_id, why=why):
+                if owed.why is Why.UNSAFE and self._make_way is not None:
                     await self._make_way()
                 await self._telescope.park()
         except _PASSING as error:
             await self._not_yet(owed, error)
             return
         except MountnavError as error:
-            await self._failed(error)
+            await self._failed(owed, error)
         else:
             if owed.told:
-                self._listen("night-parked", {"why": str(owed.decision.why)})
-                await self._notes.note(EntryKind.NOTE, f"parked at last: {owed.decision.why}")
+                self._listen("night-parked", {"why": str(owed.why)})
+            await self._over(owed, "parked at last" if owed.told else "parked")
         self._done(owed)
 
     async def _not_yet(self, owed: _Owed, error: MountnavError) -> None:
         waited_s = self._clock.monotonic_s() - owed.since_s
-        if owed.decision.why is not Why.UNSAFE and waited_s > PATIENCE_S:
+        if owed.why is not Why.UNSAFE and waited_s > PATIENCE_S:
             self._done(owed)
-            await self._failed(error)
+            await self._failed(owed, error)
             return
         if not owed.told:
             owed.told = True
@@ -136,10 +137,16 @@ class NightParking:
         if self._owed is owed:
             self._owed = None
 
-    async def _failed(self, error: MountnavError) -> None:
+    async def _failed(self, owed: _Owed, error: MountnavError) -> None:
         _log.error("%s could not be parked: %s", self._name, error)
         self._listen("night-park-failed", {"problem": str(error)})
         await self._notes.note(EntryKind.FAULT, f"not parked: {error}")
+        await self._over(owed, f"not parked ({error})")
+
+    async def _over(self, owed: _Owed, how: str) -> None:
+        """Written down, so that a service that starts anew doesn't park once more."""
+        why = str(owed.why)
+        await self._notes.note(EntryKind.NIGHT, f"{how}: {why}", {"act": PARK_OVER, "why": why})
 
 
 __all__ = ["MakeWay", "NightParking"]

@@ -43,6 +43,7 @@ def event_of(record: Json) -> Event:
                 str(record["why"]),
                 _instant(record["until"]),
                 str(record["night_id"]),
+                str(record.get("by", "")),
             )
         case "FrameSeen":
             return _frame_seen(utc, record)

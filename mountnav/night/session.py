@@ -162,6 +162,9 @@ class NightSession:
         if in_flight is not None:
             told += f"; what came of the correction by frame {in_flight} is not known, it counts as made"
         await self._happened(Said(now, Word.RESTARTED, told))
+        if known.owed is not None and known.owed.night_id == self._night_name(now):
+            # of tonight; one of long ago moves nothing any more
+            self._parking.owe(known.owed)
 
     async def tick(self) -> None:
         """Let the night see what time it is."""
@@ -170,7 +173,7 @@ class NightSession:
         await self._happened(Tick(now, self._sun, self._night_name(now)))
         await self._parking.again()
 
-    async def say(self, word: Word, why: str = "", *, for_s: float | None = None) -> None:
+    async def say(self, word: Word, why: str = "", *, for_s: float | None = None, by: str = "") -> None:
         """Say something to the night.
 
         Parameters
@@ -179,10 +182,12 @@ class NightSession:
         why : str
         for_s : float, optional
             Of `BUSY`: how long the exposure takes from now on.
+        by : str
+            Of `SAFE` and `UNSAFE`: who says so; what one says takes back nothing of another.
         """
         now = self._clock.utc()
         until = None if for_s is None else now + timedelta(seconds=for_s)
-        await self._happened(Said(now, word, why, until, self._night_name(now)))
+        await self._happened(Said(now, word, why, until, self._night_name(now), by))
 
     async def read_mount(self) -> None:
         """Read the mount, so that frames that come later can be compared; notice when it is gone."""
@@ -360,18 +365,25 @@ class NightSession:
         """Let the rules decide, write it down, and do what is to be done at once."""
         decisions = self._decide(event)
         state = self._state
-        for decision in decisions:
-            self._last = decision
-            self._parking.decided(decision)
-            written = await self._notes.decided(decision, state)
-            if decision.act is Act.CORRECT and not written:
-                # what leaves no trace isn't done
-                self._decide(CorrectionEnded(self._clock.utc(), decision.frame_id, "failed"))
-                return tuple(_unwritten(one) if one is decision else one for one in decisions)
-            if decision.act is Act.HALT:
-                await self._halt()
-            elif decision.act is Act.PARK:
-                await self._parking.park(decision, self._state.night_id)
+        writing: list[asyncio.Task[bool]] = []
+        try:
+            for decision in decisions:
+                self._last = decision
+                self._parking.decided(decision)
+                # told and begun to be written in their order; only a correction waits until that is done: a
+                # journal that hangs must not leave the telescope in the rain
+                writing.append(waited_for(self._notes.decided(decision, state)))
+                await asyncio.sleep(0)
+                if decision.act is Act.CORRECT and not await writing[-1]:
+                    # what leaves no trace isn't done
+                    self._decide(CorrectionEnded(self._clock.utc(), decision.frame_id, "failed"))
+                    return tuple(_unwritten(one) if one is decision else one for one in decisions)
+                if decision.act is Act.HALT:
+                    await self._halt()
+                elif decision.act is Act.PARK:
+                    await self._parking.park(decision, self._state.night_id)
+        finally:
+            await asyncio.gather(*writing)
         return decisions
 
     def _decide(self, event: Event) -> tuple[Decision, ...]:

@@ -88,7 +88,8 @@ class NightState:
     plate : PlateSeen or None
         What they agreed on.
     holds : frozenset of Hold
-    unsafe_why : str
+    unsafe : tuple of (str, str)
+        Who says that it isn't safe, and why, one entry each, sorted: it is safe when nobody says so.
     evidence : Evidence or None
     field, segment : str
         Of the last frame that was placed.
@@ -119,7 +120,7 @@ class NightState:
     plates: tuple[PlateSeen, ...] = ()
     plate: PlateSeen | None = None
     holds: frozenset[Hold] = frozenset()
-    unsafe_why: str = ""
+    unsafe: tuple[tuple[str, str], ...] = ()
     evidence: Evidence | None = None
     field: str = ""
     segment: str = ""
@@ -134,6 +135,11 @@ class NightState:
     frames: int = 0
     placed: int = 0
     unsolved: int = 0
+
+    @property
+    def unsafe_why(self) -> str:
+        """Why it isn't safe, in the words of all who say so."""
+        return "; ".join(dict.fromkeys(why for _, why in self.unsafe if why))
 
     @property
     def running(self) -> bool:

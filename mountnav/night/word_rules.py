@@ -39,7 +39,7 @@ def on_tick(state: NightState, event: Tick, rules: NightRules) -> Outcome:
 
 def _begin(state: NightState, night_id: str, why: Why, text: str, *, forced: bool = False) -> Outcome:
     """Open a night; the same one once more keeps its counts, so that its caps hold."""
-    fresh = NightState(holds=state.holds - {Hold.OPERATOR, Hold.CLOUD}, unsafe_why=state.unsafe_why)
+    fresh = NightState(holds=state.holds - {Hold.OPERATOR, Hold.CLOUD}, unsafe=state.unsafe)
     if state.night_id == night_id:
         fresh = replace(
             fresh,
@@ -95,9 +95,9 @@ def on_word(state: NightState, event: Said, rules: NightRules) -> Outcome:
         case Word.RESUME:
             return let_go(state, Hold.OPERATOR, Why.ORDERED, text)
         case Word.UNSAFE:
-            return _unsafe(state, rules, text)
+            return _unsafe(state, event, rules)
         case Word.SAFE:
-            return let_go(replace(state, unsafe_why=""), Hold.UNSAFE, Why.SAFE, text)
+            return _safe(state, event)
         case Word.MOUNT_LOST:
             return held(state, Hold.MOUNT, Why.MOUNT_LOST, text)
         case Word.MOUNT_BACK:
@@ -106,12 +106,24 @@ def on_word(state: NightState, event: Said, rules: NightRules) -> Outcome:
             return _restarted(state, event, rules)
 
 
-def _unsafe(state: NightState, rules: NightRules, text: str) -> Outcome:
+def _unsafe(state: NightState, event: Said, rules: NightRules) -> Outcome:
     new = Hold.UNSAFE not in state.holds
-    state, done = held(replace(state, unsafe_why=text), Hold.UNSAFE, Why.UNSAFE, text)
+    saying = tuple(sorted((*_unsafe_by_others(state, event), (event.by, event.why))))
+    state, done = held(replace(state, unsafe=saying), Hold.UNSAFE, Why.UNSAFE, event.why)
     if new and state.running and rules.when_unsafe == "park":
-        done = (*done, Decision(Act.PARK, Why.UNSAFE, text))
+        done = (*done, Decision(Act.PARK, Why.UNSAFE, event.why))
     return state, done
+
+
+def _safe(state: NightState, event: Said) -> Outcome:
+    """One says that it is safe: it is, when nobody says otherwise any more."""
+    saying = _unsafe_by_others(state, event)
+    state = replace(state, unsafe=saying)
+    return (state, ()) if saying else let_go(state, Hold.UNSAFE, Why.SAFE, event.why)
+
+
+def _unsafe_by_others(state: NightState, event: Said) -> tuple[tuple[str, str], ...]:
+    return tuple(one for one in state.unsafe if one[0] != event.by)
 
 
 def held(state: NightState, hold: Hold, why: Why, text: str) -> Outcome:

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from api.night_runner import unsafe_by_file
 from api.replay_command import play
+from api.safety_file import unsafe_by_file
 from mountnav.night.recorded import read_recording
 from mountnav.simulation.sky_clock import FastClock
 from mountnav.sky.present import virtual_present
@@ -227,7 +227,11 @@ async def test_rain_parks_a_telescope_that_somebody_slews(tmp_path: Path) -> Non
 def test_what_a_safety_file_says(tmp_path: Path) -> None:
     file = tmp_path / "safety.txt"
     now_s = 1e9
-    assert "can't be read" in unsafe_by_file(file, 300, now_s)
+
+    def now() -> float:
+        return now_s
+
+    assert "can't be read" in unsafe_by_file(file, 300, now)
     for text, safe in (
         ("safe\n", True),
         ("1", True),
@@ -238,7 +242,7 @@ def test_what_a_safety_file_says(tmp_path: Path) -> None:
     ):
         file.write_text(text)
         os.utime(file, (now_s - 10, now_s - 10))
-        assert (unsafe_by_file(file, 300, now_s) == "") is safe, text
+        assert (unsafe_by_file(file, 300, now) == "") is safe, text
     file.write_text("safe")
     os.utime(file, (now_s - 301, now_s - 301))
-    assert "301 s old" in unsafe_by_file(file, 300, now_s)
+    assert "301 s old" in unsafe_by_file(file, 300, now)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+from typing import Any
 
 import httpx
 import pytest
 from fastapi import FastAPI
 
 from api.app import create_app
+from api.observatory import Telescope
 from api.state_answers import knows
 from mountnav.navigation.devices import MountReading
+from mountnav.navigation.reports import TelescopeState
 from mountnav.settings import Settings
 
 EAST = "/v1/telescopes/east"
@@ -76,3 +79,35 @@ async def test_a_hundred_questions_ask_the_mount_nothing(
         assert (held.status_code, held.json()["job_id"]) == (200, started.json()["id"])
         await client.post(f"{EAST}/stop")
         await asyncio.wait_for(service.jobs.get(started.json()["id"]).ended.wait(), 60)
+
+
+async def test_a_reading_that_hits_a_fault_leaves_no_old_state_that_looks_new(
+    observatory_toml: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state, faulty = Telescope.state, [True]
+
+    async def with_a_fault(telescope: Telescope) -> TelescopeState:
+        if faulty:
+            raise ValueError("a reading that makes no sense")
+        return await state(telescope)
+
+    app = create_app(Settings.parse(observatory_toml))
+    transport = httpx.ASGITransport(app=app, raise_app_exceptions=False)
+    async with (
+        app.router.lifespan_context(app),
+        httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1", timeout=60) as client,
+    ):
+
+        async def until(*, connected: bool) -> dict[str, Any]:
+            async with asyncio.timeout(60):
+                while (found := (await client.get("/v1/telescopes/east")).json())[
+                    "connected"
+                ] is not connected:
+                    await asyncio.sleep(0.02)
+            return dict(found)
+
+        await until(connected=True)
+        monkeypatch.setattr(Telescope, "state", with_a_fault)
+        assert "a reading that makes no sense" in (await until(connected=False))["problem"]
+        faulty.clear()
+        assert (await until(connected=True))["problem"] is None

@@ -21,7 +21,7 @@ from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.night.daylight import night_name, sun_altitude_deg
 from mountnav.night.frames_in import FrameAnswer, FramesIn
-from mountnav.night.memory import Remembered
+from mountnav.night.memory import PARK_OVER, Remembered
 from mountnav.night.parking import MakeWay
 from mountnav.night.placing import BySolve
 from mountnav.night.rules import NightRules
@@ -91,9 +91,9 @@ class NightRig:
         return separation_arcsec(self.mechanics.truth(reading.utc), from_mount(reading.place))
 
     def told(self) -> list[tuple[str, str]]:
-        """Acts and reasons in the journal, but for frames that were left."""
+        """Acts and reasons of decisions in the journal, but for frames that were left."""
         rows = [one.facts for one in self.journal.entries if one.kind is EntryKind.NIGHT]
-        return [(str(one["act"]), str(one["why"])) for one in rows if one["act"] != "leave"]
+        return [(str(one["act"]), str(one["why"])) for one in rows if one["act"] not in ("leave", PARK_OVER)]
 
     def wrong_syncs_arcsec(self) -> list[float]:
         """How far each place that was synced on was from the truth of that moment."""

@@ -12,7 +12,9 @@ from datetime import timedelta
 import pytest
 
 from mountnav.errors import Cancelled
+from mountnav.journal.records import Entry
 from mountnav.night.events import Act, Decision, Why, Word
+from mountnav.night.memory import remembered
 from mountnav.night.noting import NightNotes
 from mountnav.night.parking import AGAIN_S, MakeWay, NightParking
 from mountnav.simulation.virtual_time import VirtualClock
@@ -103,6 +105,52 @@ def test_what_is_safe_again_is_not_parked_late() -> None:
             await rig.session.say(Word.SAFE)
         await ticks(rig, 300.0)
         assert "park" not in rig.mount.received
+
+    virtually(night)
+
+
+@pytest.mark.parametrize("then", ["still rain", "safe", "tomorrow"])
+def test_a_park_that_is_owed_outlives_the_service(then: str) -> None:
+    async def night(clock: VirtualClock) -> None:
+        rig = await begun(clock)
+        async with someone_slews(rig):
+            await rig.session.say(Word.UNSAFE, "rain")
+        assert not rig.mechanics.parked
+        if then == "tomorrow":
+            await clock.sleep(86400.0)
+        # killed before somebody's slew had ended
+        rig.again(PARKS, remembered(rig.journal.entries))
+        await rig.session.begin()
+        if then == "safe":
+            await rig.session.say(Word.SAFE)
+        await ticks(rig, 60.0)
+        assert rig.mechanics.parked is (then == "still rain")
+        # done once is done
+        await rig.navigator.unpark()
+        rig.again(PARKS, remembered(rig.journal.entries))
+        await rig.session.begin()
+        await ticks(rig, 60.0)
+        assert not rig.mechanics.parked
+
+    virtually(night)
+
+
+def test_a_journal_that_hangs_leaves_no_telescope_in_the_rain() -> None:
+    async def night(clock: VirtualClock) -> None:
+        rig = await begun(clock)
+        gone, note = asyncio.Event(), rig.journal.note
+
+        async def slow_note(entry: Entry) -> None:
+            await gone.wait()
+            await note(entry)
+
+        rig.journal.note = slow_note  # type: ignore[method-assign]
+        saying = asyncio.ensure_future(rig.session.say(Word.UNSAFE, "rain"))
+        async with asyncio.timeout(300.0):
+            while not rig.mechanics.parked:
+                await clock.sleep(1.0)
+        gone.set()
+        await saying
 
     virtually(night)
 

@@ -252,6 +252,33 @@ def test_unsafe_parks_once_if_so_ruled() -> None:
     assert acts(told) == [(Act.GO_ON, Why.SAFE), (Act.LEAVE, Why.ALONE), (Act.CORRECT, Why.OFF)]
 
 
+def test_it_is_safe_when_nobody_says_otherwise_any_more() -> None:
+    rules = replace(RULES, when_unsafe="park")
+    words = [Said(at(0), Word.UNSAFE, "rain", by="a roof"), Said(at(1), Word.UNSAFE, "wind")]
+    told, state = played(words, rules=rules)
+    assert acts(told) == [(Act.PAUSE, Why.UNSAFE), (Act.PARK, Why.UNSAFE)]
+    assert state.unsafe_why == "wind; rain"
+    # one takes back nothing of the other's, also after a restart
+    back = state_of(state_record(state))
+    assert back == state
+    told, back = played(
+        [Said(at(2), Word.SAFE, by="a roof"), Said(at(3), Word.SAFE, by="a third")], back, rules
+    )
+    assert not told
+    assert (back.holds, back.unsafe_why) == ({Hold.UNSAFE}, "wind")
+    told, back = played([Said(at(4), Word.SAFE)], back, rules)
+    assert acts(told) == [(Act.GO_ON, Why.SAFE)]
+    assert (back.holds, back.unsafe) == (frozenset(), ())
+
+
+def test_what_an_older_version_wrote_of_safety_is_read() -> None:
+    _, state = played([Said(at(0), Word.UNSAFE, "rain")])
+    record = state_record(state)
+    del record["unsafe"]
+    assert state_of(record | {"unsafe_why": "rain"}) == state
+    assert state_of(record | {"unsafe_why": "", "holds": []}).unsafe == ()
+
+
 def test_cloud_is_told_once_and_forgets_what_was_known() -> None:
     cloudy = [frame(n, placed=False, error=None, plate=None) for n in range(1, 8)]
     told, state = played([frame(0), *cloudy])
