@@ -384,8 +384,6 @@ class Observatory:
     line: MemoryLine | None = None
     syncs: list[tuple[datetime, float]] = field(default_factory=list)
     """Of each sync that was sent: when, and how far the synced place was from where the tube looked."""
-    solved_in_trust: int = 0
-    """Looks that were solved before the mount lost its place."""
 
 
 def built(world: World, clock: VirtualClock) -> Observatory:
@@ -418,7 +416,7 @@ def built(world: World, clock: VirtualClock) -> Observatory:
         # it was switched on just now: it takes itself to be at home, and doesn't track
         mechanics.reboot()
     made = Observatory(world, clock, mechanics, mount, camera, solve, line)
-    _listen(made)
+    _judge_syncs(made)
     return made
 
 
@@ -427,7 +425,7 @@ def met_again(made: Observatory) -> None:
     assert made.world.wire is not None
     assert made.line is not None
     made.mount = _driven(made.world, made.line, made.clock)
-    _listen(made)
+    _judge_syncs(made)
 
 
 def _driven(world: World, line: MemoryLine, clock: VirtualClock) -> DrivenMount:
@@ -442,15 +440,18 @@ def _driven(world: World, line: MemoryLine, clock: VirtualClock) -> DrivenMount:
     )
 
 
-def _listen(made: Observatory) -> None:
-    _judge_syncs(made)
-
-    def hear(what: str, facts: object) -> None:
-        if what == "untrusted":
-            # nearer to the pole a rotation tells little of the camera's angle
-            made.solved_in_trust = sum(abs(dec_deg) < 80.0 for dec_deg in made.solve.solved_dec_deg)
-
-    made.mount.listen(hear)
+def put_right_by_hand(made: Observatory) -> None:
+    """Turn the tube to where the mount believes to point, to ten minutes of arc or so."""
+    mechanics, chance = made.mechanics, random.Random(made.world.seed)
+    _, t_s, motion = mechanics._asked(None)
+    believed = mechanics._believed_axes(motion, motion.belief_at(t_s), t_s)
+    stands = mechanics.true_axes()
+    errors = mechanics.errors
+    mechanics.errors = replace(
+        errors,
+        ih_arcsec=errors.ih_arcsec + 3600.0 * (believed[0] - stands[0]) + chance.uniform(-600.0, 600.0),
+        id_arcsec=errors.id_arcsec + 3600.0 * (believed[1] - stands[1]) + chance.uniform(-600.0, 600.0),
+    )
 
 
 def _judge_syncs(made: Observatory) -> None:

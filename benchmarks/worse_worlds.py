@@ -28,7 +28,17 @@ from typing import Any
 
 from benchmarks.centerings import LONGEST_S, navigator, seed_of_the_day
 from benchmarks.judging import Place, can_look_at, standing, violations, way_is_clear, wrong_syncs
-from benchmarks.worlds import AIR, Observatory, ShiftedClock, World, built, drawn, met_again, target
+from benchmarks.worlds import (
+    AIR,
+    Observatory,
+    ShiftedClock,
+    World,
+    built,
+    drawn,
+    met_again,
+    put_right_by_hand,
+    target,
+)
 from drivers.simulated.incidents import let_happen
 from mountnav.errors import DeviceRefused, MountnavError, OutsideLimits, Refusal, TargetNotReached
 from mountnav.journal.memory import MemoryJournal
@@ -354,7 +364,7 @@ class Life:
                     await service.slew(hour_angle_to_icrs(high, site, AIR))
                     return "by way of a high place"
         if "by hand" in text and "say trust" in text:
-            self._by_hand()
+            put_right_by_hand(self.made)
             service.trust()
             if "order first light" in text:
                 await service.first_light()
@@ -423,19 +433,6 @@ class Life:
         self.service = navigator(self.made, self.journal, self.events)
         self.service.guard.restore(self.journal.entries)
         await self.service.open()
-
-    def _by_hand(self) -> None:
-        """Turn the tube to where the mount believes to point, to ten minutes of arc or so."""
-        mechanics, chance = self.made.mechanics, random.Random(self.made.world.seed)
-        _, t_s, motion = mechanics._asked(None)
-        believed = mechanics._believed_axes(motion, motion.belief_at(t_s), t_s)
-        stands = mechanics.true_axes()
-        errors = mechanics.errors
-        mechanics.errors = replace(
-            errors,
-            ih_arcsec=errors.ih_arcsec + 3600.0 * (believed[0] - stands[0]) + chance.uniform(-600.0, 600.0),
-            id_arcsec=errors.id_arcsec + 3600.0 * (believed[1] - stands[1]) + chance.uniform(-600.0, 600.0),
-        )
 
 
 def _beyond(made: Observatory, place: Icrs, room_arcsec: float) -> Iterator[tuple[float, int, float]]:

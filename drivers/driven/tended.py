@@ -180,6 +180,10 @@ class Tended:
             self.judge.resolution_arcsec = language.resolution_arcsec
             readout = (await self.judge.read(language.readout)).readout
             self._was_fresh = readout.fresh
+            found = None
+            if self._connecting.set_site or self._connecting.set_clock:
+                # what it is set from tells by how much its sky is turned
+                found = await compared(language, identity, self._connecting.site, trusted=self.trusted)
             done, refused = await self._set(site=self._connecting.set_site, clock=self._connecting.set_clock)
             identity = replace(identity, problems=(*identity.problems, *refused))
             # whoever closes and opens it again must not have trusted it for that
@@ -191,6 +195,7 @@ class Tended:
             report = await compared(
                 language, identity, self._connecting.site, trusted=trusted, done=tuple(done)
             )
+            report = replace(report, found=found if done else None)
         except BaseException:
             await language.close()
             raise

@@ -167,6 +167,8 @@ class ConnectReport:
         What an operator should know, in words with numbers.
     done : tuple of str
         What was set because the configuration says so.
+    found : ConnectReport or None
+        The same before anything was set; None if nothing was.
     """
 
     identity: str
@@ -178,6 +180,7 @@ class ConnectReport:
     trusted: bool = True
     problems: tuple[str, ...] = ()
     done: tuple[str, ...] = ()
+    found: ConnectReport | None = None
 
 
 class Mount(Protocol):

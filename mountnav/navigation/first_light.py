@@ -26,6 +26,7 @@ from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.kinds import from_mount
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.recovering import (
+    FURTHEST_DEG,
     Told,
     let_track,
     require_above_ground,
@@ -43,9 +44,6 @@ from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_hour_angle, icrs_to_o
 from mountnav.sky.coordinates import HourAngle, Icrs
 from mountnav.sky.sphere import Offset, displaced, offset_arcsec
 
-FURTHEST_DEG = 10.0
-"""A mount that was set up by eye, levelled and with its clock and site right, is not further off than this
-(the issue of a bad night is 5°). Doubled, a clock that is an hour wrong would be synced away."""
 STEP_DEG = 1.5
 """Of the small moves: well beyond all play, and within the margin. Doubled, they leave more of the limits."""
 AWAY_FROM_POLE_DEG = 20.0

@@ -45,6 +45,10 @@ TURNED_DEG = 1.0
 """A sky that was turned by less is no danger to a limit, and an honest mount is as far off."""
 AWAY_DEG = 5.0
 """So near the pole a few minutes of arc are degrees of right ascension."""
+FURTHEST_DEG = 10.0
+"""A mount that was set up by eye, levelled and with its clock and site right, is not further off than this
+(the issue of a bad night is 5°), and first light goes to it. Doubled, a clock that is an hour wrong would be
+synced away."""
 MOST_LOOKS = 4
 """So many frames are taken for two that agree: one in between may be wrong."""
 
@@ -254,12 +258,18 @@ def require_known_posture(found: Look, equipment: Equipment) -> None:
     seen = learned.side_seen(sample)
     if said is not PierSide.UNKNOWN and said is seen:
         return
+    off_deg = found.offset.total_arcsec / 3600.0
+    advice = "order first light: it finds the posture by a small move; or let the mount find its home"
+    if off_deg > FURTHEST_DEG:
+        advice = (
+            f"it looks {off_deg:.0f}° from where it believes, too far for a first light: let it find its "
+            "home, or put the tube at its home or park position by hand, say trust, and order first light"
+        )
     raise SyncRefused(
         f"the mount says that the tube hangs on the side {said}, the image's rotation says {seen}: "
         "a sync in the wrong posture would turn its next slew the wrong way",
         device=equipment.name,
-        advice="nothing was synced; order first light: it finds the posture by a small move; or let the "
-        "mount find its home; if it is no German mount, set mount.mounting",
+        advice=f"nothing was synced; {advice}; if it is no German mount, set mount.mounting",
         doubts=(SyncDoubt.WRONG_SIDE,),
     )
 

@@ -60,20 +60,26 @@ class Met:
 
 @contextlib.asynccontextmanager
 async def met(
-    protocol: str, dialect: str | None, *, believes: Site = OTHER, ahead_s: float = 0.0
+    protocol: str,
+    dialect: str | None,
+    *,
+    believes: Site = OTHER,
+    ahead_s: float = 0.0,
+    options: str = "",
+    parked: bool = False,
 ) -> AsyncIterator[Met]:
     """A fake that believes to stand elsewhere, on a real pseudo-terminal."""
     mechanics = Mechanics(
         SITE,
         Air(),
         PointingErrors(),
-        machine=Machine(mounting="german", clock_offset_s=ahead_s),
+        machine=Machine(mounting="german", clock_offset_s=ahead_s, starts_at="park" if parked else "zenith"),
         slew_rate_deg_s=40.0,
     )
     fake = make_fake(protocol, dialect, mechanics, clock=utc_now, monotonic=time.monotonic)
     mechanics.set_believed_site(believes)
     with FakeOnPty(fake) as bench:
-        url = f"{protocol}+serial://{bench.address}"
+        url = f"{protocol}+serial://{bench.address}{options}"
         journal = MemoryJournal()
         mount = CheckedMount(
             open_mount(url, site=SITE),
@@ -143,6 +149,39 @@ async def test_at_its_park_position_the_axes_tell_where_it_stands() -> None:
         await mount.park()
         await mount.set_site_and_time()
         assert mount.trusted
+
+
+@pytest.mark.parametrize(("protocol", "dialect"), FAMILIES)
+@pytest.mark.parametrize("wrong", ["site", "clock"])
+async def test_what_connecting_sets_counts_as_what_an_order_sets(
+    protocol: str, dialect: str | None, wrong: str
+) -> None:
+    believes, ahead_s = (OTHER, 0.0) if wrong == "site" else (SITE, 3600.0)
+    options = "?set_site=yes&set_clock=yes"
+    async with met(protocol, dialect, believes=believes, ahead_s=ahead_s, options=options) as found:
+        mount = found.mount
+        assert mount.contradiction is None
+        assert not mount.trusted
+        assert "its site and clock were set to ours, which turned its sky" in mount.why_untrusted
+        assert mount.turned_deg is not None
+        with pytest.raises(DeviceRefused) as lost:
+            await mount.slew(found.place())
+        assert lost.value.reason is Refusal.UNTRUSTED
+        mount.trust()
+        await mount.would_slew(found.place())
+
+
+async def test_connecting_that_sets_next_to_nothing_leaves_the_position_trusted() -> None:
+    options = "?set_site=yes&set_clock=yes"
+    async with met("lx200", "onstep", believes=SITE, ahead_s=20.0, options=options) as found:
+        assert found.mount.trusted
+        assert found.mount.turned_deg is None
+
+
+async def test_a_parked_mount_is_set_at_connecting_and_its_axes_tell() -> None:
+    options = "?set_site=yes&set_clock=yes"
+    async with met("lx200", "onstep", ahead_s=3600.0, options=options, parked=True) as found:
+        assert found.mount.trusted
 
 
 async def test_what_it_was_turned_by_is_kept_until_the_sky_or_a_second_order_confirms_it() -> None:

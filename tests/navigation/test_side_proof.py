@@ -113,6 +113,24 @@ def test_from_home_the_way_itself_shows_it() -> None:
     assert "stop" not in rig.driver.received
 
 
+@pytest.mark.parametrize("order", ["home", "park"])
+def test_the_way_out_that_the_refusal_names_works(order: str) -> None:
+    # switched on at the meridian; home, or parked by an order, it is as if it had been switched on there
+    async def work(rig: Rig) -> None:
+        with pytest.raises(OutsideLimits, match="order home, or park and unpark"):
+            await rig.mount.slew(rig.place(50.0, 48.0))
+        if order == "home":
+            await rig.mount.home()
+        else:
+            await rig.mount.park()
+            await rig.mount.unpark()
+        for ha_deg in (50.0, -50.0):
+            assert await rig.mount.slew(rig.place(ha_deg, 48.0)) is SlewOutcome.ARRIVED
+
+    machine = Machine(mounting="german", starts_at="zenith", meridian_limits_deg=(8.0, 8.0))
+    run(work, limits=LIMITS, machine=machine, behavior=SILENT, mounting="german")
+
+
 @pytest.mark.parametrize("swapped", [True, False])
 def test_one_that_foretells_its_side_is_asked(swapped: bool) -> None:
     async def work(rig: Rig) -> None:

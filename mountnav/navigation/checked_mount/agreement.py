@@ -17,7 +17,7 @@ from mountnav.journal.records import EntryKind
 from mountnav.navigation.checked_mount.guarding import Guard
 from mountnav.navigation.checked_mount.standing import Standing
 from mountnav.navigation.checked_mount.written_orders import OrderBook
-from mountnav.navigation.devices import ConnectReport, Mount
+from mountnav.navigation.devices import ConnectReport, Mount, MountReading
 from mountnav.sky.present import sky_s
 from mountnav.sky.sphere import half_turn_deg
 
@@ -219,7 +219,25 @@ class Agreement:
             self._standing.distrust(f"its site and clock were being set, how far isn't known: {error.what}")
             raise
         self._look()
-        now = Difference.of(report)
+        self._turned(before, Difference.of(report), reading)
+        return report
+
+    async def opened(self) -> None:
+        """Let its position count as after `set_right`, if connecting has set its site or clock to ours."""
+        report = getattr(self._mount, "report", None)
+        if not isinstance(report, ConnectReport) or report.found is None:
+            return
+        before, now = Difference.of(report.found), Difference.of(report)
+        if before.words is not None and now.words is None:
+            self.turned_deg = half_turn_deg(before.turn_deg - now.turn_deg)
+        try:
+            reading = await self._standing.reading()
+        except DeviceError:
+            reading = None
+        self._turned(before, now, reading)
+
+    def _turned(self, before: Difference, now: Difference, reading: MountReading | None) -> None:
+        """Let its position not count where nobody has seen what it means by the site and clock it has now."""
         changed = now.moved_from(before)
         by_its_axes = (
             reading is not None
@@ -231,7 +249,6 @@ class Agreement:
             # which of both is right. At home and at its park position the axes tell; but if it is our clock
             # that is wrong, the Sun is elsewhere
             self._standing.distrust(f"its site and clock were set to ours, {changed}")
-        return report
 
     def accept(self) -> str | None:
         """One who may configure has seen the contradiction and wants it so, until it changes.

@@ -1,7 +1,8 @@
 """What a mount's readings mean to its limits: where it stands, whether it may go, when it has to stop.
 
 On which side of the pier a German mount's tube hangs is what its readings say; where they don't, it is
-taken to be where the last slew should have led, and before the first one where German mounts usually are.
+followed from one reading to the next, from where a slew should have led; before the first one it is taken
+to be where German mounts usually are.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ import numpy as np
 from mountnav.errors import LimitKind, OutsideLimits
 from mountnav.navigation.checked_mount.braking import Braking
 from mountnav.navigation.checked_mount.rates_seen import RatesSeen, Unlike
+from mountnav.navigation.checked_mount.side_followed import SideFollowed
 from mountnav.navigation.checked_mount.side_proof import LOOK_AT_IT, SideProof, SideUnproven
+from mountnav.navigation.checked_mount.sides_kept import STRAYS_DEG, SidesKept
 from mountnav.navigation.devices import Epoch, MountReading, PierSide
 from mountnav.navigation.kinds import for_mount, from_mount
 from mountnav.pointing.limits import Limits, Mounting, Reached, SlewCheck
@@ -35,7 +38,6 @@ BELOW_GROUND_DEG = -2.0
 """Lower than this no telescope looks, whatever refraction and an uneven horizon do."""
 
 _SIDES = (PierSide.EAST, PierSide.WEST)
-_STRAYS_DEG = 3.0
 _OF_AXES = frozenset({LimitKind.MERIDIAN, LimitKind.UNREACHABLE})
 _MISREPORTED = (
     "if the tube hangs on the other side of the pier than the mount says (look at it), set swap_sides = true "
@@ -83,14 +85,28 @@ class Guard:
         self.site = site
         self.air = air
         self.mounting = mounting
-        self._expected_side: PierSide | None = None
+        self._followed = SideFollowed()
+        self._told_anew = False
         self._rates = RatesSeen()
+        self._kept = SidesKept()
         self.proof = proof or SideProof()
         self._set_out = False
 
     def set_out(self) -> None:
         """An order to move goes out: it isn't where it was switched on any more."""
         self._set_out = True
+        self._told_anew = False
+
+    def saw(self, reading: MountReading) -> None:
+        """Take in a reading: a mount that doesn't tell its side is followed by it."""
+        if self.mounting != "german" or _told(reading):
+            return
+        stands = self._standings(reading, "german")
+        self._followed.seen(reading.utc, stands, told_anew=self._told_anew)
+
+    def told_anew(self) -> None:
+        """It is told where it points: until the next order to move its place may change, and no axis."""
+        self._told_anew = True
 
     def stood(self, reading: MountReading) -> bool:
         """Take in where it stands before an order; whether that has proven the side that it tells."""
@@ -101,12 +117,32 @@ class Guard:
         return self.proof.stood(scene, standing_for(scene, here, "german", reading.pier_side))
 
     def side(self, reading: MountReading) -> PierSide | None:
-        """On which side the tube hangs: as the mount says, or as the last slew should have left it."""
-        return reading.pier_side if _told(reading) else self._expected_side
+        """On which side the tube hangs: as the mount says, or as it was followed."""
+        return reading.pier_side if _told(reading) else self._followed.side
 
-    def arrived(self, check: SlewCheck) -> None:
-        """A slew has ended as it was checked: keep where the tube should hang now."""
-        self._expected_side = check.sides[0] if len(check.sides) == 1 else None
+    def arrived(self, check: SlewCheck, reading: MountReading) -> None:
+        """A slew has ended as it was checked: on which side the tube hangs now, and whether it kept it."""
+        self._followed.arrived(check.sides)
+        side = self.side(reading)
+        if side is None or check.mounting != "german" or check.sure:
+            return
+        here = icrs_to_hour_angle(from_mount(reading.place), reading.utc, self.site, self.air)
+        if abs(here.dec_deg) < POLE_DOUBT_DEG:
+            self._kept.hangs(side, here.ha_deg)
+
+    def lost_sight(self) -> None:
+        """Nobody knows what became of it meanwhile."""
+        self._followed.lost()
+        self._kept.forget()
+
+    def chooses_anew(self) -> None:
+        """Somebody moves it by hand: it may take either side then, whatever it kept before."""
+        self._kept.forget()
+
+    def at_station(self) -> None:
+        """It has come to its park position or its home: as if it had been switched on there."""
+        self._set_out = False
+        self._kept.forget()
 
     async def plan(
         self, reading: MountReading, target: Icrs, utc: datetime, destination: PierSide | None
@@ -153,12 +189,16 @@ class Guard:
             )
         except OutsideLimits as refusal:
             told = _told(reading) or destination in _SIDES
-            if self.mounting != "german" or self.proof.stated or not told:
+            advice = [
+                *([self._kept.advice] if self._kept.to_deg and refusal.limit in _OF_AXES else []),
+                *([_MISREPORTED] if self.mounting == "german" and told and not self.proof.stated else []),
+            ]
+            if not advice:
                 raise
             raise OutsideLimits(
                 refusal.what,
                 device=refusal.device,
-                advice=f"{refusal.advice}; {_MISREPORTED}",
+                advice="; ".join([refusal.advice or "", *advice]),
                 limit=refusal.limit,
             ) from None
         if check.mounting == "german" and _told(reading):
@@ -177,7 +217,7 @@ class Guard:
             )
         scene = Scene(self.limits, reading.utc, self.site)
         ways = check.expected
-        # at the pole, and not sent there by us: it stands at home, its counterweight down
+        # at the pole, and not slewed there by us: it stands at home, its counterweight down
         from_home = not self._set_out and any(
             abs(abs(one.start.second_deg) - 90.0) < 90.0 - POLE_DOUBT_DEG for one in ways
         )
@@ -219,7 +259,7 @@ class Guard:
     @property
     def _reckoned(self) -> Limits:
         """The limits, with ways for the rates at which the axes were seen to turn."""
-        return self._rates.reckoned(self.limits)
+        return self._kept.reckoned(self._rates.reckoned(self.limits))
 
     @staticmethod
     def for_mount(place: Icrs, epoch: Epoch, utc: datetime) -> Apparent | Icrs:
@@ -315,7 +355,11 @@ class Guard:
         """Whether a mount of which the way had to be guessed goes another one."""
         if check.sure:
             return False
-        return min(strays_deg(check.expected, one) for one in self._stands(reading, check)) > _STRAYS_DEG
+        stands = self._stands(reading, check)
+        if min(strays_deg(check.expected, one) for one in stands) <= STRAYS_DEG:
+            return False
+        self._kept.strayed(check, stands, self.side(reading))
+        return True
 
     def unlike(self, before: MountReading, reading: MountReading, check: SlewCheck) -> Unlike | None:
         """Whether its axes turn, between two readings on the way, at other rates than it was checked for."""
@@ -353,10 +397,13 @@ class Guard:
 
     def _stands(self, reading: MountReading, check: SlewCheck) -> list[Standing]:
         """How it may stand on a way: on both sides of the pier, where it doesn't tell."""
+        return [*self._standings(reading, check.mounting).values()]
+
+    def _standings(self, reading: MountReading, kind: Mounting) -> dict[PierSide, Standing]:
         scene = Scene(self.limits, reading.utc, self.site)
         here = icrs_to_hour_angle(from_mount(reading.place), reading.utc, self.site, self.air)
         told = reading.pier_side if _told(reading) else None
-        return [standing_for(scene, here, check.mounting, side) for side in ([told] if told else _SIDES)]
+        return {side: standing_for(scene, here, kind, side) for side in ([told] if told else _SIDES)}
 
     def sun_would_come(self, reading: MountReading, within_s: float = 10800.0) -> bool:
         """Whether a tube that stands still where it is would have the Sun come nearer."""

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Mapping
 
 from mountnav.clock import Clock
+from mountnav.errors import DeviceError, OutsideLimits
 from mountnav.journal.records import Order, Outcome
 from mountnav.navigation.checked_mount.admission import Admission
-from mountnav.navigation.checked_mount.guarding import Guard
+from mountnav.navigation.checked_mount.guarding import Guard, Plan
 from mountnav.navigation.checked_mount.sending import Came, OvertakenError, Sender
 from mountnav.navigation.checked_mount.slew_plans import SlewPlans
 from mountnav.navigation.checked_mount.standing import Standing
@@ -22,6 +23,20 @@ _OUTCOMES = {
     SlewOutcome.STALLED: Outcome.STALLED,
     SlewOutcome.STOPPED: Outcome.STOPPED,
 }
+
+
+_ANEW = 2
+"""So often a way by legs is planned anew whose next leg isn't allowed any more: the mount may have come to a
+place on the other side of the pier than was reckoned with. Doubled, a mount wanders longer before it is
+refused."""
+
+
+class _LegRefused(Exception):
+    """A leg after the first one isn't allowed from where the mount has come to."""
+
+    def __init__(self, why: OutsideLimits, before: MountReading) -> None:
+        self.why = why
+        self.before = before
 
 
 class Motions:
@@ -66,20 +81,46 @@ class Motions:
         stops = self._sender.stops
         async with self._admission.held("slew"):
             before = await self._admission.ready("slew", place=place)
-            plan = await self._plans.made(before, place)
-            legs, check = plan.legs, plan.check
-            for number, leg in enumerate(legs, start=1):
-                aim = place if number == len(legs) else for_mount(leg, self._mount.epoch, self._clock.utc())
-                if number > 1:
-                    before = await self._admission.ready("slew", place=aim)
-                if len(legs) > 1:
+            for anew in reversed(range(1 + _ANEW)):
+                plan = await self._plans.made(before, place)
+                try:
+                    return await self._by_legs(plan, place, before, stops)
+                except _LegRefused as refused:
+                    if not anew:
+                        raise refused.why from None
+                    before = refused.before
+            raise AssertionError  # the last one raises
+
+    async def _by_legs(
+        self, plan: Plan, place: Apparent | Icrs, before: MountReading, stops: int
+    ) -> SlewOutcome:
+        legs, check = plan.legs, plan.check
+        for number, leg in enumerate(legs, start=1):
+            aim = place if number == len(legs) else for_mount(leg, self._mount.epoch, self._clock.utc())
+            if number > 1:
+                before = await self._admission.ready("slew", place=aim)
+            if len(legs) > 1:
+                try:
                     check = await self._plans.checked(before, aim, leg)
-                facts = check.facts | ({} if len(legs) == 1 else {"leg": number, "of": len(legs)})
-                outcome = await self._leg(aim, before, facts, stops, check)
-                if outcome is not SlewOutcome.ARRIVED:
-                    return outcome
-                self._guard.arrived(check)
-            return SlewOutcome.ARRIVED
+                except OutsideLimits as why:
+                    if number == 1:
+                        raise
+                    raise _LegRefused(why, before) from None
+            facts = check.facts | ({} if len(legs) == 1 else {"leg": number, "of": len(legs)})
+            outcome = await self._leg(aim, before, facts, stops, check)
+            if outcome is not SlewOutcome.ARRIVED:
+                return outcome
+            await self._keep_side(check)
+        return SlewOutcome.ARRIVED
+
+    async def _keep_side(self, check: SlewCheck) -> None:
+        """Take in on which side a German mount hangs that doesn't foretell it."""
+        if check.mounting != "german" or check.sure:
+            return
+        try:
+            self._guard.arrived(check, await self._standing.reading())
+        except DeviceError:
+            self._guard.lost_sight()
 
     async def _leg(
         self,
@@ -147,6 +188,8 @@ class Motions:
             detail = "" if left is None else f"stopped by the limits: {left.what}"
             if arrived and new_segment:
                 self._standing.regained()
+            if arrived and check is None:
+                self._guard.at_station()
             return Came(_OUTCOMES[outcome], detail, new_segment=new_segment if arrived else "")
 
         self._guard.set_out()

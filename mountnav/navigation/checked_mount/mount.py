@@ -88,6 +88,8 @@ class CheckedMount:
         self._limits = limits
         self._wider_deg = self._off_deg = 0.0
         standing.segments.listen(self._usual_again)
+        standing.on_reading(guard.saw)
+        standing.listen(self._not_followed)
         self._brief = BriefOrders(mount, guard, standing, sender, admission, watch, book, self._clock)
 
     # -- what it is --------------------------------------------------------------------------------
@@ -287,6 +289,11 @@ class CheckedMount:
         self._off_deg = 0.0
         self._keep_away()
 
+    def _not_followed(self, what: str, facts: Mapping[str, object]) -> None:
+        """A mount that was switched off, or out of sight, may stand on either side of the pier."""
+        if what == "untrusted":
+            self._guard.lost_sight()
+
     def distrust(self, why: str) -> None:
         """Let its position not count until a sync is seen, its home is found, or an operator says so."""
         self._standing.distrust(why)
@@ -331,6 +338,7 @@ class CheckedMount:
     async def open(self) -> None:
         """Connect, and begin to watch the limits. Moves nothing."""
         await self._mount.open()
+        await self._agreement.opened()
         self._watch.start()
 
     async def close(self) -> None:

@@ -43,9 +43,9 @@ _OF_AXES = frozenset({LimitKind.MERIDIAN, LimitKind.UNREACHABLE})
 _SIDES = (PierSide.EAST, PierSide.WEST)
 
 LOOK_AT_IT = (
-    "slew to a place farther from the pole and the meridian first, if it lets you: that shows it; or "
-    "look at the tube, and set swap_sides of the mount: false if it hangs where the mount says, true if on "
-    "the other side; or let the mount find its home first"
+    "order home, or park and unpark: if that is at the pole, the first slew from there shows it; or look at "
+    "the tube, and set swap_sides of the mount: false if it hangs where the mount says, true if on the other "
+    "side, and start the service again"
 )
 
 Asked = Callable[[Icrs], Awaitable[PierSide | None]]
@@ -152,8 +152,8 @@ class SideProof:
             if depth_deg > max(0.0, stood_deg):
                 raise SideUnproven(
                     f"the slew isn't allowed: the mount says that its tube hangs on the {start.side} side of "
-                    f"the pier, which nothing has shown yet; if it hangs on the other one, the target would "
-                    f"be {depth_deg:.1f}° too far past the meridian",
+                    f"the pier, which nothing has shown yet; if it hangs on the other one, it would come "
+                    f"{depth_deg:.1f}° too far past the meridian on its way",
                     advice=LOOK_AT_IT,
                     limit=LimitKind.MERIDIAN,
                 )

@@ -203,6 +203,7 @@ class TrackingWatch:
             self._told_near = None
             return SLOWEST_S
         if reading.slewing or self._moves(before, reading):
+            self._guard.chooses_anew()
             await self._look_at_hand(reading)
             return NEAR_S
         return await self._look_at_tracking(before, reading)

@@ -55,6 +55,9 @@ class Limits:
     rate_ratio : (float, float) or None
         Least and greatest rate of the second axis over that of the first; None: nothing is known of them, and
         a way may be anything between doing one axis first and the other.
+    stays_to_deg : float
+        German: so far past the meridian the mount was seen to stay on its side where it was expected to
+        change; 0: never. No setting.
     margin_deg : float
         Added to all limits of the sky when ways and tracking are checked: for the pointing error.
     slew_takes_s, track_for_s : float
@@ -83,6 +86,7 @@ class Limits:
     daylight_from_altitude_deg: float = -6.0
     way_min_altitude_deg: float | None = None
     rate_ratio: tuple[float, float] | None = (0.5, 2.0)
+    stays_to_deg: float = 0.0
     margin_deg: float = 0.0
     slew_takes_s: float = 120.0
     track_for_s: float = 60.0

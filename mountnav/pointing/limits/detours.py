@@ -23,6 +23,11 @@ if TYPE_CHECKING:
 
 _DECLINATIONS_DEG = (80.0, 65.0, 50.0, 35.0, 20.0, 5.0)
 _PLAIN_DEG = 45.0
+_FARTHER_DEG = 15.0
+"""A mount that was seen to stay on its side is sent so much farther past the meridian, °, to have it change:
+two tries lead from 45° to 75°. Doubled, it is sent down to the horizon, and refused there."""
+_FARTHEST_DEG = 75.0
+"""Farther past the meridian than this, °, no German mount stays on its side."""
 _Angles = tuple[float, float]
 
 
@@ -72,7 +77,7 @@ def legs_to(
     reachable: dict[_Angles, tuple[bool, PierSide | None]] = {}
     # on which side a German mount looks at the pole nobody can foretell: by way of it comes last
     ways = sorted(
-        _ways(here, there, site.latitude_deg, side),
+        _ways(here, there, site.latitude_deg, side, limits.stays_to_deg),
         key=lambda via: any(abs(dec_deg) >= POLE_DOUBT_DEG for _, dec_deg in via),
     )
     for via in ways:
@@ -89,14 +94,15 @@ def legs_to(
 
 
 def _ways(
-    here: HourAngle, there: HourAngle, latitude_deg: float, side: PierSide | None
+    here: HourAngle, there: HourAngle, latitude_deg: float, side: PierSide | None, stays_to_deg: float
 ) -> Iterator[list[_Angles]]:
     """Hour angles and declinations by way of which to try it, the shortest ones first."""
     yield [(here.ha_deg, there.dec_deg)]
     yield [(there.ha_deg, here.dec_deg)]
     north = 1.0 if latitude_deg >= 0.0 else -1.0
     # where it is plain from which side of the pier a German mount looks: from there on it only stays
-    plain_deg = math.copysign(_PLAIN_DEG, there.ha_deg)
+    past_deg = max(_PLAIN_DEG, min(stays_to_deg + _FARTHER_DEG, _FARTHEST_DEG) if stays_to_deg else 0.0)
+    plain_deg = math.copysign(past_deg, there.ha_deg)
     # and where there is room to stop a German mount that stays instead of changing sides
     room_deg = {PierSide.WEST: -_PLAIN_DEG, PierSide.EAST: _PLAIN_DEG}.get(
         side or PierSide.UNKNOWN, math.copysign(_PLAIN_DEG, here.ha_deg)

@@ -66,6 +66,8 @@ class SlewCheck:
         All ways that are allowed, as angles of the axes: also those that it isn't expected to take.
     sure : bool
         Whether nothing had to be guessed of them. Otherwise it has to be watched that it takes one of them.
+    unasked : tuple of Way
+        Those that aren't allowed and that a German mount may take unasked: it stays on its side, or changes.
     """
 
     mounting: Mounting
@@ -74,6 +76,7 @@ class SlewCheck:
     sides: tuple[PierSide, ...]
     expected: tuple[Way, ...] = ()
     sure: bool = True
+    unasked: tuple[Way, ...] = ()
 
     @property
     def facts(self) -> dict[str, object]:
@@ -123,13 +126,15 @@ def check_slew(
     ways = judged(expected)
     told = destination in _SIDES
     begins = known or side_by_rule(here.ha_deg)
-    stays = [] if told else [pair for pair in others if pair == (begins, begins)]
-    begun = [_begun(scene, here, there, pair[0]) for pair in stays]
+    # unasked it may stay; where it was seen to stay, it may change
+    ends = side_by_rule(there.ha_deg) if _seen_to_stay(scene, there) else begins
+    begun = [] if told else [_begun(scene, here, there, pair) for pair in others if pair == (begins, ends)]
     bad = [one for one in [*ways, *begun] if one.limit is not None]
     if bad:
         _refuse(scene, bad[0], [one for one in [*ways, *judged(others)] if one.text != bad[0].text])
     # what it isn't expected to do, but may, needs no stopping
-    spare = [] if kind != "german" or told else [one for one in judged(others) if one.limit is None]
+    unasked = [] if kind != "german" or told else judged(others)
+    spare = [one for one in unasked if one.limit is None]
     return SlewCheck(
         kind,
         tuple(dict.fromkeys(one.text for one in ways)),
@@ -139,6 +144,7 @@ def check_slew(
         else (),
         tuple(one.way for one in [*ways, *spare]),
         sure=kind != "german" or told,
+        unasked=tuple(one.way for one in unasked if one.limit is not None),
     )
 
 
@@ -153,7 +159,7 @@ def _sides(
     """Pairs of sides (now, then) that are to be expected, and the others."""
     if kind != "german":
         return [(PierSide.UNKNOWN, PierSide.UNKNOWN)], []
-    starts = [known] if known else _likely(here.ha_deg)
+    starts = [known] if known else _likely(scene, here)
     expected = [(start, end) for start in starts for end in _ends(scene, there, start, destination)]
     pairs = [(start, end) for start in starts for end in _SIDES]
     return expected, [pair for pair in pairs if pair not in expected]
@@ -167,16 +173,26 @@ def _ends(scene: Scene, there: HourAngle, start: PierSide, destination: PierSide
     reached = [side for side in _SIDES if _reaches(scene, there, side)]
     if usual not in reached:
         return reached or [usual]
+    if _seen_to_stay(scene, there):
+        return [start]
     # near the meridian it may as well stay; but none changes to the side that looks the other way
     may_stay = start in reached and from_the_meridian_deg(there.ha_deg) <= SIDE_DOUBT_DEG
     return list(dict.fromkeys([usual, start] if may_stay else [usual]))
 
 
-def _likely(ha_deg: float) -> list[PierSide]:
-    usual = side_by_rule(ha_deg)
-    if from_the_meridian_deg(ha_deg) > SIDE_DOUBT_DEG:
-        return [usual]
-    return [usual, *(side for side in _SIDES if side is not usual)]
+def _seen_to_stay(scene: Scene, place: HourAngle) -> bool:
+    """Whether for a place so far past the meridian the mount was seen to stay on its side."""
+    return from_the_meridian_deg(place.ha_deg) <= scene.limits.stays_to_deg
+
+
+def _likely(scene: Scene, here: HourAngle) -> list[PierSide]:
+    """Sides on which the tube of a mount may hang that doesn't tell it."""
+    usual = side_by_rule(here.ha_deg)
+    other = next(side for side in _SIDES if side is not usual)
+    near = from_the_meridian_deg(here.ha_deg) <= SIDE_DOUBT_DEG
+    # no order led where the axes aren't allowed
+    stayed = _seen_to_stay(scene, here) and _reaches(scene, here, other)
+    return [usual, other] if near or stayed else [usual]
 
 
 def _reaches(scene: Scene, there: HourAngle, side: PierSide) -> bool:
@@ -218,20 +234,21 @@ def _starts(start: Standing, here: HourAngle) -> list[Standing]:
     return [start, replace(start, first_deg=home_deg)]
 
 
-def _begun(scene: Scene, here: HourAngle, there: HourAngle, side: PierSide) -> _Judged:
-    """The beginning of the way of a German mount that stays on its side, though it is expected to change.
+def _begun(scene: Scene, here: HourAngle, there: HourAngle, sides: _Pair) -> _Judged:
+    """The beginning of the way of a German mount that stays on its side or changes, though it shouldn't.
 
     Before it has gone farther it is seen and stopped, but so far it has to be allowed.
     """
-    start, end = _standing(scene, here, "german", side), _standing(scene, there, "german", side)
+    start, end = _standing(scene, here, "german", sides[0]), _standing(scene, there, "german", sides[1])
     # at the pole it stands at home, most likely
     start = _starts(start, here)[-1]
-    turned = [
+    first_deg, second_deg = (
         begin + max(-SEEN_AFTER_DEG, min(SEEN_AFTER_DEG, to - begin))
         for begin, to in ((start.first_deg, end.first_deg), (start.second_deg, end.second_deg))
-    ]
-    way = Way(start, replace(end, first_deg=turned[0], second_deg=turned[1]))
-    text = f"{way.label}, which it may do unasked"
+    )
+    # until then it has not changed
+    way = Way(start, replace(start, first_deg=first_deg, second_deg=second_deg))
+    text = f"{Way(start, end).label}, which it may do unasked"
     stands = scene.axis_depths(start)
     for limit, depth in scene.axis_depths(way.end).items():
         if depth[0] > max(0.0, stands[limit][0]):
