@@ -38,6 +38,8 @@ BELOW_GROUND_DEG = -2.0
 """Lower than this no telescope looks, whatever refraction and an uneven horizon do."""
 
 _SIDES = (PierSide.EAST, PierSide.WEST)
+_TAKES_SYNCS_S = 15.0
+"""A sync may show so late, s. Doubled, a motion by hand right after one is taken for it."""
 _OF_AXES = frozenset({LimitKind.MERIDIAN, LimitKind.UNREACHABLE})
 _MISREPORTED = (
     "if the tube hangs on the other side of the pier than the mount says (look at it), set swap_sides = true "
@@ -86,7 +88,8 @@ class Guard:
         self.air = air
         self.mounting = mounting
         self._followed = SideFollowed()
-        self._told_anew = False
+        self._latest: MountReading | None = None
+        self._told_anew_utc: datetime | None = None
         self._rates = RatesSeen()
         self._kept = SidesKept()
         self.proof = proof or SideProof()
@@ -95,18 +98,20 @@ class Guard:
     def set_out(self) -> None:
         """An order to move goes out: it isn't where it was switched on any more."""
         self._set_out = True
-        self._told_anew = False
+        self._told_anew_utc = None
 
     def saw(self, reading: MountReading) -> None:
         """Take in a reading: a mount that doesn't tell its side is followed by it."""
+        self._latest = reading
         if self.mounting != "german" or _told(reading):
             return
-        stands = self._standings(reading, "german")
-        self._followed.seen(reading.utc, stands, told_anew=self._told_anew)
+        told = self._told_anew_utc
+        anew = told is not None and (reading.utc - told).total_seconds() <= _TAKES_SYNCS_S
+        self._followed.seen(reading.utc, self._standings(reading, "german"), told_anew=anew)
 
-    def told_anew(self) -> None:
-        """It is told where it points: until the next order to move its place may change, and no axis."""
-        self._told_anew = True
+    def told_anew(self, utc: datetime) -> None:
+        """It is told where it points: soon after, until it is sent on, its place may change, and no axis."""
+        self._told_anew_utc = utc
 
     def stood(self, reading: MountReading) -> bool:
         """Take in where it stands before an order; whether that has proven the side that it tells."""
@@ -120,11 +125,14 @@ class Guard:
         """On which side the tube hangs: as the mount says, or as it was followed."""
         return reading.pier_side if _told(reading) else self._followed.side
 
-    def arrived(self, check: SlewCheck, reading: MountReading) -> None:
+    def arrived(self, check: SlewCheck) -> None:
         """A slew has ended as it was checked: on which side the tube hangs now, and whether it kept it."""
         self._followed.arrived(check.sides)
+        reading = self._latest
+        if check.mounting != "german" or check.sure or reading is None or reading.slewing:
+            return
         side = self.side(reading)
-        if side is None or check.mounting != "german" or check.sure:
+        if side is None or (_told(reading) and not self.proof.proven):
             return
         here = icrs_to_hour_angle(from_mount(reading.place), reading.utc, self.site, self.air)
         if abs(here.dec_deg) < POLE_DOUBT_DEG:
@@ -358,7 +366,9 @@ class Guard:
         stands = self._stands(reading, check)
         if min(strays_deg(check.expected, one) for one in stands) <= STRAYS_DEG:
             return False
-        self._kept.strayed(check, stands, self.side(reading))
+        if not self._kept.strayed(check, stands, self.side(reading)):
+            # then it didn't begin on that side, if it doesn't tell
+            self._followed.lost()
         return True
 
     def unlike(self, before: MountReading, reading: MountReading, check: SlewCheck) -> Unlike | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Mapping
 
 from mountnav.clock import Clock
-from mountnav.errors import DeviceError, OutsideLimits
+from mountnav.errors import OutsideLimits
 from mountnav.journal.records import Order, Outcome
 from mountnav.navigation.checked_mount.admission import Admission
 from mountnav.navigation.checked_mount.guarding import Guard, Plan
@@ -110,17 +110,8 @@ class Motions:
             outcome = await self._leg(aim, before, facts, stops, check)
             if outcome is not SlewOutcome.ARRIVED:
                 return outcome
-            await self._keep_side(check)
+            self._guard.arrived(check)
         return SlewOutcome.ARRIVED
-
-    async def _keep_side(self, check: SlewCheck) -> None:
-        """Take in on which side a German mount hangs that doesn't foretell it."""
-        if check.mounting != "german" or check.sure:
-            return
-        try:
-            self._guard.arrived(check, await self._standing.reading())
-        except DeviceError:
-            self._guard.lost_sight()
 
     async def _leg(
         self,

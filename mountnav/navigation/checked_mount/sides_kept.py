@@ -39,8 +39,10 @@ class SidesKept:
         """The limits, with ways for a mount that stays where it was seen to stay."""
         return replace(limits, stays_to_deg=self.to_deg) if self.to_deg else limits
 
-    def strayed(self, check: SlewCheck, stands: Sequence[Standing], began: PierSide | None) -> None:
+    def strayed(self, check: SlewCheck, stands: Sequence[Standing], began: PierSide | None) -> bool:
         """It goes another way than expected: whether it stays on its side there, or changes after all.
+
+        False: neither, from the side on which it should have begun.
 
         Parameters
         ----------
@@ -60,6 +62,7 @@ class SidesKept:
         elif taken and not any(way.start.side is way.end.side for way in taken):
             past_deg = from_the_meridian_deg(taken[0].end.first_deg)
             self.to_deg = max(0.0, min(self.to_deg, past_deg - _ROOM_DEG))
+        return bool(taken)
 
     def _stays_for(self, past_deg: Sequence[float]) -> None:
         self.to_deg = max([self.to_deg, *(one + _ROOM_DEG for one in past_deg)])

@@ -65,7 +65,7 @@ class Syncs:
             except (OutsideLimits, BadRequest) as refusal:
                 await self._sender.refused("sync", refusal, before, place)
                 raise
-            self._guard.told_anew()
+            self._guard.told_anew(self._clock.utc())
             try:
                 return await self._sender.send(
                     "sync",
