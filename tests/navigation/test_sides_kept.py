@@ -110,6 +110,13 @@ def test_one_that_keeps_its_side_comes_to_where_it_is_sent(
     assert lived(ways, limits, behavior, STAYS).deepest_deg <= 0.1
 
 
+def test_a_side_that_was_only_supposed_is_given_up_when_the_way_contradicts_it() -> None:
+    # switched on in the east of the meridian on the side that looks west, which nobody can see
+    machine = replace(STAYS, home_axes_deg=(-18.4, 20.2))
+    ways = [(-18.4, -21.8), (19.0, -21.8), (104.9, 69.5)]
+    assert lived(ways, FREE, MUTE, machine).deepest_deg <= 0.1
+
+
 @pytest.mark.parametrize("behavior", [MUTE, TELLS], ids=["mute", "tells"])
 def test_near_the_meridian_a_short_slew_does_not_lose_sight_of_its_side(behavior: MountBehavior) -> None:
     # 27° beyond the limit before: after a short one its side was taken to be the usual one

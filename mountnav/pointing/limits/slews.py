@@ -27,7 +27,7 @@ from mountnav.pointing.limits.postures import (
     ways_between,
 )
 from mountnav.pointing.limits.scene import Scene
-from mountnav.pointing.limits.tracked import VACUUM, reached_from
+from mountnav.pointing.limits.tracked import AT_POLE_DEG, VACUUM, reached_from
 from mountnav.pointing.limits.ways import Trouble, trouble_on
 from mountnav.sky.chain import hour_angle_to_observed, icrs_to_hour_angle
 from mountnav.sky.coordinates import Air, HourAngle, Icrs, Observed, Site
@@ -261,7 +261,11 @@ def _begun(scene: Scene, here: HourAngle, there: HourAngle, sides: _Pair) -> _Ju
 
 def _judge(scene: Scene, way: Way, there: HourAngle, bare: HourAngle, track_s: float) -> _Judged:
     label = way.label or "the direct way"
-    for limit, depth in scene.axis_depths(way.end).items():
+    ends = [way.end]
+    if way.end.mounting == "german" and 90.0 - abs(bare.dec_deg) <= AT_POLE_DEG:
+        # where it tracks there its place tells nothing of the axes; where it is sent the mount's count does
+        ends.append(_standing(scene, bare, "german", way.end.side))
+    for limit, depth in (one for end in ends for one in scene.axis_depths(end).items()):
         # each axis turns one way: within at the end it comes no deeper outside, if it stands there
         if depth[0] > 0.0:
             seen = hour_angle_to_observed(there, scene.site)
