@@ -335,7 +335,18 @@ class Guarded(H11Protocol):
             self.transport.write(self.conn.send(event))
         self.transport.close()
 
+    def _should_upgrade(self) -> bool:
+        """No other protocol is spoken here, and whoever asks for one is answered by this one."""
+        return False
+
     async def _serve(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if _ends_doubtfully(scope):
+            # where the next request begins is not sure either: this is the connection's last
+            self.cycle.keep_alive = False
+            if not is_stop(scope["method"], scope["path"]):
+                found = problem("bad-request", 400, "the request tells its length in two ways")
+                await refusal_response(scope, found)(scope, receive, send)
+                return
         if not self.stops_only or is_stop(scope["method"], scope["path"]):
             await self._served(scope, receive, send)
             return
@@ -349,6 +360,12 @@ class Guarded(H11Protocol):
         answer = refusal_response(scope, found)
         answer.headers["Connection"] = "close"
         await answer(scope, receive, send)
+
+
+def _ends_doubtfully(scope: Scope) -> bool:
+    """Whether a proxy may see another end of a request than we do [RFC 9112 §6.1]."""
+    names = {name for name, _ in scope["headers"]}
+    return b"transfer-encoding" in names and (b"content-length" in names or scope["http_version"] < "1.1")
 
 
 __all__ = ["Bounds", "Deadlines", "Gate", "Guarded"]

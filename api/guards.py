@@ -24,6 +24,7 @@ from api.request_heads import BoundedHeads
 from api.safe_headers import SafeHeaders
 from api.security import LEASE_HEADER, OwnMachineOnly, address_of, caller_from_headers
 from api.strict_requests import PlainJson, ShortTargets
+from api.whole_bodies import WholeBodies
 from mountnav.settings import Settings
 
 _ASKED = (
@@ -45,7 +46,8 @@ def install(app: FastAPI, settings: Settings) -> None:
     From the outside in: every answer gets the headers against foreign pages, heads with too many headers are
     refused, requests are counted and begin one by one, addresses that are too long are refused, HEAD becomes
     GET, other sites' pages are turned away, what would change something is noted, callers that ask too much
-    are held back, bodies that are too large are refused, streams end with the keys that opened them.
+    are held back, bodies that are too large are refused, orders wait for all of theirs, streams end with the
+    keys that opened them.
 
     Parameters
     ----------
@@ -86,6 +88,7 @@ def install(app: FastAPI, settings: Settings) -> None:
     # what is added last stands outermost
     app.add_middleware(OpenStreams, caller_of=caller_of)
     app.add_middleware(PlainJson)
+    app.add_middleware(WholeBodies)
     app.add_middleware(BodyLimit, max_body_kb=service.max_body_kb, max_upload_mb=service.max_upload_mb)
     if service.rate_limit_per_s > 0:
         buckets = TokenBuckets(service.rate_limit_per_s, service.rate_burst)

@@ -236,7 +236,11 @@ def _is_of(origin: str, host: str) -> bool:
 
 def _is_loopback_name(url: str) -> bool:
     try:
-        name = urlsplit(url).hostname
-        return name == "localhost" or ipaddress.ip_address(name or "").is_loopback
+        parts = urlsplit(url)
+        name = parts.hostname
+        # a user belongs to no Host and to no Origin [RFC 9110 §4.2.4]
+        return "@" not in parts.netloc and (
+            name == "localhost" or ipaddress.ip_address(name or "").is_loopback
+        )
     except ValueError:
         return False

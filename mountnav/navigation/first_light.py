@@ -14,7 +14,6 @@ import math
 from dataclasses import replace
 
 from mountnav.errors import (
-    DeviceError,
     NotReached,
     OffsetImplausible,
     OutsideLimits,
@@ -28,10 +27,10 @@ from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.recovering import (
     FURTHEST_DEG,
     Told,
-    let_track,
     require_above_ground,
     require_rightly_set,
     tell,
+    tracked,
     two_that_agree,
 )
 from mountnav.navigation.reports import FirstLightReport, Look
@@ -100,29 +99,28 @@ class _FirstLight:
         began = equipment.clock.monotonic_s()
         equipment.listen("first-light", {})
         await mount.require_unparked("sync")
-        was_trusted, switched_on = mount.trusted, await let_track(equipment)
-        try:
-            first = await self._seen()
-            # the pole doesn't tell how far the hour angle is off
-            at_pole = 90.0 - abs(self._hour_angle(first).dec_deg) < AWAY_FROM_POLE_DEG
-            off_deg = FURTHEST_DEG if at_pole else first.offset.total_arcsec / 3600.0
-            with mount.wider_margin(off_deg):
+        was_trusted = mount.trusted
+        async with tracked(equipment):
+            try:
+                first = await self._seen()
+                # the pole doesn't tell how far the hour angle is off
+                at_pole = 90.0 - abs(self._hour_angle(first).dec_deg) < AWAY_FROM_POLE_DEG
+                off_deg = FURTHEST_DEG if at_pole else first.offset.total_arcsec / 3600.0
+                with mount.wider_margin(off_deg):
+                    if not was_trusted:
+                        # the sky says that it is right to some degrees: enough for small moves with that
+                        # margin
+                        mount.trust()
+                    found = await self._moved_as_told(await self._to_a_good_place(first))
+                    guard = equipment.guard
+                    guard.learned.forget()
+                    step("first light: sync")
+                    told = await tell(equipment, self._policy, found, self._look, Occasion.FIRST_LIGHT)
+                    self._synced = True
+            except BaseException:
                 if not was_trusted:
-                    # the sky says that it is right to some degrees: enough for small moves with that margin
-                    mount.trust()
-                found = await self._moved_as_told(await self._to_a_good_place(first))
-                guard = equipment.guard
-                guard.learned.forget()
-                step("first light: sync")
-                told = await tell(equipment, self._policy, found, self._look, Occasion.FIRST_LIGHT)
-                self._synced = True
-        except BaseException:
-            if not was_trusted:
-                mount.distrust("a first light didn't come to its end")
-            if switched_on:
-                with contextlib.suppress(DeviceError):
-                    await mount.set_tracking(False)
-            raise
+                    mount.distrust("a first light didn't come to its end")
+                raise
         after = await self._verified(told)
         learned = equipment.guard.learned
         return FirstLightReport(

@@ -7,7 +7,8 @@ mount woke up somewhere else, a second frame takes its place: two wrong solution
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 
 from mountnav.errors import (
@@ -77,15 +78,8 @@ async def recover(
     SyncIgnored, DeviceError, JournalFailed
     """
     equipment.listen("recovering", {})
-    switched_on = await let_track(equipment)
-    try:
+    async with tracked(equipment):
         return await _recover(equipment, policy, exposure_s)
-    except Exception:
-        # nobody knows where it points: it must not be tracked to wherever that leads
-        if switched_on:
-            with contextlib.suppress(DeviceError):
-                await equipment.mount.set_tracking(False)
-        raise
 
 
 async def _recover(equipment: Equipment, policy: CenteringPolicy, exposure_s: float | None) -> RecoverReport:
@@ -223,7 +217,24 @@ async def two_that_agree(
             raise said
 
 
-async def let_track(equipment: Equipment) -> bool:
+@asynccontextmanager
+async def tracked(equipment: Equipment) -> AsyncIterator[None]:
+    """Let a mount track for as long as this takes to find out where it points.
+
+    If that isn't found out, or somebody stops it, a mount that was switched on for it is switched off again:
+    nobody knows where it points, so it must not be tracked to wherever that leads.
+    """
+    switched_on = await _let_track(equipment)
+    try:
+        yield
+    except BaseException:
+        if switched_on:
+            with contextlib.suppress(DeviceError):
+                await equipment.mount.set_tracking(False)
+        raise
+
+
+async def _let_track(equipment: Equipment) -> bool:
     """Let a mount follow the sky unless it says that it does; whether it was told to.
 
     Two frames of a sky that runs through can't agree.

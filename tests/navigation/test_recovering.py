@@ -9,7 +9,7 @@ from itertools import count
 import pytest
 
 from mountnav.catalog.stars import Catalog
-from mountnav.errors import BadFrame, MountMoved, OffsetImplausible, OutsideLimits
+from mountnav.errors import BadFrame, Cancelled, MountMoved, OffsetImplausible, OutsideLimits
 from mountnav.frames import Frame, Hint
 from mountnav.navigation.devices import SyncOutcome
 from mountnav.navigation.recovering import MOST_LOOKS, agreement_arcsec
@@ -178,3 +178,18 @@ async def test_a_recovery_searches_everywhere_even_where_looks_must_not(make_rig
     assert [settings.blind for _, settings in made[0].asked] == ["never", "after", "after"]
     # both frames were asked with the mount's belief, the second one not with what the first one brought
     assert len({hint.center_source for hint, _ in made[0].asked}) == 1
+
+
+def test_a_recovery_that_is_stopped_leaves_no_mount_tracking_that_it_switched_on() -> None:
+    async def work(rig: VirtualRig) -> None:
+        rig.navigator.mount.distrust("it was switched off")
+        await rig.navigator.set_tracking(False)
+        recovering = asyncio.ensure_future(rig.navigator.recover(60.0))
+        while not rig.mechanics.tracking:
+            await rig.clock.sleep(0.1)
+        recovering.cancel()
+        with pytest.raises((asyncio.CancelledError, Cancelled)):
+            await recovering
+        assert not rig.mechanics.tracking
+
+    in_virtual_time(work)
