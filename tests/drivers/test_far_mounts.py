@@ -7,7 +7,9 @@ reading is confirmed by another one, and each takes its way there and back.
 from __future__ import annotations
 
 import asyncio
+import itertools
 import random
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -93,21 +95,17 @@ async def test_all_members_are_asked_at_once() -> None:
         mount = open_mount(server.url("telescope/0", "heartbeat_s=0"), site=HERE)
         await mount.open()
         try:
-            asked, answered, under_way = len(server.asked), 0, 0
+            asked, questions, all_there = len(server.asked), itertools.count(), threading.Barrier(7)
 
             def way_s() -> float:
-                nonlocal under_way
-                under_way += 1
-                return 0.6
+                # none of the first seven gets there before all of them are on their way
+                if next(questions) < 7:
+                    all_there.wait(60.0)
+                return 0.0
 
             server.far = way_s
-            reading = asyncio.create_task(mount.reading())
-            while under_way < 7:
-                await asyncio.sleep(0.01)
-                answered = len(server.asked) - asked
-            # the first of them has not even come there
-            assert answered == 0
-            await reading
+            await mount.reading()
+            assert not all_there.broken
             first = {member for _, member, _ in server.asked[asked : asked + 7]}
             assert {"slewing", "rightascension", "declination", "tracking", "atpark"} <= first
         finally:
