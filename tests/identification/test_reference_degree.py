@@ -95,7 +95,12 @@ def test_sixteen_stars_tell_the_radial_distortion():
 
 @pytest.mark.parametrize(
     ("count", "understated", "distorted"),
-    [(8, 1.0, False), (12, 2.0, True), (20, 1.0, True), (60, 3.0, True)],
+    [
+        (8, 1.0, False),
+        pytest.param(12, 2.0, True, marks=pytest.mark.long),
+        pytest.param(20, 1.0, True, marks=pytest.mark.long),
+        (60, 3.0, True),
+    ],
 )
 def test_covariance_of_the_center_is_honest(count, understated, distorted):
     """The squared pull has two degrees of freedom: its mean is 2, its median 1.39, its 95 % point 6."""

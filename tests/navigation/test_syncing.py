@@ -50,7 +50,7 @@ async def pointed(rig: SyncRig, ha_deg: float = 20.0, dec_deg: float = 30.0) -> 
 
 
 @pytest.mark.parametrize("place", [(20.0, 30.0), (-40.0, -5.0), (60.0, 75.0), (-10.0, 89.0)])
-@pytest.mark.parametrize("dialect", ["onstep", "lx200gps"])
+@pytest.mark.parametrize("dialect", ["onstep", pytest.param("lx200gps", marks=pytest.mark.long)])
 def test_a_sync_makes_the_mount_believe_the_truth(place: tuple[float, float], dialect: str) -> None:
     async def work(rig: SyncRig) -> None:
         found = await pointed(rig, *place)
@@ -561,7 +561,7 @@ def test_a_verified_sync_is_committed_with_its_second_look() -> None:
     rigged(work, policy=VERIFYING)
 
 
-@pytest.mark.parametrize("dialect", ["onstep", "lx200gps"])
+@pytest.mark.parametrize("dialect", [pytest.param("onstep", marks=pytest.mark.long), "lx200gps"])
 @pytest.mark.parametrize("place", [(20.0, 30.0), (-40.0, 70.0), (10.0, 88.5)])
 def test_a_contradicted_sync_is_taken_back(dialect: str, place: tuple[float, float]) -> None:
     async def work(rig: SyncRig) -> None:

@@ -496,7 +496,7 @@ def test_by_the_pole_the_meridian_limit_counts_by_the_axes(dec_deg: float) -> No
     assert max(past_deg) <= 5.0
 
 
-@pytest.mark.parametrize("tells_side", [True, False])
+@pytest.mark.parametrize("tells_side", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_at_home_on_the_pole_tracking_begins(tells_side: bool) -> None:
     # there a place tells nothing of the axes: by it alone they may be anywhere beyond
     async def work(rig: Rig) -> None:

@@ -35,7 +35,10 @@ def test_targets_all_over_the_sky_are_centered_or_refused_for_what_is_true(first
     assert centered >= 10
 
 
-@pytest.mark.parametrize("wire", WIRES)
+@pytest.mark.parametrize(
+    "wire",
+    [pytest.param(one, marks=pytest.mark.long if number % 2 else ()) for number, one in enumerate(WIRES)],
+)
 def test_the_same_through_the_real_drivers(wire: str) -> None:
     check(lived(100_001, wire, targets=1))
 
