@@ -30,7 +30,7 @@ _PIXELS_AT_ONCE = 60_000
 
 
 def typical_shape(fits: Profiles, usable: NDArray[np.bool_], fwhm_px: float, bell: Bell) -> Shape | None:
-    """Return the median shape of the clean bright fits; None where there are too few.
+    """Return the median shape of the clean bright fits; None where there are too few, or too unlike ones.
 
     Parameters
     ----------
@@ -51,7 +51,8 @@ def typical_shape(fits: Profiles, usable: NDArray[np.bool_], fwhm_px: float, bel
     if clean.sum() < _FEWEST_STARS:
         return None
     p, q, r = (float(np.median(w[clean])) for w in inverse_widths(fits, bell))
-    return Shape(p, q, r, _SLACK)
+    # medians one by one: of stars drawn out in many ways they may be no ellipse's
+    return Shape(p, q, r, _SLACK) if p * r > q * q else None
 
 
 def untangle(

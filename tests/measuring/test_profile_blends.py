@@ -7,8 +7,11 @@ import pytest
 from painted import as_frame, painted, scattered
 from scipy.spatial import KDTree
 
+from mountnav.measuring.blends import typical_shape
 from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Flag
+from mountnav.measuring.profile import Profiles
+from mountnav.measuring.star_shape import Bell
 
 
 @pytest.mark.parametrize(("fwhm_px", "beta"), [(2.5, 0.0), (3.5, 3.0)])
@@ -56,3 +59,31 @@ def test_both_stars_of_a_blend_are_where_they_are(
     assert distance.max() < 0.1
     assert not blended[index].any()
     assert len(found) <= count + pairs + 2
+
+
+def test_stars_of_many_shapes_have_no_typical_one() -> None:
+    # drawn out along y, along x and along the diagonal: the medians of p, q and r are 0.2, 0.3 and 0.2
+    bell = Bell()
+    shapes = [((1.0, 0.3), (0.3, 0.1)), ((0.1, 0.3), (0.3, 1.0)), ((0.2, 0.19), (0.19, 0.2))] * 4
+    values, vectors = np.linalg.eigh(np.array(shapes))
+    ones = np.ones(len(shapes))
+    fits = Profiles(
+        x_px=ones,
+        y_px=ones,
+        x_sigma_px=ones,
+        y_sigma_px=ones,
+        amplitude=ones,
+        flux=1000.0 * ones,
+        flux_sigma=ones,
+        minor_fwhm_px=bell.fwhm_per_width / np.sqrt(values[:, 1]),
+        major_fwhm_px=bell.fwhm_per_width / np.sqrt(values[:, 0]),
+        angle_deg=np.degrees(np.arctan2(vectors[:, 1, 0], vectors[:, 0, 0])),
+        misfit=0.0 * ones,
+        chi2=ones,
+        converged=ones > 0,
+    )
+    wide_px = float(np.median(np.sqrt(fits.minor_fwhm_px * fits.major_fwhm_px)))
+    alike = Profiles(**{name: getattr(fits, name)[2::3].repeat(3) for name in Profiles.__dataclass_fields__})
+    every = ones > 0
+    assert typical_shape(alike, every, wide_px, bell) is not None
+    assert typical_shape(fits, every, wide_px, bell) is None
