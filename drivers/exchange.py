@@ -49,6 +49,11 @@ class Patience:
     greeting_s: float = 15.0
 
 
+_MOST_HEARD_BYTES = 16_384
+"""Of an answer with all that came beside it: mounts answer with some hundred at most. Without it a line that
+is never quiet would be read without end; doubled, reading it with each piece takes four times as long."""
+
+
 class Exchange:
     """Questions and answers over one line, one at a time.
 
@@ -169,7 +174,7 @@ class Exchange:
                 left_s = try_until - loop.time()
                 came = await self._line.read(left_s) if left_s > 0 else b""
                 self._require_line()
-                heard += came
+                heard = _longer(heard, came)
                 if not came:
                     read = command.read(heard, True)
                     break
@@ -182,7 +187,7 @@ class Exchange:
             if owed:
                 # an answer that was owed from before may have been this one: the last one counts
                 while came := await self._line.read(self._patience.quiet_s):
-                    heard += came
+                    heard = _longer(heard, came)
                 # a reader that passes over what a stop brought sees more of it now
                 read = command.read(heard, False) or read
             while heard[read.length :]:
@@ -205,3 +210,9 @@ class Exchange:
         while await self._line.read(self._patience.quiet_s):
             if loop.time() >= until:
                 return
+
+
+def _longer(heard: bytes, came: bytes) -> bytes:
+    if len(heard) + len(came) > _MOST_HEARD_BYTES:
+        raise Unreadable(f"{heard[:40]!r} and so on: more than {_MOST_HEARD_BYTES} bytes came, and no end")
+    return heard + came

@@ -10,6 +10,8 @@ from drivers.wire_log import WireLog
 from mountnav.errors import DeviceMissing
 
 _CLOSED = "closed"
+_MOST_UNREAD_BYTES = 1 << 16
+"""What may wait for its reader: six seconds of the fastest serial line. Doubled, as much more memory."""
 
 
 class Incoming:
@@ -58,6 +60,8 @@ class Incoming:
     def arrived(self, data: bytes) -> None:
         """Keep what has come."""
         self._came += data
+        # nobody may be reading: of a line that is never quiet the latest is kept
+        del self._came[:-_MOST_UNREAD_BYTES]
         self._news.set()
 
     def lose(self, why: str) -> None:
