@@ -16,6 +16,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
+from urllib.parse import unquote
 
 import h11
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -43,6 +44,8 @@ _STOP_HEAD = re.compile(
     rb"|POST /v1/jobs/[^/\s]{1,200}/cancel|PUT /api/v1/telescope/\d{1,9}/abortslew)/?[? ]"
 )
 """How the bytes of a stop begin; see `is_stop`."""
+_ABSOLUTE = re.compile(rb"https?://(?P<host>[^/?#]*)(?P<path>/.*)?", re.IGNORECASE)
+"""The address of a request as proxies are sent it."""
 _LEAST_BODY_BYTES_S = 1000.0
 """A body that comes more slowly for `Deadlines.body_s` is given up: 256 kB would take it four minutes."""
 _TOLD_AGAIN_S = 60.0
@@ -340,6 +343,7 @@ class Guarded(H11Protocol):
         return False
 
     async def _serve(self, scope: Scope, receive: Receive, send: Send) -> None:
+        _take_origin_form(scope)
         if _ends_doubtfully(scope):
             # where the next request begins is not sure either: this is the connection's last
             self.cycle.keep_alive = False
@@ -360,6 +364,17 @@ class Guarded(H11Protocol):
         answer = refusal_response(scope, found)
         answer.headers["Connection"] = "close"
         await answer(scope, receive, send)
+
+
+def _take_origin_form(scope: Scope) -> None:
+    """Take an address that names its host as one that doesn't; its host counts [RFC 9112 §3.2.2]."""
+    whole = _ABSOLUTE.match(scope["raw_path"])
+    if whole is None:
+        return
+    scope["raw_path"] = whole["path"] or b"/"
+    scope["path"] = unquote(scope["raw_path"].decode("ascii"))
+    others = [(name, value) for name, value in scope["headers"] if name != b"host"]
+    scope["headers"] = [(b"host", whole["host"]), *others]
 
 
 def _ends_doubtfully(scope: Scope) -> bool:

@@ -32,7 +32,16 @@ STOP = (
 )
 FEW = 256
 """Descriptors of the service under attack; with the usual 1,024 it is the same with four times as many."""
-LONGEST_S = 2.0
+STOP_S = 2.0
+"""Within that a stop is answered on a machine that has the time for it."""
+
+
+def longest_s() -> float:
+    """The same on this one as it is now: so many times longer as work here takes longer than its CPU time."""
+    begun_s, until_s = time.monotonic(), time.thread_time() + 0.1
+    while time.thread_time() < until_s:
+        pass
+    return STOP_S * max(1.0, (time.monotonic() - begun_s) / 0.1)
 
 
 @pytest.fixture(scope="module")
@@ -99,6 +108,7 @@ def _many_machines(number: int) -> str:
 )
 @pytest.mark.parametrize("source", [_one_machine, _another_machine, _many_machines])
 def test_a_stop_gets_through(address: tuple[str, int], source: Callable[[int], str], data: bytes) -> None:
+    most_s = longest_s()
     with ExitStack() as held:
         for number in range(FEW + 50):
             try:
@@ -110,7 +120,7 @@ def test_a_stop_gets_through(address: tuple[str, int], source: Callable[[int], s
             answer = stop.recv(65_536)
         took_s = time.monotonic() - begun_s
     assert answer.startswith(b"HTTP/1.1 200"), answer
-    assert took_s < LONGEST_S
+    assert took_s < most_s
 
 
 def test_descriptors_are_left_for_stops_and_devices() -> None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 import json
 from contextlib import closing
+from urllib.parse import unquote
 
 import pytest
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from api.connections import Bounds, Gate
+from api.connections import Bounds, Gate, _take_origin_form
 from tests.api.test_connections import TOKEN, _behind, _from, _Held, address  # noqa: F401
 
 HOST = b"Host: 127.0.0.1\r\n"
@@ -100,3 +101,30 @@ def _jobs(address: tuple[str, int]) -> list[dict[str, object]]:  # noqa: F811
             told += piece
     found = json.loads(told.partition(b"\r\n\r\n")[2])
     return list(found["jobs"] if isinstance(found, dict) else found)
+
+
+@pytest.mark.parametrize("form", [b"http://127.0.0.1:%d/v1/stop", b"HTTP://somewhere.else/v1/stop?wait=1"])
+async def test_a_stop_whose_address_names_its_host_counts(form: bytes) -> None:
+    target = form.replace(b"%d", b"80")
+    told, heard = await _answers(b"POST " + target + b" HTTP/1.1\r\n" + HOST + b"Connection: close\r\n\r\n")
+    assert told.startswith(b"HTTP/1.1 200 ")
+    assert heard == ["/v1/stop"]
+
+
+@pytest.mark.parametrize(
+    ("target", "path", "host"),
+    [
+        ("http://a:80/b%20c/d", "/b c/d", b"a:80"),
+        ("https://a", "/", b"a"),
+        ("/http://a/b", "/http://a/b", b"h"),
+        ("*", "*", b"h"),
+    ],
+)
+def test_the_host_in_an_address_is_the_one_that_counts(target: str, path: str, host: bytes) -> None:
+    scope = {
+        "raw_path": target.encode(),
+        "path": unquote(target),
+        "headers": [(b"host", b"h"), (b"a", b"b")],
+    }
+    _take_origin_form(scope)
+    assert (scope["path"], dict(scope["headers"])) == (path, {b"host": host, b"a": b"b"})
