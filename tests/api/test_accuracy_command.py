@@ -88,6 +88,7 @@ def record(frames: list[Path]) -> dict[str, Any]:
     return result
 
 
+@pytest.mark.long
 def test_json_tells_of_each_frame_and_of_all(frames: list[Path], record: dict[str, Any]) -> None:
     assert [one["file"] for one in record["frames"]] == [str(path) for path in frames]
     assert [one["solved"] for one in record["frames"]] == [True, False, True]
@@ -193,6 +194,7 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
     assert (tmp_path / "file").read_text() == "keep"
 
 
+@pytest.mark.long
 def test_bad_usage_exits_2() -> None:
     command = [sys.executable, "-m", "api.main", "accuracy", "none.fits", "--reject", "5,x"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

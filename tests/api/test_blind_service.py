@@ -82,6 +82,7 @@ def _empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MOUNTNAV_CACHE", str(tmp_path / "cache"))
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_empty_cache")
 @pytest.mark.parametrize("fails", [False, True])
 async def test_who_needs_it_waits_but_not_for_long(
@@ -113,6 +114,7 @@ async def test_who_needs_it_waits_but_not_for_long(
     await keeper.close()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_empty_cache")
 async def test_an_index_cut_short_is_none_and_is_built_anew(made_up_sky: PackedStore) -> None:
     path = index_path(made_up_sky)
@@ -127,6 +129,7 @@ async def test_an_index_cut_short_is_none_and_is_built_anew(made_up_sky: PackedS
     await keeper.close()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_empty_cache")
 def test_damage_within_the_index_costs_the_blind_search_alone(
     made_up_sky: PackedStore, tmp_path: Path

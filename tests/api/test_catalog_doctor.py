@@ -40,6 +40,7 @@ def _no_other_catalogs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MOUNTNAV_CATALOGS", str(tmp_path / "no catalogs"))
 
 
+@pytest.mark.long
 def test_a_telescope_that_sees_enough_ends_with_0(tmp_path: Path) -> None:
     config = tmp_path / "wide.toml"
     config.write_text(WIDE)
@@ -49,6 +50,7 @@ def test_a_telescope_that_sees_enough_ends_with_0(tmp_path: Path) -> None:
     assert "NOT" not in ended.stdout
 
 
+@pytest.mark.long
 def test_the_papers_narrow_telescope_is_told_what_to_get() -> None:
     config = ROOT / "deploy" / "telescopes" / "prompt-8.toml"
     told = subprocess.run([*MOUNTNAV, str(config), "--json"], capture_output=True, text=True, check=False)
@@ -75,6 +77,7 @@ def test_the_papers_narrow_telescope_is_told_what_to_get() -> None:
     assert "mountnav catalog import" in text
 
 
+@pytest.mark.long
 def test_a_camera_of_unknown_size_ends_with_1(tmp_path: Path) -> None:
     config = tmp_path / "unknown.toml"
     config.write_text(
@@ -118,6 +121,7 @@ def test_a_configured_online_catalog_is_named_and_not_counted(tmp_path: Path) ->
     assert not any("[[catalogs.online]]" in text for text in only["catalogs"]["advice"])
 
 
+@pytest.mark.long
 async def test_the_address_tells_the_same(client: httpx.AsyncClient) -> None:
     answer = await client.get("/v1/telescopes/east/doctor")
     assert answer.status_code == 200

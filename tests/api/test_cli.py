@@ -86,6 +86,7 @@ def test_version_of_the_installed_script() -> None:
     assert done.stdout == f"mountnav {__version__}\n"
 
 
+@pytest.mark.long
 def test_solve_prints_one_object_a_file_in_order_and_does_the_others_too(
     frame: tuple[Path, dict[str, Any]], tmp_path: Path
 ) -> None:
@@ -152,6 +153,7 @@ def test_solve_for_people_exits_0_when_all_are_solved(frame: tuple[Path, dict[st
 IN_A_PROCESS = (["solve"], ["serve", "--config", "/there/is/none.toml"], ["fake-mount", "--tcp", "nowhere"])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -249,6 +251,7 @@ def test_a_link_over_a_file_is_refused(tmp_path: Path) -> None:
     assert precious.read_text() == "keep"
 
 
+@pytest.mark.long
 def test_the_catalog_tells_what_it_holds() -> None:
     facts = json.loads(_run("catalog", "info", "--json").stdout)
     assert facts["stars"] > 2_500_000
@@ -277,6 +280,7 @@ def test_output_into_a_closed_pipe_is_no_crash() -> None:
     process.wait()
 
 
+@pytest.mark.long
 def test_solve_tells_of_a_wrong_hint_and_takes_the_paper_profile(frame: tuple[Path, dict[str, Any]]) -> None:
     path, truth = frame
     hint = truth["hint"]
@@ -297,6 +301,7 @@ def test_solve_tells_of_a_wrong_hint_and_takes_the_paper_profile(frame: tuple[Pa
         assert told in done.stderr
 
 
+@pytest.mark.long
 def test_names_of_any_bytes_and_full_disks_are_borne(
     frame: tuple[Path, dict[str, Any]], tmp_path: Path
 ) -> None:
@@ -312,6 +317,7 @@ def test_names_of_any_bytes_and_full_disks_are_borne(
     assert done.stderr == "mountnav: No space left on device\n"
 
 
+@pytest.mark.long
 def test_masters_that_do_not_fit_are_told(frame: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
     path, truth = frame
     rng = np.random.default_rng(1)

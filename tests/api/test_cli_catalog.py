@@ -98,6 +98,7 @@ def test_import_for_programs(zones: Path, folder: Path) -> None:
     assert "Dec -90° to -89.7°" in store.header.made_from
 
 
+@pytest.mark.long
 def test_on_a_terminal_a_bar_is_drawn_on_stderr_alone(zones: Path, folder: Path) -> None:
     done = _run("import", "ucac4", zones, "--json", FORCE_COLOR="1", COLUMNS="160")
     assert done.returncode == 0
@@ -122,6 +123,7 @@ main()
 """
 
 
+@pytest.mark.long
 def test_ctrl_c_tells_how_to_go_on_and_the_same_command_goes_on(zones: Path, folder: Path) -> None:
     options = ["catalog", "import", "ucac4", str(zones), "--mag-limit", "15"]
     done = subprocess.run(
@@ -229,6 +231,7 @@ other = "programs may keep their own here"
 """
 
 
+@pytest.mark.long
 def test_the_settings_file_names_folder_and_online_catalogs(
     zones: Path, folder: Path, tmp_path: Path
 ) -> None:
@@ -320,6 +323,7 @@ def test_info_of_the_embedded_one_is_what_its_docs_say() -> None:
 # verify
 
 
+@pytest.mark.long
 def test_verify_finds_a_flipped_bit_and_says_so_with_code_1(zones: Path, folder: Path) -> None:
     _json("import", "ucac4", zones)
     assert _ask("verify") == (0, "tycho2: sound\n", "")
@@ -410,6 +414,7 @@ def test_remove_of_what_isnt_there_or_stays(folder: Path) -> None:
 DEAR = ("astropy", "pyarrow", "rich.progress", "mountnav.settings_catalogs")
 
 
+@pytest.mark.long
 def test_help_and_list_need_nothing_dear(folder: Path) -> None:
     told = "import json, sys; from api.main import main\ntry: main()\nexcept SystemExit: pass\n"
     told += f"print(json.dumps([name for name in {DEAR} if name in sys.modules]))"

@@ -369,6 +369,7 @@ def test_a_lease_that_is_taken_away_is_told_by_its_next_heartbeat(client: Client
 # -- events --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_events_of_a_job_end_with_it_over_a_cut_connection(proxy: Proxy, client: Client) -> None:
     with Client(proxy.url, timeout_s=60.0) as shaky:
         job = client.center("east", target=somewhere(client, -1.0))

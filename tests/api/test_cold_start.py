@@ -72,6 +72,7 @@ def test_a_hinted_plain_fits_file_is_solved_without_what_is_dear(
     assert "mountnav.measuring.measure" not in imported  # a glance was enough
 
 
+@pytest.mark.long
 @pytest.mark.shared
 def test_looking_for_the_index_of_the_sky_costs_no_astropy(
     plain: tuple[Path, list[str]], tmp_path: Path

@@ -283,6 +283,7 @@ async def test_beyond_the_bounds_only_a_stop_is_taken() -> None:
         assert (await reader.read()).endswith(b"/v1/stop 0")
 
 
+@pytest.mark.long
 async def test_an_idle_connection_makes_room_and_one_that_never_asked_goes_first() -> None:
     gate = Gate(Bounds(most=3, each_address=3, stops=2))
     async with _behind(gate) as address, _Held() as held, asyncio.timeout(60):

@@ -34,6 +34,7 @@ async def running(toml: str) -> AsyncIterator[Service]:
         yield app.state.service
 
 
+@pytest.mark.long
 async def test_an_order_counts_as_slewing_until_its_end_and_its_end_is_seen(observatory_toml: str) -> None:
     async with running(observatory_toml) as service:
         watch = service.desk.watch("east")

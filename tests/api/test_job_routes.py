@@ -135,6 +135,7 @@ async def test_bad_orders_are_told_and_start_nothing(client: httpx.AsyncClient) 
     assert (await client.get("/v1/jobs")).json() == []
 
 
+@pytest.mark.long
 async def test_a_file_is_solved_only_from_allowed_folders(
     serving: Serve, observatory_toml: str, tmp_path: Any
 ) -> None:

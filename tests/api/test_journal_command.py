@@ -161,6 +161,7 @@ def test_which_journal(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
         run("check")
 
 
+@pytest.mark.long
 def test_follow_prints_what_is_written_from_now_on(file: Path) -> None:
     code = "from api.cli_journal import journal_app; journal_app()"
     child = subprocess.Popen(

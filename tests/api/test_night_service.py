@@ -91,6 +91,7 @@ async def test_a_night_of_uploads_syncs_once_and_replays_the_same(site: NightSit
     assert len(played.report.missing) == 7
 
 
+@pytest.mark.long
 async def test_a_folder_and_paths_and_headers(site: NightSite) -> None:
     """Frames that lie in the folder come by themselves; by their path only from allowed folders."""
     frames = "/v1/telescopes/east/frames"
@@ -166,6 +167,7 @@ async def test_words_of_people_schedulers_and_sensors(site: NightSite) -> None:
     assert "night.enabled" in none.json()["advice"]
 
 
+@pytest.mark.long
 async def test_the_night_goes_on_after_a_restart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MOUNTNAV_JOURNAL", str(tmp_path / "journal.sqlite"))
     folder, record, safety = tmp_path / "frames", tmp_path / "recordings", tmp_path / "safety.txt"

@@ -187,6 +187,7 @@ def _flood(where: tuple[str, int], data: bytes, *, clients: int) -> Iterator[Non
             one.join()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "data",
     [

@@ -113,6 +113,7 @@ def _all_paths(app: FastAPI) -> list[str]:
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "headers",
     [{}, {"origin": "https://elsewhere.example"}, {"host": "elsewhere.example"}],

@@ -147,6 +147,7 @@ async def keyed(serving: Serve, observatory_toml: str, tmp_path: Path) -> AsyncI
         yield Keyed(client, KeyStore(file))
 
 
+@pytest.mark.long
 async def test_keys_over_http(keyed: Keyed) -> None:
     """One service for all of it: each costs half a second."""
     await _each_role_reaches_what_it_may_and_no_more(keyed)

@@ -61,6 +61,7 @@ async def test_a_form_and_a_bare_body_give_the_same_place(client: httpx.AsyncCli
         assert record["wcs"]["CTYPE1"].startswith("RA---TAN")
 
 
+@pytest.mark.long
 async def test_not_solved_is_an_answer(client: httpx.AsyncClient, drawn: bytes) -> None:
     elsewhere = await client.post("/v1/solve", params={**HINT, "ra_deg": 200.0}, content=drawn)
     assert (elsewhere.status_code, elsewhere.json()["solved"]) == (200, False)
@@ -85,6 +86,7 @@ async def test_unusable_uploads_are_bad_frames(client: httpx.AsyncClient, drawn:
         assert answer.json()["type"] == "urn:mountnav:problem:bad-frame", kind
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "wrong",
     [

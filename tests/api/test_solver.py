@@ -80,6 +80,7 @@ def _gone(pid: int) -> bool:
     return state == "Z"
 
 
+@pytest.mark.long
 async def test_frames_and_uploads_come_back_solved_and_masters_go_over_once(
     frame: Frame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -115,6 +116,7 @@ async def test_frames_and_uploads_come_back_solved_and_masters_go_over_once(
         assert worker.state == "ready"
 
 
+@pytest.mark.long
 async def test_looks_go_before_uploads_and_each_in_turn(frame: Frame) -> None:
     order: list[str] = []
 
@@ -134,6 +136,7 @@ async def test_looks_go_before_uploads_and_each_in_turn(frame: Frame) -> None:
     assert [name for name in order if name.startswith("upload")] == ["upload 1", "upload 2", "upload 3"]
 
 
+@pytest.mark.long
 async def test_a_cancelled_caller_is_free_at_once_and_the_next_is_served(
     frame: Frame, tmp_path: Path
 ) -> None:
@@ -154,6 +157,7 @@ async def test_a_cancelled_caller_is_free_at_once_and_the_next_is_served(
     assert "ended: nobody waits for its frame any more" in told
 
 
+@pytest.mark.long
 async def test_a_solve_without_end_is_ended(frame: Frame, tmp_path: Path) -> None:
     async with opened(MoodyCatalog(tmp_path), margin_s=0.3) as worker:
         settings = replace(SETTINGS, budget_s=0.2)
@@ -162,6 +166,7 @@ async def test_a_solve_without_end_is_ended(frame: Frame, tmp_path: Path) -> Non
         assert (await worker.solve(Work(frame, _near(TRUTH), SETTINGS), first=True)).solved
 
 
+@pytest.mark.long
 async def test_a_death_is_made_good_once_and_then_told(frame: Frame, tmp_path: Path) -> None:
     async with opened(MoodyCatalog(tmp_path)) as worker:
         short = replace(SETTINGS, budget_s=0.5)

@@ -73,6 +73,7 @@ def test_an_eps_starts_no_other_program(tmp_path: Path) -> None:
     assert not started.exists()
 
 
+@pytest.mark.long
 def test_the_limits_bind_their_process_for_good() -> None:
     told = subprocess.run(
         [
@@ -102,6 +103,7 @@ def test_the_default_leaves_half_of_the_computer() -> None:
     assert 1.0 < own_memory_mb() < 10_000.0
 
 
+@pytest.mark.long
 async def test_a_frame_that_needs_too_much_is_told_and_the_next_is_read(tmp_path: Path) -> None:
     worker = Worker(embedded_catalog(), lambda *_: None, limits=Limits(memory_mb=600), idle_s=60.0)
     before = resource.getrlimit(resource.RLIMIT_DATA)
@@ -127,6 +129,7 @@ async def test_a_frame_that_needs_too_much_is_told_and_the_next_is_read(tmp_path
     assert resource.getrlimit(resource.RLIMIT_DATA) == before
 
 
+@pytest.mark.long
 async def test_what_computes_without_end_is_ended_by_the_kernel(tmp_path: Path) -> None:
     frame = Frame(np.random.default_rng(1).normal(500, 10, (400, 400)).astype(np.float32))
     frame.pixels[50:350:60, 50:350:60] += 5000
@@ -142,6 +145,7 @@ async def test_what_computes_without_end_is_ended_by_the_kernel(tmp_path: Path) 
         await worker.close()
 
 
+@pytest.mark.long
 def test_memory_that_is_held_is_told_and_what_was_given_back_is_not() -> None:
     """In a process of its own: one that has run other tests has room inside for what is to be held."""
     program = (

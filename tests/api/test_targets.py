@@ -29,6 +29,7 @@ ra = st.floats(0, 359.999)
 dec = st.floats(-89.9, 89.9)
 
 
+@pytest.mark.long
 @given(ra, dec)
 def test_icrs_stays_and_apparent_comes_back(ra_deg: float, dec_deg: float) -> None:
     here = Icrs(ra_deg, dec_deg)

@@ -146,6 +146,7 @@ def test_event_streams_say_so_too(observatory: Observatory) -> None:
         _require_header(stream)
 
 
+@pytest.mark.long
 def test_health_and_capabilities_say_so(observatory: Observatory) -> None:
     for path in ("/v1/health", "/v1/capabilities"):
         virtual = observatory.client.get(path).json()["virtual"]

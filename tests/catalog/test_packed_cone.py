@@ -138,6 +138,7 @@ def straight_line_places(columns: CatalogColumns, epoch_yr: float) -> np.ndarray
     return moved / np.linalg.norm(moved, axis=0)
 
 
+@pytest.mark.long
 @settings(max_examples=150, deadline=None)
 @given(
     which=st.sampled_from(["1", "2-1", "2-8", "2-64", "2-128", "2-512"]),

@@ -269,6 +269,7 @@ def require_sound(folder: Path, said: list[str], finished: Path) -> None:
     assert not list(folder.glob("*.part"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("calls", [3, 8, 42])
 def test_killed_at_a_step_it_goes_on(tmp_path: Path, finished: Path, calls: int) -> None:
     killed = worker(tmp_path, calls)
@@ -318,6 +319,7 @@ FULL = textwrap.dedent(
 )
 
 
+@pytest.mark.long
 def test_a_disk_that_takes_no_more_is_told_and_nothing_is_half_made(tmp_path: Path) -> None:
     here = str(Path(__file__).parent)
     ran = subprocess.run(

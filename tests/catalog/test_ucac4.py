@@ -335,6 +335,7 @@ star = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=60)
 @given(st.lists(star, min_size=1, max_size=6))
 def test_what_is_written_is_read_back(tmp_path_factory: pytest.TempPathFactory, stars: list) -> None:
@@ -368,6 +369,7 @@ def test_what_is_written_is_read_back(tmp_path_factory: pytest.TempPathFactory, 
 # ---- damage
 
 
+@pytest.mark.long
 def test_every_truncation_is_refused(zone_1: Path, tmp_path: Path) -> None:
     cut = tmp_path / "z001"
     shutil.copy(zone_1, cut)

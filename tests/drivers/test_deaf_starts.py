@@ -95,6 +95,7 @@ def test_one_that_stays_deaf_is_told_after_its_time(run: Run) -> None:
         assert "check cable" in str(silent.value)
 
 
+@pytest.mark.long
 @families
 def test_one_lost_answer_changes_no_dialect(kind: Family, run: Run) -> None:
     well = opened(kind, run)

@@ -203,6 +203,7 @@ async def longest_turn_s(work: asyncio.Task[None]) -> float:
     return longest
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["angles in an open quote", "small elements", "small elements in one"])
 async def test_a_server_that_attacks_keeps_the_loop_from_nothing(name: str) -> None:
     """The longest turn is a fraction of what reading it all at once takes."""

@@ -60,6 +60,7 @@ async def whole(fake: FakeLx200, *names: str) -> Capabilities:
         return await tried(trial, steps, yes, driver="lx200")
 
 
+@pytest.mark.long
 async def test_a_healthy_mount_passes_every_step() -> None:
     found = await whole(fake_mount())
     assert [step.name for step in found.steps] == [step.name for step in STEPS]
@@ -157,6 +158,7 @@ def test_the_command_writes_its_report_and_a_transcript(
     assert all(bytes.fromhex(line["hex"]).decode("latin-1") == line["bytes"] for line in said)
 
 
+@pytest.mark.long
 async def test_a_closed_terminal_stops_what_moves(tmp_path: Path) -> None:
     mechanics = Mechanics(HERE, Air(), PointingErrors(), slew_rate_deg_s=2.0, acceleration_deg_s2=40.0)
     report = tmp_path / "report.json"

@@ -165,6 +165,7 @@ def test_no_place_it_wakes_up_at_is_trusted(monkeypatch: pytest.MonkeyPatch) -> 
     assert wrong > 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("then", ["before", "while it is told"])
 def test_nor_one_at_which_it_woke_up_before_the_order_went_out(
     then: str, monkeypatch: pytest.MonkeyPatch

@@ -73,6 +73,7 @@ def lived(
         loop.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("protocol", "dialect"),
     [pytest.param(*one, marks=() if one in IN_EVERY_RUN else pytest.mark.long) for one in FAMILIES],
@@ -155,6 +156,7 @@ def test_the_same_seed_is_the_same_life() -> None:
     assert len(rig.fake.strikes) > 30
 
 
+@pytest.mark.long
 def test_what_struck_strikes_again_from_its_script() -> None:
     with pytest.MonkeyPatch.context() as patched:
         _, rig = lived(patched, "ioptron", None, 1500, 5)

@@ -128,6 +128,7 @@ def test_both_tests_together_stay_below_the_limit():
     assert len(PARTS_OF_LIMIT) == len(LEVELS)
 
 
+@pytest.mark.long
 def test_the_best_anchor_of_all_is_as_improbable_as_it_claims():
     """Of searches through every anchor there is, no more than 30 (10) % may come to odds below 30 (10) %."""
     rng = np.random.default_rng(4)
@@ -193,6 +194,7 @@ def judged(one, hypothesis, areas):
     )
 
 
+@pytest.mark.long
 def test_few_stars_are_enough_after_a_long_search():
     rng = np.random.default_rng(5)
     found = tried = by_triangles = 0

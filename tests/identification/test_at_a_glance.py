@@ -25,6 +25,7 @@ def known(shared, word):
     return next(one for one in rendered(shared) if word in one.path.name)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "word", ["A01", "E03", *(pytest.param(one, marks=pytest.mark.long) for one in ("B02", "C00"))]
 )
@@ -43,6 +44,7 @@ def test_a_glance_gives_the_same_place(shared, word):
     assert quick.solution.pairs > 0.8 * full.solution.pairs
 
 
+@pytest.mark.long
 def test_a_glance_tells_of_the_night_what_measuring_in_full_tells(shared):
     one = known(shared, "A02")
     frame = read_frame(one.path)
@@ -67,6 +69,7 @@ def test_the_errors_of_the_precise_centroids_are_honest(shared):
     assert np.median(pull / sigma) < 1.5
 
 
+@pytest.mark.long
 def test_the_hypotheses_of_a_glance_count_in_the_full_search(shared):
     one = known(shared, "E00")
     hint = replace(one.hint, center=Icrs(one.center.ra_deg, -one.center.dec_deg + 20.0), alternatives=())

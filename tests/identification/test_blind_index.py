@@ -92,6 +92,7 @@ def test_neighbors_that_look_like_one_count_once():
     assert sorted(level.rows.tolist()) == [1, 2]
 
 
+@pytest.mark.long
 def test_what_was_built_is_found_by_its_shape(store, index):
     rng = np.random.default_rng(2)
     quad = rng.choice(len(index), 500, replace=False)
@@ -112,6 +113,7 @@ def every_code(store, index):
     return codes(flattened(vectors.reshape(-1, 4, 3)))[0]
 
 
+@pytest.mark.long
 @given(st.integers(0, 2**32 - 1), st.floats(1e-4, 1e-2))
 @settings(max_examples=5, deadline=None)
 def test_questions_are_answered_as_by_trying_every_quad(every_code, index, seed, tolerance):
@@ -179,6 +181,7 @@ def test_cells_of_a_grid_are_of_like_size(density):
     assert rank_in_cell(cell).max() < 12 + 12 * 2000 / grid.cells
 
 
+@pytest.mark.long
 def test_two_builds_are_the_same_bytes(store, index, tmp_path):
     shares = []
     build(store, tmp_path / "again.mnq", progress=shares.append)
@@ -189,6 +192,7 @@ def test_two_builds_are_the_same_bytes(store, index, tmp_path):
     assert list(tmp_path.iterdir()) == [tmp_path / "again.mnq"]
 
 
+@pytest.mark.long
 def test_an_index_goes_to_another_process_as_its_path(index):
     sent = pickle.dumps(index)
     assert len(sent) < 500
@@ -250,6 +254,7 @@ def test_the_cache_lies_where_the_user_says(store, monkeypatch, tmp_path):
     assert index_path(other).name != name
 
 
+@pytest.mark.long
 def test_it_is_built_once_and_damage_is_mended(store, index, cache):
     told = []
     first = cached_index(store, progress=told.append)

@@ -83,6 +83,7 @@ def test_a_quad_is_flattened_at_the_poles_and_on_the_equator_alike(z):
     assert abs(flat[0] - flat[1]) == pytest.approx(np.linalg.norm(vectors[0] - vectors[1]), rel=1e-5)
 
 
+@pytest.mark.long
 @given(st.integers(0, 30), st.integers(0, 30))
 def test_all_quads_are_all_and_no_more(count, since):
     got = all_quads(count, since=since)

@@ -121,6 +121,7 @@ class Scrambled:
         )
 
 
+@pytest.mark.long
 def test_a_catalog_that_is_wrong_gives_way_to_the_next_one(sky, stores, tmp_path):
     optics = PRESETS["mayaki-azt-3"]
     elsewhere = Icrs(152.0, 40.0)

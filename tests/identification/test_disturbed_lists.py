@@ -79,6 +79,7 @@ def test_a_turned_frame_shows_the_same_sky(shared):
     assert parities[1] == parities[0] == -parities[2]
 
 
+@pytest.mark.long
 @pytest.mark.shared
 def test_hints_that_point_elsewhere_give_no_wrong_answer(shared):
     tiny = listed(shared, "tiny") + listed(shared, "orion2")
@@ -87,6 +88,7 @@ def test_hints_that_point_elsewhere_give_no_wrong_answer(shared):
         assert one.result != "wrong", one
 
 
+@pytest.mark.long
 def test_lists_and_noise_that_are_no_sky_give_no_answer():
     outcomes = [*random_lists(10, 0.3, seed=2), *noise_frames(2, 0.3, seed=3)]
     assert len(outcomes) == 12

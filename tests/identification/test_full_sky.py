@@ -50,6 +50,7 @@ def is_right(got, one):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("where", PLACES)
 def test_a_field_is_found_wherever_it_lies(where):
     rng = np.random.default_rng(4)
@@ -139,6 +140,7 @@ def test_scaling_the_list_scales_the_solution(seed, factor):
     assert b.parity == a.parity
 
 
+@pytest.mark.long
 def test_a_field_of_too_few_stars_is_refused_by_the_odds():
     # what a random example of the above once met: six stars measured of ten, among thirty false sources
     rng = np.random.default_rng(633_159)

@@ -41,6 +41,7 @@ def test_a_path_of_light_is_never_solved_at_one_of_its_pieces(seed: int) -> None
     assert one.error_px(verdict) < 4.0 * sigma_px
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [GAP_56, DOUBLE_9])
 def test_the_middle_is_found_where_the_whole_path_is_seen(seed: int) -> None:
     one = trial(seed)

@@ -65,6 +65,7 @@ def test_looks_cover_a_search_that_stops_at_the_first_success():
     assert fooled > 0.02
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["even", "cluster", "another sky"])
 @pytest.mark.parametrize("count", [10, pytest.param(60, marks=pytest.mark.long), 400])
 def test_the_odds_of_wrong_plates_are_not_understated(kind, count):
@@ -163,6 +164,7 @@ def not_there(kind, count, rng, turn, place):
     return x, y, mag
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "count", "scale"),
     [

@@ -61,6 +61,7 @@ def test_both_profiles_find_the_same_plate_of_a_list():
         assert paper.scale_arcsec_px() == pytest.approx(ours.scale_arcsec_px(), rel=1e-4)
 
 
+@pytest.mark.long
 def test_the_count_decides_in_the_paper_and_the_odds_in_ours():
     """Two thirds of the measurements are no catalog stars: they can't confirm 70 % of Ω_bl100."""
     rng = np.random.default_rng(6)
@@ -82,6 +83,7 @@ def test_the_count_decides_in_the_paper_and_the_odds_in_ours():
     assert 0.1 < share < 0.7
 
 
+@pytest.mark.long
 def test_strobes_that_chance_fills_are_blamed():
     """A hundred strobes of 60 px cover the frame: the count says nothing there."""
     rng = np.random.default_rng(6)
@@ -122,6 +124,7 @@ def test_the_count_is_a_share_of_the_pairs_that_could_be():
     assert counted(right, 4) == 0.0
 
 
+@pytest.mark.long
 def test_the_odds_refuse_in_the_paper_too():
     rng = np.random.default_rng(3)
     one = drawn(crowded, rng, depth=10.5, junk=5, lost=0.02)
@@ -141,6 +144,7 @@ def test_the_odds_refuse_in_the_paper_too():
     assert got.numbers["most_confirmed_share"] >= 0.7
 
 
+@pytest.mark.long
 @pytest.mark.shared
 def test_both_profiles_find_the_same_plate_of_a_frame(shared):
     """B01 and C02 have catalog stars enough for the paper's count."""
@@ -159,6 +163,7 @@ def test_both_profiles_find_the_same_plate_of_a_frame(shared):
         assert separation_arcsec(plates[0].center(), known.center) < 0.1 * known.scale_arcsec_px
 
 
+@pytest.mark.long
 @pytest.mark.shared
 @pytest.mark.parametrize(
     "name",

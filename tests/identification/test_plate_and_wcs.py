@@ -47,6 +47,7 @@ def test_fit_recovers_an_exact_plate(degree, rotation_deg, mirrored, scale, seed
     assert np.allclose(back_y, y, atol=1e-5)
 
 
+@pytest.mark.long
 @given(st.integers(0, 3), st.floats(0, 359.9), st.floats(-89.5, 89.5), st.booleans())
 @settings(max_examples=60, deadline=None)
 def test_cards_mean_the_same_to_astropy(degree, ra, dec, mirrored):

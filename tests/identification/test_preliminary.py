@@ -84,6 +84,7 @@ def test_exchanging_the_frames_turns_the_sign(seed, across, along) -> None:
     assert there.pairing.dy_px == pytest.approx(-back.pairing.dy_px, abs=0.05)
 
 
+@pytest.mark.long
 @settings(max_examples=120, deadline=None)
 @given(
     st.integers(0, 10**6),
@@ -101,6 +102,7 @@ def test_unrelated_lists_are_refused(seed, stars, size, profile) -> None:
     assert ADVICE[got.outcome] in got.detail
 
 
+@pytest.mark.long
 def test_unrelated_clusters_are_refused() -> None:
     """Lists that both crowd in the middle overlap by far more than even ones."""
     rng = np.random.default_rng(3)
@@ -125,6 +127,7 @@ def with_more(measurements: Measurements, x, y, flux) -> Measurements:
     )
 
 
+@pytest.mark.long
 @some
 @given(st.integers(0, 10**6), st.floats(-0.08, 0.08), st.floats(-0.08, 0.08))
 def test_half_the_stars_missing_a_trail_and_a_bleed(seed, across, along) -> None:
@@ -202,6 +205,7 @@ def test_hot_pixels_stand_still_and_are_not_followed() -> None:
     assert error_px(got, (7.3, -4.1)) < 0.05
 
 
+@pytest.mark.long
 def test_hot_pixels_alone_never_say_that_the_field_stood_still() -> None:
     """After a slew to another field, hot pixels are all that two frames share."""
     rng = np.random.default_rng(7)

@@ -56,6 +56,7 @@ def check_tame(seed, fields):
     assert np.median(ratios) < 0.6
 
 
+@pytest.mark.long
 def test_few_stars_never_make_a_wild_plate():
     check_tame(1, 150)
 
@@ -93,6 +94,7 @@ def test_sixteen_stars_tell_the_radial_distortion():
     assert np.median(plain) > 0.4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("count", "understated", "distorted"),
     [

@@ -79,6 +79,7 @@ def seen(center, *, scale, rotation_deg, parity, seed=0, junk=30, lost=0.1):
     )
 
 
+@pytest.mark.long
 @given(
     st.floats(0, 360),
     st.sampled_from((1, -1)),
@@ -104,6 +105,7 @@ def test_the_solution_turns_mirrors_scales_and_shifts_with_the_camera(
     assert got.false_probability < 1e-9
 
 
+@pytest.mark.long
 @given(st.integers(0, 2**32 - 1), st.integers(5, 150))
 @settings(max_examples=10, deadline=None)
 def test_random_lists_never_solve(seed, count):

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from listed_sky import EPOCH, PLACES, anywhere, asked, drawn, galactic, listed, seen
 
 from mountnav.catalog.embedded import embedded_catalog
@@ -46,6 +47,7 @@ def test_too_few_measured():
     assert "no triangle" in got.detail
 
 
+@pytest.mark.long
 def test_many_stars_but_no_match():
     rng = np.random.default_rng(3)
     one = drawn(anywhere, rng)
@@ -57,6 +59,7 @@ def test_many_stars_but_no_match():
     assert got.numbers["star_like"] == len(one.measurements)
 
 
+@pytest.mark.long
 def test_cloud():
     """In the Milky Way the catalog promises dozens of stars, and 5 sources are seen, all of them junk."""
     rng = np.random.default_rng(4)
@@ -69,6 +72,7 @@ def test_cloud():
     assert refused(dark, Hint(place, 0.5, 3.9, 4.1)).reason is Reason.CLOUD_OR_DEFOCUS
 
 
+@pytest.mark.long
 def test_defocus_is_told_by_the_width_and_by_the_quality():
     rng = np.random.default_rng(5)
     places = (rng.uniform(0, 1000, 20), rng.uniform(0, 800, 20), rng.random(20))
@@ -104,6 +108,7 @@ def test_chance():
     assert "1e-40" in got.detail
 
 
+@pytest.mark.long
 def test_hints_that_rule_each_other_out():
     """No scale is at least 5 and at most 4: solved all the same if it can be, else that is the reason."""
     rng = np.random.default_rng(8)

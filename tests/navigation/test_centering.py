@@ -67,6 +67,7 @@ async def test_a_wrongly_pointing_mount_is_centered(make_rig: MakeRig, ha_deg: f
     assert not report.tries[-1].synced
 
 
+@pytest.mark.long
 async def test_a_mount_that_ignores_syncs_is_centered_by_an_offset(make_rig: MakeRig) -> None:
     rig = await make_rig(wrap=SyncDeaf, policy=replace(POLICY, sync_read_back_s=0.2))
     target = up_now()
@@ -115,6 +116,7 @@ async def test_an_unsolved_frame_moves_and_syncs_nothing(make_rig: MakeRig) -> N
     assert "slewing" not in rig.kinds()
 
 
+@pytest.mark.long
 async def test_a_frame_solved_far_outside_the_hint_is_not_believed_blindly(make_rig: MakeRig) -> None:
     # 3.5° off, sought within 0.3°: it is found all the same, and too far off to be synced on
     rig = await make_rig(
@@ -128,6 +130,7 @@ async def test_a_frame_solved_far_outside_the_hint_is_not_believed_blindly(make_
     assert "syncing" not in rig.kinds()
 
 
+@pytest.mark.long
 async def test_tries_run_out_with_a_name(make_rig: MakeRig) -> None:
     rig = await make_rig()
     with pytest.raises(TargetNotReached, match="1 looks") as end:

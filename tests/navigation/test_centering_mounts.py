@@ -181,6 +181,7 @@ def test_a_tube_that_does_not_follow_ends_with_its_name() -> None:
     in_virtual_time(work)
 
 
+@pytest.mark.long
 def test_false_solutions_move_and_sync_nothing_wrongly() -> None:
     for seed in range(12):
         script = SkyScript(seed=seed, false_share=0.15)
@@ -259,6 +260,7 @@ def steps_of_a_centering() -> list[str]:
     return names
 
 
+@pytest.mark.long
 def test_cancelled_at_any_step_the_mount_stands_and_nothing_is_lost() -> None:
     names = steps_of_a_centering()
     assert {"centering begin", "look exposed", "slew sent", "sync sent"} <= set(names)

@@ -215,6 +215,7 @@ def test_a_mount_that_wakes_elsewhere_is_not_trusted(tmp_path: Path) -> None:
     next_run(file, woken)
 
 
+@pytest.mark.long
 def test_a_quiet_night_writes_few_rows(tmp_path: Path) -> None:
     async def night(rig: SyncRig, journal: SqlJournal) -> None:
         for ha_deg in (-40.0, -10.0, 20.0):

@@ -91,6 +91,7 @@ outliers = st.builds(
 )
 
 
+@pytest.mark.long
 @given(
     st.lists(inliers, min_size=8, max_size=20),
     st.lists(outliers, min_size=1, max_size=3),

@@ -82,6 +82,7 @@ def scopes(tree: ast.Module) -> Iterator[ast.AST]:
             yield node
 
 
+@pytest.mark.long
 def test_what_is_declared_a_driver_gets_no_orders() -> None:
     declared = 0
     for name, tree in sources():

@@ -62,6 +62,7 @@ def _wake_up_elsewhere(rig: Rig) -> None:
     rig.mechanics.sync(icrs_to_apparent(believed, now))
 
 
+@pytest.mark.long
 async def test_a_lost_mount_is_recovered_and_then_centers(make_rig: MakeRig) -> None:
     rig = await make_rig(solve=FindsAnywhere)
     _wake_up_elsewhere(rig)

@@ -93,6 +93,7 @@ def test_a_frame_from_before_the_sync_never_doubles_it() -> None:
     rigged(work)
 
 
+@pytest.mark.long
 def test_a_mount_that_was_moved_since_the_frame_is_not_synced() -> None:
     async def work(rig: SyncRig) -> None:
         found = await pointed(rig)
@@ -195,6 +196,7 @@ def test_first_of_night() -> None:
 # -- false solutions ---------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_false_solutions_are_never_committed_and_teach_nothing() -> None:
     async def work(rig: SyncRig) -> None:
         await rig.taught()
@@ -289,6 +291,7 @@ def test_a_frame_unlike_those_before_is_refused(shown: dict[str, Any], doubt: Sy
     rigged(work)
 
 
+@pytest.mark.long
 def test_both_sides_of_the_pier_show_one_camera() -> None:
     async def work(rig: SyncRig) -> None:
         sides = set()
@@ -840,6 +843,7 @@ def test_what_cannot_be_written_down_is_not_sent() -> None:
     rigged(work, journal=FullDisk())
 
 
+@pytest.mark.long
 def test_the_process_may_end_at_each_step() -> None:
     """Never two syncs, and none that nobody decided on or that no row tells of."""
     steps: list[str] = []

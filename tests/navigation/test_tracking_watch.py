@@ -32,6 +32,7 @@ def faults(rig: Rig) -> list[dict[str, object]]:
     return [dict(one.facts) for one in rig.journal.entries if one.kind is EntryKind.FAULT]
 
 
+@pytest.mark.long
 def test_tracking_stops_before_the_horizon_and_not_much_before() -> None:
     seen: list[float] = []
 
@@ -72,6 +73,7 @@ def test_after_such_a_stop_tracking_is_not_begun_again_there_but_a_slew_inside_i
     run(work, limits=Limits(20.0))
 
 
+@pytest.mark.long
 def test_a_wall_that_comes_up_is_seen_in_time() -> None:
     wall = Horizon(((0.0, 5.0), (230.0, 5.0), (230.0, 60.0), (250.0, 60.0), (250.0, 5.0), (359.0, 5.0)))
 
@@ -496,6 +498,7 @@ def test_by_the_pole_the_meridian_limit_counts_by_the_axes(dec_deg: float) -> No
     assert max(past_deg) <= 5.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("tells_side", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_at_home_on_the_pole_tracking_begins(tells_side: bool) -> None:
     # there a place tells nothing of the axes: by it alone they may be anywhere beyond
@@ -516,6 +519,7 @@ def test_at_home_on_the_pole_tracking_begins(tells_side: bool) -> None:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("times", "lowest_deg", "first", "then"),
     [(3.0, 27.5, (-70.0, 70.0), (20.0, 0.0)), (1.0 / 6.0, 18.0, (-30.0, -15.0), (75.0, 60.0))],

@@ -195,6 +195,7 @@ def test_a_mount_that_was_away_may_stand_anywhere_and_is_not_parked() -> None:
     virtually(night)
 
 
+@pytest.mark.long
 def test_dawn_waits_for_whoever_works_but_not_for_ever() -> None:
     async def night(clock: VirtualClock) -> None:
         rig = await make_night(clock=clock, rules=PARKS)
@@ -237,6 +238,7 @@ def parking_of(rig: NightRig, make_way: MakeWay | None = None) -> NightParking:
     return NightParking(rig.navigator, "east", notes, lambda kind, data: None, rig.clock, make_way)
 
 
+@pytest.mark.long
 def test_the_end_of_rain_takes_nothing_from_the_morning_nor_an_evening_from_the_rain() -> None:
     async def night(clock: VirtualClock, owed: Decision, other: Decision, end: Decision) -> None:
         rig = await begun(clock)

@@ -47,6 +47,7 @@ def test_three_frames_then_one_sync() -> None:
     virtually(night)
 
 
+@pytest.mark.long
 def test_an_offset_brings_the_field_back_and_a_dither_is_no_error() -> None:
     async def night(clock: VirtualClock) -> None:
         rig = await make_night(clock=clock, rules=replace(RULES, correct_by="offset"))
@@ -79,6 +80,7 @@ def test_a_target_that_the_sender_told_is_what_counts() -> None:
     virtually(night)
 
 
+@pytest.mark.long
 def test_false_solutions_and_satellites_correct_nothing_wrongly() -> None:
     async def night(clock: VirtualClock) -> None:
         script = SkyScript(seed=11, false_share=0.25, satellite_every=10)

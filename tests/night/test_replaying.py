@@ -115,6 +115,7 @@ def night(tmp_path_factory: pytest.TempPathFactory) -> tuple[Recording, list[str
     return recorded_night(tmp_path_factory.mktemp("recordings"))
 
 
+@pytest.mark.long
 def test_the_same_rules_decide_the_same(night) -> None:
     recording, orders = night
     assert orders.count("sync") == 4

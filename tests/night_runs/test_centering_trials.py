@@ -35,6 +35,7 @@ def test_targets_all_over_the_sky_are_centered_or_refused_for_what_is_true(first
     assert centered >= 10
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "wire",
     [pytest.param(one, marks=pytest.mark.long if number % 2 else ()) for number, one in enumerate(WIRES)],

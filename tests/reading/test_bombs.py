@@ -58,6 +58,7 @@ def _pack_gzip(start: bytes, zeros: int) -> bytes:
     return gzip.compress(start) + gzip.compress(bytes(block)) * (zeros // block)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_little_memory")
 @pytest.mark.parametrize("pack", [_pack_bz2, _pack_gzip])
 @pytest.mark.parametrize(
@@ -155,6 +156,7 @@ def _many_zeros(members: int) -> bytes:
     return bomb
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_little_memory")
 @pytest.mark.parametrize("kind", ["GZIP_1", "GZIP_2"])
 @pytest.mark.parametrize("members", [1, 9])

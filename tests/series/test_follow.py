@@ -49,6 +49,7 @@ def night(draw, catalog) -> tuple[SeriesReport, list[Icrs]]:
     return followed(frames, catalog), centers
 
 
+@pytest.mark.long
 def test_shifts_are_true(night) -> None:
     report, centers = night
     off = []
@@ -106,6 +107,7 @@ def test_the_satellite_does_not_persist(night) -> None:
     assert (near < 2.0).sum() < 3 * strip * len(sources) + 3
 
 
+@pytest.mark.long
 def test_jumps_split_the_series_and_leave_the_drift_alone(draw, catalog) -> None:
     centers = drifting(12, 6.0, 3.0)
     centers = [displaced(c, 90.0 * (i >= 4), -60.0 * (i >= 8)) for i, c in enumerate(centers)]
@@ -132,6 +134,7 @@ def test_a_slew_to_another_field_starts_anew(draw, catalog) -> None:
     assert [len(one.frames) for one in report.segments] == [4, 4]
 
 
+@pytest.mark.long
 def test_field_rotation_is_seen_and_solved_fully(draw, catalog) -> None:
     """An alt-az mount: the field turns by 0.15° a minute."""
     frames = [draw(i, CENTER, replace(OPTICS, rotation_deg=12 + 0.15 * i)) for i in range(6)]
@@ -145,6 +148,7 @@ def test_field_rotation_is_seen_and_solved_fully(draw, catalog) -> None:
     assert abs(report.drift.ra_arcsec_min) < 5 * report.drift.ra_sigma_arcsec_min
 
 
+@pytest.mark.long
 def test_a_meridian_flip_is_solved_anew(draw, catalog) -> None:
     frames = [draw(i, CENTER, replace(OPTICS, rotation_deg=12 + 180 * (i >= 3))) for i in range(6)]
     report = followed(frames, catalog)
@@ -154,6 +158,7 @@ def test_a_meridian_flip_is_solved_anew(draw, catalog) -> None:
     assert all(separation_arcsec(one.center, CENTER) < 0.1 * SCALE for one in report.frames)
 
 
+@pytest.mark.long
 def test_bad_frames_in_the_middle_are_told_and_the_series_goes_on(draw, catalog, tmp_path: Path) -> None:
     text = tmp_path / "notes.fits"
     text.write_text("no image")
@@ -180,6 +185,7 @@ def test_bad_frames_in_the_middle_are_told_and_the_series_goes_on(draw, catalog,
     assert report.drift.ra_arcsec_min == pytest.approx(10.0, abs=0.1)
 
 
+@pytest.mark.long
 def test_another_binning_in_the_middle(draw, catalog) -> None:
     half = replace(
         OPTICS, width_px=320, height_px=240, scale_arcsec_px=12.0, fwhm_px=1.6, distortion_px2=4e-8
@@ -194,6 +200,7 @@ def test_another_binning_in_the_middle(draw, catalog) -> None:
     assert report.drift.ra_arcsec_min == pytest.approx(10.0, abs=0.2)
 
 
+@pytest.mark.long
 def test_without_times_there_are_shifts_but_no_drift(draw, catalog) -> None:
     frames = [replace(draw(i, c), mid_exposure_utc=None) for i, c in enumerate(drifting(4, 20.0, 0.0))]
     report = followed(frames, catalog)
@@ -203,6 +210,7 @@ def test_without_times_there_are_shifts_but_no_drift(draw, catalog) -> None:
     assert all(one.shift is not None and one.center is not None for one in report.frames[1:])
 
 
+@pytest.mark.long
 def test_one_frame_without_a_time_takes_no_part_in_the_drift(draw, catalog) -> None:
     frames = [draw(i, c) for i, c in enumerate(drifting(5, 20.0, 0.0))]
     frames[2] = replace(frames[2], mid_exposure_utc=None)
@@ -211,6 +219,7 @@ def test_one_frame_without_a_time_takes_no_part_in_the_drift(draw, catalog) -> N
     assert report.frames[2].center is not None
 
 
+@pytest.mark.long
 def test_a_first_frame_without_stars_is_no_anchor_for_long(draw, catalog) -> None:
     centers = drifting(5, 10.0, 0.0)
     frames = [draw(i, c) for i, c in enumerate(centers)]
@@ -223,6 +232,7 @@ def test_a_first_frame_without_stars_is_no_anchor_for_long(draw, catalog) -> Non
     assert all(one.center is not None for one in report.frames[1:])
 
 
+@pytest.mark.long
 def test_without_any_hint_there_are_shifts_and_no_centers(draw, catalog) -> None:
     centers = drifting(4, 20.0, 0.0)
     frames = [draw(i, c) for i, c in enumerate(centers)]
@@ -235,6 +245,7 @@ def test_without_any_hint_there_are_shifts_and_no_centers(draw, catalog) -> None
         assert (one.shift.dx_px, one.shift.dy_px) == pytest.approx((dx, dy), abs=0.05)
 
 
+@pytest.mark.long
 def test_frames_before_the_first_solved_one_are_placed_afterwards(draw, catalog) -> None:
     """Only the third frame's header tells where it was taken."""
     centers = drifting(5, 10.0, 5.0)
@@ -255,6 +266,7 @@ def test_frames_before_the_first_solved_one_are_placed_afterwards(draw, catalog)
     assert report.drift.ra_arcsec_min == pytest.approx(10.0, abs=0.2)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "start",
     [
@@ -274,6 +286,7 @@ def test_seam_and_poles_make_no_difference(draw, catalog, start) -> None:
     assert report.drift.ra_arcsec_min == pytest.approx(cosine * np.polyfit(range(5), east, 1)[0], abs=0.1)
 
 
+@pytest.mark.long
 def test_the_papers_profile_follows_too(draw, catalog) -> None:
     centers = drifting(5, 10.0, -10.0)
     sparse = replace(OPTICS, faint_stars_deg2=0.0)
@@ -283,6 +296,7 @@ def test_the_papers_profile_follows_too(draw, catalog) -> None:
         assert separation_arcsec(one.center, true) < SCALE
 
 
+@pytest.mark.long
 def test_streaming_tells_the_same_as_the_whole(draw, catalog) -> None:
     frames = [draw(i, c) for i, c in enumerate(drifting(4, 15.0, 0.0))]
     follower = SeriesFollower(catalog, hint=HINT)

@@ -41,6 +41,7 @@ def run(*arguments: str | Path):
     return CliRunner().invoke(app, ["series", *map(str, arguments)])
 
 
+@pytest.mark.long
 def test_the_table(files: list[Path]) -> None:
     done = run(*files)
     assert done.exit_code == 0, done.output
@@ -53,6 +54,7 @@ def test_the_table(files: list[Path]) -> None:
     assert max(map(len, lines)) < 140
 
 
+@pytest.mark.long
 def test_the_object(files: list[Path]) -> None:
     done = run(*files, "--json", "--audit", "2")
     assert done.exit_code == 0, done.output
@@ -109,6 +111,7 @@ def test_no_files_is_bad_usage() -> None:
     assert run().exit_code == 2
 
 
+@pytest.mark.long
 @pytest.mark.shared
 @pytest.mark.parametrize(
     ("profile", "allowed_arcsec"),

@@ -39,6 +39,7 @@ def test_it_catches_any_target_without_jumps_and_within_its_limits(
         assert -1e-9 <= path.driven_at(t_s) - path.angle_at(t_s) <= play + 1e-9
 
 
+@pytest.mark.long
 @given(angles, angles, rates, rates)
 def test_from_rest_it_takes_the_time_of_a_trapezoid(start, target, rate, acceleration) -> None:
     path = AxisPath.resting(0.0, start, 0.0).to_angle(0.0, target, 0.0, rate, acceleration)

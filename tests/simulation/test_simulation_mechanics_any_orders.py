@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime, timedelta
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -103,6 +104,7 @@ def state(mechanics: Mechanics, utc: datetime) -> tuple:
     )
 
 
+@pytest.mark.long
 @settings(max_examples=60, deadline=None)
 @given(machines, faulty_courses)
 def test_the_past_never_changes_and_the_future_is_what_comes(machine, course) -> None:

@@ -16,6 +16,7 @@ SETTLE_S = 30
 SOMEBODY = Caller("a scheduler", Role.OPERATE, Face.REST)
 
 
+@pytest.mark.long
 async def test_slews_set_the_target_arrive_and_keep_the_pointing_state(fast: Running) -> None:
     german = fast.probe
     for hour_angle_h, dec_deg, side in ((-3.0, 23.5, 1), (3.0, 23.5, 0), (-9.0, 75.0, 1), (9.0, 75.0, 0)):
@@ -222,6 +223,7 @@ async def test_somebody_elses_stop_is_told_to_whoever_slews(observatory: Running
     assert found.number == 0x40E
 
 
+@pytest.mark.long
 async def test_parking_unparking_and_what_is_refused_between(fast: Running) -> None:
     german = fast.probe
     ra_h = await german.slew_to(-3.0, 20.0)

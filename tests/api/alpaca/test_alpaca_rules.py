@@ -199,6 +199,7 @@ async def _ids(checks: Checks, probe: AlpacaProbe, verb: str, member: str, given
         checks.hold(f"{verb} {member} with ClientID {bad!r}", found.json()["ClientTransactionID"], 6)
 
 
+@pytest.mark.long
 async def test_every_member_that_is_read(shared_observatory: Running) -> None:
     german = shared_observatory.probe
     checks = Checks()
@@ -219,6 +220,7 @@ async def test_every_member_that_is_read(shared_observatory: Running) -> None:
     checks.done(1000)
 
 
+@pytest.mark.long
 async def test_every_parameter_that_is_missing_or_makes_no_sense(shared_observatory: Running) -> None:
     german = shared_observatory.probe
     checks = Checks()
@@ -250,6 +252,7 @@ def _bad(verb: str, name: str, without: dict[str, str]) -> Iterator[tuple[str, d
             yield "no sense", {**without, name: bad}
 
 
+@pytest.mark.long
 async def test_every_member_that_is_written_while_it_stands_still(shared_observatory: Running) -> None:
     """What moves nothing; what does has tests of its own."""
     german = shared_observatory.probe

@@ -97,6 +97,7 @@ async def test_a_stop_that_can_not_be_carried_out_says_so(rig: Rig) -> None:
             assert all(one.startswith("[ERROR]") for one in raw.words(mark) if words in one)
 
 
+@pytest.mark.long
 async def test_thousands_of_questions_are_answered_to_a_client_that_reads(rig: Rig) -> None:
     _, server = rig
     reader, writer = await asyncio.open_connection(*server.address)

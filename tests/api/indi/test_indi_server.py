@@ -407,6 +407,7 @@ async def test_what_is_no_indi_ends_the_connection_politely(rig: Rig) -> None:
         assert not good.closed
 
 
+@pytest.mark.long
 async def test_a_client_that_never_reads_is_let_go_and_others_are_served(rig: Rig) -> None:
     _, server = rig
     loop = asyncio.get_running_loop()

@@ -92,6 +92,7 @@ def apart_arcsec(a: Apparent | Icrs, b: Apparent | Icrs) -> float:
 # -- what it is ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("version", "system"),
     [(4, 1), pytest.param(3, 2, marks=pytest.mark.long)],

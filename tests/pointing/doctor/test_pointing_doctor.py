@@ -349,6 +349,7 @@ def at(site: Site, one: Patient, *, confirmed: bool = False):
     )
 
 
+@pytest.mark.long
 def test_a_wrong_sign_of_our_longitude_is_never_healthy_nor_a_misreported_side() -> None:
     named = 0
     for seed in range(60):
@@ -375,6 +376,7 @@ def test_looks_below_the_ground_are_told_with_their_altitude() -> None:
     assert said.healthy is False
 
 
+@pytest.mark.long
 def test_where_both_signs_would_do_nobody_is_called_healthy_unless_the_mount_says_the_same() -> None:
     told = Counter()
     for seed in range(12):

@@ -182,6 +182,7 @@ def test_limits_that_make_no_sense(wrong: dict[str, object]) -> None:
 WALL = Horizon(((0.0, 10.0), (100.0, 10.0), (100.0, 40.0), (140.0, 40.0), (140.0, 10.0)))
 
 
+@pytest.mark.long
 @settings(max_examples=25, deadline=None)
 @given(st.floats(0.0, 360.0, exclude_max=True), st.floats(-60.0, 90.0), st.floats(0.0, 24.0))
 def test_the_next_time_is_right_with_walls_and_sun(ra_deg: float, dec_deg: float, hour: float) -> None:

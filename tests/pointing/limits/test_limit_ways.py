@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from datetime import UTC, datetime
 
+import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -64,6 +65,7 @@ def standing(mounting: Mounting, first_deg: float, second_deg: float) -> Standin
     return Standing(mounting, side, first_deg, second_deg)
 
 
+@pytest.mark.long
 @settings(max_examples=150, deadline=None)
 @given(
     st.sampled_from(["fork", "german", "altaz"]),

@@ -65,6 +65,7 @@ def looks(tmp_path_factory):
     return path
 
 
+@pytest.mark.long
 def test_pmfits_file(shared, tmp_path):
     out = tmp_path / "model.json"
     said = mountnav(
@@ -86,6 +87,7 @@ def test_pmfits_file(shared, tmp_path):
     assert len(auto["residuals_arcsec"]) == 39
 
 
+@pytest.mark.long
 def test_looks_need_to_know_where_the_telescope_stands(looks, config, tmp_path):
     with pytest.raises(BadRequest, match="--site LATITUDE LONGITUDE"):
         mountnav("fit", looks)
@@ -101,6 +103,7 @@ def test_looks_need_to_know_where_the_telescope_stands(looks, config, tmp_path):
         mountnav("fit", looks, "-c", config, "--telescope", "west")
 
 
+@pytest.mark.long
 def test_a_worse_model_changes_nothing(looks, config, tmp_path):
     out = tmp_path / "model.json"
     mountnav("fit", looks, "-c", config, "--terms", "CH,NP,ME,MA,TF", "-o", out)

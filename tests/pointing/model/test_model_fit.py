@@ -48,6 +48,7 @@ def test_the_six_terms_are_these_and_no_others(shared):
         assert fit(m, instead).after.sky_rms_arcsec > 5.80
 
 
+@pytest.mark.long
 def test_spoiled_observations(shared):
     clean = pmfit(shared)
     for seed in range(25):
@@ -115,6 +116,7 @@ def test_every_altaz_term_comes_back():
         assert found.after.sky_rms_arcsec == pytest.approx(np.sqrt(2.0), rel=0.12)
 
 
+@pytest.mark.long
 def test_every_equatorial_term_comes_back():
     truth = {
         "IH": 5000.0, "ID": -3000.0, "CH": 400.0, "NP": 150.0, "ME": 900.0, "MA": -700.0, "TF": 60.0,

@@ -30,6 +30,7 @@ def given(nights):
     return {seed: judged(one, tuple(one.geometry_terms)) for seed, one in nights.items()}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [GERMAN, FORK, ALTAZ])
 def test_what_was_planted_comes_back_within_its_errors(nights, given, seed):
     told, _ = given[seed]
@@ -41,6 +42,7 @@ def test_what_was_planted_comes_back_within_its_errors(nights, given, seed):
     assert told.with_arcsec < 0.2 * told.without_arcsec
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "seed", [GERMAN, pytest.param(FORK, marks=pytest.mark.long), pytest.param(ALTAZ, marks=pytest.mark.long)]
 )
