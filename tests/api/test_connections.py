@@ -25,6 +25,7 @@ from api.connections import Bounds, Deadlines, Gate
 from api.descriptors import shares
 from api.serving import bind
 from tests.api.conftest import OBSERVATORY
+from tests.pace import slowness
 
 TOKEN = "mnk_for-this-test-alone"
 STOP = (
@@ -34,14 +35,6 @@ FEW = 256
 """Descriptors of the service under attack; with the usual 1,024 it is the same with four times as many."""
 STOP_S = 2.0
 """Within that a stop is answered on a machine that has the time for it."""
-
-
-def longest_s() -> float:
-    """The same on this one as it is now: so many times longer as work here takes longer than its CPU time."""
-    begun_s, until_s = time.monotonic(), time.thread_time() + 0.1
-    while time.thread_time() < until_s:
-        pass
-    return STOP_S * max(1.0, (time.monotonic() - begun_s) / 0.1)
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +101,7 @@ def _many_machines(number: int) -> str:
 )
 @pytest.mark.parametrize("source", [_one_machine, _another_machine, _many_machines])
 def test_a_stop_gets_through(address: tuple[str, int], source: Callable[[int], str], data: bytes) -> None:
-    most_s = longest_s()
+    most_s = STOP_S * slowness()
     with ExitStack() as held:
         for number in range(FEW + 50):
             try:

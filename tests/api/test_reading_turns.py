@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from api.connections import Bounds, Gate
 from api.limits_of_rate import is_stop
 from api.reading_turns import ReadingTurns
-from tests.api.test_connections import STOP, _behind, _from, _Held, address, longest_s  # noqa: F401
+from tests.api.test_connections import STOP, STOP_S, _behind, _from, _Held, address  # noqa: F401
+from tests.pace import slowness
 
 
 class _Waits:
@@ -196,7 +197,7 @@ def _flood(where: tuple[str, int], data: bytes, *, clients: int) -> Iterator[Non
     ],
 )
 def test_a_stop_gets_through_a_flood(address: tuple[str, int], data: bytes) -> None:  # noqa: F811
-    most_s = longest_s()
+    most_s = STOP_S * slowness()
     with _flood(address, data, clients=40):
         time.sleep(1.0)  # the flood is under way
         for _ in range(3):
