@@ -325,6 +325,14 @@ class Guarded(H11Protocol):
         self._refuse(400, b"Bad Request", msg)
 
     def _refuse(self, status: int, reason: bytes, msg: str) -> None:
+        """Answer in place of the application, where it hasn't begun to, and close."""
+        if self.cycle is not None and not self.cycle.response_complete:
+            # whoever still works at an answer has nobody to give it to
+            self.cycle.disconnected = True
+            self.cycle.message_event.set()
+        if self.conn.our_state not in (h11.IDLE, h11.SEND_RESPONSE):
+            self.transport.close()
+            return
         headers = [
             (b"content-type", b"text/plain; charset=utf-8"),
             (b"connection", b"close"),

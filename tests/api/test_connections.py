@@ -19,7 +19,7 @@ import pytest
 import uvicorn
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import PlainTextResponse, Response
-from starlette.types import Receive, Scope, Send
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from api.connections import Bounds, Deadlines, Gate
 from api.descriptors import shares
@@ -167,11 +167,13 @@ SOON = Deadlines(head_s=0.5, stop_head_s=0.5, body_s=0.5, answer_s=0.5)
 
 
 @asynccontextmanager
-async def _behind(gate: Gate, heard: list[str] | None = None) -> AsyncIterator[tuple[str, int]]:
+async def _behind(
+    gate: Gate, heard: list[str] | None = None, application: ASGIApp | None = None
+) -> AsyncIterator[tuple[str, int]]:
     async def noted(scope: Scope, receive: Receive, send: Send) -> None:
         if heard is not None:
             heard.append(scope["path"])
-        await _application(scope, receive, send)
+        await (application or _application)(scope, receive, send)
 
     config = uvicorn.Config(
         noted,

@@ -8,6 +8,7 @@ from contextlib import closing
 from urllib.parse import unquote
 
 import pytest
+from starlette.types import Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from api.connections import Bounds, Gate, _take_origin_form
@@ -128,3 +129,33 @@ def test_the_host_in_an_address_is_the_one_that_counts(target: str, path: str, h
     }
     _take_origin_form(scope)
     assert (scope["path"], dict(scope["headers"])) == (path, {b"host": host, b"a": b"b"})
+
+
+@pytest.mark.parametrize("begun", [False, True], ids=["before it answers", "in its answer"])
+async def test_a_body_that_breaks_off_in_nonsense_leaves_no_traceback(
+    begun: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    body, over = asyncio.Event(), asyncio.Event()
+
+    async def application(scope: Scope, receive: Receive, send: Send) -> None:
+        if begun:
+            await send({"type": "http.response.start", "status": 200, "headers": []})
+        body.set()
+        while (await receive()).get("more_body", False):
+            pass
+        if not begun:
+            await send({"type": "http.response.start", "status": 200, "headers": []})
+        await send({"type": "http.response.body", "body": b"x"})
+        over.set()
+
+    gate = Gate(Bounds())
+    async with _behind(gate, application=application) as where, _Held() as held, asyncio.timeout(60):
+        reader, writer = await held.open(where)
+        writer.write(b"POST /a HTTP/1.1\r\n" + HOST + b"Transfer-Encoding: chunked\r\n\r\n")
+        await body.wait()
+        writer.write(b"nonsense\r\n")
+        told = await reader.read()
+        await over.wait()
+    assert told.count(b"HTTP/1.1 ") == 1
+    assert told.startswith(b"HTTP/1.1 200 " if begun else b"HTTP/1.1 400 ")
+    assert not [one for one in caplog.records if one.exc_info], caplog.text
