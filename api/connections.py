@@ -48,6 +48,9 @@ _ABSOLUTE = re.compile(rb"https?://(?P<host>[^/?#]*)(?P<path>/.*)?", re.IGNORECA
 """The address of a request as proxies are sent it."""
 _LEAST_BODY_BYTES_S = 1000.0
 """A body that comes more slowly for `Deadlines.body_s` is given up: 256 kB would take it four minutes."""
+_CHANCE_S = 0.25
+"""So long a connection has to say what it wants before it makes room for another one, s: a stop comes with
+the first bytes, and these in a turn or two of the loop. Doubled, a flood gives way half as fast."""
 _TOLD_AGAIN_S = 60.0
 """So long nothing is logged after it was told that there are too many, s: an attack may last all night."""
 
@@ -84,11 +87,14 @@ class Bounds:
     each_address : int
     stops : int
         Beyond these: for stops alone.
+    fresh : int
+        So many more may be there for a moment, until they have had a chance to say what they want.
     """
 
     most: int = 512
     each_address: int = 128
     stops: int = 32
+    fresh: int = 8
 
 
 class Gate:
@@ -135,24 +141,29 @@ class Gate:
         if self._sweeping is None:
             self._sweeping = one.loop.call_later(_SWEEP_S, self._sweep, one.loop)
         own = self._here.setdefault(one.address, set())
+        everybody = self.count - len(self._stopping)
         if len(own) >= self._bounds.each_address:
-            crowd = own
-        elif self.count - len(self._stopping) >= self._bounds.most:
+            crowd, surplus = own, len(own) - self._bounds.each_address
+        elif everybody >= self._bounds.most:
             crowd = {each for ones in self._here.values() for each in ones}
+            surplus = everybody - self._bounds.most
         else:
             own.add(one)
             return
         self._tell(one)
-        idle = [each for each in crowd if each.is_idle]
+        idle = [each for each in crowd if each.may_go]
         if idle:
-            # who never asked anything goes before a program that keeps its connection open
-            self._drop(min(idle, key=lambda each: (each.answered > 0, each.since_s)))
+            # who never asked anything goes before a program that keeps its connection open; nobody who has
+            # just come, while there is a little room left
+            goes = min(idle, key=lambda each: (each.answered > 0, each.since_s))
+            if goes.has_had_a_chance or surplus >= self._bounds.fresh:
+                self._drop(goes)
             own.add(one)
             self._here[one.address] = own
             return
         one.stops_only = True
         if len(self._stopping) >= self._bounds.stops:
-            self._drop(min(self._stopping, key=lambda each: (not each.is_idle, each.since_s)))
+            self._drop(min(self._stopping, key=lambda each: (not each.may_go, each.since_s)))
         self._stopping.add(one)
         if not own:
             del self._here[one.address]
@@ -219,6 +230,16 @@ class Guarded(H11Protocol):
     def is_idle(self) -> bool:
         """Whether nothing that it asked is being answered: no whole head of a request came since."""
         return self.cycle is None or self.cycle.response_complete
+
+    @property
+    def may_go(self) -> bool:
+        """Whether it may make room for another one: it is idle, and no stop waits to be read."""
+        return self.is_idle and not self.is_urgent
+
+    @property
+    def has_had_a_chance(self) -> bool:
+        """Whether it could have said by now what it wants."""
+        return self.answered > 0 or self.loop.time() - self.since_s > _CHANCE_S
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """It is there."""

@@ -33,6 +33,8 @@ class Shares:
         Of HTTP, but for those that may only stop.
     stops : int
         Of HTTP beyond these: they are let in to send a stop, and nothing else.
+    fresh : int
+        Of HTTP beyond these, for a moment: until they have said what they want.
     door : int
         Of each other door (INDI, LX200, Stellarium).
     burst : int
@@ -41,6 +43,7 @@ class Shares:
 
     http: int
     stops: int
+    fresh: int
     door: int
     burst: int
 
@@ -59,8 +62,9 @@ def shares(descriptors: int, telescopes: int) -> Shares:
     door = min(64, max(4, sixteenth))
     burst = min(64, max(8, sixteenth))
     stops = min(32, max(4, sixteenth // 2))
-    left = most - _OWN - _EACH_TELESCOPE * telescopes - _DOORS * door - burst - stops
-    return Shares(http=max(_FEWEST_HTTP, left), stops=stops, door=door, burst=burst)
+    fresh = burst // 2
+    left = most - _OWN - _EACH_TELESCOPE * telescopes - _DOORS * door - burst - stops - fresh
+    return Shares(http=max(_FEWEST_HTTP, left), stops=stops, fresh=fresh, door=door, burst=burst)
 
 
 def descriptors_at_hand() -> int:

@@ -97,6 +97,7 @@ def make_server(app: FastAPI, *, log_level: str = "info", own_process: bool = Fa
             most=min(settings.service.max_connections, shared.http),
             each_address=min(settings.service.connections_per_address, max(1, shared.http // 2)),
             stops=shared.stops,
+            fresh=shared.fresh,
         )
     )
     config = uvicorn.Config(

@@ -119,7 +119,7 @@ def test_a_stop_gets_through(address: tuple[str, int], source: Callable[[int], s
 def test_descriptors_are_left_for_stops_and_devices() -> None:
     for descriptors in (256, 512, 1024, 1_000_000):
         shared = shares(descriptors, telescopes=2)
-        taken = shared.http + shared.stops + shared.burst + 3 * shared.door
+        taken = shared.http + shared.stops + shared.fresh + shared.burst + 3 * shared.door
         assert taken + 96 + 2 * 8 <= min(descriptors, 1024)
         assert shared.http >= 24
         assert shared.stops >= 4
@@ -289,6 +289,7 @@ async def test_an_idle_connection_makes_room_and_one_that_never_asked_goes_first
         await held.open(address)
         while gate.count < 3:
             await asyncio.sleep(0.01)
+        await asyncio.sleep(0.3)  # they could have said by now what they want
         reader, writer = await held.open(address)
         writer.write(b"GET /b HTTP/1.1\r\nHost: a\r\n\r\n")
         await reader.readuntil(b"/b 0")
@@ -296,3 +297,17 @@ async def test_an_idle_connection_makes_room_and_one_that_never_asked_goes_first
             await mute_reader.readexactly(1)
         asked.write(b"GET /c HTTP/1.1\r\nHost: a\r\n\r\n")
         await asked_reader.readuntil(b"/c 0")
+
+
+async def test_a_stop_that_has_just_come_makes_no_room_for_a_flood_of_newcomers() -> None:
+    gate = Gate(Bounds(most=3, each_address=3, stops=1, fresh=2))
+    stop = b"POST /v1/stop HTTP/1.1\r\nHost: a\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
+    async with _behind(gate) as address, asyncio.timeout(60):
+        with ExitStack() as held:
+            # all of them are there before the loop has a turn to accept one: the stop is the oldest
+            sent = held.enter_context(_from(address, "127.0.0.1", stop))
+            for _ in range(4):
+                held.enter_context(_from(address, "127.0.0.1", b""))
+            sent.setblocking(False)
+            told = await asyncio.get_running_loop().sock_recv(sent, 65_536)
+    assert told.startswith(b"HTTP/1.1 200"), told
