@@ -105,7 +105,7 @@ class Aiming:
             messages.append(self._turn(self._moving_mode()))
         asking = _SWITCH if self._device.get(_SWITCH) else name
         try:
-            heard = await self._device.ordered(*messages, asking=asking)
+            heard = await self._device.ordered(*messages, asking=asking, echo=asking)
         except (DeviceSilent, DeviceMissing) as failure:
             return Sent(lost=failure)
         return self._sent(mode, name, heard)

@@ -85,7 +85,7 @@ async def _listening(device: IndiDevice, mount: str) -> list[str]:
         return []
     texts = {key: value for key, value in active.values.items() if isinstance(value, str)}
     order = orders.new_texts(device.name, "ACTIVE_DEVICES", texts | {"ACTIVE_TELESCOPE": mount})
-    await device.ordered(order, asking="ACTIVE_DEVICES")
+    await device.ordered(order, asking="ACTIVE_DEVICES", echo="ACTIVE_DEVICES")
     return [f"it listens to {mount}"]
 
 
@@ -96,7 +96,7 @@ async def _binned(device: IndiDevice, name: str, binning: int) -> list[str]:
     wanted = dict.fromkeys(one.values, float(binning))
     if wanted == one.values:
         return []
-    await device.ordered(orders.new_numbers(device.name, name, wanted), asking=name)
+    await device.ordered(orders.new_numbers(device.name, name, wanted), asking=name, echo=name)
     now = device.get(name)
     if now is None or now.values != wanted:
         raise DeviceRefused(f"can't bin by {binning}", device=device.address)
@@ -114,7 +114,7 @@ async def _whole(device: IndiDevice, habits: CameraHabits) -> list[str]:
     if _is_whole(frame, width_px, height_px) or frame.perm == "ro":
         return []
     wanted = {"X": 0.0, "Y": 0.0, "WIDTH": width_px, "HEIGHT": height_px}
-    await device.ordered(orders.new_numbers(device.name, name, wanted), asking=name)
+    await device.ordered(orders.new_numbers(device.name, name, wanted), asking=name, echo=name)
     now = device.get(name)
     if now is None or not _is_whole(now, width_px, height_px):
         part = [] if now is None else [now.number(one) for one in ("X", "Y", "WIDTH", "HEIGHT")]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import socket
 from collections import deque
 from collections.abc import Callable
@@ -32,6 +33,12 @@ _MOST_PROPERTIES_BYTES = 1 << 24
 """Of all of them together; those of a large observatory take some hundred kB."""
 _WORDS_KEPT = 200
 _INTRODUCTION_S = 0.5
+_RETELL_S = 1.0
+"""After a broken message all properties are told anew, and no sooner than after so long once more, in
+seconds, doubled each time that the answer holds one as well: a driver with one broken definition would be
+asked without end. Twice as long leaves a change that was lost unknown for 1 s more."""
+_LONGEST_RETELL_S = 64.0
+"""Most that the doubling comes to, in seconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +91,8 @@ class IndiClient:
         self.properties = Properties()
         self.words: deque[Words] = deque(maxlen=_WORDS_KEPT)
         self.troubles = 0
-        """How many messages made no sense since it was opened."""
+        """How many messages that may have been of its device made no sense since it was opened."""
+        self._retelling = _Retelling()
         self._listeners: list[Callable[[Event, Property | None], None]] = []
         self._writer: asyncio.StreamWriter | None = None
         self._tasks: list[asyncio.Task[None]] = []
@@ -130,6 +138,7 @@ class IndiClient:
         self.properties.clear()
         self.words.clear()
         self.troubles, self._answers_pings, self._heard = 0, False, False
+        self._retelling = _Retelling()
         self._writer, self._why_lost = writer, None
         self.send(orders.ping_request(self._ping_id()), orders.get_properties(self._device))
         self._tasks = [
@@ -238,13 +247,15 @@ class IndiClient:
                 self._tell_news()
                 # whatever a server sends: a stop, and all else, has its turn in between
                 await asyncio.sleep(0)
-            if self.troubles > troubles and self.usable:
-                # a change may have been lost with it: have everything told anew
-                self.send(orders.get_properties(self._device))
+            if self.troubles > troubles:
+                self._retelling.want()
+            self._have_retold()
 
     def _take(self, event: Event) -> None:
         if isinstance(event, Malformed):
-            self.troubles += 1
+            # indi_lx200_OnStep 1.9.9 defines a property without device and name: nothing of ours
+            if event.device is None or not self._device or event.device == self._device:
+                self.troubles += 1
             self.log.note("event", meaning=f"broken message: {event.why}: {event.excerpt!r}")
         elif isinstance(event, PingAnswered):
             self._answers_pings = True
@@ -264,6 +275,11 @@ class IndiClient:
             self.words.append(Words(self.properties.count, getattr(event, "device", ""), message))
         for listener in self._listeners:
             listener(event, now)
+
+    def _have_retold(self) -> None:
+        """Have everything told anew if a change may have been lost, and it is time."""
+        if self.usable and self._retelling.due(asyncio.get_running_loop().time()):
+            self.send(orders.get_properties(self._device))
 
     def _give_up(self, why: str) -> None:
         """Hear no more of a server that would have us grow without end."""
@@ -296,6 +312,7 @@ class IndiClient:
             await asyncio.sleep(pulse.ping_s)
             quiet = 0 if self._heard else quiet + 1
             self._heard = False
+            self._have_retold()
             if quiet >= most and self._answers_pings:
                 self._lose(f"the server was silent for {quiet * pulse.ping_s:.1f} s")
             elif quiet and self.usable:
@@ -304,6 +321,29 @@ class IndiClient:
     def _ping_id(self) -> str:
         self._pings += 1
         return f"mountnav-{self._pings}"
+
+
+class _Retelling:
+    """When everything has to be told anew, because a change may have been lost."""
+
+    def __init__(self) -> None:
+        self._wanted = False
+        self._next_s = -math.inf
+        self._wait_s = _RETELL_S
+
+    def want(self) -> None:
+        """Something was lost."""
+        self._wanted = True
+
+    def due(self, now_s: float) -> bool:
+        """Whether to ask now; then it counts as asked."""
+        if not self._wanted or now_s < self._next_s:
+            return False
+        # long after the last time it is another matter
+        again = now_s < self._next_s + self._wait_s
+        self._wait_s = min(2.0 * self._wait_s, _LONGEST_RETELL_S) if again else _RETELL_S
+        self._wanted, self._next_s = False, now_s + self._wait_s
+        return True
 
 
 def _die_early(end: socket.socket | None, silent_s: float) -> None:

@@ -1,7 +1,8 @@
 """INDI's messages, read from the wire [INDI white paper 1.7]; no I/O, no clock.
 
-Bytes in, events out. A message that is whole and makes no sense becomes
-`Malformed` like one that is broken: whoever listens asks for the properties again.
+Bytes in, events out. A message that is whole and makes no sense becomes `Malformed` like one that is broken:
+a change may be lost with it, and whoever listens asks for the properties again, unless it names another
+device, or none.
 """
 
 from __future__ import annotations
@@ -211,7 +212,7 @@ def event_of(element: Element) -> Event:
     try:
         return _meant(element)
     except _Nonsense as fault:
-        return Malformed(str(fault), element.raw[:80])
+        return Malformed(str(fault), element.raw[:80], element.attributes.get("device", ""))
 
 
 def _meant(element: Element) -> Event:

@@ -7,6 +7,7 @@ after the other, and when it tells the property asked for, all that it has to sa
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from collections.abc import Mapping
 
 from drivers.indi import orders
@@ -17,6 +18,10 @@ from drivers.indi.state import Property
 from mountnav.errors import DeviceMissing, DeviceRefused, DeviceSilent, Refusal
 
 _INTRODUCTION_S = 2.0
+_ECHO_S = 2.0
+"""A driver that answers without having echoed the order is asked once more after so long, in seconds, and
+believed then: some echo nothing. Real drivers echo within 0.1 s, and while they wait for their mount they
+don't answer either. Twice as long makes each order to a driver without echoes slower by 2 s."""
 
 
 class IndiDevice:
@@ -43,6 +48,7 @@ class IndiDevice:
         self._turn = asyncio.Lock()
         self._heard: list[Event] | None = None
         self._asked_s: float | None = None
+        self._overdue: Counter[str] = Counter()
         self._gone: str | None = None
         self._was_connected = False
         client.listen(self._on_event)
@@ -112,6 +118,7 @@ class IndiDevice:
             If its driver doesn't answer.
         """
         self._gone, self._heard, self._asked_s = None, None, None
+        self._overdue.clear()
         self._was_connected = False
         client = self.client
         await client.open()
@@ -189,7 +196,9 @@ class IndiDevice:
             raise DeviceMissing(f"has no {name} any more", device=self.address, advice="connect again")
         return now
 
-    async def ordered(self, *messages: bytes, asking: str, deadline_s: float | None = None) -> list[Event]:
+    async def ordered(
+        self, *messages: bytes, asking: str, echo: str = "", deadline_s: float | None = None
+    ) -> list[Event]:
         """Send orders, then a question for a property, in one write; return all that came until its answer.
 
         Parameters
@@ -197,6 +206,9 @@ class IndiDevice:
         messages : bytes
         asking : str
             A property that the device has.
+        echo : str
+            The property that its driver sets, be it to what it was, when it has taken up the orders: an
+            answer that comes before is somebody else's. Empty if any answer will do.
         deadline_s : float, optional
             Instead of its own.
 
@@ -208,37 +220,49 @@ class IndiDevice:
             If there is no such property, or the connection is lost.
         """
         async with self._turn:
-            return await self._ordered(messages, asking, deadline_s or self.deadline_s)
+            return await self._ordered(messages, asking, echo, deadline_s or self.deadline_s)
 
-    async def _ordered(self, messages: tuple[bytes, ...], asking: str, deadline_s: float) -> list[Event]:
+    async def _ordered(
+        self, messages: tuple[bytes, ...], asking: str, echo: str, deadline_s: float
+    ) -> list[Event]:
         if self.usable and self.get(asking) is None:
             raise DeviceMissing(f"has no {asking}", device=self.address, advice="is it still connected?")
         heard: list[Event] = []
         self._heard, self._asked_s = heard, asyncio.get_running_loop().time()
-
-        seen = 0
-
-        def answered() -> bool:
-            nonlocal seen
-            # what was looked at once is not looked at again: a driver may say thousands of things meanwhile
-            fresh, seen = heard[seen:], len(heard)
-            told = any(isinstance(one, Defined) and one.name == asking for one in fresh)
-            return self._gone is not None or told
-
         try:
             self.client.send(*messages, orders.get_properties(self.name, asking))
-            in_time = await self.client.until(answered, deadline_s)
+            in_time = await self._answered(_Answer(heard, asking, echo), deadline_s)
         finally:
             self._heard = self._asked_s = None
         if self._gone is not None:
             raise DeviceMissing(self._gone, device=self.address, advice="connect again")
         if not in_time:
+            self._overdue[asking] += 1
             raise DeviceSilent(
-                f"its driver said nothing to a question for {asking} within {deadline_s:.1f} s",
+                f"its driver said nothing to {'an order' if messages else 'a question'} for {asking} "
+                f"within {deadline_s:.1f} s",
                 device=self.address,
                 advice="is the driver waiting for its hardware?",
             )
         return heard
+
+    async def _answered(self, answer: _Answer, deadline_s: float) -> bool:
+        """Wait for an answer, and tell whether it came in time."""
+        loop, until = asyncio.get_running_loop(), self.client.until
+        deadline_at_s = loop.time() + deadline_s
+
+        def left_s() -> float:
+            return max(0.0, deadline_at_s - loop.time())
+
+        # while older answers are owed, any of them could be taken for this one: then the echo alone counts
+        if answer.echo and not self._overdue.total():
+            if not await until(lambda: self._gone is not None or answer.came() or answer.told, left_s()):
+                return False
+            if await until(lambda: self._gone is not None or answer.came(), min(_ECHO_S, left_s())):
+                return True
+            self.client.send(orders.get_properties(self.name, answer.asking))
+            answer.take_any()
+        return await until(lambda: self._gone is not None or answer.came(), left_s())
 
     async def set_switches(self, name: str, values: Mapping[str, bool]) -> Property:
         """Set switches, and see them set.
@@ -250,7 +274,7 @@ class IndiDevice:
         DeviceSilent, DeviceMissing
             As of `ordered`.
         """
-        heard = await self.ordered(orders.new_switches(self.name, name, values), asking=name)
+        heard = await self.ordered(orders.new_switches(self.name, name, values), asking=name, echo=name)
         now = self.get(name)
         if (
             now is None
@@ -266,6 +290,8 @@ class IndiDevice:
     def _on_event(self, event: Event, now: Property | None) -> None:
         if getattr(event, "device", "") != self.name:
             return
+        if isinstance(event, Defined) and self._overdue[event.name] > 0:
+            self._overdue[event.name] -= 1
         if self._heard is not None:
             self._heard.append(event)
         if isinstance(event, Deleted) and event.name in ("", "CONNECTION"):
@@ -282,3 +308,40 @@ class IndiDevice:
             self._gone = "its driver was disconnected from it"
         if now is not None and now.name == "CONNECTION":
             self._was_connected = now.on("CONNECT") is True
+
+
+class _Answer:
+    """Whether the answer to a question is among what was heard.
+
+    Parameters
+    ----------
+    heard : list of Event
+        Grows while it is waited for.
+    asking, echo : str
+        See `IndiDevice.ordered`.
+    """
+
+    def __init__(self, heard: list[Event], asking: str, echo: str) -> None:
+        self.asking = asking
+        self.echo = echo
+        self.told = False
+        """Whether the property was told since, be it to us or to others."""
+        self._heard = heard
+        self._seen = 0
+        self._echoed = not echo
+        self._came = False
+
+    def take_any(self) -> None:
+        """Be content from now on with an answer before which there was no echo."""
+        self._echoed = True
+
+    def came(self) -> bool:
+        """Look at what was heard since the last look: a driver may say thousands of things meanwhile."""
+        fresh, self._seen = self._heard[self._seen :], len(self._heard)
+        for one in fresh:
+            if isinstance(one, Changed) and one.name == self.echo:
+                self._echoed = True
+            elif isinstance(one, Defined) and one.name == self.asking:
+                self.told = True
+                self._came = self._came or self._echoed
+        return self._came

@@ -262,7 +262,7 @@ class IndiLanguage(Unskilled):
             return Sent(wire=False)
         order = orders.new_numbers(self._device.name, name, {element: 1000.0 * duration_s, other: 0.0})
         try:
-            heard = await self._device.ordered(order, asking=name)
+            heard = await self._device.ordered(order, asking=name, echo=name)
         except (DeviceSilent, DeviceMissing) as failure:
             return Sent(lost=failure)
         if was_refused(name, heard):
@@ -281,7 +281,7 @@ class IndiLanguage(Unskilled):
         self._looking.be_restless()
         try:
             heard = await self._device.ordered(
-                orders.new_switches(self._device.name, name, switches), asking=name
+                orders.new_switches(self._device.name, name, switches), asking=name, echo=name
             )
         except (DeviceSilent, DeviceMissing) as failure:
             return Sent(lost=failure)
@@ -333,7 +333,7 @@ class IndiLanguage(Unskilled):
     async def _write(self, name: str, order: bytes, what: str) -> None:
         if not claims.writable(self._device.get(name)):
             raise self._unsupported(f"take {what}")
-        heard = await self._device.ordered(order, asking=name)
+        heard = await self._device.ordered(order, asking=name, echo=name)
         if was_refused(name, heard):
             raise refusal(f"taking {what}", heard, self.device)
 

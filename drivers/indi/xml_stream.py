@@ -102,10 +102,13 @@ class Malformed:
     why : str
     excerpt : bytes
         Where it was broken.
+    device : str or None
+        Which device it names, "" for none; None where that can't be told.
     """
 
     why: str
     excerpt: bytes
+    device: str | None = None
 
 
 @dataclass(slots=True)

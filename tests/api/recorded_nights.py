@@ -1,4 +1,4 @@
-"""A night served over a serial line, INDI or Alpaca, at some speed, and recorded."""
+"""A night served over a serial line, INDI (by our server or a real one) or Alpaca, and recorded."""
 
 from __future__ import annotations
 
@@ -19,20 +19,30 @@ from fastapi import FastAPI
 from api.app import create_app
 from api.indi_server.server import IndiServer
 from api.service import Service
+from drivers.bench import FakeOnPty
+from drivers.indi import orders
+from drivers.lx200.faking import fake_from
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.settings import Settings
+from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.optics import SimulatedOptics
+from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.simulation.render import draw_frame
 from mountnav.simulation.sky_clock import FastClock
-from mountnav.sky.coordinates import utc_now
+from mountnav.sky.coordinates import Air, Site, utc_now
 from mountnav.sky.present import real_s, virtual_present
 from mountnav.sky.sphere import displaced
+from tests.drivers.indi_server import IndiServer as RealIndiServer
 
-Way = Literal["serial", "indi", "alpaca"]
+Way = Literal["serial", "indi", "indiserver", "alpaca"]
 
 OPTICS = SimulatedOptics(640, 480, 10.0, rotation_deg=20.0)
 EXPOSURE_S = 0.5
+SITE = Site(47.0, 11.0)
+ERRORS = PointingErrors(ih_arcsec=150.0, id_arcsec=-120.0)
+ONSTEP = "LX200 OnStep"
+"""Name of the device of INDI's own driver for OnStep, `indi_lx200_OnStep`."""
 AT = datetime(2026, 11, 21, 22, 0, tzinfo=UTC)
 
 SERVICE = """
@@ -185,8 +195,9 @@ async def served_night(
     Parameters
     ----------
     folder : Path
-    way : {"serial", "indi", "alpaca"}
-        How the night reaches its mount.
+    way : {"serial", "indi", "indiserver", "alpaca"}
+        How the night reaches its mount; "indi" is our own INDI server, "indiserver" the real one with its
+        driver for OnStep, which has a fake on a pseudo-terminal.
     speed : float, optional
         Of a virtual time, which begins on an evening in November; the machine's if left out.
     by : str
@@ -202,6 +213,11 @@ async def served_night(
             front = create_app(Settings.parse(_journal(folder, "east") + SERVICE + night + FAKE))
             client = await _opened(stack, front)
             mechanics = front.state.service.observatory.telescope("east").mechanics
+        elif way == "indiserver":
+            mechanics, url = await stack.enter_async_context(_behind_indiserver(folder / "home"))
+            mount = f'[telescope.mount]\nurl = "{url}"\nmounting = "fork"\n'
+            front = create_app(Settings.parse(_journal(folder, "east") + SERVICE + night + mount))
+            client = await _opened(stack, front)
         else:
             back = create_app(Settings.parse(_journal(folder, "far") + BEHIND))
             await _opened(stack, back)
@@ -224,6 +240,36 @@ async def _opened(stack: AsyncExitStack, app: FastAPI) -> httpx.AsyncClient:
     return await stack.enter_async_context(
         httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1", timeout=60)
     )
+
+
+@asynccontextmanager
+async def _behind_indiserver(home: Path) -> AsyncIterator[tuple[Mechanics, str]]:
+    """A fake OnStep whose line INDI's own driver has, and the URL of that device."""
+    machine = Machine(mounting="fork", slew_rate_deg_s=45.0, acceleration_deg_s2=200.0)
+    mechanics = Mechanics(SITE, Air(), ERRORS, machine=machine)
+    server = RealIndiServer(("indi_lx200_OnStep",), home)
+    with FakeOnPty(fake_from("onstep", mechanics)) as bench:
+        await server.start()
+        try:
+            await _told_its_line(server, bench.address)
+            yield mechanics, f"indi://127.0.0.1:{server.port}/{ONSTEP.replace(' ', '%20')}?poll_s=0.1"
+        finally:
+            await server.kill()
+
+
+async def _told_its_line(server: RealIndiServer, line: str) -> None:
+    """As an operator does in INDI's control panel; to connect is left to our service."""
+    panel = server.device(ONSTEP)
+    await panel.client.open()
+    assert await panel.client.until(lambda: panel.get("DEVICE_PORT") is not None, 30.0)
+    await panel.ordered(
+        # a driver that fails would go on to every other port of the machine
+        orders.new_switches(ONSTEP, "DEVICE_AUTO_SEARCH", {"INDI_DISABLED": True}),
+        orders.new_texts(ONSTEP, "DEVICE_PORT", {"PORT": line}),
+        orders.new_numbers(ONSTEP, "POLLING_PERIOD", {"PERIOD_MS": 100.0}),
+        asking="DEVICE_PORT",
+    )
+    await panel.client.close()
 
 
 @asynccontextmanager

@@ -40,7 +40,8 @@ async def a_night(site: ServedNight) -> None:
 
 
 @pytest.mark.parametrize(
-    ("way", "speed"), [("serial", None), ("serial", 20.0), ("indi", None), ("alpaca", 10.0)]
+    ("way", "speed"),
+    [("serial", None), ("serial", 20.0), ("indi", None), ("indiserver", None), ("alpaca", 10.0)],
 )
 async def test_a_served_night_is_decided_as_it_was(tmp_path: Path, way: Way, speed: float | None) -> None:
     async with served_night(tmp_path, way, speed=speed) as site:
