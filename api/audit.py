@@ -9,8 +9,9 @@ from typing import Protocol
 
 from pydantic import BaseModel
 
-from api.callers import Caller
+from api.callers import Caller, Face
 from api.faults import Problem, Refused, internal_problem, problem_of
+from api.noted_seldom import Seldom, Unnoted
 from mountnav.errors import MountnavError
 from mountnav.journal.audit_rows import AuditRow
 from mountnav.masking import masked
@@ -23,6 +24,11 @@ _SECRETS = ("secret", "token", "password", "authorization", "api_key", "apikey",
 _LONGEST_TEXT = 500
 _MOST_VALUES = 50
 _DEEPEST = 4
+_KEYLESS = frozenset({Face.INDI, Face.LX200, Face.STELLARIUM, Face.ALPACA})
+"""Whoever reaches these may order, and no rate is set to him."""
+_MOST_REPEATED = 20
+"""So often a minute one address is noted for one refusal, or for stops, by such a face, and ten times that
+all of them. Doubled, clients that order what is refused without end fill 200 MB a day."""
 
 _noted: ContextVar[list[str] | None] = ContextVar("mountnav_audit_noted", default=None)
 """What the request that is being answered has noted so far; see `watching_notes`."""
@@ -48,6 +54,7 @@ class Audit:
 
     def __init__(self, keeper: AuditKeeper) -> None:
         self._keeper = keeper
+        self._repeated = Seldom(_MOST_REPEATED, 10 * _MOST_REPEATED)
 
     def note(
         self,
@@ -62,6 +69,9 @@ class Audit:
         job_id: str | None = None,
     ) -> None:
         """Note an order. Never raises, waits for nothing.
+
+        Where no keys are asked for, one address's refused orders and stops are noted so often a minute, with
+        how many there were between.
 
         Parameters
         ----------
@@ -84,6 +94,11 @@ class Audit:
         try:
             if (noted := _noted.get()) is not None:
                 noted.append(what)
+            unnoted: Unnoted | None = None
+            if caller.face in _KEYLESS and (outcome != TAKEN or what == "stop"):
+                unnoted = self._repeated.due((caller.address, caller.face, what, outcome))
+                if unnoted is None:
+                    return
             self._keeper.audit_now(
                 AuditRow(
                     utc=utc_now(),
@@ -93,7 +108,7 @@ class Audit:
                     face=str(caller.face),
                     address=caller.address,
                     what=masked(what),
-                    request=_shown(request),
+                    request=_shown(request) | _told_of(unnoted),
                     outcome=outcome,
                     detail=masked(detail[:_LONGEST_TEXT]),
                     status=status,
@@ -104,7 +119,9 @@ class Audit:
             # an order must not fail for its note
             _log.exception("the audit of %s by %s was not noted", what, caller.name)
 
-    def stranger(self, address: str, what: str, *, status: int, outcome: str, more: int = 0) -> None:
+    def stranger(
+        self, address: str, what: str, *, status: int, outcome: str, unnoted: Unnoted | None = None
+    ) -> None:
         """Note that somebody unknown tried something. Never raises.
 
         Parameters
@@ -113,10 +130,10 @@ class Audit:
         what : str
         status : int
         outcome : str
-        more : int
-            How often he did so since the last note.
+        unnoted : Unnoted, optional
+            What he and others did since their last notes.
         """
-        request = {"more_since_the_last_note": more} if more else {}
+        request = _told_of(unnoted)
         row = AuditRow(
             utc_now(), "", "(unknown)", "", "", address, masked(what), request, outcome, status=status
         )
@@ -146,6 +163,13 @@ class Audit:
             status=found.status,
             job_id=found.job_id,
         )
+
+
+def _told_of(unnoted: Unnoted | None) -> dict[str, object]:
+    if unnoted is None:
+        return {}
+    told = {"more_since_the_last_note": unnoted.same, "others_not_noted": unnoted.others}
+    return {name: count for name, count in told.items() if count}
 
 
 def watching_notes() -> list[str]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import time
-from collections import OrderedDict
 from collections.abc import Callable
 
 from starlette.datastructures import Headers
@@ -17,13 +16,14 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from api.audit import Audit, watching_notes
 from api.callers import Caller
 from api.faults import PROBLEM_TYPE, Refused
+from api.noted_seldom import Seldom
 from api.roles import route_of
 
 _ASKING = frozenset({"GET", "HEAD", "OPTIONS", "TRACE"})
 _HEARTBEAT = "PUT /v1/telescopes/{telescope_id}/lease"
-STRANGERS_EACH_S = 60.0
-"""Somebody without a key is noted once in so long: he must not fill the journal."""
-_STRANGERS_MOST = 1000
+_STRANGERS_MOST = 60
+"""So many notes a minute of all who have no key, one of each address: they must not fill the journal, not
+from as many addresses as they like either. Doubled, 40 MB a day."""
 _LONGEST_PROBLEM_BYTES = 65_536
 
 
@@ -50,8 +50,7 @@ class AuditedRequests:
         self._app = app
         self._audit_of = audit_of
         self._caller_of = caller_of
-        self._clock_s = clock_s
-        self._strangers: OrderedDict[str, tuple[float, int]] = OrderedDict()
+        self._strangers = Seldom(1, _STRANGERS_MOST, clock_s)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on, and note what became of it."""
@@ -89,16 +88,9 @@ class AuditedRequests:
         )
 
     def _note_stranger(self, audit: Audit, scope: Scope, what: str, status: int, outcome: str) -> None:
-        address, now_s = _host(scope), self._clock_s()
-        last = self._strangers.get(address)
-        if last is not None and now_s - last[0] < STRANGERS_EACH_S:
-            self._strangers[address] = (last[0], last[1] + 1)
-            return
-        self._strangers[address] = (now_s, 0)
-        self._strangers.move_to_end(address)
-        while len(self._strangers) > _STRANGERS_MOST:
-            self._strangers.popitem(last=False)
-        audit.stranger(address, what, status=status, outcome=outcome, more=0 if last is None else last[1])
+        address = _host(scope)
+        if (unnoted := self._strangers.due(address)) is not None:
+            audit.stranger(address, what, status=status, outcome=outcome, unnoted=unnoted)
 
 
 class _Answer:

@@ -28,6 +28,7 @@ from api.faults import problem
 from api.limits_of_rate import is_stop
 from api.reading_turns import PIECE_BYTES, ReadingTurns
 from api.refusals import refusal_response
+from api.room import Room, ToldSeldom
 from api.safe_headers import SAFE_HEADERS
 
 _log = logging.getLogger(__name__)
@@ -48,11 +49,6 @@ _ABSOLUTE = re.compile(rb"https?://(?P<host>[^/?#]*)(?P<path>/.*)?", re.IGNORECA
 """The address of a request as proxies are sent it."""
 _LEAST_BODY_BYTES_S = 1000.0
 """A body that comes more slowly for `Deadlines.body_s` is given up: 256 kB would take it four minutes."""
-_CHANCE_S = 0.25
-"""So long a connection has to say what it wants before it makes room for another one, s: a stop comes with
-the first bytes, and these in a turn or two of the loop. Doubled, a flood gives way half as fast."""
-_TOLD_AGAIN_S = 60.0
-"""So long nothing is logged after it was told that there are too many, s: an attack may last all night."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +84,7 @@ class Bounds:
     stops : int
         Beyond these: for stops alone.
     fresh : int
-        So many more may be there for a moment, until they have had a chance to say what they want.
+        So many more may be there for a moment; see `Room`.
     """
 
     most: int = 512
@@ -109,16 +105,16 @@ class Gate:
     def __init__(self, bounds: Bounds, deadlines: Deadlines | None = None) -> None:
         self._bounds = bounds
         self.deadlines = deadlines or Deadlines()
-        self._here: dict[str, set[Guarded]] = {}
+        self._here: Room[Guarded] = Room(bounds.most, bounds.each_address, bounds.fresh)
         self._stopping: set[Guarded] = set()
         self.turns = ReadingTurns()
         self._sweeping: asyncio.TimerHandle | None = None
-        self._told_s = -_TOLD_AGAIN_S
+        self._crowds = ToldSeldom(_log)
 
     @property
     def count(self) -> int:
         """How many connections there are."""
-        return sum(len(ones) for ones in self._here.values()) + len(self._stopping)
+        return len(self._here) + len(self._stopping)
 
     def protocol(self) -> Callable[..., asyncio.Protocol]:
         """What uvicorn makes connections of: ``Config(http=...)``."""
@@ -140,63 +136,37 @@ class Gate:
         """Let a connection in; another one makes room for it, or it may only stop."""
         if self._sweeping is None:
             self._sweeping = one.loop.call_later(_SWEEP_S, self._sweep, one.loop)
-        own = self._here.setdefault(one.address, set())
-        everybody = self.count - len(self._stopping)
-        if len(own) >= self._bounds.each_address:
-            crowd, surplus = own, len(own) - self._bounds.each_address
-        elif everybody >= self._bounds.most:
-            crowd = {each for ones in self._here.values() for each in ones}
-            surplus = everybody - self._bounds.most
-        else:
-            own.add(one)
-            return
-        self._tell(one)
-        idle = [each for each in crowd if each.may_go]
-        if idle:
-            # who never asked anything goes before a program that keeps its connection open; nobody who has
-            # just come, while there is a little room left
-            goes = min(idle, key=lambda each: (each.answered > 0, each.since_s))
-            if goes.has_had_a_chance or surplus >= self._bounds.fresh:
-                self._drop(goes)
-            own.add(one)
-            self._here[one.address] = own
-            return
-        one.stops_only = True
-        if len(self._stopping) >= self._bounds.stops:
-            self._drop(min(self._stopping, key=lambda each: (not each.may_go, each.since_s)))
-        self._stopping.add(one)
-        if not own:
-            del self._here[one.address]
+        now_s = one.loop.time()
+        taken = self._here.take_in(one, now_s)
+        if taken.crowded:
+            self._crowds.tell(
+                now_s,
+                "too many connections (%d, the last from %s): idle ones are closed, stops still get through",
+                self.count,
+                one.address,
+            )
+        if taken.goes is not None:
+            self._drop(taken.goes)
+        if not taken.let_in:
+            one.stops_only = True
+            if len(self._stopping) >= self._bounds.stops:
+                self._drop(min(self._stopping, key=lambda each: (not each.may_go, each.since_s)))
+            self._stopping.add(one)
 
     def went(self, one: Guarded) -> None:
         """A connection is gone. Twice is fine."""
         self._stopping.discard(one)
-        own = self._here.get(one.address)
-        if own is not None:
-            own.discard(one)
-            if not own:
-                del self._here[one.address]
+        self._here.leave(one)
 
     def _drop(self, one: Guarded) -> None:
         self.went(one)
         one.transport.abort()
 
     def _sweep(self, loop: asyncio.AbstractEventLoop) -> None:
-        everybody = [*(each for ones in self._here.values() for each in ones), *self._stopping]
-        for one in everybody:
+        for one in [*self._here, *self._stopping]:
             if one.dawdles(_SWEEP_S):
                 self._drop(one)
         self._sweeping = loop.call_later(_SWEEP_S, self._sweep, loop) if self.count else None
-
-    def _tell(self, one: Guarded) -> None:
-        now_s = one.loop.time()
-        if now_s - self._told_s >= _TOLD_AGAIN_S:
-            self._told_s = now_s
-            _log.warning(
-                "too many connections (%d, the last from %s): idle ones are closed, stops still get through",
-                self.count,
-                one.address,
-            )
 
 
 class Guarded(H11Protocol):
@@ -237,9 +207,9 @@ class Guarded(H11Protocol):
         return self.is_idle and not self.is_urgent
 
     @property
-    def has_had_a_chance(self) -> bool:
-        """Whether it could have said by now what it wants."""
-        return self.answered > 0 or self.loop.time() - self.since_s > _CHANCE_S
+    def has_spoken(self) -> bool:
+        """Whether anything that it asked was answered."""
+        return self.answered > 0
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """It is there."""

@@ -38,7 +38,7 @@ class Shares:
     door : int
         Of each other door (INDI, LX200, Stellarium).
     burst : int
-        So many are accepted in one turn of the loop.
+        So many are accepted in one turn of the loop, by HTTP; half of `fresh`, as `Room` wants it.
     """
 
     http: int
@@ -60,11 +60,22 @@ def shares(descriptors: int, telescopes: int) -> Shares:
     most = min(descriptors, _MOST)
     sixteenth = most // 16
     door = min(64, max(4, sixteenth))
-    burst = min(64, max(8, sixteenth))
+    fresh = min(64, max(8, sixteenth))
     stops = min(32, max(4, sixteenth // 2))
-    fresh = burst // 2
-    left = most - _OWN - _EACH_TELESCOPE * telescopes - _DOORS * door - burst - stops - fresh
+    burst = fresh // 2
+    doors = _DOORS * (door + door_fresh(door))
+    left = most - _OWN - _EACH_TELESCOPE * telescopes - doors - burst - stops - fresh
     return Shares(http=max(_FEWEST_HTTP, left), stops=stops, fresh=fresh, door=door, burst=burst)
+
+
+def door_burst(clients: int) -> int:
+    """How many a door (INDI, LX200, Stellarium) that may have so many clients accepts in one turn."""
+    return max(1, clients // 8)
+
+
+def door_fresh(clients: int) -> int:
+    """How many more such a door may have for a moment, as `Room` wants it."""
+    return 2 * door_burst(clients)
 
 
 def descriptors_at_hand() -> int:
@@ -82,4 +93,4 @@ def ask_for_enough() -> None:
             resource.setrlimit(resource.RLIMIT_NOFILE, (want, hard))
 
 
-__all__ = ["Shares", "ask_for_enough", "descriptors_at_hand", "shares"]
+__all__ = ["Shares", "ask_for_enough", "descriptors_at_hand", "door_burst", "door_fresh", "shares"]

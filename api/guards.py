@@ -23,6 +23,7 @@ from api.refusals import ALPACA_PATHS
 from api.request_heads import BoundedHeads
 from api.safe_headers import SafeHeaders
 from api.security import LEASE_HEADER, OwnMachineOnly, address_of, caller_from_headers
+from api.sparing_logs import KnownCallers
 from api.strict_requests import PlainJson, ShortTargets
 from api.whole_bodies import WholeBodies
 from mountnav.settings import Settings
@@ -45,9 +46,9 @@ def install(app: FastAPI, settings: Settings) -> None:
 
     From the outside in: every answer gets the headers against foreign pages, heads with too many headers are
     refused, requests are counted and begin one by one, addresses that are too long are refused, HEAD becomes
-    GET, other sites' pages are turned away, what would change something is noted, callers that ask too much
-    are held back, bodies that are too large are refused, orders wait for all of theirs, streams end with the
-    keys that opened them.
+    GET, other sites' pages are turned away, the log is told who comes, what would change something is noted,
+    callers that ask too much are held back, bodies that are too large are refused, orders wait for all of
+    theirs, streams end with the keys that opened them.
 
     Parameters
     ----------
@@ -64,6 +65,9 @@ def install(app: FastAPI, settings: Settings) -> None:
         if scope["path"].startswith(ALPACA_PATHS):
             return alpaca_caller(scope, keys, is_open=settings.alpaca.open)
         return caller_from_headers(Headers(scope=scope), address_of(scope), keys=keys)
+
+    def shows_who(scope: Scope) -> Caller:
+        return caller_from_headers(Headers(scope=scope), address_of(scope), keys=keys, basic=True)
 
     def name_of(scope: Scope) -> str | None:
         try:
@@ -94,6 +98,7 @@ def install(app: FastAPI, settings: Settings) -> None:
         buckets = TokenBuckets(service.rate_limit_per_s, service.rate_burst)
         app.add_middleware(RateLimit, buckets=buckets, name_of=name_of)
     app.add_middleware(AuditedRequests, audit_of=audit_of, caller_of=caller_of)
+    app.add_middleware(KnownCallers, shows_who=shows_who)
     app.add_middleware(OwnMachineOnly, keys=keys, origins=service.cors_origins)
     if service.cors_origins:
         app.add_middleware(

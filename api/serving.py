@@ -21,6 +21,7 @@ from api.demo_observatory import own_journal
 from api.descriptors import ask_for_enough, descriptors_at_hand, shares
 from api.routes import truth
 from api.service import Service
+from api.sparing_logs import spare_logs
 from api.strict_requests import KnownQueryOnly
 from api.virtual import VirtualHeader, virtual_days
 from mountnav.errors import BadSettings, MountnavError
@@ -112,6 +113,7 @@ def make_server(app: FastAPI, *, log_level: str = "info", own_process: bool = Fa
         ws="none",
         backlog=shared.burst,
     )
+    spare_logs("uvicorn", "uvicorn.access")
     return ObservatoryServer(config, app, own_process=own_process)
 
 

@@ -24,7 +24,7 @@ from api.solver_link import ProcessEnded, ProcessLink
 from api.solver_messages import Read, Setup, Task
 from api.solver_work import Reading, Upload, Work, described, empty_file, in_memory, pixels_in
 from mountnav.catalog.stars import Catalog
-from mountnav.errors import BadFrame, DeviceError
+from mountnav.errors import BadFrame, DeviceError, MountnavError
 from mountnav.frames import Frame
 from mountnav.identification.budget import wall_limit_s
 from mountnav.solution import Reason, Times, Verdict
@@ -200,6 +200,9 @@ class Worker:
             except Exception as error:  # it belongs to whoever asked
                 if not request.answer.done():
                     request.answer.set_exception(error)
+                elif not isinstance(error, MountnavError):
+                    # nobody else would ever hear of it; what is said of a frame concerns who asked alone
+                    _log.error("a frame that nobody waits for any more hit a fault", exc_info=error)
             else:
                 if not request.answer.done() and answer is not None:
                     request.answer.set_result(answer)

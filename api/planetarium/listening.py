@@ -9,7 +9,8 @@ import socket
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
-from api.descriptors import descriptors_at_hand, shares
+from api.descriptors import descriptors_at_hand, door_burst, door_fresh, shares
+from api.room import Room, ToldSeldom
 from mountnav.errors import BadSettings
 
 _log = logging.getLogger(__name__)
@@ -18,6 +19,8 @@ Serve = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 _MOST_BUFFERED_BYTES = 65_536
 """Read ahead of what is understood; a planetarium's message has 20 bytes. It is the most for each client."""
 _MOST_UNTAKEN_BYTES = 65_536
+_WAITING = 128
+"""Connections that the kernel keeps until they are accepted; beyond it clients try again after a second."""
 _GOODBYE_S = 2.0
 _SILENT_S, _ASKED_AGAIN_S, _ASKED_TIMES = 60, 15, 4
 """A phone that left the network is noticed after two minutes; the system's own default is two hours."""
@@ -39,7 +42,7 @@ class Listening:
         What a client is told that comes when so many are here already; it is let go.
     speaks_first : bool
         Whether clients of this protocol say something as soon as they come. When there are too many, one
-        that never did makes room: it may be a stop that comes.
+        that never did, though it could have, makes room (`api.room`): it may be a stop that comes.
     most : int, optional
         How many clients at a time, half of them from one address; by what the system allows if left out.
 
@@ -64,11 +67,11 @@ class Listening:
         self._name = name
         self._full = full
         self._speaks_first = speaks_first
-        shared = shares(descriptors_at_hand(), 0)
-        self._burst = shared.burst
-        self.most = shared.door if most is None else most
+        self.most = shares(descriptors_at_hand(), 0).door if most is None else most
+        self._burst = door_burst(self.most)
+        self._here: Room[_Client] = Room(self.most, max(1, self.most // 2), door_fresh(self.most))
+        self._turned_away = ToldSeldom(_log)
         self._server: asyncio.Server | None = None
-        self._clients: dict[asyncio.Task[None], _Client] = {}
 
     @property
     def address(self) -> tuple[str, int]:
@@ -96,13 +99,17 @@ class Listening:
                 device=self._name,
                 advice="is another program there? choose another port",
             ) from error
+        for listener in self._server.sockets:
+            # asyncio's backlog is also how many are accepted in one turn; the kernel may keep more waiting
+            with listener.dup() as same:
+                same.listen(_WAITING)
         _log.info("%s listens on %s port %d", self._name, *self.address)
 
     async def stop(self) -> None:
         """Listen no more, and let all clients go."""
         if self._server is not None:
             self._server.close()
-        clients = list(self._clients)
+        clients = [one.task for one in self._here]
         for client in clients:
             client.cancel()
         if clients:
@@ -111,37 +118,29 @@ class Listening:
     def _protocol(self) -> asyncio.StreamReaderProtocol:
         return asyncio.StreamReaderProtocol(_Reader(_MOST_BUFFERED_BYTES), self._accept)
 
-    def _has_room(self, address: str) -> bool:
-        """Whether one more of this address can be served; a client that never spoke may make room."""
-        own = [one for one in self._clients.values() if one.address == address]
-        if len(own) >= max(1, self.most // 2):
-            crowd = own
-        elif len(self._clients) >= self.most:
-            crowd = list(self._clients.values())
-        else:
-            return True
-        mute = next((one for one in crowd if not one.reader.heard), None) if self._speaks_first else None
-        if mute is None:
-            _log.warning(
-                "%s lets a client from %s go: %d are here already", self._name, address, len(self._clients)
-            )
-            return False
-        del self._clients[mute.task]
-        mute.writer.transport.abort()
-        mute.task.cancel()
-        return True
+    def _has_room(self, one: _Client) -> bool:
+        """Whether a newcomer can be served; a client that never spoke may make room."""
+        now_s = asyncio.get_running_loop().time()
+        taken = self._here.take_in(one, now_s)
+        if taken.goes is not None:
+            taken.goes.writer.transport.abort()
+            taken.goes.task.cancel()
+        if not taken.let_in:
+            words = "%s lets a client from %s go: %d are here already"
+            self._turned_away.tell(now_s, words, self._name, one.address, len(self._here))
+        return taken.let_in
 
     async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         address = str((writer.get_extra_info("peername") or ("",))[0])
-        if not self._has_room(address):
-            if self._full is not None:
-                writer.write(self._full(len(self._clients)))
-            writer.close()
-            return
         task = asyncio.current_task()
         assert task is not None
         assert isinstance(reader, _Reader)
-        self._clients[task] = _Client(address, reader, writer, task)
+        client = _Client(address, reader, writer, task, self._speaks_first, asyncio.get_running_loop().time())
+        if not self._has_room(client):
+            if self._full is not None:
+                writer.write(self._full(len(self._here)))
+            writer.close()
+            return
         try:
             _keep_alive(writer.get_extra_info("socket"))
             writer.transport.set_write_buffer_limits(high=_MOST_UNTAKEN_BYTES)
@@ -153,7 +152,7 @@ class Listening:
             # one client's fault is not the others'
             _log.exception("a client of %s hit a fault", self._name)
         finally:
-            self._clients.pop(task, None)
+            self._here.leave(client)
             with contextlib.suppress(OSError):
                 writer.close()
 
@@ -175,6 +174,16 @@ class _Client:
     reader: _Reader
     writer: asyncio.StreamWriter
     task: asyncio.Task[None]
+    speaks_first: bool
+    since_s: float
+
+    @property
+    def has_spoken(self) -> bool:
+        return self.reader.heard
+
+    @property
+    def may_go(self) -> bool:
+        return self.speaks_first and not self.reader.heard
 
 
 def _keep_alive(connection: socket.socket) -> None:

@@ -73,31 +73,66 @@ def read_cards(content: Content, start: int) -> Cards | None:
     """
     values: dict[str, Value] = {}
     comments: dict[str, str] = {}
-    open_key = ""  # of the string that the next CONTINUE card goes on with
+    long = _LongString("")  # that the next CONTINUE card goes on with
     for at, card in _cards(content, start):
         key = card[:8].strip()
         if key == "END" and not card[3:].strip(" \0"):
+            long.end(values, comments)
             blocks = -(-(at + CARD_LENGTH - start) // BLOCK_LENGTH)
             return Cards(values, comments, blocks * BLOCK_LENGTH)
-        if key == "CONTINUE" and open_key:
+        if key == "CONTINUE" and long.key:
             more, comment = _parsed(card[8:])
-            if isinstance(more, str):
-                values[open_key] = str(values[open_key])[:-1] + more
-            if comment:
-                comments[open_key] = f"{comments.get(open_key, '')} {comment}".strip()
-            open_key = open_key if isinstance(more, str) and more.endswith("&") else ""
+            long.add(more, comment)
+            if not isinstance(more, str) or not more.endswith("&"):
+                long.end(values, comments)
+                long = _LongString("")
             continue
         key, field = _split(card, key)
         if field is None or key in _NOT_VALUES:
             continue
+        long.end(values, comments)
+        long = _LongString("")
         value, comment = _parsed(field)
-        open_key = key if isinstance(value, str) and value.endswith("&") else ""
         if value is not None:
             values[key] = value
             comments.pop(key, None)
             if comment:
                 comments[key] = comment
+        if isinstance(value, str) and value.endswith("&"):
+            long = _LongString(key)
+            long.add(value, comment)
     return None
+
+
+class _LongString:
+    """A string over several cards, put together at its end: card by card each would copy all before it.
+
+    Parameters
+    ----------
+    key : str
+        Empty for none.
+    """
+
+    def __init__(self, key: str) -> None:
+        self.key = key
+        self._texts: list[str] = []
+        self._comments: list[str] = []
+
+    def add(self, text: Value | None, comment: str) -> None:
+        """Go on with a card; what is no string only ends it."""
+        if isinstance(text, str):
+            self._texts.append(text)
+        if comment:
+            self._comments.append(comment)
+
+    def end(self, values: dict[str, Value], comments: dict[str, str]) -> None:
+        """Write it down; an & stays only where nothing goes on behind it."""
+        if len(self._texts) > 1:
+            values[self.key] = "".join([*(text[:-1] for text in self._texts[:-1]), self._texts[-1]])
+        if len(self._comments) > 1:
+            comments[self.key] = " ".join(self._comments)
+        elif self._comments:
+            comments[self.key] = self._comments[0]
 
 
 def _cards(content: Content, start: int) -> Iterator[tuple[int, str]]:

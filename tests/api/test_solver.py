@@ -181,6 +181,32 @@ async def test_a_death_is_made_good_once_and_then_told(frame: Frame, tmp_path: P
         assert (await worker.solve(Work(frame, _near(TRUTH), SETTINGS), first=True)).solved
 
 
+async def test_a_fault_over_a_frame_whose_caller_left_is_logged(
+    frame: Frame, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    begun, left, over = asyncio.Event(), asyncio.Event(), asyncio.Event()
+
+    async def started(_: Worker) -> None:
+        if left.is_set():
+            over.set()
+
+    async def faulty(*_: object) -> None:
+        begun.set()
+        await left.wait()
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr(Worker, "_start", started)
+    monkeypatch.setattr(Worker, "_carried_out", faulty)
+    async with opened(embedded_catalog()) as worker:
+        asking = asyncio.create_task(worker.solve(Work(frame, None, SETTINGS), first=True))
+        await begun.wait()
+        asking.cancel()
+        await asyncio.wait({asking})
+        left.set()
+        await over.wait()
+    assert [one.exc_info[0] for one in caplog.records if one.exc_info] == [ZeroDivisionError]
+
+
 async def test_closing_ends_the_process_and_refuses_who_waits(frame: Frame, tmp_path: Path) -> None:
     async with opened(MoodyCatalog(tmp_path)) as worker:
         waiting = [

@@ -18,7 +18,8 @@ from written import fits_bytes
 
 from mountnav.errors import BadFrame
 from mountnav.reading import read_frame
-from mountnav.reading.fits_cards import read_cards
+from mountnav.reading.fits_cards import CARD_LENGTH, read_cards
+from tests.growth import LINEAR, growth
 
 RNG = np.random.default_rng(3)
 SHAPE = (40, 50)
@@ -311,3 +312,33 @@ def test_reading_in_threads_leaves_the_warning_filters_alone(monkeypatch: pytest
     assert not faults
     assert not entered  # catch_warnings swaps the filters of the whole process
     assert warnings.filters == before
+
+
+def _header(cards: list[str]) -> bytes:
+    simple = "SIMPLE  =                    T"
+    return "".join(card.ljust(CARD_LENGTH) for card in (simple, *cards, "END")).encode()
+
+
+@pytest.mark.parametrize(
+    ("first", "then"),
+    [
+        ("LONG    = 'a&'", "CONTINUE  'more of it, and more&'"),
+        ("LONG    = 'a&'", "CONTINUE  '&' / more of its comment"),
+        ("A       = 1", "HIERARCH KEY NUMBER {} = 1 / its comment"),
+        ("A       = 1", "A       = '" + "''" * 30 + " {}"),
+        ("A       = 1", "COMMENT {}"),
+    ],
+)
+def test_a_header_is_read_in_proportion_to_its_length(first: str, then: str) -> None:
+    def header(count: int) -> bytes:
+        return _header([first, *(then.format(number) for number in range(count))])
+
+    assert growth(header, lambda content: read_cards(content, 0), 6000) < LINEAR
+
+
+def test_a_string_over_several_cards_ends_where_something_else_comes() -> None:
+    cards = ["A       = 'x&' / one", "CONTINUE  'y&' / two", "COMMENT", "CONTINUE  'z&'"]
+    found = read_cards(_header([*cards, "B       = 'q&' / c", "A = ?"]), 0)
+    assert found is not None
+    assert found.values == {"SIMPLE": True, "A": "xyz&", "B": "q&"}
+    assert found.comments == {"A": "one two", "B": "c"}

@@ -375,7 +375,7 @@ async def test_a_goto_by_stellarium_is_ordered_though_its_client_is_gone(rig: Ri
             writer.write(goto_message(Goto(there, 0)))
             await _true(_is(lambda: bool(server._gotos)))
             writer.transport.abort()
-            await _true(_is(lambda: not server._listening._clients))
+            await _true(_is(lambda: not len(server._listening._here)))
         await _true(_is(lambda: len(rig.service.jobs.all()) > jobs))
         await at_rest(rig)
         assert separation_arcsec(apparent_to_icrs(rig.reported()), there) < 10.0
