@@ -47,9 +47,18 @@ make less."""
 BRIGHT_SHARE = 0.25
 """Patches below this share of the identified stars' median light aren't counted as bright strangers: a
 second image as faint as that moves the middle by a fifth of the way."""
-STRANGERS = 0.2
-"""With fewer strangers than this share of the bright patches there is no second image of them all. Reached
-in half of all frames it would cost time; doubled, it would overlook a second image of half the light."""
+STRANGERS = 0.1
+"""With fewer strangers than this share of the bright patches points aren't asked for a second image of them
+all: of one with a third of the light less than half are bright enough, and in a crowd half of these lie in
+other stars' patches. Reached in half of all frames it would cost time; doubled, such a one is overlooked."""
+UNLIKE = 2.0
+"""Centers of light that scatter by so many times what patches of whole bins do lie otherwise for each star:
+trails whose pieces, lengths or neighbors differ. Doubled, fields that turned slightly would state too little;
+halved, plain trails would state too much."""
+TOLD_SIGMAS, TOLD_PX = 3.0, 0.5
+"""Then a distance of so many of its errors, and of so many pixels, between their middle and the plate's
+places is told: neighbors in the same patches move the middle of all by up to 0.3 px where a plate is right.
+Doubled, 1.3 px of error would be untold; halved, short trails would state what their neighbors do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +90,26 @@ class FieldMotion:
     def differs(self) -> bool:
         """Whether it is another one here than there."""
         return abs(self.turn) > TELLING_SIGMAS * self.turn_sigma
+
+    def beside_px(self, common: complex, *, drawn_out: bool) -> float:
+        """How far the middle of the light lies from where a path that is common to all stars has it.
+
+        Parameters
+        ----------
+        common : complex
+            That path's center of light, pixels.
+        drawn_out : bool
+            Whether the images are no points.
+
+        Returns
+        -------
+        float
+            0 where all stars' light lies alike: a trail in two pieces has two middles, and both are common.
+        """
+        away_px = abs(self.center_px - common)
+        unlike = drawn_out and self.scatter_px > UNLIKE * LEAST_SCATTER_PX
+        told = self.differs or (unlike and away_px > max(TOLD_PX, TOLD_SIGMAS * self.center_sigma_px))
+        return away_px if told else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,6 +264,8 @@ def second_image(
     light: Array,
     center: complex,
     shape: tuple[int, int],
+    *,
+    drawn_out: bool = True,
 ) -> SecondImage | None:
     """Look for the same stars once more, elsewhere, and turned or grown: an exposure in two parts.
 
@@ -250,6 +281,9 @@ def second_image(
     center : complex
     shape : (int, int)
         Of the frame: height, width.
+    drawn_out : bool
+        Whether the images are no points: then it is looked for however faint it may be, else only where
+        there are bright patches that no star explains.
 
     Returns
     -------
@@ -272,7 +306,8 @@ def second_image(
     others = np.flatnonzero(strange)
     others = others[np.argsort(-patches.flux[others], kind="stable")][:OTHERS]
     strangers = int((patches.flux[others] > bright).sum())
-    if strangers < max(FEWEST, STRANGERS * (strangers + int((patches.flux[known] > bright).sum()))):
+    fewest = STRANGERS * (strangers + int((patches.flux[known] > bright).sum()))
+    if others.size < FEWEST or (not drawn_out and strangers < max(FEWEST, fewest)):
         return None
     first = patches.x_px[known] + 1j * patches.y_px[known] - center
     second = patches.x_px[others] + 1j * patches.y_px[others] - center

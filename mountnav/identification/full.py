@@ -34,6 +34,10 @@ FINALISTS = 3
 """Of a chunk, so many of the best hypotheses are followed up."""
 WORTH_A_LOOK = 0.3
 """Expected number of chance matches as good as a hypothesis' raster count, below which it is followed up."""
+OWN_STEPS = 1.0
+"""A tile's hypotheses are those whose frame has its center no farther from the tile's middle than so many
+steps of the tiles: no place is farther than 0.58 from the nearest. Doubled, each hypothesis is tried in seven
+tiles; halved, places between tiles are nobody's."""
 PATCHES = 40
 """Patches of sky remembered at once."""
 
@@ -229,12 +233,13 @@ def hypotheses(
         height_px=height,
     )
     search.strobe_chance = max(search.strobe_chance, board.chances[0])
+    tile_deg = min(settings.tile_radius * float(np.hypot(width, height)) * scale / 3600.0, 40.0)
     patch = search.patch(
         catalog,
         center,
         turn.outer_deg,
         settings.tile_step * min(width, height) * scale / 3600.0,
-        min(settings.tile_radius * float(np.hypot(width, height)) * scale / 3600.0, 40.0),
+        tile_deg,
         count=2 * settings.n_confirm_stars,
         epoch_yr=epoch_yr,
         most_tiles=turn.most_tiles,
@@ -249,17 +254,47 @@ def hypotheses(
         search.reach_deg = max(search.reach_deg, tile.off_deg)
         if tile.stars.size < settings.min_pairs:
             continue
-        count = min(tile.stars.size, turn.stage[1])
+        places = _flat(tile, patch)
+        chosen = _corners(*places, turn, tile_deg, settings)
+        count = int(chosen.size)
         work += count * (count - 1) * (count - 2) // 6
         if work <= turn.from_triangles:
             continue  # an earlier round was here
-        yield from _in_tile(tile, patch, turn, frame, frame_triangles, index, board, settings, search)
+        yield from _in_tile(
+            tile, places, chosen, patch, turn, frame, frame_triangles, index, board, settings, search
+        )
         if work > turn.most_triangles:
             return
 
 
+def _flat(tile: Tile, patch: Patch) -> tuple[Array, Array]:
+    """Its stars about its middle, arcsec in the tangent plane."""
+    ra_deg, dec_deg = patch.stars.ra_deg[tile.stars], patch.stars.dec_deg[tile.stars]
+    xi_rad, eta_rad = gnomonic(ra_deg, dec_deg, tile.place.ra_deg, tile.place.dec_deg)
+    return arcsec(np.asarray(xi_rad)), arcsec(np.asarray(eta_rad))
+
+
+def _corners(xi: Array, eta: Array, turn: Round, tile_deg: float, settings: IdentificationSettings) -> Index:
+    """Stars of a tile that make triangles, brightest first: in dear rounds over wide areas, its inner ones.
+
+    Triangles grow with the third power of the stars, and stars at a tile's rim lie in few frames that are
+    this tile's: they are its neighbors' to ask.
+    """
+    share, most = settings.corner_radius / settings.tile_radius, turn.stage[1]
+    inner = np.arange(xi.size)
+    if turn.inner and share < 1.0:
+        most = max(settings.stages[0][1], round(most * share**2))
+        near = np.flatnonzero(np.hypot(xi, eta) <= arcsec(np.tan(np.radians(share * tile_deg))))
+        # where stars are few each of them counts
+        inner = near if near.size >= most else inner
+    regions, cap = settings.m_reg, settings.region_cap
+    return np.asarray(inner[spread_brightest(xi[inner], eta[inner], most, regions=regions, cap=cap)])
+
+
 def _in_tile(
     tile: Tile,
+    places: tuple[Array, Array],
+    chosen: Index,
     patch: Patch,
     turn: Round,
     frame: Points,
@@ -271,10 +306,8 @@ def _in_tile(
 ) -> Iterator[Hypothesis]:
     """Hypotheses of one tile, best of each chunk first."""
     ra_deg, dec_deg = patch.stars.ra_deg[tile.stars], patch.stars.dec_deg[tile.stars]
-    xi_rad, eta_rad = gnomonic(ra_deg, dec_deg, tile.place.ra_deg, tile.place.dec_deg)
-    xi, eta = arcsec(np.asarray(xi_rad)), arcsec(np.asarray(eta_rad))
+    xi, eta = places
     cap, regions, scales = settings.region_cap, settings.m_reg, turn.scales
-    chosen = spread_brightest(xi, eta, turn.stage[1], regions=regions, cap=cap)
     proved = spread_brightest(xi, eta, settings.n_confirm_stars, regions=regions, cap=cap)
     least_arcsec = settings.k_height * 0.5 * (frame.width_px + frame.height_px) * scales[0] * 0.99
     shortest_arcsec, longest_arcsec = index.length_bounds()
@@ -291,11 +324,17 @@ def _in_tile(
     z = frame.x_px + 1j * frame.y_px
     w = xi[chosen] + 1j * eta[chosen]
     w_proof = xi[proved] + 1j * eta[proved]
+    middle = 0.5 * complex(frame.width_px - 1, frame.height_px - 1)
+    own_arcsec = OWN_STEPS * settings.tile_step * min(frame.width_px, frame.height_px) * scales[1]
     for start in range(0, of_frame.size, CHUNK):
         search.check_time()
         a = frame_triangles.corners[of_frame[start : start + CHUNK]]
         b = catalog_triangles.corners[of_catalog[start : start + CHUNK]]
         factor, shift, mirrored, kept = constants(z[a], w[b], scales, settings.skew_max)
+        # a frame that lies about another tile's middle is that tile's to propose
+        there = factor * np.where(mirrored, middle.conjugate(), middle) + shift
+        own = np.abs(there) <= own_arcsec
+        factor, shift, mirrored, kept = factor[own], shift[own], mirrored[own], kept[own]
         search.hypotheses += int(factor.size)
         look = board.promising(factor, shift, mirrored, w_proof)
         if look.size == 0:

@@ -159,14 +159,17 @@ def in_its_light(
     path = light_path(pixels, x, y, flux, clear, fwhm_px, others=others, plane=plane)
     if path is None:
         return InItsLight(found, measurements, None, points=True)
-    field = _field(light_patches(pixels, bins[0]), reference, stars, measurements)
+    patches = light_patches(pixels, bins[0])
+    field = _field(patches, reference, stars, measurements, drawn_out=path.drawn_out)
     why = field.contradicts(path, fwhm_px)
     if why:
         return InItsLight(_as_turned(found, field, why), measurements, path, points=False)
     if not _sure(path) or _moved_px(fwhm_px) < path.off_px <= MOVED_SIGMAS * path.sigma_px:
         return InItsLight(_refused(found, path), measurements, path, points=False)
     if not stands(path, fwhm_px):
-        moved = _moved(reference, stars, measurements, path, settings)
+        # pieces of a path that is seen whole lie otherwise than its middle, and are in it
+        elsewhere_px2 = field.variance_px2(complex(path.dx_px, path.dy_px), drawn_out=False)
+        moved = _moved(reference, stars, measurements, path, elsewhere_px2, settings)
         if moved is None:
             return InItsLight(_refused(found, path), measurements, path, points=False)
         numbers = found.numbers | {
@@ -180,7 +183,8 @@ def in_its_light(
     scale = reference.plate.scale_arcsec_px()
     own_px2 = 0.5 * float(np.trace(reference.center_covariance_arcsec2)) / scale**2
     # the plate's own error is a part of how far the light lies beside it: told once
-    variance_px2 = max(0.0, _unfollowed_px2(path) - own_px2) + field.variance_px2
+    variance_px2 = max(0.0, _unfollowed_px2(path) - own_px2)
+    variance_px2 += field.variance_px2(0j, drawn_out=path.drawn_out)
     if variance_px2 > 0.0:
         reference = _with_error(reference, variance_px2 * scale**2)
     return InItsLight(replace(found, reference=reference), measurements, path, points=True)
@@ -223,12 +227,14 @@ class _Field:
         """How far the centers of light leave the plate's places from the center to a corner."""
         return 0.0 if self.motion is None else abs(self.motion.turn) * self.half_px
 
-    @property
-    def variance_px2(self) -> float:
-        """Error of the center (squared, per coordinate) where the light lies otherwise here than there."""
-        if self.motion is None or not self.motion.differs:
+    def variance_px2(self, common: complex, *, drawn_out: bool) -> float:
+        """Error of the center (squared, per coordinate) where the light lies otherwise here than there.
+
+        A path is the mean over its stars, wherever they are; the plate is held or moved by it all the same.
+        """
+        if self.motion is None:
             return 0.0
-        return 0.5 * abs(self.motion.center_px) ** 2
+        return 0.5 * self.motion.beside_px(common, drawn_out=drawn_out) ** 2
 
     def contradicts(self, path: LightPath, fwhm_px: float) -> str:
         """Why the plate isn't that of the exposure's middle; empty if it may be."""
@@ -262,6 +268,12 @@ class _Field:
             )
         if path.far:
             return ""
+        if math.sqrt(self.variance_px2(common, drawn_out=not common)) > SURE_PX:
+            assert motion is not None
+            return (
+                f"the light of {motion.stars} stars lies {abs(motion.center_px - common):.1f} px beside "
+                f"their places, and otherwise for each of them: the exposure's middle isn't known well enough"
+            )
         if motion is not None and motion.center_sigma_px > SURE_PX:
             return (
                 f"the images of the stars are drawn out, each in its own way, and the middle of their light "
@@ -275,7 +287,9 @@ class _Field:
         return ""
 
 
-def _field(patches: Patches, reference: Reference, stars: Stars, measurements: Measurements) -> _Field:
+def _field(
+    patches: Patches, reference: Reference, stars: Stars, measurements: Measurements, *, drawn_out: bool
+) -> _Field:
     """Look at the patches of light all over the frame, identified or not."""
     width, height = measurements.width_px, measurements.height_px
     there = predicted(reference.plate, stars, width_px=width, height_px=height)
@@ -286,7 +300,7 @@ def _field(patches: Patches, reference: Reference, stars: Stars, measurements: M
     return _Field(
         centers,
         field_motion(centers),
-        second_image(patches, there.x_px, there.y_px, light, center, (height, width)),
+        second_image(patches, there.x_px, there.y_px, light, center, (height, width), drawn_out=drawn_out),
         abs(center),
     )
 
@@ -379,9 +393,13 @@ def _moved(
     stars: Stars,
     measurements: Measurements,
     path: LightPath,
+    elsewhere_px2: float,
     settings: IdentificationSettings,
 ) -> tuple[Reference, Measurements] | None:
-    """The plate anew, each source moved to where its star's light has its middle."""
+    """The plate anew, each source moved to where its star's light has its middle; its error holds the move's.
+
+    `elsewhere_px2` is the error (squared, per coordinate) of a move that isn't the same all over the field.
+    """
     there = replace(measurements, x_px=measurements.x_px + path.dx_px, y_px=measurements.y_px + path.dy_px)
     plate = _shifted(reference.plate, path.dx_px, path.dy_px)
     selection = Selection(there, star_like(there), stars, settings)
@@ -394,7 +412,7 @@ def _moved(
         return None
     scale = again.plate.scale_arcsec_px()
     sigma_px = math.hypot(path.sigma_px, MOVED_SHARE * path.off_px)
-    return _with_error(again, (sigma_px * scale) ** 2), there
+    return _with_error(again, (sigma_px**2 + elsewhere_px2) * scale**2), there
 
 
 def _shifted(plate: Plate, dx_px: float, dy_px: float) -> Plate:

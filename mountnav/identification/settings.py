@@ -48,6 +48,9 @@ class IdentificationSettings:
         Distance of neighboring search tiles in shorter frame sides.
     tile_radius : float
         Radius of a tile's stars in frame diagonals.
+    corner_radius : float
+        In dear rounds over wide areas triangles are made of the stars within so many diagonals, and of as
+        many fewer as that part is smaller; as large as `tile_radius`, of all of a tile's.
     outward_fields, outward_max_deg : float
         When nothing is found within the hinted radius, the center is sought so many shorter frame sides
         farther out, and at most so many degrees.
@@ -89,6 +92,7 @@ class IdentificationSettings:
     skew_max: float = 0.03
     tile_step: float = 0.6
     tile_radius: float = 0.6
+    corner_radius: float = 0.5
     outward_fields: float = 5.0
     outward_max_deg: float = 10.0
     false_probability_max: float = 1e-9
@@ -116,6 +120,7 @@ class IdentificationSettings:
             match_share=1.0,
             v_min_ident=0.7,
             frame_triangles=19600,
+            corner_radius=0.6,
         )
 
     @classmethod

@@ -9,7 +9,6 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -149,11 +148,15 @@ _MOST_CELLS = 100_000_000
 million; doubled, a narrow tolerance takes twice the memory; halved, more triangles are looked up in vain."""
 
 
-class TriangleIndex:
-    """The frame's triangles in a k-d tree over two angles and the length, behind a coarse raster of the same.
+_MOST_PAIRS = 400_000
+"""Pairs of triangles compared at once: some 30 MB. Doubled, twice that for nothing; a tenth costs time."""
 
-    A catalog has many times more triangles than a frame; most of them fall in empty cells of the raster and
-    never come to the tree.
+
+class TriangleIndex:
+    """The frame's triangles in a raster over two angles and the length, in cells as wide as the tolerance.
+
+    A catalog has many times more triangles than a frame; most of them fall in cells that have no frame's
+    triangle near, and are left out at once. The others are compared with those in and beside their cell.
 
     Parameters
     ----------
@@ -173,12 +176,11 @@ class TriangleIndex:
         self._log_scale = 0.5 * (np.log(scale_low) + np.log(scale_high))
         # a bound known exactly still has the width of the angles' tolerance
         self._log_width = 0.5 * (np.log(scale_high) - np.log(scale_low)) + 0.5 * angle_rad
-        self._tree = None
         self._cell = 1.0
         if len(triangles) == 0:
             return
         place = np.stack(self._place(triangles, self._log_scale), axis=1)
-        self._tree = cKDTree(place)
+        self._places = place
         # a cell is as wide as the tolerance, or wider where so many would take too much memory
         tolerances = np.ptp(place, axis=0) + 3.0
         self._cell = max(1.0, float(np.prod(tolerances) / _MOST_CELLS) ** (1.0 / 3.0))
@@ -187,9 +189,16 @@ class TriangleIndex:
         self._low = cell.min(axis=0) - 2
         self._shape = cell.max(axis=0) - self._low + 3
         self._near = np.zeros(self._shape, dtype=bool)
-        for a, b, c in product((-1, 0, 1), repeat=3):
-            at = cell - self._low + np.array((a, b, c))
-            self._near[at[:, 0], at[:, 1], at[:, 2]] = True
+        beside = np.array(list(product((-1, 0, 1), repeat=3)))
+        at = np.ravel_multi_index(
+            tuple(((cell - self._low)[None, :, :] + beside[:, None, :]).reshape(-1, 3).T), self._shape
+        )
+        self._near.reshape(-1)[at] = True
+        # which triangles are in or beside a cell, cell after cell
+        order = np.argsort(at, kind="stable")
+        self._owner = order % len(triangles)
+        self._filled, self._first = np.unique(at[order], return_index=True)
+        self._held = np.diff(np.append(self._first, order.size))
 
     def length_bounds(self) -> tuple[float, float]:
         """Between which lengths (arcsec) the longest side of a catalog triangle like any here must lie."""
@@ -224,7 +233,7 @@ class TriangleIndex:
         -------
         ndarray of bool, shape (n,)
         """
-        if self._tree is None:
+        if not len(self._triangles):
             return np.zeros(log_length.size, dtype=bool)
         place = largest_rad / self._angle_rad, smallest_rad / self._angle_rad, log_length / self._log_width
         return np.asarray(self._near.take(self._cells(place)))
@@ -254,19 +263,36 @@ class TriangleIndex:
             Indices of like-shaped triangles, in the frame triangles' order: the brightest first.
         """
         empty = np.zeros(0, dtype=np.int64)
-        if self._tree is None or len(triangles) == 0:
+        if not len(self._triangles) or len(triangles) == 0:
             return empty, empty
         place = self._place(triangles, 0.0)
-        likely = np.flatnonzero(self._near.take(self._cells(place)))
+        cells = self._cells(place)
+        likely = np.flatnonzero(self._near.take(cells))
         if likely.size == 0:
             return empty, empty
-        likely_tree = cKDTree(
-            np.stack([one[likely] for one in place], axis=1), balanced_tree=False, compact_nodes=False
-        )
-        found = self._tree.sparse_distance_matrix(likely_tree, 1.0, p=np.inf, output_type="ndarray")
-        frame, catalog = found["i"].astype(np.int64), likely[found["j"]]
+        slot = np.searchsorted(self._filled, cells[likely])
+        until = np.cumsum(self._held[slot])
+        parts = np.searchsorted(until, np.arange(_MOST_PAIRS, int(until[-1]), _MOST_PAIRS))
+        found = [
+            self._alike(place, likely[part], slot[part])
+            for part in np.split(np.arange(likely.size), parts)
+            if part.size
+        ]
+        frame = np.concatenate([one for one, _ in found])
+        catalog = np.concatenate([other for _, other in found])
         # two angles within Δγ leave the third free to differ by 2 Δγ
         third = np.abs(self._triangles.angles_rad[frame, 1] - triangles.angles_rad[catalog, 1])
         alike = np.flatnonzero(third <= self._angle_rad)
         order = alike[np.lexsort((catalog[alike], frame[alike]))]
         return frame[order], catalog[order]
+
+    def _alike(self, place: tuple[Array, Array, Array], catalog: Index, slot: Index) -> tuple[Index, Index]:
+        """Which of the triangles held by these cells are within the tolerance of those that fell there."""
+        held = self._held[slot]
+        begin = np.repeat(self._first[slot] - (np.cumsum(held) - held), held)
+        frame = self._owner[begin + np.arange(begin.size)]
+        catalog = np.repeat(catalog, held)
+        near = np.ones(frame.size, dtype=bool)
+        for axis, there in enumerate(place):
+            near &= np.abs(self._places[:, axis][frame] - there[catalog]) <= 1.0
+        return frame[near], catalog[near]
