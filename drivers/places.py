@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from mountnav.errors import BadRequest
 from mountnav.navigation.devices import Epoch
 from mountnav.sky.coordinates import Apparent, Icrs
@@ -14,7 +16,7 @@ def apart_arcsec(a: Apparent | Icrs, b: Apparent | Icrs) -> float:
 
 
 def check_kind(place: Apparent | Icrs, epoch: Epoch, *, device: str) -> None:
-    """Refuse a place of another kind than the mount speaks.
+    """Refuse a place of another kind than the mount speaks, and one that is no place.
 
     Raises
     ------
@@ -26,4 +28,10 @@ def check_kind(place: Apparent | Icrs, epoch: Epoch, *, device: str) -> None:
             f"{type(place).__name__} given to a mount that speaks {epoch} coordinates",
             device=device,
             advice="convert it first",
+        )
+    if not (math.isfinite(place.ra_deg) and abs(place.dec_deg) <= 90.0):
+        raise BadRequest(
+            f"right ascension {place.ra_deg}°, declination {place.dec_deg}° are no place",
+            device=device,
+            advice="declinations go from -90° to 90°",
         )

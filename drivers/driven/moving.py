@@ -63,6 +63,8 @@ class Mover:
     async def job(self, what: str) -> AsyncIterator[int]:
         """Hold the mount for one order to move; gives the count of stops at its start.
 
+        While a stop is carried out the order waits; another stop that comes meanwhile ends it.
+
         Raises
         ------
         Busy
@@ -78,6 +80,8 @@ class Mover:
         try:
             await tended.ready()
             links = tended.links
+            # a stop is repeated until the mount is seen at rest: what went out before would be stopped by it
+            await tended.no_stop.wait()
             yield stops
         except DeviceRefused:
             # said no in the middle, or won't be stopped: something may still move
@@ -310,15 +314,20 @@ class Mover:
         if not tended.language.usable:
             await tended.ready()
         await tended.language.send_stop(0)
-        repeating = waited_for(self._again_and_again())
-        tended.stopping = True
+        tended.stopping += 1
+        tended.no_stop.clear()
         try:
-            await self._seen_at_rest()
+            repeating = waited_for(self._again_and_again())
+            try:
+                await self._seen_at_rest()
+            finally:
+                repeating.cancel()
+                with contextlib.suppress(asyncio.CancelledError, DeviceError):
+                    await repeating
         finally:
-            tended.stopping = False
-            repeating.cancel()
-            with contextlib.suppress(asyncio.CancelledError, DeviceError):
-                await repeating
+            tended.stopping -= 1
+            if not tended.stopping:
+                tended.no_stop.set()
         tended.stop_owed = False
 
     async def _again_and_again(self) -> None:

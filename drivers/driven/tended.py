@@ -81,6 +81,10 @@ class Tended:
         What the last order to move has come to.
     stops : int
         How many stops were ordered.
+    stopping : int
+        How many of them are being carried out: the mount was not yet seen at rest.
+    no_stop : asyncio.Event
+        Set while that is none.
     pulses : int
         How many guide pulses run.
     links : int
@@ -109,7 +113,9 @@ class Tended:
         self.state = SlewState.NONE
         self.stops = 0
         self.links = 0
-        self.stopping = False
+        self.stopping = 0
+        self.no_stop = asyncio.Event()
+        self.no_stop.set()
         self.pulses = 0
         self.stop_owed = False
         self.in_motion = False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -336,6 +337,46 @@ async def test_stop_is_repeated_until_the_mount_rests() -> None:
         assert not rig.language.mechanics.slewing()
         assert "stop 3" in rig.language.orders
         assert await slew is SlewOutcome.STOPPED
+
+
+async def test_an_order_that_comes_during_a_stop_waits_for_its_end() -> None:
+    """A stop is repeated: what went out in between was stopped with the rest, and told as "didn't move"."""
+    async with rigged(plain(slew_rate_deg_s=20.0)) as rig:
+        rig.language.stops_needed = 3
+        first = asyncio.create_task(rig.mount.slew(await rig.beside(60.0, -20.0)))
+        await rig.until(lambda: rig.mount.slew_state is SlewState.UNDER_WAY)
+        stopping = asyncio.create_task(rig.mount.stop())
+        await rig.until(lambda: "stop 1" in rig.language.orders)
+        assert await first is SlewOutcome.STOPPED
+        second = asyncio.create_task(rig.mount.slew(await rig.beside(-10.0, 3.0)))
+        await stopping
+        assert await second is SlewOutcome.ARRIVED
+        stops = [order for order in rig.language.orders if order.startswith("stop")]
+        assert rig.language.orders.index(stops[-1]) < len(rig.language.orders) - 1
+
+
+async def test_a_stop_ends_an_order_that_waits_for_another_one() -> None:
+    async with rigged() as rig:
+        # as while another stop is carried out
+        rig.mount._tended.no_stop.clear()
+        slew = asyncio.create_task(rig.mount.slew(await rig.beside(-10.0, 3.0)))
+        await rig.until(lambda: rig.mount._tended.job is not None)
+        await rig.mount.stop()
+        assert await slew is SlewOutcome.STOPPED
+        assert not any(order.startswith("slew") for order in rig.language.orders)
+
+
+@pytest.mark.parametrize(
+    ("ra_deg", "dec_deg"), [(10.0, 98.6), (10.0, -90.1), (10.0, math.nan), (math.inf, 0.0)]
+)
+async def test_what_is_no_place_never_goes_out(ra_deg: float, dec_deg: float) -> None:
+    """An INDI driver took a declination of 98.6 degrees, and said nothing."""
+    async with rigged() as rig:
+        nowhere = Apparent(ra_deg, dec_deg, utc_now())
+        for order in (rig.mount.slew, rig.mount.sync):
+            with pytest.raises(BadRequest, match="no place"):
+                await order(nowhere)
+        assert rig.language.orders == ["open"]
 
 
 async def test_stop_goes_on_through_a_silence() -> None:
