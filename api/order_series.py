@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
@@ -90,7 +91,9 @@ async def run_series(
         raise NotSolved(
             "no look was solved", device=navigator.name, advice="look for clouds, dew, focus", reason="none"
         )
-    return _summed_up(navigator, order, target, seen, began_utc, clock)
+    # the first fit loads scipy: not in the loop, where a stop would wait for that
+    drift, at = await asyncio.to_thread(drift_of, [one.look for one in seen])
+    return _summed_up(navigator, order, target, seen, drift, at, began_utc, clock)
 
 
 def _view(number: int, look: Look, first: Look) -> SeriesLookView:
@@ -114,12 +117,13 @@ def _summed_up(
     order: SeriesOrder,
     target: Icrs | None,
     seen: list[_Seen],
+    drift: Drift | None,
+    at: list[int],
     began_utc: datetime,
     clock: Clock,
 ) -> SeriesView:
     epoch = navigator.mount.epoch
     first, last = seen[0].look, seen[-1].look
-    drift, at = drift_of([one.look for one in seen])
     reason = None
     if drift is None:
         reason = f"{len(seen)} looks solved without a jump between them; {LEAST_FRAMES} are needed"

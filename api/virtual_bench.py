@@ -29,6 +29,7 @@ def mechanics_of(one: TelescopeSettings, settings: Settings) -> Mechanics:
         PointingErrors(**errors.model_dump()),
         machine=GERMAN if mounting == "german" else None,
         slew_rate_deg_s=one.mount.slew_rate_deg_s or FAKE_SLEW_RATE_DEG_S,
+        acceleration_deg_s2=one.mount.acceleration_deg_s2,
     )
 
 

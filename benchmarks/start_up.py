@@ -48,6 +48,7 @@ def commands(asked: list[str]) -> dict[str, Command]:
         "numpy": [*python, "import numpy"],
         "import mountnav.reading": [*python, "import mountnav.reading"],
         "import mountnav.solve": [*python, "import mountnav.solve"],
+        "import api.app": [*python, "import api.app"],
         "import astropy.io.fits": [*python, "import astropy.io.fits"],
         "import astropy_healpix": [*python, "import astropy_healpix"],
         "mountnav --version": [*mountnav, "--version"],

@@ -82,7 +82,7 @@ class MountErrorSettings(Section):
 
 
 class MountSettings(Section):
-    """`mount` of a telescope. `slew_rate_deg_s` and `errors` are for the fake mount alone."""
+    """`mount` of a telescope. How fast it slews, and `errors`, are for the fake mount alone."""
 
     url: str
     epoch: Literal["apparent", "icrs"] | None = None
@@ -95,6 +95,7 @@ class MountSettings(Section):
     settle_s: float | None = Field(default=None, ge=0, le=120)
     mounting: Literal["german", "fork", "altaz"] | None = None
     slew_rate_deg_s: float | None = Field(default=None, gt=0, le=360)
+    acceleration_deg_s2: float | None = Field(default=None, gt=0, le=360)
     errors: MountErrorSettings | None = None
 
     @field_validator("url")
@@ -134,7 +135,7 @@ class MountSettings(Section):
                     f"{', '.join(FAKES[1:])}; ?dialect= is one of `mountnav fake-mount --list`",
                 },
             )
-        for key in ("slew_rate_deg_s", "errors"):
+        for key in ("slew_rate_deg_s", "acceleration_deg_s2", "errors"):
             if not self.is_fake and getattr(self, key) is not None:
                 raise PydanticCustomError(
                     "fake_only",

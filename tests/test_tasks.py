@@ -12,6 +12,7 @@ from mountnav.tasks import Crew, begun, waited_for
 
 ROOT = Path(__file__).parents[1]
 PLACE = Path("mountnav/tasks.py")
+BEGINNERS = ("create_task", "ensure_future", "TaskGroup")
 
 
 def test_no_other_place_begins_tasks() -> None:
@@ -20,9 +21,13 @@ def test_no_other_place_begins_tasks() -> None:
         for path in sorted((ROOT / room).rglob("*.py")):
             if path.relative_to(ROOT) == PLACE:
                 continue
-            for node in ast.walk(ast.parse(path.read_text())):
+            source = path.read_text()
+            # most files don't even have the words: nothing to take apart
+            if not any(word in source for word in BEGINNERS):
+                continue
+            for node in ast.walk(ast.parse(source)):
                 name = getattr(node, "attr", getattr(node, "id", None))
-                if name in ("create_task", "ensure_future", "TaskGroup"):
+                if name in BEGINNERS:
                     found.append(f"{path.relative_to(ROOT)}:{node.lineno}")  # type: ignore[attr-defined]
     assert found == []
 

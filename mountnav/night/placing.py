@@ -6,19 +6,21 @@ import asyncio
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Frame, Hint
 from mountnav.navigation.looking import Solve
-from mountnav.series.follow import SeriesFollower
 from mountnav.series.results import FrameResult, Mode, SeriesSettings, Shift
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.solution import Reason, Solution, Times, Verdict
 from mountnav.solve_settings import SolveSettings
+
+if TYPE_CHECKING:
+    from mountnav.series.follow import SeriesFollower
 
 FIELDS_KEPT = 4
 FRAMES_PER_FOLLOWER = 100
@@ -144,6 +146,9 @@ class BySeries:
 
     def _field(self, near: Icrs | None, fully: bool) -> _Field:
         """The field that a frame is believed to be of."""
+        # brings scipy and all that measures and identifies: a service starts without
+        from mountnav.series.follow import SeriesFollower
+
         known = None
         for one in reversed(self._fields.values()):
             if near is None or (one.center is not None and _apart_deg(one.center, near) <= one.radius_deg):

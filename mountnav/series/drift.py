@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from mountnav.sky.sphere import half_turn_deg
 
@@ -162,6 +161,8 @@ def fit_drift(track: Track) -> Drift | None:
     if len(track) < LEAST_FRAMES or float(np.ptp(track.minutes)) <= 0.0:
         return None
     east, north = track.east_north_arcsec()
+    from scipy import special  # 0.2 s that a service does not need to start
+
     time = track.minutes - float(track.minutes.mean())
     columns, ties = _columns(track, time)
     floor = max(1e-4, 0.1 * float(np.median(track.sigma_arcsec)))

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -76,6 +75,8 @@ class Persistence:
         ndarray of int, shape (n,)
             Each measurement's source, by its number.
         """
+        from scipy.spatial import cKDTree  # 0.2 s that a service does not need to start
+
         self._frames += 1
         ids = np.full(x_px.size, -1, dtype=np.int64)
         if x_px.size and self._x.size:

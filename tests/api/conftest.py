@@ -28,6 +28,7 @@ exposure_s = 0.5
 [telescope.mount]
 url = "fake+lx200://"
 slew_rate_deg_s = 45.0
+acceleration_deg_s2 = 8.0
 [telescope.mount.errors]
 ih_arcsec = 300.0
 id_arcsec = -240.0

@@ -24,7 +24,7 @@ class MoodyCatalog:
     Parameters
     ----------
     folder : Path
-        Where it leaves a note of having died once.
+        Where it leaves a note of having died once. As long as a file ``cold`` lies there, whoever asks waits.
     """
 
     name = "moody"
@@ -38,6 +38,8 @@ class MoodyCatalog:
         def at(place: Icrs) -> bool:
             return abs(center.dec_deg - place.dec_deg) < 8.0 and abs(center.ra_deg - place.ra_deg) < 40.0
 
+        while (self._folder / "cold").exists():
+            time.sleep(0.02)
         if at(HANGS):
             time.sleep(1000.0)
         while at(COMPUTES):

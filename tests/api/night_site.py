@@ -40,6 +40,7 @@ scale_arcsec_px = 10.0
 [telescope.mount]
 url = "fake+lx200://"
 slew_rate_deg_s = 45.0
+acceleration_deg_s2 = 8.0
 [telescope.mount.errors]
 ih_arcsec = 150.0
 id_arcsec = -120.0

@@ -65,6 +65,7 @@ FAKE = """
 [telescope.mount]
 url = "fake+lx200://?dialect=onstep"
 slew_rate_deg_s = 45.0
+acceleration_deg_s2 = 8.0
 mounting = "fork"
 [telescope.mount.errors]
 ih_arcsec = 150.0

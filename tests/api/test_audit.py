@@ -188,7 +188,8 @@ async def test_every_changing_request_leaves_a_row_and_no_question_does(
         below = {"ra_deg": 10.0, "dec_deg": -89.0}
         operate, configure = Role.OPERATE, Role.CONFIGURE
         assert await send("GET", "/v1/telescopes/east", Role.VIEW) == 200
-        assert await send("POST", "/v1/telescopes/east/stop", operate) == 200
+        # 202: not seen at rest yet, on a machine that has other work
+        assert await send("POST", "/v1/telescopes/east/stop", operate) in (200, 202)
         assert await send("POST", "/v1/telescopes/east/slew", Role.VIEW, below) == 403
         assert await send("POST", "/v1/telescopes/east/slew", operate, {"ra_deg": "x"}) == 422
         assert await send("POST", "/v1/telescopes/nowhere/stop", operate) == 404

@@ -48,6 +48,7 @@ exposure_s = 0.3
 [telescope.mount]
 url = "fake+lx200://"
 slew_rate_deg_s = 45.0
+acceleration_deg_s2 = 8.0
 [telescope.camera]
 kind = "simulated"
 width_px = 1000

@@ -108,6 +108,7 @@ def test_a_fake_mount_is_served_without_astropy(tmp_path: Path) -> None:
         ("mountnav.reading", ("scipy", "erfa", *DEAR)),
         ("mountnav.catalog.embedded", ("scipy", *DEAR)),
         ("mountnav.solve", DEAR),
+        ("api.app", ("scipy", "astropy", "astropy_healpix", "matplotlib", "pyarrow")),
         ("mountnav.identification.blind.index", DEAR),
         ("mountnav.identification.blind.cache", DEAR),
     ],

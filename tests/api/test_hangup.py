@@ -15,7 +15,7 @@ from mountnav.journal.reading import JournalReader
 from tests.api.conftest import OBSERVATORY
 
 
-@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGHUP, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 def test_a_slewing_mount_is_stopped(tmp_path: Path, number: signal.Signals) -> None:
     config, journal = tmp_path / "observatory.toml", tmp_path / "night.sqlite"
     config.write_text(OBSERVATORY.replace("slew_rate_deg_s = 45.0", "slew_rate_deg_s = 0.5"))

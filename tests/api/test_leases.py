@@ -27,6 +27,7 @@ from mountnav.errors import DeviceSilent, JournalFailed
 from mountnav.journal.lease_rows import LeaseRow
 from mountnav.journal.sql_journal import SqlJournal, open_journal
 from tests.api.conftest import Serve
+from tests.api.stop_answers import stopped
 
 ROBOT = Caller("robot", Role.OPERATE, Face.REST, "10.0.0.7")
 GUEST = Caller("guest", Role.OPERATE, Face.ALPACA, "10.0.0.8")
@@ -439,7 +440,7 @@ async def _taken_kept_refused_and_released(client: httpx.AsyncClient) -> None:
     assert (await client.put(LEASE)).status_code == 409
     assert (await client.put(LEASE, headers=mine)).status_code == 200
     # a stop is taken from anybody who may operate
-    assert (await client.post("/v1/telescopes/east/stop")).status_code == 200
+    assert (await stopped(client, "/v1/telescopes/east/stop")).status_code == 200
     assert (await client.delete(LEASE)).status_code == 409
     assert (await client.delete(LEASE, headers=mine)).json()["held"] is False
     lost = await client.post("/v1/telescopes/east/look", headers=mine)

@@ -19,6 +19,7 @@ from api.limits_of_rate import TokenBuckets, is_stop
 from mountnav.errors import BadSettings
 from mountnav.settings import Settings
 from tests.api.conftest import Serve
+from tests.api.stop_answers import stopped
 
 PAGE = "https://page.example:8443"
 
@@ -107,7 +108,7 @@ async def test_too_many_are_told_when_to_come_again_and_a_stop_passes(
         assert refused.json()["retryable"] is True
         assert 1 <= int(refused.headers["Retry-After"]) <= 10
         for _ in range(2):
-            assert (await client.post("/v1/telescopes/east/stop")).status_code == 200
+            assert (await stopped(client, "/v1/telescopes/east/stop")).status_code == 200
         slew = await client.post("/v1/telescopes/east/slew", json={"ra_deg": 1.0, "dec_deg": 80.0})
         assert slew.status_code == 429
 
@@ -184,7 +185,7 @@ async def test_a_body_that_is_too_large_is_refused_wherever_it_is_read(
             assert (path, refused.status_code) == (path, 413)
         assert (await client.get("/v1/jobs")).json() == []
         # nobody reads a stop's body, so it is no reason to refuse a stop
-        assert (await client.post("/v1/telescopes/east/stop", content=large)).status_code == 200
+        assert (await stopped(client, "/v1/telescopes/east/stop", content=large)).status_code == 200
         # frames may be larger, up to their own bound
         frame = await client.post("/v1/solve", content=b"SIMPLE" + b" " * 500_000)
         assert frame.json()["type"] == "urn:mountnav:problem:bad-frame"

@@ -221,6 +221,7 @@ async def test_rain_parks_a_telescope_that_somebody_slews(tmp_path: Path) -> Non
         job = (await client.get(slew.headers["location"], params={"wait": 30})).json()
         assert job["state"] == "cancelled"
         assert "night" in job["problem"]["detail"], job["problem"]
+        mechanics.slew_rate_deg_s = 45.0
         async with asyncio.timeout(60.0):
             while not mechanics.parked:
                 await asyncio.sleep(0.05)

@@ -24,6 +24,7 @@ from api.security import RoleRequired, caller_from_headers, require_role_of_rout
 from api.serving import bind, make_server
 from mountnav.settings import Settings
 from tests.api.conftest import Serve
+from tests.api.stop_answers import stopped
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "security.md"
 
@@ -199,9 +200,9 @@ async def _keys_are_taken_two_ways_and_a_missing_one_is_asked_for(keyed: Keyed) 
 
 async def _a_revoked_key_is_refused_at_once_and_the_open_routes_need_none(keyed: Keyed) -> None:
     viewer, operator = keyed.headers(Role.VIEW), keyed.headers(Role.OPERATE)
-    stopped = await keyed.client.post("/v1/telescopes/east/stop", headers=viewer)
-    assert (stopped.status_code, stopped.json()["type"]) == (403, "urn:mountnav:problem:role-too-low")
-    assert (await keyed.client.post("/v1/telescopes/east/stop", headers=operator)).status_code == 200
+    refused = await keyed.client.post("/v1/telescopes/east/stop", headers=viewer)
+    assert (refused.status_code, refused.json()["type"]) == (403, "urn:mountnav:problem:role-too-low")
+    assert (await stopped(keyed.client, "/v1/telescopes/east/stop", headers=operator)).status_code == 200
     keyed.store.revoke("the operateer")
     refused = await keyed.client.post("/v1/telescopes/east/stop", headers=operator)
     assert refused.status_code == 401

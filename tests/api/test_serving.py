@@ -28,6 +28,7 @@ from mountnav.settings import Settings
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.render import draw_frame
 from mountnav.sky.coordinates import Icrs
+from tests.api.stop_answers import stopped
 
 EAST = "/v1/telescopes/east"
 
@@ -144,8 +145,8 @@ async def test_stop_and_state_answer_while_a_frame_is_solved(observatory_toml: s
                 await _events(lines, "solving")
                 state = await running.client.get(EAST)
                 assert (state.status_code, state.json()["job_id"]) == (200, started.json()["id"])
-                stopped = await running.client.post(f"{EAST}/stop")
-            assert stopped.json()["cancelled_job_id"] == started.json()["id"]
+                answer = await running.client.post(f"{EAST}/stop")
+            assert answer.json()["cancelled_job_id"] == started.json()["id"]
             job = service.jobs.get(started.json()["id"])
             await job.ended.wait()
             assert job.state is JobState.CANCELLED
@@ -163,8 +164,8 @@ async def test_stop_while_slewing_leaves_the_mount_at_rest(observatory_toml: str
             await anext(lines)
             started = await slow.client.post(f"{EAST}/slew", json=target)
             await _events(lines, "slewing")
-            stopped = await slow.client.post(f"{EAST}/stop")
-            assert stopped.json()["cancelled_job_id"] == started.json()["id"]
+            answer = await slow.client.post(f"{EAST}/stop")
+            assert answer.json()["cancelled_job_id"] == started.json()["id"]
             await _events(lines, "stopped")
         while (await slow.client.get(EAST)).json()["slewing"]:
             await asyncio.sleep(0.05)
@@ -218,12 +219,15 @@ async def test_a_service_with_a_worker(observatory_toml: str, tmp_path: Path) ->
     truth = Icrs(85.0, 30.0)
     content = _drawn(truth)
     toml = observatory_toml.replace("worker = false", "worker = true")
+    cold = tmp_path / "cold"
+    cold.touch()
     async with _running(toml, MoodyCatalog(tmp_path)) as running:
         client, solver = running.client, running.service.solver
         assert solver.worker is not None
 
         # nobody waits for the worker to get warm
         assert (await client.get("/v1/health")).json()["solver"] == "starting"
+        cold.unlink()
         started = await client.post(f"{EAST}/look", json={"exposure_s": 0.2})
         look = (await client.get(started.headers["location"], params={"wait": 60})).json()
         assert look["state"] == "succeeded", look
@@ -246,7 +250,7 @@ async def test_a_service_with_a_worker(observatory_toml: str, tmp_path: Path) ->
         assert look["state"] == "succeeded", look
         assert solver.uploads.state == "solving"
         assert (await client.get(EAST)).status_code == 200
-        assert (await client.post(f"{EAST}/stop")).json()["stopped"] is True
+        assert (await stopped(client, f"{EAST}/stop")).json()["stopped"] is True
         last = solver.uploads.pid
         running.server.should_exit = True
         refused = await hanging

@@ -35,7 +35,8 @@ async def deaf() -> AsyncIterator[int]:
 
 @pytest.mark.parametrize("path", ["/v1/stop", "/v1/telescopes/frozen/stop"])
 async def test_a_frozen_mount_holds_up_nobodys_stop(observatory_toml: str, deaf: int, path: str) -> None:
-    frozen = f"lx200+tcp://127.0.0.1:{deaf}"
+    # it is given up some seconds after the answer to the stop is due, not after the minute of a slow board
+    frozen = f"lx200+tcp://127.0.0.1:{deaf}?greeting_s=3&timeout_s=3"
     toml = observatory_toml.replace('id = "gone"', 'id = "frozen"').replace(
         "lx200+serial:///dev/there-is-no-such-port", frozen
     )
@@ -47,11 +48,14 @@ async def test_a_frozen_mount_holds_up_nobodys_stop(observatory_toml: str, deaf:
     ):
         service: Service = app.state.service
         took_s = []
-        while not took_s or (min(took_s) >= LONGEST_S and len(took_s) < 5):
+        for _ in range(5):
             begun_s = asyncio.get_running_loop().time()
             answer = await client.post(path)
             took_s.append(asyncio.get_running_loop().time() - begun_s)
-        told = answer.json()
+            told = answer.json()
+            known = {one["telescope"]: one["stopped"] for one in told.get("telescopes", [])}
+            if min(took_s) < LONGEST_S and known.get("east", True):
+                break
         # a busy machine may take its time once; a mount that is waited for would each time
         assert min(took_s) < LONGEST_S, (took_s, told)
         assert answer.status_code == 202, told
@@ -88,5 +92,5 @@ async def test_the_first_stop_waits_for_no_preparation(
         httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1", timeout=60) as client,
     ):
         monkeypatch.setattr(inspect, "signature", spied)
-        assert (await client.post("/v1/stop")).status_code == 200
+        assert (await client.post("/v1/stop")).status_code in (200, 202)
     assert [module for module in asked if module.startswith("api.routes")] == []

@@ -11,6 +11,7 @@ from fastapi.routing import iter_route_contexts
 from api.app import create_app
 from api.limits_of_rate import is_stop
 from mountnav.settings import Settings
+from tests.api.stop_answers import stopped
 
 EAST = "/v1/telescopes/east"
 
@@ -82,8 +83,11 @@ async def test_a_key_that_stands_twice_is_refused(client: httpx.AsyncClient, bod
 
 
 async def test_a_stop_is_taken_whatever_its_body(client: httpx.AsyncClient) -> None:
-    answer = await client.post(
-        f"{EAST}/stop?whatever=1", content='{"a": 1, "a": 2}', headers={"Content-Type": "application/json"}
+    answer = await stopped(
+        client,
+        f"{EAST}/stop?whatever=1",
+        content='{"a": 1, "a": 2}',
+        headers={"Content-Type": "application/json"},
     )
     assert answer.status_code == 200, answer.text
 
@@ -119,7 +123,7 @@ async def test_an_address_without_end_is_refused_before_any_route_is_held_agains
 
 
 async def test_a_stop_is_taken_whatever_its_query(client: httpx.AsyncClient) -> None:
-    answer = await client.post(f"{EAST}/stop?a=" + "1" * 9000)
+    answer = await stopped(client, f"{EAST}/stop?a=" + "1" * 9000)
     assert answer.status_code == 200, answer.text
 
 

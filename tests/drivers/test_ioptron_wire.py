@@ -278,7 +278,7 @@ async def test_a_cut_connection_is_opened_again() -> None:
 async def test_a_dead_line_is_silent_with_advice() -> None:
     fake = fake_of(faults=[Fault("lose", times=10**9)])
     with FakeOnPty(fake) as bench, pytest.raises(DeviceSilent, match="baud"):
-        await ioptron_mount(bench.address, timing=QUICK, patience=PATIENCE).open()
+        await ioptron_mount(bench.address, timing=QUICK, patience=replace(PATIENCE, greeting_s=2.0)).open()
 
 
 async def test_nothing_at_all_at_the_other_end() -> None:

@@ -272,7 +272,7 @@ async def test_a_slew_that_takes_too_long_is_stopped() -> None:
 async def test_a_dead_line_is_silent_with_advice() -> None:
     fake = fake_at_zenith(faults=[Fault("lose", times=10**9)])
     with FakeOnPty(fake) as bench, pytest.raises(DeviceSilent, match="baud"):
-        await lx200_mount(bench.address, timing=QUICK, patience=PATIENCE).open()
+        await lx200_mount(bench.address, timing=QUICK, patience=replace(PATIENCE, greeting_s=2.0)).open()
 
 
 async def test_a_missing_port_lists_those_that_exist(tmp_path: Path) -> None:

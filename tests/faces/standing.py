@@ -52,6 +52,7 @@ exposure_s = 0.2
 url = "fake+lx200://?dialect=onstep"
 mounting = "german"
 slew_rate_deg_s = 40.0
+acceleration_deg_s2 = 8.0
 [telescope.camera]
 kind = "simulated"
 width_px = 400
@@ -164,12 +165,14 @@ async def standing(
 @contextmanager
 def fake_on_tcp() -> Iterator[tuple[FakeOnTcp, str]]:
     """The same mount as an outsider that outlives services and cables, and the settings for it."""
-    mechanics = Mechanics(SITE, Air(), PointingErrors(), machine=GERMAN, slew_rate_deg_s=40.0)
+    mechanics = Mechanics(
+        SITE, Air(), PointingErrors(), machine=GERMAN, slew_rate_deg_s=40.0, acceleration_deg_s2=8.0
+    )
     fake = make_fake("lx200", "onstep", mechanics, clock=utc_now, monotonic=time.monotonic)
     with FakeOnTcp(fake) as bench:
         url = bench.address.replace("socket://", "tcp://")
         before, _, after = OBSERVATORY.partition('url = "fake+lx200://?dialect=onstep"')
-        after = after.replace("slew_rate_deg_s = 40.0\n", "")
+        after = after.replace("slew_rate_deg_s = 40.0\nacceleration_deg_s2 = 8.0\n", "")
         camera, limits = after.index("[telescope.camera]"), after.index("[telescope.centering]")
         folder = '[telescope.camera]\nkind = "folder"\npath = "/"\n'
         yield bench, f'{before}url = "lx200+{url}?dialect=onstep"{after[:camera]}{folder}{after[limits:]}'

@@ -27,7 +27,7 @@ KNOWN_TRAILS = {
 }
 
 
-@pytest.mark.parametrize("name", ["B01", "A01"])
+@pytest.mark.parametrize("name", ["B01", pytest.param("A01", marks=pytest.mark.long)])
 def test_a_spoilt_frame_keeps_its_stars(shared: Path, name: str) -> None:
     folder = shared / "data" / "rendered"
     truth = next(e for e in json.loads((folder / "truth.json").read_text()) if e["file"].startswith(name))

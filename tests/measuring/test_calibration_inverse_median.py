@@ -231,15 +231,13 @@ def test_light_frames_of_a_mosaic_make_a_flat(tmp_path: Path, camera: SyntheticC
 
 
 def test_real_frames_keep_their_bright_stars(shared: Path) -> None:
-    """Real frames without flats, of which the zero level isn't known: brightest hundred before and after."""
+    """Some without flats, of which the zero level isn't known: brightest hundred before and after."""
     folder = shared / "data" / "frames"
     known = {frame["file"] for frame in json.loads((folder / "manifest.json").read_text())["frames"]}
     kept = total = 0
     for name in (
-        "esa+tetra3/2019-07-29T204726_Alt60_Azi45_Try1.tiff",
         "tlemoult+astrometry/FINDER-1.fits.gz",
         "thatsfine+pteropractice/Practice_Star_Field.fits.gz",
-        "panoptes+POCS/unsolved.fits.gz",
     ):
         assert any(name in one or one in name for one in known)
         frame = read_frame(folder / name)

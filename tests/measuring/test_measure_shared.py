@@ -16,7 +16,10 @@ from mountnav.reading import read_frame
 pytestmark = pytest.mark.shared
 
 
-@pytest.mark.parametrize("name", ["A02", "B01", "C00", "D01", "E00", "E03"])
+OTHERS = [pytest.param(name, marks=pytest.mark.long) for name in ("A02", "E00", "E03")]
+
+
+@pytest.mark.parametrize("name", ["B01", "C00", "D01", *OTHERS])
 def test_rendered_stars_are_found_where_they_are(shared: Path, name: str) -> None:
     folder = shared / "data" / "rendered"
     truth = next(e for e in json.loads((folder / "truth.json").read_text()) if e["file"].startswith(name))
@@ -35,7 +38,9 @@ def test_rendered_stars_are_found_where_they_are(shared: Path, name: str) -> Non
     assert clean.sum() >= 0.8 * (~saturated).sum()
 
 
-@pytest.mark.parametrize("name", ["A01", "B02", "C02"])
+@pytest.mark.parametrize(
+    "name", ["B02", pytest.param("A01", marks=pytest.mark.long), pytest.param("C02", marks=pytest.mark.long)]
+)
 def test_the_hundred_brightest_clean_ones_are_stars(shared: Path, name: str) -> None:
     folder = shared / "data" / "rendered"
     truth = next(e for e in json.loads((folder / "truth.json").read_text()) if e["file"].startswith(name))
@@ -49,16 +54,20 @@ def test_the_hundred_brightest_clean_ones_are_stars(shared: Path, name: str) -> 
     ("name", "least", "most"),
     [
         ("panoptes+POCS/unsolved.fits.gz", 400, 1500),
-        ("rzellem+EXOTIC_sampledata/HATP-32171220013343.FITS.gz", 400, 1500),
+        pytest.param(
+            "rzellem+EXOTIC_sampledata/HATP-32171220013343.FITS.gz", 400, 1500, marks=pytest.mark.long
+        ),
         ("esa+tetra3/2019-07-29T204726_Alt40_Azi135_Try1.tiff", 100, 400),
         ("smroid+cedar-solve/orion2.jpg", 60, 300),
         ("brickbots+PiFinder/orion_bad.png", 60, 300),
         ("tlemoult+astrometry/FINDER-1.fits.gz", 40, 150),
         ("astropy+astropy-data/HorseHead.fits.gz", 80, 300),
-        ("karenlmasters+ObservationalAstrophysics/M42_30_1.FIT.gz", 8, 60),
+        pytest.param(
+            "karenlmasters+ObservationalAstrophysics/M42_30_1.FIT.gz", 8, 60, marks=pytest.mark.long
+        ),
         ("thatsfine+pteropractice/Practice_Star_Field.fits.gz", 200, 1200),
         ("jbirky+AsteroidAstrometry/d1038.fits.gz", 40, 150),
-        ("oresat+oresat-star-tracker-software/bayered.bmp", 0, 40),
+        pytest.param("oresat+oresat-star-tracker-software/bayered.bmp", 0, 40, marks=pytest.mark.long),
     ],
 )
 def test_real_frames_give_a_sensible_number_of_clean_sources(

@@ -40,9 +40,14 @@ CASES = [
     ("ring of 16 px", 3.0, spots(donut_px=16.0), None),
     ("ring of 24 px", 2.5, spots(donut_px=24.0, hole=0.5), None),
 ]
+FURTHER = {"trail of 8 px", "ring of 10 px", "ring of 16 px"}
+"""Seconds of computing each."""
 
 
-@pytest.mark.parametrize(("name", "fwhm_px", "points", "angle_deg"), CASES, ids=[c[0] for c in CASES])
+@pytest.mark.parametrize(
+    ("name", "fwhm_px", "points", "angle_deg"),
+    [pytest.param(*c, id=c[0], marks=[pytest.mark.long] * (c[0] in FURTHER)) for c in CASES],
+)
 def test_one_source_per_star_in_the_middle_of_its_image(
     name: str, fwhm_px: float, points: Array, angle_deg: float | None
 ) -> None:

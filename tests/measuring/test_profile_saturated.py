@@ -17,7 +17,9 @@ GAIN_E_ADU = 1.5  # of every rendered frame: slope of variance over level in the
 
 
 @pytest.mark.shared
-@pytest.mark.parametrize(("name", "least"), [("A01", 6), ("A02", 3), ("D01", 8)])
+@pytest.mark.parametrize(
+    ("name", "least"), [("A01", 6), pytest.param("A02", 3, marks=pytest.mark.long), ("D01", 8)]
+)
 def test_saturated_stars_of_rendered_frames(shared: Path, name: str, least: int) -> None:
     folder = shared / "data" / "rendered"
     truth = next(t for t in json.loads((folder / "truth.json").read_text()) if t["file"].startswith(name))

@@ -57,7 +57,13 @@ def test_elongation_and_its_direction() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fwhm_px", "beta", "side"), [(1.5, 0.0, 900), (3.0, 0.0, 900), (3.0, 3.0, 900), (3.0, 0.0, 1800)]
+    ("fwhm_px", "beta", "side"),
+    [
+        (1.5, 0.0, 900),
+        (3.0, 0.0, 900),
+        pytest.param(3.0, 3.0, 900, marks=pytest.mark.long),
+        pytest.param(3.0, 0.0, 1800, marks=pytest.mark.long),
+    ],
 )
 def test_half_the_stars_at_the_limiting_flux_are_found(fwhm_px: float, beta: float, side: int) -> None:
     bright, faint, size = 40, 260, (side, side)

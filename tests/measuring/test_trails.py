@@ -90,9 +90,23 @@ def test_a_trail_is_found(
     assert not any(trail.spike for trail in trails)
 
 
-@given(angle=st.floats(0.0, 180.0), x=st.floats(350.0, 650.0), y=st.floats(350.0, 550.0))
-@settings(max_examples=20, deadline=None)
+ANY_WAY = {"angle": st.floats(0.0, 180.0), "x": st.floats(350.0, 650.0), "y": st.floats(350.0, 550.0)}
+
+
+@given(**ANY_WAY)
+@settings(max_examples=6, deadline=None)
 def test_any_direction_will_do(angle: float, x: float, y: float) -> None:
+    found_whichever_way(angle, x, y)
+
+
+@pytest.mark.long
+@given(**ANY_WAY)
+@settings(max_examples=40, deadline=None)
+def test_many_directions_will_do(angle: float, x: float, y: float) -> None:
+    found_whichever_way(angle, x, y)
+
+
+def found_whichever_way(angle: float, x: float, y: float) -> None:
     u, v = 700.0 * np.cos(np.radians(angle)), 700.0 * np.sin(np.radians(angle))
     image = sparse().copy()
     ends = (x - u, y - v, x + u, y + v)
@@ -121,7 +135,10 @@ def test_stars_alone_make_no_trail(seed: int) -> None:
         assert trails_of(exposed(FLAT, stars, seed=seed)) == []
 
 
-@pytest.mark.parametrize("angle", [0.0, 37.0, 90.0, 145.0])
+@pytest.mark.parametrize(
+    "angle",
+    [pytest.param(0.0, marks=pytest.mark.long), 37.0, 90.0, pytest.param(145.0, marks=pytest.mark.long)],
+)
 def test_a_frame_of_star_trails_has_no_satellites(angle: float) -> None:
     x, y, electrons = field(500, seed=6, faint=400.0, size=SIZE)
     steps = np.linspace(-10.0, 10.0, 21)

@@ -75,6 +75,7 @@ async def met(
         PointingErrors(),
         machine=Machine(mounting="german", clock_offset_s=ahead_s, starts_at="park" if parked else "zenith"),
         slew_rate_deg_s=40.0,
+        acceleration_deg_s2=8.0,
     )
     fake = make_fake(protocol, dialect, mechanics, clock=utc_now, monotonic=time.monotonic)
     mechanics.set_believed_site(believes)

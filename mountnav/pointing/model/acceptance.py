@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtrc
 
 from mountnav.errors import BadRequest
 from mountnav.pointing.model.fit import Fit
@@ -254,6 +253,8 @@ def _compared(new: Array, old: Array) -> tuple[float, float, int]:
 
 def _chance(fitted: Fit, fresh: Mechanical) -> float:
     """Probability that a true model misses fresh points by as much."""
+    from scipy.special import chdtrc  # 0.2 s that a service does not need to start
+
     m, coefficients = fitted.observations, _geometry(fitted)
     residuals = predicted(fitted.points, fitted.counted, fresh, coefficients)
     freedom = 2 * len(fresh)

@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtri
 
 from mountnav.errors import ModelRefused
 from mountnav.pointing.model.covariance import covariance_of
@@ -215,6 +214,8 @@ class _Search:
         Asked where targets are known: errors there are common to the visits of a target, and depend on where
         a slew came from, so that chance looks like geometry more often than it ought to.
         """
+        from scipy.special import ndtri  # 0.2 s that a service does not need to start
+
         if self.m.target is None:
             return True
         sigma = math.sqrt(covariance_of(self.m, fit)[-1, -1])

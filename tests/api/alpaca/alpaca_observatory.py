@@ -39,11 +39,15 @@ id = "german"
 focal_length_mm = 800
 aperture_mm = 200
 camera = { kind = "simulated", width_px = 100, height_px = 100 }
-mount = { url = "fake+lx200://?dialect=onstep", mounting = "german", slew_rate_deg_s = 40.0 }
+[telescope.mount]
+url = "fake+lx200://?dialect=onstep"
+mounting = "german"
+slew_rate_deg_s = 40.0
+acceleration_deg_s2 = 8.0
 [[telescope]]
 id = "fork"
 camera = { kind = "simulated", width_px = 100, height_px = 100 }
-mount = { url = "fake+lx200://", slew_rate_deg_s = 40.0 }
+mount = { url = "fake+lx200://", slew_rate_deg_s = 40.0, acceleration_deg_s2 = 8.0 }
 [[telescope]]
 id = "gone"
 mount = { url = "lx200+serial:///dev/there-is-no-such-port" }

@@ -26,7 +26,7 @@ async def test_there_is_never_told_while_it_slews_and_the_next_order_is_taken(
     arrived, slewed = False, 0
     async with asyncio.timeout(60.0):
         while not arrived:
-            await asyncio.sleep(0.02)
+            await asyncio.sleep(0.05)
             states = await value(probe, "devicestate")
             assert isinstance(states, list)
             told = {one["Name"].lower(): one["Value"] for one in states}

@@ -44,6 +44,7 @@ id = "east"
 url = "fake+lx200://?dialect=onstep"
 mounting = "fork"
 slew_rate_deg_s = 40.0
+acceleration_deg_s2 = 8.0
 [telescope.camera]
 kind = "simulated"
 width_px = 400

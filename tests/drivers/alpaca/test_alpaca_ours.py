@@ -32,8 +32,12 @@ discovery = false
 [[telescope]]
 id = "ours"
 camera = { kind = "simulated", width_px = 100, height_px = 100 }
-mount = { url = "fake+lx200://?dialect=onstep", mounting = "german", slew_rate_deg_s = 25.0 }
 limits = { sun_cone_deg = 0.0 }
+[telescope.mount]
+url = "fake+lx200://?dialect=onstep"
+mounting = "german"
+slew_rate_deg_s = 25.0
+acceleration_deg_s2 = 8.0
 """
 
 
