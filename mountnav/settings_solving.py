@@ -40,6 +40,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "skew_max": (0, 1),
     "tile_step": (0.1, 10),
     "tile_radius": (0.1, 5),
+    "corner_radius": (0.1, 5),
     "outward_fields": (0, 100),
     "outward_max_deg": (0, 180),
     "false_probability_max": (0, 1),

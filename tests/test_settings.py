@@ -205,6 +205,7 @@ def test_single_parameters_lie_over_the_profile() -> None:
         ("identification", "frame_triangles = 1000000000"),
         ("identification", "tile_step = 0.001"),
         ("identification", "tile_radius = 1000.0"),
+        ("identification", "corner_radius = 1000.0"),
         ("identification", "m_reg = 100000"),
         ("identification", "n_confirm_stars = 100000000"),
         ("identification", "outward_fields = 1e9"),

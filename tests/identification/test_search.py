@@ -13,9 +13,12 @@ from listed_sky import listed
 from mountnav.catalog.stars import Stars
 from mountnav.frames import Hint
 from mountnav.identification.area import tiles
-from mountnav.identification.rounds import scale_windows
+from mountnav.identification.budget import Budget
+from mountnav.identification.full import Points, Search, hypotheses
+from mountnav.identification.rounds import Round, scale_windows
 from mountnav.identification.search import identify
 from mountnav.identification.selection import spread_brightest, star_like
+from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.measurements import Flag
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, gnomonic, gnomonic_inverse, separation_arcsec
@@ -165,3 +168,27 @@ def test_windows_cover_the_scales():
     assert windows[0][0] == pytest.approx(0.3)
     assert windows[-1][1] == pytest.approx(200)
     assert all(a[1] == pytest.approx(b[0]) for a, b in pairwise(windows))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_rounds_over_wide_areas_find_frames_between_tiles_by_the_inner_stars(seed):
+    rng = np.random.default_rng(seed)
+    parameters = IdentificationSettings()
+    # anywhere between the tiles, half of the stars lost
+    place = displaced(PLACE, *(3600.0 * rng.uniform(-1.0, 1.0, 2)))
+    measured = seen(
+        place, scale=6.0, rotation_deg=360 * rng.random(), parity=1, seed=seed, junk=100, lost=0.5
+    )
+    points = Points(measured.x_px, measured.y_px, WIDTH, HEIGHT)
+    tried = []
+    for inner in (False, True):
+        turn = Round((24, 80), (5.7, 6.3), 0.0, 1.5, most_triangles=10**9, inner=inner)
+        search = Search(Budget.of(60.0))
+        found = hypotheses(points, turn, SKY, PLACE, epoch_yr=2000.0, settings=parameters, search=search)
+        assert any(separation_arcsec(one.plate.center(), place) < 60.0 for one in found)
+        search = Search(Budget.of(60.0))
+        nowhere = Points(rng.uniform(0, WIDTH, 150), rng.uniform(0, HEIGHT, 150), WIDTH, HEIGHT)
+        list(hypotheses(nowhere, turn, SKY, PLACE, epoch_yr=2000.0, settings=parameters, search=search))
+        tried.append(search.hypotheses)
+    # and what is hopeless costs less
+    assert tried[1] < 0.7 * tried[0]
