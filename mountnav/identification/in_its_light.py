@@ -28,7 +28,6 @@ from mountnav.identification.verification import KEPT_SHARE, reach_of, sound
 from mountnav.measuring.light_patches import Patches, light_patches
 from mountnav.measuring.light_path import (
     FEW_STARS,
-    NEAR_PX,
     REACH_PX,
     LightPath,
     brighter_image,
@@ -239,15 +238,14 @@ class _Field:
     def contradicts(self, path: LightPath, fwhm_px: float) -> str:
         """Why the plate isn't that of the exposure's middle; empty if it may be."""
         second, motion = self.second, self.motion
-        if second is not None:
-            reach_px = abs(second.center_px) + abs(second.turn) * self.half_px
-            # one that lies at the same offset everywhere, or near by, is in the path
-            if reach_px > NEAR_PX and abs(second.turn) * self.half_px > CORNER_PX:
-                return (
-                    f"{second.stars} of the identified stars are seen a second time, turned or at another "
-                    f"scale, {abs(second.center_px):.0f} px away at the frame's center (two exposures in one "
-                    f"of a field that turned?)"
-                )
+        # one that lies at the same offset everywhere is in the path; of another the mean over the stars
+        # shows nothing, however near it is
+        if second is not None and abs(second.turn) * self.half_px > CORNER_PX:
+            return (
+                f"{second.stars} of the identified stars are seen a second time, turned or at another "
+                f"scale, {abs(second.center_px):.0f} px away at the frame's center (two exposures in one "
+                f"of a field that turned?)"
+            )
         common = 0j if stands(path, fwhm_px) else complex(path.dx_px, path.dy_px)
         if motion is not None and motion.differs:
             off_px = abs(motion.center_px - common)
@@ -297,12 +295,14 @@ def _field(
     mag = stars.mag[there.star]
     light = 10.0 ** (-0.4 * np.where(np.isfinite(mag), mag, np.inf))
     centers = centers_of_light(patches, there.x_px, there.y_px, light, center)
-    return _Field(
-        centers,
-        field_motion(centers),
-        second_image(patches, there.x_px, there.y_px, light, center, (height, width), drawn_out=drawn_out),
-        abs(center),
-    )
+    # arcs are whole where their pieces are joined; a point beside its star is a second one where they aren't
+    second = None
+    for some in (patches, patches.parts):
+        if second is None and some is not None:
+            second = second_image(
+                some, there.x_px, there.y_px, light, center, (height, width), drawn_out=drawn_out
+            )
+    return _Field(centers, field_motion(centers), second, abs(center))
 
 
 def _as_turned(found: Identified, field: _Field, why: str) -> Identified:

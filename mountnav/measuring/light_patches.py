@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,8 @@ class Patches:
     labels : ndarray of int, shape (rows, columns)
         Of each bin: 1 + index of its patch, or 0 where there is no light.
     bin_px : int
+    parts : Patches or None
+        The same light, each piece that hangs together by itself; None where none were joined.
     """
 
     x_px: Array
@@ -52,6 +54,7 @@ class Patches:
     whole: Mask
     labels: NDArray[np.int32]
     bin_px: int
+    parts: Patches | None = None
 
     def at(self, x_px: Array, y_px: Array) -> Index:
         """Index of the patch that lies at a place or right beside it, -1 for none; shape (n,).
@@ -90,13 +93,21 @@ def light_patches(pixels: NDArray[np.generic], bins: Image | None = None) -> Pat
         level, _ = in_sigmas(coarse_plane(pixels, bin_px), bin_px, whole=pixels.dtype.kind in "ui")
     found, count = ndimage.label(level > _BRIGHT_SIGMA, structure=np.ones((3, 3)))
     labels = np.asarray(found, dtype=np.int32)
+    parts = None
     # pieces of one star's light lie nearer to each other than stars do on the mean
     apart_px = _JOINED * math.sqrt(pixels.size / max(count, 1))
     join = int(min(apart_px, _FARTHEST_JOINED_PX) / bin_px)
     if join > 0:
         wide = ndimage.maximum_filter(labels > 0, 2 * join + 1)
-        found, count = ndimage.label(wide)
-        labels = np.where(labels > 0, found, 0).astype(np.int32)
+        found, fewer = ndimage.label(wide)
+        if fewer < count:
+            parts = _patches(level, labels, count, bin_px)
+        labels, count = np.where(labels > 0, found, 0).astype(np.int32), fewer
+    return replace(_patches(level, labels, count, bin_px), parts=parts)
+
+
+def _patches(level: Image, labels: NDArray[np.int32], count: int, bin_px: int) -> Patches:
+    """Middle and light of each label."""
     rows, columns = np.nonzero(labels)
     label = labels[rows, columns].astype(np.int64) - 1
     light = level[rows, columns].astype(np.float64)

@@ -51,10 +51,12 @@ def test_a_field_that_turned_or_breathed_is_right_or_refused(seed: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("seed", "kind"), [(73_017, "turning-drift"), pytest.param(54_089, "", marks=pytest.mark.long)]
+    ("seed", "kind"),
+    [(73_017, "turning-drift"), (56_060, ""), pytest.param(56_090, "", marks=pytest.mark.long)],
 )
 def test_a_fainter_second_image_in_a_crowd_is_found(seed: int, kind: str) -> None:
-    # 9.4 px off: a third of the light, turned, and most of it in other stars' patches; and one of arcs
+    # 9.4, 5.1 and 5.3 px off: a third to a half of the light, turned; in other stars' patches, in a patch
+    # with the star's own image, and so near that it was taken for a part of the common path
     one = trial(seed, (kind,) if kind else ())
     verdict = solve(one.frame, embedded_catalog(), hint=one.hint, settings=ways(seed))
     assert verdict.solution is None or one.error_px(verdict) <= RIGHT_PX, one.error_px(verdict)
