@@ -29,10 +29,12 @@ $(VENV)/.set-up: requirements.lock pyproject.toml
 demo: $(VENV)/.set-up
 	$(BIN)/mountnav demo $(if $(KEEP),--keep)
 
-# The tests' own code is compiled once, beside the check, and not by each process that runs them.
+# The tests' own code is compiled once, beside the check, and not by each process that runs them; so is the index
+# of the sky made that they search.
 test: $(VENV)/.set-up
-	@$(BIN)/python -m pytest --collect-only --quiet > /dev/null 2>&1 & compiling=$$!; \
-		$(MAKE) --no-print-directory check && { wait $$compiling || true; }
+	@{ $(BIN)/python -m pytest --collect-only --quiet; \
+		MOUNTNAV_CACHE=$${MOUNTNAV_CACHE:-$(CURDIR)/.cache} $(BIN)/mountnav catalog index; } > /dev/null 2>&1 & preparing=$$!; \
+		$(MAKE) --no-print-directory check && { wait $$preparing || true; }
 	$(BIN)/python -m pytest -m "not long" -n $(PYTEST_WORKERS) --dist worksteal $(PYTEST_ARGS)
 
 check: $(VENV)/.set-up

@@ -56,7 +56,7 @@ def _frames(paths: list[Path2]) -> list[Frame]:
 @pytest.mark.parametrize(
     ("odd", "place"),
     [
-        pytest.param(_double(), 0, id="double first"),
+        pytest.param(_double(), 0, id="double first", marks=pytest.mark.long),
         pytest.param(_gapped(), 2, id="gapped third"),
         pytest.param(_double(), 2, id="double third", marks=pytest.mark.long),
         pytest.param(_gapped(), 0, id="gapped first", marks=pytest.mark.long),
