@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, model_validator
 
 from api.bodies import Body
 from api.models import Finite, OffsetView, Place
@@ -60,6 +60,21 @@ class SafetyBody(WhyBody):
     """Whether it is safe to observe."""
 
     safe: bool
+    for_s: float | None = Field(
+        default=None,
+        gt=0,
+        le=86400,
+        description='Of "safe": a monitor that is not heard of again for so long means not safe; without it'
+        " what was said last holds for ever",
+    )
+
+    @model_validator(mode="after")
+    def _of_safe_alone(self) -> SafetyBody:
+        if self.for_s is not None and not self.safe:
+            raise ValueError(
+                "for_s goes with safe: true; what is not safe stays so until it is said otherwise"
+            )
+        return self
 
 
 class DecisionView(BaseModel):
@@ -127,6 +142,9 @@ class NightView(BaseModel):
     phase: str
     holds: list[str] = Field(description="Why nothing is corrected, though frames are measured")
     unsafe_why: str | None
+    safe_until: datetime | None = Field(
+        description="A monitor said that it is safe until then; not heard of again, it means not safe"
+    )
     correct_by: str
     sun_altitude_deg: Finite
     calibration: PlateView | None
@@ -185,6 +203,7 @@ def night_view(
         phase=str(state.phase),
         holds=sorted(str(one) for one in state.holds),
         unsafe_why=state.unsafe_why or None,
+        safe_until=state.safe_until,
         correct_by=correct_by,
         sun_altitude_deg=report.sun_altitude_deg,
         calibration=_plate(state.plate),

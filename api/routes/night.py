@@ -66,8 +66,8 @@ async def say_busy(night: TheNight, body: BusyBody) -> NightView:
 
 @router.post("/{telescope_id}/night/safety", responses=responses(404, 409))
 async def say_safety(night: TheNight, body: SafetyBody) -> NightView:
-    """Say whether it is safe. What was said last holds, until it is said otherwise."""
-    await night.session.say(Word.SAFE if body.safe else Word.UNSAFE, body.why)
+    """Say whether it is safe. What was said last holds until it is said otherwise, or for `for_s`."""
+    await night.session.say(Word.SAFE if body.safe else Word.UNSAFE, body.why, for_s=body.for_s)
     return _view(night)
 
 

@@ -26,6 +26,8 @@ def state_of(record: Json) -> NightState:
         state_with(record, offset_of(record["applied"]) or NO_OFFSET),
         evidence=None if evidence is None else _evidence(evidence),
         busy_until=_instant(record["busy_until"]),
+        # not in recordings of before 2026-11-24
+        safe_until=_instant(record.get("safe_until")),
         free=bool(record["free"]),
     )
 

@@ -28,7 +28,7 @@ from mountnav.night.events import (
 from mountnav.night.events_kept import EventsKept
 from mountnav.night.frame_seen import Seen
 from mountnav.night.frames_in import Arrived, FrameAnswer, FramesIn, facts_of
-from mountnav.night.memory import FRAME, Remembered
+from mountnav.night.memory import FRAME, STATE, Remembered, state_record
 from mountnav.night.noting import Listen, NightNotes, Recorder, Unrecorded
 from mountnav.night.parking import MakeWay, NightParking
 from mountnav.night.placing import Placing, placed_by
@@ -181,13 +181,18 @@ class NightSession:
         word : Word
         why : str
         for_s : float, optional
-            Of `BUSY`: how long the exposure takes from now on.
+            Of `BUSY`: how long the exposure takes from now on. Of `SAFE`: how long that holds.
         by : str
             Of `SAFE` and `UNSAFE`: who says so; what one says takes back nothing of another.
         """
         now = self._clock.utc()
         until = None if for_s is None else now + timedelta(seconds=for_s)
+        safe_for_s = self._state.safe_for_s
         await self._happened(Said(now, word, why, until, self._night_name(now), by))
+        if self._state.safe_for_s is not None and self._state.safe_for_s != safe_for_s:
+            # no decision, and yet to be known after a restart
+            told = f"a monitor says for {self._state.safe_for_s:.0f} s at a time that it is safe"
+            await self._notes.note(EntryKind.NIGHT, told, {STATE: state_record(self._state)})
 
     async def read_mount(self) -> None:
         """Read the mount, so that frames that come later can be compared; notice when it is gone."""

@@ -90,6 +90,11 @@ class NightState:
     holds : frozenset of Hold
     unsafe : tuple of (str, str)
         Who says that it isn't safe, and why, one entry each, sorted: it is safe when nobody says so.
+    safe_for_s : float or None
+        How long the last "safe" of a monitor holds that says for how long: one that is not heard of again
+        means not safe. None if nobody says so.
+    safe_until : datetime or None
+        Until when that is.
     evidence : Evidence or None
     field, segment : str
         Of the last frame that was placed.
@@ -121,6 +126,8 @@ class NightState:
     plate: PlateSeen | None = None
     holds: frozenset[Hold] = frozenset()
     unsafe: tuple[tuple[str, str], ...] = ()
+    safe_for_s: float | None = None
+    safe_until: datetime | None = None
     evidence: Evidence | None = None
     field: str = ""
     segment: str = ""

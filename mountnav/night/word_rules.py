@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from datetime import timedelta
+from datetime import datetime, timedelta
 
 from mountnav.night.allowed import NightRules
 from mountnav.night.events import (
@@ -21,7 +21,11 @@ Outcome = tuple[NightState, tuple[Decision, ...]]
 
 
 def on_tick(state: NightState, event: Tick, rules: NightRules) -> Outcome:
-    """Begin when it is dark, end when it is not."""
+    """Begin when it is dark, end when it is not; notice a safety monitor that is not heard of any more."""
+    if state.safe_until is not None and event.utc > state.safe_until:
+        state, unsafe = _unsafe(state, _silence(state, state.safe_until, event), rules)
+        state, done = on_tick(state, event, rules)
+        return state, (*unsafe, *done)
     dark = event.sun_altitude_deg < rules.begin_sun_below_deg
     if state.running:
         if event.sun_altitude_deg > rules.end_sun_above_deg and (state.was_dark or not state.forced):
@@ -39,7 +43,12 @@ def on_tick(state: NightState, event: Tick, rules: NightRules) -> Outcome:
 
 def _begin(state: NightState, night_id: str, why: Why, text: str, *, forced: bool = False) -> Outcome:
     """Open a night; the same one once more keeps its counts, so that its caps hold."""
-    fresh = NightState(holds=state.holds - {Hold.OPERATOR, Hold.CLOUD}, unsafe=state.unsafe)
+    fresh = NightState(
+        holds=state.holds - {Hold.OPERATOR, Hold.CLOUD},
+        unsafe=state.unsafe,
+        safe_for_s=state.safe_for_s,
+        safe_until=state.safe_until,
+    )
     if state.night_id == night_id:
         fresh = replace(
             fresh,
@@ -109,7 +118,8 @@ def on_word(state: NightState, event: Said, rules: NightRules) -> Outcome:
 def _unsafe(state: NightState, event: Said, rules: NightRules) -> Outcome:
     new = Hold.UNSAFE not in state.holds
     saying = tuple(sorted((*_unsafe_by_others(state, event), (event.by, event.why))))
-    state, done = held(replace(state, unsafe=saying), Hold.UNSAFE, Why.UNSAFE, event.why)
+    state = _safe_for(replace(state, unsafe=saying), event)
+    state, done = held(state, Hold.UNSAFE, Why.UNSAFE, event.why)
     if new and state.running and rules.when_unsafe == "park":
         done = (*done, Decision(Act.PARK, Why.UNSAFE, event.why))
     return state, done
@@ -118,8 +128,25 @@ def _unsafe(state: NightState, event: Said, rules: NightRules) -> Outcome:
 def _safe(state: NightState, event: Said) -> Outcome:
     """One says that it is safe: it is, when nobody says otherwise any more."""
     saying = _unsafe_by_others(state, event)
-    state = replace(state, unsafe=saying)
+    state = _safe_for(replace(state, unsafe=saying), event)
     return (state, ()) if saying else let_go(state, Hold.UNSAFE, Why.SAFE, event.why)
+
+
+def _safe_for(state: NightState, event: Said) -> NightState:
+    """Take over for how long a monitor's word holds; a safety file has an age of its own."""
+    if event.by:
+        return state
+    for_s = None if event.until is None else (event.until - event.utc).total_seconds()
+    return replace(state, safe_for_s=for_s, safe_until=event.until)
+
+
+def _silence(state: NightState, until: datetime, event: Tick) -> Said:
+    """What a monitor says that is not heard of any more."""
+    said = until - timedelta(seconds=state.safe_for_s or 0.0)
+    why = (
+        f"nobody has said since {said:%H:%M:%S} UTC that it is safe, which held for {state.safe_for_s:.0f} s"
+    )
+    return Said(event.utc, Word.UNSAFE, why, night_id=event.night_id)
 
 
 def _unsafe_by_others(state: NightState, event: Said) -> tuple[tuple[str, str], ...]:
@@ -148,6 +175,9 @@ def let_go(state: NightState, hold: Hold, why: Why, text: str) -> Outcome:
 
 def _restarted(state: NightState, event: Said, rules: NightRules) -> Outcome:
     """Go on with a remembered night: a correction that was in flight counts as made, and proves nothing."""
+    if state.safe_for_s is not None:
+        # a monitor that goes on speaking has its time once more: when it spoke last is not written down
+        state = replace(state, safe_until=event.utc + timedelta(seconds=state.safe_for_s))
     if not state.running:
         return state, ()
     state = replace(

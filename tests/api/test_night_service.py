@@ -158,6 +158,13 @@ async def test_words_of_people_schedulers_and_sensors(site: NightSite) -> None:
     assert (wet.json()["holds"], wet.json()["unsafe_why"]) == (["not safe"], "rain")
     dry = await site.client.post("/v1/telescopes/east/night/safety", json={"safe": True})
     assert dry.json()["holds"] == []
+    calm = {"safe": True, "for_s": 600}
+    told = (await site.client.post("/v1/telescopes/east/night/safety", json=calm)).json()
+    assert told["safe_until"] is not None
+    for nonsense in ({"safe": False, "for_s": 600}, {"safe": True, "for_s": 0}):
+        refused = await site.client.post("/v1/telescopes/east/night/safety", json=nonsense)
+        assert refused.status_code in (400, 422), refused.text
+    assert (await site.client.get("/v1/telescopes/east/night")).json()["safe_until"] == told["safe_until"]
     stopped = await site.said("stop", why="snow")
     assert stopped["phase"] == "stopped"
     assert stopped["last"]["text"] == "snow"

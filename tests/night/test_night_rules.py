@@ -271,6 +271,58 @@ def test_it_is_safe_when_nobody_says_otherwise_any_more() -> None:
     assert (back.holds, back.unsafe) == (frozenset(), ())
 
 
+def night_tick(seconds: float) -> Tick:
+    return Tick(at(seconds), -40.0, NIGHT)
+
+
+def until(seconds: float, word: Word = Word.SAFE, *, by: str = "", for_s: float = 60.0) -> Said:
+    """Somebody's word that holds for so long."""
+    return Said(at(seconds), word, "", at(seconds + for_s), by=by)
+
+
+def test_a_monitor_that_is_not_heard_of_again_means_unsafe() -> None:
+    rules = replace(RULES, when_unsafe="park")
+    told, state = played([until(0), until(50), night_tick(105)], rules=rules)
+    assert (told, state.safe_until) == ([], at(110))
+    told, silent = played([night_tick(115), night_tick(120)], state, rules)
+    assert acts(told) == [(Act.PAUSE, Why.UNSAFE), (Act.PARK, Why.UNSAFE)]
+    assert "which held for 60 s" in silent.unsafe_why
+    told, state = played([until(130)], silent, rules)
+    assert acts(told) == [(Act.GO_ON, Why.SAFE)]
+    # one without an end holds for ever, as before
+    told, state = played([Said(at(140), Word.SAFE), night_tick(9000)], state, rules)
+    assert (told, state.safe_until) == ([], None)
+
+
+def test_a_monitors_time_is_of_its_own_word_alone() -> None:
+    _, state = played(
+        [until(0), Said(at(10), Word.SAFE, by="a roof"), Said(at(11), Word.UNSAFE, by="a roof")]
+    )
+    assert state.safe_until == at(60)
+    _, state = played([night_tick(61)], state)
+    assert [by for by, _ in state.unsafe] == ["", "a roof"]
+    # once it has said "unsafe" itself there is nothing to wait for
+    _, state = played([until(0), Said(at(10), Word.UNSAFE, "rain")])
+    assert state.safe_until is None
+    assert state.unsafe_why == "rain"
+
+
+def test_a_monitors_time_outlives_a_restart_and_the_beginning_of_a_night() -> None:
+    _, state = played([until(0)])
+    back = state_of(state_record(state))
+    assert back == replace(state, safe_until=None)
+    _, back = played([Said(at(500), Word.RESTARTED)], back)
+    assert back.safe_until == at(560)
+    told, _ = played([night_tick(561)], back)
+    assert acts(told) == [(Act.PAUSE, Why.UNSAFE)]
+    # by day too
+    waiting, _ = decide(NightState(), until(0), RULES)
+    again, _ = decide(state_of(state_record(waiting)), Said(at(500), Word.RESTARTED), RULES)
+    assert again.safe_until == at(560)
+    begun, _ = decide(again, Said(at(510), Word.START, night_id="n"), RULES)
+    assert begun.safe_until == at(560)
+
+
 def test_what_an_older_version_wrote_of_safety_is_read() -> None:
     _, state = played([Said(at(0), Word.UNSAFE, "rain")])
     record = state_record(state)
