@@ -7,7 +7,7 @@ from typing import Any
 
 from fastapi.responses import StreamingResponse
 
-from api.events import Event, Reader
+from api.events import Event, Reader, pieces
 
 KEEP_ALIVE_S = 15.0
 """Proxies take a line that is silent for longer for dead."""
@@ -81,7 +81,8 @@ async def _stream(
         if last is not None:
             events = events[: last + 1]
         if events:
-            yield b"".join(event.wire for event in events)
+            for piece in pieces(events):
+                yield b"".join(event.wire for event in piece)
         elif events is not first:
             yield _KEEP_ALIVE
         if last is not None:

@@ -6,13 +6,16 @@ import asyncio
 import json
 import math
 from collections import deque
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import date, datetime
-from itertools import islice
 from uuid import uuid4
 
 from mountnav.sky.coordinates import utc_now
+
+_PIECE_BYTES = 65_536
+"""So much is given to a reader at once: as much as waits for a connection that takes nothing. Without a bound
+500 slow ones hold the whole ring each, 100 MB and more."""
 
 About = Callable[["Event"], bool]
 """Which events somebody listens for."""
@@ -114,13 +117,17 @@ class Events:
     # -- for readers ---------------------------------------------------------------------------------
 
     def after(self, place: int) -> tuple[list[Event], int]:
-        """What is kept of the events after a place, and how many of them are not kept any more."""
+        """What is kept of the events after a place, a piece of it, and how many are not kept any more."""
         oldest = self._ring[0].number if self._ring else self._last + 1
         lost = max(0, oldest - 1 - place)
-        count = self._last - max(place, oldest - 1)
-        # from the right end of the ring: that costs nothing, however long it is
-        newest = list(islice(reversed(self._ring), count))
-        return newest[::-1], lost
+        # both ends of the ring are near, and so is its middle: it is made of blocks
+        first = max(place + 1, oldest) - oldest
+        newer = (self._ring[at] for at in range(first, len(self._ring)))
+        return next(pieces(newer), []), lost
+
+    def kept(self, about: About) -> list[Event]:
+        """All that is kept of what somebody listens for."""
+        return [event for event in self._ring if about(event)]
 
     async def news(self, after: int) -> None:
         """Wait until there is something after a place, or the end."""
@@ -150,6 +157,20 @@ class Events:
         news.set()
 
 
+def pieces(events: Iterable[Event]) -> Iterator[list[Event]]:
+    """Part events into pieces that may be sent at once."""
+    piece: list[Event] = []
+    size = 0
+    for event in events:
+        piece.append(event)
+        size += len(event.wire)
+        if size >= _PIECE_BYTES:
+            yield piece
+            piece, size = [], 0
+    if piece:
+        yield piece
+
+
 class Reader:
     """One who listens: his place in the ring.
 
@@ -170,7 +191,7 @@ class Reader:
         self._strange = strange
 
     async def next(self, patience_s: float | None = None) -> list[Event] | None:
-        """What came since, in order: at least one event; none if `patience_s` has passed; None at the end."""
+        """A piece of what came since, in order; none if `patience_s` has passed; None at the end."""
         try:
             async with asyncio.timeout(patience_s):
                 while True:
@@ -184,17 +205,28 @@ class Reader:
             return []
 
     def at_hand(self) -> list[Event]:
-        """What came since, without waiting."""
+        """What came since, without waiting, a piece of it: nobody who reads slowly holds more in memory."""
         found: list[Event] = []
         if self._strange:
             self._strange = False
             found.append(self._events.gap("the id is not of this run of the service; all kept events follow"))
             self._place = found[0].number
-        newer, lost = self._events.after(self._place)
-        if lost:
-            found.append(self._events.gap(f"{lost} events are no longer kept"))
-        self._place = self._events.last
-        return [*found, *(event for event in newer if self._about is None or self._about(event))]
+        while not found:
+            newer, lost = self._events.after(self._place)
+            if lost:
+                found.append(self._events.gap(f"{lost} events are no longer kept"))
+            if not newer:
+                break
+            self._place = newer[-1].number
+            found += [event for event in newer if self._about is None or self._about(event)]
+        return found
+
+    def all_at_hand(self) -> list[Event]:
+        """What came since, without waiting, all of it."""
+        found: list[Event] = []
+        while newer := self.at_hand():
+            found += newer
+        return found
 
 
 def _finite(value: object) -> object:

@@ -18,6 +18,9 @@ from mountnav.errors import BadSettings
 from mountnav.parsing import json_of
 from mountnav.plain_files import MOST_RECORD_BYTES, read_text
 
+_PIECE_BYTES = 4096
+"""So much of what was sent is looked at once for commands: a line gives less. Doubled, twice the time."""
+
 
 class Recorder:
     """A fake whose dialogue is written to a file while it goes on; a context manager.
@@ -113,21 +116,21 @@ def read_dialogue(path: Path | str) -> list[tuple[bytes, bytes]]:
         lines = read_text(Path(path), MOST_RECORD_BYTES).splitlines()
     except (OSError, UnicodeDecodeError) as cause:
         raise BadSettings(f"the recording can't be read: {cause}", device=str(path)) from cause
-    turns: list[tuple[bytes, bytes]] = []
+    turns: list[tuple[bytes, bytearray]] = []
     for number, line in enumerate(lines, 1):
         try:
             entry = json_of(line)
             if entry["dir"] == "driver->mount":
-                turns.append((bytes.fromhex(entry["hex"]), b""))
+                turns.append((bytes.fromhex(entry["hex"]), bytearray()))
             elif entry["dir"] == "mount->driver" and turns:
-                turns[-1] = turns[-1][0], turns[-1][1] + bytes.fromhex(entry["hex"])
+                turns[-1][1].extend(bytes.fromhex(entry["hex"]))
         except (ValueError, KeyError, TypeError) as cause:
             raise BadSettings(
                 f"line {number} is no line of a recording",
                 device=str(path),
                 advice='each is JSON with "t", "dir", and "hex" where bytes went',
             ) from cause
-    return turns
+    return [(sent, bytes(answered)) for sent, answered in turns]
 
 
 def profile_of(turns: list[tuple[bytes, bytes]], fake: WireFake) -> dict[bytes, bytes]:
@@ -142,13 +145,15 @@ def profile_of(turns: list[tuple[bytes, bytes]], fake: WireFake) -> dict[bytes, 
     answers: dict[bytes, set[bytes]] = {}
     waiting = b""
     for sent, answered in turns:
-        waiting += sent
         commands: list[bytes] = []
-        while True:
-            command, waiting = fake.cut(waiting)
-            if command is None:
-                break
-            commands.append(command)
+        # in pieces as a line gives them: each cut copies what is left
+        for start in range(0, len(sent), _PIECE_BYTES):
+            waiting += sent[start : start + _PIECE_BYTES]
+            while True:
+                command, waiting = fake.cut(waiting)
+                if command is None:
+                    break
+                commands.append(command)
         if len(commands) == 1 and answered:
             answers.setdefault(commands[0], set()).add(answered)
         else:

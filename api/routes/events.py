@@ -60,7 +60,7 @@ async def follow_job_events(
 
     events = service.events
     reader = events.reader(last_event_id, about)
-    first = reader.at_hand() if last_event_id else [one for one in events.after(0)[0] if about(one)]
+    first = reader.all_at_hand() if last_event_id else events.kept(about)
     forgotten = job.announced and not first and not last_event_id
     if forgotten or (job.is_over and not any(is_end(event) for event in first)):
         first = [*first, _now(service, job)]

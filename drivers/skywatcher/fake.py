@@ -61,15 +61,15 @@ class FakeSkywatcher(WireFake):
 
     def cut(self, buffer: bytes) -> tuple[bytes | None, bytes]:
         """Cut ``:...CR`` off; what stands before the last colon of it is dropped, as boards do."""
-        end = buffer.find(b"\r")
-        if end < 0:
-            begin = buffer.rfind(b":")
-            rest = buffer[begin:] if begin >= 0 else b""
-            return None, rest if len(rest) <= _LONGEST else b""
-        begin = buffer.rfind(b":", 0, end)
-        if begin < 0:
-            return self.cut(buffer[end + 1 :])
-        return buffer[begin : end + 1], buffer[end + 1 :]
+        done = 0
+        while (end := buffer.find(b"\r", done)) >= 0:
+            begin = buffer.rfind(b":", done, end)
+            if begin >= 0:
+                return buffer[begin : end + 1], buffer[end + 1 :]
+            done = end + 1
+        begin = buffer.rfind(b":", done)
+        rest = buffer[begin:] if begin >= 0 else b""
+        return None, rest if len(rest) <= _LONGEST else b""
 
     def carry_out(self, command: bytes) -> bytes | None:
         """Do it."""

@@ -166,16 +166,18 @@ def _with_place(value: Any, where: str, file: str) -> Any:
     return facts
 
 
-def _timed(lines: list[Line]) -> Iterator[Line]:
+def _timed(lines: list[Line]) -> list[Line]:
     """The lines, headers with the time of what they head; one that heads nothing is left out."""
-    for at, line in enumerate(lines):
-        utc = line.utc
-        if utc is None:
-            # what the wire's ring held from before the start is older than the run
-            later = (one.utc for one in lines[at + 1 :] if one.kind != "wire" and one.utc is not None)
-            utc = next(later, None)
+    timed: list[Line] = []
+    headed: datetime | None = None
+    for line in reversed(lines):
+        # what the wire's ring held from before the start is older than the run
+        if line.kind != "wire" and line.utc is not None:
+            headed = line.utc
+        utc = line.utc or headed
         if utc is not None:
-            yield replace(line, utc=utc)
+            timed.append(replace(line, utc=utc))
+    return timed[::-1]
 
 
 def reading_of(record: Json) -> MountReading:

@@ -67,3 +67,37 @@ def test_nan_becomes_null() -> None:
         "b": None,
         "c": 1.0,
     }
+
+
+async def test_a_reader_that_is_far_behind_is_given_pieces_of_bounded_size() -> None:
+    events = Events(1000)
+    for number in range(1000):
+        events.publish("step" if number % 5 else "other", {"n": number, "what": "x" * 1000})
+    reader = events.reader(f"{events.run}-0", lambda event: event.kind == "step")
+    heard, longest = [], 0
+    while len(heard) < 800:
+        piece = reader.at_hand()
+        longest = max(longest, sum(len(event.wire) for event in piece))
+        heard += [event.data["n"] for event in piece]
+    assert heard == [number for number in range(1000) if number % 5]
+    assert longest < 70_000
+    assert reader.at_hand() == []
+
+
+async def test_a_reader_passes_over_what_does_not_concern_it() -> None:
+    events = Events(1000)
+    for _ in range(999):
+        events.publish("other", {"what": "x" * 1000})
+    last = events.publish("step", {})
+    assert events.reader(f"{events.run}-0", lambda event: event.kind == "step").at_hand() == [last]
+
+
+async def test_a_reader_that_the_ring_passed_by_is_told_so_once_and_goes_on() -> None:
+    events = Events(100)
+    events.publish("step", {"n": 0})
+    reader = events.reader(f"{events.run}-0")
+    for number in range(1, 300):
+        events.publish("step", {"n": number, "what": "x" * 5000})
+    heard = reader.all_at_hand()
+    assert [event.kind for event in heard].count("gap") == 1
+    assert [event.data["n"] for event in heard[1:]] == list(range(200, 300))

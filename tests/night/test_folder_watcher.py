@@ -7,6 +7,9 @@ import hashlib
 import os
 from pathlib import Path
 
+import pytest
+
+from drivers.folder import watcher
 from drivers.folder.watcher import FolderWatcher, NewFile
 
 
@@ -36,9 +39,9 @@ async def watched(
     """What a watcher tells, with a turn between each two of its looks."""
     found: list[NewFile] = []
     tell = (lambda text: None) if told is None else told.append
-    watcher = FolderWatcher(folder, pattern, clock=Clock(*turns), tell=tell)
+    watching = FolderWatcher(folder, pattern, clock=Clock(*turns), tell=tell)
     with contextlib.suppress(EndOfTestError):
-        async for new in watcher.files():
+        async for new in watching.files():
             found.append(new)
     return found
 
@@ -56,6 +59,37 @@ async def test_new_whole_files_come_once_and_old_ones_never(tmp_path: Path) -> N
     assert [one.path for one in found] == [new]
     assert found[0].digest == hashlib.sha256(b"new").hexdigest()
     assert found[0].size_bytes == 3
+
+
+async def test_however_many_files_are_there_none_is_forgotten(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(watcher, "NAMES_KEPT", 3)
+    for number in range(10):
+        (tmp_path / f"{number}.fits").write_bytes(b"old")
+    assert await watched(tmp_path, nothing, nothing, nothing, nothing) == []
+
+
+async def test_of_files_that_are_gone_the_latest_are_remembered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(watcher, "NAMES_KEPT", 3)
+    frames = [tmp_path / f"{number}.fits" for number in range(10)]
+    for frame in frames:
+        frame.write_bytes(b"old")
+        os.utime(frame, (1e9, 1e9))
+
+    def gone() -> None:
+        for frame in frames:
+            frame.unlink()
+
+    def back() -> None:
+        for frame in frames:
+            frame.write_bytes(b"old")
+            os.utime(frame, (1e9, 1e9))
+
+    found = await watched(tmp_path, gone, nothing, back, nothing, nothing, nothing)
+    assert len(found) == 7
 
 
 async def test_a_file_that_still_grows_is_waited_for(tmp_path: Path) -> None:

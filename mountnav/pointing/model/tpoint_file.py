@@ -32,6 +32,8 @@ from mountnav.pointing.model.terms import ALTAZ, EQUATORIAL, ZERO_POINTS, Array,
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.\d*|\.\d+|\d+)")
 _COEFFICIENT = re.compile(r"\s*([=&]*)\s*([A-Z][A-Z0-9]*)\s+(\S+)(?:\s+(\S+))?\s*")
+_MOST_ANGLE_DEG = 1000.0
+"""Largest angle, in its amount: readings beyond the pole and hour angles over a day stay below it."""
 _SIGMA_UNTOLD_ARCSEC = 1.0
 """Of observations in these files, which tell none: all count the same."""
 
@@ -101,7 +103,13 @@ def _checked(kind: Kind, latitude_deg: float, rows: list[list[float]], name: str
         raise BadRequest(f"{name} holds no observations")
     if not -90.0 <= latitude_deg <= 90.0:
         raise BadRequest(f"{name}: a latitude of {latitude_deg}°")
-    return _observations(kind, latitude_deg, np.array(rows))
+    angles_deg = np.array(rows)
+    # numbers of hundreds of digits are infinite, and TPOINT's triples may say nan
+    beyond = ~(np.abs(angles_deg) <= _MOST_ANGLE_DEG).all(axis=1)
+    if beyond.any():
+        number = int(np.argmax(beyond)) + 1
+        raise BadRequest(f"{name}: observation {number} of {len(rows)} holds an angle of no mount")
+    return _observations(kind, latitude_deg, angles_deg)
 
 
 def write_pmfit(m: Mechanical, caption: str) -> str:
