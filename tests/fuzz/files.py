@@ -14,6 +14,7 @@ import shutil
 import tempfile
 import zlib
 from collections.abc import Callable
+from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 
@@ -30,6 +31,9 @@ from mountnav.journal.checking import check
 from mountnav.journal.database import database_url
 from mountnav.journal.reading import JournalReader
 from mountnav.journal.sql_journal import open_journal
+from mountnav.pointing.model.model import PointingModel
+from mountnav.pointing.observation import PointingObservation
+from mountnav.pointing.observation_file import write_observations
 from mountnav.sky.coordinates import Icrs
 from tests.catalog import astap_files, siril_files, ucac4_zones, usno_b1_files
 from tests.journal.samples import look_of, note_of, slew_of
@@ -121,6 +125,42 @@ def _gaia() -> Table:
             "phot_g_mean_mag": np.array([12.0, 13.0], np.float32),
         }
     )
+
+
+def observations() -> list[bytes]:
+    """A file with two observations, one with all that may be told."""
+    utc = datetime(2026, 11, 21, tzinfo=UTC)
+    two = [
+        PointingObservation(utc, Icrs(1.0, 2.0), 0.5, Icrs(1.1, 2.0), look_id=f"look {number}")
+        for number in (1, 2)
+    ]
+    path = folder() / "observations"
+    write_observations(path, two)
+    return [path.read_bytes()]
+
+
+def model() -> bytes:
+    """A pointing model of two terms."""
+    made = PointingModel(
+        id="m",
+        kind="equatorial",
+        site_latitude_deg=48.1,
+        does_refraction=False,
+        terms=("IH", "ID"),
+        coefficients_arcsec=(100.0, -50.0),
+        sigma_arcsec=(5.0, 5.0),
+        covariance_arcsec2=((25.0, 0.0), (0.0, 25.0)),
+        scatter_arcsec=20.0,
+        made_utc=datetime(2026, 11, 21, tzinfo=UTC),
+    )
+    return made.to_json().encode()
+
+
+def gaia_votable() -> bytes:
+    """The same stars as a VOTable."""
+    text = io.BytesIO()
+    _gaia().write(text, format="votable")
+    return text.getvalue()
 
 
 def gaia_fits() -> bytes:

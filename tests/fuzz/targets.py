@@ -373,6 +373,7 @@ def _catalog(kind: str, ending: str) -> Callable[[bytes], None]:
 
 _ECSV = b"""# %ECSV 1.0
 # ---
+# delimiter: ','
 # datatype:
 # - {name: source_id, datatype: int64}
 # - {name: ra, datatype: float64, unit: deg}
@@ -384,6 +385,31 @@ _ECSV = b"""# %ECSV 1.0
 source_id,ra,dec,pmra,pmdec,ref_epoch,phot_g_mean_mag
 1,10.0,20.0,1.0,2.0,2016.0,12.0
 2,10.1,20.1,,,2016.0,null
+"""
+
+_CSV = _ECSV[_ECSV.index(b"source_id,") :]
+
+_TPOINT = b"""label
+:NODA
++48 10 00
+10 20 30 +10 10 10 10 20 31 +10 10 11 10 25 30
+END
+"""
+_PMFIT = b"""label
+E
+48.1
+ 10.000000 +20.000000  10.010000 +20.010000
+ 50.000000 -20.000000  50.010000 -20.010000
+"""
+_SKY = b"""seed = 1
+satellite_every = 5
+[[clouds]]
+from_min = 10
+to_min = 20
+[[incidents]]
+at_min = 30
+what = "silence"
+for_s = 5.0
 """
 
 _SETTINGS = b"""[site]
@@ -416,7 +442,7 @@ TARGETS: dict[str, Target] = {
     "settings": Target(_text(lambda text: Settings.parse(text)), lambda: [_SETTINGS]),
     "faults": Target(
         _text(lambda text: parse_faults(text)),
-        lambda: [b'seed = 1\n[[fault]]\nkind = "silent"\ncommand = ":GR#"\n'],
+        lambda: [b'[random]\nseed = 7\nrate = 0.02\n[[fault]]\nkind = "late"\non = ":GR"\ndelay_s = 2.0\n'],
     ),
     "dialogue": Target(
         _file(read_dialogue),
@@ -426,37 +452,34 @@ TARGETS: dict[str, Target] = {
         _file(read_recording),
         lambda: [
             _json_lines(
-                {"kind": "header", "version": 1}, {"kind": "event", "utc": "2026-11-21T00:00:00+00:00"}
+                {"kind": "header", "version": 2}, {"kind": "event", "utc": "2026-11-21T00:00:00+00:00"}
             )
         ],
     ),
     "observations": Target(
         _file(read_observations),
-        lambda: [_json_lines({"utc": "2026-11-21T00:00:00Z", "seen": {"ra_deg": 1.0, "dec_deg": 2.0}})],
+        files.observations,
     ),
-    "tpoint": Target(
-        _text(lambda text: read_observations_text(text)), lambda: [b"label\n:NODA\n+48 10 00\n10 20\nEND\n"]
-    ),
-    "model": Target(
-        _text(lambda text: PointingModel.from_json(text)), lambda: [b'{"format": "mountnav-model"}']
-    ),
+    "tpoint": Target(_text(lambda text: read_observations_text(text)), lambda: [_TPOINT, _PMFIT]),
+    "model": Target(_text(lambda text: PointingModel.from_json(text)), lambda: [files.model()]),
     "run": Target(_file(read_run), lambda: [b'# plan {"points": [], "fresh": [], "telescope": "a"}\n']),
     "horizon": Target(_file(Horizon.read), lambda: [b"# az alt\n0 10\n90 20\n180 15\n"]),
     "machine": Target(
         _file(MachineFile.from_toml), lambda: [b"[machine]\n[errors]\nih_arcsec = 2.0\n[clock]\n"]
     ),
     "errors": Target(_file(PointingErrors.from_toml), lambda: [b"ih_arcsec = 2.0\n"]),
-    "sky-script": Target(_file(SkyScript.from_toml), lambda: [b"[[cloud]]\nfrom_s = 1.0\n"]),
+    "sky-script": Target(_file(SkyScript.from_toml), lambda: [_SKY]),
     "blind-index": Target(
         _index_head, lambda: [encode_header(Header("c", "0" * 64, 2000.0, 10, [10], [10]))]
     ),
     "packed-header": Target(
         lambda data: _packed(data),
-        lambda: [b"MNAVCAT\x00" + (2).to_bytes(4, "little") + (20).to_bytes(4, "little")],
+        lambda: [files.packed(), b"MNAVSTAR" + (2).to_bytes(4, "little") + (20).to_bytes(4, "little")],
     ),
-    "gaia-csv": Target(_catalog("gaia", ".csv"), lambda: [_ECSV, _ECSV.replace(b"# ", b"#", 1)]),
+    "gaia-csv": Target(_catalog("gaia", ".csv"), lambda: [_ECSV, _CSV, _ECSV.replace(b"# ", b"#", 1)]),
     "gaia-votable": Target(
-        _catalog("gaia", ".vot"), lambda: [b"<?xml version='1.0'?><VOTABLE><RESOURCE/></VOTABLE>"]
+        _catalog("gaia", ".vot"),
+        lambda: [files.gaia_votable(), b"<?xml version='1.0'?><VOTABLE><RESOURCE/></VOTABLE>"],
     ),
     "gaia-fits": Target(files.catalog("gaia", "gaia.fits"), lambda: [files.gaia_fits()]),
     "gaia-parquet": Target(files.catalog("gaia", "gaia.parquet"), lambda: [files.gaia_parquet()]),

@@ -26,6 +26,8 @@ from mountnav.plain_files import open_unpacked
 _PIECE_BYTES = 256 * 2**20
 _BLOCK_BYTES = 16 * 2**20
 _LONGEST_LINE_BYTES = 2**20
+_DELIMITERS = (" ", ",", "\t", ";", "|")
+"""ECSV has the first two [APE 6], other tables all but the first."""
 _LONGEST_HEAD_LINES = 20_000
 _NOTHING = ["", "null", "NULL", "nan", "NaN", "None", "--"]
 _TRUTHS = {"true": 1.0, "t": 1.0, "1": 1.0, "false": 0.0, "f": 0.0, "0": 0.0}
@@ -56,6 +58,10 @@ class CsvFile:
         comments, names_line, following, at = self._head()
         described = described_columns("\n".join(comments)) if _is_ecsv(comments) else described_columns("")
         self._delimiter = _delimiter(comments, names_line)
+        if self._delimiter not in _DELIMITERS:
+            raise malformed_at(
+                path.name, 0, "a delimiter of ECSV: a comma or a space", repr(self._delimiter[:40])
+            )
         self._names = [name.strip() for name in self._cells(names_line)]
         units = [""] * len(self._names)
         self._is_padded = False
@@ -237,7 +243,7 @@ def _delimiter(comments: list[str], names_line: str) -> str:
             if line.startswith("delimiter:"):
                 return line.partition(":")[2].strip().strip("'\"") or " "
         return " "
-    return max(",\t;|", key=names_line.count)
+    return max(_DELIMITERS[1:], key=names_line.count)
 
 
 def _is_number(cell: str) -> bool:
