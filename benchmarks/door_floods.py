@@ -1,4 +1,4 @@
-"""Print how long a stop by HTTP takes while 100 clients flood the service's doors, and what that costs in memory.
+"""Print how long a stop by HTTP takes while 100 clients flood the doors, and what that costs in memory.
 
 A service of its own with a fake LX200 mount and all doors open; the flood is a process of its own, its
 connections come from many addresses of this machine. Each kind of flood lasts some seconds; meanwhile
