@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from drivers.simulated.behavior import MountBehavior
 from mountnav.errors import LimitKind, OutsideLimits
 from mountnav.navigation.checked_mount import CheckedMount
-from mountnav.navigation.checked_mount.side_proof import SIDE_PROVEN
+from mountnav.navigation.checked_mount.side_proof import SIDE_PROVEN, SideUnproven
 from mountnav.navigation.devices import PierSide, SlewOutcome
 from mountnav.pointing.limits import Limits
 from mountnav.simulation.machine import Machine
@@ -158,3 +160,22 @@ def test_tracking_stops_by_the_limit_of_either_side(swapped: bool) -> None:
 
     behavior = MountBehavior(tells_destination=False, side_swapped=swapped)
     run(work, limits=LIMITS, machine=GERMAN, behavior=behavior, mounting="german")
+
+
+def test_a_place_where_tracking_would_be_ended_at_once_is_refused_until_the_side_is_shown() -> None:
+    # by the pole the axis may turn far within little sky: there the limit counted for both sides only while
+    # it tracked, and the tracking was ended as soon as it had come there
+    machine = replace(GERMAN, starts_at="home")
+    places = [(-112.0, 89.7), (-135.5, 89.75), (-147.0, 89.8)]
+
+    async def work(rig: Rig) -> None:
+        for ha_deg, dec_deg in places:
+            await rig.mount.slew(rig.place(ha_deg, dec_deg))
+        with pytest.raises(SideUnproven, match="tracking there leads too far past the meridian"):
+            await rig.mount.slew(rig.place(-168.0, 89.8))
+        await rig.clock.sleep(120.0)
+        assert rig.mechanics.tracking
+        assert [what for what, _ in rig.told if what == "limit-stop"] == []
+
+    behavior = MountBehavior(tells_destination=False)
+    run(work, limits=LIMITS, machine=machine, behavior=behavior, mounting="german")

@@ -12,6 +12,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
+from benchmarks.keeping_sides import SLACK_DEG, Sent
 from drivers.simulated.behavior import MountBehavior
 from mountnav.errors import OutsideLimits
 from mountnav.navigation.checked_mount import WentAnotherWay
@@ -21,6 +22,7 @@ from mountnav.navigation.slewing import PLANNED_ANEW
 from mountnav.pointing.limits import Limits
 from mountnav.pointing.limits.postures import Standing
 from mountnav.simulation.machine import Machine
+from mountnav.simulation.virtual_time import run_virtually
 from mountnav.sky.chain import icrs_to_observed
 from mountnav.sky.sphere import half_turn_deg
 from tests.navigation.test_checked_mount import AIR, SITE, Rig, run
@@ -110,6 +112,31 @@ def test_one_that_keeps_its_side_comes_to_where_it_is_sent(
     assert lived(ways, limits, behavior, STAYS).deepest_deg <= 0.1
 
 
+@pytest.mark.parametrize(
+    ("ways", "limits"),
+    [
+        # 2.6° below the lowest altitude before: nothing had shown its side, and it changed on the last way
+        ([(61.3, 21.9), (-39.3, 45.9), (-61.7, 16.8)], FREE),
+        # given up before, stopped three times: from home it goes to the side that it would keep
+        ([(-25.8, -16.0)], LIMITED),
+    ],
+    ids=["low", "from-home"],
+)
+def test_a_mute_one_shows_its_side_when_it_leaves_its_home(
+    ways: list[tuple[float, float]], limits: Limits
+) -> None:
+    assert lived(ways, limits, MUTE, STAYS).deepest_deg <= 0.1
+
+
+@pytest.mark.parametrize("seed", [109, 142])
+def test_a_mute_one_is_not_taken_to_hang_where_nothing_has_shown_it(seed: int) -> None:
+    # given up before: thrice planned from the side on which it didn't hang
+    sent_by_seed = Sent(seed)
+    run_virtually(sent_by_seed.lived(), sent_by_seed.clock)
+    assert [result for result, _ in sent_by_seed.results if result == "GIVEN UP"] == []
+    assert sent_by_seed.deepest_deg <= SLACK_DEG
+
+
 def test_a_side_that_was_only_supposed_is_given_up_when_the_way_contradicts_it() -> None:
     # switched on in the east of the meridian on the side that looks west, which nobody can see
     machine = replace(STAYS, home_axes_deg=(-18.4, 20.2))
@@ -130,8 +157,9 @@ def test_near_the_meridian_a_short_slew_does_not_lose_sight_of_its_side(behavior
             for way in ((54.9, 6.3), (-3.6, 8.4), (-3.6, -3.4)):
                 await sent(rig, *way)
             assert rig.mechanics.pier_side() is PierSide.EAST
-            with pytest.raises(OutsideLimits):
-                await sent(rig, -37.6, -3.4)
+            # by way of a place so far past the meridian that it has to change
+            assert await sent(rig, -37.6, -3.4)
+            assert rig.mechanics.pier_side() is PierSide.WEST
         finally:
             following.cancel()
 
@@ -215,6 +243,41 @@ def test_what_nobody_has_seen_is_not_known() -> None:
     lost = followed((20.0, 40.0, 0.0))
     lost.lost()
     assert lost.side is None
+
+
+HOME = Standing("german", PierSide.EAST, 90.0, 90.0)
+
+
+@pytest.mark.parametrize(
+    ("ha_deg", "side"), [(96.0, PierSide.EAST), (-88.0, PierSide.WEST), (15.0, None), (-150.0, None)]
+)
+def test_from_home_it_leaves_by_another_hour_circle_for_each_side(
+    ha_deg: float, side: PierSide | None
+) -> None:
+    one = SideFollowed()
+    one.at_home(BEGAN, HOME)
+    one.seen(BEGAN + timedelta(seconds=1), stands(ha_deg, 86.0))
+    # a third kind stood there otherwise, its counterweight not down
+    assert one.side is side
+
+
+def test_one_that_was_seen_to_change_hangs_on_the_side_that_faces_the_place() -> None:
+    places = [(40.0, 80.0), (40.0, 87.0), (-140.0, 86.0), (-140.0, 75.0), (-120.0, 70.0)]
+    one = SideFollowed()
+    for number, (ha_deg, dec_deg) in enumerate(places):
+        one.seen(BEGAN + timedelta(seconds=number), stands(ha_deg, dec_deg))
+    assert one.side is None
+    one.arrived((PierSide.EAST, PierSide.WEST), PierSide.WEST)
+    assert one.side is PierSide.WEST
+
+
+def test_one_that_was_not_seen_to_change_may_hang_on_either_side() -> None:
+    one = SideFollowed()
+    for number, ha_deg in enumerate((40.0, 30.0, 20.0)):
+        one.seen(BEGAN + timedelta(seconds=number), stands(ha_deg, 20.0))
+    one.arrived((PierSide.EAST, PierSide.WEST), PierSide.EAST)
+    assert one.side is None
+    assert one.either
 
 
 def test_a_sync_turns_no_axis() -> None:

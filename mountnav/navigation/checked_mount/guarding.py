@@ -8,6 +8,8 @@ to be where German mounts usually are.
 from __future__ import annotations
 
 import asyncio
+import math
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -25,10 +27,15 @@ from mountnav.pointing.limits import Limits, Mounting, Reached, SlewCheck
 from mountnav.pointing.limits.bodies import SUN_DEG_PER_S, bodies
 from mountnav.pointing.limits.detours import legs_to
 from mountnav.pointing.limits.directions import of_body
-from mountnav.pointing.limits.postures import COUNTERWEIGHT_DOWN_DEG, Standing
+from mountnav.pointing.limits.postures import (
+    COUNTERWEIGHT_DOWN_DEG,
+    Standing,
+    from_the_meridian_deg,
+    side_by_rule,
+)
 from mountnav.pointing.limits.refusing import require_night, why
 from mountnav.pointing.limits.scene import Scene
-from mountnav.pointing.limits.slews import POLE_DOUBT_DEG
+from mountnav.pointing.limits.slews import POLE_DOUBT_DEG, SIDE_DOUBT_DEG
 from mountnav.pointing.limits.tracked import AT_POLE_DEG, VACUUM, standing_for, tracked_depths
 from mountnav.pointing.limits.ways import strays_deg
 from mountnav.sky.chain import icrs_to_hour_angle, icrs_to_observed
@@ -38,8 +45,14 @@ BELOW_GROUND_DEG = -2.0
 """Lower than this no telescope looks, whatever refraction and an uneven horizon do."""
 
 _SIDES = (PierSide.EAST, PierSide.WEST)
+_WAYS_ROUND = 6
+"""So many first places of ways round are asked of a mount that foretells its side. Doubled, a refusal takes
+some seconds longer."""
 _TAKES_SYNCS_S = 15.0
 """A sync may show so late, s. Doubled, a motion by hand right after one is taken for it."""
+_AT_ITS_END_DEG = 2.0
+"""So near to where it was sent, °, an axis doesn't turn away: 10′ from the pole a step of 20″ is as much.
+Doubled, one that runs on past its end is stopped that much later."""
 _OF_AXES = frozenset({LimitKind.MERIDIAN, LimitKind.UNREACHABLE})
 _MISREPORTED = (
     "if the tube hangs on the other side of the pier than the mount says (look at it), set swap_sides = true "
@@ -105,6 +118,15 @@ class Guard:
         self._latest = reading
         if self.mounting != "german" or _told(reading):
             return
+        place = from_mount(reading.place)
+        bare = icrs_to_hour_angle(place, reading.utc, self.site, VACUUM)
+        if abs(bare.dec_deg) >= POLE_DOUBT_DEG and (not self._set_out or self._followed.home):
+            # by the pole the place tells nothing of the axes; there it was switched on, or is about to leave
+            pole_deg = math.copysign(90.0, bare.dec_deg)
+            self._followed.at_home(
+                reading.utc, Standing("german", PierSide.EAST, COUNTERWEIGHT_DOWN_DEG, pole_deg)
+            )
+            return
         told = self._told_anew_utc
         anew = told is not None and (reading.utc - told).total_seconds() <= _TAKES_SYNCS_S
         self._followed.seen(reading.utc, self._standings(reading, "german"), told_anew=anew)
@@ -127,8 +149,8 @@ class Guard:
 
     def arrived(self, check: SlewCheck) -> None:
         """A slew has ended as it was checked: on which side the tube hangs now, and whether it kept it."""
-        self._followed.arrived(check.sides)
         reading = self._latest
+        self._followed.arrived(check.sides, self._faces(reading))
         if check.mounting != "german" or check.sure or reading is None or reading.slewing:
             return
         side = self.side(reading)
@@ -137,6 +159,15 @@ class Guard:
         here = icrs_to_hour_angle(from_mount(reading.place), reading.utc, self.site, self.air)
         if abs(here.dec_deg) < POLE_DOUBT_DEG:
             self._kept.hangs(side, here.ha_deg)
+
+    def _faces(self, reading: MountReading | None) -> PierSide | None:
+        """The side that faces where it points; None near the meridian and the pole."""
+        if reading is None or reading.slewing:
+            return None
+        here = icrs_to_hour_angle(from_mount(reading.place), reading.utc, self.site, self.air)
+        if abs(here.dec_deg) >= POLE_DOUBT_DEG or from_the_meridian_deg(here.ha_deg) <= SIDE_DOUBT_DEG:
+            return None
+        return side_by_rule(here.ha_deg)
 
     def lost_sight(self) -> None:
         """Nobody knows what became of it meanwhile."""
@@ -153,37 +184,75 @@ class Guard:
         self._kept.forget()
 
     async def plan(
-        self, reading: MountReading, target: Icrs, utc: datetime, destination: PierSide | None
+        self,
+        reading: MountReading,
+        target: Icrs,
+        utc: datetime,
+        destination: PierSide | None,
+        foretold: Callable[[Icrs], Awaitable[PierSide | None]] | None = None,
     ) -> Plan:
         """How to get to a target: directly, or by way of other places if that isn't allowed.
+
+        Parameters
+        ----------
+        reading : MountReading
+        target : Icrs
+        utc : datetime
+        destination : PierSide or None
+            On which side the mount says that it would look at the target.
+        foretold : callable, optional
+            Asks it that of another place.
 
         Raises
         ------
         OutsideLimits
             Of the direct way, if no other is allowed.
+        DeviceError
         """
         try:
             return Plan((target,), self.check_slew(reading, target, utc, destination))
         except SideUnproven:
             raise  # no way round shows it
         except OutsideLimits as refusal:
-            start, side = from_mount(reading.place), self.side(reading)
-            # it may take some tenths of a second, and a stop doesn't wait for it
-            legs = await asyncio.to_thread(
-                legs_to, self._reckoned, start, target, utc, self.site, self.air, self.mounting, side
-            )
-            if not legs:
-                raise
-            self._require_legs(reading, legs, utc)
-            try:
-                return Plan(legs, self.check_slew(reading, legs[0], utc, None))
-            except OutsideLimits:
-                raise refusal from None
+            tried: list[Icrs] = []
+            for _ in range(_WAYS_ROUND):
+                # it may take some tenths of a second, and a stop doesn't wait for it
+                legs = await asyncio.to_thread(
+                    legs_to,
+                    self._reckoned,
+                    from_mount(reading.place),
+                    target,
+                    utc,
+                    self.site,
+                    self.air,
+                    self.mounting,
+                    self.side(reading),
+                    self._followed.either,
+                    tuple(tried),
+                )
+                if not legs or (self.proof.wrong and _told(reading)):
+                    break
+                self._require_legs(reading, legs, utc)
+                side = None if foretold is None else await foretold(legs[0])
+                try:
+                    return Plan(legs, self.check_slew(reading, legs[0], utc, side, passing=True))
+                except OutsideLimits:
+                    tried.append(legs[0])
+            raise refusal from None
 
     def check_slew(
-        self, reading: MountReading, target: Icrs, utc: datetime, destination: PierSide | None
+        self,
+        reading: MountReading,
+        target: Icrs,
+        utc: datetime,
+        destination: PierSide | None,
+        *,
+        passing: bool = False,
     ) -> SlewCheck:
-        """Check one slew from where the mount stands. Raises `OutsideLimits`."""
+        """Check one slew from where the mount stands. Raises `OutsideLimits`.
+
+        `passing`: it goes on from there at once, and doesn't track.
+        """
         try:
             check = self._reckoned.check_slew(
                 from_mount(reading.place),
@@ -193,7 +262,9 @@ class Guard:
                 self.air,
                 mounting=self.mounting,
                 side=self.side(reading),
+                either=self._followed.either,
                 destination=destination,
+                track_for_s=0.0 if passing else None,
             )
         except OutsideLimits as refusal:
             told = _told(reading) or destination in _SIDES
@@ -210,10 +281,10 @@ class Guard:
                 limit=refusal.limit,
             ) from None
         if check.mounting == "german" and _told(reading):
-            self._require_on_both_sides(reading, check)
+            self._require_on_both_sides(reading, check, passing=passing)
         return check
 
-    def _require_on_both_sides(self, reading: MountReading, check: SlewCheck) -> None:
+    def _require_on_both_sides(self, reading: MountReading, check: SlewCheck, *, passing: bool) -> None:
         """Refuse a way that isn't allowed if the told side is wrong. Raises `OutsideLimits`."""
         if self.proof.wrong:
             raise OutsideLimits(
@@ -233,6 +304,9 @@ class Guard:
             ways = tuple(one for one in ways if one.start.first_deg == COUNTERWEIGHT_DOWN_DEG) or ways
         for way in ways:
             self.proof.require(scene, way.start, way.end, from_home=from_home)
+            if not passing:
+                track_s = self.limits.slew_takes_s + self.limits.track_for_s
+                self.proof.require_to_track(scene, way.end, track_s)
 
     def _may_be_misreported(self, reading: MountReading) -> bool:
         return _told(reading) and not self.proof.stated
@@ -368,7 +442,7 @@ class Guard:
             return False
         if not self._kept.strayed(check, stands, self.side(reading)):
             # then it didn't begin on that side, if it doesn't tell
-            self._followed.lost()
+            self._followed.lost(astray=True)
         return True
 
     def unlike(self, before: MountReading, reading: MountReading, check: SlewCheck) -> Unlike | None:
@@ -395,9 +469,8 @@ class Guard:
         rests_deg = braking.rests_at_deg(reading.utc, now)
         if rests_deg is None:
             return None
-        if any(
-            (way.end.first_deg - now.first_deg) * (rests_deg - now.first_deg) > 0.0 for way in check.expected
-        ):
+        turns = math.copysign(1.0, rests_deg - now.first_deg)
+        if any(turns * (end_deg - now.first_deg) > -_AT_ITS_END_DEG for end_deg in check.ends_deg):
             return None
         stands, rests = (scene.axis_depths(now, np.array([one])) for one in (now.first_deg, rests_deg))
         deeper = any(

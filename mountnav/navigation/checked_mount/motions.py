@@ -101,7 +101,7 @@ class Motions:
                 before = await self._admission.ready("slew", place=aim)
             if len(legs) > 1:
                 try:
-                    check = await self._plans.checked(before, aim, leg)
+                    check = await self._plans.checked(before, aim, leg, passing=number < len(legs))
                 except OutsideLimits as why:
                     if number == 1:
                         raise

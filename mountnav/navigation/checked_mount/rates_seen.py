@@ -7,6 +7,7 @@ That shows after the first readings: the rest of the way is checked anew then, f
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -25,6 +26,9 @@ _JUMPS_DEG = 30.0
 """No axis turns so far between two looks: place and side of the pier were read at different times."""
 _STANDS_DEG = 0.05
 """One that has turned less between two readings stands."""
+_BESIDE_DEG = 1.0
+"""Ways so near to where it stands, °, may be the one that it takes: pointing errors and what it tracks
+meanwhile. Doubled, rates that are unlike are seen some tenths of a second later."""
 _LOOSE = 1.25
 """Rates are seen to a quarter: readings are some tenths of a second apart from their times."""
 _POLE_DEG = 5.0
@@ -93,15 +97,40 @@ class RatesSeen:
         reckoned = self.reckoned(scene.limits)
         if reckoned.rate_ratio is None or not ways:
             return None
-        way = min(ways, key=lambda one: min(strays_deg([one], at) for at in now))
-        then, here = (_on(way, one) for one in (before, now))
-        ratio = _ratio(way, then, here)
         low, high = reckoned.rate_ratio
-        if ratio is None or low <= ratio <= high:
+        found: list[Unlike] = []
+        for way in _near(ways, now):
+            then, here = (_on(way, one) for one in (before, now))
+            ratio = _ratio(way, then, here)
+            if _towards(way, then, here) and (ratio is None or low <= ratio <= high):
+                # it goes as it may on this one, whatever its place would mean on another
+                return None
+            if ratio is not None:
+                seen = replace(scene.limits, rate_ratio=(ratio / _LOOSE, ratio * _LOOSE))
+                found.append(Unlike(ratio, trouble_on(Way(here, way.end), replace(scene, limits=seen))))
+        if not found:
             return None
-        self._ratios.append(ratio)
-        seen = replace(scene.limits, rate_ratio=(ratio / _LOOSE, ratio * _LOOSE))
-        return Unlike(ratio, trouble_on(Way(here, way.end), replace(scene, limits=seen)))
+        worst = next((one for one in found if one.trouble is not None), found[0])
+        self._ratios.append(worst.ratio)
+        return worst
+
+
+def _near(ways: Sequence[Way], now: Sequence[Standing]) -> list[Way]:
+    """The ways on which it may be: those nearest to where it stands."""
+    far = [(min(strays_deg([way], at) for at in now), way) for way in ways]
+    nearest = min(one for one, _ in far)
+    return [way for one, way in far if one <= nearest + _BESIDE_DEG]
+
+
+def _towards(way: Way, then: Standing, here: Standing) -> bool:
+    """Whether no axis turns away from the way's end."""
+    return all(
+        (now - before) * math.copysign(1.0, end - before) > -_STANDS_DEG
+        for before, now, end in (
+            (then.first_deg, here.first_deg, way.end.first_deg),
+            (then.second_deg, here.second_deg, way.end.second_deg),
+        )
+    )
 
 
 def _on(way: Way, stands: Sequence[Standing]) -> Standing:

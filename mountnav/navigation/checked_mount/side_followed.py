@@ -3,11 +3,17 @@
 A place can be looked at from both sides, with the first axis half a turn apart. No axis turns that far
 between two readings that follow soon on each other, so one that is known to hang on a side is known to do so
 until its declination axis is seen to pass the pole.
+
+What shows a side at first: a mount that was switched on at its home, at the pole with the counterweight down,
+leaves it on another hour circle for each side. One that is seen to change its side comes to the one that
+faces the place. And where a slew could lead to one side only, it hangs there.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
+from dataclasses import replace
 from datetime import datetime
 
 from mountnav.navigation.devices import PierSide
@@ -27,18 +33,45 @@ _LONGEST_S = 60.0
 """Whatever happened in a longer pause, s, nobody has seen. Doubled, a change within it may be overlooked."""
 
 
+_FROM_HOME_DEG = 60.0
+"""No farther than this, °, its first axis is taken to have turned from home to the first reading beside the
+pole. One that stood there otherwise, up to 30° past the meridian, would be as near by the wrong side from
+60° on; doubled, its side would be told wrongly."""
+_SIDES = (PierSide.EAST, PierSide.WEST)
+
+
 class SideFollowed:
-    """Of one mount."""
+    """Of one mount.
+
+    Attributes
+    ----------
+    home : bool
+        Whether it is taken to stand at its home still.
+    """
 
     def __init__(self) -> None:
         self._possible: dict[PierSide, Standing] = {}
+        self._from: dict[PierSide, set[PierSide]] = {}
         self._utc: datetime | None = None
+        self._either = False
+        self.home = False
 
     @property
     def side(self) -> PierSide | None:
         """On which side it hangs; None if it may be either."""
         sides = [*self._possible]
         return sides[0] if len(sides) == 1 else None
+
+    @property
+    def either(self) -> bool:
+        """Whether what was seen of it leaves both sides: then it isn't taken to be on the usual one."""
+        return self._either and self.side is None
+
+    def at_home(self, utc: datetime, stands: Standing) -> None:
+        """It stands at home, as it was switched on: its axes stand there, on whichever side."""
+        self._possible = {side: replace(stands, side=side) for side in _SIDES}
+        self._utc, self._either, self.home = utc, False, True
+        self._set_out()
 
     def seen(self, utc: datetime, stands: dict[PierSide, Standing], *, told_anew: bool = False) -> None:
         """Take in a reading.
@@ -51,36 +84,67 @@ class SideFollowed:
         told_anew : bool
             Its place may have changed without a motion, by a sync.
         """
-        before, then = self._possible, self._utc
-        self._utc = utc
+        before, then, home = self._possible, self._utc, self.home
+        self._utc, self.home = utc, False
         seconds = _LONGEST_S if then is None else abs((utc - then).total_seconds())
         if not before or seconds >= _LONGEST_S:
             self._possible = stands
+            self._set_out()
             return
         if told_anew:
             self._possible = {side: stands[side] for side in before}
             return
-        moved = max(_apart_deg(before[side], stands[side]) for side in before)
+        moved = math.inf if home else max(_apart_deg(before[side], stands[side]) for side in before)
         if moved <= _RESTS_DEG + SIDEREAL_DEG_S * seconds:
             self._possible = {side: stands[side] for side in before}
             return
         far_deg = FASTEST_DEG_S * seconds + _SLACK_DEG
-        reached = {
-            side: one
+        if home:
+            far_deg = min(far_deg, _FROM_HOME_DEG)
+        came = {
+            side: [was for was, stood in before.items() if _apart_deg(stood, one) <= far_deg]
             for side, one in stands.items()
-            if any(_apart_deg(was, one) <= far_deg for was in before.values())
         }
+        reached = {side: one for side, one in stands.items() if came[side]}
         self._possible = reached or stands
+        self._from = {
+            side: set().union(*(self._from.get(was, {*_SIDES}) for was in came[side])) or {*_SIDES}
+            for side in self._possible
+        }
 
-    def arrived(self, sides: Iterable[PierSide]) -> None:
-        """A slew has ended that should end on one of these sides: that tells where nothing else does."""
+    def _set_out(self) -> None:
+        self._from = {side: {side} for side in self._possible}
+
+    def arrived(self, sides: Iterable[PierSide], faces: PierSide | None = None) -> None:
+        """A slew has ended: that tells the side where nothing else does.
+
+        Parameters
+        ----------
+        sides : iterable of PierSide
+            On which it should end.
+        faces : PierSide or None
+            The one that faces the place, if it stands well away from the meridian.
+        """
+        if self.home:
+            # still by the pole, and its axes anywhere
+            self._possible, self.home = {}, False
+        changed = self._possible and all(side not in self._from[side] for side in self._possible)
+        if changed and faces in self._possible:
+            # none changes to the side that looks the other way
+            self._possible = {faces: self._possible[faces]}
         left = {side: one for side, one in self._possible.items() if side in sides}
         if len(self._possible) != 1 and len(left) == 1:
             self._possible = left
+        self._either = len(self._possible) > 1
+        self._set_out()
 
-    def lost(self) -> None:
-        """Nobody knows what it did meanwhile."""
-        self._possible, self._utc = {}, None
+    def lost(self, *, astray: bool = False) -> None:
+        """Nobody knows what it did meanwhile.
+
+        `astray`: it didn't begin on the side on which it was supposed to hang.
+        """
+        self._possible, self._from, self._utc, self.home = {}, {}, None, False
+        self._either = astray
 
 
 def _apart_deg(one: Standing, other: Standing) -> float:

@@ -16,6 +16,8 @@ from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from datetime import datetime
 
+import numpy as np
+
 from mountnav.errors import DeviceRefused, LimitKind, OutsideLimits
 from mountnav.navigation.devices import PierSide
 from mountnav.pointing.limits.postures import COUNTERWEIGHT_DOWN_DEG, Standing
@@ -23,6 +25,7 @@ from mountnav.pointing.limits.scene import Scene
 from mountnav.sky.chain import hour_angle_to_icrs
 from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site
 from mountnav.sky.sphere import half_turn_deg
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 SIDE_PROVEN = "side-proven"
 """What the facts of such a journal entry say under `about`."""
@@ -157,6 +160,27 @@ class SideProof:
                     advice=LOOK_AT_IT,
                     limit=LimitKind.MERIDIAN,
                 )
+
+    def require_to_track(self, scene: Scene, end: Standing, for_s: float) -> None:
+        """Refuse a place at which tracking would be ended, since its limit counts for both sides there.
+
+        Raises
+        ------
+        SideUnproven
+        """
+        other = mirrored(end)
+        if not self.ambiguous(scene, end):
+            return
+        later = scene.axis_depths(other, np.array([other.first_deg + SIDEREAL_DEG_S * for_s]))
+        if all(float(later[limit][0]) <= 0.0 for limit in _OF_AXES & set(later)):
+            return
+        raise SideUnproven(
+            f"the slew isn't allowed: the mount would say that its tube hangs on the {end.side} side of the "
+            "pier, which nothing has shown yet; if it hangs on the other one, tracking there leads too far "
+            "past the meridian at once",
+            advice=LOOK_AT_IT,
+            limit=LimitKind.MERIDIAN,
+        )
 
 
 def mirrored(one: Standing) -> Standing:

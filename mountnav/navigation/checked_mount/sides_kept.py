@@ -12,15 +12,13 @@ from dataclasses import replace
 
 from mountnav.navigation.devices import PierSide
 from mountnav.pointing.limits import Limits, SlewCheck
-from mountnav.pointing.limits.postures import Standing, from_the_meridian_deg, side_by_rule
+from mountnav.pointing.limits.postures import Standing, Way, from_the_meridian_deg, side_by_rule
+from mountnav.pointing.limits.slews import STAYS_ROOM_DEG
 from mountnav.pointing.limits.ways import strays_deg
 
 STRAYS_DEG = 3.0
 """So far from a way, °, the axes are on another one: more than readings and pointing errors differ. Doubled,
 a mount that goes another way is stopped that much later."""
-_ROOM_DEG = 1.0
-"""One that stays for a place does so for one that much, °, farther past the meridian: targets drift between
-two tries. Doubled, hardly more places are gone round."""
 
 
 class SidesKept:
@@ -52,7 +50,11 @@ class SidesKept:
         began : PierSide or None
             On which side, if that was known.
         """
-        taken = [way for way in check.unasked if min(strays_deg([way], one) for one in stands) <= STRAYS_DEG]
+        taken = [
+            way
+            for way in check.unasked
+            if min(strays_deg([way], one) for one in stands) <= STRAYS_DEG and not _turns_away(way)
+        ]
         if not taken and began is None:
             # nor did it begin on the side that faces the place: it stayed there before
             taken = [way for way in check.expected if way.start.side is not PierSide.UNKNOWN][:1]
@@ -61,11 +63,11 @@ class SidesKept:
             self._stays_for([from_the_meridian_deg(way.end.first_deg) for way in taken])
         elif taken and not any(way.start.side is way.end.side for way in taken):
             past_deg = from_the_meridian_deg(taken[0].end.first_deg)
-            self.to_deg = max(0.0, min(self.to_deg, past_deg - _ROOM_DEG))
+            self.to_deg = max(0.0, min(self.to_deg, past_deg - STAYS_ROOM_DEG))
         return bool(taken)
 
     def _stays_for(self, past_deg: Sequence[float]) -> None:
-        self.to_deg = max([self.to_deg, *(one + _ROOM_DEG for one in past_deg)])
+        self.to_deg = max([self.to_deg, *(one + STAYS_ROOM_DEG for one in past_deg)])
 
     def hangs(self, side: PierSide, ha_deg: float) -> None:
         """It has come to rest on a side: whether it faces the place, or it stayed where it was."""
@@ -85,3 +87,13 @@ class SidesKept:
     def forget(self) -> None:
         """Somebody may have turned it, or set it otherwise."""
         self.to_deg = 0.0
+
+
+def _turns_away(way: Way) -> bool:
+    """Whether it would change to the side that looks the other way: no mount does that unasked."""
+    return way.start.side is not way.end.side and not _faces(way.end)
+
+
+def _faces(one: Standing) -> bool:
+    ha_deg = one.first_deg - (180.0 if one.side is PierSide.WEST else 0.0)
+    return one.side is side_by_rule(ha_deg)

@@ -45,13 +45,13 @@ class SlewPlans:
         OutsideLimits, BadRequest, DeviceError
         """
         side = await self._destination(place)
-        return await self._guard.plan(before, from_mount(place), self._clock.utc(), side)
+        return await self._guard.plan(before, from_mount(place), self._clock.utc(), side, self._foretold)
 
     async def made(self, before: MountReading, place: Apparent | Icrs) -> Plan:
         """Find how to get to a place; a refusal or a way round is written down. Raises as `found`."""
         side = await self._destination(place)
         try:
-            plan = await self._guard.plan(before, from_mount(place), self._clock.utc(), side)
+            plan = await self._guard.plan(before, from_mount(place), self._clock.utc(), side, self._foretold)
         except (OutsideLimits, BadRequest) as refusal:
             await self._sender.refused("slew", refusal, before, place)
             raise
@@ -64,11 +64,16 @@ class SlewPlans:
             )
         return plan
 
-    async def checked(self, before: MountReading, aim: Apparent | Icrs, leg: Icrs) -> SlewCheck:
-        """Check one leg from where the mount stands now; a refusal is written down. Raises as `found`."""
+    async def checked(
+        self, before: MountReading, aim: Apparent | Icrs, leg: Icrs, *, passing: bool
+    ) -> SlewCheck:
+        """Check one leg from where the mount stands now; a refusal is written down. Raises as `found`.
+
+        `passing`: another leg follows.
+        """
         side = await self._destination(aim)
         try:
-            return self._guard.check_slew(before, leg, self._clock.utc(), side)
+            return self._guard.check_slew(before, leg, self._clock.utc(), side, passing=passing)
         except (OutsideLimits, BadRequest) as refusal:
             await self._sender.refused("slew", refusal, before, aim)
             raise
@@ -90,6 +95,12 @@ class SlewPlans:
 
     async def _destination(self, place: Apparent | Icrs) -> PierSide | None:
         await self._prove_side()
+        return await self._side_at(place)
+
+    async def _foretold(self, place: Icrs) -> PierSide | None:
+        return await self._side_at(self._guard.for_mount(place, self._mount.epoch, self._clock.utc()))
+
+    async def _side_at(self, place: Apparent | Icrs) -> PierSide | None:
         try:
             return await self.destination_side(place)
         except DeviceRefused:

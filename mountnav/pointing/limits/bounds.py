@@ -163,6 +163,7 @@ class Limits:
         *,
         mounting: Mounting | None = None,
         side: PierSide | None = None,
+        either: bool = False,
         destination: PierSide | None = None,
         track_for_s: float | None = None,
     ) -> SlewCheck:
@@ -179,6 +180,9 @@ class Limits:
             None: not known.
         side : PierSide, optional
             On which the tube hangs now, as far as the mount says.
+        either : bool
+            It doesn't say, and what was seen of it leaves both. Else the side is taken that faces the place,
+            away from the meridian.
         destination : PierSide, optional
             On which it will hang, if the mount tells.
         track_for_s : float, optional
@@ -205,6 +209,7 @@ class Limits:
             air,
             mounting=mounting,
             side=side,
+            either=either,
             destination=destination,
             track_for_s=self.track_for_s if track_for_s is None else track_for_s,
         )

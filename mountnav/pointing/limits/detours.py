@@ -7,7 +7,7 @@ towards the pole, round it at a high declination, and down again to the target; 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from datetime import datetime
 from typing import TYPE_CHECKING
 
@@ -29,6 +29,8 @@ two tries lead from 45° to 75°. Doubled, it is sent down to the horizon, and r
 _FARTHEST_DEG = 75.0
 """Farther past the meridian than this, °, no German mount stays on its side."""
 _Angles = tuple[float, float]
+_Hangs = tuple[PierSide | None, bool]
+"""On which side the tube hangs, and whether it may be either."""
 
 
 def legs_to(
@@ -40,6 +42,8 @@ def legs_to(
     air: Air,
     mounting: Mounting | None,
     side: PierSide | None,
+    either: bool = False,
+    but: Container[Icrs] = (),
 ) -> tuple[Icrs, ...]:
     """Find places by way of which a target may be slewed to that may not be directly.
 
@@ -52,6 +56,10 @@ def legs_to(
     mounting : {"german", "fork", "altaz"} or None
     side : PierSide or None
         On which the tube hangs now.
+    either : bool
+        That isn't known, and it may be either.
+    but : container of Icrs
+        By none of these first: the mount was asked, and would go there by a way that isn't allowed.
 
     Returns
     -------
@@ -63,18 +71,26 @@ def legs_to(
     except OutsideLimits:
         return ()
 
-    def arrives(begin: Icrs, end: Icrs, hangs: PierSide | None) -> tuple[bool, PierSide | None]:
+    def arrives(begin: Icrs, end: Icrs, hangs: _Hangs, stays: bool) -> tuple[bool, _Hangs]:
         try:
             check = limits.check_slew(
-                begin, end, utc, site, air, mounting=mounting, side=hangs, track_for_s=0.0
+                begin,
+                end,
+                utc,
+                site,
+                air,
+                mounting=mounting,
+                side=hangs[0],
+                either=hangs[1],
+                track_for_s=None if stays else 0.0,
             )
         except OutsideLimits:
-            return False, None
-        return True, check.sides[0] if len(check.sides) == 1 else None
+            return False, hangs
+        return True, (check.sides[0], False) if len(check.sides) == 1 else (None, len(check.sides) > 1)
 
     here = icrs_to_hour_angle(start, utc, site, air)
     there = icrs_to_hour_angle(target, utc, site, air)
-    reachable: dict[_Angles, tuple[bool, PierSide | None]] = {}
+    reachable: dict[_Angles, tuple[bool, _Hangs]] = {}
     # on which side a German mount looks at the pole nobody can foretell: by way of it comes last
     ways = sorted(
         _ways(here, there, site.latitude_deg, side, limits.stays_to_deg),
@@ -82,12 +98,15 @@ def legs_to(
     )
     for via in ways:
         stops = [hour_angle_to_icrs(HourAngle(ha, dec, utc), site, air) for ha, dec in via]
+        if stops[0] in but:
+            continue
         if via[0] not in reachable:
-            reachable[via[0]] = arrives(start, stops[0], side)
+            reachable[via[0]] = arrives(start, stops[0], (side, either), False)
         good, hangs = reachable[via[0]]
         for begin, end in zip(stops, [*stops[1:], target], strict=True):
             if good:
-                good, hangs = arrives(begin, end, hangs)
+                # only the target is tracked
+                good, hangs = arrives(begin, end, hangs, end is target)
         if good:
             return (*stops, target)
     return ()

@@ -44,6 +44,14 @@ POLE_DOUBT_DEG = 88.0
 SEEN_AFTER_DEG = 30.0
 """So far an axis may have turned before a mount is stopped that goes another way than expected."""
 
+FACES_DOUBT_DEG = 2.0
+"""So near to the meridian, °, a mount may count a place on the other half of the sky: by its clock, its site,
+its zero points. Doubled, more mounts that don't tell their side have both of them reckoned with."""
+
+STAYS_ROOM_DEG = 1.0
+"""A mount that stays on its side for a place does so for one that much, °, farther past the meridian: targets
+drift between two tries. Doubled, hardly more places are gone round."""
+
 _SIDES = (PierSide.EAST, PierSide.WEST)
 _Pair = tuple[PierSide, PierSide]
 
@@ -68,6 +76,9 @@ class SlewCheck:
         Whether nothing had to be guessed of them. Otherwise it has to be watched that it takes one of them.
     unasked : tuple of Way
         Those that aren't allowed and that a German mount may take unasked: it stays on its side, or changes.
+    ends_deg : tuple of float
+        Angles of the first axis at which the expected ways end, by where the target is seen and as a mount
+        reckons it that knows nothing of refraction: by the pole they differ by degrees.
     """
 
     mounting: Mounting
@@ -77,6 +88,7 @@ class SlewCheck:
     expected: tuple[Way, ...] = ()
     sure: bool = True
     unasked: tuple[Way, ...] = ()
+    ends_deg: tuple[float, ...] = ()
 
     @property
     def facts(self) -> dict[str, object]:
@@ -107,6 +119,7 @@ def check_slew(
     *,
     mounting: Mounting | None,
     side: PierSide | None,
+    either: bool = False,
     destination: PierSide | None,
     track_for_s: float,
 ) -> SlewCheck:
@@ -117,7 +130,7 @@ def check_slew(
     there, bare = (icrs_to_hour_angle(target, utc, site, one) for one in (air, VACUUM))
     known = side if side in _SIDES else None
     kind: Mounting = mounting or ("german" if known or destination in _SIDES else "fork")
-    expected, others = _sides(scene, here, there, kind, known, destination)
+    expected, others = _sides(scene, here, there, kind, known, destination, either)
 
     def judged(pairs: list[_Pair]) -> list[_Judged]:
         track_s = limits.slew_takes_s + track_for_s
@@ -125,27 +138,45 @@ def check_slew(
 
     ways = judged(expected)
     told = destination in _SIDES
-    begins = known or side_by_rule(here.ha_deg)
+    starts = [known or side_by_rule(here.ha_deg)]
+    if either and known is None:
+        starts = [*dict.fromkeys(pair[0] for pair in expected)]
     # unasked it may stay; where it was seen to stay, it may change
-    ends = side_by_rule(there.ha_deg) if _seen_to_stay(scene, there) else begins
-    begun = [] if told else [_begun(scene, here, there, pair) for pair in others if pair == (begins, ends)]
+    astray = {
+        (one, side_by_rule(there.ha_deg))
+        if _seen_to_stay(_stayed(scene, here, one, known), there)
+        else (one, one)
+        for one in starts
+    }
+    begun = [] if told else [_begun(scene, here, there, pair) for pair in others if pair in astray]
     bad = [one for one in [*ways, *begun] if one.limit is not None]
     if bad:
         _refuse(scene, bad[0], [one for one in [*ways, *judged(others)] if one.text != bad[0].text])
     # what it isn't expected to do, but may, needs no stopping
     unasked = [] if kind != "german" or told else judged(others)
     spare = [one for one in unasked if one.limit is None]
+    going = [*ways, *spare]
+    reckoned = [_standing(scene, bare, kind, one.way.end.side).first_deg for one in going]
     return SlewCheck(
         kind,
         tuple(dict.fromkeys(one.text for one in ways)),
         tuple(one.text for one in begun),
-        tuple(dict.fromkeys([*(pair[1] for pair in expected), *(one.way.end.side for one in spare)]))
+        _arrives_on([*(one.way for one in ways), *(one.way for one in spare)], there)
         if kind == "german"
         else (),
-        tuple(one.way for one in [*ways, *spare]),
+        tuple(one.way for one in going),
         sure=kind != "german" or told,
         unasked=tuple(one.way for one in unasked if one.limit is not None),
+        ends_deg=tuple(dict.fromkeys([*(one.way.end.first_deg for one in going), *reckoned])),
     )
+
+
+def _arrives_on(ways: list[Way], there: HourAngle) -> tuple[PierSide, ...]:
+    """Sides on which it may arrive by these ways: none leads it to change to the side that looks away."""
+    near = from_the_meridian_deg(there.ha_deg) <= FACES_DOUBT_DEG
+    faces = side_by_rule(there.ha_deg)
+    sides = [one.end.side for one in ways if near or one.end.side in (one.start.side, faces)]
+    return tuple(dict.fromkeys(sides or [one.end.side for one in ways]))
 
 
 def _sides(
@@ -155,12 +186,17 @@ def _sides(
     kind: Mounting,
     known: PierSide | None,
     destination: PierSide | None,
+    either: bool,
 ) -> tuple[list[_Pair], list[_Pair]]:
     """Pairs of sides (now, then) that are to be expected, and the others."""
     if kind != "german":
         return [(PierSide.UNKNOWN, PierSide.UNKNOWN)], []
-    starts = [known] if known else _likely(scene, here)
-    expected = [(start, end) for start in starts for end in _ends(scene, there, start, destination)]
+    starts = [known] if known else _likely(scene, here, either)
+    expected = [
+        (start, end)
+        for start in starts
+        for end in _ends(_stayed(scene, here, start, known), there, start, destination)
+    ]
     pairs = [(start, end) for start in starts for end in _SIDES]
     return expected, [pair for pair in pairs if pair not in expected]
 
@@ -185,13 +221,24 @@ def _seen_to_stay(scene: Scene, place: HourAngle) -> bool:
     return from_the_meridian_deg(place.ha_deg) <= scene.limits.stays_to_deg
 
 
-def _likely(scene: Scene, here: HourAngle) -> list[PierSide]:
+def _stayed(scene: Scene, here: HourAngle, start: PierSide, known: PierSide | None) -> Scene:
+    """The scene for a mount of which it is supposed that it hangs on one side.
+
+    If that is the one that looks the other way, it has stayed on it as far past the meridian as it points.
+    """
+    if known is not None or start is side_by_rule(here.ha_deg):
+        return scene
+    past_deg = max(scene.limits.stays_to_deg, from_the_meridian_deg(here.ha_deg) + STAYS_ROOM_DEG)
+    return replace(scene, limits=replace(scene.limits, stays_to_deg=past_deg))
+
+
+def _likely(scene: Scene, here: HourAngle, either: bool) -> list[PierSide]:
     """Sides on which the tube of a mount may hang that doesn't tell it."""
     usual = side_by_rule(here.ha_deg)
     other = next(side for side in _SIDES if side is not usual)
     near = from_the_meridian_deg(here.ha_deg) <= SIDE_DOUBT_DEG
     # no order led where the axes aren't allowed
-    stayed = _seen_to_stay(scene, here) and _reaches(scene, here, other)
+    stayed = (either or _seen_to_stay(scene, here)) and _reaches(scene, here, other)
     return [usual, other] if near or stayed else [usual]
 
 

@@ -66,8 +66,11 @@ class Trial:
         """What it tells of its side."""
         return self.mechanics.pier_side() if self.tells_side and self.machine.mounting == "german" else None
 
-    def ordered(self, target: Icrs) -> None:
-        """Slew to a target if that is allowed, by the legs that are allowed, judged all the way."""
+    def ordered(self, target: Icrs, anew: int = 2) -> None:
+        """Slew to a target if that is allowed, by the legs that are allowed, judged all the way.
+
+        Planned anew where a leg isn't allowed any more when it comes to it, as `Motions` does.
+        """
         mounting: Mounting = self.machine.mounting
         self.least = {}
         try:
@@ -83,9 +86,21 @@ class Trial:
             self.refused += not legs
         for number, leg in enumerate(legs):
             if number:
-                self.limits.check_slew(
-                    self.where(), leg, self.clock(), self.site, AIR, mounting=mounting, side=self.side()
-                )
+                try:
+                    self.limits.check_slew(
+                        self.where(),
+                        leg,
+                        self.clock(),
+                        self.site,
+                        AIR,
+                        mounting=mounting,
+                        side=self.side(),
+                        track_for_s=None if leg is target else 0.0,
+                    )
+                except OutsideLimits:
+                    assert anew
+                    self.ordered(target, anew - 1)
+                    return
             self.slews += 1
             assert self.mechanics.slew(icrs_to_apparent(leg, self.clock())) is None
             self.judged(until_rest=True)
