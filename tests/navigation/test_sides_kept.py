@@ -271,13 +271,23 @@ def test_one_that_was_seen_to_change_hangs_on_the_side_that_faces_the_place() ->
     assert one.side is PierSide.WEST
 
 
-def test_one_that_was_not_seen_to_change_may_hang_on_either_side() -> None:
+@pytest.mark.parametrize(
+    ("ways", "either"),
+    [
+        ((40.0, 30.0, 20.0), False),
+        # on the side on which it was supposed to hang it looks the other way now
+        ((20.0, 10.0, 0.0, -10.0, -20.0), True),
+    ],
+)
+def test_one_that_was_not_seen_to_change_hangs_where_it_was_supposed_to(
+    ways: tuple[float, ...], either: bool
+) -> None:
     one = SideFollowed()
-    for number, ha_deg in enumerate((40.0, 30.0, 20.0)):
+    for number, ha_deg in enumerate(ways):
         one.seen(BEGAN + timedelta(seconds=number), stands(ha_deg, 20.0))
-    one.arrived((PierSide.EAST, PierSide.WEST), PierSide.EAST)
+    one.arrived((PierSide.EAST, PierSide.WEST), PierSide.EAST if ways[-1] > 0.0 else PierSide.WEST)
     assert one.side is None
-    assert one.either
+    assert one.either is either
 
 
 def test_a_sync_turns_no_axis() -> None:

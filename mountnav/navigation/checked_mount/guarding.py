@@ -35,7 +35,7 @@ from mountnav.pointing.limits.postures import (
 )
 from mountnav.pointing.limits.refusing import require_night, why
 from mountnav.pointing.limits.scene import Scene
-from mountnav.pointing.limits.slews import POLE_DOUBT_DEG, SIDE_DOUBT_DEG
+from mountnav.pointing.limits.slews import FACES_DOUBT_DEG, POLE_DOUBT_DEG
 from mountnav.pointing.limits.tracked import AT_POLE_DEG, VACUUM, standing_for, tracked_depths
 from mountnav.pointing.limits.ways import strays_deg
 from mountnav.sky.chain import icrs_to_hour_angle, icrs_to_observed
@@ -165,7 +165,7 @@ class Guard:
         if reading is None or reading.slewing:
             return None
         here = icrs_to_hour_angle(from_mount(reading.place), reading.utc, self.site, self.air)
-        if abs(here.dec_deg) >= POLE_DOUBT_DEG or from_the_meridian_deg(here.ha_deg) <= SIDE_DOUBT_DEG:
+        if abs(here.dec_deg) >= POLE_DOUBT_DEG or from_the_meridian_deg(here.ha_deg) <= FACES_DOUBT_DEG:
             return None
         return side_by_rule(here.ha_deg)
 

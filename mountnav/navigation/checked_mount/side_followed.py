@@ -17,7 +17,7 @@ from dataclasses import replace
 from datetime import datetime
 
 from mountnav.navigation.devices import PierSide
-from mountnav.pointing.limits.postures import Standing
+from mountnav.pointing.limits.postures import Standing, side_by_rule
 from mountnav.sky.sphere import half_turn_deg
 from mountnav.sky.turning import SIDEREAL_DEG_S
 
@@ -54,6 +54,7 @@ class SideFollowed:
         self._from: dict[PierSide, set[PierSide]] = {}
         self._utc: datetime | None = None
         self._either = False
+        self._supposed: PierSide | None = None
         self.home = False
 
     @property
@@ -64,7 +65,11 @@ class SideFollowed:
 
     @property
     def either(self) -> bool:
-        """Whether what was seen of it leaves both sides: then it isn't taken to be on the usual one."""
+        """Whether it isn't to be taken to hang on the usual side.
+
+        What was seen leaves both, and on the one on which it was supposed to hang it would look the other
+        way now.
+        """
         return self._either and self.side is None
 
     def at_home(self, utc: datetime, stands: Standing) -> None:
@@ -114,6 +119,14 @@ class SideFollowed:
 
     def _set_out(self) -> None:
         self._from = {side: {side} for side in self._possible}
+        self._supposed = self._usual
+
+    @property
+    def _usual(self) -> PierSide | None:
+        """The side on which German mounts usually look there; None while nothing was seen."""
+        for one in self._possible.values():
+            return side_by_rule(one.first_deg - (180.0 if one.side is PierSide.WEST else 0.0))
+        return None
 
     def arrived(self, sides: Iterable[PierSide], faces: PierSide | None = None) -> None:
         """A slew has ended: that tells the side where nothing else does.
@@ -135,7 +148,9 @@ class SideFollowed:
         left = {side: one for side, one in self._possible.items() if side in sides}
         if len(self._possible) != 1 and len(left) == 1:
             self._possible = left
-        self._either = len(self._possible) > 1
+        usual = self._usual
+        kept = not self._either and usual is not None and self._from.get(usual) == {self._supposed}
+        self._either = len(self._possible) > 1 and not kept
         self._set_out()
 
     def lost(self, *, astray: bool = False) -> None:
