@@ -206,6 +206,22 @@ def test_from_home_it_may_take_either_side_and_the_refusal_says_so(order: str) -
     run(work, limits=LIMITED, behavior=TELLS, machine=machine, mounting="german")
 
 
+def test_where_nothing_has_shown_its_side_home_is_a_way_out_and_named() -> None:
+    # switched on by the zenith, it stays on its side to where it should look from the other one
+    machine = Machine(mounting="german", side_rule="stay", meridian_limits_deg=(14.0, 14.0))
+
+    async def work(rig: Rig) -> None:
+        await sent(rig, -2.5, 29.6)
+        with pytest.raises(OutsideLimits, match="it shows it when it leaves"):
+            await rig.mount.slew(rig.place(-71.9, 29.0))
+        await rig.mount.home()
+        await sent(rig, -71.9, 29.0)
+        assert rig.mechanics.pier_side() is PierSide.WEST
+
+    limits = replace(FREE, past_meridian_deg=(16.0, 5.0), margin_deg=0.3)
+    run(work, limits=limits, behavior=MUTE, machine=machine, mounting="german")
+
+
 # -- following -----------------------------------------------------------------------------------
 
 BEGAN = datetime(2026, 11, 23, 22, tzinfo=UTC)
@@ -235,6 +251,18 @@ def test_it_is_followed_over_the_meridian_and_through_the_pole() -> None:
     # the declination axis passes the pole: the tube comes out on the other side
     assert followed((20.0, 80.0, 0.0), (20.0, 87.0, 1.0), (-160.0, 86.0, 1.0)).side is PierSide.WEST
     assert followed((20.0, 80.0, 0.0), (20.1, 80.0, 24.0)).side is PierSide.EAST
+
+
+def test_a_reading_at_the_pole_itself_does_not_hide_a_change_of_sides() -> None:
+    # refraction turns the hour angle at 0.1° from the pole
+    places = (
+        (48.0, 82.0, 0.0),
+        (46.0, 88.0, 1.0),
+        (24.0, 89.9, 0.5),
+        (-120.0, 88.0, 0.5),
+        (-120.0, 84.0, 1.0),
+    )
+    assert followed(*places).side is PierSide.WEST
 
 
 def test_what_nobody_has_seen_is_not_known() -> None:

@@ -58,6 +58,10 @@ _MISREPORTED = (
     "if the tube hangs on the other side of the pier than the mount says (look at it), set swap_sides = true "
     "of the mount"
 )
+_EITHER = (
+    "nothing has shown on which side of the pier the tube hangs: order home, or park and unpark; if that is "
+    "at the pole, it shows it when it leaves"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,6 +274,7 @@ class Guard:
             told = _told(reading) or destination in _SIDES
             advice = [
                 *([self._kept.advice] if self._kept.to_deg and refusal.limit in _OF_AXES else []),
+                *([_EITHER] if self.mounting == "german" and self._followed.either else []),
                 *([_MISREPORTED] if self.mounting == "german" and told and not self.proof.stated else []),
             ]
             if not advice:

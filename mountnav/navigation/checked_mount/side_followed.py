@@ -33,6 +33,9 @@ _LONGEST_S = 60.0
 """Whatever happened in a longer pause, s, nobody has seen. Doubled, a change within it may be overlooked."""
 
 
+_AT_POLE_DEG = 0.5
+"""Nearer to the pole, °, a place tells too little of the first axis: at 0.1° refraction alone turns it by 10°
+and more. Doubled, a slow axis that crosses it is out of sight for half a second longer."""
 _FROM_HOME_DEG = 60.0
 """No farther than this, °, its first axis is taken to have turned from home to the first reading beside the
 pole. One that stood there otherwise, up to 30° past the meridian, would be as near by the wrong side from
@@ -102,6 +105,10 @@ class SideFollowed:
         moved = math.inf if home else max(_apart_deg(before[side], stands[side]) for side in before)
         if moved <= _RESTS_DEG + SIDEREAL_DEG_S * seconds:
             self._possible = {side: stands[side] for side in before}
+            return
+        if any(abs(90.0 - abs(one.second_deg)) < _AT_POLE_DEG for one in stands.values()):
+            # what it has come to is told by the next reading beside the pole
+            self._utc, self.home = then, home
             return
         far_deg = FASTEST_DEG_S * seconds + _SLACK_DEG
         if home:
