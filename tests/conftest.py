@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from pathlib import Path
 
@@ -39,6 +40,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         items += dear + rest[: share - len(dear)]
         del first[: len(dear)], rest[: share - len(dear)]
         left -= share
+
+
+def pytest_collection_finish() -> None:
+    """Leave what was imported and collected out of the search for garbage: none of it ever is.
+
+    Over 659 tests that saved a tenth of the CPU time.
+    """
+    gc.collect()
+    gc.freeze()
 
 
 def shared_folder() -> Path:
