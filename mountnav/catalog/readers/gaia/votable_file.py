@@ -27,6 +27,7 @@ LARGEST_BYTES = 1_000_000_000
 
 _END = re.compile(rb"</(?:\w+:)?VOTABLE\s*>\s*(?:<!--.*-->\s*)?$", re.DOTALL)
 _UNREADABLE = (
+    RecursionError,
     ExpatError,
     ElementTree.ParseError,
     ValueError,
