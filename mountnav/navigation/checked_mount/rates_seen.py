@@ -102,7 +102,9 @@ class RatesSeen:
         for way in _near(ways, now):
             then, here = (_on(way, one) for one in (before, now))
             ratio = _ratio(way, then, here)
-            if _towards(way, then, here) and (ratio is None or low <= ratio <= high):
+            if not _towards(way, then, here, _MOVES_DEG):
+                continue  # it goes elsewhere, whatever its rates: that is judged by where it comes to
+            if _towards(way, then, here, _STANDS_DEG) and (ratio is None or low <= ratio <= high):
                 # it goes as it may on this one, whatever its place would mean on another
                 return None
             if ratio is not None:
@@ -122,10 +124,10 @@ def _near(ways: Sequence[Way], now: Sequence[Standing]) -> list[Way]:
     return [way for one, way in far if one <= nearest + _BESIDE_DEG]
 
 
-def _towards(way: Way, then: Standing, here: Standing) -> bool:
-    """Whether no axis turns away from the way's end."""
+def _towards(way: Way, then: Standing, here: Standing, but_deg: float) -> bool:
+    """Whether no axis turns away from the way's end, by so much or more."""
     return all(
-        (now - before) * math.copysign(1.0, end - before) > -_STANDS_DEG
+        (now - before) * math.copysign(1.0, end - before) > -but_deg
         for before, now, end in (
             (then.first_deg, here.first_deg, way.end.first_deg),
             (then.second_deg, here.second_deg, way.end.second_deg),
