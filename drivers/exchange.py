@@ -49,6 +49,12 @@ class Patience:
     greeting_s: float = 15.0
 
 
+_ROUNDS = 3.0
+"""A question is asked again no sooner than after so many times as long as answers took of late: on a far line
+of a busy machine an answer that is late would be taken for none, and the next one for late. Doubled, a lost
+answer on a far line costs twice the time; never more than half the deadline."""
+_FORGOTTEN = 0.9
+"""With each answer the slowest one counts so much less. Nearer to 1, one slow answer counts for longer."""
 _MOST_HEARD_BYTES = 16_384
 """Of an answer with all that came beside it: mounts answer with some hundred at most. Without it a line that
 is never quiet would be read without end; doubled, reading it with each piece takes four times as long."""
@@ -73,6 +79,7 @@ class Exchange:
         self._ended = False
         self._asked_s: float | None = None
         self._first_s = 0.0
+        self._round_s = 0.0
         self._unanswered: set[str] = set()
         self.troubles = 0
         self.answers = 0
@@ -167,7 +174,11 @@ class Exchange:
 
     async def _answer(self, command: Command[T], until: float, owed: bool) -> T:
         loop = asyncio.get_running_loop()
-        try_until = min(until, loop.time() + self._patience.try_s)
+        asked_s = loop.time()
+        # a far line is asked again no sooner than it can have answered
+        longest_s = max(self._patience.try_s, 0.5 * self._patience.deadline_s)
+        try_s = min(max(self._patience.try_s, _ROUNDS * self._round_s), longest_s)
+        try_until = min(until, asked_s + try_s)
         heard = b""
         try:
             while (read := command.read(heard, False)) is None:
@@ -202,6 +213,9 @@ class Exchange:
                 device=self._line.address,
                 advice="check cable, speed (baud) and that nothing else talks to the mount",
             ) from cause
+        if not owed and command.repeatable:
+            # of one that was asked again nobody knows which question it answers
+            self._round_s = max(loop.time() - asked_s, _FORGOTTEN * self._round_s)
         return read.value
 
     async def _quiet(self, until: float) -> None:

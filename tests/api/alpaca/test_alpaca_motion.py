@@ -437,7 +437,7 @@ async def test_what_a_fork_without_skills_cant_it_says(fast: Running) -> None:
 
 @pytest.mark.long
 async def test_a_mount_of_j2000_is_told_so_and_spoken_to_in_j2000() -> None:
-    toml = OBSERVATORY.replace('mounting = "german",', 'mounting = "german", epoch = "icrs",')
+    toml = OBSERVATORY.replace('mounting = "german"\n', 'mounting = "german"\nepoch = "icrs"\n')
     async with running(toml, speed=SPEED) as found:
         german = found.probe
         assert await german.get("equatorialsystem") == 2
