@@ -8,7 +8,8 @@ place), jagged ones (wind, periodic error), trails with gaps, with uneven light,
 shaken once, a start before the mount stood still, ghosts mirrored about the optical axis, diffraction
 spikes, bleeding columns; and, for the stated errors, clean, dim and crowded frames. Seeds from `FIELD_SEEDS`
 on also draw fields that move otherwise here than there: turning about a place in the frame, turning about a
-far one, turning and drifting, breathing (the scale changes). Every fourth seed lays its path upon a rendered
+far one, turning and drifting, breathing (the scale changes); `--only two-places` draws two exposures in one
+that lie farther apart than any trail. Every fourth seed lays its path upon a rendered
 frame (bins or cut-outs, the noise brought back to what it was), the others upon stars drawn here.
 
 **Truth** is the flux-weighted mean of the path: the place of the sky whose light, gathered during the
@@ -79,6 +80,8 @@ class Path2:
     axis_x_px, axis_y_px : float
     grown : ndarray or None
         Natural logarithm of the scale over that of the mean, about the same place; None if it stays.
+    rests_px : (float, float) or None
+        The middle of the part that has most of the light, where that is no single step.
     """
 
     dx_px: Array
@@ -88,6 +91,7 @@ class Path2:
     axis_x_px: float = 0.0
     axis_y_px: float = 0.0
     grown: Array | None = None
+    rests_px: tuple[float, float] | None = None
 
     @property
     def turned(self) -> NDArray[np.complex128]:
@@ -103,6 +107,8 @@ class Path2:
     @property
     def rest_px(self) -> tuple[float, float] | None:
         """Where it rests for half of its light or more; None where it doesn't."""
+        if self.rests_px is not None:
+            return self.rests_px
         most = int(np.argmax(self.share))
         if self.share.size == 1 or self.share[most] < 0.5 or not self.common:
             return None
@@ -311,6 +317,29 @@ def double(rng: np.random.Generator) -> Path2:
     return _path(joined[0], joined[1], joined[2])
 
 
+def two_places(rng: np.random.Generator) -> Path2:
+    """Two exposures in one, or a slew with the shutter open: 420 to 900 px apart, each perhaps trailed."""
+    share = rng.uniform(0.25, 1.0, 2)
+    away, toward = rng.uniform(420.0, 900.0), rng.uniform(0, math.tau)
+    parts = []
+    for k, weight in enumerate(share):
+        length, angle = float(rng.choice([0.0, rng.uniform(2, 40)])), rng.uniform(0, math.tau)
+        s = _steps(length)
+        x, y = k * away * math.cos(toward), k * away * math.sin(toward)
+        parts.append(
+            (
+                x + s * length * math.cos(angle),
+                y + s * length * math.sin(angle),
+                np.full(s.size, weight / s.size),
+            )
+        )
+    joined = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    path = _path(joined[0], joined[1], joined[2])
+    brighter = parts[int(np.argmax(share))]
+    middle = len(brighter[0]) // 2 + (len(parts[0][0]) if share[1] > share[0] else 0)
+    return replace(path, rests_px=(float(path.dx_px[middle]), float(path.dy_px[middle])))
+
+
 def double10(rng: np.random.Generator) -> Path2:
     """Two exposures in one, about 10 px apart, alike bright or not."""
     away, toward = rng.uniform(6, 14), rng.uniform(0, math.tau)
@@ -387,6 +416,8 @@ FIELDS: dict[str, Callable[[np.random.Generator], Path2]] = {
     "turning-drift": turning_drifting,
     "breathing": breathing,
 }
+FAR: dict[str, Callable[[np.random.Generator], Path2]] = {"two-places": two_places}
+"""Drawn on demand only. The brighter of two places is as right as the mean: most light rested there."""
 FIELD_SEEDS = 50_000
 """Seeds from here on draw these as well; below, a seed's frame is what it was when its outcome was told."""
 OFTEN = ("straight", "straight", "curved", "jagged", "gap", "double")
@@ -512,7 +543,7 @@ def _upon_stars(kind: str, path: Path2, rng: np.random.Generator) -> Trial:
     hint = _hint(rng, center, scale, side)
     frame = _frame(pixels)
     told = f"{side} px of {scale}″, FWHM {optics.fwhm_px:.1f}, {path.length_px:.0f} px"
-    rest = path.rest_px if kind == "stop-and-go" else None
+    rest = path.rest_px if kind in ("stop-and-go", *FAR) else None
     return Trial(kind, told, frame, hint, scale, truth, middle, middle, rest)
 
 
@@ -586,7 +617,7 @@ def _upon_rendered(kind: str, path: Path2, rng: np.random.Generator) -> Trial:
         at_x, at_y = test["x"][k] - left, test["y"][k] - low
     frame = replace(_frame(_laid(pixels, path, rng)), saturation_adu=None)
     hint = _hint(rng, truth, scale, pixels.shape[0])
-    rest = path.rest_px if kind == "stop-and-go" else None
+    rest = path.rest_px if kind in ("stop-and-go", *FAR) else None
     told = f"{one['file']} {path.length_px:.0f} px"
     return Trial(kind, told, frame, hint, scale, truth, at_x, at_y, rest)
 
@@ -621,7 +652,7 @@ def trial(seed: int, only: tuple[str, ...] = ()) -> Trial:
     rng = np.random.default_rng(seed)
     kinds = only or (*PATHS, *OFTEN, *(FIELDS if seed >= FIELD_SEEDS else ()))
     kind = kinds[int(rng.integers(len(kinds)))]
-    path = (PATHS | FIELDS)[kind](rng)
+    path = (PATHS | FIELDS | FAR)[kind](rng)
     if kind in MOVED and seed % RENDERED_EVERY == 0:
         return _upon_rendered(kind, path, rng)
     return _upon_stars(kind, path, rng)
@@ -728,7 +759,7 @@ def main() -> None:
             )
     titles = ("kind", "frames", "right", "refused", "wrong", "error px (median)", "chi²", "reasons")
     print(f"\n| {' | '.join(titles)} |\n{'|---' * len(titles)}|")
-    for kind in (*PATHS, *FIELDS):
+    for kind in (*PATHS, *FIELDS, *FAR):
         if kind in tallies:
             print(tallies[kind].row(kind))
     print(_summed(tallies).row("all"))

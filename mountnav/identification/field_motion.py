@@ -257,6 +257,63 @@ class SecondImage:
         return abs(self.center_px) * self.ratio / (1.0 + self.ratio)
 
 
+@dataclass(frozen=True, slots=True)
+class Strangers:
+    """The bright patches of light that no star of a plate explains, brightest first; shape (n,).
+
+    Attributes
+    ----------
+    x_px, y_px, flux : ndarray
+    known : ndarray of int
+        Indices of the brightest patches that the plate's stars do explain.
+    many : bool
+        So many of them are bright that they may be stars as well as the known ones are.
+    """
+
+    x_px: Array
+    y_px: Array
+    flux: Array
+    known: Index
+    many: bool
+
+
+def strangers(patches: Patches, x_px: Array, y_px: Array, light: Array) -> Strangers | None:
+    """Part the patches of light into those that a plate's stars explain and the others.
+
+    Parameters
+    ----------
+    patches : Patches
+    x_px, y_px, light : ndarray, shape (n,)
+        Where a plate has all the stars that it knows of, and their light by the catalog.
+
+    Returns
+    -------
+    Strangers or None
+        None where no patch is known, so that nothing tells what a star's light is here.
+    """
+    at = patches.at(x_px, y_px)
+    own = np.bincount(at[at >= 0], light[at >= 0], minlength=patches.x_px.size)
+    known = np.flatnonzero(own > 0)
+    if known.size == 0:
+        return None
+    brightest = known[np.argsort(-own[known], kind="stable")][:STARS]
+    per_light = float(np.median(patches.flux[brightest] / own[brightest]))
+    # a faint star that happens to lie in a bright patch doesn't explain it
+    strange = patches.flux > UNEXPLAINED * per_light * own
+    known = known[~strange[known]]
+    if known.size == 0:
+        return None
+    known = known[np.argsort(-patches.flux[known], kind="stable")][:STARS]
+    bright = BRIGHT_SHARE * float(np.median(patches.flux[known[: STARS // 2]]))
+    others = np.flatnonzero(strange)
+    others = others[np.argsort(-patches.flux[others], kind="stable")][:OTHERS]
+    count = int((patches.flux[others] > bright).sum())
+    fewest = STRANGERS * (count + int((patches.flux[known] > bright).sum()))
+    return Strangers(
+        patches.x_px[others], patches.y_px[others], patches.flux[others], known, count >= max(FEWEST, fewest)
+    )
+
+
 def second_image(
     patches: Patches,
     x_px: Array,
@@ -289,29 +346,15 @@ def second_image(
     -------
     SecondImage or None
     """
-    at = patches.at(x_px, y_px)
-    own = np.bincount(at[at >= 0], light[at >= 0], minlength=patches.x_px.size)
-    known = np.flatnonzero(own > 0)
-    if known.size < FEWEST:
+    found = strangers(patches, x_px, y_px, light)
+    if found is None or min(found.known.size, found.x_px.size) < FEWEST:
         return None
-    brightest = known[np.argsort(-own[known], kind="stable")][:STARS]
-    per_light = float(np.median(patches.flux[brightest] / own[brightest]))
-    # a faint star that happens to lie in a bright patch doesn't explain it
-    strange = patches.flux > UNEXPLAINED * per_light * own
-    known = known[~strange[known]]
-    if known.size < FEWEST:
+    if not (drawn_out or found.many):
         return None
-    known = known[np.argsort(-patches.flux[known], kind="stable")][:STARS]
-    bright = BRIGHT_SHARE * float(np.median(patches.flux[known[: STARS // 2]]))
-    others = np.flatnonzero(strange)
-    others = others[np.argsort(-patches.flux[others], kind="stable")][:OTHERS]
-    strangers = int((patches.flux[others] > bright).sum())
-    fewest = STRANGERS * (strangers + int((patches.flux[known] > bright).sum()))
-    if others.size < FEWEST or (not drawn_out and strangers < max(FEWEST, fewest)):
-        return None
+    known = found.known
     first = patches.x_px[known] + 1j * patches.y_px[known] - center
-    second = patches.x_px[others] + 1j * patches.y_px[others] - center
-    return _second(first, patches.flux[known], second, patches.flux[others], center, shape)
+    second = found.x_px + 1j * found.y_px - center
+    return _second(first, patches.flux[known], second, found.flux, center, shape)
 
 
 def _second(

@@ -17,11 +17,13 @@ from mountnav.identification.field_motion import (
     centers_of_light,
     field_motion,
     second_image,
+    strangers,
 )
 from mountnav.identification.identified import Identified
 from mountnav.identification.pairing import predicted
 from mountnav.identification.plate import Plate
 from mountnav.identification.reference import Reference, Selection
+from mountnav.identification.second_sky import FAR_DIAGONALS, PER_FRAME, SecondSky, second_sky
 from mountnav.identification.selection import star_like
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.identification.verification import KEPT_SHARE, reach_of, sound
@@ -163,6 +165,9 @@ def in_its_light(
     why = field.contradicts(path, fwhm_px)
     if why:
         return InItsLight(_as_turned(found, field, why), measurements, path, points=False)
+    other = _second_sky(patches, reference, stars, measurements, sky)
+    if other is not None and not _in_path(path, other, field.half_px):
+        return InItsLight(_as_two_skies(found, other), measurements, path, points=False)
     if not _sure(path) or _moved_px(fwhm_px) < path.off_px <= MOVED_SIGMAS * path.sigma_px:
         return InItsLight(_refused(found, path), measurements, path, points=False)
     if not stands(path, fwhm_px):
@@ -238,14 +243,19 @@ class _Field:
     def contradicts(self, path: LightPath, fwhm_px: float) -> str:
         """Why the plate isn't that of the exposure's middle; empty if it may be."""
         second, motion = self.second, self.motion
-        # one that lies at the same offset everywhere is in the path; of another the mean over the stars
-        # shows nothing, however near it is
-        if second is not None and abs(second.turn) * self.half_px > CORNER_PX:
-            return (
-                f"{second.stars} of the identified stars are seen a second time, turned or at another "
-                f"scale, {abs(second.center_px):.0f} px away at the frame's center (two exposures in one "
-                f"of a field that turned?)"
-            )
+        if second is not None:
+            # of one that is turned the mean over the stars shows nothing, however near it is
+            turned = abs(second.turn) * self.half_px > CORNER_PX
+            # one that lies at the same offset everywhere is in the path, unless few stars have theirs in the
+            # frame and it is drawn out: then each of them is seen where their mean isn't
+            there = path.holds(second.center_px.real, second.center_px.imag)
+            if turned or (not there and second.pull_px > _moved_px(fwhm_px)):
+                how = "turned or at another scale, " if turned else ""
+                what = "two exposures in one of a field that turned?" if turned else "two exposures in one?"
+                return (
+                    f"{second.stars} of the identified stars are seen a second time, {how}"
+                    f"{abs(second.center_px):.0f} px away at the frame's center ({what})"
+                )
         common = 0j if stands(path, fwhm_px) else complex(path.dx_px, path.dy_px)
         if motion is not None and motion.differs:
             off_px = abs(motion.center_px - common)
@@ -303,6 +313,55 @@ def _field(
                 some, there.x_px, there.y_px, light, center, (height, width), drawn_out=drawn_out
             )
     return _Field(centers, field_motion(centers), second, abs(center))
+
+
+def _second_sky(
+    patches: Patches, reference: Reference, stars: Stars, measurements: Measurements, sky: Sky | None
+) -> SecondSky | None:
+    """Look whether the light that isn't the identified stars' is that of another place's stars."""
+    plate, shape = reference.plate, (measurements.height_px, measurements.width_px)
+    there = predicted(plate, stars, width_px=shape[1], height_px=shape[0])
+    mag = np.sort(stars.mag[there.star][np.isfinite(stars.mag[there.star])])
+    if mag.size == 0:
+        return None
+    light = 10.0 ** (-0.4 * np.where(np.isfinite(stars.mag[there.star]), stars.mag[there.star], np.inf))
+    around: Stars | None = None
+    for some in (patches, patches.parts):
+        left = None if some is None else strangers(some, there.x_px, there.y_px, light)
+        if left is None or not left.many:
+            continue
+        if around is None:
+            around = _stars_about(plate, stars, shape, float(mag[:PER_FRAME][-1]), sky)
+        found = second_sky(left, plate, around.ra_deg, around.dec_deg, shape)
+        if found is not None:
+            return found
+    return None
+
+
+def _stars_about(
+    plate: Plate, stars: Stars, shape: tuple[int, int], faintest_mag: float, sky: Sky | None
+) -> Stars:
+    """The bright stars as far about the frame as another place may lie; else those at hand."""
+    radius_deg = FAR_DIAGONALS * math.hypot(*shape) * plate.scale_arcsec_px() / 3600.0
+    more = None if sky is None else sky(plate.center(), radius_deg, faintest_mag)
+    around = stars if more is None else more
+    return around.only(around.mag <= faintest_mag)
+
+
+def _in_path(path: LightPath, other: SecondSky, half_px: float) -> bool:
+    """Whether another place is so near, and turned so little, that the mean path has its light."""
+    near = path.holds(other.offset_px.real, other.offset_px.imag)
+    return near and abs(other.turn_rad) * half_px <= CORNER_PX
+
+
+def _as_two_skies(found: Identified, other: SecondSky) -> Identified:
+    away_px = abs(other.offset_px)
+    detail = (
+        f"{other.stars} sources that the identified stars don't explain are stars of another place, "
+        f"{away_px:.0f} px from the frame's center (two exposures in one?)"
+    )
+    numbers = found.numbers | {"second_sky_px": away_px}
+    return replace(found, reference=None, reason=Reason.TRAILED, detail=detail, numbers=numbers)
 
 
 def _as_turned(found: Identified, field: _Field, why: str) -> Identified:

@@ -8,7 +8,8 @@ far below what a single star shows, and its center of light tells where the plat
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,6 +108,9 @@ class LightPath:
     halo_share : float
         Of the light near by, what lies too far off for a point and is too faint to have a part in the center
         of light; 0 where it was not asked.
+    where : ndarray of bool, shape (side, side), optional
+        Where the light is that has a part in the center, in bins of two pixels about the given place; None
+        where it is the star's image alone.
     """
 
     dx_px: float
@@ -119,6 +123,18 @@ class LightPath:
     stars: int
     axis_ratio: float = 0.0
     halo_share: float = 0.0
+    where: Mask | None = field(default=None, compare=False, repr=False)
+
+    def holds(self, dx_px: float, dy_px: float) -> bool:
+        """Whether light so far from the given place has a part in the center of light."""
+        if self.where is None:
+            return math.hypot(dx_px, dy_px) <= self.extent_px
+        half = self.where.shape[0] // 2
+        column, row = half + round(dx_px / _FINE_BIN_PX), half + round(dy_px / _FINE_BIN_PX)
+        near = round(_LIGHT_PX / _FINE_BIN_PX)
+        return bool(
+            self.where[max(0, row - near) : row + near + 1, max(0, column - near) : column + near + 1].any()
+        )
 
     @property
     def drawn_out(self) -> bool:
@@ -651,6 +667,7 @@ def _whole(pixels: NDArray[np.generic], x: Array, y: Array, flux: Array, seen: M
         cut,
         True,
         x.size,
+        where=mask,
     )
 
 
