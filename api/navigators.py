@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from api.solving import solve_settings
+from api.solver.solving import solve_settings
 from mountnav.catalog.stars import Catalog
 from mountnav.clock import Clock
+from mountnav.devices import Camera, Mount
 from mountnav.journal.records import Journal
-from mountnav.navigation.devices import Camera, Mount
 from mountnav.navigation.equipment import Listener, Solve
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.pointing.limits import Limits
 from mountnav.pointing.model.loading import pointing_of
-from mountnav.settings import Settings, SimulatedCameraSettings, TelescopeSettings
+from mountnav.settings.observatory import Settings, SimulatedCameraSettings, TelescopeSettings
 
 _OF_THE_SUN = ("sun_cone_deg", "daylight")
 

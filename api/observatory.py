@@ -9,17 +9,18 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from api.last_frame import LastFrame
+from api.cli.replay_header import recording_header
+from api.http.last_frame import LastFrame
 from api.navigators import make_navigator
-from api.replay_header import recording_header
-from api.taking_up import TakingUp
+from api.orders.taking_up import TakingUp
 from api.virtual_bench import fake_on_pty, mechanics_of
-from drivers.bench import FakeOnPty
-from drivers.fakes import dialects
+from drivers.fakes.bench import FakeOnPty
+from drivers.fakes.fakes import dialects
 from drivers.folder.camera import FolderCamera
 from drivers.registry import open_camera, open_mount
 from mountnav.catalog.shelf import DrawnSky, Shelf
 from mountnav.catalog.stars import Catalog
+from mountnav.devices import Camera, Mount
 from mountnav.errors import (
     BadSettings,
     DeviceError,
@@ -31,22 +32,21 @@ from mountnav.errors import (
 )
 from mountnav.journal.records import Journal
 from mountnav.journal.sql_journal import SqlJournal
-from mountnav.navigation.devices import Camera, Mount
 from mountnav.navigation.equipment import Solve
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.reports import TelescopeState
 from mountnav.night.daylight import night_name
 from mountnav.night.recording import NightRecording, RecordedJournal
-from mountnav.settings import (
+from mountnav.settings.alpaca_camera import AlpacaCameraSettings
+from mountnav.settings.observatory import (
     FolderCameraSettings,
     IndiCameraSettings,
     Settings,
     SimulatedCameraSettings,
     TelescopeSettings,
 )
-from mountnav.settings_alpaca_camera import AlpacaCameraSettings
+from mountnav.settings.toml_lines import line_of
 from mountnav.simulation.mechanics import Mechanics
-from mountnav.toml_lines import line_of
 
 _log = logging.getLogger(__name__)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from api.doors import Door, Doors
+from api.listeners import Door, Doors
 
 if TYPE_CHECKING:
     from api.service import Service

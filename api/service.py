@@ -10,29 +10,29 @@ from typing import Annotated
 
 from fastapi import Depends, Request
 
-from api.audit import Audit
-from api.desk import Desk
-from api.doors import Doors
+from api.access.audit import Audit
+from api.access.leases import Leases
 from api.events import Events
-from api.jobs import Job, Jobs
-from api.leases import Leases
-from api.longer_orders import LongerOrders
-from api.making_way import make_way
-from api.metrics import Metrics, Observed
-from api.night_runner import Nights
-from api.nights import nights_of
+from api.http.metrics import Metrics, Observed
+from api.http.views import result_view
+from api.listeners import Doors
+from api.nights.night_runner import Nights
+from api.nights.nights import nights_of
 from api.observatory import Observatory, Telescope, build_observatory
-from api.remembering import Remembering
-from api.solver import Solver
-from api.solver_limits import Limits
-from api.solving import solve_settings
-from api.views import result_view
+from api.orders.desk import Desk
+from api.orders.jobs import Job, Jobs
+from api.orders.longer_orders import LongerOrders
+from api.orders.making_way import make_way
+from api.orders.remembering import Remembering
+from api.solver.solver import Solver
+from api.solver.solver_limits import Limits
+from api.solver.solving import solve_settings
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import DeviceError
 from mountnav.journal.job_store import JobStore
 from mountnav.journal.sql_journal import SqlJournal, open_journal
-from mountnav.settings import Settings
-from mountnav.solve_settings import SolveSettings
+from mountnav.settings.observatory import Settings
+from mountnav.solving.settings import SolveSettings
 
 _FIRST_READINGS_S = 5.0
 

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from mountnav.night.daylight import dark_from
-from mountnav.settings_demo import DemoSettings
+from mountnav.settings.demo import DemoSettings
 from mountnav.simulation.sky_clock import FastClock
 from mountnav.sky.coordinates import Site
 from mountnav.sky.present import utc_now, virtual_present, virtual_time

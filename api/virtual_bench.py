@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from drivers.bench import FakeOnPty
-from drivers.bench.fast_time import InFastTime
-from drivers.fakes import machine, make_fake
+from drivers.fakes.bench import FakeOnPty
+from drivers.fakes.bench.fast_time import InFastTime
+from drivers.fakes.fakes import machine, make_fake
 from mountnav.clock import seconds
-from mountnav.settings import MountErrorSettings, Settings, TelescopeSettings
+from mountnav.settings.observatory import MountErrorSettings, Settings, TelescopeSettings
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.pointing_errors import PointingErrors

@@ -49,6 +49,7 @@ from benchmarks.worlds import (
 )
 from drivers.simulated.incidents import let_happen
 from mountnav.catalog.stars import Catalog
+from mountnav.devices import PierSide
 from mountnav.errors import (
     DeviceError,
     DeviceRefused,
@@ -63,7 +64,6 @@ from mountnav.errors import (
     TargetNotReached,
 )
 from mountnav.journal.memory import MemoryJournal
-from mountnav.navigation.devices import PierSide
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy, CorrectBy
 from mountnav.navigation.sync_policy import SyncPolicy

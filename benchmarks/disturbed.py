@@ -24,7 +24,7 @@ from mountnav.reading import read_frame
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.solution import Verdict
-from mountnav.solve import solve
+from mountnav.solving.solve import solve
 
 SEED = 2246
 PRESETS = "ABCE"

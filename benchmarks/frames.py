@@ -23,7 +23,7 @@ from mountnav.reading import read_frame
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, separation_arcsec
 from mountnav.solution import Verdict
-from mountnav.solve import SolveSettings, solve
+from mountnav.solving.solve import SolveSettings, solve
 
 SEED = 20230511
 

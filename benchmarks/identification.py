@@ -30,7 +30,7 @@ def measured(word: str) -> list[tuple[str, Any]]:
     from benchmarks.frames import rendered, shared_folder
     from mountnav.measuring.measure import measure
     from mountnav.reading import demosaiced, read_frame
-    from mountnav.solve import epoch_of
+    from mountnav.solving.solve import epoch_of
 
     out = []
     for known in rendered(shared_folder()):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from benchmarks.worlds import AIR, Observatory, World, sun_at
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.simulation.geometry import perfect_direction, true_direction
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.posture import axes_at, side_for

@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.killed_child import AIR, LONGEST_S, SITE, Plan, child
-from drivers.bench import FakeOnPty
+from drivers.fakes.bench import FakeOnPty
 from drivers.lx200.fake import FakeLx200
 from mountnav.journal.guesses import Likely
 from mountnav.journal.reading import JournalReader

@@ -10,9 +10,9 @@ from datetime import datetime
 from multiprocessing.connection import Connection
 from typing import Any, cast
 
+from drivers.generic.timing import Timing
 from drivers.lx200.mount import lx200_mount
 from drivers.simulated.truth_camera import TruthCamera
-from drivers.timing import Timing
 from mountnav.catalog.stars import Catalog
 from mountnav.clock import SystemClock
 from mountnav.errors import MountnavError

@@ -32,7 +32,7 @@ from mountnav.catalog.stars import Catalog
 from mountnav.identification.accuracy import accuracy_table, deviations, pooled
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.simulation.sky_kinds import KINDS
-from mountnav.solve_settings import SolveSettings
+from mountnav.solving.settings import SolveSettings
 
 TYCHO = "tycho-2"
 BATCH = 20

@@ -19,8 +19,8 @@ from mountnav.simulation.sky_stores import write_store
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, separation_arcsec
 from mountnav.solution import Solution
-from mountnav.solve import solve
-from mountnav.solve_settings import SolveSettings
+from mountnav.solving.settings import SolveSettings
+from mountnav.solving.solve import solve
 
 RIGHT_PX, RIGHT_ARCSEC, RIGHT_SCALE = 2.0, 3.0, 0.01
 """An answer that is farther off than any of these is wrong."""

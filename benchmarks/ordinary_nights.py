@@ -26,8 +26,8 @@ from typing import Literal, Protocol
 
 import numpy as np
 
+from mountnav.devices import PierSide
 from mountnav.errors import ModelRefused
-from mountnav.navigation.devices import PierSide
 from mountnav.pointing.model.in_force import ModelInForce
 from mountnav.pointing.model.making import Made, make
 from mountnav.pointing.model.mechanical import Conversion, mechanical

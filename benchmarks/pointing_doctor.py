@@ -15,7 +15,7 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.pointing.doctor import ORDINARY, Diagnosis, Geometry, Illness, diagnose, known
 from mountnav.pointing.observation import PointingObservation
 from mountnav.simulation.geometry import true_direction

@@ -21,7 +21,7 @@ from mountnav.identification.wcs import places_at_pixels
 from mountnav.reading import read_frame
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.solution import Verdict
-from mountnav.solve import SolveSettings, solve
+from mountnav.solving.solve import SolveSettings, solve
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,7 +31,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import cast
 
-from api.night_runner import NightParts, NightRunner
+from api.nights.night_runner import NightParts, NightRunner
 from benchmarks.journal_story import untold
 from benchmarks.judging import Place, standing, violations, way_is_clear, wrong_syncs
 from benchmarks.worlds import AIR, Observatory, World, built, drawn
@@ -47,7 +47,7 @@ from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.sync_policy import SyncPolicy
 from mountnav.night.placing import BySolve
 from mountnav.pointing.limits import Limits
-from mountnav.settings_night import NightSettings
+from mountnav.settings.night import NightSettings
 from mountnav.simulation.mechanics import Machine, PointingErrors
 from mountnav.simulation.sky_script import SkyScript
 from mountnav.simulation.virtual_time import VirtualClock, run_virtually

@@ -47,8 +47,8 @@ def commands(asked: list[str]) -> dict[str, Command]:
         "python": [*python, "pass"],
         "numpy": [*python, "import numpy"],
         "import mountnav.reading": [*python, "import mountnav.reading"],
-        "import mountnav.solve": [*python, "import mountnav.solve"],
-        "import api.app": [*python, "import api.app"],
+        "import mountnav.solving.solve": [*python, "import mountnav.solving.solve"],
+        "import api.http.app": [*python, "import api.http.app"],
         "import astropy.io.fits": [*python, "import astropy.io.fits"],
         "import astropy_healpix": [*python, "import astropy_healpix"],
         "mountnav --version": [*mountnav, "--version"],
@@ -94,7 +94,7 @@ def main() -> None:
                 f"| {median_s / floor_s:.2f} |",
                 flush=True,
             )
-        last = list(found)[-2] if sys.argv[1:] else "import mountnav.solve"
+        last = list(found)[-2] if sys.argv[1:] else "import mountnav.solving.solve"
         print(f"\nimports of `{last}`, ms of each package's own modules:")
         shares = import_shares(found[last], environment)
         for package, share_ms in sorted(shares.items(), key=lambda one: -one[1])[:12]:

@@ -33,7 +33,7 @@ from mountnav.simulation.render import draw_frame, julian_year
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, gnomonic_inverse, separation_arcsec
 from mountnav.solution import Solution
-from mountnav.solve import solve
+from mountnav.solving.solve import solve
 
 Array = NDArray[np.float64]
 
@@ -293,7 +293,7 @@ def main() -> None:
     done, refused, wall_s = run(asked.measurements, when, asked.factor, optics_preset("ison-nm"))
     print(report(done, refused, when, asked.factor, wall_s))
     if asked.plot is not None:
-        from api.accuracy_plots import write_plots
+        from api.cli.accuracy_plots import write_plots
 
         asked.plot.mkdir(parents=True, exist_ok=True)
         write_plots([one.solution for one in done], asked.plot)

@@ -49,8 +49,8 @@ from mountnav.simulation.render import project
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, gnomonic_inverse, separation_arcsec
 from mountnav.solution import Verdict
-from mountnav.solve import solve
-from mountnav.solve_settings import SolveSettings
+from mountnav.solving.settings import SolveSettings
+from mountnav.solving.solve import solve
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.float32]

@@ -11,12 +11,11 @@ from typing import Any, Literal
 
 import erfa
 
-from drivers.driven import DrivenMount
-from drivers.exchange import Patience
-from drivers.fakes import machine as usual_machine
-from drivers.fakes import make_fake
+from drivers.fakes.fakes import machine as usual_machine
+from drivers.fakes.fakes import make_fake
+from drivers.generic import DrivenMount
+from drivers.generic.timing import Timing
 from drivers.ioptron.language import IoptronLanguage
-from drivers.link import Link
 from drivers.lx200.language import Lx200Language
 from drivers.nexstar.language import NexstarLanguage
 from drivers.simulated.behavior import MountBehavior
@@ -24,8 +23,9 @@ from drivers.simulated.memory_line import MemoryLine
 from drivers.simulated.mount import SimulatedMount
 from drivers.simulated.truth_camera import TruthCamera
 from drivers.skywatcher.language import SkywatcherLanguage
-from drivers.timing import Timing
-from drivers.wire_log import WireLog
+from drivers.wire.exchange import Patience
+from drivers.wire.link import Link
+from drivers.wire.wire_log import WireLog
 from mountnav.navigation.kinds import from_mount
 from mountnav.pointing.limits import Limits
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors, SyncBehavior

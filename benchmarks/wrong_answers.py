@@ -30,7 +30,7 @@ from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Measurements
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
-from mountnav.solve import epoch_of
+from mountnav.solving.solve import epoch_of
 
 PATIENT_EVERY = 50
 PATIENCE = 25.0

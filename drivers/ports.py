@@ -16,7 +16,7 @@ from types import ModuleType
 
 from serial.tools import list_ports
 
-from drivers.line import SerialLine
+from drivers.wire.line import SerialLine
 from mountnav.errors import DeviceError, DeviceMissing
 
 _STABLE = Path("/dev/serial/by-id")

@@ -12,8 +12,8 @@ from importlib.metadata import entry_points
 from typing import Any
 from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
 
+from mountnav.devices import Camera, Mount
 from mountnav.errors import BadSettings
-from mountnav.navigation.devices import Camera, Mount
 from mountnav.parsing import repeated
 from mountnav.sky.coordinates import Site
 
@@ -225,7 +225,7 @@ def open_mount(url: str, *, name: str | None = None, site: Site | None = None) -
     url : str
         ``driver+serial:///device/path?option=value``, ``driver+tcp://host:port``,
         ``indi://host:port/device`` or ``alpaca+http://user:password@host:port/telescope/0``.
-        Options of all: see `drivers.mount_options`.
+        Options of all: see `drivers.generic.mount_options`.
     name : str, optional
         For messages; the address by default.
     site : Site, optional

@@ -13,7 +13,7 @@ from benchmarks.narrow_frames import Field, Result, chosen_field, instant, resul
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, separation_arcsec
-from mountnav.solve_settings import SolveSettings
+from mountnav.solving.settings import SolveSettings
 
 NARROW = ("prompt-8", "mayaki-azt-3", "vihorlat-vnt")
 WHEN = instant(2026.9)

@@ -11,14 +11,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.fault_files import read_faults
-from drivers.recording import read_dialogue
+from drivers.fakes.fault_files import read_faults
+from drivers.wire.recording import read_dialogue
 from mountnav.errors import BadRequest, BadSettings, MountnavError
 from mountnav.night.recorded import read_recording
 from mountnav.parsing import json_of, repeated, toml_of
 from mountnav.pointing.model.model import PointingModel
 from mountnav.pointing.observation_file import read_observations
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 from mountnav.simulation.machine_file import MachineFile
 from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.simulation.sky_script import SkyScript

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from api.cli import app
-from drivers.fault_files import read_faults
-from drivers.recording import read_dialogue
+from api.cli.cli import app
+from drivers.fakes.fault_files import read_faults
+from drivers.wire.recording import read_dialogue
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.readers import open_reader
 from mountnav.errors import MountnavError
@@ -26,7 +26,7 @@ from mountnav.pointing.model.model import PointingModel
 from mountnav.pointing.model.run_file import read_run
 from mountnav.pointing.observation_file import read_observations
 from mountnav.reading import read_frame
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 from mountnav.simulation.machine_file import MachineFile
 from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.simulation.sky_script import SkyScript

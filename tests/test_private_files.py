@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from api.access.keys import KeyStore
 from api.alpaca.unique_ids import unique_ids
-from api.keys import KeyStore
 from mountnav.catalog.importing.lock import held
 from mountnav.errors import BadSettings
 from mountnav.journal.sql_journal import open_journal

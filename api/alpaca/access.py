@@ -5,9 +5,9 @@ from __future__ import annotations
 from starlette.datastructures import Headers
 from starlette.types import Scope
 
-from api.callers import Caller, Face, Role
-from api.keys import KeyStore
-from api.security import address_of, caller_from_headers
+from api.access.callers import Caller, Face, Role
+from api.access.keys import KeyStore
+from api.access.security import address_of, caller_from_headers
 
 
 def alpaca_caller(scope: Scope, keys: KeyStore, *, is_open: bool) -> Caller:

@@ -11,7 +11,7 @@ from collections.abc import Awaitable, Callable
 
 from api.alpaca.clients import Client
 from api.alpaca.refusals import AlpacaError, error_of
-from api.faults import internal_problem
+from api.http.faults import internal_problem
 from mountnav.tasks import begun
 
 _log = logging.getLogger(__name__)

@@ -17,7 +17,7 @@ import struct
 import time
 from collections.abc import Iterator
 
-from mountnav.settings_faces import AlpacaSettings
+from mountnav.settings.faces import AlpacaSettings
 
 _log = logging.getLogger(__name__)
 

@@ -7,9 +7,9 @@ import logging
 from collections.abc import Callable
 
 from api.alpaca.refusals import AlpacaError, error_of
-from api.faults import problem_of
+from api.http.faults import problem_of
 from api.observatory import Telescope
-from api.watching import Watch
+from api.orders.watching import Watch
 from mountnav.errors import MountnavError
 from mountnav.tasks import begun
 

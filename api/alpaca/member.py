@@ -9,7 +9,7 @@ from typing import Literal
 from api.alpaca.parameters import decimal, truth, whole, words
 from api.alpaca.refusals import invalid_value
 from api.alpaca.telescope import AlpacaTelescope, Call
-from mountnav.navigation.devices import Skill
+from mountnav.devices import Skill
 
 Read = Callable[[str, str], object]
 Act = Callable[[AlpacaTelescope, Call], object]

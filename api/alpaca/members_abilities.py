@@ -18,7 +18,7 @@ from api.alpaca.member import (
 from api.alpaca.members_parking import can_unpark
 from api.alpaca.members_slewing import can_slew_alt_az
 from api.alpaca.telescope import AlpacaTelescope, Call
-from mountnav.navigation.devices import Skill
+from mountnav.devices import Skill
 
 _CAN: dict[str, Callable[[AlpacaTelescope], bool]] = {
     "canfindhome": with_skill(Skill.HOME),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from api.alpaca.member import Member, with_skill
 from api.alpaca.telescope import AlpacaTelescope, Call
-from api.orders import HomeOrder, ParkOrder, SetParkOrder, UnparkOrder
-from mountnav.navigation.devices import Skill
+from api.orders.orders import HomeOrder, ParkOrder, SetParkOrder, UnparkOrder
+from mountnav.devices import Skill
 
 _AT_ONCE_S = 0.5
 """So long an unpark is waited for: most mounts have it done by then, and a client sees it at once."""

@@ -21,7 +21,7 @@ from api.alpaca.member import (
 from api.alpaca.parameters import instant
 from api.alpaca.refusals import AlpacaError
 from api.alpaca.telescope import AlpacaTelescope, Call
-from mountnav.navigation.devices import PierSide, Skill
+from mountnav.devices import PierSide, Skill
 from mountnav.sky.chain import sidereal_time_deg
 from mountnav.sky.coordinates import Apparent, Icrs, utc_now
 

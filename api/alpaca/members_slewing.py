@@ -23,10 +23,10 @@ from api.alpaca.member import (
 )
 from api.alpaca.refusals import invalid_operation, not_set, parked
 from api.alpaca.telescope import AlpacaTelescope, Call, Targets
-from api.carrying_out import there
-from api.orders import SlewOrder, SyncToOrder
-from api.targets import AltAzTarget, ApparentTarget, IcrsTarget
-from mountnav.navigation.devices import Skill
+from api.orders.carrying_out import there
+from api.orders.orders import SlewOrder, SyncToOrder
+from api.orders.targets import AltAzTarget, ApparentTarget, IcrsTarget
+from mountnav.devices import Skill
 from mountnav.navigation.navigator import Navigator
 
 LONGEST_SETTLE_S = 300

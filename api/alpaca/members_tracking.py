@@ -8,8 +8,8 @@ from api.alpaca.member import Member, Parameter, Range, decimal, never, nothing,
 from api.alpaca.pulses import DIRECTIONS
 from api.alpaca.refusals import invalid_operation, invalid_value, parked
 from api.alpaca.telescope import AlpacaTelescope, Call
-from api.orders import GuideOrder, TrackingOrder
-from mountnav.navigation.devices import Skill, TrackingRate
+from api.orders.orders import GuideOrder, TrackingOrder
+from mountnav.devices import Skill, TrackingRate
 
 RATES = (TrackingRate.SIDEREAL, TrackingRate.LUNAR, TrackingRate.SOLAR, TrackingRate.KING)
 """As Alpaca counts them: 0 to 3."""

@@ -11,13 +11,13 @@ import contextlib
 import logging
 from collections.abc import Awaitable, Callable
 
+from api.access.callers import Caller
 from api.alpaca.clients import Client
 from api.alpaca.refusals import AlpacaError, Number, failure_of
-from api.callers import Caller
-from api.desk import Desk
-from api.faults import problem_of
-from api.job import Job
-from api.orders import Order
+from api.http.faults import problem_of
+from api.orders.desk import Desk
+from api.orders.job import Job
+from api.orders.orders import Order
 from mountnav.errors import MountnavError
 from mountnav.navigation.navigator import Navigator
 from mountnav.sky.present import real_s

@@ -6,12 +6,12 @@ import asyncio
 import contextlib
 from typing import Literal
 
+from api.access.callers import Caller
 from api.alpaca.refusals import AlpacaError, error_of, failure_of, invalid_operation
-from api.callers import Caller
-from api.desk import Desk
-from api.faults import Refused, problem_of
-from api.job import Job
-from api.orders import GuideOrder
+from api.http.faults import Refused, problem_of
+from api.orders.desk import Desk
+from api.orders.job import Job
+from api.orders.orders import GuideOrder
 from mountnav.errors import MountnavError
 from mountnav.tasks import begun, fault_words, waited_for
 

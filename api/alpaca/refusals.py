@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from api.faults import Problem
+from api.http.faults import Problem
 
 
 class Number(IntEnum):

@@ -15,6 +15,9 @@ from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from api.access.callers import Caller, Role
+from api.access.keys import KeyStore
+from api.access.security import require_role
 from api.alpaca.access import alpaca_caller
 from api.alpaca.answering import answer, read_parameters
 from api.alpaca.clients import Client
@@ -27,10 +30,7 @@ from api.alpaca.refusals import words_of
 from api.alpaca.setup_pages import server_page, telescope_page
 from api.alpaca.telescope import AlpacaTelescope
 from api.alpaca.unique_ids import ids_path, unique_ids
-from api.callers import Caller, Role
-from api.faults import Refused
-from api.keys import KeyStore
-from api.security import require_role
+from api.http.faults import Refused
 from api.service import Service
 
 _FORM = "application/x-www-form-urlencoded"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from api.watching import Snapshot
+from api.orders.watching import Snapshot
 from mountnav.sky.sphere import half_turn_deg
 
 _NEAR_DEG = 0.1

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from api.access.audit import Audit
+from api.access.callers import Caller
 from api.alpaca.clients import Client, Clients
 from api.alpaca.connecting import Connecting
 from api.alpaca.link import MountLink
@@ -12,17 +14,15 @@ from api.alpaca.motion import Motion
 from api.alpaca.pulses import Pulses
 from api.alpaca.refusals import AlpacaError, error_of, not_connected
 from api.alpaca.stations import Stations
-from api.audit import Audit
-from api.callers import Caller
-from api.desk import Desk
 from api.observatory import Telescope
-from api.orders import Order
-from api.targets import Target
-from api.watching import Snapshot, Watch
+from api.orders.desk import Desk
+from api.orders.orders import Order
+from api.orders.targets import Target
+from api.orders.watching import Snapshot, Watch
+from mountnav.devices import MountReading, Skill, TrackingRate
 from mountnav.errors import MountnavError
-from mountnav.navigation.checked_mount import CheckedMount
-from mountnav.navigation.devices import MountReading, Skill, TrackingRate
-from mountnav.settings import Settings
+from mountnav.mount import CheckedMount
+from mountnav.settings.observatory import Settings
 from mountnav.sky.present import sky_s, utc_now
 
 STALE_S = 15.0

@@ -14,7 +14,7 @@ from mountnav.journal.database import database_url, file_of
 from mountnav.journal.places import state_folder
 from mountnav.parsing import json_of
 from mountnav.private_files import locked
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 
 _log = logging.getLogger(__name__)
 

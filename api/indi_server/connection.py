@@ -12,8 +12,8 @@ import contextlib
 import logging
 from collections.abc import Mapping
 
-from api.callers import Caller, Face, Role
-from api.fair_turns import STOPS_AT_ONCE, Allowance, Turns
+from api.access.callers import Caller, Face, Role
+from api.http.fair_turns import STOPS_AT_ONCE, Allowance, Turns
 from api.indi_server.answers import Answer, chosen_switch
 from api.indi_server.device import ABORT, IndiTelescope
 from api.indi_server.hearing import Asked, Broken, Heard, Hearing, Nonsense

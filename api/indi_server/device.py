@@ -12,18 +12,18 @@ from collections import Counter
 from collections.abc import Callable, Coroutine, Sequence
 from datetime import timedelta
 
-from api.callers import Caller
+from api.access.callers import Caller
 from api.indi_server.answers import Answer
 from api.indi_server.properties import COORDINATES, Facts, driver_info, running, vectors_of
 from api.indi_server.surroundings import Optics, time_vector
 from api.indi_server.taking_orders import TakingOrders
 from api.indi_server.vectors import Vector
-from api.job import Job
+from api.orders.job import Job
 from api.planetarium.ordering import NotTaken, Ordering, require_success
 from api.service import Service
 from drivers.indi.codec import Ordered, State
 from mountnav.errors import MountnavError
-from mountnav.settings import TelescopeSettings
+from mountnav.settings.observatory import TelescopeSettings
 from mountnav.sky.coordinates import utc_now
 from mountnav.tasks import Died, begun, fault_words
 

@@ -11,12 +11,12 @@ from datetime import datetime
 
 from api.indi_server.surroundings import Optics, optics_vector, polling_vector, site_vector, time_vector
 from api.indi_server.vectors import Perm, Rule, Vector, number, numbers, switches, texts
-from api.jobs import Job
+from api.orders.jobs import Job
+from api.orders.watching import Snapshot
 from api.planetarium.place_now import apparent_place
-from api.watching import Snapshot
 from drivers.indi.codec import State
 from mountnav import __version__
-from mountnav.navigation.devices import PierSide, Skill
+from mountnav.devices import PierSide, Skill
 from mountnav.sky.coordinates import Apparent, Site
 
 COORDINATES = "EQUATORIAL_EOD_COORD"

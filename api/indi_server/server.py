@@ -6,7 +6,7 @@ import asyncio
 import logging
 
 from api.events import Event
-from api.fair_turns import Turns
+from api.http.fair_turns import Turns
 from api.indi_server.answers import Answer
 from api.indi_server.connection import Connection
 from api.indi_server.device import IndiTelescope, device_names
@@ -14,7 +14,7 @@ from api.indi_server.selections import LeftSelections
 from api.indi_server.vectors import saying
 from api.planetarium.listening import Listening
 from api.service import Service
-from mountnav.settings_faces import IndiServerSettings
+from mountnav.settings.faces import IndiServerSettings
 from mountnav.sky.coordinates import utc_now
 from mountnav.tasks import begun
 

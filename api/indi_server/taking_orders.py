@@ -7,15 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 
-from api.callers import Caller
+from api.access.callers import Caller
 from api.indi_server.answers import Answer, chosen_switch, number_of, site_answer, time_answer
 from api.indi_server.properties import COORDINATES, PULSES
 from api.indi_server.vectors import Vector
-from api.job import Job
-from api.orders import GuideOrder, HomeOrder, ParkOrder, SetParkOrder, TrackingOrder, UnparkOrder
+from api.orders.job import Job
+from api.orders.orders import GuideOrder, HomeOrder, ParkOrder, SetParkOrder, TrackingOrder, UnparkOrder
+from api.orders.targets import ApparentTarget
+from api.orders.watching import Watch
 from api.planetarium.ordering import Ordering
-from api.targets import ApparentTarget
-from api.watching import Watch
 from drivers.indi.codec import Ordered, State
 from mountnav.sky.coordinates import Apparent, Site, utc_now
 

@@ -9,8 +9,8 @@ import socket
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
-from api.descriptors import descriptors_at_hand, door_burst, door_fresh, shares
-from api.room import Room, ToldSeldom
+from api.http.descriptors import descriptors_at_hand, door_burst, door_fresh, shares
+from api.http.room import Room, ToldSeldom
 from mountnav.errors import BadSettings
 
 _log = logging.getLogger(__name__)
@@ -42,7 +42,7 @@ class Listening:
         What a client is told that comes when so many are here already; it is let go.
     speaks_first : bool
         Whether clients of this protocol say something as soon as they come. When there are too many, one
-        that never did, though it could have, makes room (`api.room`): it may be a stop that comes.
+        that never did, though it could have, makes room (`api.http.room`): it may be a stop that comes.
     most : int, optional
         How many clients at a time, half of them from one address; by what the system allows if left out.
 

@@ -11,17 +11,17 @@ import logging
 import re
 from collections.abc import Awaitable, Callable
 
-from api.callers import Caller
-from api.orders import GuideOrder, ParkOrder, UnparkOrder
+from api.access.callers import Caller
+from api.orders.orders import GuideOrder, ParkOrder, UnparkOrder
+from api.orders.targets import ApparentTarget
+from api.orders.watching import Snapshot, Watch
 from api.planetarium import lx200_words
 from api.planetarium.lx200_here import Here
 from api.planetarium.lx200_machine import Aims, Machine
 from api.planetarium.ordering import NotTaken, Ordering
 from api.planetarium.place_now import apparent_place
-from api.targets import ApparentTarget
-from api.watching import Snapshot, Watch
-from drivers.command import Unreadable
 from drivers.lx200.angles import dec_to_text, ra_to_text
+from drivers.wire.command import Unreadable
 from mountnav.sky.coordinates import Apparent, Site
 from mountnav.tasks import Died, begun
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from typing import Literal
 
+from api.orders.targets import ApparentTarget
 from api.planetarium.lx200_words import app_declination, app_right_ascension
-from api.targets import ApparentTarget
-from drivers.command import Unreadable
 from drivers.lx200.angles import dec_from_text, ra_from_text
+from drivers.wire.command import Unreadable
 from mountnav.sky.coordinates import utc_now
 
 Half = Literal["r", "d"]

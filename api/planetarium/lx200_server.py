@@ -8,15 +8,15 @@ import logging
 from collections import OrderedDict
 from collections.abc import Coroutine
 
-from api.callers import Caller, Face, Role
-from api.fair_turns import STOPS_AT_ONCE, Allowance, Turns
+from api.access.callers import Caller, Face, Role
+from api.http.fair_turns import STOPS_AT_ONCE, Allowance, Turns
 from api.planetarium.lx200_client import Lx200Client, MountLost
 from api.planetarium.lx200_machine import Machine
 from api.planetarium.lx200_words import Commands, is_http
 from api.planetarium.one_telescope import OneTelescopeServer
 from api.planetarium.ordering import NotTaken
 from api.service import Service
-from mountnav.settings_faces import Lx200ServerSettings
+from mountnav.settings.faces import Lx200ServerSettings
 from mountnav.tasks import Crew, begun
 
 _log = logging.getLogger(__name__)

@@ -9,7 +9,7 @@ from api.planetarium.listening import Listening
 from api.planetarium.ordering import Ordering
 from api.service import Service
 from mountnav.errors import BadSettings
-from mountnav.settings_faces import Lx200ServerSettings, StellariumSettings
+from mountnav.settings.faces import Lx200ServerSettings, StellariumSettings
 
 
 class OneTelescopeServer(ABC):

@@ -9,13 +9,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 
-from api.audit import Audit
-from api.callers import Caller
-from api.desk import Desk
-from api.faults import Problem, Refused, problem_of
-from api.job import Job, JobState
-from api.orders import Order, SlewOrder, SyncToOrder
-from api.targets import Target
+from api.access.audit import Audit
+from api.access.callers import Caller
+from api.http.faults import Problem, Refused, problem_of
+from api.orders.desk import Desk
+from api.orders.job import Job, JobState
+from api.orders.orders import Order, SlewOrder, SyncToOrder
+from api.orders.targets import Target
 from mountnav.errors import Cancelled, MountnavError
 
 _COMING_TO_REST_S = 3.0

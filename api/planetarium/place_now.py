@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from api.watching import Snapshot
+from api.orders.watching import Snapshot
 from mountnav.sky.chain import icrs_to_apparent
 from mountnav.sky.coordinates import Apparent
 

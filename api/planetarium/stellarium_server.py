@@ -9,15 +9,15 @@ import asyncio
 import contextlib
 import logging
 
-from api.callers import Caller, Face, Role
-from api.fair_turns import Allowance
+from api.access.callers import Caller, Face, Role
+from api.http.fair_turns import Allowance
+from api.orders.targets import IcrsTarget
+from api.orders.watching import Snapshot
 from api.planetarium.one_telescope import OneTelescopeServer
 from api.planetarium.ordering import NotTaken
 from api.planetarium.stellarium_codec import GotoStream, NotStellarium, position_message
 from api.service import Service
-from api.targets import IcrsTarget
-from api.watching import Snapshot
-from mountnav.settings_faces import StellariumSettings
+from mountnav.settings.faces import StellariumSettings
 from mountnav.tasks import Crew, waited_for
 
 _log = logging.getLogger(__name__)

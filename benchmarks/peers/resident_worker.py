@@ -19,7 +19,7 @@ from mountnav.catalog.embedded import embedded_catalog
 from mountnav.frames import Hint
 from mountnav.identification.blind.cache import cached_index
 from mountnav.sky.coordinates import Icrs
-from mountnav.solve import SolveSettings, solve_file
+from mountnav.solving.solve import SolveSettings, solve_file
 
 
 def settings_for(*, blind: bool) -> SolveSettings:

@@ -24,7 +24,7 @@ from drivers.alpaca.image_bytes import IMAGE_BYTES, ImageAnswer, read_image
 from drivers.alpaca.refusals import NOT_CONNECTED, refusal
 from drivers.alpaca.responses import garbled, require_understood
 from drivers.alpaca.where import Where
-from drivers.wire_log import WireLog
+from drivers.wire.wire_log import WireLog
 from mountnav.errors import DeviceError, DeviceMissing, DeviceSilent
 from mountnav.tasks import fault_words
 

@@ -16,9 +16,9 @@ from drivers.alpaca.device import AlpacaDevice
 from drivers.alpaca.exposure import Exposure, Told
 from drivers.alpaca.image_bytes import Pixels
 from drivers.alpaca.refusals import AlpacaRefused
-from drivers.exposing.optics import with_scale
-from drivers.exposing.shot import Shot
-from drivers.wire_log import WireLog
+from drivers.generic.optics import with_scale
+from drivers.generic.shot import Shot
+from drivers.wire.wire_log import WireLog
 from mountnav.errors import (
     BadFrame,
     BadRequest,
@@ -49,7 +49,7 @@ _LONGEST_TOLD_S = 1e6
 
 
 class AlpacaCameraLanguage:
-    """A `drivers.exposing.language.CameraLanguage` over one camera of an Alpaca server.
+    """A `drivers.generic.camera_language.CameraLanguage` over one camera of an Alpaca server.
 
     Parameters
     ----------

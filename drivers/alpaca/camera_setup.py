@@ -8,8 +8,8 @@ from drivers.alpaca import codec
 from drivers.alpaca.codec import Malformed
 from drivers.alpaca.device import AlpacaDevice
 from drivers.alpaca.refusals import INVALID_VALUE, AlpacaRefused
-from drivers.exposing.habits import ExposingHabits
-from drivers.exposing.optics import optics_scale_arcsec_px
+from drivers.generic.camera_habits import ExposingHabits
+from drivers.generic.optics import optics_scale_arcsec_px
 from mountnav.errors import DeviceRefused
 
 _LARGEST_SIDE_PX = 1 << 17

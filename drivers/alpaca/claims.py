@@ -7,7 +7,7 @@ from datetime import datetime
 from typing import Any
 
 from drivers.alpaca.codec import Malformed, integer, number, truth
-from mountnav.navigation.devices import Direction, Epoch, PierSide, Skill, TrackingRate
+from mountnav.devices import Direction, Epoch, PierSide, Skill, TrackingRate
 from mountnav.sky.coordinates import Apparent, Icrs
 
 EPOCHS: dict[int, Epoch] = {1: "apparent", 2: "icrs"}

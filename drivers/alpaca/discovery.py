@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from drivers.alpaca.asking import Asking
 from drivers.alpaca.where import Where
-from drivers.wire_log import WireLog
+from drivers.wire.wire_log import WireLog
 from mountnav.parsing import json_of
 
 PORT = 32227

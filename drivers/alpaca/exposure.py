@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from drivers.exposing.moments import Moments, Teller, lasted_otherwise
+from drivers.generic.exposure_moments import Moments, Teller, lasted_otherwise
 
 _CLOCK = Teller("the camera's clock", "the camera tells no time", "the camera's is")
 _MOST_SNAPPED = 2.0

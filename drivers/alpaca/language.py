@@ -16,10 +16,10 @@ from drivers.alpaca.looking import Looking
 from drivers.alpaca.moving import Moving
 from drivers.alpaca.refusals import AlpacaRefused, reason_of
 from drivers.alpaca.responses import require_known
-from drivers.language import Identity, Readout, Sent, Unskilled, Wanted
-from drivers.wire_log import WireLog
+from drivers.generic.language import Identity, Readout, Sent, Unskilled, Wanted
+from drivers.wire.wire_log import WireLog
+from mountnav.devices import Direction, Epoch, PierSide, Skill, TrackingRate
 from mountnav.errors import DeviceGarbled, DeviceRefused, DeviceSilent, Refusal
-from mountnav.navigation.devices import Direction, Epoch, PierSide, Skill, TrackingRate
 from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
 
 _HEIGHTS_M = (-1000.0, 20_000.0)
@@ -53,7 +53,7 @@ class AlpacaHabits:
 
 
 class AlpacaLanguage(Unskilled):
-    """A `drivers.language.Language` over one telescope of an Alpaca server.
+    """A `drivers.generic.language.Language` over one telescope of an Alpaca server.
 
     Parameters
     ----------

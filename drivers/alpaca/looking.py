@@ -14,9 +14,9 @@ from drivers.alpaca.codec import Malformed
 from drivers.alpaca.device import AlpacaDevice
 from drivers.alpaca.refusals import AlpacaRefused
 from drivers.alpaca.responses import understood
-from drivers.language import Readout
+from drivers.generic.language import Readout
+from mountnav.devices import Epoch
 from mountnav.errors import DeviceSilent
-from mountnav.navigation.devices import Epoch
 from mountnav.sky.coordinates import utc_now
 from mountnav.tasks import both, together
 

@@ -14,7 +14,7 @@ from drivers.alpaca.asking import Asking
 from drivers.alpaca.codec import Parameters
 from drivers.alpaca.looking import Looking
 from drivers.alpaca.refusals import PARKED, AlpacaRefused
-from drivers.language import Sent
+from drivers.generic.language import Sent
 from mountnav.errors import DeviceError, DeviceGarbled, DeviceMissing, DeviceRefused, DeviceSilent
 from mountnav.tasks import begun
 

@@ -11,15 +11,15 @@ from drivers.alpaca.camera_setup import CameraHabits
 from drivers.alpaca.device import AlpacaDevice
 from drivers.alpaca.language import AlpacaHabits, AlpacaLanguage
 from drivers.alpaca.where import Where
-from drivers.exposing import ExposingCamera
-from drivers.mount_options import read_options
-from drivers.timing import Timing
-from drivers.url_options import maybe_number_of, number_of, require_known, yes_of
-from drivers.wire_log import WireLog
+from drivers.generic.camera import ExposingCamera
+from drivers.generic.mount_options import read_options
+from drivers.generic.timing import Timing
+from drivers.generic.url_options import maybe_number_of, number_of, require_known, yes_of
+from drivers.wire.wire_log import WireLog
 from mountnav.errors import BadSettings
 
 if TYPE_CHECKING:
-    from drivers.driven import DrivenMount
+    from drivers.generic import DrivenMount
     from drivers.registry import MountUrl
     from mountnav.sky.coordinates import Site
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from drivers.refusal_words import ADVICE, OF_HORIZON, OF_LIMITS, OF_PARKING
+from drivers.generic.refusal_words import ADVICE, OF_HORIZON, OF_LIMITS, OF_PARKING
 from mountnav.errors import DeviceRefused, Refusal
 
 NOT_IMPLEMENTED = 0x400

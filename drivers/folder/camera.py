@@ -46,7 +46,7 @@ def _listed(causes: list[str]) -> str:
 
 
 class FolderCamera:
-    """A `mountnav.navigation.devices.Camera` over a folder.
+    """A `mountnav.devices.Camera` over a folder.
 
     Parameters
     ----------

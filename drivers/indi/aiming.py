@@ -7,13 +7,13 @@ never left on SYNC. If somebody turned it in between, the order's outcome is not
 
 from __future__ import annotations
 
+from drivers.generic.language import Sent, Wanted
 from drivers.indi import claims, orders
 from drivers.indi.answers import is_loud, refusal, slew_was_refused, was_refused, was_turned
 from drivers.indi.claims import COORDINATES
 from drivers.indi.codec import Event
 from drivers.indi.device import IndiDevice
 from drivers.indi.looking import Looking
-from drivers.language import Sent, Wanted
 from mountnav.errors import DeviceGarbled, DeviceMissing, DeviceSilent
 from mountnav.sky.coordinates import Apparent, Icrs
 

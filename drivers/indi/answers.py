@@ -9,8 +9,8 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from drivers.generic.refusal_words import ADVICE, OF_HORIZON, OF_LIMITS, OF_PARKING
 from drivers.indi.codec import Changed, Event, State
-from drivers.refusal_words import ADVICE, OF_HORIZON, OF_LIMITS, OF_PARKING
 from mountnav.errors import DeviceRefused, Refusal
 
 _REASONS = (

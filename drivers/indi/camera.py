@@ -7,8 +7,8 @@ from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime
 
-from drivers.exposing.optics import with_scale
-from drivers.exposing.shot import Shot
+from drivers.generic.optics import with_scale
+from drivers.generic.shot import Shot
 from drivers.indi import orders
 from drivers.indi.answers import refusal, slew_was_refused
 from drivers.indi.blobs import BrokenBlob, content
@@ -17,7 +17,7 @@ from drivers.indi.codec import Blob, Changed, Defined, Event, Ordered, State
 from drivers.indi.device import IndiDevice
 from drivers.indi.exposure import Exposure
 from drivers.indi.state import Property
-from drivers.wire_log import WireLog
+from drivers.wire.wire_log import WireLog
 from mountnav.errors import (
     BadFrame,
     Busy,
@@ -37,7 +37,7 @@ _START_S = 30.0
 
 
 class IndiCameraLanguage:
-    """A `drivers.exposing.language.CameraLanguage` over one device of an `indiserver`.
+    """A `drivers.generic.camera_language.CameraLanguage` over one device of an `indiserver`.
 
     Parameters
     ----------

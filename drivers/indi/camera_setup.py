@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from drivers.exposing.habits import ExposingHabits
-from drivers.exposing.optics import optics_scale_arcsec_px
+from drivers.generic.camera_habits import ExposingHabits
+from drivers.generic.optics import optics_scale_arcsec_px
 from drivers.indi import orders
 from drivers.indi.device import IndiDevice
 from drivers.indi.state import Property

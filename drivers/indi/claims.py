@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 
 from drivers.indi.codec import State
 from drivers.indi.state import Property
-from mountnav.navigation.devices import Epoch, PierSide, Skill
+from mountnav.devices import Epoch, PierSide, Skill
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 from mountnav.sky.sphere import half_turn_deg, separation_arcsec
 

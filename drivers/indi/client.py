@@ -19,7 +19,7 @@ from drivers.indi import codec, orders
 from drivers.indi.codec import Defined, Event, PingAnswered, Pinged
 from drivers.indi.state import Properties, Property
 from drivers.indi.xml_stream import Malformed
-from drivers.wire_log import WireLog
+from drivers.wire.wire_log import WireLog
 from mountnav.errors import DeviceMissing
 from mountnav.sky.coordinates import utc_now
 from mountnav.tasks import begun, fault_words

@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from datetime import datetime
 
-from drivers.exposing.moments import Moments, Teller, lasted_otherwise
+from drivers.generic.exposure_moments import Moments, Teller, lasted_otherwise
 from drivers.indi.codec import Blob, Changed, State
 
 _SOONEST = 0.9

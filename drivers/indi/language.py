@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
+from drivers.generic.language import Identity, Readout, Sent, Unskilled, Wanted
 from drivers.indi import claims, orders
 from drivers.indi.aiming import Aiming
 from drivers.indi.answers import parked_refusal, refusal, was_refused
@@ -16,10 +17,9 @@ from drivers.indi.codec import Event, Ordered
 from drivers.indi.device import IndiDevice
 from drivers.indi.looking import Looking
 from drivers.indi.state import Property
-from drivers.language import Identity, Readout, Sent, Unskilled, Wanted
-from drivers.wire_log import WireLog
+from drivers.wire.wire_log import WireLog
+from mountnav.devices import Direction, Epoch, Skill, TrackingRate
 from mountnav.errors import DeviceMissing, DeviceSilent
-from mountnav.navigation.devices import Direction, Epoch, Skill, TrackingRate
 from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
 
 _TRACK_MODES = {
@@ -66,7 +66,7 @@ class IndiHabits:
 
 
 class IndiLanguage(Unskilled):
-    """A `drivers.language.Language` over one device of an `indiserver`.
+    """A `drivers.generic.language.Language` over one device of an `indiserver`.
 
     Parameters
     ----------

@@ -9,15 +9,15 @@ from __future__ import annotations
 import asyncio
 import math
 
+from drivers.generic.language import Readout
 from drivers.indi import claims
 from drivers.indi.answers import plain
 from drivers.indi.claims import COORDINATES
 from drivers.indi.codec import State
 from drivers.indi.device import IndiDevice
 from drivers.indi.state import Property
-from drivers.language import Readout
+from mountnav.devices import Epoch
 from mountnav.errors import DeviceGarbled, DeviceSilent
-from mountnav.navigation.devices import Epoch
 from mountnav.sky.coordinates import utc_now
 
 _RESTLESS_S = 20.0

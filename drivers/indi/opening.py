@@ -6,19 +6,19 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from drivers.exposing import ExposingCamera
+from drivers.generic.camera import ExposingCamera
+from drivers.generic.mount_options import read_options
+from drivers.generic.timing import Timing
+from drivers.generic.url_options import maybe_number_of, number_of, require_known, yes_of
 from drivers.indi.camera import IndiCameraLanguage
 from drivers.indi.camera_setup import CameraHabits
 from drivers.indi.client import PORT, IndiClient, Pulse
 from drivers.indi.device import IndiDevice
 from drivers.indi.language import IndiHabits, IndiLanguage
-from drivers.mount_options import read_options
-from drivers.timing import Timing
-from drivers.url_options import maybe_number_of, number_of, require_known, yes_of
-from drivers.wire_log import WireLog
+from drivers.wire.wire_log import WireLog
 
 if TYPE_CHECKING:
-    from drivers.driven import DrivenMount
+    from drivers.generic import DrivenMount
     from drivers.registry import MountUrl
     from mountnav.sky.coordinates import Site
 

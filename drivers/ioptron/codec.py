@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from drivers.command import Command
 from drivers.ioptron.replies import digits, model, nothing, order, signed_text, text
 from drivers.ioptron.values import (
     STEP_ARCSEC,
@@ -34,6 +33,7 @@ from drivers.ioptron.values import (
     unsigned_angle,
 )
 from drivers.ioptron.words import Heading, Words
+from drivers.wire.command import Command
 
 _LONGEST_PULSE_MS = 99_999
 # `:ZS` RA+, `:ZQ` RA-, `:ZE` Dec+, `:ZC` Dec- [IOPTRON310]: S is not south, E not east

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from datetime import datetime, timedelta
 
-from drivers.command import Command
 from drivers.ioptron.codec import set_dec, set_hemisphere, set_offset, set_summer_time
 from drivers.ioptron.replies import nothing, order, signed_text
 from drivers.ioptron.values import MountClock, Pointing, Status
@@ -21,6 +20,7 @@ from drivers.ioptron.values_v2 import (
     status_from_text,
 )
 from drivers.ioptron.words import Heading, Words
+from drivers.wire.command import Command
 
 _LONGEST_PULSE_MS = 32_767
 

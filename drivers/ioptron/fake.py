@@ -2,7 +2,7 @@
 
 It speaks the v3 or the v2 set, as recorded between real INDI drivers and a mount [IOPTRON] and as the
 documents have it [IOPTRON310, IOPTRON25]; what that doesn't know it answers with silence. Places are of date
-(JNow). It does no I/O: `drivers.bench` puts it on a wire.
+(JNow). It does no I/O: `drivers.fakes.bench` puts it on a wire.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ import time
 from collections.abc import Callable, Iterable
 from datetime import datetime, timedelta
 
-from drivers.command import Unreadable
-from drivers.fake_wire import WireFake
-from drivers.faults import Fault
+from drivers.fakes.fake_wire import WireFake
+from drivers.fakes.faults import Fault
 from drivers.ioptron import models, values, values_v2
 from drivers.ioptron.fake_told import RATES, Memory, Teller
 from drivers.ioptron.orders import Order, order_from_text
 from drivers.ioptron.values import Horizontal, Status
-from mountnav.navigation.devices import Direction, PierSide, TrackingRate
+from drivers.wire.command import Unreadable
+from mountnav.devices import Direction, PierSide, TrackingRate
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.posture import axes_at, other_side
 from mountnav.sky.coordinates import Apparent, Site, utc_now

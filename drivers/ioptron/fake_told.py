@@ -16,7 +16,7 @@ from drivers.ioptron.values import (
     Status,
     TrackingRate,
 )
-from mountnav.navigation import devices
+from mountnav import devices
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.sky.chain import apparent_to_hour_angle, hour_angle_to_observed, observed_to_hour_angle
 from mountnav.sky.coordinates import GeometricHourAngle, HourAngle, Observed

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from drivers.command import Command
 from drivers.ioptron import values, values_v2
 from drivers.ioptron.codec import V3
 from drivers.ioptron.codec_v2 import V2
 from drivers.ioptron.replies import signed_text
 from drivers.ioptron.words import Words
+from drivers.wire.command import Command
 
 DIALECTS: dict[str, Words] = {words.name: words for words in (V3, V2)}
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from drivers.command import Command
+from drivers.generic.language import Identity, Readout, Sent, Wanted
 from drivers.ioptron import codec, timekeeping
 from drivers.ioptron.greeting import DIALECTS, GREETING
 from drivers.ioptron.models import Model, model
@@ -16,12 +16,12 @@ from drivers.ioptron.reckoning import destination_side, why_not
 from drivers.ioptron.talk import Talk, site_of
 from drivers.ioptron.values import MountState, PierSide, Status, TrackingRate
 from drivers.ioptron.words import Words
-from drivers.language import Identity, Readout, Sent, Wanted
-from drivers.link import Link
-from drivers.over_link import OverLink
+from drivers.wire.command import Command
+from drivers.wire.link import Link
+from drivers.wire.over_link import OverLink
+from mountnav import devices
+from mountnav.devices import Direction, Epoch, Skill
 from mountnav.errors import DeviceGarbled, Refusal
-from mountnav.navigation import devices
-from mountnav.navigation.devices import Direction, Epoch, Skill
 from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
 
 _TRACKING = (MountState.TRACKING, MountState.TRACKING_PEC, MountState.GUIDING)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.driven import DrivenMount
-from drivers.exchange import Patience
+from drivers.generic import DrivenMount
+from drivers.generic.timing import Timing
 from drivers.ioptron.language import IoptronLanguage
-from drivers.line import ByteLine, ControlLines, SerialLine
-from drivers.link import Link
-from drivers.timing import Timing
-from drivers.wire_log import WireLog
-from mountnav.navigation.devices import Epoch
+from drivers.wire.exchange import Patience
+from drivers.wire.line import ByteLine, ControlLines, SerialLine
+from drivers.wire.link import Link
+from drivers.wire.wire_log import WireLog
+from mountnav.devices import Epoch
 from mountnav.sky.coordinates import Site
 
 BAUD = 115_200

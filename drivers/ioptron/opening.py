@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivers.driven import DrivenMount
+from drivers.generic import DrivenMount
+from drivers.generic.mount_options import read_options
 from drivers.ioptron.greeting import DIALECTS
 from drivers.ioptron.mount import BAUD, ioptron_language
-from drivers.mount_options import read_options
 from mountnav.sky.coordinates import Site
 
 if TYPE_CHECKING:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from drivers.exchange import Exchange, Patience
 from drivers.ioptron import codec
 from drivers.ioptron.greeting import GREETING
 from drivers.ioptron.models import model
-from drivers.line import ByteLine
+from drivers.wire.exchange import Exchange, Patience
+from drivers.wire.line import ByteLine
 from mountnav.errors import DeviceGarbled, DeviceSilent
 
 BAUDS = (115_200, 9600)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from drivers.ioptron import codec
 from drivers.ioptron.talk import Talk, site_of
 from drivers.ioptron.values import Status
+from mountnav.devices import PierSide
 from mountnav.errors import DeviceRefused, Refusal
-from mountnav.navigation.devices import PierSide
 from mountnav.sky.chain import apparent_to_hour_angle, hour_angle_to_observed, icrs_to_apparent
 from mountnav.sky.coordinates import Apparent, GeometricHourAngle, HourAngle, Icrs, Site, utc_now
 

@@ -15,7 +15,7 @@ import re
 from collections.abc import Callable
 from typing import TypeVar
 
-from drivers.command import Command, Read, Unreadable
+from drivers.wire.command import Command, Read, Unreadable
 
 T = TypeVar("T")
 Reader = Callable[[bytes, bool], Read[T] | None]

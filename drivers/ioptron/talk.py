@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from typing import TypeVar
 
-from drivers.command import Command
+from drivers.generic.refining import Refining
 from drivers.ioptron.greeting import GREETING
 from drivers.ioptron.models import Model
 from drivers.ioptron.values import MountState, Status
 from drivers.ioptron.words import Words
-from drivers.link import Link
-from drivers.refining import Refining
+from drivers.wire.command import Command
+from drivers.wire.link import Link
 from mountnav.errors import DeviceError, DeviceGarbled, DeviceRefused, DeviceSilent, Refusal
 from mountnav.sky.coordinates import Site
 
@@ -43,7 +43,7 @@ class Talk:
         return await self.link.ask(command)
 
     async def known(self, command: Command[T]) -> T | None:
-        """Ask what it may lack; None where it does. See `drivers.refining.Refining.known`."""
+        """Ask what it may lack; None where it does. See `drivers.generic.refining.Refining.known`."""
         return await self.refining.known(command)
 
     async def _alive(self) -> None:

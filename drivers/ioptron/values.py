@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from enum import IntEnum
 
-from drivers.command import Unreadable
+from drivers.wire.command import Unreadable
 
 STEP_ARCSEC = 0.01
 _STEPS_DEG = 360_000

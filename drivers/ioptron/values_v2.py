@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from datetime import UTC, datetime, timedelta
 
-from drivers.command import Unreadable
 from drivers.ioptron.values import (
     MountClock,
     MountState,
@@ -22,6 +21,7 @@ from drivers.ioptron.values import (
     offset_from_text,
     offset_to_text,
 )
+from drivers.wire.command import Unreadable
 
 STEP_ARCSEC = 0.015
 """A millisecond of time."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Literal
 
-from drivers.command import Command
 from drivers.ioptron.values import MountClock, Pointing, Status
+from drivers.wire.command import Command
 
 Heading = Literal["n", "s", "e", "w"]
 

@@ -11,12 +11,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
-from drivers.command import Command, Read, Unreadable
 from drivers.lx200.angles import dec_to_text, ra_to_text
 from drivers.lx200.codec import quiet
 from drivers.lx200.replies import Answer, of_text, text
+from drivers.wire.command import Command, Read, Unreadable
+from mountnav.devices import Direction, PierSide, TrackingRate
 from mountnav.errors import Refusal
-from mountnav.navigation.devices import Direction, PierSide, TrackingRate
 
 LONGEST_PULSE_MS = 3000
 _FLAGS = frozenset("nNLHSsTt")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from drivers.command import Unreadable
+from drivers.wire.command import Unreadable
 
 RA_LONG_STEP_ARCSEC = 15.0
 RA_SHORT_STEP_ARCSEC = 90.0

@@ -10,14 +10,14 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from drivers.command import Command, Unreadable
 from drivers.lx200 import codec
 from drivers.lx200.angles import dec_to_text, ra_to_text
 from drivers.lx200.dialect import Ask, Dialect, Lacks, State
 from drivers.lx200.meade import BASIC
 from drivers.lx200.replies import Answer, of_text, words_but_no_place
 from drivers.lx200.site_and_time import Writing, read_clock, read_site
-from mountnav.navigation.devices import Direction, PierSide, TrackingRate
+from drivers.wire.command import Command, Unreadable
+from mountnav.devices import Direction, PierSide, TrackingRate
 
 LONGEST_PULSE_MS = 999
 # park, RA rate, Dec rate, slewing, RA motion, Dec motion; the rest is of no use here

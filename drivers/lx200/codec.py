@@ -6,7 +6,6 @@ import re
 from dataclasses import dataclass
 from enum import StrEnum
 
-from drivers.command import Command, Read, Unreadable
 from drivers.lx200.angles import (
     WireAngle,
     dec_from_text,
@@ -24,8 +23,9 @@ from drivers.lx200.replies import (
     words_but_no_place,
     yes_or_no,
 )
+from drivers.wire.command import Command, Read, Unreadable
+from mountnav.devices import Direction, TrackingRate
 from mountnav.errors import Refusal
-from mountnav.navigation.devices import Direction, TrackingRate
 
 _MODES = {b"P": "polar", b"A": "altaz", b"L": "land"}
 _HORIZON = re.compile(r"horizon|below|lower", re.IGNORECASE)

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Protocol, TypeVar
 
-from drivers.command import Command
 from drivers.lx200.angles import WireAngle
 from drivers.lx200.replies import Answer
-from mountnav.navigation.devices import Direction, Epoch, PierSide, Skill, TrackingRate
+from drivers.wire.command import Command
+from mountnav.devices import Direction, Epoch, PierSide, Skill, TrackingRate
 from mountnav.sky.coordinates import Site
 
 T = TypeVar("T")
@@ -24,14 +24,14 @@ Order = Command[Answer] | Command[bool] | Command[None]
 
 
 class Ask(Protocol):
-    """Puts one question and returns its answer; raises what `drivers.exchange.Exchange.ask` raises."""
+    """Puts one question and returns its answer; raises what `drivers.wire.exchange.Exchange.ask` raises."""
 
     async def __call__(self, command: Command[T], deadline_s: float | None = None) -> T:
         """Send and read; `deadline_s` shorter than usual for what may stay unanswered."""
         ...
 
     async def known(self, command: Command[T]) -> T | None:
-        """Ask what this mount may lack; None where it does. See `drivers.refining.Refining.known`."""
+        """Ask what this mount may lack; None where it does. See `drivers.generic.refining.Refining.known`."""
         ...
 
 

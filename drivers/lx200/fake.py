@@ -13,9 +13,8 @@ from collections.abc import Callable, Iterable
 from datetime import datetime, timedelta
 from typing import cast
 
-from drivers.command import Unreadable
-from drivers.fake_wire import WireFake
-from drivers.faults import Fault
+from drivers.fakes.fake_wire import WireFake
+from drivers.fakes.faults import Fault
 from drivers.lx200.angles import (
     dec_from_text,
     dec_to_text,
@@ -28,8 +27,9 @@ from drivers.lx200.fake_dialect import FakeDialect, Speaker
 from drivers.lx200.fake_horizon import Horizon
 from drivers.lx200.fake_meade import GENERIC_FAKE
 from drivers.lx200.site_and_time import date_from_text, hours_to_utc_from_text, time_from_text
+from drivers.wire.command import Unreadable
+from mountnav.devices import TrackingRate
 from mountnav.errors import Refusal
-from mountnav.navigation.devices import TrackingRate
 from mountnav.simulation.mechanics import Direction, Mechanics
 from mountnav.sky.coordinates import Apparent, Site, utc_now
 from mountnav.sky.turning import SIDEREAL_DEG_S

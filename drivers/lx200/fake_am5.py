@@ -10,12 +10,12 @@ import re
 from collections.abc import Callable
 from typing import cast
 
-from drivers.command import Unreadable
 from drivers.lx200.angles import dec_from_text, dec_to_text, ra_from_text, ra_to_text
 from drivers.lx200.fake_dialect import FakeDialect
 from drivers.lx200.fake_onstep_settings import Settings
+from drivers.wire.command import Unreadable
+from mountnav.devices import PierSide, TrackingRate
 from mountnav.errors import Refusal
-from mountnav.navigation.devices import PierSide, TrackingRate
 from mountnav.simulation.mechanics import Direction, Mechanics
 from mountnav.sky.coordinates import Apparent, utc_now
 from mountnav.sky.turning import SIDEREAL_DEG_S

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, cast
 from drivers.lx200.angles import dec_to_text, ra_to_text
 from drivers.lx200.fake_dialect import MATCHED, FakeDialect
 from drivers.lx200.fake_horizon_slew import from_the_horizon_up
-from mountnav.navigation.devices import PierSide, TrackingRate
+from mountnav.devices import PierSide, TrackingRate
 from mountnav.simulation.mechanics import Direction
 from mountnav.sky.turning import SIDEREAL_DEG_S
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from drivers.lx200.fake_dialect import FakeDialect
 from drivers.lx200.gemini import checksum, native
+from mountnav.devices import PierSide, TrackingRate
 from mountnav.errors import Refusal
-from mountnav.navigation.devices import PierSide, TrackingRate
 
 if TYPE_CHECKING:
     from drivers.lx200.fake import FakeLx200

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 
-from drivers.command import Unreadable
 from drivers.lx200.angles import dec_from_text, dec_to_text, ra_to_text
+from drivers.wire.command import Unreadable
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.sky.chain import (
     apparent_to_hour_angle,

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, cast
 from drivers.lx200.angles import longitude_from_text, ra_to_text
 from drivers.lx200.fake_dialect import MATCHED, FakeDialect
 from drivers.lx200.site_and_time import date_from_text, hours_to_utc_from_text
-from mountnav.navigation.devices import PierSide, TrackingRate
+from mountnav.devices import PierSide, TrackingRate
 from mountnav.simulation.mechanics import Direction
 from mountnav.sky.coordinates import Site
 from mountnav.sky.turning import SIDEREAL_DEG_S

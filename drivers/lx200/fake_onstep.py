@@ -9,7 +9,6 @@ import re
 from collections.abc import Callable
 from typing import cast
 
-from drivers.command import Unreadable
 from drivers.lx200.angles import dec_from_text, ra_from_text
 from drivers.lx200.fake_dialect import FakeDialect
 from drivers.lx200.fake_onstep_motion import IS_PARKED, OK, SLEW_ERROR, OnStepMotion
@@ -17,7 +16,8 @@ from drivers.lx200.fake_onstep_settings import Settings
 from drivers.lx200.fake_onstep_status import HZ, SIDE_LETTERS, bits, flags
 from drivers.lx200.fake_onstep_words import SILENT, STANDING, TAKEN
 from drivers.lx200.fine_angles import degrees_to_fine_text, ra_to_fine_text
-from mountnav.navigation.devices import PierSide, TrackingRate
+from drivers.wire.command import Unreadable
+from mountnav.devices import PierSide, TrackingRate
 from mountnav.simulation.mechanics import Direction, Mechanics
 from mountnav.sky.turning import SIDEREAL_DEG_S
 

@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 from drivers.lx200.fake_onstep_settings import Settings
 from drivers.lx200.onstep_codec import Status
+from mountnav.devices import PierSide
 from mountnav.errors import Refusal
-from mountnav.navigation.devices import PierSide
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.sky.coordinates import Apparent, utc_now
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from drivers.lx200.onstep_codec import Status
-from mountnav.navigation.devices import PierSide, TrackingRate
+from mountnav.devices import PierSide, TrackingRate
 
 HZ = {
     TrackingRate.SIDEREAL: 60.16427,

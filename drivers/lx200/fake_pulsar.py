@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from drivers.lx200.angles import dec_to_text, longitude_from_text, ra_to_text
 from drivers.lx200.fake_dialect import FakeDialect
-from mountnav.navigation.devices import PierSide, TrackingRate
+from mountnav.devices import PierSide, TrackingRate
 from mountnav.sky.coordinates import Site
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from drivers.lx200.angles import ra_to_text
 from drivers.lx200.fake import FakeLx200
 from drivers.lx200.fake_dialect import FakeDialect
 from drivers.lx200.fake_horizon import Horizon
-from mountnav.navigation.devices import TrackingRate
+from mountnav.devices import TrackingRate
 from mountnav.sky.coordinates import Apparent, Site, utc_now
 
 _RATES = {"R": TrackingRate.SIDEREAL, "S": TrackingRate.SOLAR, "M": TrackingRate.LUNAR}

@@ -6,7 +6,7 @@ import re
 from typing import TYPE_CHECKING
 
 from drivers.lx200.fake_dialect import FakeDialect
-from mountnav.navigation.devices import PierSide, TrackingRate
+from mountnav.devices import PierSide, TrackingRate
 
 if TYPE_CHECKING:
     from drivers.lx200.fake import FakeLx200

@@ -11,15 +11,15 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from typing import cast
 
-from drivers.command import Unreadable
 from drivers.lx200.angles import dec_from_text, ra_from_text
 from drivers.lx200.fake_dialect import FakeDialect
 from drivers.lx200.fake_onstep_settings import Settings
 from drivers.lx200.fake_tenmicron_model import FakeModel
 from drivers.lx200.fine_angles import degrees_to_fine_text, ra_to_fine_text
 from drivers.lx200.tenmicron_codec import MountStatus
+from drivers.wire.command import Unreadable
+from mountnav.devices import PierSide, TrackingRate
 from mountnav.errors import Refusal
-from mountnav.navigation.devices import PierSide, TrackingRate
 from mountnav.simulation.mechanics import Direction, Mechanics
 from mountnav.sky.chain import apparent_to_icrs, icrs_to_observed, sidereal_time_deg
 from mountnav.sky.coordinates import Air, Apparent, utc_now

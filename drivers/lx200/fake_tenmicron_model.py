@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 
-from drivers.command import Unreadable
 from drivers.lx200.angles import dec_from_text, ra_from_text
 from drivers.lx200.tenmicron_model_codec import ModelPoint
-from mountnav.navigation.devices import PierSide
+from drivers.wire.command import Unreadable
+from mountnav.devices import PierSide
 
 MOST_POINTS = 100
 FEWEST_POINTS = 3

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable
 from datetime import datetime
 
-from drivers.faults import Fault
+from drivers.fakes.faults import Fault
 from drivers.lx200.fake import FakeLx200
 from drivers.lx200.fake_dialect import FakeDialect
 from drivers.lx200.fake_rainbow import FakeRainbow

@@ -9,14 +9,14 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from drivers.command import Command, Read, Unreadable
 from drivers.lx200 import codec
 from drivers.lx200.dialect import Ask, Dialect, Handshake, Lacks, State
 from drivers.lx200.meade import CLASSIC
 from drivers.lx200.replies import Answer, of_text, text, words_but_no_place
 from drivers.lx200.site_and_time import clock_was_never_set
+from drivers.wire.command import Command, Read, Unreadable
+from mountnav.devices import PierSide, TrackingRate
 from mountnav.errors import Refusal
-from mountnav.navigation.devices import PierSide, TrackingRate
 
 _STAGES = {
     "B": "the Gemini shows its startup message: not ready yet",

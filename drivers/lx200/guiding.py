@@ -6,12 +6,12 @@ import asyncio
 import contextlib
 from collections.abc import Awaitable, Callable
 
-from drivers.command import Command
-from drivers.language import Sent, Wanted
+from drivers.generic.language import Sent, Wanted
 from drivers.lx200.dialect import Dialect, Nudge, Order
+from drivers.wire.command import Command
 from mountnav.clock import pause
+from mountnav.devices import Direction
 from mountnav.errors import DeviceError
-from mountnav.navigation.devices import Direction
 from mountnav.sky.present import real_s
 
 Once = Callable[[tuple[Order, ...], str, Wanted], Awaitable[Sent]]

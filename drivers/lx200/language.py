@@ -1,4 +1,4 @@
-"""Every dialect of LX200 as a `drivers.language.Language`: in what order its words make an order.
+"""Every dialect of LX200 as a `drivers.generic.language.Language`: in what order its words make an order.
 
 The words themselves, and what a dialect lacks, stand in its `drivers.lx200.dialect.Dialect`.
 """
@@ -9,15 +9,15 @@ import asyncio
 from datetime import datetime
 from typing import TypeVar
 
-from drivers.language import Identity, Readout, Sent, Wanted
-from drivers.link import Link
+from drivers.generic.language import Identity, Readout, Sent, Wanted
 from drivers.lx200.dialect import Dialect, Order
 from drivers.lx200.guiding import nudged, timed_pulses
 from drivers.lx200.looking import Lx200Look
 from drivers.lx200.replies import Answer
-from drivers.over_link import OverLink
+from drivers.wire.link import Link
+from drivers.wire.over_link import OverLink
+from mountnav.devices import Direction, Epoch, PierSide, Skill, TrackingRate
 from mountnav.errors import DeviceGarbled, DeviceRefused, DeviceSilent, Refusal
-from mountnav.navigation.devices import Direction, Epoch, PierSide, Skill, TrackingRate
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 
 T = TypeVar("T")

@@ -9,15 +9,15 @@ import contextlib
 from dataclasses import replace
 from typing import TypeVar
 
-from drivers.command import Command
-from drivers.language import Identity, Readout
-from drivers.link import Link
+from drivers.generic.language import Identity, Readout
+from drivers.generic.refining import Refining
 from drivers.lx200 import codec
 from drivers.lx200.dialect import Dialect, Handshake, Spot, State
 from drivers.lx200.dialects import recognized, weak
-from drivers.refining import Refining
+from drivers.wire.command import Command
+from drivers.wire.link import Link
+from mountnav.devices import Epoch
 from mountnav.errors import DeviceGarbled, DeviceRefused, DeviceSilent, Refusal
-from mountnav.navigation.devices import Epoch
 from mountnav.sky.coordinates import Apparent, Icrs, utc_now
 
 T = TypeVar("T")
@@ -63,7 +63,7 @@ class Lx200Look:
         self._link = link
         self._named = named
         self.ask = _Asking(link)
-        """Puts one question; see `drivers.link.Link.ask`."""
+        """Puts one question; see `drivers.wire.link.Link.ask`."""
         self.dialect: Dialect | None = named
         self.step_arcsec = _SHORT_ARCSEC
         self.rests = False

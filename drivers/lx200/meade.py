@@ -9,12 +9,12 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from drivers.command import Command, Unreadable
 from drivers.lx200 import codec
 from drivers.lx200.dialect import Ask, Dialect, Handshake, Lacks, Nudge, Spot, State
 from drivers.lx200.replies import of_text
 from drivers.lx200.site_and_time import Writing, clock_was_never_set, read_clock, read_site
-from mountnav.navigation.devices import TrackingRate
+from drivers.wire.command import Command, Unreadable
+from mountnav.devices import TrackingRate
 
 _STATUS = re.compile(rb"([APGL])([TNS])([0-3HP])")
 _NEW_GUIDING_FIRMWARE = "31Ee"

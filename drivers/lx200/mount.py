@@ -1,18 +1,18 @@
-"""An LX200 mount: a `drivers.driven.DrivenMount` that speaks `drivers.lx200.language`."""
+"""An LX200 mount: a `drivers.generic.DrivenMount` that speaks `drivers.lx200.language`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.driven import DrivenMount
-from drivers.exchange import Patience
-from drivers.line import ByteLine, ControlLines, SerialLine
-from drivers.link import Link
+from drivers.generic import DrivenMount
+from drivers.generic.timing import Timing
 from drivers.lx200.dialects import dialect_named
 from drivers.lx200.language import Lx200Language
-from drivers.timing import Timing
-from drivers.wire_log import WireLog
-from mountnav.navigation.devices import Epoch
+from drivers.wire.exchange import Patience
+from drivers.wire.line import ByteLine, ControlLines, SerialLine
+from drivers.wire.link import Link
+from drivers.wire.wire_log import WireLog
+from mountnav.devices import Epoch
 from mountnav.sky.coordinates import Site
 
 

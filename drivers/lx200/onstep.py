@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from drivers.command import Command
 from drivers.lx200 import codec, onstep_codec
 from drivers.lx200.angles import dec_from_text, longitude_from_text
 from drivers.lx200.dialect import Ask, Dialect, Handshake, Lacks, Spot, State
@@ -22,7 +21,8 @@ from drivers.lx200.meade import BASIC
 from drivers.lx200.onstep_codec import Status
 from drivers.lx200.replies import of_text
 from drivers.lx200.site_and_time import Writing, read_clock, read_site
-from mountnav.navigation.devices import PierSide
+from drivers.wire.command import Command
+from mountnav.devices import PierSide
 from mountnav.sky.coordinates import Site
 
 GET_FINE_LATITUDE: Command[float] = Command(

@@ -10,12 +10,12 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from drivers.command import Command, Read, Unreadable
 from drivers.lx200.angles import WireAngle, dec_from_text, ra_from_text
 from drivers.lx200.fine_angles import degrees_to_fine_text, ra_to_fine_text
 from drivers.lx200.replies import Answer, coded, nothing, of_text, text, words_but_no_place, yes_or_no
+from drivers.wire.command import Command, Read, Unreadable
+from mountnav.devices import Direction, PierSide, TrackingRate
 from mountnav.errors import Refusal
-from mountnav.navigation.devices import Direction, PierSide, TrackingRate
 from mountnav.sky.turning import SIDEREAL_DEG_S
 
 FINE_STEP_ARCSEC = 0.0015

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivers.driven import DrivenMount
+from drivers.generic import DrivenMount
+from drivers.generic.mount_options import read_options
 from drivers.lx200.dialects import names
 from drivers.lx200.mount import lx200_language
-from drivers.mount_options import read_options
 
 if TYPE_CHECKING:
     from drivers.registry import MountUrl

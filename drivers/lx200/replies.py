@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
-from drivers.command import Read, Unreadable
+from drivers.wire.command import Read, Unreadable
 from mountnav.errors import Refusal
 
 T = TypeVar("T")

@@ -11,11 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta
 
-from drivers.command import Command, Read, Unreadable
 from drivers.lx200.angles import dec_from_text, dec_to_text, longitude_from_text, longitude_to_text
 from drivers.lx200.codec import taken
 from drivers.lx200.dialect import Ask, Order
 from drivers.lx200.replies import of_text
+from drivers.wire.command import Command, Read, Unreadable
 from mountnav.sky.coordinates import Site
 
 _DATE = re.compile(rb"(\d{2})[/:](\d{2})[/:](\d{2})")

@@ -19,7 +19,7 @@ from drivers.lx200.dialect import Ask, Dialect, Handshake, Lacks, Order, Spot, S
 from drivers.lx200.fine_angles import degrees_to_fine_text
 from drivers.lx200.site_and_time import Writing, read_site
 from drivers.lx200.tenmicron_codec import FOLLOWING, MOVING, MountStatus
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 
 _FIRST_WITH_INFO = (2, 14, 9)
 

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from enum import IntEnum
 
-from drivers.command import Command, Read, Unreadable
 from drivers.lx200.angles import WireAngle
 from drivers.lx200.codec import quiet, taken
 from drivers.lx200.fine_angles import degrees_to_fine_text, ra_to_fine_text
 from drivers.lx200.replies import Answer, nothing, of_text, text, words_but_no_place
+from drivers.wire.command import Command, Read, Unreadable
+from mountnav.devices import Direction, PierSide, TrackingRate
 from mountnav.errors import Refusal
-from mountnav.navigation.devices import Direction, PierSide, TrackingRate
 
 RA_STEP_ARCSEC = 0.15
 LONGEST_PULSE_MS = 9999

@@ -8,10 +8,10 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from drivers.command import Command, Unreadable
 from drivers.lx200.fine_angles import degrees_to_fine_text, ra_to_fine_text
 from drivers.lx200.replies import of_text
-from mountnav.navigation.devices import PierSide
+from drivers.wire.command import Command, Unreadable
+from mountnav.devices import PierSide
 
 
 def _valid(wire: bytes) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from drivers.command import Unreadable
+from drivers.wire.command import Unreadable
 
 LONG_STEP_ARCSEC = 1296000.0 / 2**24
 """What a hand control resolves in the eight-digit form: the last two digits are always 00 [NexStar e]."""

@@ -10,12 +10,12 @@ import operator
 from collections.abc import Callable
 from typing import TypeVar
 
-from drivers.command import Command
-from drivers.language import Sent, Wanted
-from drivers.link import Link
+from drivers.generic.language import Sent, Wanted
+from drivers.generic.refining import Refining
 from drivers.nexstar import codec
 from drivers.nexstar.replies import ECHOES
-from drivers.refining import Refining
+from drivers.wire.command import Command
+from drivers.wire.link import Link
 from mountnav.errors import DeviceGarbled, DeviceSilent
 
 T = TypeVar("T")

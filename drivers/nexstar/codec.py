@@ -6,7 +6,6 @@ stands in `handsets`, the forms of the answers in `replies`.
 
 from __future__ import annotations
 
-from drivers.command import Command, Read
 from drivers.nexstar import replies
 from drivers.nexstar.angles import WirePair, pair_to_text
 from drivers.nexstar.handsets import Handset, Tracking, Version
@@ -28,6 +27,7 @@ from drivers.nexstar.site_and_time import (
     time_from_bytes,
     time_to_bytes,
 )
+from drivers.wire.command import Command, Read
 
 GET_PLACE: Command[WirePair] = Command(b"e", "right ascension and declination", replies.pair(False))
 GET_PLACE_SHORT: Command[WirePair] = Command(b"E", "right ascension and declination", replies.pair(True))

@@ -2,7 +2,8 @@
 
 It answers as the hand control of an AVX did in the recorded dialogues: every order with ``#``, carried out or
 not, an absent board with silence. A SynScan differs in how it tells its version, in its tracking modes, in
-what it passes on to its motors, and in speaking J2000. It does no I/O: `drivers.bench` puts it on a wire.
+what it passes on to its motors, and in speaking J2000. It does no I/O: `drivers.fakes.bench` puts it on a
+wire.
 """
 
 from __future__ import annotations
@@ -12,9 +13,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
-from drivers.command import Unreadable
-from drivers.fake_wire import WireFake
-from drivers.faults import Fault
+from drivers.fakes.fake_wire import WireFake
+from drivers.fakes.faults import Fault
 from drivers.nexstar.angles import pair_from_text, pair_to_text
 from drivers.nexstar.fake_horizon import believed_horizon, point_at_horizon
 from drivers.nexstar.fake_motors import FakeMotors
@@ -29,7 +29,8 @@ from drivers.nexstar.site_and_time import (
     time_from_bytes,
     time_to_bytes,
 )
-from mountnav.navigation.devices import Epoch, PierSide
+from drivers.wire.command import Unreadable
+from mountnav.devices import Epoch, PierSide
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.sky.chain import apparent_to_icrs, icrs_to_apparent
 from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now

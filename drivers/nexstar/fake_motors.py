@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from drivers.nexstar.handsets import Version
 from drivers.nexstar.passthrough import LUNAR, SIDEREAL, SOLAR, Axis, Order, PassThrough, is_tracking_rate
-from mountnav.navigation.devices import PierSide, TrackingRate
+from mountnav.devices import PierSide, TrackingRate
 from mountnav.simulation.mechanics import Direction, Mechanics
 from mountnav.sky.turning import SIDEREAL_DEG_S
 

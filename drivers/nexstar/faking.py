@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from datetime import datetime
 
-from drivers.faults import Fault
+from drivers.fakes.faults import Fault
 from drivers.nexstar.fake import AVX, FakeNexstar
 from drivers.nexstar.handsets import STARSENSE, Handset, Version
 from mountnav.errors import BadRequest

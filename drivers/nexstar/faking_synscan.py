@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from datetime import datetime
 
-from drivers.faults import Fault
+from drivers.fakes.faults import Fault
 from drivers.nexstar.fake import FakeNexstar
 from drivers.nexstar.faking import MACHINE, MOVES, STOPS
 from drivers.nexstar.handsets import Handset, Version

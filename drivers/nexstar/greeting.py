@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeVar
 
-from drivers.command import Command
 from drivers.nexstar import codec
 from drivers.nexstar.handsets import Handset
 from drivers.nexstar.passthrough import Axis
+from drivers.wire.command import Command
 
 T = TypeVar("T")
 

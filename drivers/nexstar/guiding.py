@@ -6,11 +6,11 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Any
 
-from drivers.command import Command
-from drivers.language import Sent, Wanted
+from drivers.generic.language import Sent, Wanted
 from drivers.nexstar import codec
 from drivers.nexstar.greeting import Ask
 from drivers.nexstar.passthrough import LONGEST_PULSE_S, Axis
+from drivers.wire.command import Command
 from mountnav.clock import pause
 
 _SLOWEST_KEY = 1

@@ -1,4 +1,4 @@
-"""NexStar as a `drivers.language.Language`: which letters, in which order, make a reading or an order.
+"""NexStar as a `drivers.generic.language.Language`: which letters make a reading or an order.
 
 Celestron's hand controls and Sky-Watcher's SynScan share the letters; what differs stands in `handsets`. A
 hand control answers every order with ``#``, carried out or not: what became of it is seen in the sky. That
@@ -10,9 +10,7 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from drivers.command import Command
-from drivers.language import Identity, Readout, Sent, Wanted
-from drivers.link import Link
+from drivers.generic.language import Identity, Readout, Sent, Wanted
 from drivers.nexstar import codec
 from drivers.nexstar.angles import LONG_STEP_ARCSEC, SHORT_STEP_ARCSEC, WirePair
 from drivers.nexstar.asking import Asking
@@ -23,9 +21,11 @@ from drivers.nexstar.parking import Horizon, Parking
 from drivers.nexstar.passthrough import LUNAR, SIDEREAL, SOLAR
 from drivers.nexstar.sides import motor_for, side_of
 from drivers.nexstar.timekeeping import clock_of, goes_on, site_of, time_for, wire_site
-from drivers.over_link import OverLink
+from drivers.wire.command import Command
+from drivers.wire.link import Link
+from drivers.wire.over_link import OverLink
+from mountnav.devices import Direction, Epoch, PierSide, Skill, TrackingRate
 from mountnav.errors import DeviceRefused, Refusal
-from mountnav.navigation.devices import Direction, Epoch, PierSide, Skill, TrackingRate
 from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
 
 _RATES = {TrackingRate.SIDEREAL: SIDEREAL, TrackingRate.SOLAR: SOLAR, TrackingRate.LUNAR: LUNAR}

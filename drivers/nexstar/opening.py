@@ -6,12 +6,12 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from drivers.driven import DrivenMount
-from drivers.mount_options import read_options
+from drivers.generic import DrivenMount
+from drivers.generic.mount_options import read_options
 from drivers.nexstar.mount import nexstar_language, patience_of
 from drivers.nexstar.parking import Horizon
+from mountnav.devices import Epoch
 from mountnav.errors import BadSettings
-from mountnav.navigation.devices import Epoch
 from mountnav.sky.coordinates import Site
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-from drivers.command import Unreadable
+from drivers.wire.command import Unreadable
 
 FASTEST_FIXED_RATE = 9
 LONGEST_PULSE_S = 2.55

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from drivers.exchange import Exchange, Patience
-from drivers.line import ByteLine
 from drivers.nexstar import codec
+from drivers.wire.exchange import Exchange, Patience
+from drivers.wire.line import ByteLine
 from mountnav.errors import DeviceGarbled, DeviceSilent
 
 BAUDS = (9600,)

@@ -17,9 +17,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeVar
 
-from drivers.command import Read, Unreadable
 from drivers.nexstar.angles import WirePair, begins_a_pair, pair_from_text
 from drivers.nexstar.handsets import Handset, Tracking, Version
+from drivers.wire.command import Read, Unreadable
 
 T = TypeVar("T")
 ECHOES = b"ghijklmnopqrstuvwxyz"

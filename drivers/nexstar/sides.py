@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from drivers.nexstar.handsets import Tracking
 from drivers.nexstar.passthrough import Axis
-from mountnav.navigation.devices import Direction, PierSide
+from mountnav.devices import Direction, PierSide
 
 _POLE_DEG = 89.999
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from drivers.command import Unreadable
+from drivers.wire.command import Unreadable
 
 _WEST_H, _EAST_H = -12, 14
 

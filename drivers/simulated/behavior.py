@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields, replace
 
+from mountnav.devices import Epoch
 from mountnav.errors import BadSettings
-from mountnav.navigation.devices import Epoch
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import turn_deg
 
@@ -43,7 +43,7 @@ class MountBehavior:
     again_s : float
         How often a lost link is tried again.
     poll_s, stall_s, rest_s, near_arcsec, sync_wait_s, late_s : float
-        As in `drivers.timing.Timing`.
+        As in `drivers.generic.timing.Timing`.
 
     Raises
     ------

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable, Mapping
 from typing import Literal
 
-from drivers.driven.keeping import LinkState
+from drivers.generic.keeping import LinkState
 from drivers.simulated.behavior import MountBehavior
 from mountnav.clock import Clock
 from mountnav.errors import DeviceMissing, DeviceSilent

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime, timedelta
 
-from drivers.exposing.shot import Turn
+from drivers.generic.shot import Turn
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Frame
 from mountnav.simulation.optics import SimulatedOptics
@@ -17,7 +17,7 @@ from mountnav.sky.present import real_s
 
 
 class SimulatedCamera:
-    """A `mountnav.navigation.devices.Camera` that draws its frames.
+    """A `mountnav.devices.Camera` that draws its frames.
 
     Parameters
     ----------

@@ -6,14 +6,14 @@ import asyncio
 from collections import deque
 from collections.abc import Callable
 
-from drivers.fake_wire import WireFake
-from drivers.wire_log import WireLog
+from drivers.fakes.fake_wire import WireFake
+from drivers.wire.wire_log import WireLog
 from mountnav.errors import DeviceMissing
 from mountnav.simulation.virtual_time import VirtualClock
 
 
 class MemoryLine:
-    """A `drivers.line.ByteLine` to a fake in the same process.
+    """A `drivers.wire.line.ByteLine` to a fake in the same process.
 
     Parameters
     ----------

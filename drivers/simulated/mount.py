@@ -1,8 +1,8 @@
 """A mount without a wire: the face of a driver, the mechanics behind it, and what goes wrong between the two.
 
 "Simulated" means the same Python face and no wire; its answers and its errors are those that
-`drivers.driven.DrivenMount` gives over one: a slew has arrived when the mount rests and is where it was sent,
-a sync has happened when the readings show it, a position that may be wrong doesn't count.
+`drivers.generic.DrivenMount` gives over one: a slew has arrived when the mount rests and is where it was
+sent, a sync has happened when the readings show it, a position that may be wrong doesn't count.
 """
 
 from __future__ import annotations
@@ -12,11 +12,10 @@ import contextlib
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
-from drivers.driven.keeping import LinkState
-from drivers.places import apart_arcsec, check_kind
+from drivers.generic.keeping import LinkState
+from drivers.generic.places import apart_arcsec, check_kind
 from drivers.simulated.state import SimulatedState
-from mountnav.errors import BadRequest, DeviceError, DeviceRefused, Refusal, RefusedButDone
-from mountnav.navigation.devices import (
+from mountnav.devices import (
     Direction,
     MountReading,
     PierSide,
@@ -27,6 +26,7 @@ from mountnav.navigation.devices import (
     SyncResult,
     TrackingRate,
 )
+from mountnav.errors import BadRequest, DeviceError, DeviceRefused, Refusal, RefusedButDone
 from mountnav.navigation.sync_outcomes import miss_arcsec, moved_arcsec, near_arcsec, unseen
 from mountnav.sky.chain import icrs_to_apparent
 from mountnav.sky.coordinates import Apparent, Icrs
@@ -45,7 +45,7 @@ _STATES = {
 
 
 class SimulatedMount(SimulatedState):
-    """A `mountnav.navigation.devices.Mount` over the mechanics; skilled, trusting, announcing.
+    """A `mountnav.devices.Mount` over the mechanics; skilled, trusting, announcing.
 
     Parameters
     ----------
@@ -317,7 +317,7 @@ class SimulatedMount(SimulatedState):
         await self.cable.ask()
 
     async def _belied(self, order: str, before: MountReading) -> DeviceError:
-        """Look after an order that was refused, as `drivers.driven.refused` does; what is to be raised."""
+        """Look after an order that was refused, as `drivers.generic.refused` does; what is to be raised."""
         began_s = self._clock.monotonic_s()
         free_arcsec = 5.0 + 2.0 * self.resolution_arcsec
         while self._clock.monotonic_s() - began_s <= _START_GRACE_S:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import asyncio
 
-from drivers.driven.keeping import LinkState
-from drivers.places import apart_arcsec
+from drivers.generic.keeping import LinkState
+from drivers.generic.places import apart_arcsec
 from drivers.simulated.behavior import MountBehavior
 from drivers.simulated.cable import Cable, Listener, Trouble
 from mountnav.clock import Clock
+from mountnav.devices import Epoch, MountReading, PierSide, Skill, SlewState
 from mountnav.errors import Busy, DeviceRefused, Refusal
-from mountnav.navigation.devices import Epoch, MountReading, PierSide, Skill, SlewState
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.posture import other_side
 from mountnav.sky.chain import apparent_to_icrs

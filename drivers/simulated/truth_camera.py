@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from drivers.exposing.shot import Turn
+from drivers.generic.shot import Turn
 from mountnav.clock import Clock
 from mountnav.frames import Frame
 from mountnav.simulation.mechanics import Mechanics
@@ -18,7 +18,7 @@ from mountnav.sky.sphere import separation_arcsec
 
 
 class TruthCamera:
-    """A `mountnav.navigation.devices.Camera` on a simulated mount; `SkySeen` solves its frames.
+    """A `mountnav.devices.Camera` on a simulated mount; `SkySeen` solves its frames.
 
     Parameters
     ----------

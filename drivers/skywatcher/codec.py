@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeVar
 
-from drivers.command import Command, Read, Unreadable
 from drivers.skywatcher.words import (
     Axis,
     Board,
@@ -27,6 +26,7 @@ from drivers.skywatcher.words import (
     read_features,
     read_status,
 )
+from drivers.wire.command import Command, Read, Unreadable
 
 T = TypeVar("T")
 _END = b"\r"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from datetime import datetime
 
-from drivers.faults import Fault
+from drivers.fakes.faults import Fault
 from drivers.skywatcher.fake import FakeSkywatcher
 from drivers.skywatcher.fake_board import BOARDS
 from mountnav.errors import BadRequest

@@ -1,4 +1,4 @@
-"""A Sky-Watcher motor controller as a `drivers.language.Language`: goto, tracking and sync are ours.
+"""A Sky-Watcher motor controller as a `drivers.generic.language.Language`: goto, tracking and sync are ours.
 
 The controller counts steps and knows no sky, no clock, no site and no limits; the sky is reckoned here from
 our site and our clock. Connecting asks only: the motors are energized by the first order that moves them. If
@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable
 from datetime import datetime
 
-from drivers.language import Sent, Wanted
+from drivers.generic.language import Sent, Wanted
 from drivers.skywatcher import codec
 from drivers.skywatcher.postures import HOME, Turns, side_for, sight, sky_sign, turns_at
 from drivers.skywatcher.rates import RATES_DEG_S
@@ -21,8 +21,8 @@ from drivers.skywatcher.reckoning import altitude_deg, hour_angle_of
 from drivers.skywatcher.steering import Aim
 from drivers.skywatcher.words import Axis
 from mountnav.clock import pause
+from mountnav.devices import Direction, PierSide, TrackingRate
 from mountnav.errors import BadRequest, DeviceError, DeviceRefused, Refusal
-from mountnav.navigation.devices import Direction, PierSide, TrackingRate
 from mountnav.sky.coordinates import Apparent, Icrs, utc_now
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.sky.turning import SIDEREAL_DEG_S

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from drivers.command import Command
-from drivers.link import Link
-from drivers.refining import Refining
+from drivers.generic.refining import Refining
 from drivers.skywatcher import codec
 from drivers.skywatcher.rates import Gearing, true_timer_hz
 from drivers.skywatcher.words import Axis, Board, Features, MotorStatus, Nack
+from drivers.wire.command import Command
+from drivers.wire.link import Link
 from mountnav.clock import pause
 from mountnav.errors import DeviceError, DeviceRefused, Refusal
 from mountnav.sky.coordinates import utc_now

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from urllib.parse import urlsplit
 
-from drivers.driven import DrivenMount
-from drivers.exchange import Patience
-from drivers.line import ByteLine, ControlLines, SerialLine
-from drivers.link import Link
+from drivers.generic import DrivenMount
+from drivers.generic.timing import Timing
 from drivers.skywatcher.language import SkywatcherLanguage
 from drivers.skywatcher.settings import SkywatcherSettings
-from drivers.timing import Timing
-from drivers.udp_line import UdpLine
-from drivers.wire_log import WireLog
+from drivers.wire.exchange import Patience
+from drivers.wire.line import ByteLine, ControlLines, SerialLine
+from drivers.wire.link import Link
+from drivers.wire.udp_line import UdpLine
+from drivers.wire.wire_log import WireLog
 from mountnav.errors import BadSettings
 from mountnav.sky.coordinates import Site
 

@@ -8,7 +8,7 @@ a sync of its own takes that of the other one: most of it is where the counting 
 from __future__ import annotations
 
 from drivers.skywatcher.postures import Sight, Turns, other_side, side_of, sight, turns_at
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.sky.sphere import half_turn_deg
 
 STALE_DEG = 1.0

@@ -6,11 +6,11 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from drivers.driven import DrivenMount
-from drivers.exchange import Patience
-from drivers.mount_options import read_options
+from drivers.generic import DrivenMount
+from drivers.generic.mount_options import read_options
 from drivers.skywatcher.mount import BAUD, PATIENCE, skywatcher_language
 from drivers.skywatcher.settings import SkywatcherSettings
+from drivers.wire.exchange import Patience
 from mountnav.errors import BadSettings
 from mountnav.sky.coordinates import Site
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.sky.sphere import half_turn_deg
 
 HOME_SECOND_DEG = 90.0

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from drivers.exchange import Exchange, Patience
-from drivers.line import ByteLine
 from drivers.skywatcher import codec
 from drivers.skywatcher.words import Axis
+from drivers.wire.exchange import Exchange, Patience
+from drivers.wire.line import ByteLine
 from mountnav.errors import DeviceGarbled, DeviceSilent
 
 BAUDS = (9600, 115_200)

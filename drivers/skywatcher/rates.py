@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 from drivers.skywatcher.words import LARGEST, Board
-from mountnav.navigation.devices import TrackingRate
+from mountnav.devices import TrackingRate
 from mountnav.sky.turning import SIDEREAL_DEG_S
 
 RATES_DEG_S = {

@@ -5,9 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Coroutine
 
-from drivers.language import Identity, Readout
-from drivers.link import Link
-from drivers.over_link import OverLink
+from drivers.generic.language import Identity, Readout
 from drivers.skywatcher import codec
 from drivers.skywatcher.motors import Count, Motors
 from drivers.skywatcher.postures import HOME, Turns, sight
@@ -17,8 +15,10 @@ from drivers.skywatcher.settings import SkywatcherSettings
 from drivers.skywatcher.standing import Standing
 from drivers.skywatcher.steering import Steering
 from drivers.skywatcher.words import NOT_EQUATORIAL, Axis, MotorStatus
+from drivers.wire.link import Link
+from drivers.wire.over_link import OverLink
+from mountnav.devices import Epoch, PierSide, Skill, TrackingRate
 from mountnav.errors import DeviceRefused, Refusal
-from mountnav.navigation.devices import Epoch, PierSide, Skill, TrackingRate
 from mountnav.sky.coordinates import Site
 from mountnav.tasks import begun, fault_words
 

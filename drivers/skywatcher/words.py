@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass
 from enum import IntEnum
 
-from drivers.command import Unreadable
+from drivers.wire.command import Unreadable
 from mountnav.errors import Refusal
 
 POSITION_ZERO = 0x800000

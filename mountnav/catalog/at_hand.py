@@ -15,7 +15,7 @@ from mountnav.errors import BadSettings
 from mountnav.parsing import repeated
 
 if TYPE_CHECKING:
-    from mountnav.settings_catalogs import CatalogsSettings
+    from mountnav.settings.catalogs import CatalogsSettings
 
 _log = logging.getLogger(__name__)
 

@@ -27,7 +27,7 @@ class Identified:
         The numbers behind it.
     contradictions : tuple of Contradiction
         Hints that disprove each other. Who has the solution compares it with the hints
-        (`mountnav.contradictions`).
+        (`mountnav.solving.contradictions`).
     blind : bool
         Found over the whole sky, not where the hint said.
     """

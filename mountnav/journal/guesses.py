@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from enum import StrEnum
 
+from mountnav.devices import MountReading
 from mountnav.journal.records import CommandRecord
-from mountnav.navigation.devices import MountReading
 from mountnav.navigation.kinds import from_mount
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import separation_arcsec

@@ -14,7 +14,7 @@ from enum import StrEnum
 from typing import Literal, Protocol
 from uuid import uuid4
 
-from mountnav.navigation.devices import MountReading
+from mountnav.devices import MountReading
 from mountnav.sky.coordinates import Air, Apparent, Icrs
 
 

@@ -13,11 +13,11 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Protocol
 
+from mountnav.devices import MountReading
 from mountnav.journal.guesses import Likely, judged, named
 from mountnav.journal.reading import JournalReader
 from mountnav.journal.records import CommandEnd, CommandRecord, Entry, EntryKind, Journal, Outcome
 from mountnav.journal.wanted import COMMAND, LOOK, Wanted
-from mountnav.navigation.devices import MountReading
 from mountnav.sky.coordinates import utc_now
 
 RESTART, ACKNOWLEDGED = "restart", "restart-acknowledged"

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from datetime import datetime
 from typing import Any
 
+from mountnav.devices import MountReading, PierSide
 from mountnav.journal.records import (
     Cause,
     CommandEnd,
@@ -16,7 +17,6 @@ from mountnav.journal.records import (
     LookRecord,
     Outcome,
 )
-from mountnav.navigation.devices import MountReading, PierSide
 from mountnav.sky.coordinates import Air, Apparent, Icrs
 
 Row = dict[str, Any]

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from datetime import timedelta
 from typing import Literal
 
+from mountnav.devices import PierSide
 from mountnav.errors import BadFrame, BadRequest, DeviceRefused, SyncDoubt, SyncIgnored, SyncRefused
 from mountnav.frames import Frame
 from mountnav.journal.records import EntryKind, because, new_id
 from mountnav.navigation.camera_identity import camera_of
-from mountnav.navigation.devices import PierSide
 from mountnav.navigation.doubts import AGAINST_THE_LOOK, SyncContext
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.flipping import side_of

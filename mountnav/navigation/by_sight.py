@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 
+from mountnav.devices import MountReading
 from mountnav.errors import DeviceError, DeviceRefused, SyncElsewhere
-from mountnav.navigation.devices import MountReading
 from mountnav.navigation.reports import Look
 from mountnav.navigation.sync_judge import Judge
 from mountnav.navigation.undoing import turned_over

@@ -9,8 +9,8 @@ from statistics import median
 
 import numpy as np
 
+from mountnav.devices import PierSide
 from mountnav.navigation.camera_samples import CameraSample, Mounting
-from mountnav.navigation.devices import PierSide
 
 MAD_TO_SIGMA = 1.4826
 _MEANINGLESS_DEG = 60.0

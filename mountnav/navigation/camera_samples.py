@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.navigation.reports import Look
 from mountnav.sky.chain import icrs_to_hour_angle, icrs_to_observed
 from mountnav.sky.coordinates import Air, HourAngle, Icrs, Observed, Site

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
 
+from mountnav.devices import PierSide, SyncOutcome
 from mountnav.errors import LimitKind
-from mountnav.navigation.devices import PierSide, SyncOutcome
 from mountnav.sky.coordinates import Icrs
 
 

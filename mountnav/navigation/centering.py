@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 
+from mountnav.devices import SyncOutcome
 from mountnav.errors import (
     DeviceRefused,
     MountnavError,
@@ -17,7 +18,6 @@ from mountnav.errors import (
     TargetNotReached,
 )
 from mountnav.navigation.correcting import Correcting
-from mountnav.navigation.devices import SyncOutcome
 from mountnav.navigation.ends import Ends
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.flipping import crossing, side_note, side_of

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from mountnav.devices import PierSide, SyncOutcome
 from mountnav.errors import (
     DeviceRefused,
     NotReached,
@@ -15,7 +16,6 @@ from mountnav.errors import (
     TargetNotReached,
 )
 from mountnav.navigation.by_sight import TookElsewhere
-from mountnav.navigation.devices import PierSide, SyncOutcome
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.flipping import side_of
 from mountnav.navigation.polar_steering import ENOUGH_LOOKS, Hole, PolarSteering, steering_for

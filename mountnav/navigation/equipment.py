@@ -9,10 +9,10 @@ from typing import Protocol
 
 from mountnav.catalog.stars import Catalog
 from mountnav.clock import Clock
+from mountnav.devices import Camera, Mount
 from mountnav.frames import Frame, Hint
 from mountnav.journal.records import Entry, EntryKind, Journal
-from mountnav.navigation.checked_mount import CheckedMount
-from mountnav.navigation.devices import Camera, Mount
+from mountnav.mount import CheckedMount
 from mountnav.navigation.frames_seen import FramesSeen
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.readings_kept import ReadingsKept
@@ -22,7 +22,7 @@ from mountnav.pointing.in_force import Pointing
 from mountnav.pointing.limits import Limits, Mounting
 from mountnav.sky.coordinates import Air, Site
 from mountnav.solution import Verdict
-from mountnav.solve_settings import SolveSettings
+from mountnav.solving.settings import SolveSettings
 
 Listener = Callable[[str, dict[str, object]], None]
 
@@ -31,7 +31,7 @@ class Solve(Protocol):
     """Finds out where a frame was taken, while everything else goes on: a stop never waits for it."""
 
     async def __call__(self, frame: Frame, hint: Hint, settings: SolveSettings) -> Verdict:
-        """Answer with a verdict, as `mountnav.solve.solve` does."""
+        """Answer with a verdict, as `mountnav.solving.solve.solve` does."""
         ...
 
 
@@ -47,7 +47,7 @@ def in_thread(catalog: Catalog) -> Solve:
     Solve
         Cancelling it frees the caller at once; the thread goes on to its end.
     """
-    from mountnav.solve import solve  # a service that has a solver needs none of its parts
+    from mountnav.solving.solve import solve  # a service that has a solver needs none of its parts
 
     async def solve_in_thread(frame: Frame, hint: Hint, settings: SolveSettings) -> Verdict:
         return await asyncio.to_thread(solve, frame, catalog, hint=hint, settings=settings)

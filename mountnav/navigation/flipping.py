@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from datetime import timedelta
 
+from mountnav.devices import PierSide
 from mountnav.errors import LimitKind
-from mountnav.navigation.devices import PierSide
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.reports import Crossing, Look
 from mountnav.sky.coordinates import Icrs

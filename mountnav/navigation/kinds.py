@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from mountnav.navigation.devices import Epoch
+from mountnav.devices import Epoch
 from mountnav.sky.chain import apparent_to_icrs, icrs_to_apparent
 from mountnav.sky.coordinates import Apparent, Icrs
 

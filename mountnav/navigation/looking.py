@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from typing import Literal
 
+from mountnav.devices import MountReading
 from mountnav.errors import BadFrame, CameraStale, MountMoved, SyncDoubt
 from mountnav.frames import Frame, Hint
 from mountnav.journal.records import EntryKind, because, new_id
 from mountnav.measuring.quality import SkyQuality
 from mountnav.navigation.camera_identity import CameraIdentity, camera_of
-from mountnav.navigation.devices import MountReading
 from mountnav.navigation.equipment import Equipment, Listener, Solve, in_thread
 from mountnav.navigation.frames_seen import LAGS, Sight, fingerprint, takes_long
 from mountnav.navigation.kinds import from_mount

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from datetime import datetime
 
+from mountnav.devices import Epoch, MountReading, PierSide
 from mountnav.frames import Frame
 from mountnav.journal.records import LookRecord, cause
-from mountnav.navigation.devices import Epoch, MountReading, PierSide
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.kinds import for_mount
 from mountnav.navigation.reports import Look

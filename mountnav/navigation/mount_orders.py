@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from mountnav.devices import ConnectReport, Direction, MountReading, SlewOutcome, TrackingRate
 from mountnav.errors import Cancelled, NotReached, TargetNotReached
-from mountnav.navigation.checked_mount import CheckedMount
-from mountnav.navigation.devices import ConnectReport, Direction, MountReading, SlewOutcome, TrackingRate
+from mountnav.mount import CheckedMount
 from mountnav.navigation.one_at_a_time import OneAtATime
 
 

@@ -8,12 +8,12 @@ from datetime import datetime
 
 from mountnav.catalog.stars import Catalog
 from mountnav.clock import Clock, SystemClock
+from mountnav.devices import Camera, Mount
 from mountnav.errors import NotReached, TargetNotReached
 from mountnav.frames import Frame
 from mountnav.journal.records import Journal, Unwritten
 from mountnav.navigation.between_frames import WITHIN, By, Judged, correct, frame_look
 from mountnav.navigation.center_in_time import center_in_time
-from mountnav.navigation.devices import Camera, Mount
 from mountnav.navigation.equipment import Listener, Solve, equipped, in_thread
 from mountnav.navigation.first_light import first_light
 from mountnav.navigation.kinds import for_mount, from_mount
@@ -45,7 +45,7 @@ from mountnav.pointing.limits import Limits, Mounting
 from mountnav.sky.coordinates import Air, Icrs, Site
 from mountnav.sky.sphere import displaced
 from mountnav.solution import Verdict
-from mountnav.solve_settings import SolveSettings
+from mountnav.solving.settings import SolveSettings
 
 
 class Navigator(MountOrders):

@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 
+from mountnav.devices import Camera
 from mountnav.errors import (
     Busy,
     DeviceError,
@@ -16,8 +17,7 @@ from mountnav.errors import (
     RefusedButDone,
 )
 from mountnav.journal.records import because, cause
-from mountnav.navigation.checked_mount import CheckedMount
-from mountnav.navigation.devices import Camera
+from mountnav.mount import CheckedMount
 from mountnav.navigation.equipment import Listener
 
 

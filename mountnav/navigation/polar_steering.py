@@ -20,7 +20,7 @@ from datetime import datetime
 
 import numpy as np
 
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.navigation.steering import Followed, Sighting, Steering
 from mountnav.sky.chain import (
     apparent_to_hour_angle,

@@ -6,7 +6,7 @@ from collections import deque
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from mountnav.navigation.devices import MountReading
+from mountnav.devices import MountReading
 from mountnav.navigation.kinds import from_mount
 from mountnav.sky.sphere import separation_arcsec
 

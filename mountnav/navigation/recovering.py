@@ -11,6 +11,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 
+from mountnav.devices import PierSide, Skill, SyncOutcome
 from mountnav.errors import (
     BadFrame,
     DeviceError,
@@ -25,10 +26,9 @@ from mountnav.errors import (
     SyncIgnored,
     SyncRefused,
 )
+from mountnav.mount import CheckedMount
 from mountnav.navigation.by_sight import stays_lost, stood_still
 from mountnav.navigation.camera_samples import camera_sample
-from mountnav.navigation.checked_mount import CheckedMount
-from mountnav.navigation.devices import PierSide, Skill, SyncOutcome
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.flipping import side_of
 from mountnav.navigation.policy import CenteringPolicy

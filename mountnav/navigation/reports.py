@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime
 
+from mountnav.devices import MountReading, PierSide, SlewOutcome, SyncOutcome
 from mountnav.errors import SyncDoubt
 from mountnav.navigation.camera_identity import CameraIdentity
 from mountnav.navigation.center_reports import CenterOutcome, CenterReport, Correction, Crossing, Try
-from mountnav.navigation.devices import MountReading, PierSide, SlewOutcome, SyncOutcome
 from mountnav.navigation.readings_kept import Meanwhile
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import Offset

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mountnav.devices import PierSide, Skill, SlewOutcome
 from mountnav.errors import (
     Cancelled,
     DeviceRefused,
@@ -11,8 +12,7 @@ from mountnav.errors import (
     TargetNotReached,
 )
 from mountnav.journal.records import EntryKind
-from mountnav.navigation.checked_mount import WentAnotherWay
-from mountnav.navigation.devices import PierSide, Skill, SlewOutcome
+from mountnav.mount import WentAnotherWay
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.kinds import for_mount, from_mount
 from mountnav.navigation.reports import SlewReport

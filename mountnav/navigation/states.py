@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mountnav.errors import DeviceError
-from mountnav.navigation.checked_mount import CheckedMount
+from mountnav.mount import CheckedMount
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.kinds import from_mount
 from mountnav.navigation.reports import TelescopeState

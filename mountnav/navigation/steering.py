@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
 
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, offset_arcsec, separation_arcsec
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime
 
 from mountnav.clock import Clock
+from mountnav.devices import MountReading, PierSide
 from mountnav.errors import ModelRefused, SyncDoubt
+from mountnav.mount import CheckedMount
 from mountnav.navigation.camera_identity import CameraIdentity
 from mountnav.navigation.camera_samples import CameraSample, camera_sample
-from mountnav.navigation.checked_mount import CheckedMount
 from mountnav.navigation.confirming import to_be_confirmed
-from mountnav.navigation.devices import MountReading, PierSide
 from mountnav.navigation.doubts import (
     AGAINST_THE_LOOK,
     Claim,

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 from datetime import datetime
 
-from mountnav.navigation.devices import MountReading, SyncOutcome
+from mountnav.devices import MountReading, SyncOutcome
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.sky.turning import SIDEREAL_DEG_S

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mountnav.clock import Clock
+from mountnav.devices import MountReading, SyncOutcome, SyncResult
 from mountnav.errors import SyncElsewhere
-from mountnav.navigation.checked_mount import CheckedMount
-from mountnav.navigation.devices import MountReading, SyncOutcome, SyncResult
+from mountnav.mount import CheckedMount
 from mountnav.navigation.kinds import for_mount, from_mount
 from mountnav.navigation.steps import step
 from mountnav.navigation.sync_outcomes import near_arcsec

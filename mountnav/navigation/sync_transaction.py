@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
+from mountnav.devices import MountReading, SyncOutcome
 from mountnav.errors import (
     BadFrame,
     Cancelled,
@@ -16,7 +17,6 @@ from mountnav.errors import (
     SyncIgnored,
     SyncRefused,
 )
-from mountnav.navigation.devices import MountReading, SyncOutcome
 from mountnav.navigation.kinds import from_mount
 from mountnav.navigation.reports import Look
 from mountnav.navigation.steps import step

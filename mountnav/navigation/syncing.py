@@ -7,6 +7,7 @@ from dataclasses import replace
 from datetime import datetime
 
 from mountnav.clock import Clock, SystemClock
+from mountnav.devices import MountReading, PierSide
 from mountnav.errors import (
     BadFrame,
     DeviceRefused,
@@ -19,11 +20,10 @@ from mountnav.errors import (
     SyncRefused,
 )
 from mountnav.journal.records import Entry, EntryKind, Journal, Unwritten, because
+from mountnav.mount import CheckedMount
 from mountnav.navigation.by_sight import TookElsewhere, off_at_most_arcsec, stood_still, why_not
 from mountnav.navigation.camera_identity import CameraIdentity
-from mountnav.navigation.checked_mount import CheckedMount
 from mountnav.navigation.confirming import Witnesses, disagreement
-from mountnav.navigation.devices import MountReading, PierSide
 from mountnav.navigation.doubts import ADVICE, AGAINST_THE_LOOK, SyncContext, in_order
 from mountnav.navigation.learned import Learned, Lesson, LessonKind
 from mountnav.navigation.reports import Look, SyncReport

@@ -15,10 +15,10 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Any
 
+from mountnav.devices import MountReading, PierSide, SyncOutcome
 from mountnav.errors import DeviceRefused, ModelRefused, Refusal, SyncDoubt, SyncIgnored, SyncRefused
 from mountnav.journal.records import EntryKind
-from mountnav.navigation.checked_mount.segments import SEEN_LATE
-from mountnav.navigation.devices import MountReading, PierSide, SyncOutcome
+from mountnav.mount.segments import SEEN_LATE
 from mountnav.navigation.doubts import Claim, Doubts, in_order, place_doubts
 from mountnav.navigation.kinds import from_mount
 from mountnav.navigation.reports import Look, ToldReport

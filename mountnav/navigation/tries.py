@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from mountnav.navigation.devices import SyncOutcome
+from mountnav.devices import SyncOutcome
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.kinds import from_mount
 from mountnav.navigation.reports import Correction, Look, Try

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from mountnav.clock import Clock
+from mountnav.devices import MountReading, PierSide
 from mountnav.errors import DeviceError, MountnavError, SyncDoubt, SyncRefused
-from mountnav.navigation.checked_mount import CheckedMount
-from mountnav.navigation.devices import MountReading, PierSide
+from mountnav.mount import CheckedMount
 from mountnav.navigation.kinds import from_mount
 from mountnav.navigation.reports import Look
 from mountnav.navigation.steps import step

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class NightRules:
-    """What is allowed; each as in `mountnav.settings_night.NightSettings`."""
+    """What is allowed; each as in `mountnav.settings.night.NightSettings`."""
 
     correct_by: str = "nothing"
     correct_when_off_by_arcsec: float = 30.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 
-from mountnav.navigation.devices import Epoch, MountReading
+from mountnav.devices import Epoch, MountReading
 from mountnav.navigation.kinds import for_mount
 from mountnav.navigation.readings_kept import Around, Meanwhile
 from mountnav.navigation.reports import Look

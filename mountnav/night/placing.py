@@ -17,7 +17,7 @@ from mountnav.series.results import FrameResult, Mode, SeriesSettings, Shift
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.solution import Reason, Solution, Times, Verdict
-from mountnav.solve_settings import SolveSettings
+from mountnav.solving.settings import SolveSettings
 
 if TYPE_CHECKING:
     from mountnav.series.follow import SeriesFollower

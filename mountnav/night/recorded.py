@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from mountnav.devices import MountReading, PierSide
 from mountnav.errors import BadRequest
 from mountnav.frames import Frame, Hint
-from mountnav.navigation.devices import MountReading, PierSide
 from mountnav.night.events import Act, Decision, Why
 from mountnav.night.recording import VERSION
 from mountnav.parsing import json_of

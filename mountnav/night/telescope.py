@@ -6,9 +6,9 @@ from collections.abc import Callable
 from datetime import datetime
 from typing import Literal, Protocol
 
+from mountnav.devices import MountReading
 from mountnav.errors import SyncDoubt
 from mountnav.frames import Frame
-from mountnav.navigation.devices import MountReading
 from mountnav.navigation.readings_kept import Meanwhile
 from mountnav.navigation.reports import Look
 from mountnav.sky.coordinates import Icrs

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Protocol
 
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.pointing.observation import PointingObservation
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import Offset

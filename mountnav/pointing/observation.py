@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from datetime import datetime
 
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.sky.coordinates import Air, Apparent, Icrs
 
 

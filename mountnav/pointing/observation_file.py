@@ -25,8 +25,8 @@ from datetime import UTC, datetime
 from io import TextIOWrapper
 from pathlib import Path
 
+from mountnav.devices import PierSide
 from mountnav.errors import BadRequest
-from mountnav.navigation.devices import PierSide
 from mountnav.parsing import json_of
 from mountnav.plain_files import open_buffered
 from mountnav.pointing.observation import PointingObservation

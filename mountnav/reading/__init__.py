@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.bayer import is_mosaic, without_mosaic
 from mountnav.errors import BadFrame
 from mountnav.frames import Frame
-from mountnav.header_hints import hint_from_header
-from mountnav.header_times import exposure_s_from_header, mid_exposure_from_header
-from mountnav.header_values import number
 from mountnav.plain_files import open_plain
+from mountnav.reading.bayer import is_mosaic, without_mosaic
 from mountnav.reading.content import Content, OnDisk
 from mountnav.reading.fits_cards import Value
 from mountnav.reading.fits_images import read_fits
+from mountnav.reading.header_hints import hint_from_header
+from mountnav.reading.header_times import exposure_s_from_header, mid_exposure_from_header
+from mountnav.reading.header_values import number
 from mountnav.reading.unpacking import unpacked
 
 Pixels = NDArray[np.generic]
@@ -39,8 +39,8 @@ def read_frame(
     FITS (integers and floats, scaled, tile-compressed, several extensions, three color planes), plain or in
     gzip or bzip2, and whatever pillow reads (PNG, JPEG, TIFF, BMP). Pixels stay in file order, never flipped:
     row 0 is FITS row 1, or the top row of the other formats. Color becomes the mean of the planes; a raw
-    Bayer mosaic is smoothed so that pixel coordinates stay the same (`mountnav.bayer`). Infinite pixels
-    become NaN.
+    Bayer mosaic is smoothed so that pixel coordinates stay the same (`mountnav.reading.bayer`). Infinite
+    pixels become NaN.
 
     Safe to call in several threads at once.
 

@@ -12,7 +12,7 @@ from mountnav.series.persistence import PersistentSources
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import Offset
 from mountnav.solution import Solution
-from mountnav.solve_settings import SolveSettings
+from mountnav.solving.settings import SolveSettings
 
 
 class Mode(StrEnum):

@@ -13,7 +13,7 @@ from mountnav.measuring.measurements import Measurements
 from mountnav.series.results import SeriesSettings
 from mountnav.sky.coordinates import Icrs
 from mountnav.solution import Solution, Verdict
-from mountnav.solve import solve
+from mountnav.solving.solve import solve
 
 SCALE_SHARE = 0.02
 """How well the scale of a series is known once a frame is solved."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields
 from datetime import datetime
 from typing import Literal
 
+from mountnav.devices import TrackingRate
 from mountnav.errors import BadSettings
-from mountnav.navigation.devices import TrackingRate
 from mountnav.sky.turning import SIDEREAL_DEG_S
 
 Mounting = Literal["fork", "german"]

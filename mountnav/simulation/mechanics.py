@@ -14,8 +14,8 @@ from dataclasses import replace
 from datetime import datetime
 from typing import Literal
 
+from mountnav.devices import PierSide
 from mountnav.errors import Refusal
-from mountnav.navigation.devices import PierSide
 from mountnav.simulation.belief import believing, with_future
 from mountnav.simulation.geometry import perfect_direction
 from mountnav.simulation.machine import RATES_DEG_S, Machine, Mounting

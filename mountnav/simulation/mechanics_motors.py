@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
+from mountnav.devices import TrackingRate
 from mountnav.errors import BadSettings
-from mountnav.navigation.devices import TrackingRate
 from mountnav.simulation.belief import Belief, believing, without_homing
 from mountnav.simulation.mechanics_truth import MechanicsTruth
 from mountnav.simulation.motion import AxisName, Goal, Limits, Motion

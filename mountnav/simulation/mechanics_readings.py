@@ -8,7 +8,7 @@ from dataclasses import replace
 from datetime import datetime, timedelta
 from typing import Literal
 
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.simulation.belief import Belief
 from mountnav.simulation.geometry import perfect_direction
 from mountnav.simulation.machine import AxisAngles, Machine

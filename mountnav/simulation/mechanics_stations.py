@@ -6,8 +6,8 @@ import math
 from dataclasses import replace
 from datetime import datetime
 
+from mountnav.devices import TrackingRate
 from mountnav.errors import Refusal
-from mountnav.navigation.devices import TrackingRate
 from mountnav.simulation.belief import with_future
 from mountnav.simulation.machine import AxisAngles
 from mountnav.simulation.mechanics_motors import MechanicsMotors, Order

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from mountnav.navigation.devices import TrackingRate
+from mountnav.devices import TrackingRate
 from mountnav.simulation.axes import AxisPath
 from mountnav.simulation.belief import Belief
 from mountnav.simulation.machine import RATES_DEG_S, AxisAngles

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.simulation.axes import AxisPath
 from mountnav.simulation.belief import Belief
 from mountnav.simulation.geometry import perfect_direction

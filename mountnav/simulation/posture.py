@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.simulation.machine import AxisAngles, Machine
 from mountnav.sky.sphere import half_turn_deg
 

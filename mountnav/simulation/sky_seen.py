@@ -1,7 +1,8 @@
 """A solver that is told the truth and makes of it what a real one makes of a frame: numbers and refusals.
 
-It takes frames without pixels (`truth_frame`) and answers as `mountnav.solve.solve` does, in a moment, so
-that a night costs seconds. What is left to chance hangs on the script's seed and the frame's number alone.
+It takes frames without pixels (`truth_frame`) and answers as `mountnav.solving.solve.solve` does, in a
+moment, so that a night costs seconds. What is left to chance hangs on the script's seed and the frame's
+number alone.
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ from datetime import datetime
 import numpy as np
 
 from mountnav.clock import Clock
-from mountnav.contradictions import contradictions_with
 from mountnav.frames import Frame, Hint
 from mountnav.measuring.quality import SkyQuality, StarImages
 from mountnav.simulation.chance import uniform
@@ -22,7 +22,8 @@ from mountnav.simulation.truth_frame import FrameTruth, truth_of
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, separation_arcsec, turn_deg
 from mountnav.solution import IdentifiedPairs, Reason, Solution, Times, Verdict
-from mountnav.solve_settings import SolveSettings
+from mountnav.solving.contradictions import contradictions_with
+from mountnav.solving.settings import SolveSettings
 
 _TRAILED_PX, _LOST_IN_TRAILS_PX = 6.0, 60.0
 _WIDTH_PX, _ELLIPTICITY = 1.19, 0.1

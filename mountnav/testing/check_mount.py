@@ -1,4 +1,4 @@
-"""What any mount must do: the promises of `mountnav.navigation.devices.Mount`, tried on a real one."""
+"""What any mount must do: the promises of `mountnav.devices.Mount`, tried on a real one."""
 
 from __future__ import annotations
 
@@ -8,16 +8,8 @@ from collections.abc import Awaitable
 from datetime import UTC
 from typing import Any
 
+from mountnav.devices import Direction, Mount, MountReading, Skill, Skilled, SlewOutcome, Trusts
 from mountnav.errors import BadRequest, DeviceRefused, Refusal
-from mountnav.navigation.devices import (
-    Direction,
-    Mount,
-    MountReading,
-    Skill,
-    Skilled,
-    SlewOutcome,
-    Trusts,
-)
 from mountnav.sky.coordinates import Apparent, Icrs, utc_now
 from mountnav.sky.sphere import displaced, separation_arcsec
 from mountnav.tasks import waited_for
@@ -28,7 +20,7 @@ STOP_ON_WIRE_S = 0.1
 
 
 class NonConforming(AssertionError):
-    """The mount does not do what `mountnav.navigation.devices.Mount` promises."""
+    """The mount does not do what `mountnav.devices.Mount` promises."""
 
 
 async def check_mount(mount: Mount, *, step_deg: float = 1.0) -> None:

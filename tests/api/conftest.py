@@ -10,8 +10,8 @@ import httpx
 import pytest
 from fastapi import FastAPI
 
-from api.app import create_app
-from mountnav.settings import Settings
+from api.http.app import create_app
+from mountnav.settings.observatory import Settings
 
 OBSERVATORY = """
 [service]

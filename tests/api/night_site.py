@@ -13,9 +13,9 @@ from typing import Any
 import httpx
 from astropy.io import fits
 
-from api.app import create_app
+from api.http.app import create_app
 from mountnav.catalog.embedded import embedded_catalog
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.render import draw_frame
 from mountnav.sky.coordinates import utc_now

@@ -16,14 +16,14 @@ import uvicorn
 from astropy.io import fits
 from fastapi import FastAPI
 
-from api.app import create_app
+from api.http.app import create_app
 from api.indi_server.server import IndiServer
 from api.service import Service
-from drivers.bench import FakeOnPty
+from drivers.fakes.bench import FakeOnPty
 from drivers.indi import orders
 from drivers.lx200.faking import fake_from
 from mountnav.catalog.embedded import embedded_catalog
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.optics import SimulatedOptics

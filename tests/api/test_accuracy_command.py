@@ -16,7 +16,7 @@ import pytest
 from astropy.io import fits
 from PIL import Image
 
-from api.accuracy_command import rejected_percents, run
+from api.cli.accuracy_command import rejected_percents, run
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.errors import BadRequest
 from mountnav.identification.accuracy import Deviations
@@ -222,7 +222,7 @@ def strewn(n: int) -> Deviations:
 
 
 def test_histograms_hold_every_measurement() -> None:
-    from api.accuracy_plots import histograms
+    from api.cli.accuracy_plots import histograms
 
     found = strewn(500)
     panels = histograms(found, frames=3).axes
@@ -239,7 +239,7 @@ def arrows_of(found: Deviations, frames: int) -> Any:
     # here, because every process that collects tests would import matplotlib: a second for each
     from matplotlib.quiver import Quiver
 
-    from api.accuracy_plots import residual_map
+    from api.cli.accuracy_plots import residual_map
 
     (arrows,) = (
         one

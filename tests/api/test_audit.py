@@ -12,11 +12,11 @@ import pytest
 from pydantic import BaseModel
 from typer.testing import CliRunner
 
-from api.audit import Audit
-from api.callers import Caller, Face, Role
-from api.cli_journal import journal_app
-from api.faults import Refused, problem
-from api.keys import KeyStore
+from api.access.audit import Audit
+from api.access.callers import Caller, Face, Role
+from api.access.keys import KeyStore
+from api.cli.cli_journal import journal_app
+from api.http.faults import Refused, problem
 from mountnav.errors import OutsideLimits
 from mountnav.journal.audit_rows import AuditRow
 from mountnav.journal.sql_journal import SqlJournal, open_journal

@@ -10,12 +10,12 @@ import httpx
 import numpy as np
 import pytest
 
-from api import blind_index
-from api.app import create_app
-from api.blind_index import BlindIndexKeeper
-from api.solver_messages import Setup, SharedFile, Task
-from api.solver_process import Bench
-from api.solver_warmup import as_fits
+from api.http.app import create_app
+from api.solver import blind_index
+from api.solver.blind_index import BlindIndexKeeper
+from api.solver.solver_messages import Setup, SharedFile, Task
+from api.solver.solver_process import Bench
+from api.solver.solver_warmup import as_fits
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.packed.error_classes import error_curve
 from mountnav.catalog.packed.packing import CatalogColumns, pack
@@ -23,14 +23,14 @@ from mountnav.frames import Hint
 from mountnav.identification.blind.cache import cached_index, index_path
 from mountnav.identification.blind.file_format import decode_header
 from mountnav.identification.blind.index import BlindIndex
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.render import draw_frame
 from mountnav.sky.chain import icrs_to_apparent
 from mountnav.sky.coordinates import Icrs, utc_now
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.solution import Verdict
-from mountnav.solve_settings import SolveSettings
+from mountnav.solving.settings import SolveSettings
 
 STARS = 12_000
 WIDE = """

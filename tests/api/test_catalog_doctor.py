@@ -13,8 +13,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from api.catalog_doctor_command import lines_of
-from api.doctor_record import DoctorRecord
+from api.cli.catalog_doctor_command import lines_of
+from api.http.doctor_record import DoctorRecord
 from mountnav.catalog.doctor import diagnosis as core
 from tests.api.command_here import run_here
 
@@ -139,7 +139,7 @@ async def test_the_address_tells_the_same(client: httpx.AsyncClient) -> None:
 async def test_counting_holds_nobody_up_and_is_done_once(
     client: httpx.AsyncClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from api.routes import doctor as route
+    from api.http.routes import doctor as route
 
     begun, go_on, calls = threading.Event(), threading.Event(), []
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from api import catalog_index_command
+from api.cli import catalog_index_command
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.packed.error_classes import error_curve
 from mountnav.catalog.packed.packing import CatalogColumns, pack

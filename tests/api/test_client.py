@@ -21,17 +21,17 @@ import httpx
 import pytest
 from pydantic import TypeAdapter
 
-from api.app import create_app
-from api.orders import KINDS, Order
+from api.http.app import create_app
+from api.http.serving import bind, make_server
+from api.orders.orders import KINDS, Order
 from api.service import Service
-from api.serving import bind, make_server
 from mountnav.client import AsyncClient, Client, JobFailed, ServiceError, orders, requests, results, targets
 from mountnav.client.calls import Call, Calls
 from mountnav.client.requests import Request
 from mountnav.client.results import ENDS
 from mountnav.client.sending import Known, Pause, Send, sending
 from mountnav.client.stream import EventReader
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 
 DOCS = Path(__file__).parents[2] / "docs"
 EXAMPLE = DOCS / "examples" / "ten_targets.py"

@@ -15,7 +15,7 @@ from astropy.io import fits
 DEAR = (
     *("astropy", "astropy_healpix", "PIL", "matplotlib", "rich", "fastapi", "uvicorn", "httpx", "asyncio"),
     *("scipy.optimize", "scipy.interpolate", "scipy.stats", "scipy.signal", "scipy.integrate"),
-    *("mountnav.settings", "mountnav.simulation", "mountnav.measuring.calibration"),
+    *("mountnav.settings.observatory", "mountnav.simulation", "mountnav.measuring.calibration"),
 )
 RUN = """
 import json, sys
@@ -88,7 +88,7 @@ def test_looking_for_the_index_of_the_sky_costs_no_astropy(
 def test_help_comes_without_numpy(arguments: list[str], tmp_path: Path) -> None:
     imported, printed = _imported(*arguments, cache=tmp_path)
     assert "mountnav" in printed
-    assert _among(("numpy", "scipy", *DEAR[:4], "mountnav.solve"), imported) == []
+    assert _among(("numpy", "scipy", *DEAR[:4], "mountnav.solving.solve"), imported) == []
 
 
 def test_a_fake_mount_is_served_without_astropy(tmp_path: Path) -> None:
@@ -107,8 +107,8 @@ def test_a_fake_mount_is_served_without_astropy(tmp_path: Path) -> None:
         ("mountnav.sky.coordinates", ("numpy", "erfa", "astropy_iers_data")),
         ("mountnav.reading", ("scipy", "erfa", *DEAR)),
         ("mountnav.catalog.embedded", ("scipy", *DEAR)),
-        ("mountnav.solve", DEAR),
-        ("api.app", ("scipy", "astropy", "astropy_healpix", "matplotlib", "pyarrow")),
+        ("mountnav.solving.solve", DEAR),
+        ("api.http.app", ("scipy", "astropy", "astropy_healpix", "matplotlib", "pyarrow")),
         ("mountnav.identification.blind.index", DEAR),
         ("mountnav.identification.blind.cache", DEAR),
     ],

@@ -21,9 +21,9 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from api.connections import Bounds, Deadlines, Gate
-from api.descriptors import door_burst, door_fresh, shares
-from api.serving import bind
+from api.http.connections import Bounds, Deadlines, Gate
+from api.http.descriptors import door_burst, door_fresh, shares
+from api.http.serving import bind
 from tests.api.conftest import OBSERVATORY
 from tests.pace import slowness
 

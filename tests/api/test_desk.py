@@ -9,17 +9,17 @@ from dataclasses import replace
 
 import pytest
 
-from api.app import create_app
-from api.callers import Caller, Face, Role
-from api.faults import Refused
-from api.job import JobState
-from api.jobs import TelescopeBusy
-from api.orders import LookOrder, SlewOrder, SyncToOrder
+from api.access.callers import Caller, Face, Role
+from api.http.app import create_app
+from api.http.faults import Refused
+from api.orders.job import JobState
+from api.orders.jobs import TelescopeBusy
+from api.orders.orders import LookOrder, SlewOrder, SyncToOrder
+from api.orders.targets import AltAzTarget, IcrsTarget
 from api.service import Service
-from api.targets import AltAzTarget, IcrsTarget
 from mountnav.errors import OutsideLimits, Unknown
 from mountnav.navigation.kinds import from_mount
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 from mountnav.sky.sphere import separation_arcsec
 
 OPERATOR = Caller("tests", Role.OPERATE, Face.REST)

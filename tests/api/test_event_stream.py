@@ -10,9 +10,9 @@ import httpx
 from hypothesis import given
 from hypothesis import strategies as st
 
-from api.event_stream import EventStream
 from api.events import Events
-from api.jobs import Jobs
+from api.http.event_stream import EventStream
+from api.orders.jobs import Jobs
 from tests.api.conftest import Serve
 
 EAST = "/v1/telescopes/east"

@@ -9,25 +9,25 @@ from typing import Any
 import pytest
 import pytest_asyncio
 
+from api.access.callers import Caller, Face, Role
 from api.alpaca.clients import Client
 from api.alpaca.motion import Motion
 from api.alpaca.pulses import Pulses
 from api.alpaca.refusals import AlpacaError
-from api.callers import Caller, Face, Role
 from api.indi_server import connection
 from api.indi_server import server as indi_server
 from api.indi_server.device import IndiTelescope
 from api.indi_server.server import IndiServer
 from api.indi_server.telling import Telling
-from api.orders import GuideOrder, SlewOrder
+from api.orders.orders import GuideOrder, SlewOrder
+from api.orders.targets import ApparentTarget
+from api.orders.watching import Watch
 from api.planetarium import lx200_server, stellarium_server
 from api.planetarium.lx200_client import Lx200Client
 from api.planetarium.lx200_server import Lx200Server
 from api.planetarium.ordering import Ordering
 from api.planetarium.stellarium_server import StellariumServer
 from api.service import Service
-from api.targets import ApparentTarget
-from api.watching import Watch
 from tests.api.indi.face_rig import observatory, raw_client, switch, until, up_now
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
@@ -159,7 +159,7 @@ async def test_a_watch_that_dies_says_that_nothing_is_known_and_begins_anew(
     monkeypatch.setattr(Watch, "_take", keep)
     with monkeypatch.context() as patch:
         # the pause between two looks is what nothing else guards
-        patch.setattr("api.watching.real_s", dies)
+        patch.setattr("api.orders.watching.real_s", dies)
         watch.wake()
         await until(lambda: any(words and "a fault of ours" in words for words in seen), "told")
     await until(lambda: watch.latest.state.connected, "read again")

@@ -15,12 +15,12 @@ from typing import Any
 import pytest
 import serial
 
-from api.fake_mount_command import FakeMount, run
-from drivers.fake_wire import WireFake
-from drivers.fakes import dialects, machine, make_fake, protocols
-from drivers.fault_files import read_faults
-from drivers.faults import Fault
-from drivers.recording import profile_of, read_dialogue
+from api.cli.fake_mount_command import FakeMount, run
+from drivers.fakes.fake_wire import WireFake
+from drivers.fakes.fakes import dialects, machine, make_fake, protocols
+from drivers.fakes.fault_files import read_faults
+from drivers.fakes.faults import Fault
+from drivers.wire.recording import profile_of, read_dialogue
 from mountnav.errors import BadRequest, BadSettings
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.simulation.sky_clock import FastClock
@@ -128,7 +128,7 @@ signal.signal(signal.SIGHUP, signal.SIG_DFL)
 idle = threading.Event()
 older = threading.Thread(target=idle.wait, daemon=True)
 older.start()
-import api.fake_mount_command as command
+import api.cli.fake_mount_command as command
 strike = lambda: signal.pthread_kill(older.ident, signal.{number.name})
 started = command.Bench.start
 def start(bench):

@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 import uvicorn
 
-from api.app import create_app
-from api.openapi import FROZEN_PATH
-from mountnav.settings import Settings
+from api.http.app import create_app
+from api.http.openapi import FROZEN_PATH
+from mountnav.settings.observatory import Settings
 from tests.api.night_site import night_toml
 
 GENERATOR = "openapi-python-client==0.29.1"

@@ -11,7 +11,7 @@ import pytest
 from starlette.types import Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from api.connections import Bounds, Gate, _take_origin_form
+from api.http.connections import Bounds, Gate, _take_origin_form
 from tests.api.test_connections import TOKEN, _behind, _from, _Held, address  # noqa: F401
 
 HOST = b"Host: 127.0.0.1\r\n"

@@ -8,8 +8,8 @@ import logging
 import pytest
 
 from api.events import Events
-from api.faults import Refused
-from api.jobs import Job, Jobs, JobState, TelescopeBusy
+from api.http.faults import Refused
+from api.orders.jobs import Job, Jobs, JobState, TelescopeBusy
 from mountnav.errors import Cancelled, DeviceSilent, Unknown
 
 

@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from api.callers import Role
-from api.cli_keys import key_app
-from api.keys import KeyStore, keys_path, open_keys, sha256_of
+from api.access.callers import Role
+from api.access.keys import KeyStore, keys_path, open_keys, sha256_of
+from api.cli.cli_keys import key_app
 from mountnav.errors import BadRequest, BadSettings, Unknown
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 
 
 @pytest.fixture

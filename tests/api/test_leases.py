@@ -14,15 +14,15 @@ import httpx
 import pytest
 from fastapi import FastAPI
 
-from api.audit import Audit
-from api.callers import Caller, Face, Role
-from api.faults import Refused
-from api.job import Job, JobState
-from api.lease import Lease, OnExpiry
-from api.leases import Leases
-from api.orders import Order, ParkOrder, SlewOrder
+from api.access.audit import Audit
+from api.access.callers import Caller, Face, Role
+from api.access.lease import Lease, OnExpiry
+from api.access.leases import Leases
+from api.http.faults import Refused
+from api.orders.job import Job, JobState
+from api.orders.orders import Order, ParkOrder, SlewOrder
+from api.orders.targets import IcrsTarget
 from api.service import Service
-from api.targets import IcrsTarget
 from mountnav.errors import DeviceSilent, JournalFailed
 from mountnav.journal.lease_rows import LeaseRow
 from mountnav.journal.sql_journal import SqlJournal, open_journal

@@ -12,12 +12,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from api.app import create_app
-from api.callers import Role
-from api.keys import KeyStore
-from api.limits_of_rate import TokenBuckets, is_stop
+from api.access.callers import Role
+from api.access.keys import KeyStore
+from api.access.limits_of_rate import TokenBuckets, is_stop
+from api.http.app import create_app
 from mountnav.errors import BadSettings
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 from tests.api.conftest import Serve
 from tests.api.stop_answers import stopped
 

@@ -11,12 +11,12 @@ from pathlib import Path
 import httpx
 import pytest
 
-from api.app import create_app
-from api.serving import bind, make_server
+from api.http.app import create_app
+from api.http.serving import bind, make_server
 from mountnav.journal.database import database_url
 from mountnav.journal.sql_journal import open_journal
 from mountnav.masking import mask_logs, masked
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 
 KEY = "mnk_1sDhQ0V-abc_DEF"
 

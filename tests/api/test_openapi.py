@@ -6,15 +6,15 @@ import json
 import re
 from functools import cache
 
-from api import openapi
-from api.openapi import FROZEN_PATH
+from api.http import openapi
+from api.http.openapi import FROZEN_PATH
 
 openapi_text = cache(openapi.openapi_text)  # a second of CPU each time
 
 
 def test_the_interface_is_as_frozen() -> None:
     frozen = FROZEN_PATH.read_text(encoding="utf-8")
-    assert openapi_text() == frozen, "meant? then run: python -m api.openapi"
+    assert openapi_text() == frozen, "meant? then run: python -m api.http.openapi"
 
 
 def test_operation_ids_are_plain_names_and_differ() -> None:

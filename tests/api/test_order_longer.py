@@ -10,15 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from api.order_model_run import run_model
-from api.order_series import FAILURES_IN_A_ROW, run_series
-from api.orders import ModelRunOrder, SeriesOrder
-from api.targets import IcrsTarget
+from api.orders.order_model_run import run_model
+from api.orders.order_series import FAILURES_IN_A_ROW, run_series
+from api.orders.orders import ModelRunOrder, SeriesOrder
+from api.orders.targets import IcrsTarget
 from mountnav.errors import BadRequest, NotSolved
 from mountnav.journal.records import EntryKind
 from mountnav.pointing.limits import Limits
 from mountnav.pointing.model.model import PointingModel
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.simulation.sky_script import Cloud, SkyScript
 from mountnav.sky.sphere import offset_arcsec

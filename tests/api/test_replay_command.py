@@ -10,18 +10,18 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from api.cli_night import night_app, replay
-from api.night_command import shown
-from api.replay_header import recording_header
-from api.replay_wire import turns_of
+from api.cli.cli_night import night_app, replay
+from api.cli.night_command import shown
+from api.cli.replay_header import recording_header
+from api.cli.replay_wire import turns_of
+from mountnav.devices import MountReading
 from mountnav.errors import BadRequest, DeviceMissing
-from mountnav.navigation.devices import MountReading
 from mountnav.night.events import Act, Decision, Tick, Why
 from mountnav.night.events_kept import EventsKept
 from mountnav.night.recorded import read_recording
 from mountnav.night.recording import VERSION, NightRecording
 from mountnav.night.states import NightState
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 from mountnav.sky.coordinates import Apparent
 from tests.api.night_site import night_toml
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from api.room import CHANCE_S, Room, ToldSeldom
+from api.http.room import CHANCE_S, Room, ToldSeldom
 
 
 @dataclass(eq=False)

@@ -12,10 +12,10 @@ from starlette.datastructures import Headers
 from starlette.routing import Mount
 from starlette.types import Message, Scope
 
-from api.app import create_app
-from api.safe_headers import SAFE_HEADERS
-from api.serving import bind, make_server
-from mountnav.settings import Settings
+from api.http.app import create_app
+from api.http.safe_headers import SAFE_HEADERS
+from api.http.serving import bind, make_server
+from mountnav.settings.observatory import Settings
 
 METHODS = ("GET", "HEAD", "POST", "PUT", "DELETE", "PATCH", "OPTIONS", "TRACE")
 BESIDES = (

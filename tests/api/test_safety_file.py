@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-import api.safety_file
-from api.safety_file import SafetyFile, unsafe_by_file
+import api.nights.safety_file
+from api.nights.safety_file import SafetyFile, unsafe_by_file
 from tests.api.night_site import night_toml, served
 
 
@@ -40,14 +40,14 @@ async def test_a_file_that_hangs_is_answered_for_in_time(
 ) -> None:
     file, back = tmp_path / "safety.txt", threading.Event()
     file.write_text("safe")
-    read, begun = api.safety_file.read_bytes, []
+    read, begun = api.nights.safety_file.read_bytes, []
 
     def from_a_share_that_is_gone(path: Path, most: int) -> bytes:
         begun.append(path)
         back.wait()
         return read(path, most)
 
-    monkeypatch.setattr(api.safety_file, "read_bytes", from_a_share_that_is_gone)
+    monkeypatch.setattr(api.nights.safety_file, "read_bytes", from_a_share_that_is_gone)
     safety = SafetyFile(file, 300, look_s=0.05)
     for _ in range(3):
         assert "no answer" in await safety.look()
@@ -56,7 +56,7 @@ async def test_a_file_that_hangs_is_answered_for_in_time(
     async with asyncio.timeout(60):
         while await safety.look():
             pass
-    monkeypatch.setattr(api.safety_file, "read_bytes", lambda path, most: 1 // 0)
+    monkeypatch.setattr(api.nights.safety_file, "read_bytes", lambda path, most: 1 // 0)
     assert "ZeroDivisionError" in await safety.look()
 
 
@@ -64,7 +64,7 @@ async def test_what_the_file_says_and_what_is_said_are_two(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("MOUNTNAV_JOURNAL", str(tmp_path / "journal.sqlite"))
-    monkeypatch.setattr("api.night_runner.TICK_S", 0.05)
+    monkeypatch.setattr("api.nights.night_runner.TICK_S", 0.05)
     folder, record, safety = tmp_path / "frames", tmp_path / "recordings", tmp_path / "safety.txt"
     (folder / "elsewhere").mkdir(parents=True)
     safety.write_text("safe")

@@ -9,10 +9,10 @@ from typing import Any
 
 import httpx
 
-from api.app import create_app
-from api.callers import Role
-from api.keys import KeyStore
-from mountnav.settings import Settings
+from api.access.callers import Role
+from api.access.keys import KeyStore
+from api.http.app import create_app
+from mountnav.settings.observatory import Settings
 from tests.api.conftest import Serve
 
 EAST = "/v1/telescopes/east"

@@ -15,14 +15,14 @@ from fastapi.dependencies.models import Dependant
 from fastapi.routing import iter_route_contexts
 from starlette.datastructures import Headers
 
-from api.app import create_app
-from api.callers import Face, Role
-from api.faults import Refused
-from api.keys import KeyStore, sha256_of
-from api.roles import LEASED, ROLES, route_of
-from api.security import RoleRequired, caller_from_headers, require_role_of_route
-from api.serving import bind, make_server
-from mountnav.settings import Settings
+from api.access.callers import Face, Role
+from api.access.keys import KeyStore, sha256_of
+from api.access.roles import LEASED, ROLES, route_of
+from api.access.security import RoleRequired, caller_from_headers, require_role_of_route
+from api.http.app import create_app
+from api.http.faults import Refused
+from api.http.serving import bind, make_server
+from mountnav.settings.observatory import Settings
 from tests.api.conftest import Serve
 from tests.api.stop_answers import stopped
 
@@ -77,7 +77,9 @@ def test_every_route_states_its_role_and_is_held_to_it(app: FastAPI) -> None:
         line = f"{method} {path}"
         calls = calls_of(dependant)
         own = [one for one in calls if isinstance(one, RoleRequired)]
-        assert line in ROLES or own, f"{line}: say in api/roles.py and docs/security.md which role it needs"
+        assert line in ROLES or own, (
+            f"{line}: say in api/access/roles.py and docs/security.md which role it needs"
+        )
         seen.add(line)
         if line in ROLES and ROLES[line] is not None:
             assert require_role_of_route in calls, f"{line} is not held to its role: TokenRequired is missing"

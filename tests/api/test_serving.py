@@ -15,16 +15,16 @@ import httpx
 import pytest
 from moody_catalog import HANGS, MoodyCatalog
 
-from api.app import create_app
 from api.events import Event
-from api.jobs import JobState
+from api.http.app import create_app
+from api.http.serving import ObservatoryServer, bind, make_server
+from api.orders.jobs import JobState
 from api.service import Service
-from api.serving import ObservatoryServer, bind, make_server
-from api.solver_warmup import as_fits
+from api.solver.solver_warmup import as_fits
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.stars import Catalog, Stars
 from mountnav.errors import BadSettings
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.render import draw_frame
 from mountnav.sky.coordinates import Icrs

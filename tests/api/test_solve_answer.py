@@ -9,15 +9,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from api.solve_answer import solve_answer, unread_answer
-from api.solve_record import QualityRecord, SolveRecord, SolveTimes, solve_record
-from api.solving import chosen_section, chosen_settings, solve_settings
-from mountnav.contradictions import contradictions_with
+from api.solver.solve_answer import solve_answer, unread_answer
+from api.solver.solve_record import QualityRecord, SolveRecord, SolveTimes, solve_record
+from api.solver.solving import chosen_section, chosen_settings, solve_settings
 from mountnav.errors import BadRequest
 from mountnav.frames import Hint
 from mountnav.measuring.quality import SkyQuality, StarImages
 from mountnav.sky.coordinates import Icrs
 from mountnav.solution import Reason, Solution, Times, Verdict
+from mountnav.solving.contradictions import contradictions_with
 
 QUALITY = SkyQuality(
     stars=211,

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from api import solve_command
+from api.cli import solve_command
 from mountnav.catalog.at_hand import open_shelf
 from mountnav.errors import BadSettings
 from mountnav.frames import Hint
 from mountnav.solution import Reason, Times, Verdict
-from mountnav.solve_settings import SolveSettings
+from mountnav.solving.settings import SolveSettings
 
 SPENT_S = 3.0
 

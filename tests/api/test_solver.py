@@ -18,11 +18,11 @@ import numpy as np
 import pytest
 from moody_catalog import DIES, DIES_ONCE, FAILS, HANGS, MoodyCatalog
 
-from api.faults import Refused
-from api.solver_link import ProcessLink
-from api.solver_messages import Task
-from api.solver_work import Upload, Work
-from api.solver_worker import Worker
+from api.http.faults import Refused
+from api.solver.solver_link import ProcessLink
+from api.solver.solver_messages import Task
+from api.solver.solver_work import Upload, Work
+from api.solver.solver_worker import Worker
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadFrame, DeviceError
@@ -33,7 +33,7 @@ from mountnav.simulation.render import draw_frame
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.solution import Reason
-from mountnav.solve import SolveSettings
+from mountnav.solving.solve import SolveSettings
 
 TRUTH = Icrs(85.0, 30.0)
 SCALE_ARCSEC_PX = 4.0
@@ -228,10 +228,10 @@ _PARENT = """
 import asyncio, sys
 from pathlib import Path
 from moody_catalog import HANGS, MoodyCatalog
-from api.solver_work import Work
-from api.solver_worker import Worker
+from api.solver.solver_work import Work
+from api.solver.solver_worker import Worker
 from mountnav.frames import Frame, Hint
-from mountnav.solve import SolveSettings
+from mountnav.solving.solve import SolveSettings
 import numpy as np
 
 async def main():

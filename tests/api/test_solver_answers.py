@@ -17,9 +17,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from api.solver_answers import Answer, BadAnswer, Built, Done, Fault, Progress, Ready, read, written
-from api.solver_link import ProcessEnded, ProcessLink
-from api.solver_messages import HEADER
+from api.solver.solver_answers import Answer, BadAnswer, Built, Done, Fault, Progress, Ready, read, written
+from api.solver.solver_link import ProcessEnded, ProcessLink
+from api.solver.solver_messages import HEADER
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.errors import BadCatalog, BadFrame, DeviceRefused, MountnavError
 from mountnav.frames import Frame, Hint
@@ -27,7 +27,7 @@ from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.render import draw_frame
 from mountnav.sky.coordinates import Icrs
 from mountnav.solution import Reason, Times, Verdict
-from mountnav.solve import SolveSettings, solve
+from mountnav.solving.solve import SolveSettings, solve
 
 TRUTH = Icrs(85.0, 30.0)
 

@@ -9,12 +9,12 @@ import httpx
 import pytest
 from fastapi import FastAPI
 
-from api.app import create_app
+from api.http.app import create_app
+from api.http.state_answers import knows
 from api.observatory import Telescope
-from api.state_answers import knows
-from mountnav.navigation.devices import MountReading
+from mountnav.devices import MountReading
 from mountnav.navigation.reports import TelescopeState
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 
 EAST = "/v1/telescopes/east"
 

@@ -10,9 +10,9 @@ from typing import Any
 import httpx
 import pytest
 
-from api.app import create_app
+from api.http.app import create_app
 from api.service import Service
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 
 LONGEST_S = 2.0
 
@@ -93,4 +93,4 @@ async def test_the_first_stop_waits_for_no_preparation(
     ):
         monkeypatch.setattr(inspect, "signature", spied)
         assert (await client.post("/v1/stop")).status_code in (200, 202)
-    assert [module for module in asked if module.startswith("api.routes")] == []
+    assert [module for module in asked if module.startswith("api.http.routes")] == []

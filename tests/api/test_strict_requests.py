@@ -8,9 +8,9 @@ import httpx
 import pytest
 from fastapi.routing import iter_route_contexts
 
-from api.app import create_app
-from api.limits_of_rate import is_stop
-from mountnav.settings import Settings
+from api.access.limits_of_rate import is_stop
+from api.http.app import create_app
+from mountnav.settings.observatory import Settings
 from tests.api.stop_answers import stopped
 
 EAST = "/v1/telescopes/east"

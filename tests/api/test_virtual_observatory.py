@@ -15,10 +15,10 @@ from typing import Any
 import httpx
 import pytest
 
-from api.demo_observatory import errors_of, served_demo
-from api.demo_targets import targets_up_now
+from api.cli.demo_observatory import errors_of, served_demo
+from api.cli.demo_targets import targets_up_now
 from mountnav.catalog.embedded import embedded_catalog
-from mountnav.settings_demo import DemoSettings
+from mountnav.settings.demo import DemoSettings
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
 

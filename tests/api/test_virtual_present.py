@@ -11,20 +11,20 @@ from pathlib import Path
 import httpx
 import pytest
 
-from api.app import create_app
-from api.demo_observatory import errors_of, own_journal, served_demo
-from api.serve_command import Serve, settings_of
+from api.cli.demo_observatory import errors_of, own_journal, served_demo
+from api.cli.serve_command import Serve, settings_of
+from api.http.app import create_app
 from api.virtual import begin_of, virtual_days, virtual_view
 from api.virtual_bench import fake_on_pty, mechanics_of
 from drivers.registry import open_mount
 from mountnav.clock import SystemClock, pause, seconds
+from mountnav.devices import Direction, Skilled, SlewOutcome
 from mountnav.errors import BadRequest, BadSettings
 from mountnav.journal.sql_journal import open_journal
-from mountnav.navigation.devices import Direction, Skilled, SlewOutcome
 from mountnav.night.daylight import dark_from, sun_altitude_deg
-from mountnav.settings import Settings
-from mountnav.settings_demo import DemoSettings
-from mountnav.settings_journal import JournalSettings
+from mountnav.settings.demo import DemoSettings
+from mountnav.settings.journal import JournalSettings
+from mountnav.settings.observatory import Settings
 from mountnav.simulation.sky_clock import FastClock
 from mountnav.sky.coordinates import Apparent, Site, utc_now
 from mountnav.sky.present import real_s, sky_s, virtual_present, virtual_time

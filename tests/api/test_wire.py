@@ -12,11 +12,11 @@ from pathlib import Path
 import httpx
 import pytest
 
-from api.wire_command import run
-from drivers.bench import FakeOnPty
-from drivers.fakes import dialects, make_fake
+from api.cli.wire_command import run
+from drivers.fakes.bench import FakeOnPty
+from drivers.fakes.fakes import dialects, make_fake
 from mountnav.errors import BadRequest, BadSettings, DeviceMissing
-from mountnav.settings import FAKES
+from mountnav.settings.observatory import FAKES
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Site, utc_now
 

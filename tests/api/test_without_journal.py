@@ -16,13 +16,13 @@ from typing import Any
 import httpx
 import pytest
 
-from api.app import create_app
-from api.jobs import Jobs
+from api.http.app import create_app
+from api.orders.jobs import Jobs
 from api.service import Service
 from mountnav.errors import JournalDamaged
 from mountnav.journal.sql_journal import open_journal
-from mountnav.navigation.checked_mount import CheckedMount
-from mountnav.settings import Settings
+from mountnav.mount import CheckedMount
+from mountnav.settings.observatory import Settings
 from tests.api.conftest import OBSERVATORY
 from tests.api.stop_answers import stopped
 

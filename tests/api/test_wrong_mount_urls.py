@@ -15,7 +15,7 @@ from api.main import main
 from api.observatory import require_devices
 from drivers.registry import drivers, open_mount, read_url
 from mountnav.errors import BadRequest, BadSettings
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 from mountnav.sky.coordinates import Site
 
 HERE = Site(49.6, 36.9)
@@ -259,7 +259,7 @@ def test_other_commands_too(words: tuple[str, ...], here: Callable[..., Ended]) 
 
 
 def test_wire_leaves_the_file_alone(tmp_path: Path) -> None:
-    from api.wire_command import run
+    from api.cli.wire_command import run
 
     kept = tmp_path / "kept.jsonl"
     kept.write_text("dear\n", encoding="utf-8")

@@ -14,15 +14,15 @@ from datetime import datetime
 
 from fastapi import FastAPI
 
-from api.app import create_app
+from api.http.app import create_app
+from api.http.serving import make_server
 from api.observatory import Telescope
-from api.serving import make_server
 from mountnav.catalog.embedded import embedded_catalog
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 from mountnav.sky.chain import icrs_to_observed, observed_to_icrs
 from mountnav.sky.coordinates import Icrs, Observed, utc_now
 from mountnav.sky.sphere import displaced
-from mountnav.solve import epoch_of
+from mountnav.solving.solve import epoch_of
 
 _FAR_ARCSEC = 5.0 * 3600.0
 

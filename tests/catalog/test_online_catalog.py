@@ -21,7 +21,7 @@ from mountnav.catalog.online.tile_cache import TileCache
 from mountnav.catalog.packed.packing import CatalogColumns
 from mountnav.catalog.stars import StarFlag, Stars
 from mountnav.errors import BadRequest
-from mountnav.settings_catalogs import OnlineSettings
+from mountnav.settings.catalogs import OnlineSettings
 from mountnav.sky.coordinates import Icrs
 from tests.catalog import star_server as moods
 from tests.catalog.star_server import StarServer, star_server

@@ -20,7 +20,7 @@ from mountnav.catalog.online.roles import Roles, roles_of
 from mountnav.catalog.online.source import OnlineSource
 from mountnav.catalog.online.stars_of import Received, stars_of
 from mountnav.catalog.stars import StarFlag
-from mountnav.settings_catalogs import OnlineSettings
+from mountnav.settings.catalogs import OnlineSettings
 
 HERE = Circle(10.0, 60.0, 0.5)
 Field = tuple[str, str, str]

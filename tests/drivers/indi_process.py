@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from drivers.bench import FakeOnPty, FakeOnTcp
+from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from mountnav.sky.coordinates import Apparent, utc_now
 
 

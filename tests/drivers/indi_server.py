@@ -17,7 +17,7 @@ import pytest
 from drivers.indi import orders
 from drivers.indi.client import IndiClient
 from drivers.indi.device import IndiDevice
-from drivers.wire_log import WireLog
+from drivers.wire.wire_log import WireLog
 
 TELESCOPE = "Telescope Simulator"
 CCD = "CCD Simulator"

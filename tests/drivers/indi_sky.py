@@ -11,9 +11,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from drivers.driven import DrivenMount
+from drivers.generic import DrivenMount
 from mountnav.catalog.embedded import embedded_catalog
-from mountnav.navigation.devices import SyncResult
+from mountnav.devices import SyncResult
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import offset_arcsec
 

@@ -6,15 +6,15 @@ from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager
 from dataclasses import replace
 
-from drivers.bench import FakeOnPty, FakeOnTcp
-from drivers.driven import DrivenMount
-from drivers.exchange import Patience
-from drivers.faults import Fault
+from drivers.fakes.bench import FakeOnPty, FakeOnTcp
+from drivers.fakes.faults import Fault
+from drivers.generic import DrivenMount
+from drivers.generic.timing import Timing
 from drivers.ioptron.fake import FakeIoptron
 from drivers.ioptron.faking import MACHINE
 from drivers.ioptron.mount import ioptron_mount
-from drivers.timing import Timing
-from mountnav.navigation.devices import Epoch
+from drivers.wire.exchange import Patience
+from mountnav.devices import Epoch
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.chain import hour_angle_to_apparent
 from mountnav.sky.coordinates import Air, Apparent, GeometricHourAngle, Icrs, Site, utc_now

@@ -7,14 +7,14 @@ from contextlib import asynccontextmanager
 from dataclasses import replace
 from typing import Any
 
-from drivers.bench import FakeOnPty, FakeOnTcp
-from drivers.driven import DrivenMount
-from drivers.exchange import Patience
-from drivers.faults import Fault
+from drivers.fakes.bench import FakeOnPty, FakeOnTcp
+from drivers.fakes.faults import Fault
+from drivers.generic import DrivenMount
+from drivers.generic.timing import Timing
 from drivers.lx200.fake import FakeLx200
 from drivers.lx200.faking import fake_from
 from drivers.lx200.mount import lx200_mount
-from drivers.timing import Timing
+from drivers.wire.exchange import Patience
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Apparent, Site, utc_now
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.bench import FakeOnPty, FakeOnTcp
+from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.lx200.fake import FakeLx200
 from mountnav.sky.coordinates import Apparent
 from mountnav.sky.sphere import separation_arcsec

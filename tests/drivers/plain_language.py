@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 from datetime import datetime, timedelta
 
-from drivers.language import Identity, Readout, Sent, Unskilled, Wanted
-from drivers.wire_log import WireLog
+from drivers.generic.language import Identity, Readout, Sent, Unskilled, Wanted
+from drivers.wire.wire_log import WireLog
+from mountnav.devices import Direction, Epoch, Skill, TrackingRate
 from mountnav.errors import DeviceGarbled, DeviceMissing, DeviceRefused, DeviceSilent, Refusal
-from mountnav.navigation.devices import Direction, Epoch, Skill, TrackingRate
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
 

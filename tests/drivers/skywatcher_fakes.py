@@ -8,15 +8,15 @@ from dataclasses import replace
 from datetime import datetime
 from typing import Any
 
-from drivers.bench import FakeOnPty, FakeOnTcp, FakeOnUdp
-from drivers.driven import DrivenMount
-from drivers.exchange import Patience
+from drivers.fakes.bench import FakeOnPty, FakeOnTcp, FakeOnUdp
+from drivers.generic import DrivenMount
+from drivers.generic.timing import Timing
 from drivers.skywatcher.fake import FakeSkywatcher
 from drivers.skywatcher.fake_board import BOARDS
 from drivers.skywatcher.mount import skywatcher_mount
 from drivers.skywatcher.reckoning import place_of
 from drivers.skywatcher.settings import SkywatcherSettings
-from drivers.timing import Timing
+from drivers.wire.exchange import Patience
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Site, utc_now
 from mountnav.sky.sphere import separation_arcsec

@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 import serial
 
-from drivers.bench import Bench, FakeOnPty, FakeOnTcp, FakeOnUdp
-from drivers.bench.fast_time import InFastTime
-from drivers.fake_wire import WireFake
-from drivers.faults import Fault
-from drivers.line import SerialLine
-from drivers.recording import Recorder, read_dialogue
+from drivers.fakes.bench import Bench, FakeOnPty, FakeOnTcp, FakeOnUdp
+from drivers.fakes.bench.fast_time import InFastTime
+from drivers.fakes.fake_wire import WireFake
+from drivers.fakes.faults import Fault
+from drivers.wire.line import SerialLine
+from drivers.wire.recording import Recorder, read_dialogue
 from mountnav.errors import DeviceMissing
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.simulation.sky_clock import FastClock

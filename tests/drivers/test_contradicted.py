@@ -13,11 +13,11 @@ from typing import Any
 
 import pytest
 
-from drivers.driven import DrivenMount
-from drivers.fake_wire import WireFake
-from drivers.faults import Fault
+from drivers.fakes.fake_wire import WireFake
+from drivers.fakes.faults import Fault
+from drivers.generic import DrivenMount
+from mountnav.devices import SyncOutcome
 from mountnav.errors import DeviceRefused, Refusal, RefusedButDone
-from mountnav.navigation.devices import SyncOutcome
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.sky.coordinates import Apparent, Icrs, utc_now
 from mountnav.sky.sphere import separation_arcsec

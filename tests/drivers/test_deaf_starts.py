@@ -6,15 +6,15 @@ import time
 
 import pytest
 
-from drivers.bench import FakeOnTcp
-from drivers.driven import DrivenMount
-from drivers.exchange import Patience
-from drivers.fakes import make_fake
-from drivers.faults import Fault
-from drivers.link import Link
+from drivers.fakes.bench import FakeOnTcp
+from drivers.fakes.fakes import make_fake
+from drivers.fakes.faults import Fault
+from drivers.generic import DrivenMount
 from drivers.nexstar.mount import patience_of
 from drivers.registry import open_mount
 from drivers.skywatcher.mount import PATIENCE
+from drivers.wire.exchange import Patience
+from drivers.wire.link import Link
 from mountnav.errors import DeviceRefused, DeviceSilent
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Apparent, utc_now

@@ -11,13 +11,12 @@ from datetime import timedelta
 
 import pytest
 
-from drivers.driven import DrivenMount
-from drivers.driven.judging import Believed
-from drivers.driven.keeping import LinkState
-from drivers.language import Readout
-from drivers.timing import Timing
-from mountnav.errors import BadRequest, Busy, DeviceMissing, DeviceRefused, DeviceSilent, Refusal
-from mountnav.navigation.devices import (
+from drivers.generic import DrivenMount
+from drivers.generic.judging import Believed
+from drivers.generic.keeping import LinkState
+from drivers.generic.language import Readout
+from drivers.generic.timing import Timing
+from mountnav.devices import (
     Announces,
     Direction,
     Skill,
@@ -28,6 +27,7 @@ from mountnav.navigation.devices import (
     TrackingRate,
     Trusts,
 )
+from mountnav.errors import BadRequest, Busy, DeviceMissing, DeviceRefused, DeviceSilent, Refusal
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.simulation.sky_clock import FastClock
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Site, utc_now

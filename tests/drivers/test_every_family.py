@@ -12,17 +12,17 @@ from typing import Any
 
 import pytest
 
-from drivers.bench import FakeOnPty, FakeOnTcp
-from drivers.driven import DrivenMount
-from drivers.driven.keeping import LinkState
-from drivers.fake_wire import WireFake
-from drivers.fakes import dialects, make_fake, protocols
-from drivers.faults import Fault
+from drivers.fakes.bench import FakeOnPty, FakeOnTcp
+from drivers.fakes.fake_wire import WireFake
+from drivers.fakes.fakes import dialects, make_fake, protocols
+from drivers.fakes.faults import Fault
+from drivers.generic import DrivenMount
+from drivers.generic.keeping import LinkState
 from drivers.lx200.dialects import names
 from drivers.registry import open_mount
-from drivers.wire_log import WireEntry
+from drivers.wire.wire_log import WireEntry
+from mountnav.devices import SlewOutcome, SlewState, SyncOutcome
 from mountnav.errors import DeviceError, DeviceMissing, DeviceRefused, Refusal
-from mountnav.navigation.devices import SlewOutcome, SlewState, SyncOutcome
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Site, utc_now
 from mountnav.testing.check_mount import check_mount

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.bench import SlowLine
-from drivers.fake_wire import WireFake
-from drivers.faults import ANSWER_KINDS, Fault, RandomFaults, scripted
+from drivers.fakes.bench import SlowLine
+from drivers.fakes.fake_wire import WireFake
+from drivers.fakes.faults import ANSWER_KINDS, Fault, RandomFaults, scripted
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Apparent, Site
 from tests.drivers.virtual_wire import HandClock

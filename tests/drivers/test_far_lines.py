@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import pytest
 
-from drivers.command import Command, Read
-from drivers.exchange import Exchange, Patience
+from drivers.wire.command import Command, Read
+from drivers.wire.exchange import Exchange, Patience
 from mountnav.errors import DeviceSilent
 
 PATIENCE = Patience(deadline_s=3.0, try_s=0.8, quiet_s=0.05)

@@ -15,10 +15,10 @@ from pathlib import Path
 
 import pytest
 
-from drivers.bench import FakeOnTcp
-from drivers.driven import DrivenMount
+from drivers.fakes.bench import FakeOnTcp
+from drivers.generic import DrivenMount
 from drivers.registry import open_mount
-from mountnav.navigation.devices import SlewOutcome
+from mountnav.devices import SlewOutcome
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.sky.coordinates import Apparent, Icrs, utc_now
 from tests.api.indi.face_rig import indi_observatory, mechanics_of

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.fault_files import faults_as_toml, parse_faults, read_faults
-from drivers.faults import KINDS, USUAL_KINDS, Fault, RandomFaults, Strike, scripted
+from drivers.fakes.fault_files import faults_as_toml, parse_faults, read_faults
+from drivers.fakes.faults import KINDS, USUAL_KINDS, Fault, RandomFaults, Strike, scripted
 from mountnav.errors import BadSettings
 
 SCRIPT = """

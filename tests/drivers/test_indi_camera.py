@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.exposing import ExposingCamera
+from drivers.generic.camera import ExposingCamera
 from drivers.indi import orders
 from drivers.indi.codec import Blob, Changed, State
 from drivers.indi.exposure import Exposure

@@ -12,7 +12,7 @@ import pytest
 from drivers.indi.client import IndiClient
 from drivers.indi.codec import Reader
 from drivers.indi.state import Properties
-from drivers.wire_log import WireLog
+from drivers.wire.wire_log import WireLog
 
 UTC_0 = datetime(2026, 11, 23, tzinfo=UTC)
 

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from drivers.driven import DrivenMount
+from drivers.generic import DrivenMount
 from drivers.indi import claims, orders
 from drivers.indi.answers import reason_of, refusal, slew_was_refused, was_turned
 from drivers.indi.codec import Changed, Reader, State
 from drivers.indi.state import Property
 from drivers.registry import open_mount
+from mountnav.devices import Direction, SlewOutcome, SlewState, SyncOutcome, TrackingRate
 from mountnav.errors import DeviceMissing, DeviceRefused, Refusal
-from mountnav.navigation.devices import Direction, SlewOutcome, SlewState, SyncOutcome, TrackingRate
 from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.testing.check_mount import check_mount

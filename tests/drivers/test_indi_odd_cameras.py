@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from drivers.exposing import ExposingCamera
+from drivers.generic.camera import ExposingCamera
 from drivers.registry import open_camera
 from mountnav.errors import Busy, Cancelled, DeviceMissing, DeviceRefused, DeviceSilent
 from tests.drivers.odd_indi_camera import OddCamera, Step

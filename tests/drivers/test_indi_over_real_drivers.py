@@ -13,12 +13,12 @@ from urllib.parse import quote, urlsplit
 
 import pytest
 
-from drivers.bench import FakeOnPty, FakeOnTcp
-from drivers.driven import DrivenMount
+from drivers.fakes.bench import FakeOnPty, FakeOnTcp
+from drivers.generic import DrivenMount
 from drivers.indi import orders
 from drivers.nexstar.fake import FakeNexstar
 from drivers.registry import open_mount
-from mountnav.navigation.devices import Skill, SlewOutcome, SlewState, SyncOutcome
+from mountnav.devices import Skill, SlewOutcome, SlewState, SyncOutcome
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.chain import sidereal_time_deg
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Site, utc_now

@@ -24,7 +24,7 @@ from drivers.indi.xml_stream import (
     ElementStream,
     Malformed,
 )
-from drivers.wire_log import WireLog
+from drivers.wire.wire_log import WireLog
 
 STOP = (
     b"<newSwitchVector device='east' name='TELESCOPE_ABORT_MOTION'>"

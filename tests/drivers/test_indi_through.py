@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from drivers.bench import FakeOnPty
-from drivers.driven import DrivenMount
+from drivers.fakes.bench import FakeOnPty
+from drivers.generic import DrivenMount
 from drivers.indi import orders
 from drivers.lx200.fake import FakeLx200
 from drivers.registry import open_mount
+from mountnav.devices import SlewOutcome, SyncOutcome
 from mountnav.errors import DeviceRefused, Refusal
-from mountnav.navigation.devices import SlewOutcome, SyncOutcome
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_apparent
 from mountnav.sky.coordinates import Air, Apparent, HourAngle, Icrs, Site, utc_now

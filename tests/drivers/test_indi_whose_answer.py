@@ -14,7 +14,7 @@ from drivers.indi.client import IndiClient
 from drivers.indi.codec import State
 from drivers.indi.device import IndiDevice
 from drivers.indi.xml_stream import Element, ElementStream
-from drivers.wire_log import WireLog
+from drivers.wire.wire_log import WireLog
 from mountnav.errors import DeviceRefused, DeviceSilent
 
 Reply = Callable[["Wire", Element], None]

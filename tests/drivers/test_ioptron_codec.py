@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.command import Command, Unreadable
 from drivers.ioptron import codec, codec_v2, models, values, values_v2
 from drivers.ioptron.greeting import GREETING
 from drivers.ioptron.orders import Order, order_from_text
 from drivers.ioptron.values import MountClock, MountState, PierSide, Pointing, Status, TrackingRate
+from drivers.wire.command import Command, Unreadable
 
 RA = st.floats(0.0, 360.0, exclude_max=True)
 DEC = st.floats(-90.0, 90.0)

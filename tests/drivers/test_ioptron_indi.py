@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.bench import FakeOnPty, FakeOnTcp
-from mountnav.navigation.devices import PierSide
+from drivers.fakes.bench import FakeOnPty, FakeOnTcp
+from mountnav.devices import PierSide
 from mountnav.sky.sphere import separation_arcsec
 from tests.drivers.indi_process import Indi, running
 from tests.drivers.ioptron_fakes import at_hour_angle, beside, fake_of, mechanics_of

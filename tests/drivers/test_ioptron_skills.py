@@ -8,14 +8,14 @@ from datetime import timedelta
 
 import pytest
 
-from drivers.bench import FakeOnPty
-from drivers.driven import DrivenMount
+from drivers.fakes.bench import FakeOnPty
+from drivers.generic import DrivenMount
 from drivers.ioptron.faking import DIALECTS, MACHINE, fake_from
 from drivers.ioptron.mount import ioptron_language, ioptron_mount
 from drivers.ioptron.values import MountState
 from drivers.registry import open_mount
+from mountnav.devices import Direction, PierSide, Skill, SlewOutcome, TrackingRate
 from mountnav.errors import BadRequest, DeviceRefused, Refusal
-from mountnav.navigation.devices import Direction, PierSide, Skill, SlewOutcome, TrackingRate
 from mountnav.simulation.mechanics import RATES_DEG_S, Mechanics
 from mountnav.sky.chain import apparent_to_icrs
 from mountnav.sky.coordinates import Site, utc_now

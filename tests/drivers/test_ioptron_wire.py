@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import pytest
 
-from drivers.bench import FakeOnPty, FakeOnTcp
-from drivers.driven import DrivenMount
-from drivers.faults import Fault, Kind
+from drivers.fakes.bench import FakeOnPty, FakeOnTcp
+from drivers.fakes.faults import Fault, Kind
+from drivers.generic import DrivenMount
 from drivers.ioptron.fake import FakeIoptron
 from drivers.ioptron.mount import ioptron_mount
 from drivers.registry import open_mount
+from mountnav.devices import SlewOutcome, SyncOutcome
 from mountnav.errors import (
     BadRequest,
     BadSettings,
@@ -23,7 +24,6 @@ from mountnav.errors import (
     DeviceSilent,
     Refusal,
 )
-from mountnav.navigation.devices import SlewOutcome, SyncOutcome
 from mountnav.sky.coordinates import Apparent, Icrs, utc_now
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.testing.check_mount import check_mount

@@ -6,10 +6,10 @@ import asyncio
 
 import pytest
 
-from drivers.command import Command, Read
-from drivers.exchange import Exchange, Patience
-from drivers.incoming import Incoming
-from drivers.wire_log import WireLog
+from drivers.wire.command import Command, Read
+from drivers.wire.exchange import Exchange, Patience
+from drivers.wire.incoming import Incoming
+from drivers.wire.wire_log import WireLog
 from mountnav.errors import DeviceGarbled
 
 

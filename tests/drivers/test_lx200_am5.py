@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.command import Command, Unreadable
-from drivers.faults import Fault
+from drivers.fakes.faults import Fault
 from drivers.lx200 import am5_codec as codec
 from drivers.lx200.am5 import AM5
 from drivers.lx200.am5_codec import ParkState, Status
 from drivers.lx200.replies import Answer
+from drivers.wire.command import Command, Unreadable
+from mountnav.devices import Direction, PierSide, SlewOutcome, SyncOutcome
 from mountnav.errors import DeviceRefused, Refusal
-from mountnav.navigation.devices import Direction, PierSide, SlewOutcome, SyncOutcome
 from mountnav.sky.coordinates import Apparent, Site, utc_now
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.testing.check_mount import check_mount

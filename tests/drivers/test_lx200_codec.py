@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.command import Command, Unreadable
 from drivers.lx200 import angles, codec
 from drivers.lx200.codec import Letter
 from drivers.lx200.replies import Answer
+from drivers.wire.command import Command, Unreadable
 from mountnav.errors import Refusal
 
 RA = st.floats(0.0, 360.0, exclude_max=True)

@@ -9,18 +9,18 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from drivers.bench import FakeOnPty, FakeOnTcp
-from drivers.driven import DrivenMount
-from drivers.exchange import Patience
-from drivers.faults import Fault
+from drivers.fakes.bench import FakeOnPty, FakeOnTcp
+from drivers.fakes.faults import Fault
+from drivers.generic import DrivenMount
+from drivers.generic.timing import Timing
 from drivers.lx200.dialect import Handshake
 from drivers.lx200.dialects import dialect_named, names, recognized
 from drivers.lx200.fake import FakeLx200
 from drivers.lx200.faking import DIALECTS, fake_from
 from drivers.lx200.mount import lx200_mount
-from drivers.timing import Timing
+from drivers.wire.exchange import Patience
+from mountnav.devices import Direction, PierSide, Skill, SlewOutcome, TrackingRate
 from mountnav.errors import BadRequest, BadSettings, DeviceError, DeviceRefused, Refusal
-from mountnav.navigation.devices import Direction, PierSide, Skill, SlewOutcome, TrackingRate
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Apparent, Site, utc_now
 from mountnav.sky.sphere import separation_arcsec

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from drivers.bench import FakeOnPty, FakeOnTcp
+from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.lx200.fake import FakeLx200
 from drivers.lx200.faking import fake_from
-from mountnav.navigation.devices import TrackingRate
+from mountnav.devices import TrackingRate
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Apparent, Site, utc_now
 from mountnav.sky.sphere import separation_arcsec

@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.command import Command, Unreadable
 from drivers.lx200 import onstep_codec as codec
 from drivers.lx200.angles import dec_from_text, longitude_from_text, ra_from_text
 from drivers.lx200.fake_onstep_status import bits, flags
 from drivers.lx200.fine_angles import degrees_to_fine_text, ra_to_fine_text
 from drivers.lx200.onstep_codec import Status
 from drivers.lx200.replies import Answer
+from drivers.wire.command import Command, Unreadable
+from mountnav.devices import Direction, PierSide, TrackingRate
 from mountnav.errors import Refusal
-from mountnav.navigation.devices import Direction, PierSide, TrackingRate
 from mountnav.sky.sphere import half_turn_deg
 
 NO_GOTO = Status(

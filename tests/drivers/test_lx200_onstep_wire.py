@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import pytest
 
-from drivers.faults import Fault, RandomFaults
+from drivers.fakes.faults import Fault, RandomFaults
 from drivers.lx200.fake_onstep import OnStepSpeaker
+from mountnav.devices import Direction, PierSide, SlewOutcome, SyncOutcome, TrackingRate
 from mountnav.errors import DeviceError, DeviceRefused, Refusal
-from mountnav.navigation.devices import Direction, PierSide, SlewOutcome, SyncOutcome, TrackingRate
 from mountnav.sky.coordinates import Apparent, utc_now
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.testing.check_mount import check_mount

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.bench import FakeOnPty, FakeOnTcp
+from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.lx200.fake import FakeLx200
 from mountnav.sky.coordinates import Apparent
 from mountnav.sky.sphere import separation_arcsec

@@ -10,16 +10,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.command import Command, Unreadable
-from drivers.faults import Fault
+from drivers.fakes.faults import Fault
 from drivers.lx200 import tenmicron_codec as codec
 from drivers.lx200 import tenmicron_model_codec as model
 from drivers.lx200.fake_tenmicron_model import point_from_text
 from drivers.lx200.replies import Answer
 from drivers.lx200.tenmicron_codec import MountStatus
 from drivers.lx200.tenmicron_model_codec import ModelPoint
+from drivers.wire.command import Command, Unreadable
+from mountnav.devices import PierSide, SlewOutcome, SyncOutcome, TrackingRate
 from mountnav.errors import DeviceRefused, Refusal
-from mountnav.navigation.devices import PierSide, SlewOutcome, SyncOutcome, TrackingRate
 from mountnav.sky.coordinates import Apparent, utc_now
 from mountnav.sky.sphere import half_turn_deg, separation_arcsec
 from mountnav.testing.check_mount import check_mount

@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from drivers.command import Command
 from drivers.lx200 import codec, site_and_time
 from drivers.lx200.fake import FakeLx200
 from drivers.lx200.faking import fake_from
+from drivers.wire.command import Command
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Site
 

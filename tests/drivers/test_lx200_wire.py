@@ -11,15 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from drivers.bench import FakeOnPty, FakeOnTcp
-from drivers.driven import DrivenMount
-from drivers.exchange import Patience
-from drivers.faults import Fault
+from drivers.fakes.bench import FakeOnPty, FakeOnTcp
+from drivers.fakes.faults import Fault
+from drivers.generic import DrivenMount
+from drivers.generic.timing import Timing
 from drivers.lx200.fake import FakeLx200
 from drivers.lx200.mount import lx200_mount
-from drivers.timing import Timing
+from drivers.wire.exchange import Patience
+from mountnav.devices import Epoch, SlewOutcome, SyncOutcome
 from mountnav.errors import BadRequest, Busy, DeviceMissing, DeviceRefused, DeviceSilent
-from mountnav.navigation.devices import Epoch, SlewOutcome, SyncOutcome
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.simulation.sky_clock import FastClock
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Site, utc_now

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.command import Command, Unreadable
 from drivers.lx200 import angles, astro_physics, codec, gemini, meade, site_and_time
 from drivers.lx200.dialect import State
 from drivers.lx200.replies import Answer
+from drivers.wire.command import Command, Unreadable
+from mountnav.devices import PierSide
 from mountnav.errors import Refusal
-from mountnav.navigation.devices import PierSide
 from mountnav.sky.coordinates import Site
 
 PLANETARY = b"1Updating        Planetary Data#" + b" " * 30 + b"#"

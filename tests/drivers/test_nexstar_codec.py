@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.command import Command, Unreadable
 from drivers.nexstar import angles, codec, passthrough, replies, site_and_time
 from drivers.nexstar.handsets import Handset, Tracking, Version
 from drivers.nexstar.passthrough import Axis, PassThrough
 from drivers.nexstar.site_and_time import WireSite, WireTime
+from drivers.wire.command import Command, Unreadable
 
 AVX = Handset(Version(5, 31), 0x11, 20)
 GET_TRACKING = codec.get_tracking(AVX)

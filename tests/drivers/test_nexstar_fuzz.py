@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.command import Command, Unreadable
 from drivers.nexstar import codec, site_and_time
 from drivers.nexstar.angles import pair_to_text
 from drivers.nexstar.fake import FakeNexstar
@@ -16,6 +15,7 @@ from drivers.nexstar.handsets import Handset, Version
 from drivers.nexstar.passthrough import Axis
 from drivers.nexstar.replies import ECHOES
 from drivers.nexstar.site_and_time import WireSite
+from drivers.wire.command import Command, Unreadable
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Site
 

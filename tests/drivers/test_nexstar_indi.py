@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from drivers.bench import FakeOnPty, FakeOnTcp
+from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.nexstar import codec
 from drivers.nexstar.fake import FakeNexstar
 from drivers.nexstar.faking import fake_from
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.chain import sidereal_time_deg
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Site, utc_now

@@ -11,17 +11,17 @@ from typing import Any
 
 import pytest
 
-from drivers.bench import FakeOnPty
-from drivers.driven import DrivenMount
-from drivers.exchange import Patience
+from drivers.fakes.bench import FakeOnPty
+from drivers.generic import DrivenMount
+from drivers.generic.timing import Timing
 from drivers.nexstar.fake import AVX, FakeNexstar
 from drivers.nexstar.faking import DIALECTS, fake_from
 from drivers.nexstar.handsets import STARSENSE, Handset, Tracking, Version
 from drivers.nexstar.mount import nexstar_mount
 from drivers.nexstar.parking import Horizon
-from drivers.timing import Timing
+from drivers.wire.exchange import Patience
+from mountnav.devices import Direction, PierSide, Skill, SlewOutcome, TrackingRate
 from mountnav.errors import BadRequest, DeviceRefused, Refusal
-from mountnav.navigation.devices import Direction, PierSide, Skill, SlewOutcome, TrackingRate
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.chain import sidereal_time_deg
 from mountnav.sky.coordinates import Air, Apparent, Site, utc_now

@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from drivers.bench import FakeOnPty, FakeOnTcp
-from drivers.driven import DrivenMount
-from drivers.exchange import Patience
-from drivers.faults import Fault
+from drivers.fakes.bench import FakeOnPty, FakeOnTcp
+from drivers.fakes.faults import Fault
+from drivers.generic import DrivenMount
+from drivers.generic.timing import Timing
 from drivers.nexstar import codec
 from drivers.nexstar.fake import FakeNexstar
 from drivers.nexstar.handsets import Handset, Version
@@ -21,9 +21,9 @@ from drivers.nexstar.mount import nexstar_mount
 from drivers.nexstar.opening import mount_from, synscan_from
 from drivers.nexstar.parking import Horizon
 from drivers.registry import MountUrl
-from drivers.timing import Timing
+from drivers.wire.exchange import Patience
+from mountnav.devices import SlewOutcome, SyncOutcome
 from mountnav.errors import BadRequest, BadSettings, DeviceMissing, DeviceRefused, Refusal
-from mountnav.navigation.devices import SlewOutcome, SyncOutcome
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.chain import apparent_to_icrs, sidereal_time_deg
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Site, utc_now

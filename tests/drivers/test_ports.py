@@ -13,10 +13,10 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from api.cli_ports import ports
-from api.ports_command import run
-from drivers.bench import FakeOnPty, FakeOnTcp
-from drivers.fakes import make_fake
+from api.cli.cli_ports import ports
+from api.cli.ports_command import run
+from drivers.fakes.bench import FakeOnPty, FakeOnTcp
+from drivers.fakes.fakes import make_fake
 from drivers.ports import PROBING, holders, probe, serial_ports
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Site, utc_now

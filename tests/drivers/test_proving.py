@@ -13,16 +13,16 @@ from typing import Any, Literal
 
 import pytest
 
-from api.bench_command import BenchRun, build_of, run
-from drivers.bench import FakeOnPty
-from drivers.driven import DrivenMount
-from drivers.faults import Fault
+from api.cli.bench_command import BenchRun, build_of, run
+from drivers.acceptance.findings import Capabilities, Finding, StepResult, as_lines, differences
+from drivers.acceptance.run import tried
+from drivers.acceptance.steps import STEPS, _judged_pulse
+from drivers.acceptance.trial import Trial
+from drivers.fakes.bench import FakeOnPty
+from drivers.fakes.faults import Fault
+from drivers.generic import DrivenMount
 from drivers.lx200.fake import FakeLx200
 from drivers.lx200.faking import fake_from
-from drivers.proving.findings import Capabilities, Finding, StepResult, as_lines, differences
-from drivers.proving.run import tried
-from drivers.proving.steps import STEPS, _judged_pulse
-from drivers.proving.trial import Trial
 from drivers.registry import open_mount
 from mountnav.errors import BadRequest
 from mountnav.simulation.machine import Machine

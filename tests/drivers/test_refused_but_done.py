@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import pytest
 
-from drivers.driven import DrivenMount
+from drivers.generic import DrivenMount
+from mountnav.devices import Direction, SlewOutcome, SlewState
 from mountnav.errors import DeviceError, DeviceRefused, RefusedButDone
-from mountnav.navigation.devices import Direction, SlewOutcome, SlewState
 from mountnav.sky.coordinates import Apparent, utc_now
 from tests.drivers.plain_language import PlainLanguage
 from tests.drivers.test_driven_mount import QUICK, plain, rigged

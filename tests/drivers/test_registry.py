@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from drivers.generic.url_options import yes_of
 from drivers.registry import open_mount, read_url
-from drivers.url_options import yes_of
 from mountnav.errors import BadSettings
 
 

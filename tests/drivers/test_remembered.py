@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.remembered import Remembered
+from drivers.wire.remembered import Remembered
 
 
 @given(st.lists(st.binary(max_size=2)), st.integers(0, 30), st.integers(0, 30))

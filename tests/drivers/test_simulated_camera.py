@@ -10,8 +10,8 @@ import pytest
 
 from drivers.simulated.camera import SimulatedCamera
 from mountnav.catalog.stars import Stars
+from mountnav.devices import Camera
 from mountnav.errors import BadRequest, Busy, Cancelled
-from mountnav.navigation.devices import Camera
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.sky.coordinates import Icrs, utc_now
 

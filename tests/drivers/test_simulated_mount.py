@@ -11,8 +11,8 @@ import pytest
 
 from drivers.simulated.behavior import MountBehavior
 from drivers.simulated.mount import SimulatedMount
+from mountnav.devices import PierSide, Skill, SlewOutcome, SlewState, SyncOutcome
 from mountnav.errors import Busy, DeviceMissing, DeviceRefused, DeviceSilent, Refusal
-from mountnav.navigation.devices import PierSide, Skill, SlewOutcome, SlewState, SyncOutcome
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.simulation.virtual_time import VirtualClock, for_all_modules, run_virtually
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_apparent

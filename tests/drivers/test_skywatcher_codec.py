@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.command import Command, Unreadable
 from drivers.skywatcher import codec
 from drivers.skywatcher.words import (
     Axis,
@@ -22,6 +21,7 @@ from drivers.skywatcher.words import (
     read_features,
     read_status,
 )
+from drivers.wire.command import Command, Unreadable
 from mountnav.errors import Refusal
 
 FIRST, SECOND = Axis.HOUR_ANGLE, Axis.DECLINATION

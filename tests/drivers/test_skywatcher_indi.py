@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from drivers.skywatcher.words import Axis
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.sky.coordinates import Apparent, Site, utc_now
 from mountnav.sky.sphere import separation_arcsec
 from tests.drivers.indi_process import Indi, running

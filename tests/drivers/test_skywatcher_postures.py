@@ -16,8 +16,8 @@ from drivers.skywatcher.rates import Gearing, goto_s, true_timer_hz
 from drivers.skywatcher.reckoning import altitude_deg, hour_angle_of, place_of
 from drivers.skywatcher.standing import Standing
 from drivers.skywatcher.words import Axis, Board
+from mountnav.devices import PierSide
 from mountnav.errors import DeviceRefused, Refusal
-from mountnav.navigation.devices import PierSide
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 from mountnav.sky.sphere import half_turn_deg, separation_arcsec
 from mountnav.sky.turning import SIDEREAL_DEG_S

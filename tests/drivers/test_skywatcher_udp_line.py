@@ -7,9 +7,9 @@ import socket
 
 import pytest
 
-from drivers.bench import FakeOnUdp
-from drivers.udp_line import UdpLine
-from drivers.wire_log import WireLog
+from drivers.fakes.bench import FakeOnUdp
+from drivers.wire.udp_line import UdpLine
+from drivers.wire.wire_log import WireLog
 from mountnav.errors import DeviceMissing
 from tests.drivers.skywatcher_fakes import quick
 

@@ -9,15 +9,15 @@ from typing import Any
 
 import pytest
 
-from drivers.bench import FakeOnPty
-from drivers.faults import Fault
+from drivers.fakes.bench import FakeOnPty
+from drivers.fakes.faults import Fault
 from drivers.registry import MountUrl
 from drivers.skywatcher.fake_board import BOARDS
 from drivers.skywatcher.mount import skywatcher_mount
 from drivers.skywatcher.opening import mount_from
 from drivers.skywatcher.words import Axis, Board
+from mountnav.devices import Direction, PierSide, SlewOutcome, SyncOutcome, TrackingRate
 from mountnav.errors import BadSettings, DeviceRefused, DeviceSilent, Refusal
-from mountnav.navigation.devices import Direction, PierSide, SlewOutcome, SyncOutcome, TrackingRate
 from mountnav.sky.coordinates import Apparent, Site, utc_now
 from mountnav.sky.turning import SIDEREAL_DEG_S
 from mountnav.testing.check_mount import check_mount

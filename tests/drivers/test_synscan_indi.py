@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.bench import FakeOnPty, FakeOnTcp
+from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.nexstar.angles import pair_from_text
 from drivers.nexstar.fake import FakeNexstar
 from drivers.nexstar.faking_synscan import SYNC_REACH_DEG

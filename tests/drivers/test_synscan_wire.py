@@ -9,18 +9,18 @@ from typing import Any
 
 import pytest
 
-from drivers.bench import FakeOnPty, FakeOnTcp
-from drivers.driven import DrivenMount
-from drivers.exchange import Patience
-from drivers.faults import Fault
+from drivers.fakes.bench import FakeOnPty, FakeOnTcp
+from drivers.fakes.faults import Fault
+from drivers.generic import DrivenMount
+from drivers.generic.timing import Timing
 from drivers.nexstar.fake import FakeNexstar
 from drivers.nexstar.faking_synscan import DIALECTS, SYNC_REACH_DEG, fake_from
 from drivers.nexstar.handsets import Handset, Version
 from drivers.nexstar.mount import nexstar_mount
 from drivers.nexstar.parking import Horizon
-from drivers.timing import Timing
+from drivers.wire.exchange import Patience
+from mountnav.devices import SlewOutcome, SyncOutcome
 from mountnav.errors import BadRequest, DeviceRefused, Refusal
-from mountnav.navigation.devices import SlewOutcome, SyncOutcome
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.chain import apparent_to_icrs, sidereal_time_deg
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Site, utc_now

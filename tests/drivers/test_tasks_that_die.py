@@ -12,13 +12,13 @@ from drivers.alpaca.asking import Asking
 from drivers.alpaca.looking import Looking
 from drivers.alpaca.moving import Moving
 from drivers.alpaca.where import Where
-from drivers.driven.keeping import LinkState
-from drivers.exchange import Patience
+from drivers.generic.keeping import LinkState
 from drivers.indi import codec
 from drivers.indi.client import IndiClient
-from drivers.line import SerialLine
-from drivers.link import Link
-from drivers.wire_log import WireLog
+from drivers.wire.exchange import Patience
+from drivers.wire.line import SerialLine
+from drivers.wire.link import Link
+from drivers.wire.wire_log import WireLog
 from mountnav.errors import DeviceMissing
 from tests.drivers.test_driven_mount import QUICK, rigged
 

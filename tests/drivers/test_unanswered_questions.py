@@ -8,15 +8,15 @@ from typing import Any
 
 import pytest
 
-from drivers.driven import DrivenMount
-from drivers.exchange import Patience
-from drivers.fake_wire import WireFake
-from drivers.fakes import make_fake
-from drivers.faults import Fault
-from drivers.link import Link
-from drivers.wire_log import WireLog
+from drivers.fakes.fake_wire import WireFake
+from drivers.fakes.fakes import make_fake
+from drivers.fakes.faults import Fault
+from drivers.generic import DrivenMount
+from drivers.wire.exchange import Patience
+from drivers.wire.link import Link
+from drivers.wire.wire_log import WireLog
+from mountnav.devices import Skill
 from mountnav.errors import DeviceError, DeviceSilent
-from mountnav.navigation.devices import Skill
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air
 from tests.drivers.virtual_wire import HandClock, MemoryLine, VirtualLoop, in_virtual_time

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from drivers.fakes import make_fake
-from drivers.faults import USUAL_KINDS, Fault, Kind, scripted
-from mountnav.navigation.devices import SyncOutcome
+from drivers.fakes.fakes import make_fake
+from drivers.fakes.faults import USUAL_KINDS, Fault, Kind, scripted
+from mountnav.devices import SyncOutcome
 from tests.drivers.virtual_wire import HandClock, VirtualLoop, in_virtual_time
 from tests.drivers.wire_families import family
 from tests.drivers.wire_fuzz import Findings, Rig

@@ -6,7 +6,7 @@ import importlib
 from dataclasses import replace
 from typing import Any
 
-from drivers.fakes import machine
+from drivers.fakes.fakes import machine
 from drivers.ioptron.language import IoptronLanguage
 from drivers.lx200.dialects import dialect_named
 from drivers.lx200.language import Lx200Language

@@ -12,24 +12,16 @@ from dataclasses import dataclass, field
 from datetime import timedelta
 from typing import Any
 
-from drivers.driven import DrivenMount
-from drivers.exchange import Patience
-from drivers.fake_wire import WireFake
-from drivers.faults import Fault, Kind, RandomFaults
-from drivers.language import Language, Sent
-from drivers.link import Link
-from drivers.timing import Timing
-from drivers.wire_log import WireLog
+from drivers.fakes.fake_wire import WireFake
+from drivers.fakes.faults import Fault, Kind, RandomFaults
+from drivers.generic import DrivenMount
+from drivers.generic.language import Language, Sent
+from drivers.generic.timing import Timing
+from drivers.wire.exchange import Patience
+from drivers.wire.link import Link
+from drivers.wire.wire_log import WireLog
+from mountnav.devices import Direction, MountReading, Skill, SlewOutcome, SlewState, SyncOutcome, TrackingRate
 from mountnav.errors import DeviceError, DeviceRefused, MountnavError, Refusal
-from mountnav.navigation.devices import (
-    Direction,
-    MountReading,
-    Skill,
-    SlewOutcome,
-    SlewState,
-    SyncOutcome,
-    TrackingRate,
-)
 from mountnav.navigation.sync_outcomes import FREE_ARCSEC
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors, SyncBehavior
 from mountnav.sky.chain import apparent_to_icrs

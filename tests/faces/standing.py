@@ -8,14 +8,14 @@ import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 
-from api.app import create_app
+from api.http.app import create_app
+from api.http.serving import bind, make_server
 from api.service import Service
-from api.serving import bind, make_server
 from api.virtual_bench import GERMAN
-from drivers.bench import FakeOnPty, FakeOnTcp
-from drivers.fake_wire import WireFake
-from drivers.fakes import make_fake
-from mountnav.settings import Settings
+from drivers.fakes.bench import FakeOnPty, FakeOnTcp
+from drivers.fakes.fake_wire import WireFake
+from drivers.fakes.fakes import make_fake
+from mountnav.settings.observatory import Settings
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_apparent
 from mountnav.sky.coordinates import Air, Apparent, HourAngle, Site, utc_now

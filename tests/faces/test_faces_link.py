@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from drivers.bench import FakeOnTcp
-from drivers.faults import Fault
+from drivers.fakes.bench import FakeOnTcp
+from drivers.fakes.faults import Fault
 from drivers.indi.codec import State
 from mountnav.sky.coordinates import utc_now
 from tests.faces.hands import hands

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from drivers.faults import Fault
+from drivers.fakes.faults import Fault
 from tests.faces.hands import EAST, hands
 from tests.faces.standing import Standing, standing, until, up_now
 

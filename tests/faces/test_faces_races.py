@@ -9,7 +9,7 @@ from typing import Any
 import httpx
 import pytest
 
-from api.callers import Face
+from api.access.callers import Face
 from tests.faces.hands import EAST, hands
 from tests.faces.standing import STOP, Standing, standing, until, up_now
 
@@ -81,7 +81,7 @@ async def test_everything_at_once_and_then_a_stop() -> None:
 @pytest.mark.long
 async def test_everything_at_once_many_times(monkeypatch: pytest.MonkeyPatch) -> None:
     # its gotos are counted by their notes; of a minute's refusals only so many are noted
-    monkeypatch.setattr("api.audit._MOST_REPEATED", 10_000)
+    monkeypatch.setattr("api.access.audit._MOST_REPEATED", 10_000)
     async with standing() as stand, hands(stand) as by:
         for seed in range(100, 125):
             stand.mechanics.slew_rate_deg_s = 2.0

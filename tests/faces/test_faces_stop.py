@@ -5,9 +5,9 @@ from __future__ import annotations
 import httpx
 import pytest
 
-from api.callers import Caller, Face, Role
-from api.job import JobState
-from api.orders import (
+from api.access.callers import Caller, Face, Role
+from api.orders.job import JobState
+from api.orders.orders import (
     KINDS,
     AcceptSiteTimeOrder,
     CenterOrder,
@@ -32,9 +32,9 @@ from api.orders import (
     TrustOrder,
     UnparkOrder,
 )
-from api.targets import ApparentTarget
-from drivers.faults import Fault
-from drivers.wire_log import WireLog
+from api.orders.targets import ApparentTarget
+from drivers.fakes.faults import Fault
+from drivers.wire.wire_log import WireLog
 from mountnav.sky.coordinates import Apparent
 from tests.faces.hands import EAST, hands
 from tests.faces.standing import STOP, Standing, standing, until, up_now

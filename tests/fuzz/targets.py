@@ -22,17 +22,17 @@ from api.alpaca.members import MEMBERS
 from api.alpaca.parameters import BadParameter
 from api.indi_server.hearing import Hearing
 from api.planetarium import lx200_words, stellarium_codec
-from api.solver_answers import BadAnswer, Done, Fault, Progress, Ready, read, written
+from api.solver.solver_answers import BadAnswer, Done, Fault, Progress, Ready, read, written
 from drivers.alpaca import codec as alpaca_codec
 from drivers.alpaca import image_bytes
 from drivers.alpaca.discovery import Heard
-from drivers.command import Command, Unreadable
-from drivers.fault_files import parse_faults
+from drivers.fakes.fault_files import parse_faults
 from drivers.indi.codec import Reader
 from drivers.indi.state import Properties
 from drivers.indi.xml_stream import ElementStream
-from drivers.recording import read_dialogue
 from drivers.registry import open_mount
+from drivers.wire.command import Command, Unreadable
+from drivers.wire.recording import read_dialogue
 from mountnav.catalog.packed.header import decode_header as decode_packed
 from mountnav.catalog.readers import open_reader
 from mountnav.errors import BadFrame, BadRequest, BadSettings, MountnavError
@@ -45,7 +45,7 @@ from mountnav.pointing.model.run_file import read_run
 from mountnav.pointing.model.tpoint_file import read_observations_text
 from mountnav.pointing.observation_file import read_observations
 from mountnav.reading import read_frame
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 from mountnav.simulation.machine_file import MachineFile
 from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.simulation.sky_script import SkyScript

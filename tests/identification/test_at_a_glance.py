@@ -16,7 +16,7 @@ from mountnav.measuring.settings import MeasuringSettings
 from mountnav.reading import read_frame
 from mountnav.sky.coordinates import Icrs
 from mountnav.solution import Reason
-from mountnav.solve import SolveSettings, solve
+from mountnav.solving.solve import SolveSettings, solve
 
 GLANCE, FULL = SolveSettings(), SolveSettings(glance=False)
 

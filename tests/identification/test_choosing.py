@@ -25,7 +25,7 @@ from mountnav.simulation.sky_stores import write_store
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.solution import Reason
-from mountnav.solve import SolveSettings, solve
+from mountnav.solving.solve import SolveSettings, solve
 
 CENTER = Icrs(150.0, 40.0)
 BELIEVED = Icrs(150.03, 40.02)

@@ -18,7 +18,7 @@ from mountnav.identification.field_motion import (
     second_image,
 )
 from mountnav.measuring.light_patches import light_patches
-from mountnav.solve import solve
+from mountnav.solving.solve import solve
 
 SIDE_PX = 800
 CENTER = complex(399.5, 399.5)

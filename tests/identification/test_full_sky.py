@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from listed_sky import EPOCH, JUNK, PLACES, anywhere, asked, drawn, listed, seen
 
 from mountnav.catalog.embedded import embedded_catalog
-from mountnav.contradictions import contradictions_with
 from mountnav.frames import Hint
 from mountnav.identification.search import identify
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, separation_arcsec
 from mountnav.solution import Reason
+from mountnav.solving.contradictions import contradictions_with
 
 HINTS = {
     "close": {},

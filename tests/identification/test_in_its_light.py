@@ -13,7 +13,7 @@ from benchmarks.trailed import RIGHT_PX, still, trial, ways
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.measuring.light_path import brighter_image, light_path
 from mountnav.solution import Reason
-from mountnav.solve import solve
+from mountnav.solving.solve import solve
 
 # seeds of benchmarks.trailed that were 3 to 127 px off with odds of 1e-12 to 1e-289 before the light was
 # asked

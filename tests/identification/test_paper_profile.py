@@ -15,7 +15,7 @@ from mountnav.identification.search import Reach, identify
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.measure import measure
 from mountnav.sky.sphere import displaced, separation_arcsec
-from mountnav.solve import epoch_of
+from mountnav.solving.solve import epoch_of
 
 PAPER = IdentificationSettings.profile("paper")
 

@@ -6,7 +6,7 @@ import pytest
 from benchmarks.frames import rendered
 from benchmarks.rendered import Score, score, truths
 from mountnav.catalog.embedded import embedded_catalog
-from mountnav.solve import SolveSettings
+from mountnav.solving.solve import SolveSettings
 
 
 def scores(shared, names, settings=None):

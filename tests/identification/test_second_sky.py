@@ -16,7 +16,7 @@ from mountnav.identification.second_sky import second_sky
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import gnomonic_inverse
 from mountnav.solution import Reason
-from mountnav.solve import solve
+from mountnav.solving.solve import solve
 
 SIDE_PX = 1000
 SCALE = 4.0

@@ -7,7 +7,6 @@ import pytest
 from listed_sky import EPOCH, PLACES, anywhere, asked, drawn, galactic, listed, seen
 
 from mountnav.catalog.embedded import embedded_catalog
-from mountnav.contradictions import contradictions_with
 from mountnav.frames import Hint
 from mountnav.identification.search import identify
 from mountnav.identification.settings import IdentificationSettings
@@ -15,6 +14,7 @@ from mountnav.measuring.measurements import Flag
 from mountnav.measuring.quality import SkyQuality, StarImages
 from mountnav.sky.coordinates import Icrs
 from mountnav.solution import Reason
+from mountnav.solving.contradictions import contradictions_with
 
 QUALITY = SkyQuality(20, StarImages.DEFOCUSED, 14.0, 0.1, 0.0, 100.0, 10.0, 1.0, 50.0, 0.0)
 

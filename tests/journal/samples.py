@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from datetime import UTC, datetime, timedelta
 
+from mountnav.devices import MountReading, PierSide
 from mountnav.journal.records import Cause, CommandRecord, Entry, EntryKind, LookRecord, new_id
-from mountnav.navigation.devices import MountReading, PierSide
 from mountnav.sky.coordinates import Air, Apparent, Icrs
 
 NIGHT = datetime(2026, 11, 22, 3, 12, 45, 123456, tzinfo=UTC)

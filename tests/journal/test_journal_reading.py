@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from mountnav.devices import MountReading, PierSide
 from mountnav.errors import BadRequest
 from mountnav.journal.observations import observation_of, observations
 from mountnav.journal.reading import JournalReader, Line
@@ -20,7 +21,6 @@ from mountnav.journal.telling import as_json, in_words
 from mountnav.journal.thinning import Thinning
 from mountnav.journal.wanted import KINDS, Mark, Wanted, instant
 from mountnav.journal.writer import Piece
-from mountnav.navigation.devices import MountReading, PierSide
 from mountnav.sky.coordinates import Apparent, Icrs, utc_now
 from mountnav.sky.sphere import displaced, separation_arcsec
 from tests.journal.samples import NIGHT, at, look_of, note_of, slew_of

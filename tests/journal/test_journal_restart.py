@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from mountnav.devices import MountReading
 from mountnav.errors import DeviceSilent
 from mountnav.journal.guesses import Likely, judged
 from mountnav.journal.records import CommandEnd, CommandRecord, EntryKind, Outcome, new_id
 from mountnav.journal.restart import acknowledge, take_up
 from mountnav.journal.sql_journal import SqlJournal, open_journal
-from mountnav.navigation.devices import MountReading
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import displaced
 from tests.journal.samples import at, look_of, note_of, slew_of

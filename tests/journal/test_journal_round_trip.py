@@ -13,6 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from mountnav.devices import MountReading, PierSide
 from mountnav.journal.column_types import plain_json, plain_text
 from mountnav.journal.reading import JournalReader
 from mountnav.journal.records import (
@@ -27,7 +28,6 @@ from mountnav.journal.records import (
 )
 from mountnav.journal.sql_journal import SqlJournal, open_journal
 from mountnav.journal.wanted import Wanted
-from mountnav.navigation.devices import MountReading, PierSide
 from mountnav.sky.coordinates import Air, Apparent, Icrs
 from tests.journal.samples import look_of
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import pytest
 
-from drivers.bench import FakeOnPty
+from drivers.fakes.bench import FakeOnPty
 from drivers.lx200.fake import FakeLx200
 from drivers.registry import open_mount
 from drivers.simulated.camera import SimulatedCamera
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.stars import Catalog
-from mountnav.navigation.devices import Mount
+from mountnav.devices import Mount
 from mountnav.navigation.looking import Solve
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
@@ -22,7 +22,7 @@ from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.sky.chain import hour_angle_to_icrs
 from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site, utc_now
-from mountnav.solve import SolveSettings
+from mountnav.solving.solve import SolveSettings
 
 SITE = Site(48.93, 22.27, 700.0)
 AIR = Air(pressure_hpa=930.0, temperature_c=5.0, relative_humidity=0.7)

@@ -9,17 +9,17 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from drivers.driven import DrivenMount
-from drivers.exchange import Patience
-from drivers.fakes import make_fake
-from drivers.link import Link
+from drivers.fakes.fakes import make_fake
+from drivers.generic import DrivenMount
+from drivers.generic.timing import Timing
 from drivers.lx200.language import Lx200Language
-from drivers.timing import Timing
-from drivers.wire_log import WireLog
+from drivers.wire.exchange import Patience
+from drivers.wire.link import Link
+from drivers.wire.wire_log import WireLog
+from mountnav.devices import MountReading
 from mountnav.journal.memory import MemoryJournal
 from mountnav.journal.records import Entry, EntryKind
-from mountnav.navigation.checked_mount import CheckedMount
-from mountnav.navigation.devices import MountReading
+from mountnav.mount import CheckedMount
 from mountnav.navigation.kinds import for_mount, from_mount
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.reports import Look

@@ -9,16 +9,16 @@ from dataclasses import replace
 
 import pytest
 
-from drivers.bench import FakeOnPty
-from drivers.fakes import make_fake
+from drivers.fakes.bench import FakeOnPty
+from drivers.fakes.fakes import make_fake
 from drivers.registry import open_mount
 from mountnav.clock import SystemClock
+from mountnav.devices import ConnectReport
 from mountnav.errors import DeviceRefused, Refusal
 from mountnav.journal.memory import MemoryJournal
 from mountnav.journal.records import EntryKind
-from mountnav.navigation.checked_mount import CheckedMount
-from mountnav.navigation.checked_mount.agreement import ACCEPTED, APART_DEG, Difference
-from mountnav.navigation.devices import ConnectReport
+from mountnav.mount import CheckedMount
+from mountnav.mount.agreement import ACCEPTED, APART_DEG, Difference
 from mountnav.navigation.kinds import for_mount
 from mountnav.pointing.limits import Limits
 from mountnav.simulation.machine import Machine

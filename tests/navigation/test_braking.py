@@ -6,8 +6,8 @@ from datetime import timedelta
 
 import pytest
 
-from mountnav.navigation.checked_mount.braking import HEARD_AFTER_S, Braking
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
+from mountnav.mount.braking import HEARD_AFTER_S, Braking
 from mountnav.pointing.limits.postures import Standing
 from tests.navigation.test_checked_mount import NIGHT
 

@@ -9,6 +9,7 @@ from datetime import timedelta
 import numpy as np
 import pytest
 
+from mountnav.devices import Mount, SyncOutcome, SyncResult
 from mountnav.errors import (
     BadFrame,
     Busy,
@@ -20,7 +21,6 @@ from mountnav.errors import (
     TargetNotReached,
 )
 from mountnav.frames import Frame
-from mountnav.navigation.devices import Mount, SyncOutcome, SyncResult
 from mountnav.navigation.reports import CenterOutcome
 from mountnav.navigation.tactics import Persistence
 from mountnav.simulation.mechanics import PointingErrors

@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 
 from drivers.simulated.behavior import MountBehavior
+from mountnav.devices import PierSide, SyncOutcome
 from mountnav.errors import LimitKind, MountnavError, NotReached, OutsideLimits, TargetNotReached
 from mountnav.journal.records import EntryKind, Outcome
-from mountnav.navigation.devices import PierSide, SyncOutcome
 from mountnav.navigation.policy import Approach, CorrectBy
 from mountnav.navigation.reports import CenterReport, Correction
 from mountnav.navigation.steps import listening

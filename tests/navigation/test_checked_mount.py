@@ -11,6 +11,7 @@ import pytest
 
 from drivers.simulated.behavior import MountBehavior
 from drivers.simulated.mount import SimulatedMount
+from mountnav.devices import Direction, PierSide, SlewOutcome, SyncOutcome
 from mountnav.errors import (
     Busy,
     Cancelled,
@@ -24,8 +25,7 @@ from mountnav.errors import (
 )
 from mountnav.journal.memory import MemoryJournal
 from mountnav.journal.records import CommandEnd, CommandRecord, EntryKind, Outcome, because
-from mountnav.navigation.checked_mount import CheckedMount
-from mountnav.navigation.devices import Direction, PierSide, SlewOutcome, SyncOutcome
+from mountnav.mount import CheckedMount
 from mountnav.navigation.steps import listening
 from mountnav.pointing.limits import Limits, Mounting
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors

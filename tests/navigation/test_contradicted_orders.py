@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
+from mountnav.devices import SyncOutcome, SyncResult
 from mountnav.errors import DeviceRefused, Refusal, RefusedButDone, SyncIgnored
 from mountnav.journal.records import EntryKind, Outcome
-from mountnav.navigation.devices import SyncOutcome, SyncResult
 from mountnav.pointing.limits import Limits
 from mountnav.sky.sphere import displaced
 from tests.navigation.test_checked_mount import Rig, run

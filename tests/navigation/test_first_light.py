@@ -8,8 +8,8 @@ import pytest
 
 from benchmarks.worse_worlds import Outcome, lived
 from drivers.simulated.behavior import MountBehavior
+from mountnav.devices import PierSide
 from mountnav.errors import OffsetImplausible, SyncDoubt, SyncRefused
-from mountnav.navigation.devices import PierSide
 from mountnav.pointing.plausible import TooFarToSync
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.pointing_errors import PointingErrors

@@ -8,9 +8,9 @@ from dataclasses import replace
 import pytest
 
 from drivers.simulated.behavior import MountBehavior
+from mountnav.devices import PierSide
 from mountnav.errors import NotReached, OutsideLimits, SyncRefused, TargetNotReached
 from mountnav.journal.records import EntryKind
-from mountnav.navigation.devices import PierSide
 from mountnav.pointing.limits import Limits
 from mountnav.simulation.machine import Machine
 from tests.navigation.virtual_rig import ERRORS, VirtualRig, in_virtual_time

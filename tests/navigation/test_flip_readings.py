@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from drivers.simulated.behavior import MountBehavior
-from mountnav.navigation.devices import MountReading, PierSide, SlewOutcome
+from mountnav.devices import MountReading, PierSide, SlewOutcome
 from mountnav.pointing.limits import Limits
 from mountnav.simulation.mechanics import Machine
 from tests.navigation.test_checked_mount import Rig, run

@@ -8,15 +8,15 @@ from datetime import timedelta
 
 import pytest
 
+from mountnav.devices import MountReading
 from mountnav.errors import BadFrame, BadRequest, Busy, SyncDoubt, SyncRefused
 from mountnav.frames import Frame, Hint
-from mountnav.navigation.devices import MountReading
 from mountnav.navigation.readings_kept import ReadingsKept
 from mountnav.navigation.reports import Correction, FrameLook
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.iers import earth_orientation
 from mountnav.sky.sphere import displaced, separation_arcsec
-from mountnav.solve_settings import SolveSettings
+from mountnav.solving.settings import SolveSettings
 from tests.navigation.virtual_rig import AIR, START, VirtualRig, in_virtual_time
 
 

@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from api.taking_up import last_seen
+from api.orders.taking_up import last_seen
+from mountnav.devices import MountReading
 from mountnav.errors import DeviceRefused, Refusal
 from mountnav.journal.records import CommandRecord, Order
 from mountnav.journal.sql_journal import SqlJournal, open_journal
-from mountnav.navigation.checked_mount.last_seen import ELSEWHERE_DEG, LastSeen, strayed_deg, why_not_to_trust
-from mountnav.navigation.devices import MountReading
+from mountnav.mount.last_seen import ELSEWHERE_DEG, LastSeen, strayed_deg, why_not_to_trust
 from mountnav.navigation.kinds import for_mount
 from mountnav.navigation.syncing import Occasion
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_apparent

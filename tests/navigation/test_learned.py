@@ -13,12 +13,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mountnav.devices import PierSide
 from mountnav.errors import BadSettings, SyncDoubt
 from mountnav.frames import Hint
 from mountnav.identification.plate import Plate
 from mountnav.identification.wcs import wcs_cards
 from mountnav.navigation.camera_samples import CameraSample, axis_angle_deg, distortion_px2
-from mountnav.navigation.devices import PierSide
 from mountnav.navigation.learned import Learned, LessonKind
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics, PointingErrors

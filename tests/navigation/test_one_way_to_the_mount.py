@@ -15,12 +15,12 @@ from pathlib import Path
 import pytest
 
 from drivers.simulated.mount import SimulatedMount
-from mountnav.navigation.devices import Direction, SlewOutcome
+from mountnav.devices import Direction, SlewOutcome
 from tests.navigation.test_checked_mount import Rig, run
 
 ROOT = Path(__file__).parents[2]
 ORDERS = {"slew", "sync", "park", "unpark", "home", "set_tracking", "guide", "stop", "set_park"}
-CHECKED = "mountnav/navigation/checked_mount/"
+CHECKED = "mountnav/mount/"
 BY_THEMSELVES = (CHECKED, "drivers/", "mountnav/simulation/", "mountnav/testing/")
 """Drivers and fakes move what is their own; `testing` tries a driver with no observatory round it."""
 

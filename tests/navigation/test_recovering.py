@@ -9,16 +9,16 @@ from itertools import count
 import pytest
 
 from mountnav.catalog.stars import Catalog
+from mountnav.devices import SyncOutcome
 from mountnav.errors import BadFrame, Cancelled, MountMoved, OffsetImplausible, OutsideLimits
 from mountnav.frames import Frame, Hint
-from mountnav.navigation.devices import SyncOutcome
 from mountnav.navigation.recovering import MOST_LOOKS, agreement_arcsec
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.sky.chain import icrs_to_apparent
 from mountnav.sky.coordinates import Icrs, utc_now
 from mountnav.sky.sphere import displaced, separation_arcsec
 from mountnav.solution import Verdict
-from mountnav.solve import SolveSettings, solve
+from mountnav.solving.solve import SolveSettings, solve
 from tests.navigation.conftest import POLICY, SITE, MakeRig, Rig, up_now
 from tests.navigation.virtual_rig import VirtualRig, in_virtual_time
 

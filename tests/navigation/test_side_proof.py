@@ -7,10 +7,10 @@ from dataclasses import replace
 import pytest
 
 from drivers.simulated.behavior import MountBehavior
+from mountnav.devices import PierSide, SlewOutcome
 from mountnav.errors import LimitKind, OutsideLimits
-from mountnav.navigation.checked_mount import CheckedMount
-from mountnav.navigation.checked_mount.side_proof import SIDE_PROVEN, SideUnproven
-from mountnav.navigation.devices import PierSide, SlewOutcome
+from mountnav.mount import CheckedMount
+from mountnav.mount.side_proof import SIDE_PROVEN, SideUnproven
 from mountnav.pointing.limits import Limits
 from mountnav.simulation.machine import Machine
 from mountnav.sky.sphere import half_turn_deg

@@ -14,10 +14,10 @@ import pytest
 
 from benchmarks.keeping_sides import SLACK_DEG, Sent
 from drivers.simulated.behavior import MountBehavior
+from mountnav.devices import PierSide, SlewOutcome
 from mountnav.errors import OutsideLimits
-from mountnav.navigation.checked_mount import WentAnotherWay
-from mountnav.navigation.checked_mount.side_followed import SideFollowed
-from mountnav.navigation.devices import PierSide, SlewOutcome
+from mountnav.mount import WentAnotherWay
+from mountnav.mount.side_followed import SideFollowed
 from mountnav.navigation.slewing import PLANNED_ANEW
 from mountnav.pointing.limits import Limits
 from mountnav.pointing.limits.postures import Standing

@@ -7,9 +7,9 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
+from mountnav.devices import SlewOutcome
 from mountnav.errors import Cancelled, NotReached, TargetNotReached
 from mountnav.journal.records import Outcome
-from mountnav.navigation.devices import SlewOutcome
 from mountnav.navigation.kinds import from_mount
 from mountnav.simulation.machine import Machine
 from mountnav.sky.sphere import separation_arcsec

@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.navigation.polar_steering import PolarSteering, steering_for
 from mountnav.navigation.steering import Followed, Sighting, Steering, sent_as_believed
 from mountnav.simulation.geometry import true_direction

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mountnav.devices import MountReading, PierSide
 from mountnav.errors import BadSettings, SyncDoubt
-from mountnav.navigation.devices import MountReading, PierSide
 from mountnav.navigation.doubts import (
     ADVICE,
     GRAVEST_FIRST,
@@ -29,7 +29,7 @@ from mountnav.navigation.sync_counts import SyncCounts, night_of
 from mountnav.navigation.sync_occasions import Occasion, decided
 from mountnav.navigation.sync_policy import SyncPolicy, SyncRule
 from mountnav.pointing.in_force import Expected
-from mountnav.settings_sync import SyncSettings
+from mountnav.settings.sync import SyncSettings
 from mountnav.sky.chain import hour_angle_to_icrs
 from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site
 from mountnav.sky.sphere import Offset, displaced

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from mountnav.devices import MountReading, PierSide, SyncOutcome, SyncResult
 from mountnav.errors import (
     DeviceError,
     DeviceRefused,
@@ -22,7 +23,6 @@ from mountnav.errors import (
 )
 from mountnav.journal.memory import MemoryJournal
 from mountnav.journal.records import CommandRecord, Entry, EntryKind
-from mountnav.navigation.devices import MountReading, PierSide, SyncOutcome, SyncResult
 from mountnav.navigation.learned import Learned, LessonKind
 from mountnav.navigation.reports import Look
 from mountnav.navigation.steps import listening

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mountnav.devices import Mount, MountReading
 from mountnav.errors import DeviceRefused, OutsideLimits, Refusal, SyncDoubt, SyncRefused
 from mountnav.journal.memory import MemoryJournal
 from mountnav.journal.records import EntryKind
-from mountnav.navigation.checked_mount.segments import SEEN_LATE
-from mountnav.navigation.devices import Mount, MountReading
+from mountnav.mount.segments import SEEN_LATE
 from mountnav.navigation.doubts import Claim
 from mountnav.navigation.kinds import from_mount
 from mountnav.navigation.syncing import Occasion

@@ -10,10 +10,10 @@ import pytest
 
 from drivers.simulated.behavior import MountBehavior
 from drivers.simulated.mount import SimulatedMount
+from mountnav.devices import PierSide, Skill, SlewOutcome
 from mountnav.errors import DeviceRefused, DeviceSilent, LimitKind, OutsideLimits
 from mountnav.journal.records import EntryKind, Outcome
-from mountnav.navigation.checked_mount import WentAnotherWay
-from mountnav.navigation.devices import PierSide, Skill, SlewOutcome
+from mountnav.mount import WentAnotherWay
 from mountnav.pointing.limits import Horizon, Limits
 from mountnav.simulation.mechanics import Machine
 from mountnav.sky.chain import icrs_to_apparent, icrs_to_observed

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mountnav.devices import Mount, MountReading
 from mountnav.errors import (
     MountMoved,
     NotReached,
@@ -22,7 +23,6 @@ from mountnav.errors import (
 from mountnav.frames import Frame, Hint
 from mountnav.journal.records import EntryKind
 from mountnav.measuring.quality import SkyQuality, StarImages
-from mountnav.navigation.devices import Mount, MountReading
 from mountnav.navigation.tactics import (
     CHEAP,
     TACTICS,
@@ -33,10 +33,10 @@ from mountnav.navigation.tactics import (
     trouble_of,
     wait_s,
 )
-from mountnav.settings_centering import CenteringSettings, UnsolvedSettings
+from mountnav.settings.centering import CenteringSettings, UnsolvedSettings
 from mountnav.simulation.sky_script import Cloud, SkyScript
 from mountnav.solution import Reason, Times, Verdict
-from mountnav.solve_settings import SolveSettings
+from mountnav.solving.settings import SolveSettings
 from tests.navigation.virtual_rig import POLICY, VirtualRig, in_virtual_time
 
 

@@ -6,8 +6,8 @@ import asyncio
 
 import pytest
 
+from mountnav.devices import Trusts
 from mountnav.errors import DeviceRefused, Refusal
-from mountnav.navigation.devices import Trusts
 from mountnav.navigation.reports import CenterOutcome
 from mountnav.sky.chain import icrs_to_apparent
 from mountnav.sky.coordinates import utc_now

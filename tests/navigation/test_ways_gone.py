@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.centerings import lived
-from mountnav.navigation.checked_mount.rates_seen import RatesSeen
-from mountnav.navigation.devices import PierSide, SlewOutcome
+from mountnav.devices import PierSide, SlewOutcome
+from mountnav.mount.rates_seen import RatesSeen
 from mountnav.pointing.limits import Limits
 from mountnav.pointing.limits.detours import legs_to
 from mountnav.pointing.limits.postures import Standing, Way

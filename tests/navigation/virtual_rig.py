@@ -11,9 +11,9 @@ from drivers.simulated.behavior import MountBehavior
 from drivers.simulated.mount import SimulatedMount
 from drivers.simulated.truth_camera import TruthCamera
 from mountnav.catalog.embedded import embedded_catalog
+from mountnav.devices import Mount
 from mountnav.journal.memory import MemoryJournal
 from mountnav.journal.records import EntryKind
-from mountnav.navigation.devices import Mount
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.simulation.machine import Machine

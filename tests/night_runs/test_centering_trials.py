@@ -10,7 +10,7 @@ import pytest
 from benchmarks.centerings import Outcome, lived
 from benchmarks.judging import Place, standing, violations, way_is_clear, wrong_syncs
 from benchmarks.worlds import AIR, WIRES, Observatory, World, built, drawn
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.simulation.mechanics import Machine
 from mountnav.simulation.virtual_time import VirtualClock, run_virtually
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_apparent

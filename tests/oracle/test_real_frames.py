@@ -15,7 +15,7 @@ from mountnav.measuring.measure import measure
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.solution import Reason
-from mountnav.solve import SolveSettings, epoch_of, solve, solve_file
+from mountnav.solving.solve import SolveSettings, epoch_of, solve, solve_file
 
 pytestmark = pytest.mark.shared
 BUDGET = SolveSettings(budget_s=5.0)

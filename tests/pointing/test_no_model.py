@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.pointing.in_force import NoModel
 from mountnav.pointing.observation import PointingObservation
 from mountnav.sky.coordinates import Icrs

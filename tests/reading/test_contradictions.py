@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mountnav.contradictions import contradictions_of_hints, contradictions_with
 from mountnav.frames import Hint
-from mountnav.header_hints import hint_from_header
+from mountnav.reading.header_hints import hint_from_header
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced
+from mountnav.solving.contradictions import contradictions_of_hints, contradictions_with
 
 HEADER = Hint(Icrs(83.82, -5.39), 2.0, 1.89, 2.31, "OBJCTRA and OBJCTDEC", "FOCALLEN and XPIXSZ")
 

@@ -13,12 +13,12 @@ from astropy.wcs import WCS
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mountnav.contradictions import contradictions_of_hints
 from mountnav.frames import Hint
-from mountnav.header_hints import hint_from_header
 from mountnav.reading import read_frame
+from mountnav.reading.header_hints import hint_from_header
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
+from mountnav.solving.contradictions import contradictions_of_hints
 
 Header = dict[str, str | int | float | bool]
 

@@ -9,7 +9,7 @@ from astropy.time import Time
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mountnav.header_times import exposure_s_from_header, mid_exposure_from_header
+from mountnav.reading.header_times import exposure_s_from_header, mid_exposure_from_header
 
 Header = dict[str, str | int | float | bool]
 NIGHT = datetime(2026, 11, 20, tzinfo=UTC)

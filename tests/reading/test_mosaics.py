@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from written import fits_bytes
 
-from mountnav.bayer import is_mosaic, without_mosaic
 from mountnav.reading import demosaiced, frame_from_array, read_frame
+from mountnav.reading.bayer import is_mosaic, without_mosaic
 
 PATTERNS = {
     "RGGB": (0.7, 1.0, 1.0, 0.5),

@@ -20,7 +20,7 @@ from mountnav.simulation.render import project
 from mountnav.simulation.trails import SatelliteTrail
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, separation_arcsec
-from mountnav.solve import epoch_of
+from mountnav.solving.solve import epoch_of
 from tests.series.conftest import CENTER, OPTICS
 
 HINT = Hint(center=CENTER, radius_deg=1.0)

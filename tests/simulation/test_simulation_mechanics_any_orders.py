@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mountnav.navigation.devices import PierSide, TrackingRate
+from mountnav.devices import PierSide, TrackingRate
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.simulation.sky_clock import FastClock
 from mountnav.sky.chain import sidereal_time_deg

@@ -6,7 +6,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from mountnav.navigation.devices import TrackingRate
+from mountnav.devices import TrackingRate
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.chain import apparent_to_icrs, icrs_to_apparent, sidereal_time_deg

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mountnav.devices import PierSide, TrackingRate
 from mountnav.errors import Refusal
-from mountnav.navigation.devices import PierSide, TrackingRate
 from mountnav.simulation.geometry import perfect_direction, true_direction
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics, PointingErrors

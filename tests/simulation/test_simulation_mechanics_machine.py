@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mountnav.devices import PierSide
 from mountnav.errors import BadSettings
-from mountnav.navigation.devices import PierSide
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.machine_file import MachineFile
 from mountnav.simulation.mechanics import Mechanics, PointingErrors

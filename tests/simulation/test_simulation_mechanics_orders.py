@@ -10,8 +10,8 @@ from astropy.time import Time
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mountnav.devices import PierSide, TrackingRate
 from mountnav.errors import Refusal
-from mountnav.navigation.devices import PierSide, TrackingRate
 from mountnav.simulation.machine import RATES_DEG_S, Machine
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.simulation.sky_clock import FastClock

@@ -11,9 +11,9 @@ import pytest
 from astropy.wcs import WCS
 
 from drivers.simulated.truth_camera import TruthCamera
+from mountnav.devices import PierSide
 from mountnav.errors import BadFrame, BadSettings, Cancelled
 from mountnav.frames import Frame, Hint
-from mountnav.navigation.devices import PierSide
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.simulation.sky_script import Cloud, SkyScript
 from mountnav.simulation.sky_seen import SeenThrough, SkySeen
@@ -23,7 +23,7 @@ from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_apparent
 from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site
 from mountnav.sky.sphere import displaced, half_turn_deg, position_angle_deg, separation_arcsec
 from mountnav.solution import Reason, Verdict
-from mountnav.solve_settings import SolveSettings
+from mountnav.solving.settings import SolveSettings
 
 HERE, AIR = Site(48.93, 22.27, 700.0), Air(930.0, 5.0, 0.7)
 THERE = Icrs(83.8, 41.2)

@@ -9,13 +9,13 @@ from pathlib import Path
 from mountnav.catalog.doctor.counts import FrameSize
 from mountnav.catalog.doctor.findings import CameraFacts
 from mountnav.errors import BadFrame
-from mountnav.settings import (
+from mountnav.settings.alpaca_camera import AlpacaCameraSettings
+from mountnav.settings.observatory import (
     FolderCameraSettings,
     IndiCameraSettings,
     SimulatedCameraSettings,
     TelescopeSettings,
 )
-from mountnav.settings_alpaca_camera import AlpacaCameraSettings
 
 _NEWEST = 3
 """So many files are tried for one that can be read."""

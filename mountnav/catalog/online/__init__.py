@@ -8,7 +8,7 @@ from mountnav.cache_folder import cache_folder
 from mountnav.catalog.online.catalog import CachedTiles, OnlineCatalog, Prefetched
 from mountnav.catalog.online.source import OnlineSource
 from mountnav.catalog.stars import Catalog
-from mountnav.settings_catalogs import OnlineSettings
+from mountnav.settings.catalogs import OnlineSettings
 
 __all__ = ["CachedTiles", "OnlineCatalog", "OnlineSource", "Prefetched", "open_online"]
 

@@ -46,7 +46,7 @@ class KnownTable:
         In `band`: hardly a star is fainter.
     roles : mapping
         Role to column names, the first that has a value counts. Beside those of
-        `mountnav.settings_catalogs.COLUMN_ROLES`: ``mag_other`` (another band), ``color_blue`` and
+        `mountnav.settings.catalogs.COLUMN_ROLES`: ``mag_other`` (another band), ``color_blue`` and
         ``color_red`` (the color is their difference), ``e_total`` (error of both coordinates together).
     may_lack : frozenset of str
         Columns that a server needn't have; never asked for by TAP, where an unknown column is an error.

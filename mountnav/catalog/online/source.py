@@ -10,7 +10,7 @@ from typing import Literal
 from urllib.parse import urlsplit
 
 from mountnav.catalog.online.known_tables import KnownTable, known_table, table_proper
-from mountnav.settings_catalogs import OnlineSettings
+from mountnav.settings.catalogs import OnlineSettings
 
 VIZIER_URL = "https://vizier.cds.unistra.fr"
 CACHE_FORMAT = 1
@@ -30,7 +30,7 @@ class OnlineSource:
         Base address of the service.
     table : str
     columns : mapping
-        Role of `mountnav.settings_catalogs.COLUMN_ROLES` to column, with its unit in brackets where the
+        Role of `mountnav.settings.catalogs.COLUMN_ROLES` to column, with its unit in brackets where the
         service doesn't tell it: ``"pmRA [mas/yr]"``; empty: not used.
     band : str or None
     epoch_yr : float or None

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from mountnav.errors import BadRequest
-from mountnav.header_times import exposure_s_from_header
+from mountnav.reading.header_times import exposure_s_from_header
 
 Card = str | int | float | bool
 Header = Mapping[str, Card]

@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mountnav.devices import Epoch
 from mountnav.errors import BadRequest
-from mountnav.navigation.devices import Epoch
 from mountnav.pointing.doctor.facts import Facts, facts_of
 from mountnav.pointing.doctor.findings import HARMLESS, Diagnosis, Finding, Illness, Mounting
 from mountnav.pointing.doctor.fit import Fit, zeros_of

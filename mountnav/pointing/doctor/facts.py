@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.pointing.observation import PointingObservation
 from mountnav.sky.chain import apparent_to_hour_angle, icrs_to_apparent
 from mountnav.sky.coordinates import Apparent, Icrs, Site

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.pointing.doctor.facts import Array, Facts, wrapped
 from mountnav.pointing.doctor.priors import CAMERA_TURNED, PIER_SIDE
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.pointing.doctor.facts import Array, Facts, from_altaz, wrapped
 from mountnav.pointing.doctor.findings import CERTAIN, Finding, Illness, Measured
 from mountnav.pointing.doctor.sides import log_hour_angles

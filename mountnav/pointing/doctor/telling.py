@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mountnav.navigation.devices import Epoch
+from mountnav.devices import Epoch
 from mountnav.pointing.doctor.facts import Facts, wrapped
 from mountnav.pointing.doctor.findings import CERTAIN, Finding, Illness, Measured, Mounting
 from mountnav.pointing.doctor.fit import Fit, zeros_of

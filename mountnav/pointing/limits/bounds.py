@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields
 from datetime import datetime
 from typing import Literal
 
+from mountnav.devices import PierSide
 from mountnav.errors import BadSettings
-from mountnav.navigation.devices import PierSide
 from mountnav.pointing.limits import next_time, refusing
 from mountnav.pointing.limits.horizon import Horizon
 from mountnav.pointing.limits.postures import Mounting

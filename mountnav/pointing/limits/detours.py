@@ -11,8 +11,8 @@ from collections.abc import Container, Iterator
 from datetime import datetime
 from typing import TYPE_CHECKING
 
+from mountnav.devices import PierSide
 from mountnav.errors import OutsideLimits
-from mountnav.navigation.devices import PierSide
 from mountnav.pointing.limits.postures import Mounting
 from mountnav.pointing.limits.slews import POLE_DOUBT_DEG
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_hour_angle

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mountnav.devices import PierSide
 from mountnav.errors import LimitKind
-from mountnav.navigation.devices import PierSide
 from mountnav.pointing.limits.directions import Floats, of_axes
 from mountnav.pointing.limits.postures import Standing
 from mountnav.pointing.limits.scene import Scene

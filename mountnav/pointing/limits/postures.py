@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.sky.coordinates import HourAngle, Observed
 from mountnav.sky.sphere import half_turn_deg
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mountnav.devices import PierSide
 from mountnav.errors import LimitKind
-from mountnav.navigation.devices import PierSide
 from mountnav.pointing.limits.bodies import MOON_DEG_PER_S, SUN_DEG_PER_S, Bodies, bodies
 from mountnav.pointing.limits.directions import Directions, Floats, of_body
 from mountnav.pointing.limits.postures import Standing

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
 
+from mountnav.devices import PierSide
 from mountnav.errors import LimitKind, OutsideLimits
-from mountnav.navigation.devices import PierSide
 from mountnav.pointing.limits import refusing
 from mountnav.pointing.limits.postures import (
     COUNTERWEIGHT_DOWN_DEG,

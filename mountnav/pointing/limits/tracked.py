@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mountnav.devices import PierSide
 from mountnav.errors import LimitKind
-from mountnav.navigation.devices import PierSide
 from mountnav.pointing.limits.directions import Floats, of_axes
 from mountnav.pointing.limits.postures import Mounting, Standing, side_by_rule, standing_at
 from mountnav.pointing.limits.scene import Depths, Scene

@@ -5,7 +5,7 @@ Sun, Moon and daylight are not among them: they are checked, like everything els
 
 from __future__ import annotations
 
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.pointing.limits import Limits
 from mountnav.pointing.model.planning import ANY_TIME, Allowed
 from mountnav.sky.chain import observed_to_hour_angle

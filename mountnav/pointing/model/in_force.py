@@ -17,8 +17,8 @@ from datetime import datetime
 
 import numpy as np
 
+from mountnav.devices import PierSide
 from mountnav.errors import ModelRefused
-from mountnav.navigation.devices import PierSide
 from mountnav.pointing.in_force import Expected
 from mountnav.pointing.model.mechanical import Conversion, folded, looks_through_pole
 from mountnav.pointing.model.model import PointingModel

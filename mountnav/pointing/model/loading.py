@@ -6,7 +6,7 @@ from mountnav.errors import BadRequest, BadSettings
 from mountnav.pointing.in_force import NoModel, Pointing
 from mountnav.pointing.model.in_force import ModelInForce
 from mountnav.pointing.model.model import PointingModel
-from mountnav.settings_model import ModelSettings
+from mountnav.settings.model import ModelSettings
 from mountnav.sky.coordinates import Air, Site
 
 

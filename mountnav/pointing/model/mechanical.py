@@ -14,8 +14,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from mountnav.devices import PierSide
 from mountnav.errors import BadRequest
-from mountnav.navigation.devices import PierSide
 from mountnav.pointing.model.rigorous import angles, direction, wrapped
 from mountnav.pointing.model.terms import Array, Kind
 from mountnav.pointing.observation import PointingObservation

@@ -11,8 +11,8 @@ from typing import Literal
 
 import numpy as np
 
+from mountnav.devices import PierSide
 from mountnav.errors import BadRequest
-from mountnav.navigation.devices import PierSide
 from mountnav.pointing.model.terms import Array
 from mountnav.sky.chain import observed_to_hour_angle
 from mountnav.sky.coordinates import Observed, Site

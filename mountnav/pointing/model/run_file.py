@@ -12,8 +12,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from mountnav.devices import PierSide
 from mountnav.errors import BadRequest
-from mountnav.navigation.devices import PierSide
 from mountnav.parsing import json_of
 from mountnav.plain_files import MOST_RECORD_BYTES, read_bytes, read_text
 from mountnav.pointing.model.planning import RunPoint

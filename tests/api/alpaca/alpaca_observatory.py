@@ -14,9 +14,9 @@ from typing import Any
 import httpx
 from fastapi import FastAPI
 
-from api.app import create_app
+from api.http.app import create_app
 from api.service import Service
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 from mountnav.simulation.sky_clock import FastClock
 from mountnav.sky.present import utc_now, virtual_present
 

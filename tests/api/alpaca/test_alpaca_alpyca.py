@@ -31,9 +31,9 @@ from alpaca.telescope import (
     TelescopeAxes,
 )
 
-from api.app import create_app
-from api.serving import bind, make_server
-from mountnav.settings import Settings
+from api.http.app import create_app
+from api.http.serving import bind, make_server
+from mountnav.settings.observatory import Settings
 from mountnav.simulation.sky_clock import FastClock
 from mountnav.sky.present import utc_now, virtual_present
 from tests.api.alpaca.alpaca_observatory import OBSERVATORY, SPEED

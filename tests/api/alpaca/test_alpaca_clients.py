@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from api.access.callers import Role
+from api.access.keys import KeyStore
 from api.alpaca.link import GRACE_S
 from api.alpaca.telescope import AlpacaTelescope
 from api.alpaca.unique_ids import ids_path, unique_ids
-from api.callers import Role
-from api.keys import KeyStore
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 from tests.api.alpaca.alpaca_observatory import OBSERVATORY, Running, running
 
 

@@ -27,7 +27,7 @@ from api.alpaca.parameters import (
 )
 from api.alpaca.paths import DevicePath, ManagementPath, SetupPath, read_path
 from api.alpaca.refusals import AlpacaError, Number, error_of, failure_of
-from api.faults import STATUS_OF_SLUG, problem, problem_of
+from api.http.faults import STATUS_OF_SLUG, problem, problem_of
 from mountnav.errors import DeviceRefused, LimitKind, OutsideLimits, Refusal
 
 _NAMES = st.text(st.characters(codec="ascii", categories=["Lu", "Ll"]), min_size=1, max_size=20)

@@ -11,7 +11,7 @@ from contextlib import asynccontextmanager
 import pytest
 
 from api.alpaca.discovery import QUESTION, Discovery, answer_to
-from mountnav.settings_faces import AlpacaSettings
+from mountnav.settings.faces import AlpacaSettings
 
 PORT_OF_HTTP = 11_111
 

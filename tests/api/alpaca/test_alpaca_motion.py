@@ -6,9 +6,9 @@ import asyncio
 
 import pytest
 
-from api.callers import Caller, Face, Role
-from api.orders import CenterOrder, SlewOrder
-from api.targets import AltAzTarget
+from api.access.callers import Caller, Face, Role
+from api.orders.orders import CenterOrder, SlewOrder
+from api.orders.targets import AltAzTarget
 from mountnav.errors import DeviceRefused, Refusal
 from tests.api.alpaca.alpaca_observatory import OBSERVATORY, SPEED, AlpacaProbe, Running, running
 

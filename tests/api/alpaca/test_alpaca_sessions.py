@@ -9,7 +9,7 @@ import pytest
 from api.alpaca.clients import Client
 from api.alpaca.connecting import Connecting
 from api.alpaca.refusals import AlpacaError
-from api.orders import ParkOrder
+from api.orders.orders import ParkOrder
 from mountnav.errors import DeviceRefused, Refusal
 from tests.api.alpaca.alpaca_observatory import Running
 from tests.api.alpaca.test_alpaca_motion import SOMEBODY

@@ -13,7 +13,7 @@ from api.service import Service, open_service
 from drivers.indi import orders
 from drivers.indi.codec import Changed, Defined, Event, Reader, State
 from mountnav.catalog.embedded import embedded_catalog
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_apparent
 from mountnav.sky.coordinates import Air, Apparent, HourAngle, Icrs, Site, utc_now

@@ -8,14 +8,14 @@ from contextlib import asynccontextmanager
 import pytest
 import pytest_asyncio
 
-from api.callers import Caller, Face, Role
+from api.access.callers import Caller, Face, Role
 from api.indi_server.server import IndiServer
-from api.orders import SetParkOrder
+from api.orders.orders import SetParkOrder
 from api.service import Service
-from drivers.driven import DrivenMount
+from drivers.generic import DrivenMount
 from drivers.registry import open_mount
+from mountnav.devices import Direction, Skill, SlewOutcome, SyncOutcome
 from mountnav.errors import DeviceRefused, Refusal
-from mountnav.navigation.devices import Direction, Skill, SlewOutcome, SyncOutcome
 from mountnav.sky.coordinates import Apparent, utc_now
 from tests.api.indi.face_rig import SITE, apart_arcsec, indi_observatory, mechanics_of, up_now
 

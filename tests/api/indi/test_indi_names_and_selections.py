@@ -6,7 +6,7 @@ from api.indi_server.device import device_names
 from api.indi_server.hearing import Asked
 from api.indi_server.selections import LeftSelections, Selections
 from api.indi_server.telling import Telling
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 from tests.api.indi.face_rig import OBSERVATORY
 
 

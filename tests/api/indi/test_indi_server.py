@@ -11,11 +11,11 @@ from dataclasses import replace
 import pytest
 import pytest_asyncio
 
-from api.callers import Caller, Face, Role
+from api.access.callers import Caller, Face, Role
 from api.indi_server.server import IndiServer
-from api.orders import SlewOrder, TrackingOrder
+from api.orders.orders import SlewOrder, TrackingOrder
+from api.orders.targets import ApparentTarget
 from api.service import Service
-from api.targets import ApparentTarget
 from drivers.indi import orders
 from drivers.indi.codec import Changed, Defined, Deleted, State
 from mountnav.sky.coordinates import Apparent, utc_now

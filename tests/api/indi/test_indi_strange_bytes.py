@@ -9,12 +9,12 @@ from collections.abc import AsyncIterator
 import pytest
 import pytest_asyncio
 
-from api.callers import Caller, Face, Role
+from api.access.callers import Caller, Face, Role
 from api.indi_server.hearing import Hearing
 from api.indi_server.server import IndiServer
-from api.orders import SlewOrder
+from api.orders.orders import SlewOrder
+from api.orders.targets import ApparentTarget
 from api.service import Service
-from api.targets import ApparentTarget
 from drivers.indi.codec import State
 from mountnav.sky.coordinates import utc_now
 from tests.api.indi.face_rig import (

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import pytest
 import pytest_asyncio
 
-from api.callers import Caller, Face, Role
-from api.fair_turns import STOPS_AT_ONCE
+from api.access.callers import Caller, Face, Role
+from api.http.fair_turns import STOPS_AT_ONCE
 from api.indi_server.server import IndiServer
 from api.indi_server.telling import Telling
 from api.observatory import Telescope
@@ -117,7 +117,7 @@ async def test_no_goto_is_looked_at_while_another_faces_stop_is_under_way(
         await stop(telescope)
 
     monkeypatch.setattr(Telescope, "stop", long_stop)
-    monkeypatch.setattr("api.desk._HELD_S", 60.0)
+    monkeypatch.setattr("api.orders.desk._HELD_S", 60.0)
     with _noted(monkeypatch, rig, clock) as seen:
         stopping = asyncio.create_task(rig.service.desk.stop(SCHEDULER, "east"))
         await clock.turns(2)
@@ -155,7 +155,7 @@ async def test_a_stop_that_never_ends_holds_gotos_for_a_while_only(
     async def never(_: Telescope) -> None:
         await over.wait()
 
-    monkeypatch.setattr("api.desk._HELD_S", 0.01)
+    monkeypatch.setattr("api.orders.desk._HELD_S", 0.01)
     with monkeypatch.context() as patched:
         patched.setattr(Telescope, "stop", never)
         stopping = asyncio.create_task(rig.service.desk.stop(SCHEDULER, "east"))

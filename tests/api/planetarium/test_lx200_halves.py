@@ -8,7 +8,7 @@ import pytest
 
 from api.planetarium import lx200_machine
 from api.planetarium.lx200_machine import Aim, Aims, Machine
-from drivers.command import Unreadable
+from drivers.wire.command import Unreadable
 
 LIVES = timedelta(seconds=30)
 

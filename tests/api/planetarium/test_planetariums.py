@@ -14,12 +14,12 @@ from api.planetarium.lx200_server import Lx200Server
 from api.planetarium.stellarium_codec import Goto, goto_message, read_position
 from api.planetarium.stellarium_server import StellariumServer
 from api.service import Service
-from drivers.driven import DrivenMount
+from drivers.generic import DrivenMount
 from drivers.lx200.angles import dec_from_text, dec_to_text, ra_from_text, ra_to_text
 from drivers.registry import open_mount
+from mountnav.devices import SlewOutcome, SyncOutcome
 from mountnav.errors import BadSettings, DeviceRefused, Refusal
-from mountnav.navigation.devices import SlewOutcome, SyncOutcome
-from mountnav.settings_faces import Lx200ServerSettings, StellariumSettings
+from mountnav.settings.faces import Lx200ServerSettings, StellariumSettings
 from mountnav.sky.chain import apparent_to_icrs
 from mountnav.sky.coordinates import Apparent, utc_now
 from mountnav.sky.sphere import separation_arcsec

@@ -23,8 +23,8 @@ from urllib.parse import parse_qsl, urlsplit
 
 import numpy as np
 
+from mountnav.devices import PierSide, TrackingRate
 from mountnav.errors import Refusal
-from mountnav.navigation.devices import PierSide, TrackingRate
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.chain import apparent_to_icrs, icrs_to_apparent
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Site, utc_now

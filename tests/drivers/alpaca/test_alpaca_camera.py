@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.exposing import ExposingCamera
+from drivers.generic.camera import ExposingCamera
 from drivers.registry import open_camera
 from mountnav.errors import (
     BadFrame,

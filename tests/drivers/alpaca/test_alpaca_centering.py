@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mountnav.catalog.embedded import embedded_catalog
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.render import draw_frame
@@ -51,7 +51,7 @@ class SkyCamera(FakeCamera):
 @pytest.mark.long
 async def test_a_target_is_centered_over_alpaca(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # here alone a driver's test needs the faces
-    from api.app import create_app
+    from api.http.app import create_app
 
     monkeypatch.setenv("MOUNTNAV_JOURNAL", str(tmp_path / "journal.sqlite"))
     errors = PointingErrors(ih_arcsec=500.0, id_arcsec=-400.0)

@@ -50,7 +50,7 @@ async def test_nobody_there_is_nobody_there() -> None:
 @pytest.mark.long
 async def test_our_own_server_is_found() -> None:
     from api.alpaca.discovery import Discovery
-    from mountnav.settings_faces import AlpacaSettings
+    from mountnav.settings.faces import AlpacaSettings
 
     with AlpacaServer({"telescope/0": FakeTelescope(quick_mechanics())}) as server:
         ours = Discovery(AlpacaSettings(discovery_port=0), ("127.0.0.1", server.port))

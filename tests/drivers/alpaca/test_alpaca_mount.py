@@ -9,11 +9,10 @@ from typing import Any
 
 import pytest
 
-from drivers.driven import DrivenMount
-from drivers.driven.keeping import LinkState
+from drivers.generic import DrivenMount
+from drivers.generic.keeping import LinkState
 from drivers.registry import open_mount
-from mountnav.errors import BadSettings, DeviceError, DeviceMissing, DeviceRefused, DeviceSilent, Refusal
-from mountnav.navigation.devices import (
+from mountnav.devices import (
     Announces,
     Direction,
     PierSide,
@@ -25,6 +24,7 @@ from mountnav.navigation.devices import (
     TrackingRate,
     Trusts,
 )
+from mountnav.errors import BadSettings, DeviceError, DeviceMissing, DeviceRefused, DeviceSilent, Refusal
 from mountnav.simulation.mechanics import Machine
 from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
 from mountnav.sky.sphere import separation_arcsec

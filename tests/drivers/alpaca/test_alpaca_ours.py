@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from drivers.driven import DrivenMount
+from drivers.generic import DrivenMount
 from drivers.registry import open_mount
+from mountnav.devices import Skill, SlewOutcome, SyncOutcome
 from mountnav.errors import DeviceRefused
-from mountnav.navigation.devices import Skill, SlewOutcome, SyncOutcome
-from mountnav.settings import Settings
+from mountnav.settings.observatory import Settings
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_apparent
 from mountnav.sky.coordinates import Air, Apparent, HourAngle, Icrs, Site, utc_now
 from mountnav.sky.sphere import separation_arcsec
@@ -44,8 +44,8 @@ acceleration_deg_s2 = 8.0
 @asynccontextmanager
 async def behind_ours(options: str = "") -> AsyncIterator[DrivenMount]:
     # here alone a driver's test needs the faces
-    from api.app import create_app
-    from api.serving import bind, make_server
+    from api.http.app import create_app
+    from api.http.serving import bind, make_server
 
     app = create_app(Settings.parse(TOML))
     server = make_server(app, log_level="warning")

@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mountnav.navigation.devices import PierSide
+from mountnav.devices import PierSide
 from mountnav.pointing.doctor import diagnose
 from mountnav.pointing.drift import drift_report
 from mountnav.pointing.observation import PointingObservation

@@ -12,15 +12,15 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from api.cli_pointing import drift, pointing_doctor
-from api.drift_command import drift_view
-from api.pointing_doctor_command import diagnosis_view
-from api.pointing_looks import looks
+from api.cli.cli_pointing import drift, pointing_doctor
+from api.cli.drift_command import drift_view
+from api.cli.pointing_doctor_command import diagnosis_view
+from api.cli.pointing_looks import looks
 from benchmarks.pointing_doctor import Patient, night
+from mountnav.devices import MountReading
 from mountnav.errors import BadRequest
 from mountnav.journal.records import CommandEnd, CommandRecord, LookRecord, Outcome
 from mountnav.journal.sql_journal import open_journal
-from mountnav.navigation.devices import MountReading
 from mountnav.pointing.observation_file import read_observations, write_observations
 from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.sky.coordinates import Air, Site

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from benchmarks.pointing_doctor import START, Patient, errors_of, make, night, patient, target
+from mountnav.devices import PierSide
 from mountnav.errors import BadRequest
-from mountnav.navigation.devices import PierSide
 from mountnav.pointing.doctor import ORDINARY, Illness, diagnose, known
 from mountnav.pointing.doctor.facts import facts_of
 from mountnav.pointing.doctor.fit import Fit, zeros_of

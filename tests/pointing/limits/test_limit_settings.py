@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from mountnav.errors import BadSettings
-from mountnav.settings import Settings
-from mountnav.settings_limits import LimitSettings
+from mountnav.settings.limits import LimitSettings
+from mountnav.settings.observatory import Settings
 
 HEAD = """
 [site]

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mountnav.devices import PierSide
 from mountnav.errors import BadSettings, LimitKind, OutsideLimits
-from mountnav.navigation.devices import PierSide
 from mountnav.pointing.limits import Horizon, Limits
 from mountnav.pointing.limits.bodies import bodies
 from mountnav.pointing.limits.detours import legs_to

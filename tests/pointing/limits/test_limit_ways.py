@@ -9,8 +9,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from mountnav.devices import PierSide
 from mountnav.errors import LimitKind
-from mountnav.navigation.devices import PierSide
 from mountnav.pointing.limits import Horizon, Limits, Mounting
 from mountnav.pointing.limits.bodies import bodies
 from mountnav.pointing.limits.postures import Standing, Way, ways_between

@@ -9,8 +9,8 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
+from mountnav.devices import PierSide
 from mountnav.errors import OutsideLimits
-from mountnav.navigation.devices import PierSide
 from mountnav.pointing.limits import Horizon, Limits, Mounting
 from mountnav.pointing.limits.bodies import bodies
 from mountnav.pointing.limits.detours import legs_to

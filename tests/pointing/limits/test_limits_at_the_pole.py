@@ -6,8 +6,8 @@ from datetime import UTC, datetime
 
 import pytest
 
+from mountnav.devices import PierSide
 from mountnav.errors import LimitKind, OutsideLimits
-from mountnav.navigation.devices import PierSide
 from mountnav.pointing.limits import Limits
 from mountnav.pointing.limits.horizon import Horizon
 from mountnav.sky.chain import hour_angle_to_icrs

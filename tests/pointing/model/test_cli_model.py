@@ -9,7 +9,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from api.cli_model import model_app
+from api.cli.cli_model import model_app
 from mountnav.errors import BadRequest, MountnavError, Unknown
 from mountnav.pointing.model.model import PointingModel
 from mountnav.pointing.model.run_file import read_run

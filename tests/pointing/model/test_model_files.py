@@ -23,7 +23,7 @@ from mountnav.pointing.model.tpoint_file import (
     write_pmfit,
     write_tpoint_observations,
 )
-from mountnav.settings_model import ModelSettings
+from mountnav.settings.model import ModelSettings
 from mountnav.sky.coordinates import Air, Site
 from tests.pointing.model.model_data import SIX, pmfit, telescope
 

@@ -7,8 +7,8 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
+from mountnav.devices import PierSide
 from mountnav.errors import ModelRefused
-from mountnav.navigation.devices import PierSide
 from mountnav.pointing.in_force import Pointing
 from mountnav.pointing.model.fit import fit
 from mountnav.pointing.model.in_force import ModelInForce

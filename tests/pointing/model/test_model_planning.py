@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mountnav.devices import PierSide
 from mountnav.errors import BadRequest
-from mountnav.navigation.devices import PierSide
 from mountnav.pointing.limits import Limits
 from mountnav.pointing.model.allowed_sky import allowed_by
 from mountnav.pointing.model.planning import plan, shortest, spiral, way_deg

@@ -1,0 +1,1 @@
+"""Who may do what: keys, roles, leases, rates, and the audit."""

@@ -1,0 +1,244 @@
+"""`mountnav bench`: tries an owner's mount step by step, compares it with a fake, and keeps what was said."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from drivers.acceptance.findings import Capabilities, StepResult, as_lines
+from drivers.acceptance.run import Ask, begun, go_on, tried
+from drivers.acceptance.steps import STEPS, Step
+from drivers.acceptance.trial import Trial
+from drivers.fakes.bench import FakeOnPty
+from drivers.fakes.fakes import dialects, machine, make_fake, protocols
+from drivers.generic import DrivenMount
+from drivers.generic.mount_options import PORT_OPTIONS
+from drivers.registry import open_mount, read_url
+from drivers.wire.wire_log import WireEntry
+from mountnav.devices import PierSide
+from mountnav.errors import BadRequest
+from mountnav.simulation.machine import Machine, Mounting
+from mountnav.simulation.mechanics import Mechanics
+from mountnav.simulation.pointing_errors import PointingErrors
+from mountnav.sky.coordinates import Air, Site, utc_now
+from mountnav.sky.iers import read_tables
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BenchRun:
+    """What was asked for; see the options of the command."""
+
+    url: str
+    latitude_deg: float
+    longitude_deg: float
+    steps: tuple[str, ...] = ()
+    yes: bool = False
+    compare: bool = True
+    dialect: str | None = None
+    mounting: Mounting | None = None
+    report: Path | None = None
+    transcript: Path | None = None
+    watch_s: float = 30.0
+    lowest_altitude_deg: float = 20.0
+
+
+def run(asked: BenchRun) -> int:
+    """Try the mount; 0 if all that was tried is as it should be, else 1.
+
+    Raises
+    ------
+    BadRequest, BadSettings
+        Options that make no sense.
+    DeviceError
+        The mount can't be opened.
+    """
+    steps = _steps(asked.steps)
+    for path in (asked.report, asked.transcript):
+        if path is not None and not path.absolute().parent.is_dir():
+            raise BadRequest(f"{path.parent} is no folder", advice="give another path")
+    read_tables()
+    try:
+        return asyncio.run(_run(asked, steps))
+    except asyncio.CancelledError:
+        return 128 + signal.SIGTERM
+
+
+def _steps(names: tuple[str, ...]) -> list[Step]:
+    known = {step.name: step for step in STEPS}
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise BadRequest(f"there is no step {', '.join(unknown)}", advice=f"there is: {', '.join(known)}")
+    return [step for step in STEPS if not names or step.name in names]
+
+
+async def _run(asked: BenchRun, steps: list[Step]) -> int:
+    site = Site(asked.latitude_deg, asked.longitude_deg)
+    url = read_url(asked.url)
+    mount = _mount(asked.url, site)
+    found: Capabilities | None = None
+    fake: Capabilities | None = None
+    with ExitStack() as ending, _interruptible():
+        if asked.transcript is not None:
+            _keep_transcript(asked, asked.transcript, mount, ending)
+        try:
+            await mount.open()
+            _greet(mount)
+            trial = Trial(mount, site, Air(), asked.lowest_altitude_deg, asked.watch_s)
+            found = begun(trial, url.driver)
+            await go_on(found, trial, steps, _asker(yes=asked.yes), _tell)
+        finally:
+            # an interrupted slew has been told to stop by whoever followed it
+            await mount.close()
+            if found is not None:
+                _write_report(asked, found, None)
+        done = [step for step, result in zip(steps, found.steps, strict=True) if result.done]
+        if asked.compare and url.driver in protocols():
+            dialect = asked.dialect or _dialect_of(mount, url.driver)
+            build = build_of(found, mount, url.driver, asked.mounting)
+            fake = await _of_fake(asked, url.driver, dialect, build, site, done)
+    print()
+    print("\n".join(as_lines(found, fake)))
+    _write_report(asked, found, fake)
+    return 0 if found.is_fine else 1
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """A closed terminal or a shutdown ends the trial as an interrupt does: what moves is stopped first."""
+    loop, task = asyncio.get_running_loop(), asyncio.current_task()
+    assert task is not None
+    endings = (signal.SIGTERM, signal.SIGHUP) if threading.current_thread() is threading.main_thread() else ()
+    for one in endings:
+        loop.add_signal_handler(one, task.cancel)
+    try:
+        yield
+    finally:
+        for one in endings:
+            loop.remove_signal_handler(one)
+
+
+def _write_report(asked: BenchRun, found: Capabilities, fake: Capabilities | None) -> None:
+    if asked.report is not None:
+        both = {"mount": found.as_dict(), "fake": None if fake is None else fake.as_dict()}
+        asked.report.write_text(json.dumps(both, indent=1) + "\n", encoding="utf-8")
+
+
+def _mount(url: str, site: Site) -> DrivenMount:
+    mount = open_mount(url, site=site)
+    if not isinstance(mount, DrivenMount):
+        raise BadRequest(
+            "its driver is not one of ours", device=url, advice="use mountnav.testing.check_mount"
+        )
+    return mount
+
+
+def _greet(mount: DrivenMount) -> None:
+    report = mount.report
+    if report is not None:
+        print(f"{report.identity} at {mount.name}")
+        for problem in report.problems:
+            print(f"problem: {problem}")
+
+
+def _asker(*, yes: bool) -> Ask:
+    async def ask(question: str) -> bool:
+        if yes:
+            print(f"{question} yes")
+            return True
+        answer = await asyncio.to_thread(input, f"{question} [y/N] ")
+        return answer.strip().lower() in ("y", "yes")
+
+    return ask
+
+
+def _tell(result: StepResult) -> None:
+    bad = [finding.key for finding in result.findings if finding.fine is False]
+    end = f"not as it should be: {', '.join(bad)}" if bad else "ok"
+    if not result.done:
+        end = f"not done, {result.why_not}"
+    print(f"  {result.name}: {end}", flush=True)
+
+
+def _dialect_of(mount: DrivenMount, protocol: str) -> str:
+    """The dialect that the handshake found, as the fakes call it; the usual one if it tells none."""
+    spoken = getattr(mount.language, "dialect", None)
+    name = str(getattr(spoken, "name", spoken))
+    known = dialects(protocol)
+    return name if name in known else known[0]
+
+
+def build_of(found: Capabilities, mount: DrivenMount, protocol: str, mounting: Mounting | None) -> Machine:
+    """How the fake is built that the mount is compared with: as the mount shows itself to be.
+
+    Whether it changes sides on the way across the meridian says it; else what its hand control calls it, or
+    that it tells a side of a pier at all. What shows nothing is built as its family usually is.
+
+    Parameters
+    ----------
+    found : Capabilities
+        Of the mount.
+    mount : DrivenMount
+    protocol : str
+    mounting : {"fork", "german"} or None
+        What the owner says, before all else.
+    """
+    usual = machine(protocol)
+    if mounting is None:
+        values = {key: finding.value for key, finding in found.findings().items()}
+        handset = getattr(mount.language, "handset", None)
+        crossed = {"flips": True, "stays": False}.get(str(values.get("flip")))
+        if crossed is None:
+            sides = {str(PierSide.EAST), str(PierSide.WEST)}
+            tells_side = str(values.get("read.pier-side")) in sides
+            crossed = tells_side if handset is None or handset.model is None else handset.german
+            crossed = crossed or usual.mounting == "german"
+        mounting = "german" if crossed else "fork"
+    return replace(usual, mounting=mounting)
+
+
+async def _of_fake(
+    asked: BenchRun, protocol: str, dialect: str, build: Machine, site: Site, steps: list[Step]
+) -> Capabilities:
+    """The same steps on a fake of the same family and build, without asking."""
+    mechanics = Mechanics(site, Air(), PointingErrors(), machine=build)
+    fake = make_fake(protocol, dialect, mechanics, clock=utc_now, monotonic=time.monotonic)
+    with ExitStack() as stack:
+        bench = stack.enter_context(FakeOnPty(fake))
+        query = read_url(asked.url).options
+        options = "&".join(f"{name}={value}" for name, value in query.items() if name not in PORT_OPTIONS)
+        mount = _mount(f"{protocol}+serial://{bench.address}{'?' * bool(options)}{options}", site)
+        try:
+            await mount.open()
+            mount.trust()
+            trial = Trial(mount, site, Air(), asked.lowest_altitude_deg, min(asked.watch_s, 5.0))
+            return await tried(trial, steps, _asker_of_fake, driver=protocol)
+        finally:
+            await mount.close()
+
+
+async def _asker_of_fake(question: str) -> bool:
+    return True
+
+
+def _keep_transcript(asked: BenchRun, path: Path, mount: DrivenMount, ending: ExitStack) -> None:
+    """Write all that is said as it is said: the greeting, which tells who it is, and however it ends."""
+    file = ending.enter_context(path.open("w", encoding="utf-8", buffering=1))
+    header = {
+        "driver": read_url(asked.url).driver,
+        "device": mount.name,
+        "began": utc_now().isoformat(timespec="seconds"),
+    }
+    file.write(json.dumps({"t": 0, "dir": "header", **header}) + "\n")
+
+    def write(entry: WireEntry) -> None:
+        if not file.closed:
+            file.write(entry.as_json() + "\n")
+
+    mount.wire_log.listen(write)

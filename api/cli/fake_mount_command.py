@@ -1,0 +1,213 @@
+"""`mountnav fake-mount`: a fake on a pseudo-terminal, a TCP or a UDP port, until interrupted."""
+
+from __future__ import annotations
+
+import signal
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+from drivers.fakes.bench import Bench, Fake, FakeOnPty, FakeOnTcp, FakeOnUdp
+from drivers.fakes.bench.fast_time import InFastTime
+from drivers.fakes.fake_wire import WireFake
+from drivers.fakes.fakes import dialects, machine, make_fake, protocols
+from drivers.fakes.fault_files import FaultScript, faults_as_toml, read_faults
+from drivers.fakes.faults import scripted
+from drivers.wire.recording import Recorder, profile_of, read_dialogue
+from mountnav.errors import BadRequest, BadSettings, DeviceMissing
+from mountnav.simulation.machine_file import MachineFile
+from mountnav.simulation.mechanics import Mechanics
+from mountnav.simulation.pointing_errors import PointingErrors
+from mountnav.simulation.sky_clock import FastClock
+from mountnav.sky.coordinates import Air, Site
+from mountnav.sky.iers import read_tables
+
+_ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Ctrl-C, a supervisor, and a terminal that was closed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FakeMount:
+    """What was asked for; see the options of the command."""
+
+    protocol: str
+    dialect: str | None = None
+    link: Path | None = None
+    tcp: str | None = None
+    udp: str | None = None
+    baud: int | None = None
+    mechanics: Path | None = None
+    errors: Path | None = None
+    faults: Path | None = None
+    seed: int | None = None
+    struck: Path | None = None
+    speed: float | None = None
+    record: Path | None = None
+    replay: Path | None = None
+    latitude_deg: float = 47.0
+    longitude_deg: float = 11.0
+
+
+def list_fakes() -> int:
+    """Print the protocols and their dialects."""
+    for protocol in protocols():
+        print(f"{protocol}: {', '.join(dialects(protocol))}")
+    return 0
+
+
+def run(asked: FakeMount) -> int:
+    """Serve until SIGINT, SIGTERM or SIGHUP; the symlink is taken away again.
+
+    Raises
+    ------
+    BadRequest
+        Options that make no sense.
+    BadSettings
+        A file that can't be read, or says something that makes no sense.
+    DeviceMissing
+        The link or the port can't be had.
+    """
+    _check(asked)
+    address = _address(asked)
+    with _ending_signal() as wait_for_end, ExitStack() as ending:
+        read_tables()
+        clock, mechanics = _telescope(asked)
+        fake = _fake(asked, clock, mechanics)
+        if asked.struck is not None:
+            ending.callback(_write_struck, asked.struck, fake)
+        bench = _bench(asked, _around(asked, fake, clock, ending), address)
+        try:
+            bench.start()
+        except OSError as error:
+            raise DeviceMissing(
+                f"can't be served: {error.strerror or error}",
+                device=asked.tcp or asked.udp or str(asked.link),
+                advice="give another address",
+            ) from error
+        ending.callback(bench.stop)
+        print(bench.address, flush=True)
+        wait_for_end()
+    return 0
+
+
+@contextmanager
+def _ending_signal() -> Iterator[Callable[[], None]]:
+    """Gives what waits for SIGINT, SIGTERM or SIGHUP, from now on; the handlers of before are given back.
+
+    Handlers, and no mask: numpy's BLAS has started threads by now that don't share the main thread's mask,
+    and a signal that one of them takes would end the process before the symlink is removed. A handler
+    writes to a socket whichever thread takes the signal, and a signal that comes early is still in it.
+    """
+    heard, written = socket.socketpair()
+    with heard, written:
+        written.setblocking(False)
+        fd_before = signal.set_wakeup_fd(written.fileno(), warn_on_full_buffer=False)
+        # nohup has a closed terminal ignored: so be it
+        taken = [one for one in _ENDING_SIGNALS if one is not signal.SIGHUP or not _ignored(one)]
+        before = {number: signal.signal(number, _nothing) for number in taken}
+        try:
+            yield lambda: _wait(heard)
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+            signal.set_wakeup_fd(fd_before)
+
+
+def _ignored(number: signal.Signals) -> bool:
+    return signal.getsignal(number) == signal.SIG_IGN
+
+
+def _wait(heard: socket.socket) -> None:
+    heard.recv(1)
+
+
+def _nothing(number: int, frame: FrameType | None) -> None:
+    """A handler is what makes the signal reach the wake-up descriptor."""
+
+
+def _check(asked: FakeMount) -> None:
+    wires = [
+        name
+        for name, given in (("--link", asked.link), ("--tcp", asked.tcp), ("--udp", asked.udp))
+        if given is not None
+    ]
+    if len(wires) > 1:
+        raise BadRequest(f"{' and '.join(wires)} together", advice="give one of them")
+    if asked.udp is not None and asked.baud is not None:
+        raise BadRequest("--udp has no speed", advice="leave --baud out")
+    if asked.mechanics is not None and asked.errors is not None:
+        raise BadRequest("--mechanics and --errors together", advice="put [errors] into the mechanics file")
+    if asked.link is not None and asked.link.exists() and not asked.link.is_symlink():
+        raise BadRequest(f"{asked.link} exists and is no symlink", advice="give a path that is free")
+    if asked.struck is not None and not asked.struck.parent.is_dir():
+        raise BadRequest(f"{asked.struck.parent} is no folder", advice="give another path to --struck")
+
+
+def _address(asked: FakeMount) -> tuple[str, int] | None:
+    for option, text in (("--tcp", asked.tcp), ("--udp", asked.udp)):
+        if text is not None:
+            return _host_and_port(option, text)
+    return None
+
+
+def _fake(asked: FakeMount, clock: FastClock, mechanics: Mechanics) -> WireFake:
+    script = FaultScript() if asked.faults is None else read_faults(asked.faults, seed=asked.seed)
+    fake = make_fake(
+        asked.protocol,
+        asked.dialect,
+        mechanics,
+        faults=script.faults,
+        clock=clock,
+        monotonic=clock.monotonic,
+    )
+    fake.chance = script.chance
+    if asked.replay is not None:
+        taken = fake.take_profile(profile_of(read_dialogue(asked.replay), fake))
+        if not taken:
+            raise BadSettings(
+                f"it holds no answer that tells who a {asked.protocol} mount is",
+                device=str(asked.replay),
+                advice="record the greeting as well",
+            )
+    return fake
+
+
+def _telescope(asked: FakeMount) -> tuple[FastClock, Mechanics]:
+    """The mechanics, and the clock that all of it goes by."""
+    site = Site(asked.latitude_deg, asked.longitude_deg)
+    if asked.mechanics is not None:
+        built = MachineFile.from_toml(asked.mechanics)
+        clock = FastClock(asked.speed or built.clock_speed, built.clock_start_utc)
+        return clock, built.make_mechanics(clock=clock, site=site)
+    clock = FastClock(asked.speed or 1.0)
+    pointing = PointingErrors() if asked.errors is None else PointingErrors.from_toml(asked.errors)
+    built_as = machine(asked.protocol)
+    return clock, Mechanics(site, Air(pressure_hpa=1010.0), pointing, machine=built_as, clock=clock)
+
+
+def _around(asked: FakeMount, fake: WireFake, clock: FastClock, ending: ExitStack) -> Fake:
+    spoken: Fake = fake if clock.speed == 1.0 else InFastTime(fake, clock)
+    if asked.record is None:
+        return spoken
+    header = {"driver": "unknown", "fake": asked.protocol, "dialect": asked.dialect or "usual"}
+    return ending.enter_context(Recorder(spoken, asked.record, header))
+
+
+def _bench(asked: FakeMount, fake: Fake, address: tuple[str, int] | None) -> Bench:
+    if address is None:
+        return FakeOnPty(fake, asked.link, baud=asked.baud)
+    return FakeOnTcp(fake, *address, baud=asked.baud) if asked.udp is None else FakeOnUdp(fake, *address)
+
+
+def _write_struck(path: Path, fake: WireFake) -> None:
+    path.write_text(faults_as_toml(scripted(fake.strikes)), encoding="utf-8")
+
+
+def _host_and_port(option: str, text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    if not host or not (port.isascii() and port.isdigit() and int(port) <= 65535):
+        raise BadRequest(f"{option} {text} is no HOST:PORT", advice=f"for example {option} 127.0.0.1:4030")
+    return host.strip("[]"), int(port)

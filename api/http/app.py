@@ -1,0 +1,194 @@
+"""The FastAPI application, made from settings: routes, errors, access, and its life from start to rest."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from functools import cache
+from typing import Any
+
+from fastapi import APIRouter, FastAPI, Request
+from fastapi.responses import JSONResponse
+from fastapi.routing import APIRoute
+from fastapi_offline import FastAPIOffline
+from starlette.routing import Route
+
+from api.access.security import TokenRequired
+from api.alpaca.server import alpaca_routes
+from api.http import faults, guards
+from api.http.routes import (
+    audit,
+    capabilities,
+    catalogs,
+    doctor,
+    events,
+    frames,
+    health,
+    jobs,
+    journal,
+    last_frame,
+    leases,
+    metrics,
+    night,
+    objects,
+    offsets,
+    orders,
+    page,
+    pointing,
+    sky_view,
+    solve,
+    stops,
+    telescopes,
+    wire,
+)
+from api.http.strict_requests import KnownQueryOnly
+from api.opening import doors_of
+from api.service import open_service
+from mountnav import __version__
+from mountnav.catalog.at_hand import open_shelf
+from mountnav.catalog.stars import Catalog
+from mountnav.errors import MountnavError
+from mountnav.masking import mask_logs
+from mountnav.settings.observatory import Settings
+from mountnav.sky.iers import iers_status, override_dut1
+
+_ABOUT = """Finds out where telescopes really point, and puts them where they should.
+
+Angles are in degrees unless the name says otherwise, places are ICRS unless `frame` says otherwise.
+Long work answers 202 with a job; follow it at `/v1/jobs/{id}` or on `/v1/events`.
+Errors are `application/problem+json` with a stable `type`."""
+
+
+def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI:
+    """Make the application. Telescopes are opened when its lifespan begins.
+
+    Parameters
+    ----------
+    settings : Settings
+    catalog : Catalog, optional
+        Instead of the embedded one and those of the settings.
+    """
+    mask_logs()
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        await asyncio.to_thread(iers_status)  # the tables are read before the first request
+        override_dut1(settings.site.dut1_s)
+        try:
+            service = await open_service(
+                settings,
+                await asyncio.to_thread(open_shelf, settings.catalogs) if catalog is None else catalog,
+            )
+        except MountnavError as error:
+            # for who serves: told in one line there
+            app.state.failure = error
+            raise
+        app.state.service = service
+        service.doors = doors_of(service, getattr(app.state, "http_address", None))
+        try:
+            await service.doors.start()
+            yield
+        finally:
+            # A second interrupt must not come between a moving mount and its stop.
+            await asyncio.shield(service.halt())
+
+    # an observatory may have no internet: the description page brings its scripts along
+    app = FastAPIOffline(
+        title="mountnav",
+        version=__version__,
+        description=_ABOUT,
+        lifespan=lifespan,
+        generate_unique_id_function=_name_of,
+        license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
+    )
+    app.state.settings = settings
+    faults.install(app)
+    guards.install(app, settings)
+    app.router.routes.extend(_common_routes().routes)
+    if settings.alpaca.enabled:
+        app.router.routes.extend(alpaca_routes(lambda: app.state.service, lambda: app.state.keys))
+    # the page asks for the key itself
+    app.include_router(page.router)
+    _describe_beside(app)
+    return app
+
+
+def _describe_beside(app: FastAPI) -> None:
+    """Have the description of the interface made in a thread, when it is first asked for.
+
+    FastAPI makes it in the event loop: 0.8 s, in which a stop of another caller would wait.
+    """
+    one_makes_it, make = asyncio.Lock(), app.openapi
+
+    def with_bodies_left_out() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            app.openapi_schema = _without_null_bodies(make())
+        return app.openapi_schema
+
+    app.openapi = with_bodies_left_out  # type: ignore[method-assign]
+
+    async def described(request: Request) -> JSONResponse:
+        async with one_makes_it:
+            return JSONResponse(await asyncio.to_thread(app.openapi))
+
+    assert app.openapi_url is not None
+    app.router.routes.insert(0, Route(app.openapi_url, described, include_in_schema=False))
+
+
+def _without_null_bodies(schema: dict[str, Any]) -> dict[str, Any]:
+    """A body that may be left out needs no null besides: generated clients fail where one is told."""
+    for operations in schema["paths"].values():
+        for operation in operations.values():
+            for content in operation.get("requestBody", {}).get("content", {}).values():
+                either = content["schema"].get("anyOf", [])
+                bodies = [one for one in either if one != {"type": "null"}]
+                if len(bodies) == 1 < len(either):
+                    content["schema"] = bodies[0]
+    return schema
+
+
+@cache
+def _common_routes() -> APIRouter:
+    """The routes that every application has, whatever its settings, ready before the first request.
+
+    FastAPI takes the functions behind included routes apart when the first request comes. A first stop would
+    wait for that: 0.2 s on a fast computer, while the event loop does nothing else. The applications of one
+    process, as in tests, share these routes.
+    """
+    common = APIRouter(generate_unique_id_function=_name_of)
+    common.include_router(health.router, prefix="/v1", dependencies=[KnownQueryOnly])
+    shut = (
+        telescopes,
+        orders,
+        pointing,
+        wire,
+        night,
+        frames,
+        journal,
+        doctor,
+        jobs,
+        events,
+        solve,
+        catalogs,
+        last_frame,
+        offsets,
+        sky_view,
+        leases,
+        audit,
+        stops,
+        objects,
+        capabilities,
+    )
+    for router in (one.router for one in shut):
+        common.include_router(router, prefix="/v1", dependencies=[TokenRequired, KnownQueryOnly])
+    common.include_router(metrics.router, dependencies=[TokenRequired, KnownQueryOnly])
+    # matching a path that none of them has makes all of them ready
+    no_route = {"type": "http", "method": "GET", "path": "/", "root_path": "", "headers": []}
+    for route in common.routes:
+        route.matches(no_route)
+    return common
+
+
+def _name_of(route: APIRoute) -> str:
+    return route.name

@@ -1,0 +1,118 @@
+"""What stands before all routes of all faces that speak HTTP: who comes, from where, how often, how large."""
+
+from __future__ import annotations
+
+from fastapi import FastAPI
+from starlette.datastructures import Headers
+from starlette.middleware.cors import CORSMiddleware
+from starlette.types import Scope
+
+from api.access.audit import Audit
+from api.access.audited_requests import AuditedRequests
+from api.access.callers import Caller, Role
+from api.access.keys import open_keys
+from api.access.limits_of_rate import RateLimit, TokenBuckets
+from api.access.security import LEASE_HEADER, OwnMachineOnly, address_of, caller_from_headers
+from api.access.sparing_logs import KnownCallers
+from api.alpaca.access import alpaca_caller
+from api.http.body_limit import BodyLimit
+from api.http.fair_requests import FairRequests
+from api.http.faults import Refused
+from api.http.head_requests import HeadAsGet
+from api.http.http_metrics import CountedRequests, HttpMetrics
+from api.http.open_streams import OpenStreams
+from api.http.refusals import ALPACA_PATHS
+from api.http.request_heads import BoundedHeads
+from api.http.safe_headers import SafeHeaders
+from api.http.strict_requests import PlainJson, ShortTargets
+from api.http.whole_bodies import WholeBodies
+from mountnav.settings.observatory import Settings
+
+_ASKED = (
+    "Authorization",
+    "X-API-Key",
+    "Content-Type",
+    "Idempotency-Key",
+    "If-None-Match",
+    "Last-Event-ID",
+    "Prefer",
+    LEASE_HEADER,
+)
+_TOLD = ("ETag", "Location", "Retry-After", "Preference-Applied", "Mountnav-Virtual")
+
+
+def install(app: FastAPI, settings: Settings) -> None:
+    """Put the guards before an application; its keys are found at ``app.state.keys`` from now on.
+
+    From the outside in: every answer gets the headers against foreign pages, heads with too many headers are
+    refused, requests are counted and begin one by one, addresses that are too long are refused, HEAD becomes
+    GET, other sites' pages are turned away, the log is told who comes, what would change something is noted,
+    callers that ask too much are held back, bodies that are too large are refused, orders wait for all of
+    theirs, streams end with the keys that opened them.
+
+    Parameters
+    ----------
+    app : FastAPI
+        Whose ``state.service`` is the running service, as soon as there is one.
+    settings : Settings
+    """
+    service = settings.service
+    keys = open_keys(settings)
+    app.state.keys = keys
+    app.state.http_metrics = HttpMetrics()
+
+    def caller_of(scope: Scope) -> Caller:
+        if scope["path"].startswith(ALPACA_PATHS):
+            return alpaca_caller(scope, keys, is_open=settings.alpaca.open)
+        return caller_from_headers(Headers(scope=scope), address_of(scope), keys=keys)
+
+    def shows_who(scope: Scope) -> Caller:
+        return caller_from_headers(Headers(scope=scope), address_of(scope), keys=keys, basic=True)
+
+    def name_of(scope: Scope) -> str | None:
+        try:
+            caller = caller_of(scope)
+            # Alpaca has no events to follow: its programs ask again and again, and are told what is known
+            asks_alpaca = scope["method"] == "GET" and scope["path"].startswith(ALPACA_PATHS)
+            return None if asks_alpaca else caller.name
+        except Refused:
+            # all strangers behind one address share what one caller may
+            return f"({address_of(scope)})"
+
+    def may_stop(scope: Scope) -> bool:
+        try:
+            return caller_of(scope).role.includes(Role.OPERATE)
+        except Refused:
+            return False
+
+    def audit_of() -> Audit | None:
+        running = getattr(app.state, "service", None)
+        return getattr(running, "audit", None)
+
+    # what is added last stands outermost
+    app.add_middleware(OpenStreams, caller_of=caller_of)
+    app.add_middleware(PlainJson)
+    app.add_middleware(WholeBodies)
+    app.add_middleware(BodyLimit, max_body_kb=service.max_body_kb, max_upload_mb=service.max_upload_mb)
+    if service.rate_limit_per_s > 0:
+        buckets = TokenBuckets(service.rate_limit_per_s, service.rate_burst)
+        app.add_middleware(RateLimit, buckets=buckets, name_of=name_of)
+    app.add_middleware(AuditedRequests, audit_of=audit_of, caller_of=caller_of)
+    app.add_middleware(KnownCallers, shows_who=shows_who)
+    app.add_middleware(OwnMachineOnly, keys=keys, origins=service.cors_origins)
+    if service.cors_origins:
+        app.add_middleware(
+            CORSMiddleware,
+            allow_origins=service.cors_origins,
+            allow_methods=("GET", "POST", "PUT", "DELETE"),
+            allow_headers=_ASKED,
+            expose_headers=_TOLD,
+        )
+    app.add_middleware(HeadAsGet)
+    app.add_middleware(ShortTargets)
+    app.add_middleware(FairRequests, may_stop=may_stop)
+    app.add_middleware(CountedRequests, metrics=app.state.http_metrics)
+    app.add_middleware(BoundedHeads)
+    build = app.build_middleware_stack
+    # around starlette's own answer to a fault as well, which no middleware that is added sees
+    app.build_middleware_stack = lambda: SafeHeaders(build())  # type: ignore[method-assign]

@@ -1,0 +1,74 @@
+"""GET /v1/catalogs: the star catalogs that frames are solved with."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Literal
+
+from fastapi import APIRouter
+from pydantic import BaseModel, Field
+
+from api.http.faults import responses
+from api.http.models import Finite
+from api.service import Service, TheService
+from mountnav.catalog.doctor.shelf import shelved
+from mountnav.catalog.packed import PackedStore
+from mountnav.catalog.shelf import Shelf
+
+router = APIRouter(prefix="/catalogs", tags=["service"])
+
+
+class CatalogRecord(BaseModel):
+    """A star catalog."""
+
+    slug: str = Field(description="Its name in commands and settings")
+    name: str
+    kind: Literal["embedded", "imported", "online"]
+    stars: int | None = Field(description="null for an online one")
+    band: str | None
+    commonest_mag: Finite = Field(default=None, description="Beyond this magnitude it thins out")
+    faintest_mag: Finite = None
+    epoch_yr: Finite = None
+    sky_percent: Finite = Field(default=None, description="Share of the sky that it covers")
+
+
+@router.get("", responses=responses())
+async def list_catalogs(service: TheService) -> list[CatalogRecord]:
+    """The star catalogs that frames are solved with: on this machine, then online. Asks no server."""
+    return await asyncio.to_thread(_records, service)
+
+
+def _records(service: Service) -> list[CatalogRecord]:
+    records = []
+    for one in shelved(service.catalog):
+        if isinstance(one.catalog, PackedStore):
+            embedded = isinstance(service.catalog, Shelf) and one.catalog is service.catalog.indexed
+            _, faintest, commonest = one.catalog.magnitudes
+            records.append(
+                CatalogRecord(
+                    slug=one.slug,
+                    name=one.catalog.name,
+                    kind="embedded" if embedded else "imported",
+                    stars=len(one.catalog),
+                    band=one.catalog.header.band,
+                    commonest_mag=commonest,
+                    faintest_mag=faintest,
+                    epoch_yr=one.catalog.header.epoch_yr,
+                    sky_percent=100.0 * one.catalog.sky_share(),
+                )
+            )
+    use = service.settings.catalogs.use
+    for online in service.settings.catalogs.online:
+        if use is None or online.name in use:
+            records.append(
+                CatalogRecord(
+                    slug=online.name,
+                    name=online.table or online.url,
+                    kind="online",
+                    stars=None,
+                    band=online.band,
+                    faintest_mag=online.mag_limit,
+                    epoch_yr=online.epoch_yr,
+                )
+            )
+    return records

@@ -1,0 +1,122 @@
+"""Orders to telescopes: any kind as a job's body, and a short form for each of the usual ones."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Body
+
+from api.http.models import JobView
+from api.http.starting import STARTING, TheOrdering
+from api.orders.order_examples import JOB_EXAMPLES, PLACE_EXAMPLES
+from api.orders.orders import (
+    FirstLightOrder,
+    HomeOrder,
+    LookOrder,
+    Order,
+    ParkOrder,
+    RecoverOrder,
+    SyncOrder,
+    TrustOrder,
+    UnparkOrder,
+)
+from api.orders.short_bodies import CenterBody, FlipBody, LookBody, OffsetBody, SlewBody, TrackingBody
+
+router = APIRouter(prefix="/telescopes/{telescope_id}", tags=["orders"])
+
+_Order = Annotated[Order, Body(openapi_examples=JOB_EXAMPLES)]
+_Slew = Annotated[SlewBody, Body(openapi_examples=PLACE_EXAMPLES)]
+_Center = Annotated[CenterBody, Body(openapi_examples=PLACE_EXAMPLES)]
+_Look = Annotated[LookBody | None, Body()]
+
+
+@router.post("/jobs", status_code=202, responses=STARTING)
+async def start_job(ordering: TheOrdering, body: _Order) -> JobView:
+    """Order anything that a telescope does; `kind` says what. The job has begun when this is answered."""
+    return await ordering.take(body)
+
+
+@router.post("/slew", status_code=202, responses=STARTING)
+async def slew_telescope(ordering: TheOrdering, body: _Slew) -> JobView:
+    """Go to a place as the mount believes it; nothing is looked at."""
+    return await ordering.take(body.order())
+
+
+@router.post("/center", status_code=202, responses=STARTING)
+async def center_telescope(ordering: TheOrdering, body: _Center) -> JobView:
+    """Slew, look, sync, and slew again until the target is at the frame's center."""
+    return await ordering.take(body.order())
+
+
+@router.post("/flip", status_code=202, responses=STARTING)
+async def flip_telescope(ordering: TheOrdering, body: FlipBody) -> JobView:
+    """Let a German mount change sides, and center the target anew, whatever was synced before."""
+    return await ordering.take(body.order())
+
+
+@router.post("/look", status_code=202, responses=STARTING)
+async def look_telescope(ordering: TheOrdering, body: _Look = None) -> JobView:
+    """Expose and solve: where it truly points. Moves and syncs nothing. The body may be left out."""
+    return await ordering.take(LookOrder() if body is None else body.order())
+
+
+@router.post("/sync", status_code=202, responses=STARTING)
+async def sync_telescope(ordering: TheOrdering) -> JobView:
+    """Look, and tell the mount where it truly points. Needs no body."""
+    return await ordering.take(SyncOrder())
+
+
+@router.post("/recover", status_code=202, responses=STARTING)
+async def recover_telescope(ordering: TheOrdering, body: _Look = None) -> JobView:
+    """Tell a lost mount where it points: two looks anywhere in the sky that agree, then a sync. Never moves.
+
+    However far the place is from what the mount believes; it must stand within the telescope's limits now.
+    The body may be left out.
+    """
+    return await ordering.take(RecoverOrder() if body is None else body.recovery())
+
+
+@router.post("/first-light", status_code=202, responses=STARTING)
+async def first_light_telescope(ordering: TheOrdering, body: _Look = None) -> JobView:
+    """Tell a telescope that was set up by eye where it points, and learn its camera: the first night's order.
+
+    Looks, a small move within the limits that shows in which posture the mount stands, a sync, and two more
+    small moves. Up to 10° off. The body may be left out.
+    """
+    return await ordering.take(FirstLightOrder() if body is None else body.first_light())
+
+
+@router.post("/offset", status_code=202, responses=STARTING)
+async def offset_telescope(ordering: TheOrdering, body: OffsetBody) -> JobView:
+    """Nudge: slew by so much on the sky, east and north positive."""
+    return await ordering.take(body.order())
+
+
+@router.post("/tracking", status_code=202, responses=STARTING)
+async def track_telescope(ordering: TheOrdering, body: TrackingBody) -> JobView:
+    """Follow the sky, or rest."""
+    return await ordering.take(body.order())
+
+
+@router.post("/park", status_code=202, responses=STARTING)
+async def park_telescope(ordering: TheOrdering) -> JobView:
+    """Go to the park position and stay. Needs no body."""
+    return await ordering.take(ParkOrder())
+
+
+@router.post("/unpark", status_code=202, responses=STARTING)
+async def unpark_telescope(ordering: TheOrdering) -> JobView:
+    """Be ready to move again. Needs no body."""
+    return await ordering.take(UnparkOrder())
+
+
+@router.post("/home", status_code=202, responses=STARTING)
+async def home_telescope(ordering: TheOrdering) -> JobView:
+    """Go home, or find it by its sensors. Needs no body."""
+    return await ordering.take(HomeOrder())
+
+
+@router.post("/trust", status_code=202, responses=STARTING)
+async def trust_telescope(ordering: TheOrdering) -> JobView:
+    """An operator's word that the mount's position is right: whoever says so has looked. Needs no body."""
+    return await ordering.take(TrustOrder())

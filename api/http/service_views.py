@@ -1,0 +1,167 @@
+"""What the service tells of itself: health, version, what it can do; and of its stops."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Literal
+
+from pydantic import BaseModel, Field
+
+from api.http.places import Finite
+from api.virtual import VirtualView
+
+
+class StopView(BaseModel):
+    """A stop that was given."""
+
+    telescope: str
+    stopped: Literal[True] | None = Field(
+        default=True,
+        description="true: it was sent. null (202): not known yet; the event `stop-settled` tells",
+    )
+    cancelled_job_id: str | None
+
+
+class StoppedView(BaseModel):
+    """What came of stopping one of all telescopes."""
+
+    telescope: str
+    stopped: bool | None = Field(
+        description="Whether the stop was sent; null: not known yet, the event `stop-settled` tells"
+    )
+    cancelled_job_id: str | None = None
+    problem: str | None = Field(default=None, description="Why it could not be sent")
+
+
+class StopAllView(BaseModel):
+    """What came of stopping all telescopes."""
+
+    stopped: bool | None = Field(
+        description="Whether the stop was sent to each telescope; null: of one or more it is not known yet"
+    )
+    telescopes: list[StoppedView]
+
+
+class AcknowledgedView(BaseModel):
+    """A notice that an operator has seen."""
+
+    telescope: str
+    notice: str | None = Field(description="What it was; null if there was none")
+
+
+class EarthRotationView(BaseModel):
+    """What the bundled table of Earth rotation knows, and for how long."""
+
+    dut1_s: Finite
+    dut1_overridden: bool
+    table_ends_utc: datetime
+    table_days_left: Finite
+    warning: str | None
+
+
+class DoorView(BaseModel):
+    """A door for other programs."""
+
+    enabled: bool
+    host: str | None = Field(default=None, description="null while it is shut")
+    port: int | None = None
+    problem: str | None = Field(default=None, description="Why it could not be opened")
+
+
+class LiveView(BaseModel):
+    """That the service lives."""
+
+    live: Literal[True] = True
+    version: str
+
+
+class ReadyView(BaseModel):
+    """That orders are taken and can be carried out."""
+
+    ready: Literal[True] = True
+    concerns: list[str] = Field(description="What an operator should look into all the same")
+
+
+class HealthView(BaseModel):
+    """That the service lives, whether it is ready, and if not, why not."""
+
+    status: Literal["ok", "degraded"]
+    live: Literal[True] = True
+    ready: bool = Field(description="Whether orders are taken and can be carried out")
+    why_not: list[str] = Field(description="Why it is not ready")
+    concerns: list[str] = Field(description="What is wrong besides: why it is degraded")
+    version: str
+    telescopes: dict[str, bool]
+    solver: str = Field(
+        description='"starting", "ready", "solving", "failed: ..." (why); "in this process" without a worker'
+    )
+    journal: str = Field(default="ok", description='"ok", or why nothing can be written down just now')
+    blind_index: str = Field(description='"ready", "building 40 %", or "none: ..." (why)')
+    earth_rotation: EarthRotationView
+    doors: dict[str, DoorView] = Field(
+        default_factory=dict, description="alpaca-discovery, indi, lx200, stellarium"
+    )
+    virtual: VirtualView | None = Field(
+        default=None, description="In a virtual observatory: its time and speed; null under the real sky"
+    )
+
+
+class VersionView(BaseModel):
+    """What runs here."""
+
+    name: str
+    version: str
+
+
+class KindView(BaseModel):
+    """A kind of job that telescopes take."""
+
+    kind: str
+    body: str = Field(description="Name of its body's schema in openapi.json")
+    moves: bool = Field(description="Whether it slews the mount")
+    role: Literal["view", "operate", "configure"] = Field(description="What a key needs for it")
+    what: str
+
+
+class TelescopeSkillsView(BaseModel):
+    """What a telescope is and can do."""
+
+    id: str
+    mount: str
+    mounting: str | None
+    frame: Literal["icrs", "jnow-apparent"] = Field(description="The mount's own")
+    skills: list[str] = Field(description="Besides slew, sync, stop and reading; known once it was connected")
+    nights: bool = Field(description="Whether it has nights")
+
+
+class CapabilitiesView(BaseModel):
+    """What this service can do, for programs that want to know before they try."""
+
+    name: Literal["mountnav"] = "mountnav"
+    version: str
+    api: Literal["v1"] = "v1"
+    kinds: list[KindView]
+    targets: list[str] = Field(description="Kinds of targets")
+    telescopes: list[TelescopeSkillsView]
+    faces: dict[str, DoorView] = Field(description="http and the doors for other programs, with their ports")
+    roles: list[str] = Field(description="Each includes those before it")
+    your_role: str
+    problems: list[str] = Field(description="Slugs of all problems that may be answered")
+    virtual: VirtualView | None = None
+
+
+__all__ = [
+    "AcknowledgedView",
+    "CapabilitiesView",
+    "DoorView",
+    "EarthRotationView",
+    "HealthView",
+    "KindView",
+    "LiveView",
+    "ReadyView",
+    "StopAllView",
+    "StopView",
+    "StoppedView",
+    "TelescopeSkillsView",
+    "VersionView",
+]

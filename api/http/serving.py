@@ -1,0 +1,221 @@
+"""`mountnav serve`: uvicorn with one worker, which stops the mounts before it lets go of the clients."""
+
+from __future__ import annotations
+
+import gc
+import logging
+import signal
+import socket
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from types import FrameType
+
+import uvicorn
+from fastapi import FastAPI
+
+from api.access.sparing_logs import spare_logs
+from api.cli.demo_observatory import own_journal
+from api.http.app import create_app
+from api.http.connections import Bounds, Gate
+from api.http.descriptors import ask_for_enough, descriptors_at_hand, shares
+from api.http.routes import truth
+from api.http.strict_requests import KnownQueryOnly
+from api.service import Service
+from api.virtual import VirtualHeader, virtual_days
+from mountnav.errors import BadSettings, MountnavError
+from mountnav.settings.observatory import Settings
+from mountnav.sky.iers import read_tables
+from mountnav.sky.present import utc_now, virtual_time
+
+_GOODBYE_S = 5
+_GIVE_WAY_S = 0.001
+_WAITING = 1024
+"""Connections that the kernel keeps until they are accepted; beyond it clients try again after a second."""
+
+
+class ObservatoryServer(uvicorn.Server):
+    """A uvicorn server whose first act of going down is to stop what moves.
+
+    uvicorn alone waits for open connections first (an event stream never ends by itself) and only then
+    tells the application: a slewing mount would slew on.
+    """
+
+    def __init__(self, config: uvicorn.Config, app: FastAPI, *, own_process: bool = False) -> None:
+        super().__init__(config)
+        self._observatory_app = app
+        self._own_process = own_process
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """A closed terminal (SIGHUP) ends the service as SIGTERM does: the mounts are stopped first.
+
+        Nothing is to be read anew: keys are followed as their file changes, and other settings need a start.
+        Where SIGHUP is ignored (nohup) it stays so.
+        """
+        with super().capture_signals():
+            if threading.current_thread() is not threading.main_thread():
+                yield
+                return
+            before = signal.getsignal(signal.SIGHUP)
+            if before != signal.SIG_IGN:
+                signal.signal(signal.SIGHUP, self.handle_exit)
+            try:
+                yield
+            finally:
+                signal.signal(signal.SIGHUP, before)
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start as uvicorn does; then, in a process of its own, let no answer wait for housekeeping."""
+        await super().startup(sockets)
+        for listener in sockets or ():
+            # uvicorn's backlog is also how many are accepted in one turn: few, so that idle ones can be
+            # closed in between; the kernel may keep more waiting
+            listener.listen(_WAITING)
+        if not self._own_process:
+            return
+        # what is here by now stays: going through all of it took the collector up to 0.2 s each time
+        gc.collect()
+        gc.freeze()
+        # a thread that computes (a simulated sky, a journal's page) gives way to the answers after this time
+        sys.setswitchinterval(_GIVE_WAY_S)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Stop the mounts, end the event streams, then go down as uvicorn does."""
+        service: Service | None = getattr(self._observatory_app.state, "service", None)
+        if service is not None:
+            await service.halt()
+        await super().shutdown(sockets)
+
+
+def make_server(app: FastAPI, *, log_level: str = "info", own_process: bool = False) -> ObservatoryServer:
+    """Make the server; the socket is bound by the caller. `own_process`: it has the process for itself."""
+    settings: Settings = app.state.settings
+    shared = shares(descriptors_at_hand(), len(settings.telescope))
+    gate = Gate(
+        Bounds(
+            most=min(settings.service.max_connections, shared.http),
+            each_address=min(settings.service.connections_per_address, max(1, shared.http // 2)),
+            stops=shared.stops,
+            fresh=shared.fresh,
+        )
+    )
+    config = uvicorn.Config(
+        # outermost: no answer of a virtual observatory goes out without saying so
+        VirtualHeader(app) if virtual_time() is not None else app,
+        log_level=log_level,
+        timeout_graceful_shutdown=_GOODBYE_S,
+        server_header=False,
+        # the same whatever else is installed: its deadlines and bounds are ours
+        http=gate.protocol(),  # type: ignore[arg-type]
+        loop="asyncio",
+        ws="none",
+        backlog=shared.burst,
+    )
+    spare_logs("uvicorn", "uvicorn.access")
+    return ObservatoryServer(config, app, own_process=own_process)
+
+
+def bind(host: str, port: int) -> socket.socket:
+    """Take the address before anything else is started, so that a taken port is told plainly.
+
+    Raises
+    ------
+    BadSettings
+        The address can't be had.
+    """
+    try:
+        listener = socket.create_server(
+            (host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET
+        )
+        # asyncio does this for sockets of its own making; without it each answer waits 40 ms for an ACK
+        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return listener
+    except (OSError, UnicodeError) as error:
+        why = getattr(error, "strerror", None) or str(error)
+        raise BadSettings(
+            f"can't listen on {host} port {port}: {why}",
+            device="service",
+            advice="set service.host and service.port to an address of this machine that is free",
+        ) from error
+
+
+def serve(settings: Settings, *, log_level: str = "info") -> int:
+    """Serve until interrupted; the exit code. With `[demo]` it is a virtual observatory, and says where.
+
+    Raises
+    ------
+    BadSettings
+        The address can't be had, or a virtual observatory would write into a real one's journal.
+    """
+    ask_for_enough()
+    with ExitStack() as standing:
+        if settings.demo is not None:
+            read_tables()
+            standing.enter_context(_tidy_when_terminated())
+            settings = standing.enter_context(own_journal(settings))
+            assert settings.demo is not None
+            standing.enter_context(virtual_days(settings.demo, settings.site.site))
+        listener = standing.enter_context(bind(settings.service.host, settings.service.port))
+        app = create_app(settings)
+        app.state.http_address = listener.getsockname()[:2]
+        if settings.demo is not None:
+            app.include_router(truth.router, prefix="/v1", dependencies=[KnownQueryOnly])
+        # uvicorn doesn't say which port a socket of ours has got
+        print(_told(settings, listener), flush=True)
+        server = make_server(app, log_level=log_level, own_process=True)
+        with _failing_plainly(app):
+            server.run(sockets=[listener])
+    return 0 if server.started else 1
+
+
+@contextmanager
+def _failing_plainly(app: FastAPI) -> Iterator[None]:
+    """Raise what kept the application from starting, instead of uvicorn's traceback and its exit code 3.
+
+    With that code a unit starts the service again for ever, whatever is wrong with its settings.
+    """
+    log = logging.getLogger("uvicorn.error")
+
+    def known(record: logging.LogRecord) -> bool:
+        return getattr(app.state, "failure", None) is None or "Traceback" not in record.getMessage()
+
+    log.addFilter(known)
+    try:
+        yield
+    except SystemExit:
+        if getattr(app.state, "failure", None) is None:
+            raise
+    finally:
+        log.removeFilter(known)
+    failure: MountnavError | None = getattr(app.state, "failure", None)
+    if failure is not None:
+        raise failure
+
+
+@contextmanager
+def _tidy_when_terminated() -> Iterator[None]:
+    """Let SIGTERM unwind this process as SIGINT does: uvicorn gives both back when it has gone down."""
+
+    def end(number: int, _: FrameType | None) -> None:
+        sys.exit(128 + number)
+
+    before = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _told(settings: Settings, listener: socket.socket) -> str:
+    host, port = listener.getsockname()[:2]
+    url = f"http://{f'[{host}]' if ':' in host else host}:{port}"
+    if settings.demo is None:
+        return f"observatory at {url}"
+    return (
+        f"virtual observatory at {url} from {utc_now():%Y-%m-%d %H:%M:%S} UTC on, "
+        f"{settings.demo.speed:g} times as fast\n"
+        f"its description: {url}/docs\nwhere its tubes truly look: {url}/v1/virtual"
+    )

@@ -1,0 +1,319 @@
+"""Jobs: long work with an id, one motion at a time per telescope, cancelled at any time, never done twice.
+
+Every change of a job is made here. What is remembered of jobs, and written down, is `JobMemory`'s.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable, Sequence
+from uuid import uuid4
+
+from api.events import Events
+from api.http.faults import Problem, Refused, internal_problem, problem, problem_of
+from api.orders.job import ENDS, Job, JobState, TelescopeBusy, fingerprint_of, stopped, told_stopped
+from api.orders.job_memory import KEYS_LIVE, JobMemory, View
+from mountnav.devices import Epoch
+from mountnav.errors import Cancelled, JournalFailed, MountnavError
+from mountnav.journal.job_store import JobKeeper
+from mountnav.journal.records import because
+from mountnav.sky.coordinates import utc_now
+from mountnav.tasks import begun, waited_for
+
+_log = logging.getLogger(__name__)
+
+_SAFE_WAITS_S = 2.0
+"""So long a park waits for its row to be on the disk."""
+
+
+class Jobs:
+    """All jobs of the service. Used from the event loop's thread alone.
+
+    Parameters
+    ----------
+    events : Events
+        Told of each change.
+    kept : int
+        How many jobs are remembered; those that are not are asked of the store.
+    store : JobKeeper, optional
+        Where jobs and keys outlive the process; `take_up` reads it.
+    view : callable, optional
+        ``view(result, job)``: a result as the API shows it, for the store.
+    """
+
+    def __init__(
+        self, events: Events, kept: int, *, store: JobKeeper | None = None, view: View | None = None
+    ) -> None:
+        self._events = events
+        self._memory = JobMemory(kept, store=store, view=view)
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+        # of each telescope its jobs that are not over: the last one holds it, those before make room
+        self._line: dict[str, list[Job]] = {}
+        self._closing = False
+
+    async def take_up(self) -> list[Job]:
+        """Remember the jobs and keys of earlier runs; what was running then is told as interrupted.
+
+        To be called once, before anything is started. Nothing is done again.
+
+        Returns
+        -------
+        list of Job
+            Those that were interrupted, newest first.
+
+        Raises
+        ------
+        JournalFailed
+        """
+        interrupted = await self._memory.take_up()
+        for job in interrupted:
+            self._tell(job)
+        return interrupted[::-1]
+
+    def known(self, key: str | None, kind: str, telescope: str, request: dict[str, object]) -> Job | None:
+        """Return the job that was started with this key; None if there is none.
+
+        Raises
+        ------
+        Refused
+            422: the key was used for another request.
+        """
+        return self._memory.of_key(key, kind, telescope, request)
+
+    def start(
+        self,
+        kind: str,
+        telescope: str,
+        request: dict[str, object],
+        work: Callable[[], Awaitable[object]],
+        *,
+        key: str | None = None,
+        make_room: Callable[[], Awaitable[object]] | None = None,
+        epoch: Epoch | None = None,
+        even_unwritten: bool = False,
+    ) -> Job:
+        """Start `work` as a job, or return the one that was started with the same key.
+
+        Parameters
+        ----------
+        kind, telescope : str
+        request : dict
+        work : callable
+        key : str, optional
+            Made by the client.
+        make_room : callable, optional
+            Supersede a job that holds the telescope: that one is cancelled, `make_room` is called to stop the
+            mount, and `work` begins when both have ended. If `make_room` fails, so does the new job.
+        epoch : {"apparent", "icrs"}, optional
+            The mount's own frame, for answers that give places in both.
+        even_unwritten : bool
+            Whether it is done though the journal can't be written; its row follows then.
+
+        Raises
+        ------
+        TelescopeBusy
+            Another job holds the telescope, and is not to be superseded.
+        Refused
+            422: the key was used for another request. 503: the service is going down.
+        """
+        known = self.known(key, kind, telescope, request)
+        if known is not None:
+            return known
+        if self._closing:
+            raise Refused(problem("closing", 503, "the service is going down", retryable=True))
+        line = self._line.setdefault(telescope, [])
+        if line and make_room is None:
+            raise TelescopeBusy(line[-1])
+        job = Job(
+            uuid4().hex,
+            kind,
+            telescope,
+            request,
+            utc_now(),
+            key=key,
+            fingerprint=fingerprint_of(kind, telescope, request),
+            epoch=epoch,
+        )
+        before = tuple(line)
+        self._memory.remember(job)
+        line.append(job)
+        for one in before:
+            if one.superseded_by is None:
+                one.superseded_by, one.superseded_by_kind = job.id, kind
+            self.cancel(one)
+        doing = work if make_room is None or not before else self._after(job, before, make_room, work)
+        self._tasks[job.id] = begun(
+            self._run(job, doing, even_unwritten), f"{kind} {telescope}", died=lambda _: self._died(job)
+        )
+        return job
+
+    def _after(
+        self,
+        job: Job,
+        before: Sequence[Job],
+        make_room: Callable[[], Awaitable[object]],
+        work: Callable[[], Awaitable[object]],
+    ) -> Callable[[], Awaitable[object]]:
+        """Work that begins when the jobs before it have ended and the mount was told to stop."""
+        # the stop waits neither for the journal nor for the end of those jobs
+        stopping = waited_for(make_room())
+        stopping.add_done_callback(_heard_of)
+
+        async def done() -> object:
+            job.phase = "superseding"
+            await asyncio.shield(stopping)
+            for one in before:
+                await one.ended.wait()
+            job.phase = "starting"
+            return await work()
+
+        return done
+
+    def remembered(self, job_id: str) -> Job | None:
+        """Return the job of that id if it is remembered. Waits for nothing."""
+        return self._memory.at_hand(job_id)
+
+    def get(self, job_id: str) -> Job:
+        """Return the job of that id. Raises `Unknown`.
+
+        May wait for the store, if the job isn't remembered any more: then call it in a thread.
+        """
+        return self._memory.get(job_id)
+
+    def all(self) -> list[Job]:
+        """All remembered jobs, newest first."""
+        return self._memory.all()
+
+    def running_on(self, telescope: str) -> Job | None:
+        """The job that holds a telescope."""
+        line = self._line.get(telescope)
+        return line[-1] if line else None
+
+    def heard(self, telescope: str, kind: str, data: dict[str, object]) -> None:
+        """Take in what a navigator tells: it becomes an event, and the running job's phase."""
+        line = self._line.get(telescope)
+        # what a superseded job still does on its way out is its own
+        job = line[0] if line else None
+        if job is not None and not job.is_over:
+            job.phase = kind
+            if kind == "attempt":
+                job.attempts.append(data)
+                self._memory.write_now(job)
+        self._events.publish(kind, {"telescope": telescope, "job_id": job.id if job else None, **data})
+
+    def cancel(self, job: Job, why: str = "") -> None:
+        """Cancel; its end comes with `job.ended`. Once more, or after its end, does nothing.
+
+        Parameters
+        ----------
+        job : Job
+        why : str
+            What its owner is told.
+        """
+        task = self._tasks.get(job.id)
+        if task is not None and not job.is_over and job.phase not in ("cancelling", "ending"):
+            job.phase, job.why_stopped = "cancelling", why
+            task.cancel()
+            if job.state is JobState.QUEUED:
+                # A task that never ran is thrown away without a step, so nobody else would end the job.
+                self._end(job, JobState.CANCELLED, found=told_stopped(job, stopped(job)))
+                self._memory.write_now(job)
+
+    async def close(self) -> None:
+        """Cancel all jobs and wait for their ends; refuse new ones."""
+        self._closing = True
+        tasks = list(self._tasks.values())
+        for job in [one for line in self._line.values() for one in line]:
+            self.cancel(job, "the service went down")
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def _run(
+        self, job: Job, work: Callable[[], Awaitable[object]], even_unwritten: bool = False
+    ) -> None:
+        job.state, job.phase, job.started_utc = JobState.RUNNING, "starting", utc_now()
+        result: object | None = None
+        found: Problem | None = None
+        state = JobState.SUCCEEDED
+        try:
+            # before it does anything: a request repeated after a restart must find it
+            await self._write(job, even_unwritten)
+            self._tell(job)
+            with because(job_id=job.id, why=job.kind):
+                result = await work()
+        except asyncio.CancelledError:
+            state, found = JobState.CANCELLED, told_stopped(job, stopped(job))
+        except Cancelled as error:
+            state, found = JobState.CANCELLED, told_stopped(job, error)
+        except MountnavError as error:
+            state, found = JobState.FAILED, problem_of(error)
+        except Exception:
+            # The job's owner must learn that it ended; what happened is for the log.
+            _log.exception("job %s (%s %s) hit a fault", job.id, job.kind, job.telescope)
+            state, found = JobState.FAILED, internal_problem()
+        job.finished_utc = utc_now()
+        # before anybody is told, so that a restart doesn't tell otherwise
+        job.phase = "ending"
+        await self._memory.write_end(job, state, result, found)
+        self._end(job, state, result=result, found=found)
+
+    def _died(self, job: Job) -> None:
+        """Its end could not be told as it should: it has ended all the same, and holds nothing any more."""
+        if not job.is_over:
+            self._end(job, JobState.FAILED, found=internal_problem())
+
+    async def _write(self, job: Job, even_unwritten: bool) -> None:
+        """Write it down before it does anything; whoever ordered it is answered after that."""
+        try:
+            async with asyncio.timeout(_SAFE_WAITS_S if even_unwritten else None):
+                await self._memory.write(job)
+        except TimeoutError:
+            _log.error("job %s (%s %s) begins before it is written down", job.id, job.kind, job.telescope)
+        except JournalFailed as failure:
+            if not even_unwritten:
+                job.unwritten = failure
+                # the same request may come again, and is to be tried again then
+                self._memory.forget_key(job)
+                job.written.set()
+                raise
+            _log.error("job %s (%s %s) begins unwritten: %s", job.id, job.kind, job.telescope, failure)
+        job.written.set()
+
+    def _end(
+        self, job: Job, state: JobState, *, result: object | None = None, found: Problem | None = None
+    ) -> None:
+        job.state, job.phase, job.finished_utc = state, "ended", job.finished_utc or utc_now()
+        job.result, job.problem = result, found
+        if job in (line := self._line.get(job.telescope, [])):
+            line.remove(job)
+        self._tasks.pop(job.id, None)
+        job.written.set()
+        job.ended.set()
+        self._tell(job)
+
+    @staticmethod
+    def told(job: Job) -> dict[str, object]:
+        """Where a job stands, as its events tell it."""
+        data: dict[str, object] = {
+            "telescope": job.telescope,
+            "job_id": job.id,
+            "kind": job.kind,
+            "state": str(job.state),
+            "phase": job.phase,
+        }
+        if job.problem is not None:
+            data["problem"] = job.problem.model_dump(exclude_none=True)
+        return data
+
+    def _tell(self, job: Job) -> None:
+        job.announced = True
+        self._events.publish("job", self.told(job))
+
+
+def _heard_of(stopping: asyncio.Future[object]) -> None:
+    """Its failure is the new job's; where that ended before it could hear of it, nobody misses it."""
+    if not stopping.cancelled():
+        stopping.exception()
+
+
+__all__ = ["ENDS", "KEYS_LIVE", "Job", "JobState", "Jobs", "TelescopeBusy", "View"]

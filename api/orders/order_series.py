@@ -1,0 +1,192 @@
+"""The order `series`: look again and again while the mount tracks, and tell how the field drifts."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
+from itertools import pairwise
+
+import numpy as np
+
+from api.http.attempt_views import SeriesLookView
+from api.http.longer_views import DriftView, SeriesView
+from api.http.places import mount_place, place
+from api.orders.carrying_out import there
+from api.orders.orders import SeriesOrder
+from mountnav.clock import Clock, SystemClock
+from mountnav.errors import BadFrame, MountMoved, NotSolved
+from mountnav.navigation.navigator import Navigator
+from mountnav.navigation.reports import Look
+from mountnav.series.drift import LEAST_FRAMES, Drift, Track, fit_drift, joined, jumps
+from mountnav.sky.coordinates import Icrs
+from mountnav.sky.sphere import offset_arcsec
+
+Tell = Callable[[dict[str, object]], None]
+"""Told of each attempt."""
+
+FAILURES_IN_A_ROW = 5
+LEAST_JUMP_PX = 3.0
+"""No smaller departure from the usual rate is called a jump; as for series of frames."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    number: int
+    look: Look
+
+
+async def run_series(
+    navigator: Navigator, order: SeriesOrder, tell: Tell, clock: Clock | None = None
+) -> SeriesView:
+    """Carry it out.
+
+    Parameters
+    ----------
+    navigator : Navigator
+    order : SeriesOrder
+    tell : callable
+        Told of each look.
+    clock : Clock, optional
+
+    Raises
+    ------
+    NotSolved
+        Five looks in a row were not solved.
+    OutsideLimits, TargetNotReached, DeviceError, JournalFailed
+        Of the slew, or of the camera.
+    """
+    clock = clock or SystemClock()
+    target: Icrs | None = None
+    if order.target is not None:
+        target = there(navigator, order.target)
+        await navigator.slew(target)
+    began_utc = clock.utc()
+    seen: list[_Seen] = []
+    failed = 0
+    for number in range(1, order.looks + 1):
+        began_s = clock.monotonic_s()
+        try:
+            look = await navigator.look(order.exposure_s)
+        except (NotSolved, MountMoved, BadFrame) as error:
+            failed += 1
+            view = SeriesLookView(number=number, solved=False, problem=error.what)
+        else:
+            failed = 0
+            seen.append(_Seen(number, look))
+            view = _view(number, look, seen[0].look)
+        tell(view.model_copy(update={"elapsed_s": clock.monotonic_s() - began_s}).model_dump(mode="json"))
+        if failed >= FAILURES_IN_A_ROW:
+            raise NotSolved(
+                f"{failed} looks in a row were not solved: given up after {number} of {order.looks}",
+                device=navigator.name,
+                advice="look for clouds, dew, focus; the looks that were solved are in the journal",
+                reason="given up",
+            )
+        left_s = order.every_s - (clock.monotonic_s() - began_s)
+        if left_s > 0 and number < order.looks:
+            await clock.sleep(left_s)
+    if not seen:
+        raise NotSolved(
+            "no look was solved", device=navigator.name, advice="look for clouds, dew, focus", reason="none"
+        )
+    # the first fit loads scipy: not in the loop, where a stop would wait for that
+    drift, at = await asyncio.to_thread(drift_of, [one.look for one in seen])
+    return _summed_up(navigator, order, target, seen, drift, at, began_utc, clock)
+
+
+def _view(number: int, look: Look, first: Look) -> SeriesLookView:
+    off = offset_arcsec(look.seen, first.seen)
+    return SeriesLookView(
+        number=number,
+        solved=True,
+        mid_exposure_utc=look.mid_exposure_utc,
+        ra_deg=look.seen.ra_deg,
+        dec_deg=look.seen.dec_deg,
+        sigma_arcsec=look.solution.center_sigma_arcsec,
+        east_arcsec=off.east_arcsec,
+        north_arcsec=off.north_arcsec,
+        pairs=look.solution.pairs,
+        look_id=look.look_id,
+    )
+
+
+def _summed_up(
+    navigator: Navigator,
+    order: SeriesOrder,
+    target: Icrs | None,
+    seen: list[_Seen],
+    drift: Drift | None,
+    at: list[int],
+    began_utc: datetime,
+    clock: Clock,
+) -> SeriesView:
+    epoch = navigator.mount.epoch
+    first, last = seen[0].look, seen[-1].look
+    reason = None
+    if drift is None:
+        reason = f"{len(seen)} looks solved without a jump between them; {LEAST_FRAMES} are needed"
+    return SeriesView(
+        target=None if target is None else place(target),
+        target_mount=None if target is None else mount_place(target, epoch, began_utc),
+        first=place(first.seen),
+        first_mount=mount_place(first.seen, epoch, first.mid_exposure_utc),
+        last=place(last.seen),
+        last_mount=mount_place(last.seen, epoch, last.mid_exposure_utc),
+        looks=order.looks,
+        solved=len(seen),
+        began_utc=began_utc,
+        ended_utc=clock.utc(),
+        drift=None if drift is None else _drift_view(drift),
+        jumps=[seen[index].number for index in at],
+        reason=reason,
+    )
+
+
+def drift_of(looks: list[Look]) -> tuple[Drift | None, list[int]]:
+    """Fit the drift of solved looks, jumps left out.
+
+    Parameters
+    ----------
+    looks : list of Look
+        In order of time.
+
+    Returns
+    -------
+    Drift or None
+        None for fewer than three looks between two jumps.
+    list of int
+        Indices of the looks that a jump led to.
+    """
+    start = looks[0].mid_exposure_utc
+    sigma = np.array([max(one.solution.center_sigma_arcsec, 1e-3) for one in looks])
+    track = Track(
+        minutes=np.array([(one.mid_exposure_utc - start).total_seconds() / 60.0 for one in looks]),
+        ra_deg=np.array([one.seen.ra_deg for one in looks]),
+        dec_deg=np.array([one.seen.dec_deg for one in looks]),
+        sigma_arcsec=sigma,
+        # each look is solved by itself: its error is its own
+        anchor=np.zeros(len(looks), dtype=np.int64),
+        anchor_sigma_arcsec=np.zeros(len(looks)),
+    )
+    scale = float(np.median([one.solution.scale_arcsec_px for one in looks]))
+    at = jumps(track, LEAST_JUMP_PX * scale)
+    edges = [0, *at, len(looks)]
+    parts = [fit_drift(track.part(low, high)) for low, high in pairwise(edges)]
+    return joined([one for one in parts if one is not None]), at
+
+
+def _drift_view(drift: Drift) -> DriftView:
+    return DriftView(
+        ra_cosdec_arcsec_min=drift.ra_arcsec_min,
+        ra_cosdec_sigma_arcsec_min=drift.ra_sigma_arcsec_min,
+        dec_arcsec_min=drift.dec_arcsec_min,
+        dec_sigma_arcsec_min=drift.dec_sigma_arcsec_min,
+        rms_arcsec=drift.rms_arcsec,
+        looks=drift.frames,
+        outliers=drift.outliers,
+    )
+
+
+__all__ = ["FAILURES_IN_A_ROW", "Tell", "drift_of", "run_series"]

@@ -1,0 +1,150 @@
+"""What is known of a telescope now, read in the background: whoever asks waits for no device."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import datetime
+
+from api.observatory import Telescope
+from api.orders.jobs import Job, Jobs
+from api.orders.orders import MOVING
+from mountnav.navigation.reports import TelescopeState
+from mountnav.sky.coordinates import utc_now
+from mountnav.sky.present import real_s
+from mountnav.tasks import begun, fault_words
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """A telescope at one moment.
+
+    Attributes
+    ----------
+    state : TelescopeState
+    utc : datetime
+        When it was put together; ``state.reading.utc`` tells when the mount was read.
+    revision : int
+        Counts up.
+    job : Job or None
+        What holds the telescope.
+    """
+
+    state: TelescopeState
+    utc: datetime
+    revision: int
+    job: Job | None
+
+    @property
+    def slewing(self) -> bool:
+        """Whether it slews, or was ordered to: from the taking of such an order to its end."""
+        if self.job is not None and not self.job.is_over and self.job.kind in MOVING:
+            return True
+        return self.state.reading is not None and bool(self.state.reading.slewing)
+
+
+class Watch:
+    """Reads one telescope's state again and again.
+
+    Parameters
+    ----------
+    telescope : Telescope
+    jobs : Jobs
+    poll_s : float
+    """
+
+    def __init__(self, telescope: Telescope, jobs: Jobs, poll_s: float) -> None:
+        self._telescope = telescope
+        self._jobs = jobs
+        self._poll_s = poll_s
+        self._state = TelescopeState(telescope.id, False, "idle", None, None, None, None, telescope.problem)
+        self._utc = utc_now()
+        self._revision = 0
+        self._news = asyncio.Event()
+        self._wake = asyncio.Event()
+        self._turn = asyncio.Lock()
+        self._task: asyncio.Task[None] | None = None
+
+    @property
+    def latest(self) -> Snapshot:
+        """What is known now. Asks no device. The job is the one of this very moment."""
+        return Snapshot(self._state, self._utc, self._revision, self._jobs.running_on(self._telescope.id))
+
+    def start(self) -> None:
+        """Begin to read."""
+        self._telescope.navigator.mount.listen(self._mount_said)
+        self._begin()
+
+    def _begin(self) -> None:
+        self._task = begun(self._run(), f"watch {self._telescope.id}", died=self._died)
+
+    def _died(self, fault: Exception) -> None:
+        """Nobody reads it any more: what was last seen is not what is. Begin anew."""
+        self._take(replace(self._state, connected=False, problem=fault_words(fault)))
+        self._begin()
+
+    async def close(self) -> None:
+        """Read no more."""
+        if self._task is not None:
+            self._task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._task
+            self._task = None
+
+    def wake(self) -> None:
+        """Something happened: read at once."""
+        self._wake.set()
+
+    async def refresh(self) -> Snapshot:
+        """Read the telescope once, now. Device trouble is part of what is returned."""
+        async with self._turn:
+            self._take(await self._telescope.state())
+        return self.latest
+
+    async def next(self, after_revision: int) -> Snapshot:
+        """What is known next after a revision."""
+        while self._revision <= after_revision:
+            await self._news.wait()
+        return self.latest
+
+    async def _run(self) -> None:
+        while True:
+            try:
+                await self.refresh()
+            except asyncio.CancelledError:
+                raise
+            except Exception as fault:
+                # one reading that fails in an unforeseen way must not blind the service for the night; what
+                # was seen before is not what is
+                words = fault_words(fault)
+                if self._state.problem != words:
+                    _log.exception("%s can't be watched", self._telescope.id)
+                self._take(replace(self._state, connected=False, problem=words))
+            self._wake.clear()
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(real_s(self._poll_s)):
+                    await self._wake.wait()
+
+    def _mount_said(self, what: str, facts: Mapping[str, object]) -> None:
+        """A link that falls silent is told at once: the reading that finds it out may hang for seconds."""
+        if not what.startswith("link"):
+            return
+        link = self._telescope.navigator.mount.told("link")
+        if link is not None and str(link) != self._state.link and self._state.connected:
+            words = "" if str(link) == "up" else f"the mount gives no answer: its link is {link}"
+            self._take(replace(self._state, link=str(link), problem=self._state.problem or words or None))
+        self.wake()
+
+    def _take(self, state: TelescopeState) -> None:
+        self._state, self._utc = state, utc_now()
+        self._revision += 1
+        news, self._news = self._news, asyncio.Event()
+        news.set()
+
+
+__all__ = ["Snapshot", "Watch"]

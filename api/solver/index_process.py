@@ -1,0 +1,38 @@
+"""The process that builds the index of the blind search, beside everything else and with the least priority.
+
+It is started by `api.solver.blind_index`, never by hand: ``python -m api.solver.index_process DESCRIPTOR``.
+"""
+
+from __future__ import annotations
+
+import os
+
+from api.solver.solver_answers import Built, Done, Progress
+from api.solver.solver_messages import Setup, receive, send
+from api.solver.solver_process import attached, sendable
+from mountnav.catalog.packed import PackedStore
+from mountnav.identification.blind.cache import cached_index
+
+_LEAST_PRIORITY = 19
+
+
+def main() -> None:
+    """Build, and tell how far it is."""
+    link = attached()
+    os.nice(_LEAST_PRIORITY)
+    try:
+        setup, _ = receive(link)
+        assert isinstance(setup, Setup)
+        assert isinstance(setup.catalog, PackedStore)
+        try:
+            index = cached_index(setup.catalog, progress=lambda share: send(link, Progress(share)))
+        except Exception as error:  # it belongs to the service, which tells it
+            send(link, Done(fault=sendable(error)))
+        else:
+            send(link, Built(index.path))
+    except (EOFError, OSError):
+        return
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,313 @@
+"""The thread that keeps a fake on its wire, and what can happen to any wire, whatever it is made of."""
+
+from __future__ import annotations
+
+import os
+import select
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Protocol, Self, runtime_checkable
+
+from drivers.fakes.bench.slow_line import SlowLine
+from drivers.fakes.faults import LineOrder
+from mountnav.errors import DeviceError
+
+_TRY_AGAIN_S = 0.2
+
+
+class Fake(Protocol):
+    """Bytes in, bytes out; and when it wants to speak unasked."""
+
+    def feed(self, data: bytes) -> bytes:
+        """Take bytes (maybe none) and return what is said now."""
+        ...
+
+    def due_in_s(self) -> float | None:
+        """Seconds until there is something to say without new bytes."""
+        ...
+
+
+@runtime_checkable
+class Troubled(Protocol):
+    """A fake whose faults also strike its line."""
+
+    def line_orders(self) -> list[LineOrder]:
+        """Hand out what is to be done to the line, once."""
+        ...
+
+    def wake_by(self, wake: Callable[[], None] | None) -> None:
+        """Tell how to wake whoever sleeps until `due_in_s`."""
+        ...
+
+
+@runtime_checkable
+class Opened(Protocol):
+    """A fake that wants to know when its port is opened."""
+
+    def port_opened(self) -> None:
+        """Take note of it."""
+        ...
+
+
+@dataclass(slots=True)
+class _Errand:
+    """Something that another thread wants done in this one."""
+
+    do: Callable[[], None]
+    done: threading.Event = field(default_factory=threading.Event)
+    failure: BaseException | None = None
+
+    def run(self) -> None:
+        try:
+            self.do()
+        except BaseException as failure:
+            self.failure = failure
+        finally:
+            self.done.set()
+
+
+class Bench(ABC):
+    """A fake on a wire; a context manager.
+
+    Parameters
+    ----------
+    fake : Fake
+    baud : int, optional
+        Bytes take their time, as on a serial line of this speed; without it they come at once.
+
+    Notes
+    -----
+    `vanish`, `come_back`, `hang_up`, `reset` and `black_hole` may be called from any thread and have happened
+    when they return. The fake's own faults of the line do the same.
+    """
+
+    def __init__(self, fake: Fake, *, baud: int | None = None) -> None:
+        self.fake = fake
+        self._spoken: Fake = fake if baud is None else SlowLine(fake, baud)
+        self._thread: threading.Thread | None = None
+        self._wake_read = self._wake_write = -1
+        self._errands: list[_Errand] = []
+        self._ending = False
+        self._gone = True
+        self._back_s: float | None = None
+        self._swallow_until_s = 0.0
+
+    @property
+    @abstractmethod
+    def address(self) -> str:
+        """What a driver opens."""
+
+    # -- start and end ---------------------------------------------------------------------------
+
+    def start(self) -> Self:
+        """Open the wire and start answering; starting twice is fine.
+
+        Raises
+        ------
+        DeviceMissing, OSError
+            Where that can't be.
+        """
+        if self._thread is not None:
+            return self
+        self._open()
+        self._gone, self._ending = False, False
+        self._wake_read, self._wake_write = os.pipe()
+        os.set_blocking(self._wake_read, False)
+        if isinstance(self.fake, Troubled):
+            self.fake.wake_by(self._wake)
+        self._thread = threading.Thread(target=self._run, name="bench", daemon=True)
+        self._thread.start()
+        return self
+
+    def stop(self) -> None:
+        """Stop answering and take the wire away; stopping twice is fine."""
+        if self._thread is None:
+            return
+        if isinstance(self.fake, Troubled):
+            self.fake.wake_by(None)
+        self._ending = True
+        self._wake()
+        self._thread.join()
+        self._thread = None
+        os.close(self._wake_read)
+        os.close(self._wake_write)
+        if not self._gone:
+            self._close()
+            self._gone = True
+
+    def __enter__(self) -> Self:
+        return self.start()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    # -- what can happen to a wire ---------------------------------------------------------------
+
+    def vanish(self, for_s: float | None = None) -> None:
+        """Take the port away, as when a plug is pulled.
+
+        Parameters
+        ----------
+        for_s : float, optional
+            It comes back by itself after this time; otherwise with `come_back`.
+        """
+        self._in_thread(lambda: self._vanish(for_s))
+
+    def come_back(self) -> None:
+        """Put the port back: a serial one under another name, a network one under the same."""
+        self._in_thread(self._return)
+
+    def hang_up(self) -> None:
+        """Cut the present client off, as a program that closes; a new one is welcome."""
+        self._in_thread(self._hang_up)
+
+    def reset(self) -> None:
+        """Break the connection off hard."""
+        self._in_thread(self._reset)
+
+    def black_hole(self, for_s: float) -> None:
+        """For a time take everything and give nothing; not even the fake hears it."""
+        self._in_thread(lambda: self._swallow(for_s))
+
+    def _vanish(self, for_s: float | None) -> None:
+        self._back_s = None if for_s is None else time.monotonic() + for_s
+        if not self._gone:
+            self._gone = True
+            self._close()
+
+    def _return(self) -> None:
+        self._back_s = None
+        if self._gone:
+            self._open()
+            self._gone = False
+
+    def _return_or_wait(self) -> None:
+        try:
+            self._return()
+        except (DeviceError, OSError):
+            # another program has its place meanwhile
+            self._back_s = time.monotonic() + _TRY_AGAIN_S
+
+    def _swallow(self, for_s: float | None) -> None:
+        self._swallow_until_s = float("inf") if for_s is None else time.monotonic() + for_s
+
+    def _happen(self, order: LineOrder) -> None:
+        match order.kind:
+            case "vanish":
+                self._vanish(order.for_s)
+            case "hang-up":
+                self._hang_up()
+            case "reset":
+                self._reset()
+            case "black-hole":
+                self._swallow(order.for_s)
+
+    # -- the thread ------------------------------------------------------------------------------
+
+    def _in_thread(self, do: Callable[[], None]) -> None:
+        if self._thread is None:
+            return
+        errand = _Errand(do)
+        self._errands.append(errand)
+        self._wake()
+        errand.done.wait()
+        if errand.failure is not None:
+            raise errand.failure
+
+    def _wake(self) -> None:
+        os.write(self._wake_write, b".")
+
+    def _run(self) -> None:
+        try:
+            while not self._ending:
+                self._turn()
+        finally:
+            while self._errands:
+                self._errands.pop(0).done.set()
+
+    def _turn(self) -> None:
+        watched = select.poll()
+        watched.register(self._wake_read, select.POLLIN)
+        for end in [] if self._gone else self._ends():
+            watched.register(end, select.POLLIN | (select.POLLOUT if self._waits_to_write(end) else 0))
+        ready = dict(watched.poll(self._patience_ms()))
+        if ready.pop(self._wake_read, 0):
+            os.read(self._wake_read, 4096)
+            while self._errands:
+                self._errands.pop(0).run()
+        if self._back_s is not None and time.monotonic() >= self._back_s:
+            self._return_or_wait()
+        if not ready:
+            self._tell(b"")
+        for end, events in ready.items():
+            if not self._gone and end in self._ends():
+                if events & select.POLLOUT:
+                    self._write_on(end)
+                if events & ~select.POLLOUT:
+                    self._hear(end)
+
+    def _patience_ms(self) -> int | None:
+        waits_s = [] if self._back_s is None else [self._back_s - time.monotonic()]
+        due_in_s = self._spoken.due_in_s()
+        if due_in_s is not None:
+            waits_s.append(due_in_s)
+        # rounded up, so that what is due is due when it wakes
+        return int(max(0.0, min(waits_s)) * 1000.0) + 1 if waits_s else None
+
+    def _tell(self, data: bytes) -> None:
+        """Let the fake hear, say what it says, and do to the line what it wants done."""
+        swallowed = time.monotonic() < self._swallow_until_s
+        said = self._spoken.feed(b"" if swallowed or self._gone else data)
+        if said and not swallowed and not self._gone:
+            self._say(said)
+        if isinstance(self.fake, Troubled):
+            for order in self.fake.line_orders():
+                self._happen(order)
+
+    def _opened_by_client(self) -> None:
+        """Tell the fake that somebody has opened its port."""
+        if isinstance(self.fake, Opened):
+            self.fake.port_opened()
+
+    # -- what a wire is --------------------------------------------------------------------------
+
+    @abstractmethod
+    def _open(self) -> None:
+        """Open the wire."""
+
+    @abstractmethod
+    def _close(self) -> None:
+        """Take the wire away."""
+
+    @abstractmethod
+    def _ends(self) -> list[int]:
+        """File descriptors to listen on."""
+
+    @abstractmethod
+    def _hear(self, end: int) -> None:
+        """Read from one of them and `_tell`."""
+
+    @abstractmethod
+    def _say(self, data: bytes) -> None:
+        """Send to whoever listens, without waiting."""
+
+    def _waits_to_write(self, end: int) -> bool:
+        """Whether bytes wait until this end takes more."""
+        return False
+
+    def _write_on(self, end: int) -> None:
+        """Send what waits."""
+        raise NotImplementedError
+
+    @abstractmethod
+    def _hang_up(self) -> None:
+        """Cut the present client off."""
+
+    def _reset(self) -> None:
+        self._hang_up()

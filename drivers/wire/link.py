@@ -1,0 +1,121 @@
+"""What a serial language talks over: a line, its exchange of questions and answers, and the log of both."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TypeVar
+
+from drivers.wire.command import Command
+from drivers.wire.exchange import Exchange, Patience
+from drivers.wire.line import ByteLine
+from drivers.wire.wire_log import WireLog
+from mountnav.errors import DeviceMissing
+from mountnav.tasks import waited_for
+
+T = TypeVar("T")
+
+
+class Link:
+    """A line that can be opened again, with a new exchange each time.
+
+    Parameters
+    ----------
+    line : ByteLine
+    patience : Patience
+        How long to wait for what.
+    log : WireLog
+        The one that the line notes its bytes in.
+    """
+
+    def __init__(self, line: ByteLine, patience: Patience, log: WireLog) -> None:
+        self._line = line
+        self._patience = patience
+        self._exchange = Exchange(line, patience)
+        self._fault: str | None = None
+        self._faulted = asyncio.Event()
+        self.log = log
+
+    @property
+    def device(self) -> str:
+        """Address, for messages."""
+        return self._line.address
+
+    @property
+    def patience(self) -> Patience:
+        """How long to wait for what."""
+        return self._patience
+
+    @property
+    def usable(self) -> bool:
+        """Whether it is open and not lost."""
+        return self._line.usable and self._fault is None
+
+    @property
+    def troubles(self) -> int:
+        """How many answers went wrong since it was opened."""
+        return self._exchange.troubles
+
+    @property
+    def answers(self) -> int:
+        """How many good answers came since it was opened."""
+        return self._exchange.answers
+
+    @property
+    def woke_after_s(self) -> float | None:
+        """See `Exchange.woke_after_s`."""
+        return self._exchange.woke_after_s
+
+    def unanswered_s(self) -> float:
+        """Since when the present question waits for its first good answer; 0 when there is none."""
+        return self._exchange.unanswered_s()
+
+    def take_line(self, line: ByteLine) -> None:
+        """Talk over another line from now on; for a link that is not open, as when a recording is played."""
+        self._exchange.end()
+        self._line = line
+        self._exchange = Exchange(line, self._patience)
+
+    async def open(self) -> None:
+        """Open the line, anew if it is open, and let it settle. Raises `DeviceMissing`."""
+        self._exchange.end()
+        await self._line.open()
+        await asyncio.sleep(self._patience.settle_s)
+        self._fault = None
+        self._faulted.clear()
+        self._exchange = Exchange(self._line, self._patience)
+
+    async def close(self) -> None:
+        """Release the line; closing twice is fine."""
+        self._exchange.end()
+        await self._line.close()
+
+    async def lost(self) -> str:
+        """Wait until the open line is lost, or a task that used it has died, and tell why."""
+        line, faulted = waited_for(self._line.lost()), waited_for(self._faulted.wait())
+        try:
+            await asyncio.wait({line, faulted}, return_when=asyncio.FIRST_COMPLETED)
+            return self._fault or await line
+        finally:
+            for one in (line, faulted):
+                one.cancel()
+
+    def lose(self, why: str) -> None:
+        """Count it as lost, though its line is not: until it is opened anew nothing is asked on it."""
+        if self._fault is None:
+            self._fault = why
+            self.log.note("event", meaning=f"lost {self.device}: {why}")
+            self._faulted.set()
+
+    async def ask(self, command: Command[T], *, deadline_s: float | None = None) -> T:
+        """Send a command and return what its reader makes of the answer; see `Exchange.ask`."""
+        if self._fault is not None:
+            raise DeviceMissing(
+                f"the line is lost: {self._fault}", device=self.device, advice="connect again"
+            )
+        if not self._line.usable:
+            raise DeviceMissing("the line is not open", device=self.device, advice="connect first")
+        return await self._exchange.ask(command, deadline_s=deadline_s)
+
+    async def send_now(self, *commands: Command[None]) -> None:
+        """Send commands in one write, past whatever is being asked: the path of a stop."""
+        await self._exchange.send_now(*commands)

@@ -1,0 +1,511 @@
+"""The face of the one way to a mount: what it is, what is known of it, and what may be ordered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from datetime import datetime
+from typing import Any
+
+from mountnav.clock import Clock, SystemClock
+from mountnav.devices import (
+    ConnectReport,
+    Direction,
+    Epoch,
+    Mount,
+    MountReading,
+    PierSide,
+    Skill,
+    SlewOutcome,
+    SyncResult,
+    TrackingRate,
+)
+from mountnav.journal.records import CommandRecord, EntryKind, Journal, Order, Unwritten
+from mountnav.mount.admission import Admission
+from mountnav.mount.agreement import Agreement
+from mountnav.mount.brief_orders import BriefOrders
+from mountnav.mount.guarding import Guard
+from mountnav.mount.last_seen import LastSeen, Memory
+from mountnav.mount.motions import Motions
+from mountnav.mount.segments import SegmentListener
+from mountnav.mount.sending import Sender
+from mountnav.mount.side_proof import SIDE_PROVEN, SideProof
+from mountnav.mount.slew_plans import SlewPlans
+from mountnav.mount.standing import Listener, Standing
+from mountnav.mount.syncs import Syncs
+from mountnav.mount.tracking_watch import TrackingWatch
+from mountnav.mount.written_orders import OrderBook
+from mountnav.pointing.limits import Limits, Mounting, Reached
+from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
+
+
+class CheckedMount:
+    """A mount behind its limits and its journal; a `Mount`, `Skilled`, `Trusts` and `Announces` itself.
+
+    Parameters
+    ----------
+    mount : Mount
+        The driver. It must not be used by anybody else from now on.
+    telescope : str
+    limits : Limits
+    site, air : Site, Air
+    journal : Journal, optional
+    clock : Clock, optional
+    mounting : {"german", "fork", "altaz"}, optional
+        None: not known.
+    """
+
+    def __init__(
+        self,
+        mount: Mount,
+        *,
+        telescope: str,
+        limits: Limits,
+        site: Site,
+        air: Air,
+        journal: Journal | None = None,
+        clock: Clock | None = None,
+        mounting: Mounting | None = None,
+    ) -> None:
+        self._mount = mount
+        self._clock = clock or SystemClock()
+        self._rate: TrackingRate | None = None
+        stated = getattr(mount, "sides_stated", False) is True
+        self._guard = guard = Guard(
+            limits, site, air, mounting, SideProof(stated=stated, tell=self._side_proven)
+        )
+        self._book = book = OrderBook(journal or Unwritten(), self._clock, telescope)
+        self._standing = standing = Standing(mount, book, self._clock)
+        self._sender = sender = Sender(mount, book, standing)
+        self._watch = watch = TrackingWatch(self, guard, book, self._clock, standing.tell)
+        self._agreement = agreement = Agreement(mount, standing, book, guard)
+        self._admission = admission = Admission(mount, guard, standing, sender, self._clock, agreement)
+        self._plans = plans = SlewPlans(mount, guard, sender, book, self._clock)
+        self._motions = Motions(mount, guard, standing, sender, admission, plans, watch, self._clock)
+        self._syncs = Syncs(mount, guard, standing, sender, admission, self._clock)
+        self._memory = Memory(standing, guard, book, self._clock)
+        self._limits = limits
+        self._wider_deg = self._off_deg = 0.0
+        standing.segments.listen(self._usual_again)
+        standing.on_reading(guard.saw)
+        standing.listen(self._not_followed)
+        self._brief = BriefOrders(mount, guard, standing, sender, admission, watch, book, self._clock)
+
+    # -- what it is --------------------------------------------------------------------------------
+
+    @property
+    def segment_id(self) -> str:
+        """Which segment this is: it changes with each sync that was seen, home, reboot or lost link."""
+        return self._standing.segments.segment_id
+
+    @property
+    def segment_since_utc(self) -> datetime | None:
+        """When this segment began; None if that was before the service used the mount."""
+        return self._standing.segments.since_utc
+
+    @property
+    def side_of_last_sync(self) -> PierSide | None:
+        """On which side of the pier this segment's zero points were synced; None if they weren't."""
+        return self._standing.segments.side_of_last_sync
+
+    @property
+    def last_motion_utc(self) -> datetime | None:
+        """End of the last order that moved the mount or gave it other zero points, or may have.
+
+        A frame exposed before it tells nothing of where the mount is now.
+        """
+        return self._standing.last_motion_utc
+
+    @property
+    def limits(self) -> Limits:
+        """What it is checked against."""
+        return self._guard.limits
+
+    @contextmanager
+    def wider_margin(self, by_deg: float) -> Iterator[None]:
+        """Keep so much more away from all limits meanwhile: it is known to point so far elsewhere."""
+        self._wider_deg += by_deg
+        self._keep_away()
+        try:
+            yield
+        finally:
+            self._wider_deg -= by_deg
+            self._keep_away()
+
+    def _keep_away(self) -> None:
+        margin_deg = max(self._limits.margin_deg, self._off_deg) + self._wider_deg
+        self._guard.limits = replace(self._limits, margin_deg=margin_deg)
+
+    @property
+    def mounting(self) -> Mounting | None:
+        """How it is mounted, as far as it is known."""
+        return self._guard.mounting
+
+    @property
+    def site(self) -> Site:
+        """Where it stands."""
+        return self._guard.site
+
+    @property
+    def air(self) -> Air:
+        """The air there."""
+        return self._guard.air
+
+    @property
+    def name(self) -> str:
+        """Name and address."""
+        return self._mount.name
+
+    @property
+    def epoch(self) -> Epoch:
+        """Kind of coordinates it speaks."""
+        return self._mount.epoch
+
+    @property
+    def resolution_arcsec(self) -> float:
+        """Coarsest step of a commanded or reported place."""
+        return self._mount.resolution_arcsec
+
+    @property
+    def skills(self) -> frozenset[Skill]:
+        """What it can do besides."""
+        return getattr(self._mount, "skills", frozenset())
+
+    @property
+    def trusted(self) -> bool:
+        """Whether its own position counts."""
+        return self._standing.trusted
+
+    @property
+    def moving(self) -> str | None:
+        """Which order holds the mount: ``slew``, ``park``, ``home``, ``sync``; None if none."""
+        return self._admission.job
+
+    @property
+    def contradiction(self) -> str | None:
+        """In what mount and settings differ on site and time; None if in nothing, or if that is accepted."""
+        return self._agreement.contradiction
+
+    async def require_agreement(self, order: str = "slew") -> None:
+        """Refuse an order while mount and settings contradict each other. Raises `DeviceRefused`."""
+        await self._agreement.require(order)
+
+    @property
+    def turned_deg(self) -> float | None:
+        """By how much its sky was turned when its site and clock were set to ours, degrees to the west.
+
+        None where they weren't, and since the sky has shown that it was right.
+        """
+        return self._agreement.turned_deg
+
+    def sky_agrees(self) -> None:
+        """A look has shown that its site and clock were set right."""
+        self._agreement.turned_deg = None
+
+    def restore_side_proof(self, facts: Mapping[str, Any]) -> None:
+        """Take over from the journal that this mount was seen to tell the right side of the pier."""
+        if facts.get("mount") == self.name:
+            self._guard.proof.restore()
+
+    def _side_proven(self, how: str) -> None:
+        facts = {"about": SIDE_PROVEN, "mount": self.name, "why": how}
+        self._book.note_now(EntryKind.SETTINGS, f"it tells the right side of the pier: {how}", facts)
+
+    def restore_agreement(self, facts: Mapping[str, Any]) -> None:
+        """Take over from the journal that a contradiction was accepted."""
+        self._agreement.restore(facts)
+
+    def accept_site_and_time(self) -> str | None:
+        """Accept the contradiction until it changes: the word of one who may configure; what was accepted."""
+        return self._agreement.accept()
+
+    async def set_site_and_time(self) -> ConnectReport:
+        """Set the mount's site and clock to ours, as far as it takes them. Moves nothing.
+
+        Raises
+        ------
+        DeviceRefused
+            It takes neither.
+        Busy, JournalFailed, DeviceError
+        """
+        reports: list[ConnectReport] = []
+
+        async def send(_: object) -> None:
+            reports.append(await self._agreement.set_right())
+
+        site = {"latitude_deg": self.site.latitude_deg, "longitude_deg": self.site.longitude_deg}
+        await self._brief.give("set-site", send, facts={**site, "clock": True})
+        self._standing.new_segment("its site and clock were set")
+        return reports[-1]
+
+    @property
+    def why_untrusted(self) -> str:
+        """Why it doesn't; empty while it does."""
+        return self._standing.why_untrusted
+
+    async def take_up(self, last: LastSeen | None, in_flight: Sequence[CommandRecord]) -> str | None:
+        """Take it up as an earlier run of the service left it; from now on what is seen is written down.
+
+        Parameters
+        ----------
+        last : LastSeen or None
+            As it was seen last; None if nothing is known.
+        in_flight : sequence of CommandRecord
+            Orders of earlier runs that were begun and never closed.
+
+        Returns
+        -------
+        str or None
+            Why it isn't trusted from now on, if that has come out.
+
+        Raises
+        ------
+        DeviceError
+            It can't be read: to be called again.
+        """
+        return self._memory.take_up(last, in_flight, await self.reading())
+
+    def trust(self) -> None:
+        """An operator's word that the position is right."""
+        self._standing.trust()
+
+    def trust_by_sight(self, off_deg: float, why: str) -> None:
+        """Let the position count since the sky has shown how far it is off.
+
+        Parameters
+        ----------
+        off_deg : float
+            All limits are kept away from as far as that, if it is more than their margin, until a new segment
+            begins.
+        why : str
+        """
+        self._standing.trust(why)
+        self._off_deg = off_deg
+        self._keep_away()
+
+    def _usual_again(self, segment_id: str, why: str) -> None:
+        """Other zero points: what was known of the old ones is over."""
+        self._off_deg = 0.0
+        self._keep_away()
+
+    def _not_followed(self, what: str, facts: Mapping[str, object]) -> None:
+        """A mount that was switched off, or out of sight, may stand on either side of the pier."""
+        if what == "untrusted":
+            self._guard.lost_sight()
+
+    def distrust(self, why: str) -> None:
+        """Let its position not count until a sync is seen, its home is found, or an operator says so."""
+        self._standing.distrust(why)
+
+    def new_segment(self, why: str) -> str:
+        """Its zero points are others from now on, say after a slip; the new segment's id."""
+        self._standing.new_segment(why)
+        return self.segment_id
+
+    def listen(self, listener: Listener) -> None:
+        """Tell of what happens to the link and the position, and of limits that come near or are reached."""
+        self._standing.listen(listener)
+
+    def on_reading(self, listener: Callable[[MountReading], None]) -> None:
+        """Tell of each reading that passes, whoever asked for it."""
+        self._standing.on_reading(listener)
+
+    def on_segment(self, listener: SegmentListener) -> None:
+        """Tell `listener(segment_id, why)` of each new segment."""
+        self._standing.segments.listen(listener)
+
+    @property
+    def tracking_rate(self) -> TrackingRate | None:
+        """At which rate it was last told to track, by us; None where nobody has yet."""
+        return self._rate
+
+    def reached(self, reading: MountReading, *, within_s: float = 43200.0) -> Reached | None:
+        """Which limit tracking from where the mount stands reaches first, and when.
+
+        Parameters
+        ----------
+        reading : MountReading
+        within_s : float
+            How far ahead is looked.
+        """
+        return self._guard.reached(reading, within_s=within_s)
+
+    def told(self, what: str) -> object | None:
+        """Something that only some mounts tell: ``link``, ``slew_state``, ``report``, ``wire_log``."""
+        return getattr(self._mount, what, None)
+
+    async def open(self) -> None:
+        """Connect, and begin to watch the limits. Moves nothing."""
+        await self._mount.open()
+        await self._agreement.opened()
+        self._watch.start()
+
+    async def close(self) -> None:
+        """Release; what is still to be written is written first."""
+        await self._watch.end()
+        try:
+            await self._mount.close()
+        finally:
+            await self._book.settle()
+
+    async def reading(self) -> MountReading:
+        """Where the mount believes it points."""
+        return await self._standing.reading()
+
+    async def destination_side(self, place: Apparent | Icrs) -> PierSide | None:
+        """On which side of the pier the tube would hang after a slew there; None if it can't tell."""
+        return await self._plans.destination_side(place)
+
+    # -- orders to move ----------------------------------------------------------------------------
+
+    async def slew(self, place: Apparent | Icrs) -> SlewOutcome:
+        """Go there, if the place and every way that the mount may take are allowed.
+
+        If the direct way isn't, it goes by way of one or two other places; each leg is an order of its own.
+
+        Parameters
+        ----------
+        place : Apparent or Icrs
+            Of the kind that `epoch` says.
+
+        Returns
+        -------
+        SlewOutcome
+            ``STOPPED`` also when a stop came before it was sent.
+
+        Raises
+        ------
+        OutsideLimits
+            With the limit, where and when; nothing was sent. Or the mount went another way than it should
+            have, and was stopped.
+        DeviceRefused
+            It is parked, its position can't be trusted (nothing was sent), or it said no.
+        Busy, BadRequest, JournalFailed
+            Nothing was sent.
+        DeviceError
+            The outcome isn't known, and the journal says so.
+        """
+        return await self._motions.slew(place)
+
+    async def would_slew(self, place: Apparent | Icrs, *, after_stop: bool = False) -> None:
+        """Tell what a slew there would be refused for now; nothing is sent, nothing written down.
+
+        Parameters
+        ----------
+        place : Apparent or Icrs
+        after_stop : bool
+            As if what runs now had been stopped: it is no reason then.
+
+        Raises
+        ------
+        OutsideLimits, DeviceRefused, Busy, BadRequest, DeviceError
+        """
+        if self._admission.job is not None and not after_stop:
+            raise self._admission.busy()
+        before = await self.reading()
+        if self.trusted:
+            self._guard.stood(before)
+        if (refusal := self._admission.unfit("slew", before)) is not None:
+            raise refusal
+        await self._agreement.require("slew")
+        await self._plans.found(before, place)
+
+    async def park(self) -> SlewOutcome:
+        """Go to the park position. Where that is the mount doesn't say: the way is watched, not predicted.
+
+        Raises
+        ------
+        DeviceRefused
+            It can't, its position can't be trusted, or it said no.
+        Busy, JournalFailed, DeviceError
+        """
+        return await self._motions.station("park", lambda mount: mount.park(), needs_trust=True)
+
+    async def home(self) -> SlewOutcome:
+        """Go home; a mount that finds its home by sensors may do so without being trusted.
+
+        Raises
+        ------
+        DeviceRefused
+            It can't, is parked, would go by a position that can't be trusted, or said no.
+        OutsideLimits
+            By day, where that is refused.
+        Busy, JournalFailed, DeviceError
+        """
+        finds = Skill.FIND_HOME in self.skills
+        why = "its home was found" if finds else ""
+        return await self._motions.station(
+            "home", lambda mount: mount.home(), needs_trust=not finds, new_segment=why
+        )
+
+    # -- other orders ------------------------------------------------------------------------------
+
+    async def sync(self, place: Apparent | Icrs) -> SyncResult:
+        """Tell the mount that it points there. Whether a look may be synced on `GuardedSync` decides.
+
+        Raises
+        ------
+        OutsideLimits
+            The place is below the ground: no telescope here can point there; nothing was sent.
+        DeviceRefused
+            It said no.
+        Busy, BadRequest, Cancelled, JournalFailed
+            Nothing was sent.
+        DeviceError
+            Whether it was carried out isn't known: a new segment begins.
+        """
+        return await self._syncs.sync(place)
+
+    async def stop(self) -> None:
+        """Stop all motion now; waits for no check and no disk.
+
+        Raises
+        ------
+        DeviceError
+            It can't be sent, or it still moves.
+        """
+        await self._brief.stop()
+
+    async def unpark(self) -> None:
+        """Be ready to move again: an order of its own, never given by itself. Raises as `park`."""
+        await self._brief.give("unpark", lambda mount: mount.unpark())
+
+    async def set_park(self) -> None:
+        """Take the present place for the park position. Raises `DeviceRefused` where it can't."""
+        await self._brief.set_park()
+
+    async def set_tracking(self, on: bool, rate: TrackingRate = TrackingRate.SIDEREAL) -> None:
+        """Follow the sky, or rest. To begin is refused where it would lead out of the limits at once.
+
+        Raises
+        ------
+        OutsideLimits, DeviceRefused, Busy, Cancelled, JournalFailed, DeviceError
+        """
+        facts: dict[str, object] = {"on": on, "rate": str(rate)}
+        await self._brief.give("track", lambda mount: mount.set_tracking(on, rate), facts=facts, follows=on)
+        if on:
+            self._rate = rate
+
+    async def guide(self, direction: Direction, duration_s: float) -> None:
+        """Move at the guide rate for a moment.
+
+        Raises
+        ------
+        OutsideLimits, DeviceRefused, Busy, Cancelled, JournalFailed, DeviceError
+        """
+        facts: dict[str, object] = {"direction": str(direction), "duration_s": duration_s}
+        await self._brief.give(
+            "guide", lambda mount: mount.guide(direction, duration_s), facts=facts, follows=True, moves=True
+        )
+
+    # -- before an order ---------------------------------------------------------------------------
+
+    async def require_unparked(self, order: Order) -> MountReading:
+        """Read the mount, and refuse an order to a parked one before anything is done for it.
+
+        Raises
+        ------
+        DeviceRefused, DeviceError, JournalFailed
+        """
+        return await self._admission.ready(order, needs_trust=False)

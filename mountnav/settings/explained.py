@@ -1,0 +1,122 @@
+"""A broken settings file explained: file, line, field, what is wrong, and the fix."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from collections.abc import Collection
+from typing import Any
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from mountnav.errors import BadSettings
+from mountnav.settings.toml_lines import line_of
+
+_SHOWN = 5
+
+_LONGEST_SHOWN = 80
+"""Characters of a wrong line that are told."""
+
+
+def syntax_fault(name: str, text: str, error: tomllib.TOMLDecodeError) -> BadSettings:
+    """Tell what to raise for a text that is not TOML."""
+    found = re.search(r"\(at line (\d+), column (\d+)\)", str(error))
+    what = re.sub(r"\s*\(at [^)]*\)", "", str(error))
+    lines = text.splitlines() or [""]
+    number = int(found.group(1)) if found else len(lines)
+    shown = lines[min(number, len(lines)) - 1].strip()[:_LONGEST_SHOWN]
+    fix = f"correct this line: {shown!r}" if found else f"the file ends too early, after {shown!r}"
+    return BadSettings(f"line {number}: this is not TOML: {what}", device=name, advice=fix)
+
+
+def explain(
+    error: ValidationError, name: str, text: str, data: dict[str, Any], *, known: Collection[str]
+) -> BadSettings:
+    """Tell what to raise for TOML that doesn't say what it should; the first few faults are told.
+
+    Parameters
+    ----------
+    data : dict
+        The parsed text, to tell keys from the tags that pydantic puts in a location.
+    known : collection of str
+        All names of settings, for "did you mean".
+    """
+    details = error.errors(include_url=False, include_input=False)
+    faults = [_fault(detail, text, data, known) for detail in details[:_SHOWN]]
+    if len(faults) == 1:
+        what, fix = faults[0]
+        return BadSettings(what, device=name, advice=fix)
+    told = "; ".join(f"{what} [fix: {fix}]" for what, fix in faults)
+    more = f"; and {len(details) - _SHOWN} more" if len(details) > _SHOWN else ""
+    return BadSettings(
+        f"{len(details)} faults: {told}{more}", device=name, advice="correct each, in this order"
+    )
+
+
+def _fault(detail: ErrorDetails, text: str, data: dict[str, Any], known: Collection[str]) -> tuple[str, str]:
+    context = detail.get("ctx") or {}
+    path = _without_tags(detail["loc"], data)
+    if "key" in context:
+        key = context["key"]
+        path = (*path, *(key if isinstance(key, tuple) else (str(key),)))
+    line = line_of(text, path)
+    where = f"line {line}: " if line else ""
+    return f"{where}{_dotted(path)}: {_what(detail)}", _fix(detail, path, known)
+
+
+def _without_tags(loc: tuple[str | int, ...], data: object) -> tuple[str | int, ...]:
+    """`loc` as keys of the file: pydantic names the variant of a tagged table in between."""
+    path: list[str | int] = []
+    here: object = data
+    for position, part in enumerate(loc):
+        is_last = position == len(loc) - 1
+        if isinstance(here, dict) and part not in here and part == here.get("kind") and not is_last:
+            continue
+        path.append(part)
+        if isinstance(here, dict):
+            here = here.get(part)
+        elif isinstance(here, list) and isinstance(part, int) and part < len(here):
+            here = here[part]
+        else:
+            here = None
+    return tuple(path)
+
+
+def _dotted(path: tuple[str | int, ...]) -> str:
+    text = ""
+    for part in path:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
+    return text or "settings"
+
+
+def _what(detail: ErrorDetails) -> str:
+    kind = detail["type"]
+    if kind == "extra_forbidden":
+        return "there is no such setting"
+    if kind == "missing":
+        return "this is required, and it is missing"
+    return detail["msg"][:1].lower() + detail["msg"][1:]
+
+
+def _fix(detail: ErrorDetails, path: tuple[str | int, ...], known: Collection[str]) -> str:
+    context = detail.get("ctx") or {}
+    if "fix" in context:
+        return str(context["fix"])
+    kind = detail["type"]
+    key = str(path[-1]) if path else ""
+    if kind == "extra_forbidden":
+        close = difflib.get_close_matches(key, sorted(known), n=1, cutoff=0.5)
+        return f"did you mean {close[0]}?" if close else "remove it; docs/configuration.md lists all settings"
+    if kind == "missing":
+        return f"add {key} = ... to {_dotted(path[:-1])}" if len(path) > 1 else f"add a [{key}] table"
+    if kind.startswith("union_tag"):
+        return 'write kind = "folder" or kind = "simulated"'
+    if key == "api_token_sha256":
+        return "it is 64 hexadecimal digits: the output of `printf %s YOUR-TOKEN | sha256sum`"
+    if key == "url":
+        return 'write for example url = "lx200+serial:///dev/ttyUSB0?baud=9600"'
+    if key == "id":
+        return "use lower-case letters, digits, - and _"
+    return f"change {key}; docs/configuration.md lists its range"

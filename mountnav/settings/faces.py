@@ -1,0 +1,130 @@
+"""`[alpaca]`, `[indi_server]`, `[lx200_server]`, `[stellarium]`: the doors for other people's programs."""
+
+from __future__ import annotations
+
+import ipaddress
+from typing import Self
+
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from mountnav.settings.section import Section
+
+
+class AlpacaSettings(Section):
+    """`[alpaca]`: ASCOM Alpaca, on the service's own HTTP port.
+
+    Attributes
+    ----------
+    enabled : bool
+    discovery : bool
+        Whether programs that look for Alpaca devices find this one; it listens where the service does.
+    discovery_port : int
+        UDP.
+    open : bool
+        Whether whoever reaches the port may operate telescopes through it without a key, though keys are
+        configured; else they need one (HTTP Basic, or X-API-Key).
+    auto_connect : bool
+        Whether a telescope that the service has connected counts as connected for every client at once;
+        some never ask.
+    location : str
+        What the management page tells of the place.
+    """
+
+    enabled: bool = True
+    discovery: bool = True
+    discovery_port: int = Field(default=32227, ge=0, le=65535)
+    open: bool = False
+    auto_connect: bool = True
+    location: str = Field(default="", max_length=200)
+
+
+class _Door(Section):
+    """A port without keys: whoever reaches it operates. Only this machine does, unless it is said."""
+
+    enabled: bool = False
+    host: str = "127.0.0.1"
+    open: bool = Field(default=False)
+
+    @property
+    def is_loopback(self) -> bool:
+        """Whether only this machine can reach it."""
+        if self.host == "localhost":
+            return True
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return False
+
+    @model_validator(mode="after")
+    def _wide_is_said(self) -> Self:
+        if self.enabled and not self.is_loopback and not self.open:
+            raise PydanticCustomError(
+                "wide_without_keys",
+                "listening on {host} lets every machine that reaches it move the telescope: "
+                "this protocol knows no keys",
+                {
+                    "host": self.host,
+                    "key": "host",
+                    "fix": 'set host = "127.0.0.1", or say open = true if the network is trusted',
+                },
+            )
+        return self
+
+
+class IndiServerSettings(_Door):
+    """`[indi_server]`: every telescope as an INDI device.
+
+    Attributes
+    ----------
+    enabled : bool
+    host, port
+        Where it listens; port 0 takes any free one.
+    open : bool
+        Whether others than this machine may reach it: the protocol knows no keys.
+    """
+
+    port: int = Field(default=7624, ge=0, le=65535)
+
+
+class _OneTelescopesDoor(_Door):
+    """A door behind which one telescope stands; `telescope` tells which, the first one if left out."""
+
+    telescope: str | None = None
+
+
+class Lx200ServerSettings(_OneTelescopesDoor):
+    """`[lx200_server]`: one telescope as an LX200 over TCP, for SkySafari and many apps.
+
+    Attributes
+    ----------
+    enabled : bool
+    host, port
+        Where it listens; port 0 takes any free one.
+    open : bool
+        Whether others than this machine may reach it: the protocol knows no keys.
+    telescope : str or None
+        Which; the first one if left out.
+    """
+
+    port: int = Field(default=4030, ge=0, le=65535)
+
+
+class StellariumSettings(_OneTelescopesDoor):
+    """`[stellarium]`: one telescope by Stellarium's own protocol.
+
+    Attributes
+    ----------
+    enabled : bool
+    host, port
+        Where it listens; port 0 takes any free one.
+    open : bool
+        Whether others than this machine may reach it: the protocol knows no keys.
+    telescope : str or None
+        Which; the first one if left out.
+    """
+
+    port: int = Field(default=10001, ge=0, le=65535)
+
+
+__all__ = ["AlpacaSettings", "IndiServerSettings", "Lx200ServerSettings", "StellariumSettings"]
