@@ -51,6 +51,11 @@ STRANGERS = 0.1
 """With fewer strangers than this share of the bright patches points aren't asked for a second image of them
 all: of one with a third of the light less than half are bright enough, and in a crowd half of these lie in
 other stars' patches. Reached in half of all frames it would cost time; doubled, such a one is overlooked."""
+CROWD, CROWD_REACH_PX = 400, 60.0
+"""Where no patch tells of a second image of drawn-out stars, so many of the brightest measured sources are
+asked within this distance of the identified ones. Doubled, each costs four times the time."""
+ALIKE_LIGHT = 0.3
+"""The two images of a star differ by no more than this share, where any patch may be the second."""
 UNLIKE = 2.0
 """Centers of light that scatter by so many times what patches of whole bins do lie otherwise for each star:
 trails whose pieces, lengths or neighbors differ. Doubled, fields that turned slightly would state too little;
@@ -357,6 +362,36 @@ def second_image(
     return _second(first, patches.flux[known], second, found.flux, center, shape)
 
 
+def second_sources(
+    x_px: Array, y_px: Array, flux: Array, identified: Index, center: complex, shape: tuple[int, int]
+) -> SecondImage | None:
+    """Look for the second image of a crowd among the measured sources, where patches of light run together.
+
+    Parameters
+    ----------
+    x_px, y_px, flux : ndarray, shape (n,)
+        All that was measured.
+    identified : ndarray of int, shape (m,)
+        Those that the plate has a star for.
+    center : complex
+    shape : (int, int)
+        Of the frame: height, width.
+
+    Returns
+    -------
+    SecondImage or None
+        Near by alone (`CROWD_REACH_PX`): farther off the images lie in patches of their own.
+    """
+    lit = identified[np.isfinite(flux[identified]) & (flux[identified] > 0)]
+    lit = lit[np.argsort(-flux[lit], kind="stable")][:STARS]
+    if lit.size < FEWEST:
+        return None
+    every = np.flatnonzero(np.isfinite(flux) & (flux > ALIKE_LIGHT * flux[lit].min()))
+    every = every[np.argsort(-flux[every], kind="stable")][:CROWD]
+    place = x_px + 1j * y_px - center
+    return _second(place[lit], flux[lit], place[every], flux[every], center, shape, CROWD_REACH_PX)
+
+
 def _second(
     first: Complex,
     first_flux: Array,
@@ -364,11 +399,16 @@ def _second(
     second_flux: Array,
     center: complex,
     shape: tuple[int, int],
+    reach_px: float = REACH_PX,
 ) -> SecondImage | None:
     """The similarity near to none that puts most of the first upon some of the second."""
     seeds = min(SEEDS, first.size)
     d = second[None, :] - first[:seeds, None]
-    i, j = np.nonzero((np.abs(d) < REACH_PX) & (np.abs(d) > NEAR_PX))
+    alike = np.ones(d.shape, dtype=bool)
+    if reach_px < REACH_PX:
+        light = second_flux[None, :] / first_flux[:seeds, None]
+        alike = (light > ALIKE_LIGHT) & (light < 1.0 / ALIKE_LIGHT)
+    i, j = np.nonzero((np.abs(d) < reach_px) & (np.abs(d) > NEAR_PX) & alike)
     p, q = np.triu_indices(i.size, 1)
     apart = first[i[q]] - first[i[p]]
     wide = (i[p] != i[q]) & (j[p] != j[q]) & (np.abs(apart) > 0.15 * min(shape))

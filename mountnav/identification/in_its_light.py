@@ -17,6 +17,7 @@ from mountnav.identification.field_motion import (
     centers_of_light,
     field_motion,
     second_image,
+    second_sources,
     strangers,
 )
 from mountnav.identification.identified import Identified
@@ -27,6 +28,7 @@ from mountnav.identification.second_sky import FAR_DIAGONALS, PER_FRAME, SecondS
 from mountnav.identification.selection import star_like
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.identification.verification import KEPT_SHARE, reach_of, sound
+from mountnav.measuring.background import Image
 from mountnav.measuring.light_patches import Patches, light_patches
 from mountnav.measuring.light_path import (
     FEW_STARS,
@@ -58,6 +60,17 @@ MOVED_SHARE_FWHM, MOVED_MOST_PX = 0.1, 1.5
 """The same for wide images: this share of their width, up to half of the 3 px that a place may be off."""
 MOVED_SIGMAS = 4.0
 """And farther off by fewer of its sigmas than this it can't be told from there: the frame is refused."""
+COMPLETE_MAG = 0.75
+"""Of sources so much brighter than the faintest star that the catalog has in the frame it has nearly all:
+Tycho-2 has 99 % to V = 11.0 and 90 % to 11.5. Halved, deep narrow frames would be refused."""
+FEWEST_STRANGERS, STRANGE_SHARE = 2, 0.5
+"""So many sources as bright, and so large a share of the stars that are as bright, aren't planets, variable
+stars and satellites any more: of two exposures as bright there are as many as stars."""
+SURE_MOVED_PX = 1.0
+"""A moved plate whose center isn't known better, all errors together, isn't given: three of them make the
+3 px that a place may be off. Doubled, one of 1,000 drawn frames was 3.5 px off."""
+TELLING_SIGMAS = 3.0
+"""The middle of the light, looked for once more about the moved places, may lie so many of its errors off."""
 MOVED_SHARE = 0.02
 """Error of a move, besides that of its center of light: the share of light that is too faint to be seen."""
 GHOST_RATIO = 0.7
@@ -165,6 +178,9 @@ def in_its_light(
     why = field.contradicts(path, fwhm_px)
     if why:
         return InItsLight(_as_turned(found, field, why), measurements, path, points=False)
+    why = _bright_strangers(patches, reference, stars, measurements)
+    if why:
+        return InItsLight(_as_unexplained(found, why), measurements, path, points=False)
     other = _second_sky(patches, reference, stars, measurements, sky)
     if other is not None and not _in_path(path, other, field.half_px):
         return InItsLight(_as_two_skies(found, other), measurements, path, points=False)
@@ -174,8 +190,9 @@ def in_its_light(
         # pieces of a path that is seen whole lie otherwise than its middle, and are in it
         elsewhere_px2 = field.variance_px2(complex(path.dx_px, path.dy_px), drawn_out=False)
         moved = _moved(reference, stars, measurements, path, elsewhere_px2, settings)
-        if moved is None:
-            return InItsLight(_refused(found, path), measurements, path, points=False)
+        why = "" if moved is None else _not_its_middle(moved, stars, pixels, fwhm_px, path, sky, plane)
+        if moved is None or why:
+            return InItsLight(_refused(found, path, why), measurements, path, points=False)
         numbers = found.numbers | {
             MOVED: path.off_px,
             "path_extent_px": path.extent_px,
@@ -312,6 +329,15 @@ def _field(
             second = second_image(
                 some, there.x_px, there.y_px, light, center, (height, width), drawn_out=drawn_out
             )
+    if second is None and drawn_out:
+        second = second_sources(
+            measurements.x_px,
+            measurements.y_px,
+            measurements.flux,
+            np.unique(reference.pairs.measurement),
+            center,
+            (height, width),
+        )
     return _Field(centers, field_motion(centers), second, abs(center))
 
 
@@ -336,6 +362,45 @@ def _second_sky(
         if found is not None:
             return found
     return None
+
+
+def _bright_strangers(
+    patches: Patches, reference: Reference, stars: Stars, measurements: Measurements
+) -> str:
+    """Why the bright light that is no star's forbids a plate on few stars; empty where it doesn't.
+
+    Two exposures in one have as many bright sources that a plate doesn't explain as it explains. Where few
+    stars were identified neither their mean image nor another place of the sky tells that: no star's second
+    image but two or three lie in the frame.
+    """
+    if len(reference.pairs) >= FEW_STARS:
+        return ""
+    there = predicted(
+        reference.plate, stars, width_px=measurements.width_px, height_px=measurements.height_px
+    )
+    mag = stars.mag[there.star]
+    light = 10.0 ** (-0.4 * np.where(np.isfinite(mag), mag, np.inf))
+    left = strangers(patches, there.x_px, there.y_px, light)
+    if left is None:
+        return ""
+    known = np.sort(patches.flux[left.known])[::-1]
+    bright = float(np.median(known))
+    # as faint as the catalog's faintest stars here sources of light need not be in it
+    faintest = float(np.nanmax(mag, initial=-np.inf))
+    middle = float(np.nanmedian(stars.mag[reference.pairs.star])) if len(reference.pairs) else np.inf
+    if not np.isfinite(middle) or middle > faintest - COMPLETE_MAG:
+        return ""
+    strange, own = int((left.flux > bright).sum()), int((known >= bright).sum())
+    if strange < max(FEWEST_STRANGERS, STRANGE_SHARE * own):
+        return ""
+    return (
+        f"{strange} sources brighter than the middle of the {known.size} identified stars are none that the "
+        f"catalog has (two exposures in one?)"
+    )
+
+
+def _as_unexplained(found: Identified, why: str) -> Identified:
+    return replace(found, reference=None, reason=Reason.TRAILED, detail=why)
 
 
 def _stars_about(
@@ -474,6 +539,41 @@ def _moved(
     return _with_error(again, (sigma_px**2 + elsewhere_px2) * scale**2), there
 
 
+def _not_its_middle(
+    moved: tuple[Reference, Measurements],
+    stars: Stars,
+    pixels: NDArray[np.generic],
+    fwhm_px: float,
+    path: LightPath,
+    sky: Sky | None,
+    plane: tuple[Image, Image],
+) -> str:
+    """Why a moved plate isn't the middle of the path; empty where the light lies evenly about its places.
+
+    A path of which one piece was not seen from where it was first looked at is looked at from elsewhere now:
+    what then has its middle elsewhere is not that path's.
+    """
+    reference, measurements = moved
+    scale = reference.plate.scale_arcsec_px()
+    sigma_px = math.sqrt(0.5 * float(np.trace(reference.center_covariance_arcsec2))) / scale
+    if sigma_px > SURE_MOVED_PX:
+        return f"its middle is only known to {sigma_px:.1f} px"
+    x, y = _places(reference, stars)
+    of_pairs = reference.pairs.measurement
+    clear = (measurements.flags[of_pairs] & _SPOILT) == 0
+    if x.size < FEW_STARS and sky is not None:
+        others = _round_about(reference, stars, measurements, sky)
+    else:
+        others = _expected(reference, stars, measurements)
+    again = light_path(pixels, x, y, measurements.flux[of_pairs], clear, fwhm_px, others=others, plane=plane)
+    if again is None or again.cut:
+        return "seen from its middle it reaches farther than can be seen"
+    sigma_px = min(SURE_PX, max(path.sigma_px, again.sigma_px))
+    if again.off_px <= _moved_px(fwhm_px) + TELLING_SIGMAS * sigma_px:
+        return ""
+    return f"seen from its middle it has another one, {again.off_px:.0f} px away"
+
+
 def _shifted(plate: Plate, dx_px: float, dy_px: float) -> Plate:
     """The plate that has every star so much farther along, to first order about the center."""
     dxi, deta = plate.matrix() @ np.array([dx_px, dy_px])
@@ -483,11 +583,11 @@ def _shifted(plate: Plate, dx_px: float, dy_px: float) -> Plate:
     return replace(plate, xi=xi, eta=eta)
 
 
-def _refused(found: Identified, path: LightPath) -> Identified:
+def _refused(found: Identified, path: LightPath, why: str = "") -> Identified:
     how_far = "more than can be seen" if path.cut else f"{path.extent_px:.0f} px from where they were found"
     detail = (
         f"the light of {path.stars} identified stars reaches {how_far} (a trail, a shaken tube, two "
-        f"exposures in one), and its middle is only known to {path.sigma_px:.1f} px"
+        f"exposures in one), and {why or f'its middle is only known to {path.sigma_px:.1f} px'}"
     )
     numbers = found.numbers | {
         "path_extent_px": path.extent_px,

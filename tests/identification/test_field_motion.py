@@ -31,6 +31,7 @@ TURNED_AND_DRIFTED, BREATHED, FEW_ARCS, BREATHED_AND_DRIFTED = (
     50294,
     50295,
 )
+BREATHED_IN_A_CROWD = 61286
 
 
 @pytest.mark.parametrize(
@@ -38,6 +39,7 @@ TURNED_AND_DRIFTED, BREATHED, FEW_ARCS, BREATHED_AND_DRIFTED = (
     [
         TURNED_ABOUT_A_CORNER,
         TURNED_TWICE,
+        BREATHED_IN_A_CROWD,
         *(
             pytest.param(one, marks=pytest.mark.long)
             for one in (TURNED_IN_A_CROWD, TURNED_AND_DRIFTED, BREATHED, FEW_ARCS, BREATHED_AND_DRIFTED)
