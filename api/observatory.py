@@ -38,6 +38,7 @@ from mountnav.navigation.reports import TelescopeState
 from mountnav.night.daylight import night_name
 from mountnav.night.recording import NightRecording, RecordedJournal
 from mountnav.settings.alpaca_camera import AlpacaCameraSettings
+from mountnav.settings.explained import line_of
 from mountnav.settings.observatory import (
     FolderCameraSettings,
     IndiCameraSettings,
@@ -45,7 +46,6 @@ from mountnav.settings.observatory import (
     SimulatedCameraSettings,
     TelescopeSettings,
 )
-from mountnav.settings.toml_lines import line_of
 from mountnav.simulation.mechanics import Mechanics
 
 _log = logging.getLogger(__name__)

@@ -32,9 +32,9 @@ from typing import Any
 from benchmarks.killed_child import AIR, LONGEST_S, SITE, Plan, child
 from drivers.fakes.bench import FakeOnPty
 from drivers.lx200.fake import FakeLx200
-from mountnav.journal.guesses import Likely
 from mountnav.journal.reading import JournalReader
 from mountnav.journal.records import CommandEnd, CommandRecord, Outcome
+from mountnav.journal.restart import Likely
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.chain import apparent_to_icrs, hour_angle_to_icrs
 from mountnav.sky.coordinates import Apparent, HourAngle, Icrs, utc_now

@@ -28,8 +28,8 @@ import numpy as np
 
 from mountnav.devices import PierSide
 from mountnav.errors import ModelRefused
+from mountnav.pointing.model.acceptance import Made, make
 from mountnav.pointing.model.in_force import ModelInForce
-from mountnav.pointing.model.making import Made, make
 from mountnav.pointing.model.mechanical import Conversion, mechanical
 from mountnav.pointing.model.model import model_of
 from mountnav.pointing.model.rigorous import ARCSEC, angles, geometry, seen_from, wrapped

@@ -17,7 +17,7 @@ from mountnav.errors import BadRequest, BadSettings, MountnavError
 from mountnav.night.recorded import read_recording
 from mountnav.parsing import json_of, repeated, toml_of
 from mountnav.pointing.model.model import PointingModel
-from mountnav.pointing.observation_file import read_observations
+from mountnav.pointing.observation import read_observations
 from mountnav.settings.observatory import Settings
 from mountnav.simulation.machine_file import MachineFile
 from mountnav.simulation.pointing_errors import PointingErrors

@@ -13,7 +13,7 @@ from api.access.callers import Caller, Face
 from api.access.noted_seldom import Seldom, Unnoted
 from api.http.faults import Problem, Refused, internal_problem, problem_of
 from mountnav.errors import MountnavError
-from mountnav.journal.audit_rows import AuditRow
+from mountnav.journal.audit_and_leases import AuditRow
 from mountnav.masking import masked
 from mountnav.sky.coordinates import utc_now
 

@@ -20,10 +20,8 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 
 from api.access.callers import Role
 from mountnav.errors import BadRequest, BadSettings, Unknown
-from mountnav.journal.database import database_url, file_of
-from mountnav.journal.places import state_folder
-from mountnav.plain_files import read_bytes
-from mountnav.private_files import locked
+from mountnav.files import locked, read_bytes
+from mountnav.journal.database import database_url, file_of, state_folder
 from mountnav.settings.observatory import Settings
 from mountnav.sky.coordinates import utc_now
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
 
-from mountnav.journal.lease_rows import LeaseRow
+from mountnav.journal.audit_and_leases import LeaseRow
 
 SHORTEST_S, LONGEST_S = 5.0, 3600.0
 """How long a lease may last without a heartbeat."""

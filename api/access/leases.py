@@ -23,7 +23,7 @@ from api.access.security import require_role
 from api.http.faults import Refused
 from api.orders.job import Job
 from mountnav.errors import MountnavError
-from mountnav.journal.lease_rows import LeaseRow
+from mountnav.journal.audit_and_leases import LeaseRow
 from mountnav.tasks import begun, fault_words
 
 _log = logging.getLogger(__name__)

@@ -10,10 +10,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from uuid import NAMESPACE_URL, UUID, uuid4, uuid5
 
-from mountnav.journal.database import database_url, file_of
-from mountnav.journal.places import state_folder
+from mountnav.files import locked
+from mountnav.journal.database import database_url, file_of, state_folder
 from mountnav.parsing import json_of
-from mountnav.private_files import locked
 from mountnav.settings.observatory import Settings
 
 _log = logging.getLogger(__name__)

@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from api.cli.journal_command import reader_of, wanted_of
-from mountnav.journal.audit_rows import AuditRow
+from mountnav.journal.audit_and_leases import AuditRow
 
 
 def show_audit(

@@ -9,16 +9,14 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from mountnav.errors import BadRequest, Unknown
-from mountnav.journal.checking import Checked, check
-from mountnav.journal.database import database_url
+from mountnav.journal.database import database_url, default_url
 from mountnav.journal.exporting import export
-from mountnav.journal.guesses import named
-from mountnav.journal.places import default_url
-from mountnav.journal.reading import JournalReader, Line
-from mountnav.journal.telling import as_json as json_of
-from mountnav.journal.telling import in_words
+from mountnav.journal.reading import JournalReader, Line, Wanted, instant
+from mountnav.journal.restart import named
 from mountnav.journal.upgrading import upgrade as bring_up_to_date
-from mountnav.journal.wanted import Wanted, instant
+from mountnav.journal.upkeep import Checked, check
+from mountnav.journal.wording import as_json as json_of
+from mountnav.journal.wording import in_words
 from mountnav.sky.coordinates import utc_now
 
 _KIND_WIDTH = 9

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from api.access.callers import Role
 from api.access.keys import KeyStore, keys_path
-from mountnav.journal.places import default_url
+from mountnav.journal.database import default_url
 
 
 def show_new(name: str, role: Role, config: Path | None, file: Path | None) -> None:

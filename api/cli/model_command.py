@@ -15,12 +15,11 @@ from uuid import uuid4
 from api.cli.model_sources import Source, Whose, source, whose
 from mountnav.clock import SystemClock
 from mountnav.errors import BadRequest
-from mountnav.plain_files import read_bytes
-from mountnav.pointing.model.allowed_sky import allowed_by
+from mountnav.files import read_bytes
+from mountnav.pointing.model.acceptance import Made, make
 from mountnav.pointing.model.fit import Fit
-from mountnav.pointing.model.making import Made, make
 from mountnav.pointing.model.model import PointingModel, model_of, noted
-from mountnav.pointing.model.planning import RunPlan, plan
+from mountnav.pointing.model.planning import RunPlan, allowed_by, plan
 from mountnav.pointing.model.terms import term
 from mountnav.pointing.model.tpoint_file import model_from, read_coefficients, write_coefficients
 

@@ -18,8 +18,7 @@ from mountnav.clock import SystemClock
 from mountnav.devices import PierSide
 from mountnav.errors import MountnavError
 from mountnav.pointing.model.model import PointingModel
-from mountnav.pointing.model.planning import RunPoint
-from mountnav.pointing.model.run_file import Outcome, RunFile, add, begin, mend, read_run
+from mountnav.pointing.model.planning import Outcome, RunFile, RunPoint, add, begin, mend, read_run
 from mountnav.pointing.observation import PointingObservation
 from mountnav.sky.chain import observed_to_icrs
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Observed, Site

@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Literal
 
 from mountnav.errors import BadRequest, BadSettings, Unknown
-from mountnav.plain_files import MOST_RECORD_BYTES, open_buffered, read_text
+from mountnav.files import MOST_RECORD_BYTES, open_buffered, read_text
 from mountnav.pointing.model.mechanical import Conversion, Mechanical, mechanical
-from mountnav.pointing.model.run_file import read_run
+from mountnav.pointing.model.planning import read_run
 from mountnav.pointing.model.tpoint_file import read_observations_text
-from mountnav.pointing.observation import PointingObservation
-from mountnav.pointing.observation_file import read_observations
+from mountnav.pointing.observation import PointingObservation, read_observations
 from mountnav.settings.model import ModelSettings
 from mountnav.settings.observatory import Settings, TelescopeSettings
 from mountnav.sky.coordinates import Air, Site

@@ -11,8 +11,8 @@ from api.cli.pointing_looks import looks, read_model
 from mountnav.devices import Epoch
 from mountnav.errors import BadRequest
 from mountnav.pointing.doctor import ORDINARY, Diagnosis, Finding, Geometry, diagnose, within
+from mountnav.pointing.doctor.facts import geometry_of
 from mountnav.pointing.doctor.findings import Mounting
-from mountnav.pointing.doctor.knowing import geometry_of
 from mountnav.pointing.model.model import PointingModel
 from mountnav.pointing.observation import PointingObservation
 from mountnav.sky.coordinates import Site

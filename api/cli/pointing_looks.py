@@ -13,8 +13,7 @@ from mountnav.errors import BadRequest
 from mountnav.journal.records import CommandEnd, CommandRecord, Outcome
 from mountnav.pointing.doctor.findings import Mounting
 from mountnav.pointing.model.model import PointingModel
-from mountnav.pointing.observation import PointingObservation
-from mountnav.pointing.observation_file import read_observations
+from mountnav.pointing.observation import PointingObservation, read_observations
 from mountnav.sky.chain import apparent_to_icrs
 from mountnav.sky.coordinates import Apparent, Site
 from mountnav.sky.iers import read_tables
@@ -86,7 +85,7 @@ def looks(
     BadRequest
         Options that make no sense together, a bad file, no site.
     """
-    from mountnav.journal.wanted import instant
+    from mountnav.journal.reading import instant
     from mountnav.settings.observatory import Settings
 
     read_tables()
@@ -160,10 +159,9 @@ def looks_of_journal(
     BadSettings, JournalFailed
         The journal can't be read.
     """
+    from mountnav.journal.database import default_url
     from mountnav.journal.observations import observations
-    from mountnav.journal.places import default_url
-    from mountnav.journal.reading import JournalReader
-    from mountnav.journal.wanted import COMMAND, Wanted
+    from mountnav.journal.reading import COMMAND, JournalReader, Wanted
 
     where = url or default_url()
     if telescope is None:

@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import BaseModel, Field
 
 from mountnav.journal.reading import Line, Run
-from mountnav.journal.telling import as_json
+from mountnav.journal.wording import as_json
 
 
 class JournalLineView(BaseModel):

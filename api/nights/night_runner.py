@@ -16,6 +16,7 @@ from drivers.wire.wire_log import WireEntry, WireLog
 from mountnav.catalog.stars import Catalog
 from mountnav.clock import Clock, SystemClock
 from mountnav.errors import BadRequest, Busy, DeviceError, JournalFailed, Unknown
+from mountnav.files import open_buffered
 from mountnav.frames import Frame, Hint
 from mountnav.journal.records import Entry, EntryKind, Journal, Unwritten
 from mountnav.night.daylight import night_name, sun_altitude_deg
@@ -27,7 +28,6 @@ from mountnav.night.placing import BySeries, Placing
 from mountnav.night.recording import NightRecording
 from mountnav.night.session import Listen, NightSession
 from mountnav.night.telescope import NightTelescope
-from mountnav.plain_files import open_buffered
 from mountnav.reading import read_frame
 from mountnav.series.results import SeriesSettings
 from mountnav.settings.night import NightSettings

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from mountnav.plain_files import read_bytes
+from mountnav.files import read_bytes
 from mountnav.tasks import fault_words
 
 _log = logging.getLogger(__name__)

@@ -30,12 +30,11 @@ from mountnav.journal.records import Entry, EntryKind, Journal
 from mountnav.navigation.looks_written import observation_of
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.reports import Look
+from mountnav.pointing.model.acceptance import Made
 from mountnav.pointing.model.loading import pointing_of
-from mountnav.pointing.model.making import Made
 from mountnav.pointing.model.mechanical import Conversion, Mechanical, mechanical
 from mountnav.pointing.model.model import PointingModel
-from mountnav.pointing.model.planning import RunPoint
-from mountnav.pointing.model.run_file import Part
+from mountnav.pointing.model.planning import Part, RunPoint
 from mountnav.pointing.model.terms import term
 from mountnav.pointing.observation import PointingObservation
 from mountnav.settings.observatory import Settings, TelescopeSettings

@@ -16,9 +16,9 @@ from api.solver.solve_record import solve_record
 from api.solver.solver import Solver
 from api.solver.solver_work import Upload
 from mountnav.errors import BadFrame, NotSolved
+from mountnav.files import open_plain
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.reports import Look
-from mountnav.plain_files import open_plain
 from mountnav.sky.coordinates import utc_now
 from mountnav.solution import Reason
 

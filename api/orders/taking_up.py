@@ -6,11 +6,10 @@ import asyncio
 import logging
 
 from mountnav.errors import DeviceError, JournalFailed
-from mountnav.journal.reading import JournalReader
+from mountnav.journal.reading import COMMAND, JournalReader, Wanted
 from mountnav.journal.records import CommandRecord, Entry, EntryKind, Outcome
 from mountnav.journal.restart import acknowledge, take_up
 from mountnav.journal.sql_journal import SqlJournal
-from mountnav.journal.wanted import COMMAND, Wanted
 from mountnav.mount import CheckedMount
 from mountnav.mount.agreement import ACCEPTED, ADVICE
 from mountnav.mount.last_seen import LastSeen, seen_of

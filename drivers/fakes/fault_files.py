@@ -26,9 +26,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.fakes.faults import KINDS, USUAL_KINDS, Fault, Kind, RandomFaults
 from mountnav.errors import BadSettings
+from mountnav.files import read_text
 from mountnav.parsing import toml_of
-from mountnav.plain_files import read_text
-from mountnav.settings.toml_lines import line_of
+from mountnav.settings.explained import line_of
 
 _Hex = Annotated[str | None, Field(pattern=r"^([0-9a-fA-F]{2})*$")]
 _Seconds = Annotated[float, Field(ge=0.0)]

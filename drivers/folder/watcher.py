@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from mountnav.clock import Clock, SystemClock
-from mountnav.plain_files import open_buffered
+from mountnav.files import open_buffered
 
 _log = logging.getLogger(__name__)
 _State = tuple[int, int]

@@ -15,8 +15,8 @@ from drivers.fakes.fake_wire import WireFake
 from drivers.fakes.faults import LineOrder
 from drivers.wire.wire_log import Way, WireEntry
 from mountnav.errors import BadSettings
+from mountnav.files import MOST_RECORD_BYTES, read_text
 from mountnav.parsing import json_of
-from mountnav.plain_files import MOST_RECORD_BYTES, read_text
 
 _PIECE_BYTES = 4096
 """So much of what was sent is looked at once for commands: a line gives less. Doubled, twice the time."""

@@ -5,8 +5,7 @@ send it.
 """
 
 from mountnav.client import orders, targets
-from mountnav.client.async_client import AsyncClient
-from mountnav.client.client import Client
+from mountnav.client.client import AsyncClient, Client
 from mountnav.client.failures import JobFailed, ServiceError
 from mountnav.client.results import (
     Capabilities,

@@ -18,10 +18,9 @@ import pyarrow.parquet as pq
 from sqlalchemy import Boolean, Integer, Table
 
 from mountnav.errors import BadRequest
-from mountnav.journal.column_types import Facts, Number, UtcTime
-from mountnav.journal.reading import ALL, JournalReader
+from mountnav.journal.database import Facts, Number, UtcTime
+from mountnav.journal.reading import ALL, JournalReader, Wanted
 from mountnav.journal.tables import command, entry, look
-from mountnav.journal.wanted import Wanted
 
 TABLES: Mapping[str, Table] = {"looks": look, "commands": command, "entries": entry}
 """What can be exported."""

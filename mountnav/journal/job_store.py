@@ -6,11 +6,10 @@ from datetime import datetime
 from typing import Protocol
 
 from mountnav.errors import MountnavError
-from mountnav.journal.guesses import named
 from mountnav.journal.job_rows import JobRow
-from mountnav.journal.reading import JournalReader
+from mountnav.journal.reading import COMMAND, JournalReader, Wanted
+from mountnav.journal.restart import named
 from mountnav.journal.sql_journal import SqlJournal
-from mountnav.journal.wanted import COMMAND, Wanted
 
 
 class JobKeeper(Protocol):

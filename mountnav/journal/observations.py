@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import TypeVar
 
 from mountnav.devices import MountReading, PierSide
-from mountnav.journal.reading import JournalReader
+from mountnav.journal.reading import COMMAND, LOOK, JournalReader, Wanted
 from mountnav.journal.records import CommandEnd, CommandRecord, LookRecord, Outcome
-from mountnav.journal.wanted import COMMAND, LOOK, Wanted
 from mountnav.pointing.observation import PointingObservation
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import displaced, half_turn_deg, offset_arcsec, separation_arcsec

@@ -1,31 +1,209 @@
-"""Reading the journal: by filters, a page at a time, or everything as one story in the order of time.
-
-Blocks: call it in a thread. It never writes; a service may write the same journal meanwhile.
-"""
+"""Reading the journal: filters, a page at a time, or everything as one story in the order of time."""
 
 from __future__ import annotations
 
+import base64
+import binascii
 import contextlib
+import json
+import re
 import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import URL, Connection, Select, Table, desc, func, or_, select
+from sqlalchemy import URL, Connection, Select, Table, desc, false, func, or_, select
+from sqlalchemy.sql.elements import ColumnElement
 
-from mountnav.errors import JournalFailed, Unknown
-from mountnav.journal.audit_rows import AuditRow, audit_of, audit_query
-from mountnav.journal.database import FAULTS, connectable, database_url, explained, file_of, shown_url
+from mountnav.errors import BadRequest, JournalFailed, Unknown
+from mountnav.journal.audit_and_leases import AuditRow, LeaseRow, audit_of, audit_query, lease_of
+from mountnav.journal.database import (
+    FAULTS,
+    connectable,
+    database_url,
+    explained,
+    file_of,
+    plain_text,
+    shown_url,
+)
 from mountnav.journal.job_rows import JobRow, job_of
-from mountnav.journal.lease_rows import LeaseRow, lease_of
-from mountnav.journal.queries import chosen, tables_of
-from mountnav.journal.records import CommandEnd, CommandRecord, Entry, LookRecord
+from mountnav.journal.records import CommandEnd, CommandRecord, Entry, EntryKind, LookRecord, Outcome
 from mountnav.journal.rows import command_of, end_of, entry_of, look_of
 from mountnav.journal.tables import command, entry, job, lease, look, run
 from mountnav.journal.upgrading import damaged_journal, is_begun, is_damage, require_today
-from mountnav.journal.wanted import COMMAND, LOOK, Mark, Wanted
+from mountnav.parsing import json_of
+
+__all__ = ["ALL", "JournalReader", "Line", "Mark", "Run", "Wanted"]
+
+
+LOOK, COMMAND = "look", "command"
+KINDS = (LOOK, COMMAND, *(str(kind) for kind in EntryKind))
+"""Kinds of lines that there are."""
+_AGO = re.compile(r"(\d+(?:\.\d+)?)\s*(s|min|m|h|d|w)")
+_EARLIEST, _LATEST = datetime(1000, 1, 1), datetime(9000, 1, 1)
+_UNIT_S = {"s": 1.0, "min": 60.0, "m": 60.0, "h": 3600.0, "d": 86400.0, "w": 604800.0}
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """Filters; what is None or empty filters nothing. A line must pass all of them.
+
+    Attributes
+    ----------
+    telescope : str or None
+        Rows of the whole service (``""``) don't pass a telescope's name.
+    kinds : frozenset of str
+        Of `KINDS`: ``look``, ``command``, or an entry's kind.
+    since, until : datetime or None
+        From (included) and to (not included).
+    job_id, night_id : str or None
+        Of its cause.
+    outcome : str or None
+        A command's; ``open`` for one that has none yet, ``solved`` and ``unsolved`` for looks.
+    text : str or None
+        Somewhere in its words, without regard to case.
+    segment_id : str or None
+    run_id : str or None
+        Of one run of the service.
+    """
+
+    telescope: str | None = None
+    kinds: frozenset[str] = frozenset()
+    since: datetime | None = None
+    until: datetime | None = None
+    job_id: str | None = None
+    night_id: str | None = None
+    outcome: str | None = None
+    text: str | None = None
+    segment_id: str | None = None
+    run_id: str | None = None
+
+    def __post_init__(self) -> None:
+        if unknown := sorted(self.kinds - set(KINDS)):
+            raise BadRequest(
+                f"there is no kind {unknown[0]!r} of journal lines", advice=f"one of {', '.join(KINDS)}"
+            )
+        for utc in (self.since, self.until):
+            if utc is not None and not _EARLIEST <= utc.replace(tzinfo=None) <= _LATEST:
+                raise BadRequest(f"{utc.isoformat()} is no time of a journal's", advice="from 1000 to 9000")
+        outcomes = ("open", "solved", "unsolved", *(str(one) for one in Outcome))
+        if self.outcome is not None and self.outcome not in outcomes:
+            raise BadRequest(f"there is no outcome {self.outcome!r}", advice=f"one of {', '.join(outcomes)}")
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Mark:
+    """A line's place in the story: in order of instants, then of the tables and their rows."""
+
+    utc: datetime
+    table: int
+    row: int
+
+    def encoded(self) -> str:
+        """As text that a client hands back."""
+        raw = json.dumps([self.utc.isoformat(), self.table, self.row])
+        return base64.urlsafe_b64encode(raw.encode()).decode().rstrip("=")
+
+    @classmethod
+    def decoded(cls, text: str) -> Mark:
+        """From that text. Raises `BadRequest`."""
+        try:
+            padded = text + "=" * (-len(text) % 4)
+            utc, table, row = json_of(base64.urlsafe_b64decode(padded.encode("ascii")))
+            found = cls(datetime.fromisoformat(utc), int(table), int(row))
+            dated = _EARLIEST <= found.utc.replace(tzinfo=None) <= _LATEST
+            if found.utc.tzinfo is None or not dated or not 0 <= found.row < 2**62:
+                raise ValueError(text)
+        except (ValueError, TypeError, OverflowError, UnicodeError, binascii.Error) as error:
+            raise BadRequest("this is no cursor", advice="take the one that the last answer gave") from error
+        return found
+
+
+def instant(text: str, now: datetime) -> datetime:
+    """The instant that a user means: ``2h``, ``3 d`` (ago), an ISO date or time, UTC unless it tells a zone.
+
+    Raises
+    ------
+    BadRequest
+        It is none.
+    """
+    if found := _AGO.fullmatch(text.strip()):
+        try:
+            return now - timedelta(seconds=float(found.group(1)) * _UNIT_S[found.group(2)])
+        except OverflowError:
+            return _EARLIEST.replace(tzinfo=UTC)
+    try:
+        at = datetime.fromisoformat(text.strip())
+        return at.replace(tzinfo=UTC) if at.tzinfo is None else at.astimezone(UTC)
+    except (ValueError, OverflowError):
+        raise BadRequest(
+            f"{text!r} is no time", advice="write 2h, 3d (ago), 2026-11-22, or 2026-11-22T03:00 (UTC)"
+        ) from None
+
+
+_WORDS = {
+    "look": ("reason", "detail", "camera", "source", "mode", "catalog", "used", "why", "look_id"),
+    "command": ("order", "end_detail", "outcome", "why", "command_id"),
+    "entry": ("what", "kind", "why"),
+}
+
+
+def tables_of(wanted: Wanted) -> tuple[Table, ...]:
+    """Tables that may hold a line that passes."""
+    kinds = wanted.kinds
+    found = []
+    if not kinds or kinds & {str(kind) for kind in EntryKind}:
+        found.append(entry)
+    if not kinds or COMMAND in kinds:
+        found.append(command)
+    if not kinds or LOOK in kinds:
+        found.append(look)
+    if wanted.outcome is not None:
+        found = [look if wanted.outcome in ("solved", "unsolved") else command]
+        if kinds and found[0].name not in kinds:
+            return ()
+    return tuple(found)
+
+
+def chosen(table: Table, wanted: Wanted) -> Select[Any]:
+    """All columns of the rows that pass, in no order."""
+    columns = table.c
+    query = select(table)
+    for column, value in (
+        (columns.telescope, wanted.telescope),
+        (columns.cause_job_id, wanted.job_id),
+        (columns.cause_night_id, wanted.night_id),
+        (columns.run_id, wanted.run_id),
+    ):
+        if value is not None:
+            query = query.where(column == value)
+    if wanted.since is not None:
+        query = query.where(columns.utc >= wanted.since)
+    if wanted.until is not None:
+        query = query.where(columns.utc < wanted.until)
+    if wanted.segment_id is not None:
+        query = query.where(false() if table is entry else columns.segment_id == wanted.segment_id)
+    if table is entry and wanted.kinds:
+        query = query.where(columns.kind.in_(sorted(wanted.kinds)))
+    if wanted.outcome is not None:
+        query = query.where(_outcome(table, wanted.outcome))
+    if wanted.text:
+        words = plain_text(wanted.text).lower()
+        query = query.where(
+            or_(*(func.lower(columns[name]).contains(words, autoescape=True) for name in _WORDS[table.name]))
+        )
+    return query
+
+
+def _outcome(table: Table, outcome: str) -> ColumnElement[bool]:
+    if table is look:
+        return look.c.solved.is_(outcome == "solved")
+    if table is command:
+        return command.c.outcome.is_(None) if outcome == "open" else command.c.outcome == outcome
+    return false()
+
 
 _TABLES: tuple[Table, ...] = (run, entry, command, look)
 ALL = Wanted()
@@ -331,6 +509,3 @@ def _after(query: Select[Any], table: Table, after: Mark | None, newest_first: b
     if newest_first:
         return query.where(or_(table.c.utc < after.utc, (table.c.utc == after.utc) & (table.c.row_id < row)))
     return query.where(or_(table.c.utc > after.utc, (table.c.utc == after.utc) & (table.c.row_id > row)))
-
-
-__all__ = ["ALL", "JournalReader", "Line", "Mark", "Run", "Wanted"]

@@ -14,11 +14,9 @@ from sqlalchemy import URL, Connection, delete, insert, or_, select, update
 
 from mountnav import __version__
 from mountnav.errors import JournalDamaged, JournalFailed
-from mountnav.journal.audit_rows import AuditRow, audit_values
-from mountnav.journal.checking import require_sound, require_whole
+from mountnav.journal.audit_and_leases import AuditRow, LeaseRow, audit_values, lease_statement
 from mountnav.journal.database import database_url, explained, shown_url
 from mountnav.journal.job_rows import JobRow, save_statement
-from mountnav.journal.lease_rows import LeaseRow, lease_statement
 from mountnav.journal.reading import JournalReader, Wanted
 from mountnav.journal.records import (
     Cause,
@@ -33,8 +31,8 @@ from mountnav.journal.records import (
 from mountnav.journal.rows import command_row, end_row, entry_row, look_row
 from mountnav.journal.runs import begin_run, end_run
 from mountnav.journal.tables import audit, command, entry, lease, look, run
-from mountnav.journal.thinning import Thinning
 from mountnav.journal.upgrading import upgrade
+from mountnav.journal.upkeep import Thinning, require_sound, require_whole
 from mountnav.journal.writer import Fsync, Piece, Statements, Trouble, Writer
 from mountnav.sky.coordinates import utc_now
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from sqlalchemy import Boolean, Column, Index, Integer, MetaData, String, Table
 
-from mountnav.journal.column_types import Facts, Number, UtcTime, Words
+from mountnav.journal.database import Facts, Number, UtcTime, Words
 
 HEAD = "0003"
 """The newest version, as `migrations` names it."""

@@ -14,8 +14,8 @@ from mountnav.errors import SyncDoubt
 from mountnav.navigation.kinds import from_mount
 from mountnav.navigation.reports import Look
 from mountnav.navigation.sync_policy import SyncPolicy, SyncRule
-from mountnav.pointing.in_force import Expected
-from mountnav.pointing.plausible import too_far
+from mountnav.pointing.model.in_force import Expected
+from mountnav.pointing.offset import too_far
 from mountnav.sky.chain import hour_angle_to_observed, icrs_to_hour_angle
 from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site
 from mountnav.sky.sphere import Offset, half_turn_deg, offset_arcsec, separation_arcsec

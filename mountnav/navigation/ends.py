@@ -8,7 +8,7 @@ from mountnav.navigation.policy import Approach, CenteringPolicy
 from mountnav.navigation.steering import Followed
 from mountnav.navigation.syncing import SyncDecision
 from mountnav.navigation.tries import Tries
-from mountnav.pointing.plausible import TooFarToSync
+from mountnav.pointing.offset import TooFarToSync
 
 DOUBTFUL_LOOKS = 2
 """So many looks in a row may be doubted, and taken anew, before a centering ends."""

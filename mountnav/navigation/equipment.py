@@ -18,8 +18,8 @@ from mountnav.navigation.learned import Learned
 from mountnav.navigation.readings_kept import ReadingsKept
 from mountnav.navigation.sync_policy import SyncPolicy
 from mountnav.navigation.syncing import GuardedSync
-from mountnav.pointing.in_force import Pointing
 from mountnav.pointing.limits import Limits, Mounting
+from mountnav.pointing.model.in_force import Pointing
 from mountnav.sky.coordinates import Air, Site
 from mountnav.solution import Verdict
 from mountnav.solving.settings import SolveSettings

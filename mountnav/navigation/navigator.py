@@ -40,8 +40,8 @@ from mountnav.navigation.states import state_of
 from mountnav.navigation.sync_policy import SyncPolicy
 from mountnav.navigation.syncing import GuardedSync, Occasion
 from mountnav.navigation.unsolved import Persistent, cheap
-from mountnav.pointing.in_force import NoModel, Pointing
 from mountnav.pointing.limits import Limits, Mounting
+from mountnav.pointing.model.in_force import NoModel, Pointing
 from mountnav.sky.coordinates import Air, Icrs, Site
 from mountnav.sky.sphere import displaced
 from mountnav.solution import Verdict

@@ -17,7 +17,7 @@ from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.kinds import for_mount, from_mount
 from mountnav.navigation.reports import SlewReport
 from mountnav.navigation.steps import step
-from mountnav.pointing.in_force import Expected
+from mountnav.pointing.model.in_force import Expected
 from mountnav.sky.chain import icrs_to_hour_angle
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import Offset, displaced, separation_arcsec

@@ -31,7 +31,7 @@ from mountnav.navigation.reports import Look
 from mountnav.navigation.sync_counts import SyncCounts
 from mountnav.navigation.sync_occasions import Occasion, SyncDecision, decided
 from mountnav.navigation.sync_policy import SyncPolicy
-from mountnav.pointing.in_force import Expected, Pointing
+from mountnav.pointing.model.in_force import Expected, Pointing
 from mountnav.pointing.observation import PointingObservation
 from mountnav.sky.coordinates import Air, Site
 from mountnav.sky.sphere import separation_arcsec

@@ -36,9 +36,9 @@ from mountnav.navigation.sync_policy import SyncPolicy
 from mountnav.navigation.sync_transaction import Listener, LookAgain, SyncTransaction, end_of
 from mountnav.navigation.telling import Seen, ToldSyncs
 from mountnav.navigation.unexpected import Unexpected
-from mountnav.pointing.in_force import Pointing
 from mountnav.pointing.limits import Limits
-from mountnav.pointing.plausible import TooFarToSync
+from mountnav.pointing.model.in_force import Pointing
+from mountnav.pointing.offset import TooFarToSync
 from mountnav.sky.coordinates import Air, Icrs, Site
 from mountnav.sky.sphere import Offset
 

@@ -27,7 +27,7 @@ from mountnav.navigation.sync_facts import SyncEnd, place_facts, read_back_facts
 from mountnav.navigation.sync_judge import Judge, side_of
 from mountnav.navigation.sync_read_back import ReadBack, send_sync, went_elsewhere
 from mountnav.navigation.undoing import turned_over, undo, undone
-from mountnav.pointing.in_force import Expected, one_point_sigma_arcsec
+from mountnav.pointing.model.in_force import Expected, one_point_sigma_arcsec
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_hour_angle
 from mountnav.sky.coordinates import HourAngle, Icrs
 from mountnav.sky.sphere import Offset, half_turn_deg, separation_arcsec

@@ -13,11 +13,11 @@ import numpy as np
 
 from mountnav.devices import MountReading, PierSide
 from mountnav.errors import BadRequest
+from mountnav.files import MOST_RECORD_BYTES, read_text
 from mountnav.frames import Frame, Hint
 from mountnav.night.events import Act, Decision, Why
 from mountnav.night.recording import VERSION
 from mountnav.parsing import json_of
-from mountnav.plain_files import MOST_RECORD_BYTES, read_text
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import Offset, half_turn_deg
 from mountnav.solution import IdentifiedPairs, Reason, Solution, Times, Verdict

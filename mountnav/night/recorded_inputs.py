@@ -15,7 +15,7 @@ from mountnav.night.events import CorrectionEnded, Event, FrameSeen, Said, Tick,
 from mountnav.night.memory import plate_of, state_with
 from mountnav.night.recorded import Json, offset_of, reading_of
 from mountnav.night.states import NO_OFFSET, Evidence, NightState
-from mountnav.pointing.in_force import Expected
+from mountnav.pointing.model.in_force import Expected
 from mountnav.sky.coordinates import Air, Site
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.errors import BadFrame
+from mountnav.files import open_plain
 from mountnav.frames import Frame
-from mountnav.plain_files import open_plain
 from mountnav.reading.bayer import is_mosaic, without_mosaic
 from mountnav.reading.content import Content, OnDisk
 from mountnav.reading.fits_cards import Value

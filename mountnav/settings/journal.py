@@ -7,7 +7,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from mountnav.journal.places import default_url
+from mountnav.journal.database import default_url
 from mountnav.settings.section import Section
 
 

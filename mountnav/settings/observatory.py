@@ -11,8 +11,8 @@ from pydantic import ConfigDict, Field, ValidationError, field_validator, model_
 from pydantic_core import PydanticCustomError
 
 from mountnav.errors import BadSettings
+from mountnav.files import read_text
 from mountnav.parsing import toml_of
-from mountnav.plain_files import read_text
 from mountnav.settings.alpaca_camera import AlpacaCameraSettings
 from mountnav.settings.catalogs import CatalogsSettings
 from mountnav.settings.centering import CenteringSettings

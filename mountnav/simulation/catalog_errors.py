@@ -10,7 +10,7 @@ from scipy.special import ndtri
 
 from mountnav.catalog.space_motion import motion_vectors, places, unit_vectors
 from mountnav.catalog.stars import Catalog, Stars
-from mountnav.simulation.chance import mixed
+from mountnav.simulation.seeded_random import mixed
 from mountnav.sky.coordinates import Icrs
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.space_motion import motion_vectors, motions_seen, places, unit_vectors
 from mountnav.catalog.stars import Catalog, Stars
 from mountnav.simulation.catalog_errors import ErringCatalog
-from mountnav.simulation.chance import salted
+from mountnav.simulation.seeded_random import salted
 from mountnav.simulation.sky_cells import FAINTEST_MAG, SkyRows, cells_near, invented, joined
 from mountnav.sky.coordinates import Icrs
 

@@ -31,8 +31,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from mountnav.errors import BadSettings
+from mountnav.files import read_text
 from mountnav.parsing import toml_of
-from mountnav.plain_files import read_text
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.pointing_errors import PointingErrors

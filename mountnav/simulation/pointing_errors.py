@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from mountnav.errors import BadSettings
+from mountnav.files import read_text
 from mountnav.parsing import toml_of
-from mountnav.plain_files import read_text
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from mountnav.catalog.packed.error_classes import error_curve
 from mountnav.catalog.packed.packing import CatalogColumns
 from mountnav.catalog.stars import StarFlag, Stars
-from mountnav.simulation.chance import normal, salted, uniform
 from mountnav.simulation.deep_sky import EPOCH_YR, DeepSky, g_mag, moved_and_cut
+from mountnav.simulation.seeded_random import normal, salted, uniform
 from mountnav.simulation.sky_cells import SkyRows, shifted
 from mountnav.simulation.sky_kinds import CatalogKind
 from mountnav.sky.coordinates import Icrs

@@ -13,7 +13,7 @@ from scipy.special import pdtrik
 from mountnav.catalog.packed.pixel_centers import pixel_centers
 from mountnav.catalog.space_motion import motion_vectors, places, unit_vectors
 from mountnav.catalog.star_counts import density_deg2
-from mountnav.simulation.chance import normal, salted, uniform
+from mountnav.simulation.seeded_random import normal, salted, uniform
 from mountnav.sky.coordinates import Icrs
 
 Array = NDArray[np.float64]

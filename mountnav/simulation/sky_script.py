@@ -29,8 +29,8 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from mountnav.errors import BadSettings
+from mountnav.files import read_text
 from mountnav.parsing import toml_of
-from mountnav.plain_files import read_text
 
 What = Literal["unplug", "silence", "reboot", "block-ha", "block-dec", "sync-deaf"]
 _WHATS = get_args(What)

@@ -16,7 +16,7 @@ import numpy as np
 from mountnav.clock import Clock
 from mountnav.frames import Frame, Hint
 from mountnav.measuring.quality import SkyQuality, StarImages
-from mountnav.simulation.chance import uniform
+from mountnav.simulation.seeded_random import uniform
 from mountnav.simulation.sky_script import SkyScript
 from mountnav.simulation.truth_frame import FrameTruth, truth_of
 from mountnav.sky.coordinates import Icrs

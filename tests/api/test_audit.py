@@ -18,9 +18,9 @@ from api.access.keys import KeyStore
 from api.cli.cli_journal import journal_app
 from api.http.faults import Refused, problem
 from mountnav.errors import OutsideLimits
-from mountnav.journal.audit_rows import AuditRow
+from mountnav.journal.audit_and_leases import AuditRow
 from mountnav.journal.sql_journal import SqlJournal, open_journal
-from mountnav.journal.thinning import Thinning
+from mountnav.journal.upkeep import Thinning
 from tests.api.conftest import Serve
 
 PATIENCE_S = 60.0

@@ -24,7 +24,7 @@ from api.orders.orders import Order, ParkOrder, SlewOrder
 from api.orders.targets import IcrsTarget
 from api.service import Service
 from mountnav.errors import DeviceSilent, JournalFailed
-from mountnav.journal.lease_rows import LeaseRow
+from mountnav.journal.audit_and_leases import LeaseRow
 from mountnav.journal.sql_journal import SqlJournal, open_journal
 from tests.api.conftest import Serve
 from tests.api.stop_answers import stopped

@@ -15,7 +15,7 @@ from api.access.callers import Caller, Face, Role
 from api.access.noted_seldom import EACH_S, Seldom, Unnoted
 from api.access.sparing_logs import KnownCallers, Sparing
 from api.http.faults import Refused, problem
-from mountnav.journal.audit_rows import AuditRow
+from mountnav.journal.audit_and_leases import AuditRow
 
 
 class Clock:

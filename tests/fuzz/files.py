@@ -27,13 +27,12 @@ from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.packed.packing import CatalogColumns, pack
 from mountnav.catalog.readers import open_reader
 from mountnav.errors import MountnavError
-from mountnav.journal.checking import check
 from mountnav.journal.database import database_url
 from mountnav.journal.reading import JournalReader
 from mountnav.journal.sql_journal import open_journal
+from mountnav.journal.upkeep import check
 from mountnav.pointing.model.model import PointingModel
-from mountnav.pointing.observation import PointingObservation
-from mountnav.pointing.observation_file import write_observations
+from mountnav.pointing.observation import PointingObservation, write_observations
 from mountnav.sky.coordinates import Icrs
 from tests.catalog import astap_files, siril_files, ucac4_zones, usno_b1_files
 from tests.journal.samples import look_of, note_of, slew_of

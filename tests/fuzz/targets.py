@@ -37,13 +37,13 @@ from mountnav.catalog.packed.header import decode_header as decode_packed
 from mountnav.catalog.readers import open_reader
 from mountnav.errors import BadFrame, BadRequest, BadSettings, MountnavError
 from mountnav.identification.blind.file_format import Header, decode_header, encode_header
-from mountnav.journal.wanted import Mark
+from mountnav.journal.reading import Mark
 from mountnav.night.recorded import read_recording
 from mountnav.pointing.limits.horizon import Horizon
 from mountnav.pointing.model.model import PointingModel
-from mountnav.pointing.model.run_file import read_run
+from mountnav.pointing.model.planning import read_run
 from mountnav.pointing.model.tpoint_file import read_observations_text
-from mountnav.pointing.observation_file import read_observations
+from mountnav.pointing.observation import read_observations
 from mountnav.reading import read_frame
 from mountnav.settings.observatory import Settings
 from mountnav.simulation.machine_file import MachineFile

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mountnav.journal.audit_rows import AuditRow
-from mountnav.journal.lease_rows import LeaseRow
+from mountnav.journal.audit_and_leases import AuditRow, LeaseRow
 from mountnav.journal.sql_journal import open_journal
 from tests.journal.samples import at
 

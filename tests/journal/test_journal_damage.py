@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from mountnav.errors import JournalDamaged
-from mountnav.journal.checking import check
 from mountnav.journal.database import database_url
 from mountnav.journal.reading import JournalReader
 from mountnav.journal.sql_journal import open_journal
+from mountnav.journal.upkeep import check
 from tests.journal.samples import look_of, note_of, slew_of
 
 

@@ -17,10 +17,9 @@ from astropy.time import Time
 
 from mountnav.errors import BadRequest
 from mountnav.journal.exporting import TABLES, columns_of, export
-from mountnav.journal.reading import JournalReader
+from mountnav.journal.reading import JournalReader, Wanted
 from mountnav.journal.records import CommandEnd, Outcome
 from mountnav.journal.sql_journal import SqlJournal
-from mountnav.journal.wanted import Wanted
 from tests.journal.samples import at, look_of, note_of, slew_of
 
 COUNT = 7

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from mountnav.journal.checking import check
 from mountnav.journal.database import database_url
 from mountnav.journal.reading import JournalReader
 from mountnav.journal.records import Outcome
+from mountnav.journal.upkeep import check
 
 ROOT = Path(__file__).resolve().parents[2]
 

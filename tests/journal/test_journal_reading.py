@@ -14,12 +14,11 @@ import pytest
 from mountnav.devices import MountReading, PierSide
 from mountnav.errors import BadRequest
 from mountnav.journal.observations import observation_of, observations
-from mountnav.journal.reading import JournalReader, Line
+from mountnav.journal.reading import KINDS, JournalReader, Line, Mark, Wanted, instant
 from mountnav.journal.records import Cause, CommandEnd, Entry, EntryKind, Outcome
 from mountnav.journal.sql_journal import SqlJournal, open_journal
-from mountnav.journal.telling import as_json, in_words
-from mountnav.journal.thinning import Thinning
-from mountnav.journal.wanted import KINDS, Mark, Wanted, instant
+from mountnav.journal.upkeep import Thinning
+from mountnav.journal.wording import as_json, in_words
 from mountnav.journal.writer import Piece
 from mountnav.sky.coordinates import Apparent, Icrs, utc_now
 from mountnav.sky.sphere import displaced, separation_arcsec

@@ -10,9 +10,8 @@ import pytest
 
 from mountnav.devices import MountReading
 from mountnav.errors import DeviceSilent
-from mountnav.journal.guesses import Likely, judged
 from mountnav.journal.records import CommandEnd, CommandRecord, EntryKind, Outcome, new_id
-from mountnav.journal.restart import acknowledge, take_up
+from mountnav.journal.restart import Likely, acknowledge, judged, take_up
 from mountnav.journal.sql_journal import SqlJournal, open_journal
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import displaced

@@ -14,8 +14,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mountnav.devices import MountReading, PierSide
-from mountnav.journal.column_types import plain_json, plain_text
-from mountnav.journal.reading import JournalReader
+from mountnav.journal.database import plain_json, plain_text
+from mountnav.journal.reading import JournalReader, Wanted
 from mountnav.journal.records import (
     Cause,
     CommandEnd,
@@ -27,7 +27,6 @@ from mountnav.journal.records import (
     new_id,
 )
 from mountnav.journal.sql_journal import SqlJournal, open_journal
-from mountnav.journal.wanted import Wanted
 from mountnav.sky.coordinates import Air, Apparent, Icrs
 from tests.journal.samples import look_of
 

@@ -14,12 +14,11 @@ from alembic.script import ScriptDirectory
 import mountnav.journal
 from mountnav.errors import BadSettings
 from mountnav.journal.database import connectable, database_url
-from mountnav.journal.reading import JournalReader
+from mountnav.journal.reading import JournalReader, Wanted
 from mountnav.journal.records import Cause, CommandEnd, EntryKind, Outcome
 from mountnav.journal.sql_journal import open_journal
 from mountnav.journal.tables import HEAD, metadata
 from mountnav.journal.upgrading import upgrade
-from mountnav.journal.wanted import Wanted
 from tests.journal.samples import at, look_of, slew_of
 
 VERSION_1 = Path(__file__).with_name("version_1.sql")

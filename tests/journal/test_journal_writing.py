@@ -17,7 +17,7 @@ import pytest
 
 from mountnav.errors import BadSettings, JournalFailed, Unknown
 from mountnav.journal.memory import MemoryJournal
-from mountnav.journal.reading import JournalReader
+from mountnav.journal.reading import JournalReader, Wanted
 from mountnav.journal.records import (
     CommandEnd,
     EntryKind,
@@ -25,7 +25,6 @@ from mountnav.journal.records import (
     because,
 )
 from mountnav.journal.sql_journal import SqlJournal, open_journal
-from mountnav.journal.wanted import Wanted
 from mountnav.journal.writer import Piece
 from tests.journal.samples import at, look_of, note_of, slew_of
 
@@ -143,7 +142,7 @@ import asyncio, json, resource, sys
 from mountnav.errors import JournalFailed
 from mountnav.journal.records import CommandEnd, EntryKind, Outcome
 from mountnav.journal.sql_journal import open_journal
-from mountnav.journal.wanted import Wanted
+from mountnav.journal.reading import Wanted
 from tests.journal.samples import at, note_of, slew_of
 
 async def main():

@@ -25,8 +25,8 @@ from mountnav.navigation.learned import Learned
 from mountnav.navigation.reports import Look
 from mountnav.navigation.sync_policy import SyncPolicy
 from mountnav.navigation.syncing import GuardedSync
-from mountnav.pointing.in_force import Expected, NoModel, Pointing
 from mountnav.pointing.limits import Limits
+from mountnav.pointing.model.in_force import Expected, NoModel, Pointing
 from mountnav.pointing.observation import PointingObservation
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics, PointingErrors

@@ -10,7 +10,7 @@ from benchmarks.worse_worlds import Outcome, lived
 from drivers.simulated.behavior import MountBehavior
 from mountnav.devices import PierSide
 from mountnav.errors import OffsetImplausible, SyncDoubt, SyncRefused
-from mountnav.pointing.plausible import TooFarToSync
+from mountnav.pointing.offset import TooFarToSync
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.sky.chain import icrs_to_apparent

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks.killed import Kill, Received, compared, steps_of, tried
-from mountnav.journal.guesses import Likely
 from mountnav.journal.records import CommandEnd, CommandRecord, Outcome, new_id
+from mountnav.journal.restart import Likely
 from mountnav.sky.coordinates import Icrs, utc_now
 
 # what is worst: written and not sent, on its way, done and not closed; of a slew and of a sync

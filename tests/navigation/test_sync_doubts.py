@@ -28,7 +28,7 @@ from mountnav.navigation.reports import Look
 from mountnav.navigation.sync_counts import SyncCounts, night_of
 from mountnav.navigation.sync_occasions import Occasion, decided
 from mountnav.navigation.sync_policy import SyncPolicy, SyncRule
-from mountnav.pointing.in_force import Expected
+from mountnav.pointing.model.in_force import Expected
 from mountnav.settings.sync import SyncSettings
 from mountnav.sky.chain import hour_angle_to_icrs
 from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site

@@ -29,8 +29,8 @@ from mountnav.navigation.steps import listening
 from mountnav.navigation.sync_policy import SyncPolicy, SyncRule
 from mountnav.navigation.syncing import GuardedSync, Occasion
 from mountnav.navigation.undoing import SyncUndone, UndoFailed, turned_over
-from mountnav.pointing.in_force import Expected
-from mountnav.pointing.plausible import TooFarToSync
+from mountnav.pointing.model.in_force import Expected
+from mountnav.pointing.offset import TooFarToSync
 from mountnav.simulation.mechanics import PointingErrors
 from mountnav.sky.chain import icrs_to_apparent
 from mountnav.sky.coordinates import Icrs

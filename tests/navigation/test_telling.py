@@ -19,7 +19,7 @@ from mountnav.navigation.doubts import Claim
 from mountnav.navigation.kinds import from_mount
 from mountnav.navigation.syncing import Occasion
 from mountnav.navigation.telling import Words
-from mountnav.pointing.in_force import Expected
+from mountnav.pointing.model.in_force import Expected
 from mountnav.sky.chain import hour_angle_to_icrs
 from mountnav.sky.coordinates import HourAngle, Icrs
 from mountnav.sky.sphere import Offset, displaced, separation_arcsec

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime
 
 from mountnav.devices import PierSide
-from mountnav.pointing.in_force import NoModel
+from mountnav.pointing.model.in_force import NoModel
 from mountnav.pointing.observation import PointingObservation
 from mountnav.sky.coordinates import Icrs
 

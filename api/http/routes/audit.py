@@ -10,9 +10,8 @@ from pydantic import BaseModel, Field
 
 from api.http.faults import responses
 from api.http.instants import Instant
-from mountnav.journal.audit_rows import AuditRow
-from mountnav.journal.reading import JournalReader
-from mountnav.journal.wanted import Wanted
+from mountnav.journal.audit_and_leases import AuditRow
+from mountnav.journal.reading import JournalReader, Wanted
 
 router = APIRouter(tags=["journal"])
 

@@ -10,9 +10,8 @@ from api.http.faults import responses
 from api.http.instants import Instant
 from api.http.journal_views import JournalPageView, RunView, page_view, run_view
 from api.service import TheTelescope
-from mountnav.journal.reading import JournalReader
+from mountnav.journal.reading import LOOK, JournalReader, Mark, Wanted
 from mountnav.journal.sql_journal import SqlJournal
-from mountnav.journal.wanted import LOOK, Mark, Wanted
 
 router = APIRouter(tags=["journal"])
 

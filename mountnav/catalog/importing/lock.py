@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from mountnav.errors import Busy
-from mountnav.private_files import open_lock
+from mountnav.files import open_lock
 
 _LOCK = "lock"
 

@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from mountnav.catalog.readers import Part
+from mountnav.files import read_text
 from mountnav.parsing import json_of
-from mountnav.plain_files import read_text
 
 RECORD = "record.json"
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mountnav.cache_folder import cache_folder
 from mountnav.catalog.online.catalog import CachedTiles, OnlineCatalog, Prefetched
 from mountnav.catalog.online.source import OnlineSource
 from mountnav.catalog.stars import Catalog
+from mountnav.files import cache_folder
 from mountnav.settings.catalogs import OnlineSettings
 
 __all__ = ["CachedTiles", "OnlineCatalog", "OnlineSource", "Prefetched", "open_online"]

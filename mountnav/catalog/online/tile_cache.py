@@ -30,8 +30,8 @@ from mountnav.catalog.online.tiles import SMALLEST_LEVEL, Tile
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.packed.packing import CatalogColumns, pack
 from mountnav.errors import BadSettings
+from mountnav.files import locked
 from mountnav.parsing import json_of
-from mountnav.private_files import locked
 
 MOST_OPEN = 256
 DOUBTFUL_DAYS = 0.5

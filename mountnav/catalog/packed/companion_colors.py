@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from mountnav.catalog.malformed import malformed_at
 from mountnav.catalog.packed.format import Header
 from mountnav.errors import BadCatalog, BadSettings
+from mountnav.files import open_buffered
 from mountnav.parsing import json_of
-from mountnav.plain_files import open_buffered
 
 Array = NDArray[np.float64]
 Facts = dict[str, str | int | float]

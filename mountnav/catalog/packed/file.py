@@ -30,7 +30,7 @@ from mountnav.catalog.packed.format import (
 from mountnav.catalog.packed.header import decode_header
 from mountnav.catalog.packed.pixel_choice import Runs
 from mountnav.errors import BadSettings
-from mountnav.plain_files import open_buffered
+from mountnav.files import open_buffered
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

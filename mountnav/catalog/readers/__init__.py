@@ -10,7 +10,7 @@ from typing import Protocol
 
 from mountnav.catalog.packed.packing import CatalogColumns
 from mountnav.errors import BadCatalog, BadRequest
-from mountnav.plain_files import require_plain
+from mountnav.files import require_plain
 
 KINDS: dict[str, str] = {
     "ucac4": "UCAC4 zone files (z001 to z900)",

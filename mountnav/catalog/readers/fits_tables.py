@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mountnav.catalog.malformed import malformed_at
 from mountnav.errors import BadCatalog
-from mountnav.plain_files import open_plain
+from mountnav.files import open_plain
 from mountnav.reading.content import OnDisk
 from mountnav.reading.fits_cards import BLOCK_LENGTH, Cards, read_cards
 

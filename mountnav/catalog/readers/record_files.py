@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.catalog.malformed import COPY_AGAIN, malformed_at
-from mountnav.plain_files import open_buffered
+from mountnav.files import open_buffered
 
 Records = NDArray[np.void]
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from mountnav.cache_folder import cache_folder
 from mountnav.catalog.packed import PackedStore
 from mountnav.errors import BadSettings
+from mountnav.files import cache_folder, locked
 from mountnav.identification.blind.file_format import VERSION
 from mountnav.identification.blind.index import BlindIndex
-from mountnav.private_files import locked
 
 Progress = Callable[[float], None]
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.errors import BadSettings
+from mountnav.files import open_buffered
 from mountnav.identification.blind.file_format import (
     LONGEST_HEADER_BYTES,
     PREAMBLE_BYTES,
@@ -24,7 +25,6 @@ from mountnav.identification.blind.file_format import (
 )
 from mountnav.identification.blind.grid import Grid, densities
 from mountnav.identification.blind.mapping import let_go, mapped
-from mountnav.plain_files import open_buffered
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

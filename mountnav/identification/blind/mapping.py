@@ -6,7 +6,7 @@ import mmap
 from contextlib import suppress
 from pathlib import Path
 
-from mountnav.plain_files import open_buffered
+from mountnav.files import open_buffered
 
 
 def mapped(path: Path) -> mmap.mmap:

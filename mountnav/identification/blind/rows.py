@@ -19,8 +19,8 @@ from mountnav.catalog.packed.format import (
 )
 from mountnav.catalog.packed.header import decode_header
 from mountnav.catalog.space_motion import motion_vectors, unit_vectors
+from mountnav.files import open_buffered
 from mountnav.identification.blind.mapping import let_go, mapped
-from mountnav.plain_files import open_buffered
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -16,8 +16,8 @@ from astropy.io.fits.verify import VerifyWarning
 from numpy.typing import NDArray
 
 from mountnav.errors import BadFrame, BadRequest
+from mountnav.files import open_plain
 from mountnav.measuring.calibration.facts import CameraFacts, Card, facts_from_header
-from mountnav.plain_files import open_plain
 from mountnav.reading.content import OnDisk
 from mountnav.reading.fits_extensions import check_size, walk
 from mountnav.reading.fits_images import unpacked_tiles

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from mountnav.devices import Epoch
 from mountnav.errors import BadRequest
+from mountnav.pointing.doctor.evidence import Fit, zeros_of
 from mountnav.pointing.doctor.facts import Facts, facts_of
 from mountnav.pointing.doctor.findings import HARMLESS, Diagnosis, Finding, Illness, Mounting
-from mountnav.pointing.doctor.fit import Fit, zeros_of
-from mountnav.pointing.doctor.mirrored import mirror_findings
+from mountnav.pointing.doctor.hypotheses import Shape, shapes, turns, zero_points
 from mountnav.pointing.doctor.priors import (
     ALARM,
     ORDINARY,
@@ -27,11 +27,8 @@ from mountnav.pointing.doctor.priors import (
     Geometry,
     noise_weights,
 )
-from mountnav.pointing.doctor.shapes import Shape, shapes
-from mountnav.pointing.doctor.sides import check_sides
-from mountnav.pointing.doctor.standing_sky import check_sky
-from mountnav.pointing.doctor.telling import Case, shape_finding, side_finding, turn_finding
-from mountnav.pointing.doctor.zero_points import turns, zero_points
+from mountnav.pointing.doctor.sky_checks import check_sides, check_sky, mirror_findings
+from mountnav.pointing.doctor.wording import Case, shape_finding, side_finding, turn_finding
 from mountnav.pointing.observation import PointingObservation
 from mountnav.sky.coordinates import Apparent, Site
 

@@ -1,9 +1,4 @@
-"""What observations tell, as arrays in the frame of the axes: where the tube looked, what the mount read.
-
-The frame has its pole where the first axis points (celestial pole; zenith for an alt-az mount), x towards the
-meridian (in the south for alt-az), y west. Longitude in it is hour angle (azimuth from south through west).
-Places are geometric: refraction is a column of the fit, as most mounts know none [POINTING §3.5].
-"""
+"""What the doctor starts from: observations in the frame of the axes, and what a pointing model says."""
 
 from __future__ import annotations
 
@@ -15,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.devices import PierSide
+from mountnav.pointing.doctor.priors import Geometry
+from mountnav.pointing.model.model import PointingModel
 from mountnav.pointing.observation import PointingObservation
 from mountnav.sky.chain import apparent_to_hour_angle, icrs_to_apparent
 from mountnav.sky.coordinates import Apparent, Icrs, Site
@@ -174,3 +171,52 @@ def wrapped(angle: Array) -> Array:
 def wrapped_deg(angle_deg: float) -> float:
     """Into (-180, 180]."""
     return half_turn_deg(angle_deg)
+
+
+_TERMS = {
+    "equatorial": {"CH": 0, "NP": 1, "ME": 2, "MA": 3, "TF": 4, "TX": 5},
+    "altaz": {"CA": 0, "NPAE": 1, "AN": 2, "AW": 3, "TF": 4, "TX": 5},
+}
+# the doctor has one set of rotations for both kinds of mounts: the equatorial ones
+_SENSES = {"CA": -1.0, "NPAE": -1.0, "AW": -1.0}
+_UNSAID = (30.0, 20.0, 60.0, 60.0, 30.0, 35.0)
+_LEAST_ARCSEC = 10.0
+_SIDES = 4.0
+
+
+def geometry_of(model: PointingModel) -> tuple[tuple[Geometry, ...], float]:
+    """Make priors of a model in force.
+
+    Parameters
+    ----------
+    model : PointingModel
+        What it holds beyond the six terms of geometry only widens them.
+
+    Returns
+    -------
+    geometry : tuple of Geometry
+    noise_arcsec : float
+        Scatter of single looks on the sky.
+    """
+    noise = max(math.sqrt(2.0) * model.scatter_arcsec, model.sky_rms_arcsec or 0.0, 5.0)
+    # terms that no rotation stands for act like errors of the geometry
+    others = [
+        value
+        for name, value in zip(model.terms, model.coefficients_arcsec, strict=True)
+        if name not in _TERMS[model.kind] and name not in ("IH", "ID", "IA", "IE")
+    ]
+    spare = math.sqrt(sum(one**2 for one in others))
+    values, sigmas = [0.0, 0.0, 0.0, 0.0, 0.0, 12.5], list(_UNSAID)
+    for name, value, sigma in zip(model.terms, model.coefficients_arcsec, model.sigma_arcsec, strict=True):
+        at = _TERMS[model.kind].get(name)
+        if at is not None:
+            values[at] = _SENSES.get(name, 1.0) * value
+            sigmas[at] = math.hypot(max(sigma, _LEAST_ARCSEC), spare)
+    v, s = values, sigmas
+    return (
+        Geometry(
+            (v[0], v[1], v[2], v[3], v[4], v[5]),
+            (s[0], s[1], s[2], s[3], s[4], s[5]),
+            _SIDES * max(noise, 15.0),
+        ),
+    ), noise

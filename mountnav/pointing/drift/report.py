@@ -7,8 +7,7 @@ from datetime import datetime
 
 from mountnav.pointing.drift.periodic import periodic_error
 from mountnav.pointing.drift.polar import from_drift, from_model, polar_alignment
-from mountnav.pointing.drift.settling import settling
-from mountnav.pointing.drift.stretches import JUMP_ARCSEC, MOVED_ARCSEC, cut, looks_of, stretch_of
+from mountnav.pointing.drift.stretches import JUMP_ARCSEC, MOVED_ARCSEC, cut, looks_of, settling, stretch_of
 from mountnav.pointing.drift.values import DriftReport, PeriodicError, PolarAlignment, Settling, Stretch
 from mountnav.pointing.observation import PointingObservation
 from mountnav.series.drift import jumps

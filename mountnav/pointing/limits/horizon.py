@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.errors import BadSettings
-from mountnav.plain_files import read_text
+from mountnav.files import read_text
 
 Floats = NDArray[np.float64]
 

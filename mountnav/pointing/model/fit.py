@@ -10,8 +10,7 @@ from typing import Literal
 import numpy as np
 
 from mountnav.errors import ModelRefused
-from mountnav.pointing.model.covariance import covariance_of, variance_factor
-from mountnav.pointing.model.left_out import loo_residuals, loo_rms
+from mountnav.pointing.model.leave_one_out import covariance_of, loo_residuals, loo_rms, variance_factor
 from mountnav.pointing.model.linear import Segments, ZeroPoints
 from mountnav.pointing.model.mechanical import Bools, Mechanical
 from mountnav.pointing.model.robust import RobustFit, first_state, plays_told, robust_fit, state_at

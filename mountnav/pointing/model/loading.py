@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from mountnav.errors import BadRequest, BadSettings
-from mountnav.pointing.in_force import NoModel, Pointing
-from mountnav.pointing.model.in_force import ModelInForce
+from mountnav.pointing.model.in_force import ModelInForce, NoModel, Pointing
 from mountnav.pointing.model.model import PointingModel
 from mountnav.settings.model import ModelSettings
 from mountnav.sky.coordinates import Air, Site

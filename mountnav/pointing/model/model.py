@@ -16,8 +16,8 @@ from uuid import uuid4
 import numpy as np
 
 from mountnav.errors import BadRequest, MountnavError
+from mountnav.files import read_text
 from mountnav.parsing import json_of
-from mountnav.plain_files import read_text
 from mountnav.pointing.model.fit import Fit
 from mountnav.pointing.model.rigorous import Geometry, geometry
 from mountnav.pointing.model.terms import ZERO_POINTS, Array, Kind, term

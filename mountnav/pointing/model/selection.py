@@ -20,8 +20,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from mountnav.errors import ModelRefused
-from mountnav.pointing.model.covariance import covariance_of
-from mountnav.pointing.model.left_out import bounded_losses, loo_arcsec, loo_residuals, loo_rms
+from mountnav.pointing.model.leave_one_out import (
+    bounded_losses,
+    covariance_of,
+    loo_arcsec,
+    loo_residuals,
+    loo_rms,
+)
 from mountnav.pointing.model.linear import LinearFit, Segments, ZeroPoints, solve
 from mountnav.pointing.model.mechanical import Bools, Mechanical
 from mountnav.pointing.model.rigorous import ARCSEC

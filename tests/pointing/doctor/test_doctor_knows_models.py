@@ -7,9 +7,8 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from mountnav.pointing.doctor.facts import to_altaz
-from mountnav.pointing.doctor.knowing import geometry_of
-from mountnav.pointing.doctor.mechanics import looks_at
+from mountnav.pointing.doctor.evidence import looks_at
+from mountnav.pointing.doctor.facts import geometry_of, to_altaz
 from mountnav.pointing.model.model import PointingModel
 from mountnav.pointing.model.terms import axis_place, term
 

@@ -21,7 +21,7 @@ from mountnav.devices import MountReading
 from mountnav.errors import BadRequest
 from mountnav.journal.records import CommandEnd, CommandRecord, LookRecord, Outcome
 from mountnav.journal.sql_journal import open_journal
-from mountnav.pointing.observation_file import read_observations, write_observations
+from mountnav.pointing.observation import read_observations, write_observations
 from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.sky.coordinates import Air, Site
 from mountnav.sky.sphere import separation_arcsec

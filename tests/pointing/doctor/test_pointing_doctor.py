@@ -14,9 +14,8 @@ from benchmarks.pointing_doctor import START, Patient, errors_of, make, night, p
 from mountnav.devices import PierSide
 from mountnav.errors import BadRequest
 from mountnav.pointing.doctor import ORDINARY, Illness, diagnose, known
+from mountnav.pointing.doctor.evidence import Fit, looks_at, zeros_of
 from mountnav.pointing.doctor.facts import facts_of
-from mountnav.pointing.doctor.fit import Fit, zeros_of
-from mountnav.pointing.doctor.mechanics import looks_at
 from mountnav.simulation.geometry import true_direction
 from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.sky.chain import hour_angle_to_icrs

@@ -12,9 +12,9 @@ from typer.testing import CliRunner
 from api.cli.cli_model import model_app
 from mountnav.errors import BadRequest, MountnavError, Unknown
 from mountnav.pointing.model.model import PointingModel
-from mountnav.pointing.model.run_file import read_run
+from mountnav.pointing.model.planning import read_run
 from mountnav.pointing.model.tpoint_file import read_coefficients
-from mountnav.pointing.observation_file import write_observations
+from mountnav.pointing.observation import write_observations
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.pointing_errors import PointingErrors

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from mountnav.errors import BadRequest, ModelRefused
-from mountnav.pointing.model.acceptance import judge
+from mountnav.pointing.model.acceptance import judge, make
 from mountnav.pointing.model.fit import fit
-from mountnav.pointing.model.making import make
 from mountnav.pointing.model.model import model_of
 from tests.pointing.model.model_data import SIX, pmfit, spoiled, telescope
 

@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mountnav.errors import BadRequest, BadSettings, ModelRefused
-from mountnav.pointing.in_force import NoModel
 from mountnav.pointing.model.fit import fit
-from mountnav.pointing.model.in_force import ModelInForce
+from mountnav.pointing.model.in_force import ModelInForce, NoModel
 from mountnav.pointing.model.loading import pointing_of
 from mountnav.pointing.model.model import PointingModel, model_of
 from mountnav.pointing.model.tpoint_file import (

@@ -9,9 +9,8 @@ import pytest
 
 from mountnav.devices import PierSide
 from mountnav.errors import ModelRefused
-from mountnav.pointing.in_force import Pointing
 from mountnav.pointing.model.fit import fit
-from mountnav.pointing.model.in_force import ModelInForce
+from mountnav.pointing.model.in_force import ModelInForce, Pointing
 from mountnav.pointing.model.mechanical import Conversion, mechanical
 from mountnav.pointing.model.model import model_of
 from mountnav.pointing.model.rigorous import ARCSEC, direction, geometry, seen_from

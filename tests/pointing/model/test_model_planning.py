@@ -10,9 +10,18 @@ from hypothesis import strategies as st
 from mountnav.devices import PierSide
 from mountnav.errors import BadRequest
 from mountnav.pointing.limits import Limits
-from mountnav.pointing.model.allowed_sky import allowed_by
-from mountnav.pointing.model.planning import plan, shortest, spiral, way_deg
-from mountnav.pointing.model.run_file import Outcome, add, begin, mend, read_run
+from mountnav.pointing.model.planning import (
+    Outcome,
+    add,
+    allowed_by,
+    begin,
+    mend,
+    plan,
+    read_run,
+    shortest,
+    spiral,
+    way_deg,
+)
 from mountnav.pointing.observation import PointingObservation
 from mountnav.sky.coordinates import Icrs, Site, utc_now
 

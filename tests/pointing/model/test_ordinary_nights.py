@@ -10,8 +10,8 @@ import pytest
 from api.cli.model_command import fit_lines, fit_record, model_lines
 from benchmarks.ordinary_nights import START, judged, night
 from mountnav.errors import ModelRefused
+from mountnav.pointing.model.acceptance import make
 from mountnav.pointing.model.fit import fit
-from mountnav.pointing.model.making import make
 from mountnav.pointing.model.mechanical import mechanical
 from mountnav.pointing.model.model import model_of
 from mountnav.pointing.model.visits import visits

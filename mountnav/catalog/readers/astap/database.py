@@ -18,7 +18,7 @@ from mountnav.catalog.readers.astap.records import DEC_STEP_DEG, RA_STEP_DEG, De
 from mountnav.catalog.readers.unknown_motion import unknown_motion_mas_yr
 from mountnav.catalog.stars import StarFlag
 from mountnav.errors import BadCatalog
-from mountnav.plain_files import MOST_RECORD_BYTES, open_buffered, read_bytes
+from mountnav.files import MOST_RECORD_BYTES, open_buffered, read_bytes
 
 Array = NDArray[np.float64]
 

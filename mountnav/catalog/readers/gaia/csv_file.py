@@ -21,7 +21,7 @@ from mountnav.catalog.readers.gaia.parquet_file import arrow_values
 from mountnav.catalog.readers.gaia.quantities import QUANTITIES, found_columns, require_unit
 from mountnav.catalog.readers.gaia.tables import Block, Layout, Piece
 from mountnav.errors import BadCatalog
-from mountnav.plain_files import open_unpacked
+from mountnav.files import open_unpacked
 
 _PIECE_BYTES = 256 * 2**20
 _BLOCK_BYTES = 16 * 2**20

@@ -15,7 +15,7 @@ from mountnav.catalog.readers.gaia.epochs import epoch_in_texts
 from mountnav.catalog.readers.gaia.quantities import QUANTITIES, found_columns, require_unit
 from mountnav.catalog.readers.gaia.tables import LARGEST_CHUNK, Block, Layout, Piece
 from mountnav.errors import BadCatalog
-from mountnav.plain_files import open_buffered
+from mountnav.files import open_buffered
 
 if TYPE_CHECKING:
     import pyarrow as pa

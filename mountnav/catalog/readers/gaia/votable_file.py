@@ -20,7 +20,7 @@ from mountnav.catalog.readers.gaia.epochs import epoch_in_texts, epoch_of_label
 from mountnav.catalog.readers.gaia.quantities import QUANTITIES, found_columns, require_unit
 from mountnav.catalog.readers.gaia.tables import LARGEST_CHUNK, Block, Layout, Piece
 from mountnav.errors import BadCatalog
-from mountnav.plain_files import open_unpacked
+from mountnav.files import open_unpacked
 
 LARGEST_BYTES = 1_000_000_000
 """A VOTable is read as a whole; a larger one wouldn't fit the memory of an observatory's computer."""

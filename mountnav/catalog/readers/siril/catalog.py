@@ -22,7 +22,7 @@ from mountnav.catalog.readers.siril.layout import (
 )
 from mountnav.catalog.readers.siril.stars import columns_of, pixels_dec_range_deg, require_sound
 from mountnav.errors import BadCatalog
-from mountnav.plain_files import open_buffered
+from mountnav.files import open_buffered
 
 _LARGEST_PART = 500_000
 _BZIP2_SUFFIX = ".bz2"

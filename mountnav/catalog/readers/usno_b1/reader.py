@@ -16,7 +16,7 @@ from mountnav.catalog.readers.usno_b1.mapping import columns_of
 from mountnav.catalog.readers.usno_b1.record import RECORD, decoded, detections, impossible
 from mountnav.catalog.readers.zone_folder import files_by_zone, zone_list
 from mountnav.errors import BadCatalog
-from mountnav.plain_files import read_bytes
+from mountnav.files import read_bytes
 
 ZONES = 1800
 TURN_CAS = 360 * 360_000

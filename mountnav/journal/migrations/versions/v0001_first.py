@@ -8,7 +8,7 @@ from __future__ import annotations
 import sqlalchemy as sa
 from alembic import op
 
-from mountnav.journal.column_types import Facts, Number, UtcTime, Words
+from mountnav.journal.database import Facts, Number, UtcTime, Words
 
 revision = "0001"
 down_revision = None

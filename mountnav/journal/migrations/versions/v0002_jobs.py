@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlalchemy as sa
 from alembic import op
 
-from mountnav.journal.column_types import Facts, UtcTime, Words
+from mountnav.journal.database import Facts, UtcTime, Words
 
 revision = "0002"
 down_revision = "0001"

@@ -5,10 +5,10 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from mountnav.journal.column_types import plain_json
-from mountnav.journal.guesses import named
+from mountnav.journal.database import plain_json
 from mountnav.journal.reading import Line
 from mountnav.journal.records import CommandRecord, EntryKind, LookRecord
+from mountnav.journal.restart import named
 from mountnav.journal.rows import command_row, end_row, entry_row, look_row
 
 

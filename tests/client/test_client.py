@@ -26,7 +26,7 @@ from api.http.serving import bind, make_server
 from api.orders.orders import KINDS, Order
 from api.service import Service
 from mountnav.client import AsyncClient, Client, JobFailed, ServiceError, orders, requests, results, targets
-from mountnav.client.calls import Call, Calls
+from mountnav.client.client import Call, Calls
 from mountnav.client.requests import Request
 from mountnav.client.results import ENDS
 from mountnav.client.sending import Known, Pause, Send, sending

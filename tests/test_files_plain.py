@@ -17,14 +17,14 @@ from drivers.wire.recording import read_dialogue
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.readers import open_reader
 from mountnav.errors import MountnavError
+from mountnav.files import open_plain, read_bytes, read_text
 from mountnav.identification.blind.index import BlindIndex
 from mountnav.measuring.calibration.raw_files import open_raw
 from mountnav.night.recorded import read_recording
-from mountnav.plain_files import open_plain, read_bytes, read_text
 from mountnav.pointing.limits.horizon import Horizon
 from mountnav.pointing.model.model import PointingModel
-from mountnav.pointing.model.run_file import read_run
-from mountnav.pointing.observation_file import read_observations
+from mountnav.pointing.model.planning import read_run
+from mountnav.pointing.observation import read_observations
 from mountnav.reading import read_frame
 from mountnav.settings.observatory import Settings
 from mountnav.simulation.machine_file import MachineFile

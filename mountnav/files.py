@@ -1,19 +1,20 @@
-"""Files that a user names, opened: plain ones only, and no more of them than asked.
-
-A named pipe keeps whoever opens it waiting, a device such as ``/dev/zero`` never ends, and both come easily:
-a slip in a path, or someone who may name a path in an order. What is no plain file is refused with an
-`OSError`, as a file that isn't there is: whoever opens files needs to know of one kind of trouble only.
-"""
+"""Files: those that a user names, those for this user alone, locks, and the cache folder."""
 
 from __future__ import annotations
 
 import errno
+import fcntl
 import gzip
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from io import BufferedReader, FileIO
 from pathlib import Path
 from typing import BinaryIO, cast
+
+__all__ = ["FILE_MODE", "FOLDER_MODE", "locked", "make_private", "make_private_folder", "open_lock"]
+
 
 _KINDS = (
     (stat.S_ISDIR, errno.EISDIR, "it is a folder, not a file"),
@@ -129,3 +130,82 @@ def read_text(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> str:
     UnicodeDecodeError
     """
     return read_bytes(path, most_bytes).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+
+
+FILE_MODE = 0o600
+"""The owner's alone: journals and keys tell where a telescope is and who may move it."""
+FOLDER_MODE = 0o700
+"""The same of a folder."""
+_OTHERS = stat.S_IRWXG | stat.S_IRWXO
+
+
+def make_private(path: Path) -> None:
+    """Make a file if there is none, and close it to others if it is ours. Raises OSError."""
+    number = os.open(path, os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC, FILE_MODE)
+    try:
+        _close_to_others(number)
+    finally:
+        os.close(number)
+
+
+def make_private_folder(folder: Path) -> None:
+    """Make a folder, and those above it, for this user alone; one that is there stays as it is.
+
+    Raises
+    ------
+    OSError
+    """
+    missing = []
+    while not folder.exists():
+        missing.append(folder)
+        folder = folder.parent
+    for one in reversed(missing):
+        with suppress(FileExistsError):
+            one.mkdir(mode=FOLDER_MODE)
+            # a umask takes away, and never adds
+            one.chmod(FOLDER_MODE)
+    if missing and not missing[0].is_dir():
+        raise NotADirectoryError(20, "Not a directory", str(missing[0]))
+
+
+def open_lock(path: Path) -> int:
+    """Open a lock file for this user alone, made if there is none; its descriptor.
+
+    Raises
+    ------
+    OSError
+        Among others if it is a link.
+    """
+    number = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, FILE_MODE)
+    try:
+        _close_to_others(number)
+    except BaseException:
+        os.close(number)
+        raise
+    return number
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Hold an advisory lock, waiting for it; it goes with the process that holds it. Raises OSError."""
+    number = open_lock(path)
+    try:
+        fcntl.flock(number, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(number)
+
+
+def _close_to_others(number: int) -> None:
+    found = os.fstat(number)
+    if found.st_mode & _OTHERS and found.st_uid == os.geteuid() and stat.S_ISREG(found.st_mode):
+        os.fchmod(number, stat.S_IMODE(found.st_mode) & ~_OTHERS)
+
+
+def cache_folder() -> Path:
+    """$MOUNTNAV_CACHE, else $XDG_CACHE_HOME/mountnav, else ~/.cache/mountnav; it may not exist yet."""
+    if own := os.environ.get("MOUNTNAV_CACHE"):
+        return Path(own)
+    if shared := os.environ.get("XDG_CACHE_HOME"):
+        return Path(shared) / "mountnav"
+    return Path.home() / ".cache" / "mountnav"

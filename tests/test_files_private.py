@@ -13,8 +13,8 @@ from api.access.keys import KeyStore
 from api.alpaca.unique_ids import unique_ids
 from mountnav.catalog.importing.lock import held
 from mountnav.errors import BadSettings
+from mountnav.files import locked, make_private_folder
 from mountnav.journal.sql_journal import open_journal
-from mountnav.private_files import locked, make_private_folder
 
 
 @pytest.fixture(params=[0o000, 0o022])

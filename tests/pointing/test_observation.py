@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from mountnav.devices import PierSide
 from mountnav.errors import BadRequest
-from mountnav.pointing.observation import PointingObservation
-from mountnav.pointing.observation_file import (
+from mountnav.pointing.observation import (
+    PointingObservation,
     observation_of,
     observation_record,
     read_observations,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mountnav.errors import BadSettings, OffsetImplausible
-from mountnav.pointing.plausible import check_offset
+from mountnav.pointing.offset import check_offset
 from mountnav.sky.sphere import Offset
 
 

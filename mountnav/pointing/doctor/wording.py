@@ -9,13 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from mountnav.devices import Epoch
+from mountnav.pointing.doctor.evidence import Fit, zeros_of
 from mountnav.pointing.doctor.facts import Facts, wrapped
 from mountnav.pointing.doctor.findings import CERTAIN, Finding, Illness, Measured, Mounting
-from mountnav.pointing.doctor.fit import Fit, zeros_of
+from mountnav.pointing.doctor.hypotheses import Shape, Turn, ZeroPoint
 from mountnav.pointing.doctor.priors import NAMED, SUSPICION
-from mountnav.pointing.doctor.shapes import Shape
-from mountnav.pointing.doctor.sides import SideCheck
-from mountnav.pointing.doctor.zero_points import Turn, ZeroPoint
+from mountnav.pointing.doctor.sky_checks import SideCheck
 from mountnav.sky.coordinates import Site
 from mountnav.sky.turning import SIDEREAL_DEG_S, SOLAR_TO_SIDEREAL
 

@@ -13,9 +13,9 @@ from mountnav.errors import BadSettings
 from mountnav.identification.preliminary_settings import PreliminarySettings
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.settings import MeasuringSettings
+from mountnav.settings.explained import line_of
 from mountnav.settings.observatory import FolderCameraSettings, Settings, SimulatedCameraSettings
 from mountnav.settings.solving import _RANGES
-from mountnav.settings.toml_lines import line_of
 
 GOOD = """\
 [site]
