@@ -15,7 +15,7 @@ def main() -> None:
 
         print(f"mountnav {__version__}")
         return
-    from api.cli.cli import app
+    from api.cli.app import app
 
     try:
         app()

@@ -9,10 +9,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from api.cli.replay_header import recording_header
 from api.http.last_frame import LastFrame
 from api.navigators import make_navigator
 from api.orders.taking_up import TakingUp
+from api.replay.recording_header import recording_header
 from api.virtual_bench import fake_on_pty, mechanics_of
 from drivers.fakes.bench import FakeOnPty
 from drivers.fakes.fakes import dialects

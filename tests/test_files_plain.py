@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from api.cli.cli import app
+from api.cli.app import app
 from drivers.fakes.fault_files import read_faults
 from drivers.wire.recording import read_dialogue
 from mountnav.catalog.packed import PackedStore

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from api.cli.cli_options import Json
-from api.cli.many_values import ManyValues
+from api.cli.options import Json, ManyValues
 
 calibrate_app = typer.Typer(help="Master bias, dark and flat frames.", no_args_is_help=True)
 
@@ -45,7 +44,7 @@ def calibrate_build(
     as_json: Json = False,
 ) -> None:
     """Build masters from stacks of frames. All of them or, if a frame doesn't belong there, none."""
-    from api.cli.calibrate_command import run_build
+    from api.cli.calibrate import run_build
 
     raise typer.Exit(
         run_build(
@@ -68,7 +67,7 @@ def calibrate_info(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder of masters.")], as_json: Json = False
 ) -> None:
     """Tell what masters a folder holds."""
-    from api.cli.calibrate_command import run_info
+    from api.cli.calibrate import run_info
 
     raise typer.Exit(run_info(folder, as_json=as_json))
 
@@ -85,6 +84,6 @@ def calibrate_apply(
     as_json: Json = False,
 ) -> None:
     """Calibrate frames and write them as FITS. Exit code 1 if some could not be."""
-    from api.cli.calibrate_command import run_apply
+    from api.cli.calibrate import run_apply
 
     raise typer.Exit(run_apply(folder, frames, out=out, other_filter=other_filter, as_json=as_json))

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from api.cli.cli_options import DEC_OPTION, RA_OPTION, Json
+from api.cli.options import DEC_OPTION, RA_OPTION, Json
 
 catalog_app = typer.Typer(
     help="Star catalogs: the embedded one, imported ones, online ones.", no_args_is_help=True
@@ -45,7 +45,7 @@ def import_(
     as_json: Json = False,
 ) -> None:
     """Import a star catalog. Interrupted, it goes on when the same command is run again."""
-    from api.cli.catalog_import_command import show_import
+    from api.cli.catalog_import import show_import
 
     raise typer.Exit(
         show_import(
@@ -66,7 +66,7 @@ def import_(
 @catalog_app.command("list")
 def list_(folder: Folder = None, config: CatalogsConfig = None, as_json: Json = False) -> None:
     """List the catalogs at hand: embedded, imported, damaged, unfinished; online ones with --config."""
-    from api.cli.catalog_list_command import show_list
+    from api.cli.catalog import show_list
 
     show_list(folder, config, as_json)
 
@@ -76,7 +76,7 @@ def info(
     name: Name = None, folder: Folder = None, config: CatalogsConfig = None, as_json: Json = False
 ) -> None:
     """Tell what a catalog holds: stars, errors today by magnitude, source, terms."""
-    from api.cli.catalog_command import show_info
+    from api.cli.catalog import show_info
 
     show_info(name, folder, config, as_json)
 
@@ -90,7 +90,7 @@ def verify(
     as_json: Json = False,
 ) -> None:
     """Read every byte of a catalog and compare its checksum; exit code 1 if it is damaged."""
-    from api.cli.catalog_verify_command import show_verify
+    from api.cli.catalog import show_verify
 
     raise typer.Exit(show_verify(name, every, folder, config, as_json))
 
@@ -103,7 +103,7 @@ def remove(
     config: CatalogsConfig = None,
 ) -> None:
     """Remove an imported catalog, or what an unfinished import left."""
-    from api.cli.catalog_verify_command import show_remove
+    from api.cli.catalog import show_remove
 
     raise typer.Exit(show_remove(name, yes, folder, config))
 
@@ -125,7 +125,7 @@ def cone(
     as_json: Json = False,
 ) -> None:
     """List the stars round a place, brightest first."""
-    from api.cli.catalog_command import show_cone
+    from api.cli.catalog import show_cone
 
     show_cone(ra, dec, radius, mag, epoch, as_json, catalog=catalog, folder=folder, config=config)
 
@@ -149,7 +149,7 @@ def fetch(
     as_json: Json = False,
 ) -> None:
     """Fetch an area of an online catalog into the cache, for a night without network."""
-    from api.cli.catalog_fetch_command import show_fetch
+    from api.cli.catalog_import import show_fetch
 
     raise typer.Exit(
         show_fetch(
@@ -171,7 +171,7 @@ def doctor(
     as_json: Json = False,
 ) -> None:
     """Tell for each camera whether the catalogs hold stars enough, and which one would help."""
-    from api.cli.catalog_doctor_command import show_doctor
+    from api.cli.catalog_doctor import show_doctor
 
     raise typer.Exit(show_doctor(config, as_json))
 
@@ -182,6 +182,6 @@ def index(
     as_json: Json = False,
 ) -> None:
     """Build the index for blind solving, once, into the user's cache; takes half a minute."""
-    from api.cli.catalog_index_command import show_index
+    from api.cli.catalog_import import show_index
 
     show_index(force, as_json)

@@ -38,7 +38,7 @@ def fake_mount(
     longitude: Annotated[float, typer.Option(min=-180, max=180, help="Degrees, east positive.")] = 11.0,
 ) -> None:
     """Serve a fake mount until interrupted; prints its address when it is ready."""
-    from api.cli.fake_mount_command import FakeMount, list_fakes, run
+    from api.cli.fake_mount import FakeMount, list_fakes, run
 
     if list_all:
         raise typer.Exit(list_fakes())

@@ -7,19 +7,7 @@ from typing import Annotated
 
 import typer
 
-from api.cli.cli_options import (
-    Blind,
-    Budget,
-    Calibration,
-    Catalog,
-    Config,
-    Dec,
-    Json,
-    Profile,
-    Ra,
-    Radius,
-    Scale,
-)
+from api.cli.options import Blind, Budget, Calibration, Catalog, Config, Dec, Json, Profile, Ra, Radius, Scale
 
 
 def solve(
@@ -46,8 +34,8 @@ def solve(
 
     Exit code 0 if all were solved, 1 if some were not, 2 on bad usage.
     """
-    from api.cli.catalogs import chosen_shelf
-    from api.cli.solve_command import run
+    from api.cli.chosen_catalogs import chosen_shelf
+    from api.cli.solve import run
     from api.solver.solving import chosen_settings
 
     settings = chosen_settings(
@@ -101,8 +89,8 @@ def accuracy(
 
     Exit code 0 if all frames were solved, 1 if some were not (they are listed), 2 on bad usage.
     """
-    from api.cli.accuracy_command import run
-    from api.cli.catalogs import chosen_shelf
+    from api.cli.accuracy import run
+    from api.cli.chosen_catalogs import chosen_shelf
     from api.solver.solving import chosen_settings
 
     settings = chosen_settings(config=config, profile=profile, budget_s=None, calibration=calibration)
@@ -145,8 +133,8 @@ def series(
 
     Exit code 0 if all frames were placed, 1 if some were not, 2 on bad usage.
     """
-    from api.cli.catalogs import chosen_shelf
-    from api.cli.series_command import run
+    from api.cli.chosen_catalogs import chosen_shelf
+    from api.cli.series import run
     from api.solver.solving import chosen_section, solve_settings
 
     section = chosen_section(config, profile, budget)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from api.cli.cli_options import Json
+from api.cli.options import Json
 
 journal_app = typer.Typer(
     help="The journal: every look, command, refusal, fault and change.", no_args_is_help=True
@@ -56,7 +56,7 @@ def list_(
     as_json: Json = False,
 ) -> None:
     """List what was written down, the newest last."""
-    from api.cli.journal_command import show_list, wanted_of
+    from api.cli.journal import show_list, wanted_of
 
     wanted = wanted_of(telescope, kind, since, until, job, night, outcome, text)
     show_list(journal, config, wanted, limit, as_json)
@@ -72,7 +72,7 @@ def show(
     as_json: Json = False,
 ) -> None:
     """Show all that is known of one look, command or job."""
-    from api.cli.journal_command import show_one
+    from api.cli.journal import show_one
 
     show_one(journal, config, identity, as_json)
 
@@ -95,7 +95,7 @@ def export(
     config: JournalConfig = None,
 ) -> None:
     """Export looks, commands or entries as a table, every column with its unit."""
-    from api.cli.journal_command import wanted_of, write_export
+    from api.cli.journal import wanted_of, write_export
 
     wanted = wanted_of(telescope, kind, since, until, job, night, outcome, text)
     write_export(journal, config, what, path, wanted)
@@ -113,7 +113,7 @@ def follow(
     as_json: Json = False,
 ) -> None:
     """Print what is written from now on, until interrupted. Commands are printed when they begin."""
-    from api.cli.journal_command import run_follow, wanted_of
+    from api.cli.journal import run_follow, wanted_of
 
     wanted = wanted_of(telescope, kind, None, None, None, None, outcome, text)
     run_follow(journal, config, wanted, every, as_json)
@@ -131,7 +131,7 @@ def audit(
     as_json: Json = False,
 ) -> None:
     """List who ordered what, by which face, and what became of it; the newest last."""
-    from api.cli.audit_command import show_audit
+    from api.cli.journal import show_audit
 
     show_audit(journal, config, telescope, caller, since, until, limit, as_json)
 
@@ -146,6 +146,6 @@ def check(
     as_json: Json = False,
 ) -> None:
     """Check it: is it sound, what does it hold, which commands are open; exit code 1 if it is damaged."""
-    from api.cli.journal_command import show_check
+    from api.cli.journal import show_check
 
     raise typer.Exit(show_check(journal, config, upgrade, as_json))

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from api.access.callers import Role
-from api.cli.cli_options import Json
+from api.cli.options import Json
 
 key_app = typer.Typer(help="API keys: who may view, operate or configure.", no_args_is_help=True)
 
@@ -35,7 +35,7 @@ def new(
     file: KeyFile = None,
 ) -> None:
     """Make a key and print it, this once. A running service takes it from now on."""
-    from api.cli.keys_command import show_new
+    from api.cli.keys import show_new
 
     show_new(name, role, config, file)
 
@@ -43,7 +43,7 @@ def new(
 @key_app.command("list")
 def list_(config: KeyConfig = None, file: KeyFile = None, as_json: Json = False) -> None:
     """List keys: names, roles, and the last characters of each."""
-    from api.cli.keys_command import show_list
+    from api.cli.keys import show_list
 
     show_list(config, file, as_json=as_json)
 
@@ -51,6 +51,6 @@ def list_(config: KeyConfig = None, file: KeyFile = None, as_json: Json = False)
 @key_app.command()
 def revoke(name: Name, config: KeyConfig = None, file: KeyFile = None) -> None:
     """Revoke a key. A running service refuses it from the next request on."""
-    from api.cli.keys_command import show_revoke
+    from api.cli.keys import show_revoke
 
     show_revoke(name, config, file)

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from api.cli.cli_options import Json
+from api.cli.options import Json
 
 model_app = typer.Typer(
     help="Pointing models: what the mount and the tube do wrong, learned from the sky.", no_args_is_help=True
@@ -99,10 +99,9 @@ def fit(
 
     Exit code 0 if it predicts better than what is there, 1 if not (nothing is written then), 2 on bad usage.
     """
-    from api.cli.model_command import show_fit
-    from api.cli.model_sources import whose
+    from api.pointing.models import modelled_telescope, show_fit
 
-    about = whose(
+    about = modelled_telescope(
         config,
         telescope,
         site=site,
@@ -127,7 +126,7 @@ def fit(
 @model_app.command()
 def show(file: Annotated[Path, typer.Argument(help="As `fit` writes it.")], as_json: Json = False) -> None:
     """Tell what a model holds: coefficients with their errors, and how good it was."""
-    from api.cli.model_command import show_model
+    from api.pointing.models import show_model
 
     show_model(file, as_json)
 
@@ -138,7 +137,7 @@ def export(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Standard output if not given.")] = None,
 ) -> None:
     """Write a model's coefficients as TPOINT does."""
-    from api.cli.model_command import export as run
+    from api.pointing.models import export as run
 
     run(file, out)
 
@@ -155,10 +154,10 @@ def import_(
     ] = None,
 ) -> None:
     """Make a model of TPOINT's coefficients."""
-    from api.cli.model_command import import_ as run
-    from api.cli.model_sources import whose
+    from api.pointing.models import import_ as run
+    from api.pointing.models import modelled_telescope
 
-    run(file, out, whose(config, telescope), latitude)
+    run(file, out, modelled_telescope(config, telescope), latitude)
 
 
 @model_app.command()
@@ -174,7 +173,7 @@ def plan(
     as_json: Json = False,
 ) -> None:
     """List the points of a run: over the allowed sky, in a short way. Nothing moves."""
-    from api.cli.model_command import show_plan
+    from api.pointing.models import show_plan
 
     show_plan(config, telescope, points, spread.value, seed, both_sides_each, as_json)
 
@@ -206,8 +205,8 @@ def run(
     One point in five judges the model and has no part in it; some fresh ones at the end check it once more.
     Exit code 0 if the model is accepted, 1 if not, or if the run was given up.
     """
-    from api.cli.model_run import run as go
-    from api.cli.model_sources import whose
+    from api.pointing.models import modelled_telescope
+    from api.pointing.models import run_model as go
     from mountnav.settings.observatory import Settings
 
     if url is None:
@@ -215,7 +214,7 @@ def run(
         url = f"http://{service.host}:{service.port}"
     raise typer.Exit(
         go(
-            whose(config, telescope),
+            modelled_telescope(config, telescope),
             url,
             token,
             out,

@@ -32,7 +32,7 @@ def wire(
     dump: Annotated[Path | None, typer.Option(help="Write the JSON lines here as well.")] = None,
 ) -> None:
     """Watch what goes over a mount's line."""
-    from api.cli.wire_command import run
+    from api.cli.wire import run
 
     raise typer.Exit(run(what, service=service, token=token, follow=follow, as_json=json, dump=dump))
 
@@ -63,7 +63,7 @@ def bench(
     lowest: Annotated[float, typer.Option(min=0, max=80, help="Lowest altitude to be sent to.")] = 20.0,
 ) -> None:
     """Try a real mount step by step, each step asked for; a fake in its place tries the steps."""
-    from api.cli.bench_command import BenchRun, run
+    from api.cli.bench import BenchRun, run
 
     raise typer.Exit(
         run(

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from api.cli.cli_options import Json
+from api.cli.options import Json
 
 night_app = typer.Typer(help="The nights of a running service.", no_args_is_help=True)
 
@@ -97,7 +97,7 @@ def replay(
 
     Exit code 0 if everything was decided as it was then, 1 if not, 2 if the file is no recording.
     """
-    from api.cli.replay_command import run
+    from api.replay.replaying import run
 
     raise typer.Exit(
         run(file, speed=speed, solve=solve, wire=wire, config=config, every=every, as_json=as_json)
@@ -105,6 +105,6 @@ def replay(
 
 
 def _ask(telescope: str, word: str | None, why: str, service: str, token: str | None, as_json: bool) -> None:
-    from api.cli.night_command import run
+    from api.cli.night import run
 
     raise typer.Exit(run(telescope, word, why=why, service=service, token=token, as_json=as_json))

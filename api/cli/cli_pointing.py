@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from api.cli.cli_options import Json
+from api.cli.options import Json
 
 Source = Annotated[
     str | None,
@@ -55,10 +55,10 @@ def pointing_doctor(
     as_json: Json = False,
 ) -> None:
     """Tell what a night's looks say about the mount. Exit code 1 if something is wrong."""
-    from api.cli.pointing_doctor_command import run
+    from api.pointing.judgements import run_doctor
 
     raise typer.Exit(
-        run(
+        run_doctor(
             source,
             config=config,
             telescope=telescope,
@@ -94,10 +94,10 @@ def drift(
     as_json: Json = False,
 ) -> None:
     """Tell how a mount drifts, swings and settles, and how to turn its polar axis."""
-    from api.cli.drift_command import run
+    from api.pointing.judgements import run_drift
 
     raise typer.Exit(
-        run(
+        run_drift(
             source,
             config=config,
             telescope=telescope,

@@ -26,7 +26,7 @@ def ports(
     json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ) -> None:
     """List serial ports by their stable names, who holds them and, on request, what answers there."""
-    from api.cli.ports_command import run, run_alpaca
+    from api.cli.ports import run, run_alpaca
 
     if alpaca:
         raise typer.Exit(run_alpaca(as_json=json))

@@ -37,7 +37,7 @@ def serve(
     ] = None,
 ) -> None:
     """Serve an observatory: the page at /, REST under /v1, its description at /docs, Alpaca under /api/v1."""
-    from api.cli.serve_command import Serve, run
+    from api.cli.serve import Serve, run
 
     raise typer.Exit(
         run(

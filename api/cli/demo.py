@@ -18,8 +18,8 @@ import uvicorn
 from rich.console import Console
 from rich.table import Table
 
-from api.cli.demo_observatory import TELESCOPE, demo_settings, own_journal
-from api.cli.demo_targets import Target, targets_up_now
+from api.demo.observatory import TELESCOPE, demo_journal, demo_settings
+from api.demo.targets import Target, targets_up_now
 from api.http.app import create_app
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.client import Client, Json, ServerEvent
@@ -71,7 +71,7 @@ def run(*, keep: bool, host: str, port: int, picture: Path | None = None) -> int
     read_tables()
     settings = demo_settings(host, port)
     console.rule("[bold]mountnav demo: an observatory without hardware")
-    with own_journal(settings) as settings, _service(settings) as (base_url, truth):
+    with demo_journal(settings) as settings, _service(settings) as (base_url, truth):
         console.print(
             f"A fake LX200 mount that points wrongly, a simulated camera on the true sky, "
             f"the service at [bold]{base_url}[/] (docs: {base_url}/docs)"

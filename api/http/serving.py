@@ -16,7 +16,7 @@ import uvicorn
 from fastapi import FastAPI
 
 from api.access.sparing_logs import spare_logs
-from api.cli.demo_observatory import own_journal
+from api.demo.observatory import demo_journal
 from api.http.app import create_app
 from api.http.connections import Bounds, Gate
 from api.http.descriptors import ask_for_enough, descriptors_at_hand, shares
@@ -154,7 +154,7 @@ def serve(settings: Settings, *, log_level: str = "info") -> int:
         if settings.demo is not None:
             read_tables()
             standing.enter_context(_tidy_when_terminated())
-            settings = standing.enter_context(own_journal(settings))
+            settings = standing.enter_context(demo_journal(settings))
             assert settings.demo is not None
             standing.enter_context(virtual_days(settings.demo, settings.site.site))
         listener = standing.enter_context(bind(settings.service.host, settings.service.port))

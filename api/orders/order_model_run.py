@@ -7,13 +7,19 @@ import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from api.cli.model_command import made_of, model_made, planned, terms_of
-from api.cli.model_run import place_of
-from api.cli.model_sources import Source, Whose
 from api.http.attempt_views import PointView
 from api.http.longer_views import ModelRunView, TermView
 from api.orders.order_series import FAILURES_IN_A_ROW, Tell
 from api.orders.orders import ModelRunOrder
+from api.pointing.models import (
+    ModelledTelescope,
+    ModelObservations,
+    as_pointing_model,
+    make_model,
+    plan_run,
+    position_of_point,
+    read_terms,
+)
 from mountnav.clock import Clock, SystemClock
 from mountnav.errors import (
     BadFrame,
@@ -117,26 +123,26 @@ async def run_model(
     return _view(made, model, len(points), sum(map(len, taken.values())), written)
 
 
-def _whose(navigator: Navigator, settings: Settings, one: TelescopeSettings) -> Whose:
+def _whose(navigator: Navigator, settings: Settings, one: TelescopeSettings) -> ModelledTelescope:
     # a fake mount is what it is made as, whatever the settings leave out
     mounting = navigator.mount.mounting
     known = one.model_copy(update={"mount": one.mount.model_copy(update={"mounting": mounting})})
     site, air = navigator.mount.site, navigator.mount.air
     conversion = Conversion(site, one.model.kind_of(mounting), one.model.does_refraction, mounting)
-    return Whose(one.id, site, air, conversion, one.model, known)
+    return ModelledTelescope(one.id, site, air, conversion, one.model, known)
 
 
-def _points(about: Whose, order: ModelRunOrder) -> list[_Point]:
+def _points(about: ModelledTelescope, order: ModelRunOrder) -> list[_Point]:
     """The plan; and points of another one for the last check."""
-    run = planned(about, order.points, order.spread, order.seed).points
-    fresh = planned(about, about.model.fresh_points, "random", order.seed + 1).points
+    run = plan_run(about, order.points, order.spread, order.seed).points
+    fresh = plan_run(about, about.model.fresh_points, "random", order.seed + 1).points
     return [
         *(_Point(point, "held-out" if point.held_out else "fit") for point in run),
         *(_Point(replace(point, number=len(run) + 1 + index), "fresh") for index, point in enumerate(fresh)),
     ]
 
 
-def _require_enough(points: list[_Point], about: Whose) -> None:
+def _require_enough(points: list[_Point], about: ModelledTelescope) -> None:
     """Refuse a run that could make no model even if each of its points were solved. Raises `BadRequest`."""
     run = [each for each in points if each.part != "fresh"]
     fitted = sum(each.part == "fit" for each in run)
@@ -149,10 +155,10 @@ def _require_enough(points: list[_Point], about: Whose) -> None:
 
 
 async def _look_at(
-    navigator: Navigator, point: RunPoint, order: ModelRunOrder, about: Whose, clock: Clock
+    navigator: Navigator, point: RunPoint, order: ModelRunOrder, about: ModelledTelescope, clock: Clock
 ) -> Look:
     assert about.site is not None
-    await navigator.slew(place_of(point, about.site, about.air, clock.utc()))
+    await navigator.slew(position_of_point(point, about.site, about.air, clock.utc()))
     return await navigator.look(order.exposure_s)
 
 
@@ -166,7 +172,9 @@ def _observation(navigator: Navigator, look: Look) -> PointingObservation:
     )
 
 
-def _fitted(about: Whose, taken: dict[Part, list[PointingObservation]]) -> tuple[Made, PointingModel]:
+def _fitted(
+    about: ModelledTelescope, taken: dict[Part, list[PointingObservation]]
+) -> tuple[Made, PointingModel]:
     if not taken["fit"]:
         raise ModelRefused("no point of the run was solved", advice="look for clouds, dew, focus")
     assert about.conversion is not None
@@ -174,7 +182,7 @@ def _fitted(about: Whose, taken: dict[Part, list[PointingObservation]]) -> tuple
     def part(name: Part) -> Mechanical | None:
         return mechanical(taken[name], about.conversion) if taken[name] and about.conversion else None
 
-    source = Source(
+    source = ModelObservations(
         mechanical(taken["fit"], about.conversion),
         part("held-out"),
         part("fresh"),
@@ -182,8 +190,8 @@ def _fitted(about: Whose, taken: dict[Part, list[PointingObservation]]) -> tuple
     )
     file = about.model.file
     old = None if file is None or not file.exists() else PointingModel.load(file)
-    made = made_of(source, about, terms_of(None, about), old)
-    return made, model_made(made, about, source.said)
+    made = make_model(source, about, read_terms(None, about), old)
+    return made, as_pointing_model(made, about, source.said)
 
 
 async def _in_force(

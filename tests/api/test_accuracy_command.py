@@ -16,7 +16,7 @@ import pytest
 from astropy.io import fits
 from PIL import Image
 
-from api.cli.accuracy_command import rejected_percents, run
+from api.cli.accuracy import rejected_percents, run
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.errors import BadRequest
 from mountnav.identification.accuracy import Deviations

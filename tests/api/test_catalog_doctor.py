@@ -13,7 +13,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from api.cli.catalog_doctor_command import lines_of
+from api.cli.catalog_doctor import lines_of
 from api.http.doctor_record import DoctorRecord
 from mountnav.catalog.doctor import diagnosis as core
 from tests.api.command_here import run_here

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from api.cli.cli import app
+from api.cli.app import app
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.online import rest
 from mountnav.errors import BadRequest, Unknown

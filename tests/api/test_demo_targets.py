@@ -8,7 +8,7 @@ from itertools import combinations
 import pytest
 
 from api.cli.demo import demo_settings
-from api.cli.demo_targets import NAMED_STARS, targets_up_now
+from api.demo.targets import NAMED_STARS, targets_up_now
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.chain import icrs_to_apparent

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 import serial
 
-from api.cli.fake_mount_command import FakeMount, run
+from api.cli.fake_mount import FakeMount, run
 from drivers.fakes.fake_wire import WireFake
 from drivers.fakes.fakes import dialects, machine, make_fake, protocols
 from drivers.fakes.fault_files import read_faults
@@ -128,7 +128,7 @@ signal.signal(signal.SIGHUP, signal.SIG_DFL)
 idle = threading.Event()
 older = threading.Thread(target=idle.wait, daemon=True)
 older.start()
-import api.cli.fake_mount_command as command
+import api.cli.fake_mount as command
 strike = lambda: signal.pthread_kill(older.ident, signal.{number.name})
 started = command.Bench.start
 def start(bench):

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from api.cli.replay_command import play
 from api.nights.safety_file import unsafe_by_file
+from api.replay.replaying import play
 from mountnav.night.recorded import read_recording
 from mountnav.simulation.sky_clock import FastClock
 from mountnav.sky.present import virtual_present

@@ -11,9 +11,9 @@ import typer
 from typer.testing import CliRunner
 
 from api.cli.cli_night import night_app, replay
-from api.cli.night_command import shown
-from api.cli.replay_header import recording_header
-from api.cli.replay_wire import turns_of
+from api.cli.night import shown
+from api.replay.recording_header import recording_header
+from api.replay.replaying import turns_of
 from mountnav.devices import MountReading
 from mountnav.errors import BadRequest, DeviceMissing
 from mountnav.night.events import Act, Decision, Tick, Why

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from api.cli.replay_command import play, shown
+from api.replay.replaying import play, shown
 from mountnav.night.recorded import read_recording
 from tests.api.recorded_nights import ServedNight, Way, served_night
 

@@ -15,8 +15,8 @@ from typing import Any
 import httpx
 import pytest
 
-from api.cli.demo_observatory import errors_of, served_demo
-from api.cli.demo_targets import targets_up_now
+from api.demo.observatory import demo_service_settings, mount_errors_of_seed
+from api.demo.targets import targets_up_now
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.settings.demo import DemoSettings
 from mountnav.sky.coordinates import Icrs
@@ -70,7 +70,7 @@ def observatory(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Observator
 
 
 def test_a_target_is_centered_truly_and_all_of_it_in_virtual_time(observatory: Observatory) -> None:
-    settings = served_demo(DemoSettings(seed=SEED), 0)
+    settings = demo_service_settings(DemoSettings(seed=SEED), 0)
     target, *_ = targets_up_now(AT, settings.site.site, settings.air.air, embedded_catalog(), count=1)
 
     before, began_s = observatory.now(), time.monotonic()
@@ -80,7 +80,7 @@ def test_a_target_is_centered_truly_and_all_of_it_in_virtual_time(observatory: O
     took_s, after = time.monotonic() - began_s, observatory.now()
 
     assert job["state"] == "succeeded", job
-    assert settings.telescope[0].mount.errors == errors_of(SEED)
+    assert settings.telescope[0].mount.errors == mount_errors_of_seed(SEED)
     # the mount pointed wrongly, and the truth is what the service says of it
     assert job["attempts"][0]["error_arcsec"] > 100.0
     (truth,) = after["truth"]

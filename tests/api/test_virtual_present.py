@@ -11,8 +11,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from api.cli.demo_observatory import errors_of, own_journal, served_demo
-from api.cli.serve_command import Serve, settings_of
+from api.cli.serve import Serve, settings_of
+from api.demo.observatory import demo_journal, demo_service_settings, mount_errors_of_seed
 from api.http.app import create_app
 from api.virtual import begin_of, virtual_days, virtual_view
 from api.virtual_bench import fake_on_pty, mechanics_of
@@ -189,14 +189,18 @@ def test_options_go_before_the_file(tmp_path: Path) -> None:
 
 
 def test_a_seed_is_a_mount() -> None:
-    assert errors_of(3) == errors_of(3) != errors_of(4)
-    of_seed = served_demo(DemoSettings(seed=3), 0).telescope[0].mount.errors
-    assert of_seed == errors_of(3) != served_demo(DemoSettings(), 0).telescope[0].mount.errors
+    assert mount_errors_of_seed(3) == mount_errors_of_seed(3) != mount_errors_of_seed(4)
+    of_seed = demo_service_settings(DemoSettings(seed=3), 0).telescope[0].mount.errors
+    assert (
+        of_seed
+        == mount_errors_of_seed(3)
+        != demo_service_settings(DemoSettings(), 0).telescope[0].mount.errors
+    )
 
 
 def test_a_real_observatorys_journal_is_left_alone(tmp_path: Path) -> None:
     real, virtual = tmp_path / "real.sqlite", tmp_path / "virtual.sqlite"
-    settings = served_demo(DemoSettings(), 0)
+    settings = demo_service_settings(DemoSettings(), 0)
     open_journal(
         str(real), settings_text=settings.model_copy(update={"demo": None}).model_dump_json()
     ).close()
@@ -205,11 +209,11 @@ def test_a_real_observatorys_journal_is_left_alone(tmp_path: Path) -> None:
     def keeping(path: Path) -> Settings:
         return settings.model_copy(update={"journal": JournalSettings(url=str(path))})
 
-    with pytest.raises(BadSettings, match="tells of a real observatory"), own_journal(keeping(real)):
+    with pytest.raises(BadSettings, match="tells of a real observatory"), demo_journal(keeping(real)):
         pass
-    with own_journal(keeping(virtual)) as kept:
+    with demo_journal(keeping(virtual)) as kept:
         assert kept.journal.url == str(virtual)
-    with own_journal(settings) as passing:
+    with demo_journal(settings) as passing:
         assert passing.journal.url != ""
         assert Path(passing.journal.url).parent.is_dir()
     assert not Path(passing.journal.url).parent.exists()
@@ -220,7 +224,7 @@ def test_a_real_observatorys_journal_is_left_alone(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("mounting", ["german", "fork"])
 async def test_a_mount_slews_and_is_guided_in_virtual_time(mounting: str) -> None:
-    settings = served_demo(DemoSettings(at=DARK, speed=20.0), 0, mounting)  # type: ignore[arg-type]
+    settings = demo_service_settings(DemoSettings(at=DARK, speed=20.0), 0, mounting)  # type: ignore[arg-type]
     with virtual_days(DemoSettings(at=DARK, speed=20.0), settings.site.site) as clock:
         mechanics = mechanics_of(settings.telescope[0], settings)
         assert mechanics.machine.mounting == mounting
@@ -259,7 +263,7 @@ async def test_a_mount_slews_and_is_guided_in_virtual_time(mounting: str) -> Non
 
 async def test_a_night_begins_and_ends_by_the_virtual_sun(tmp_path: Path) -> None:
     demo = DemoSettings(at=NOON, speed=20.0)
-    settings = served_demo(demo, 0)
+    settings = demo_service_settings(demo, 0)
     settings = settings.model_copy(
         update={
             "solving": settings.solving.model_copy(update={"worker": False, "blind": "never"}),

@@ -12,7 +12,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from api.cli.wire_command import run
+from api.cli.wire import run
 from drivers.fakes.bench import FakeOnPty
 from drivers.fakes.fakes import dialects, make_fake
 from mountnav.errors import BadRequest, BadSettings, DeviceMissing

@@ -259,7 +259,7 @@ def test_other_commands_too(words: tuple[str, ...], here: Callable[..., Ended]) 
 
 
 def test_wire_leaves_the_file_alone(tmp_path: Path) -> None:
-    from api.cli.wire_command import run
+    from api.cli.wire import run
 
     kept = tmp_path / "kept.jsonl"
     kept.write_text("dear\n", encoding="utf-8")

@@ -14,7 +14,7 @@ import typer
 from typer.testing import CliRunner
 
 from api.cli.cli_ports import ports
-from api.cli.ports_command import run
+from api.cli.ports import run
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.fakes.fakes import make_fake
 from drivers.ports import PROBING, holders, probe, serial_ports

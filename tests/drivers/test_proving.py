@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import pytest
 
-from api.cli.bench_command import BenchRun, build_of, run
+from api.cli.bench import BenchRun, build_of, run
 from drivers.acceptance.findings import Capabilities, Finding, StepResult, as_lines, differences
 from drivers.acceptance.run import tried
 from drivers.acceptance.steps import STEPS, _judged_pulse

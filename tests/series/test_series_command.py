@@ -11,7 +11,7 @@ import pytest
 from astropy.io import fits
 from typer.testing import CliRunner
 
-from api.cli.cli import app
+from api.cli.app import app
 from mountnav.errors import BadRequest
 from mountnav.sky.sphere import displaced
 from tests.series.conftest import CENTER

@@ -13,9 +13,8 @@ import typer
 from typer.testing import CliRunner
 
 from api.cli.cli_pointing import drift, pointing_doctor
-from api.cli.drift_command import drift_view
-from api.cli.pointing_doctor_command import diagnosis_view
-from api.cli.pointing_looks import looks
+from api.pointing.judgements import diagnosis_view, drift_view
+from api.pointing.looks import read_looks
 from benchmarks.pointing_doctor import Patient, night
 from mountnav.devices import MountReading
 from mountnav.errors import BadRequest
@@ -138,7 +137,7 @@ async def test_a_journal_knows_its_syncs_and_slews(tmp_path: Path) -> None:
                 await journal.end("s", CommandEnd(tie.utc, Outcome.DONE, after=after))
     finally:
         journal.close()
-    found = looks(str(path), telescope="t", latitude=48.93, longitude=22.27)
+    found = read_looks(str(path), telescope="t", latitude=48.93, longitude=22.27)
     assert [each.look_id for each in found.observations] == ["l1", "l2", "l3", "l4"]
     (synced,) = found.synced_on
     assert synced.segment_id == "s1"
@@ -148,4 +147,4 @@ async def test_a_journal_knows_its_syncs_and_slews(tmp_path: Path) -> None:
     assert said.exit_code == 1
     assert "daylight saving time?" in said.output
     with pytest.raises(BadRequest, match="several telescopes"):
-        looks(str(path), latitude=48.93, longitude=22.27)
+        read_looks(str(path), latitude=48.93, longitude=22.27)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from api.cli.model_command import fit_lines, fit_record, model_lines
+from api.pointing.models import fit_lines, fit_record, model_lines
 from benchmarks.ordinary_nights import START, judged, night
 from mountnav.errors import ModelRefused
 from mountnav.pointing.model.acceptance import make

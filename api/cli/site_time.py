@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from api.cli.cli_night import AT_HOME, Service, Telescope, Token
-from api.cli.cli_options import Json
+from api.cli.options import Json
 
 LONGEST_S = 60.0
 """A mount is told its site and clock in some ten exchanges, each of which may take a second or two."""

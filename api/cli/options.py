@@ -1,11 +1,12 @@
-"""Options that several commands share."""
+"""Options that several commands share, and the command class of options with many values."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, ClassVar
 
 import typer
+from typer.core import TyperCommand
 
 from mountnav.sky.typed import read_dec_deg, read_ra_deg
 
@@ -41,3 +42,23 @@ Catalog = Annotated[
         help="Use this star catalog alone (see `mountnav catalog list`); else the one that suits the frame."
     ),
 ]
+
+
+class ManyValues(TyperCommand):
+    """A command whose options named in `many` may be followed by several values: ``--dark a.fits b.fits``."""
+
+    many: ClassVar[frozenset[str]] = frozenset({"--bias", "--dark", "--flat", "--flat-from-lights"})
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Repeat the option's name before each of its values, then parse as usual."""
+        spread: list[str] = []
+        name, values = "", 0
+        for word in args:
+            if word.startswith("-") and len(word) > 1:
+                name, values = (word if word in self.many else ""), 0
+            elif name:
+                if values:
+                    spread.append(name)
+                values += 1
+            spread.append(word)
+        return super().parse_args(ctx, spread)

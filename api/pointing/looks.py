@@ -46,7 +46,7 @@ class Looks:
     synced_on: list[PointingObservation] | None = None
 
 
-def looks(
+def read_looks(
     source: str | None,
     *,
     config: Path | None = None,

@@ -1,13 +1,15 @@
-"""Which catalog a command means: by name, in the folder that options, settings or environment name."""
+"""The catalogs that a command's options name: by name, folder, settings or environment."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mountnav.catalog.at_hand import open_shelf
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.installed import EMBEDDED_SLUG, catalogs_folder, find_installed
 from mountnav.catalog.packed import PackedStore
+from mountnav.catalog.shelf import Shelf
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadCatalog, Unknown
 
@@ -97,3 +99,27 @@ def _settings(config: Path) -> CatalogsSettings:
     from mountnav.settings.observatory import Settings
 
     return Settings.load_catalogs(config)
+
+
+def chosen_shelf(config: Path | None, only: str | None = None) -> Shelf:
+    """Open the catalogs that a command's options name.
+
+    Parameters
+    ----------
+    config : Path or None
+        A settings file, of which `[catalogs]` counts.
+    only : str or None
+        The one catalog to use, by its name.
+
+    Raises
+    ------
+    BadSettings
+        The file is wrong, or names a catalog that isn't there.
+    """
+    use = None if only is None else (only,)
+    if config is None:
+        # the defaults need none of the models of the settings file, which are dear to import
+        return open_shelf(use=use)
+    from mountnav.settings.observatory import Settings
+
+    return open_shelf(Settings.load_catalogs(config), use=use)

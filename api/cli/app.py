@@ -10,9 +10,7 @@ import typer
 from api.cli.cli_calibrate import calibrate_app
 from api.cli.cli_catalog import catalog_app
 from api.cli.cli_fake import fake_mount
-from api.cli.cli_first_light import first_light
 from api.cli.cli_frames import accuracy, series, solve
-from api.cli.cli_indi import indi_driver
 from api.cli.cli_journal import journal_app
 from api.cli.cli_keys import key_app
 from api.cli.cli_model import model_app
@@ -21,7 +19,9 @@ from api.cli.cli_night import night_app, replay
 from api.cli.cli_pointing import drift, pointing_doctor
 from api.cli.cli_ports import ports
 from api.cli.cli_serve import serve
-from api.cli.cli_site_time import site_time
+from api.cli.first_light import first_light
+from api.cli.indi_driver import indi_driver
+from api.cli.site_time import site_time
 
 app = typer.Typer(
     name="mountnav",

@@ -32,6 +32,6 @@ def recording_header(one: TelescopeSettings, settings: Settings) -> dict[str, An
     }
 
 
-def settings_of(header: dict[str, Any]) -> Settings:
+def recorded_settings(header: dict[str, Any]) -> Settings:
     """Read the settings back. Raises `ValueError` where this version knows them no more."""
     return Settings.model_validate(header["settings"])

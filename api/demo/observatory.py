@@ -37,12 +37,12 @@ _WRONG_BY_ARCSEC = {
 
 def demo_settings(host: str, port: int) -> Settings:
     """The demo observatory's settings, listening at `host` and `port`."""
-    text = files("api.cli").joinpath("demo.toml").read_text(encoding="utf-8")
+    text = files("api.demo").joinpath("demo.toml").read_text(encoding="utf-8")
     text = text.replace('host = "127.0.0.1"', f'host = "{host}"').replace("port = 8000", f"port = {port}")
     return Settings.parse(text, name="demo.toml")
 
 
-def served_demo(demo: DemoSettings, port: int, mounting: Mounting = "fork") -> Settings:
+def demo_service_settings(demo: DemoSettings, port: int, mounting: Mounting = "fork") -> Settings:
     """The demo observatory as `mountnav serve --demo` has it: a mount that can do all, and every face.
 
     Parameters
@@ -55,7 +55,7 @@ def served_demo(demo: DemoSettings, port: int, mounting: Mounting = "fork") -> S
     """
     settings = demo_settings("127.0.0.1", port)
     (telescope,) = settings.telescope
-    errors = telescope.mount.errors if demo.seed is None else errors_of(demo.seed)
+    errors = telescope.mount.errors if demo.seed is None else mount_errors_of_seed(demo.seed)
     mount = telescope.mount.model_copy(
         # the usual LX200 can neither unpark nor tell its side of the pier
         update={"url": "fake+lx200://?dialect=onstep", "mounting": mounting, "errors": errors}
@@ -74,7 +74,7 @@ def served_demo(demo: DemoSettings, port: int, mounting: Mounting = "fork") -> S
     return Settings.model_validate(made.model_dump())
 
 
-def errors_of(seed: int) -> MountErrorSettings:
+def mount_errors_of_seed(seed: int) -> MountErrorSettings:
     """How wrong the mount of a seed points: the same each time."""
     chance = np.random.default_rng(seed)
     terms = {name: round(float(chance.uniform(-most, most)), 1) for name, most in _WRONG_BY_ARCSEC.items()}
@@ -84,7 +84,7 @@ def errors_of(seed: int) -> MountErrorSettings:
 
 
 @contextmanager
-def own_journal(settings: Settings) -> Iterator[Settings]:
+def demo_journal(settings: Settings) -> Iterator[Settings]:
     """A journal for this one demo, unless the settings name one: the observatory's own is not for it.
 
     Raises

@@ -1,4 +1,4 @@
-"""`mountnav journal`: the journal for people at a terminal and for programs that read lines."""
+"""`mountnav journal`: the journal and the audit for people, and as JSON lines for programs."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import json
 import sys
 import time
 from collections.abc import Iterable
+from dataclasses import asdict
 from pathlib import Path
 
 from mountnav.errors import BadRequest, Unknown
+from mountnav.journal.audit_and_leases import AuditRow
 from mountnav.journal.database import database_url, default_url
 from mountnav.journal.exporting import export
 from mountnav.journal.reading import JournalReader, Line, Wanted, instant
@@ -202,3 +204,43 @@ def _exists(reader: JournalReader) -> bool:
     """Whether there is a file to upgrade: an upgrade would make one."""
     url = database_url(reader.url.render_as_string(hide_password=False))
     return url.get_backend_name() != "sqlite" or Path(str(url.database)).exists()
+
+
+def show_audit(
+    journal: str | None,
+    config: Path | None,
+    telescope: str | None,
+    caller: str | None,
+    since: str | None,
+    until: str | None,
+    limit: int,
+    as_json: bool,
+) -> None:
+    """Print the newest rows, the newest last.
+
+    Raises
+    ------
+    Unknown, BadSettings, JournalFailed
+        There is no journal, or it can't be read.
+    BadRequest
+        A time that is none.
+    """
+    wanted = wanted_of(telescope, None, since, until, None, None, None, None)
+    rows = reader_of(journal, config).audits(
+        telescope=wanted.telescope, caller=caller, since=wanted.since, until=wanted.until, limit=limit
+    )
+    for row in reversed(rows):
+        sys.stdout.write(_audit_json(row) if as_json else _audit_words(row))
+
+
+def _audit_json(row: AuditRow) -> str:
+    return json.dumps({**asdict(row), "utc": row.utc.isoformat()}, allow_nan=False) + "\n"
+
+
+def _audit_words(row: AuditRow) -> str:
+    who = f"{row.caller} ({row.face or 'http'} {row.address})".replace(" )", ")")
+    became = row.outcome + (f": {row.detail}" if row.detail else "")
+    job = f", job {row.job_id}" if row.job_id else ""
+    told = f"{row.utc:%Y-%m-%d %H:%M:%S}  {(row.telescope or '-').ljust(8)}  {who}: {row.what}: {became}{job}"
+    # paths and names come from strangers, and this goes to a terminal
+    return "".join(one if one.isprintable() else "\ufffd" for one in told) + "\n"

@@ -139,7 +139,7 @@ def _index_at_hand(catalog: PackedStore) -> BlindIndex | None:
 
 def _index(catalog: PackedStore) -> BlindIndex:
     """Open the index, or build it under a progress bar."""
-    from api.cli.catalog_index_command import built_with_progress
+    from api.cli.catalog_import import built_with_progress
 
     return built_with_progress(catalog)
 

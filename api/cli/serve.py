@@ -54,10 +54,10 @@ def settings_of(asked: Serve) -> Settings:
                 "there is nothing to serve",
                 advice="give --config observatory.toml, or --demo for a virtual observatory",
             )
-        from api.cli.demo_observatory import served_demo
+        from api.demo.observatory import demo_service_settings
 
         port = 8000 if asked.port is None else asked.port
-        return served_demo(_demo(asked, None), port, asked.mounting or "german")
+        return demo_service_settings(_demo(asked, None), port, asked.mounting or "german")
     settings = Settings.load(asked.config)
     changes: dict[str, object] = {}
     if asked.mounting is not None:

@@ -7,7 +7,7 @@ import json
 import typer
 
 from api.cli.cli_night import AT_HOME, Service, Telescope, Token
-from api.cli.cli_options import Json
+from api.cli.options import Json
 
 LONGEST_S = 900.0
 """A first light takes some ten looks: one or two minutes, and a blind search more on a slow machine."""

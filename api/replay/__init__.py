@@ -1,0 +1,1 @@
+"""A recorded night: the header that the service writes, and the replay that compares decisions."""

@@ -1,0 +1,470 @@
+"""A recorded night decided once more, and its wire read by the real driver."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from bisect import bisect_right
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from datetime import datetime, timedelta
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from api.navigators import centering_policy
+from api.nights.night_runner import digest_of
+from api.replay.recording_header import recorded_settings
+from api.solver.solving import solve_settings
+from drivers.generic.mount import DrivenMount
+from drivers.generic.places import apart_arcsec
+from drivers.registry import open_mount
+from drivers.wire.over_link import OverLink
+from mountnav.catalog.at_hand import open_shelf
+from mountnav.catalog.stars import Catalog
+from mountnav.devices import MountReading
+from mountnav.errors import BadFrame, BadRequest, BadSettings, DeviceError
+from mountnav.frames import Frame, Hint
+from mountnav.navigation.navigator import sync_rules
+from mountnav.night.placing import BySeries, Placing
+from mountnav.night.recorded import Line, Recording, read_recording, reading_of
+from mountnav.night.replaying import Replay, ReplayReport
+from mountnav.reading import read_frame
+from mountnav.series.results import SeriesSettings
+from mountnav.settings.observatory import Settings, TelescopeSettings
+from mountnav.simulation.virtual_time import VirtualClock, for_all_modules, run_virtually
+from mountnav.sky.coordinates import Icrs
+
+SWAPPED = timedelta(milliseconds=20)
+"""An answer that is written down before its question is so much older at most: two threads write."""
+GREETING = timedelta(minutes=2)
+"""A driver's greeting and its first looks take no longer than this of virtual time."""
+NEAR_ARCSEC = 15.0
+"""An answer of a reading may be of the second before or after it: so much the sky turns in one."""
+_ASKED, _SAID = "driver->mount", "mount->driver"
+SETTLED = ("lx200", "nexstar", "synscan", "ioptron")
+"""Families whose answers tell a place by themselves; others reckon it with the present time."""
+
+
+@dataclass(slots=True)
+class Turns:
+    """What was answered to one question, and when it was asked; in the order of time."""
+
+    utc: list[datetime] = field(default_factory=list)
+    answers: list[bytes] = field(default_factory=list)
+
+    def answered(self) -> Turns:
+        """Without those that got none, if others did: silence isn't played."""
+        kept = [(utc, answer) for utc, answer in zip(self.utc, self.answers, strict=True) if answer]
+        return Turns([utc for utc, _ in kept], [answer for _, answer in kept]) if kept else self
+
+    def at(self, utc: datetime) -> bytes:
+        """The last answer until then; before the first the first."""
+        return self.answers[max(bisect_right(self.utc, utc) - 1, 0)]
+
+
+def turns_of(recording: Recording) -> dict[bytes, Turns]:
+    """The recorded dialogue by question: what went out in one go, and all that came until the next.
+
+    Two threads write down what goes over a line: an answer may stand before its question. So what comes when
+    the last question has its answer, right before a question that got none, is that one's.
+    """
+    turns: dict[bytes, Turns] = {}
+    last: Turns | None = None
+    lines = [line for line in recording.of("wire") if line.facts["hex"]]
+    for at, line in enumerate(lines):
+        data = bytes.fromhex(line.facts["hex"])
+        if line.facts["dir"] == _ASKED:
+            early = _before_its_question(lines, at)
+            if early and last is not None:
+                last.answers[-1] = last.answers[-1].removesuffix(early)
+            assert line.utc is not None
+            last = turns.setdefault(data, Turns())
+            last.utc.append(line.utc)
+            last.answers.append(early)
+        elif last is not None:
+            last.answers[-1] += data
+    return {question: one.answered() for question, one in turns.items()}
+
+
+def _before_its_question(lines: list[Line], at: int) -> bytes:
+    """The answer to a question that was written down right before it; mostly there is none."""
+    if at < 2 or [one.facts["dir"] for one in lines[at - 2 : at]] != [_SAID, _SAID]:
+        return b""
+    if at + 1 < len(lines) and lines[at + 1].facts["dir"] == _SAID:
+        return b""
+    asked, said = lines[at].utc, lines[at - 1].utc
+    if asked is None or said is None or asked - said > SWAPPED:
+        return b""
+    return bytes.fromhex(lines[at - 1].facts["hex"])
+
+
+class TapeLine:
+    """A `drivers.wire.line.ByteLine` that has no other end but a recording.
+
+    Parameters
+    ----------
+    turns : dict of bytes to Turns
+    clock : VirtualClock
+
+    """
+
+    def __init__(self, turns: dict[bytes, Turns], clock: VirtualClock) -> None:
+        self._turns = turns
+        self._clock = clock
+        self._came = bytearray()
+        self._news = asyncio.Event()
+        self._open = False
+
+    @property
+    def address(self) -> str:
+        """For messages."""
+        return "recording"
+
+    @property
+    def usable(self) -> bool:
+        """Whether it is open."""
+        return self._open
+
+    async def open(self) -> None:
+        """Open it."""
+        self._came.clear()
+        self._open = True
+
+    async def close(self) -> None:
+        """Close it."""
+        self._open = False
+
+    async def write(self, data: bytes) -> None:
+        """Ask; the answer takes no time, so that the replay never runs late."""
+        found = self._turns.get(data)
+        if found is None:
+            # it was never asked in the recording: nothing answers it
+            return
+        answer = found.at(self._clock.utc())
+        await asyncio.sleep(0)
+        self._came += answer
+        self._news.set()
+
+    async def write_now(self, data: bytes) -> None:
+        """As `write`: nothing moves that would have to be stopped."""
+        await self.write(data)
+
+    async def read(self, timeout_s: float) -> bytes:
+        """What came, or comes within the time."""
+        if not self._came:
+            try:
+                async with asyncio.timeout(max(timeout_s, 0.0)):
+                    await self._news.wait()
+            except TimeoutError:
+                pass
+        return self.drain()
+
+    def drain(self) -> bytes:
+        """What has come so far."""
+        came = bytes(self._came)
+        self._came.clear()
+        self._news.clear()
+        return came
+
+    async def lost(self) -> str:
+        """Never."""
+        await asyncio.Event().wait()
+        return ""
+
+
+@dataclass(frozen=True, slots=True)
+class WireCheck:
+    """What the real driver makes of a recorded wire, beside the recorded readings.
+
+    Attributes
+    ----------
+    problem : str
+        Why it could not be played; empty if it was.
+    readings : int
+        Recorded readings.
+    alike : int
+        So many that the driver reads as it did then, within a step of the mount and what it moves meanwhile.
+    unanswered : int
+        So many that the recorded wire had no answer for.
+    """
+
+    problem: str = ""
+    readings: int = 0
+    alike: int = 0
+    unanswered: int = 0
+
+    @property
+    def told(self) -> str:
+        """In words."""
+        if self.problem:
+            return self.problem
+        told = f"through its driver {self.alike} of {self.readings} readings are as they were"
+        return told + (f"; {self.unanswered} had no answer" if self.unanswered else "")
+
+
+def check_wire(url: str, recording: Recording) -> WireCheck:
+    """Let the real driver read the recorded wire at the times of the recorded readings. Opens no port.
+
+    Parameters
+    ----------
+    url : str
+        The mount's, for its driver and options.
+    recording : Recording
+    """
+    readings = [reading_of(line.facts["reading"]) for line in recording.of("reading")]
+    if not readings:
+        return WireCheck("no reading was recorded")
+    clock = VirtualClock(min(one.utc for one in readings) - GREETING)
+    with for_all_modules(clock):
+        return run_virtually(_checked(url, recording, readings, clock), clock)
+
+
+async def _checked(
+    url: str, recording: Recording, readings: list[MountReading], clock: VirtualClock
+) -> WireCheck:
+    family = url.partition("://")[0].partition("+")[0]
+    mount = open_mount(url) if family in SETTLED else None
+    if not isinstance(mount, DrivenMount) or not isinstance(mount.language, OverLink):
+        return WireCheck(f"the wire of {family} is not read again: its answers alone don't tell a place")
+    mount.language.take_line(TapeLine(turns_of(recording), clock))
+    alike = unanswered = 0
+    try:
+        await mount.open()
+        for then in readings:
+            await clock.sleep(max(0.0, (then.utc - clock.utc()).total_seconds()))
+            try:
+                now = await mount.reading()
+            except DeviceError:
+                unanswered += 1
+                continue
+            alike += apart_arcsec(then.place, now.place) <= NEAR_ARCSEC + mount.resolution_arcsec
+    except DeviceError as error:
+        return WireCheck(f"the recorded wire doesn't greet: {error}")
+    finally:
+        await mount.close()
+    return WireCheck("", len(readings), alike, unanswered)
+
+
+@dataclass(frozen=True, slots=True)
+class Played:
+    """A replay and how it was done.
+
+    Attributes
+    ----------
+    report : ReplayReport
+    wire : WireCheck or None
+        What the real driver makes of the recorded wire; None where it wasn't asked.
+    """
+
+    report: ReplayReport
+    wire: WireCheck | None
+
+
+def run(
+    file: Path,
+    *,
+    speed: float,
+    solve: bool,
+    wire: bool,
+    config: Path | None,
+    every: bool,
+    as_json: bool,
+) -> int:
+    """Play a recording and print the comparison.
+
+    Parameters
+    ----------
+    file : Path
+    speed : float
+        0: as fast as it goes.
+    solve : bool
+        Identify frames anew where their files are there.
+    wire : bool
+        Let the mount's driver read the recorded wire, where there is one, and compare the readings. No
+        decision hangs on that.
+    config : Path or None
+        Other settings than the recorded ones.
+    every : bool
+        Show also what is the same.
+    as_json : bool
+
+    Returns
+    -------
+    int
+        0 if everything was decided as it was then, else 1.
+
+    Raises
+    ------
+    BadRequest
+        The file is no recording.
+    BadSettings
+        The other settings are wrong.
+    """
+    played = play(read_recording(file), speed=speed, solve=solve, wire=wire, config=config)
+    if as_json:
+        sys.stdout.write(json.dumps(record(played), indent=1) + "\n")
+    else:
+        sys.stdout.write(shown(played, every=every))
+    return 0 if played.report.same else 1
+
+
+def play(
+    recording: Recording,
+    *,
+    speed: float = 0.0,
+    solve: bool = True,
+    wire: bool = True,
+    config: Path | None = None,
+    catalog: Catalog | None = None,
+) -> Played:
+    """Play a recording; parameters as of `run`. `catalog` goes before that of the settings."""
+    telescope_id = str(recording.header["telescope"])
+    settings = _settings(recording, config)
+    one = _telescope(settings, telescope_id)
+    if not any(line.kind != "wire" for line in recording.lines):
+        raise BadRequest("the recording holds nothing", device=str(recording.path))
+    anew, problem = _who_identifies(one, settings, catalog) if solve else (None, "")
+    replay = Replay(
+        recording,
+        one.night.rules,
+        settings.site.site,
+        one.id,
+        sync_rules(one.sync.policy, centering_policy(one)),
+        other_rules=config is not None,
+        anew=anew,
+        read=_read,
+        speed=speed,
+    )
+    report = asyncio.run(replay.run())
+    if problem:
+        report = replace(report, notes=(*report.notes, problem))
+    checked = check_wire(_url(recording, one), recording) if wire and recording.has_wire else None
+    return Played(report, checked)
+
+
+def _settings(recording: Recording, config: Path | None) -> Settings:
+    if config is not None:
+        return Settings.load(config)
+    try:
+        return recorded_settings(recording.header)
+    except (KeyError, ValueError) as cause:
+        raise BadRequest(
+            f"this version can't take the recorded settings: {cause}",
+            device=str(recording.path),
+            advice="give settings with --config",
+        ) from cause
+
+
+def _telescope(settings: Settings, telescope_id: str) -> TelescopeSettings:
+    for one in settings.telescope:
+        if one.id == telescope_id:
+            return one
+    raise BadRequest(
+        f"these settings have no telescope {telescope_id}", advice="give settings of the recorded telescope"
+    )
+
+
+def _url(recording: Recording, one: TelescopeSettings) -> str:
+    """The recorded mount's URL; a fake's is that of its language on a port that is never opened."""
+    return f"{one.mount.fake[0]}+serial:///recorded" if one.mount.is_fake else one.mount.url
+
+
+def _who_identifies(
+    one: TelescopeSettings, settings: Settings, catalog: Catalog | None
+) -> tuple[Callable[[], Placing] | None, str]:
+    """Who identifies frames anew, by the catalogs and masters of the settings; or why nobody can."""
+    try:
+        anew = partial(_anew, one, settings, open_shelf(settings.catalogs) if catalog is None else catalog)
+        anew()
+    except (BadSettings, BadRequest, BadFrame) as trouble:
+        return None, f"no frame was identified anew: {trouble}"
+    return anew, ""
+
+
+def _anew(one: TelescopeSettings, settings: Settings, catalog: Catalog) -> BySeries:
+    """Identify frames as the night did."""
+    policy = centering_policy(one)
+    solving = solve_settings(settings.solving, calibration=one.calibration)
+    scale, off = policy.scale_arcsec_px, policy.scale_tolerance
+
+    def hint(near: Icrs | None) -> Hint | None:
+        if near is None and scale is None:
+            return None
+        return Hint(
+            center=near,
+            radius_deg=policy.search_radius_deg,
+            scale_low_arcsec_px=None if scale is None else scale * (1.0 - off),
+            scale_high_arcsec_px=None if scale is None else scale * (1.0 + off),
+            center_source="the mount's reading",
+            scale_source="the settings",
+        )
+
+    return BySeries(catalog, hint, SeriesSettings(solving=solving, audit_every=one.night.audit_every))
+
+
+def _read(path: Path, digest: str) -> Frame | None:
+    """The frame of a file, if it is still the one that was recorded."""
+    try:
+        return read_frame(path, raw=True) if digest_of(path) == digest else None
+    except (OSError, BadFrame):
+        return None
+
+
+def record(played: Played) -> dict[str, Any]:
+    """A replay as JSON values."""
+    report, wire = played.report, played.wire
+    return {
+        "same": report.same,
+        "judged": len(report.rows),
+        "not_judged": report.not_judged,
+        "frames": report.frames,
+        "solved_anew": report.solved_anew,
+        "missing": list(report.missing),
+        "after_missing": report.after_missing,
+        "wire": None if wire is None else asdict(wire),
+        "notes": list(report.notes),
+        "rows": [
+            {
+                "utc": row.utc.isoformat(),
+                "what": row.what,
+                "recorded": row.recorded,
+                "replayed": row.replayed,
+                "same": row.same,
+            }
+            for row in report.rows
+        ],
+    }
+
+
+def shown(played: Played, *, every: bool) -> str:
+    """A replay as a table for people."""
+    report = played.report
+    rows = [row for row in report.rows if every or not row.same]
+    lines = []
+    for row in rows:
+        mark = " " if row.same else "≠"
+        lines.append(f"{mark} {row.utc:%H:%M:%S}  {row.what}")
+        if row.same:
+            lines.append(f"      {row.recorded}")
+        else:
+            lines += [f"      then: {row.recorded}", f"      now:  {row.replayed}"]
+    others = sum(not row.same for row in report.rows)
+    lines.append(
+        f"{report.frames} frames, {report.solved_anew} identified anew; {len(report.rows)} decisions judged, "
+        + ("all as they were" if not others else f"{others} otherwise")
+    )
+    if report.not_judged:
+        lines.append(f"{report.not_judged} decisions could not be judged: what they hang on is not recorded")
+    if report.missing:
+        lines.append(f"{len(report.missing)} files are gone or changed: their recorded solutions were taken")
+    if report.after_missing:
+        lines.append(
+            f"{report.after_missing} frames were identified together with those: their recorded solutions "
+            "were taken as well"
+        )
+    if played.wire is not None:
+        lines.append(f"wire: {played.wire.told}")
+    lines += report.notes
+    return "\n".join(lines) + "\n"
