@@ -11,22 +11,20 @@ from typing import Annotated
 from fastapi import Depends, Request
 
 from api.access.audit import Audit
-from api.access.leases import Leases
 from api.events import Events
-from api.http.metrics import Metrics, Observed
-from api.http.views import result_view
-from api.listeners import Doors
-from api.nights.night_runner import Nights
-from api.nights.nights import nights_of
-from api.observatory import Observatory, Telescope, build_observatory
-from api.orders.desk import Desk
+from api.leases.leases import Leases
+from api.listeners.listeners import Listeners
+from api.metrics import Metrics, Observed
+from api.nights.nights import Nights, nights_of
+from api.observatory.observatory import Observatory, Telescope, build_observatory
+from api.orders.dispatcher import Dispatcher, preempt
+from api.orders.job_views import result_view
 from api.orders.jobs import Job, Jobs
 from api.orders.longer_orders import LongerOrders
-from api.orders.making_way import make_way
-from api.orders.remembering import Remembering
+from api.orders.restore import RestoredState
+from api.solver.limits import Limits
+from api.solver.solve_settings import solve_settings
 from api.solver.solver import Solver
-from api.solver.solver_limits import Limits
-from api.solver.solving import solve_settings
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import DeviceError
 from mountnav.journal.job_store import JobStore
@@ -49,12 +47,12 @@ class Service:
     solver: Solver
     journal: SqlJournal
     nights: Nights
-    desk: Desk
+    desk: Dispatcher
     leases: Leases
     audit: Audit
     metrics: Metrics
-    remembering: Remembering
-    doors: Doors = field(default_factory=lambda: Doors({}))
+    remembering: RestoredState
+    doors: Listeners = field(default_factory=lambda: Listeners({}))
     _halted: bool = False
 
     def solve_settings(self, telescope_id: str | None) -> SolveSettings:
@@ -118,7 +116,7 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         build_early=early,
         limits=Limits(settings.solving.memory_mb),
     )
-    remembering = Remembering(journal, tell)
+    remembering = RestoredState(journal, tell)
     try:
         observatory = build_observatory(settings, catalog, jobs.heard, solver, journal)
     except BaseException:
@@ -130,7 +128,7 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
     await observatory.open()
     audit = Audit(journal)
     leases = Leases(journal, events.publish, audit)
-    desk = Desk(
+    desk = Dispatcher(
         observatory,
         jobs,
         longer=LongerOrders(settings, observatory, solver, jobs.heard),
@@ -142,7 +140,7 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
     )
     desk.start()
     nights = nights_of(
-        settings, observatory, catalog, jobs.heard, journal, make_way=partial(make_way, desk, jobs)
+        settings, observatory, catalog, jobs.heard, journal, make_way=partial(preempt, desk, jobs)
     )
     await remembering.first(nights.start)
     # the first who asks is to be told where the telescopes point, and not that nobody knows yet

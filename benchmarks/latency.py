@@ -27,7 +27,7 @@ from pathlib import Path
 
 import numpy as np
 
-from api.solver.solver_warmup import as_fits
+from api.solver.process import as_fits
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.render import draw_frame

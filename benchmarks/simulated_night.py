@@ -31,7 +31,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import cast
 
-from api.nights.night_runner import NightParts, NightRunner
+from api.nights.nights import NightParts, NightRunner
 from benchmarks.journal_story import untold
 from benchmarks.judging import Place, standing, violations, way_is_clear, wrong_syncs
 from benchmarks.worlds import AIR, Observatory, World, built, drawn

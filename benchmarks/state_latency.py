@@ -29,7 +29,7 @@ from pathlib import Path
 
 import numpy as np
 
-from api.solver.solver_warmup import as_fits
+from api.solver.process import as_fits
 from benchmarks.latency import PLACE, SCALE_ARCSEC_PX, SETTINGS, SIDE_PX, Served, ready, solve_on
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.simulation.optics import SimulatedOptics

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from api.access.keys import KeyStore
-from api.alpaca.unique_ids import unique_ids
+from api.alpaca.management import unique_ids
 from mountnav.catalog.importing.lock import held
 from mountnav.errors import BadSettings
 from mountnav.files import locked, make_private_folder

@@ -1,21 +1,107 @@
-"""Who ordered what, by which face, and what became of it: a row of the journal for each, refused ones too."""
+"""The audit: a journal row for each order and each request that would change something, refused ones too."""
 
 from __future__ import annotations
 
+import json
 import logging
-from collections.abc import Mapping
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Mapping
 from contextvars import ContextVar
+from dataclasses import dataclass
 from typing import Protocol
 
 from pydantic import BaseModel
+from starlette.datastructures import Headers
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from api.access.callers import Caller, Face
-from api.access.noted_seldom import Seldom, Unnoted
-from api.http.faults import Problem, Refused, internal_problem, problem_of
+from api.access.roles import route_of
+from api.problems import PROBLEM_TYPE, Problem, Refused, internal_problem, problem_of
 from mountnav.errors import MountnavError
 from mountnav.journal.audit_and_leases import AuditRow
 from mountnav.masking import masked
 from mountnav.sky.coordinates import utc_now
+
+__all__ = [
+    "Audit",
+    "AuditKeeper",
+    "AuditedRequests",
+    "EACH_S",
+    "Seldom",
+    "TAKEN",
+    "Unnoted",
+    "watching_notes",
+]
+
+
+EACH_S = 60.0
+"""How long is counted before it is noted again, s. Doubled, half as many rows, each a minute later."""
+_MOST_KEPT = 1000
+"""Of whom counts are kept: some 100 bytes each. Who is forgotten is noted as if he were new."""
+
+
+@dataclass(slots=True)
+class Unnoted:
+    """What was not noted since the last time.
+
+    Attributes
+    ----------
+    same : int
+        Of the same key.
+    others : int
+        Of other keys, that were too many together.
+    """
+
+    same: int = 0
+    others: int = 0
+
+
+@dataclass(slots=True)
+class _Count:
+    since_s: float
+    noted: int = 0
+    unnoted: int = 0
+
+
+class Seldom:
+    """Counts by keys, and says when one is due to be noted.
+
+    Parameters
+    ----------
+    each : int
+        So often a minute each key is noted.
+    all_together : int
+        So often a minute anything is.
+    clock_s : callable, optional
+    """
+
+    def __init__(self, each: int, all_together: int, clock_s: Callable[[], float] = time.monotonic) -> None:
+        self._each, self._all_together = each, all_together
+        self._clock_s = clock_s
+        self._counts: OrderedDict[Hashable, _Count] = OrderedDict()
+        self._together = _Count(-EACH_S)
+
+    def due(self, key: Hashable) -> Unnoted | None:
+        """Whether this one is to be noted, with what was not before it; None: it is counted."""
+        now_s = self._clock_s()
+        if now_s - self._together.since_s >= EACH_S:
+            self._together = _Count(now_s, unnoted=self._together.unnoted)
+        count = self._counts.setdefault(key, _Count(now_s))
+        self._counts.move_to_end(key)
+        while len(self._counts) > _MOST_KEPT:
+            _, forgotten = self._counts.popitem(last=False)
+            self._together.unnoted += forgotten.unnoted
+        if now_s - count.since_s >= EACH_S:
+            count.since_s, count.noted = now_s, 0
+        if count.noted >= self._each or self._together.noted >= self._all_together:
+            count.unnoted += 1
+            return None
+        found = Unnoted(count.unnoted, self._together.unnoted)
+        count.noted, count.unnoted = count.noted + 1, 0
+        self._together.noted, self._together.unnoted = self._together.noted + 1, 0
+        return found
+
 
 _log = logging.getLogger(__name__)
 
@@ -214,4 +300,125 @@ def _cut(value: object, depth: int = 1) -> object:
     return value
 
 
-__all__ = ["TAKEN", "Audit", "AuditKeeper", "watching_notes"]
+_ASKING = frozenset({"GET", "HEAD", "OPTIONS", "TRACE"})
+_HEARTBEAT = "PUT /v1/telescopes/{telescope_id}/lease"
+_STRANGERS_MOST = 60
+"""So many notes a minute of all who have no key, one of each address: they must not fill the journal, not
+from as many addresses as they like either. Doubled, 40 MB a day."""
+_LONGEST_PROBLEM_BYTES = 65_536
+
+
+class AuditedRequests:
+    """Note requests that are no mere questions. Plain ASGI.
+
+    Parameters
+    ----------
+    app : ASGIApp
+    audit_of : callable
+        The audit of the running service; None before and after.
+    caller_of : callable
+        Who sends a request. Raises `Refused`.
+    """
+
+    def __init__(
+        self,
+        app: ASGIApp,
+        audit_of: Callable[[], Audit | None],
+        caller_of: Callable[[Scope], Caller],
+        *,
+        clock_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._app = app
+        self._audit_of = audit_of
+        self._caller_of = caller_of
+        self._strangers = Seldom(1, _STRANGERS_MOST, clock_s)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on, and note what became of it."""
+        if scope["type"] != "http" or scope["method"] in _ASKING:
+            await self._app(scope, receive, send)
+            return
+        noted = watching_notes()
+        answer = _Answer(send)
+        try:
+            await self._app(scope, receive, answer.send)
+        finally:
+            audit = self._audit_of()
+            if audit is not None and not noted:
+                self._note(audit, scope, answer)
+
+    def _note(self, audit: Audit, scope: Scope, answer: _Answer) -> None:
+        status = answer.status or 500
+        route = route_of(scope["method"], scope["path"])
+        if route == _HEARTBEAT and status < 400:
+            return
+        what = route or f"{scope['method']} {scope['path'][:200]}"
+        try:
+            caller = self._caller_of(scope)
+        except Refused:
+            self._note_stranger(audit, scope, what, status, answer.outcome)
+            return
+        audit.note(
+            caller,
+            what,
+            telescope=str(scope.get("path_params", {}).get("telescope_id", "")),
+            request=_query(scope),
+            outcome=answer.outcome,
+            detail=answer.detail,
+            status=status,
+        )
+
+    def _note_stranger(self, audit: Audit, scope: Scope, what: str, status: int, outcome: str) -> None:
+        address = _host(scope)
+        if (unnoted := self._strangers.due(address)) is not None:
+            audit.stranger(address, what, status=status, outcome=outcome, unnoted=unnoted)
+
+
+class _Answer:
+    """Looks at an answer as it passes: its status, and what its problem is."""
+
+    def __init__(self, send: Send) -> None:
+        self._send = send
+        self._problem: bytearray | None = None
+        self.status: int | None = None
+
+    async def send(self, message: Message) -> None:
+        if message["type"] == "http.response.start":
+            self.status = message["status"]
+            kind = Headers(raw=list(message.get("headers", ()))).get("content-type", "")
+            self._problem = bytearray() if kind.startswith(PROBLEM_TYPE) else None
+        elif self._problem is not None and len(self._problem) < _LONGEST_PROBLEM_BYTES:
+            self._problem += message.get("body", b"")
+        await self._send(message)
+
+    @property
+    def outcome(self) -> str:
+        """``answered``, or the slug of the problem."""
+        if self.status is None:
+            return "internal"
+        if self.status < 400:
+            return "answered"
+        found = self._told()
+        return str(found.get("type", "")).rpartition(":")[2] or f"http-{self.status}"
+
+    @property
+    def detail(self) -> str:
+        """The problem in words."""
+        return str(self._told().get("detail", ""))
+
+    def _told(self) -> dict[str, object]:
+        try:
+            found = json.loads(bytes(self._problem or b"{}"))
+        except ValueError:
+            return {}
+        return found if isinstance(found, dict) else {}
+
+
+def _query(scope: Scope) -> dict[str, object]:
+    text = scope.get("query_string", b"").decode("ascii", "replace")
+    return {"query": text} if text else {}
+
+
+def _host(scope: Scope) -> str:
+    client = scope.get("client")
+    return "" if client is None else str(client[0])

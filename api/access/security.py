@@ -6,6 +6,7 @@ import base64
 import binascii
 import ipaddress
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Annotated
 from urllib.parse import urlsplit
 
@@ -18,8 +19,12 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from api.access.callers import Caller, Face, Role
 from api.access.keys import KeyStore, open_keys
 from api.access.roles import LEASED, ROLES, route_of
-from api.http.faults import Problem, Refused, problem
-from api.http.refusals import refusal_response
+from api.problems import Problem, Refused, problem
+from api.refusals import refusal_response
+from mountnav.errors import BadRequest, Unknown
+
+__all__ = ["allowed_file"]
+
 
 _bearer = HTTPBearer(auto_error=False, description="An API key (`mountnav key new`), or the settings' token")
 _key = APIKeyHeader(name="X-API-Key", auto_error=False, description="The same key")
@@ -244,3 +249,37 @@ def _is_loopback_name(url: str) -> bool:
         )
     except ValueError:
         return False
+
+
+def allowed_file(path: Path, folders: Sequence[Path], *, telescope_id: str) -> Path:
+    """The file, if it lies in one of the folders.
+
+    Parameters
+    ----------
+    path : Path
+    folders : sequence of Path
+    telescope_id : str
+        Whose settings they are of, for the message.
+
+    Raises
+    ------
+    BadRequest
+        It doesn't; links out of a folder don't count.
+    Unknown
+        There is no such file.
+    """
+    try:
+        real = path.resolve()
+        inside = any(real.is_relative_to(folder.resolve()) for folder in folders)
+        there = inside and real.is_file()
+    except (OSError, ValueError) as odd:  # a name with a zero byte, a loop of links
+        raise BadRequest("that path is none", device=telescope_id, advice=str(odd)) from odd
+    if not inside:
+        raise BadRequest(
+            f"{path} lies in no folder that frames may be taken from",
+            device=telescope_id,
+            advice="set night.folder or night.allowed_folders",
+        )
+    if not there:
+        raise Unknown(f"there is no file {path}", device=telescope_id, advice="look at its name")
+    return real

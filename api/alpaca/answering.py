@@ -14,13 +14,12 @@ import logging
 from collections.abc import Mapping
 
 from api.access.callers import Caller
-from api.alpaca.clients import Client
-from api.alpaca.envelope import NOTHING
+from api.alpaca.codec import NOTHING, required
+from api.alpaca.connection import Client
+from api.alpaca.errors import AlpacaError, NotTaken, error_of, not_implemented, parked
 from api.alpaca.member import Member
-from api.alpaca.parameters import required
-from api.alpaca.refusals import AlpacaError, NotTaken, error_of, not_implemented, parked
 from api.alpaca.telescope import AlpacaTelescope, Call
-from api.http.faults import Refused, internal_problem, problem_of
+from api.problems import Refused, internal_problem, problem_of
 from mountnav.errors import MountnavError
 
 _log = logging.getLogger(__name__)

@@ -6,8 +6,8 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from api.alpaca.parameters import decimal, truth, whole, words
-from api.alpaca.refusals import invalid_value
+from api.alpaca.codec import decimal, truth, whole, words
+from api.alpaca.errors import invalid_value
 from api.alpaca.telescope import AlpacaTelescope, Call
 from mountnav.devices import Skill
 

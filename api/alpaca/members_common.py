@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from api.alpaca.errors import AlpacaError, Number
 from api.alpaca.member import Member, Parameter, never, nothing, truth, words
-from api.alpaca.refusals import AlpacaError, Number
 from api.alpaca.telescope import AlpacaTelescope, Call
 from mountnav import __version__
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from api.alpaca.member import Member, with_skill
 from api.alpaca.telescope import AlpacaTelescope, Call
-from api.orders.orders import HomeOrder, ParkOrder, SetParkOrder, UnparkOrder
+from api.orders.vocabulary import HomeOrder, ParkOrder, SetParkOrder, UnparkOrder
 from mountnav.devices import Skill
 
 _AT_ONCE_S = 0.5

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from datetime import UTC, datetime
 
-from api.alpaca.envelope import turned
+from api.alpaca.codec import instant, turned
+from api.alpaca.errors import AlpacaError
 from api.alpaca.member import (
     DEC,
     DEC_RANGE,
@@ -18,8 +19,6 @@ from api.alpaca.member import (
     whole,
     with_skill,
 )
-from api.alpaca.parameters import instant
-from api.alpaca.refusals import AlpacaError
 from api.alpaca.telescope import AlpacaTelescope, Call
 from mountnav.devices import PierSide, Skill
 from mountnav.sky.chain import sidereal_time_deg

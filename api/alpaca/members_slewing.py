@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from api.alpaca.envelope import turned
+from api.alpaca.codec import turned
+from api.alpaca.errors import invalid_operation, not_set, parked
 from api.alpaca.member import (
     ALT,
     ALT_RANGE,
@@ -21,11 +22,10 @@ from api.alpaca.member import (
     whole,
     with_skill,
 )
-from api.alpaca.refusals import invalid_operation, not_set, parked
 from api.alpaca.telescope import AlpacaTelescope, Call, Targets
-from api.orders.carrying_out import there
-from api.orders.orders import SlewOrder, SyncToOrder
+from api.orders.execute_order import there
 from api.orders.targets import AltAzTarget, ApparentTarget, IcrsTarget
+from api.orders.vocabulary import SlewOrder, SyncToOrder
 from mountnav.devices import Skill
 from mountnav.navigation.navigator import Navigator
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Literal
 
+from api.alpaca.errors import invalid_operation, invalid_value, parked
 from api.alpaca.member import Member, Parameter, Range, decimal, never, nothing, truth, whole, with_skill
-from api.alpaca.pulses import DIRECTIONS
-from api.alpaca.refusals import invalid_operation, invalid_value, parked
+from api.alpaca.motion import DIRECTIONS
 from api.alpaca.telescope import AlpacaTelescope, Call
-from api.orders.orders import GuideOrder, TrackingOrder
+from api.orders.vocabulary import GuideOrder, TrackingOrder
 from mountnav.devices import Skill, TrackingRate
 
 RATES = (TrackingRate.SIDEREAL, TrackingRate.LUNAR, TrackingRate.SOLAR, TrackingRate.KING)

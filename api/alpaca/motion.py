@@ -1,8 +1,4 @@
-"""The last order to move that came over Alpaca: under way until settled and re-read, and how it failed.
-
-Slewing is the standard's only way to tell that a slew failed after it began: reading it raises then, once for
-each client that has an id, and for those without one until the next order or an abort [Alpaca §5].
-"""
+"""Motion over Alpaca: the last slew, guide pulses, and where parking and homing ended."""
 
 from __future__ import annotations
 
@@ -10,18 +6,153 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import Awaitable, Callable
+from typing import Literal
 
 from api.access.callers import Caller
-from api.alpaca.clients import Client
-from api.alpaca.refusals import AlpacaError, Number, failure_of
-from api.http.faults import problem_of
-from api.orders.desk import Desk
+from api.alpaca.connection import Client
+from api.alpaca.errors import AlpacaError, Number, error_of, failure_of, invalid_operation
+from api.orders.dispatcher import Dispatcher
 from api.orders.job import Job
-from api.orders.orders import Order
+from api.orders.vocabulary import GuideOrder, Order
+from api.orders.watching import Snapshot
+from api.problems import Refused, problem_of
 from mountnav.errors import MountnavError
 from mountnav.navigation.navigator import Navigator
 from mountnav.sky.present import real_s
+from mountnav.sky.sphere import half_turn_deg
 from mountnav.tasks import begun, fault_words, waited_for
+
+__all__ = ["DIRECTIONS", "Motion", "Pulses", "Stations", "Work"]
+
+
+_NEAR_DEG = 0.1
+_ZENITH_DEG = 89.0
+
+
+class Stations:
+    """Altitude and azimuth of each station, as last reached; a telescope that is there stands still."""
+
+    def __init__(self) -> None:
+        self._places: dict[str, tuple[float, float]] = {}
+
+    def remember(self, station: str, snapshot: Snapshot) -> None:
+        """It stands at its station now."""
+        state = snapshot.state
+        if state.altitude_deg is not None and state.azimuth_deg is not None:
+            self._places[station] = state.altitude_deg, state.azimuth_deg
+
+    def forget(self, station: str) -> None:
+        """It does no more."""
+        self._places.pop(station, None)
+
+    def is_at(self, station: str, snapshot: Snapshot) -> bool:
+        """Whether it stands there still."""
+        at, state = self._places.get(station), snapshot.state
+        if at is None or state.altitude_deg is None or state.azimuth_deg is None:
+            return False
+        if snapshot.slewing or (state.reading is not None and state.reading.tracking):
+            return False
+        turn_deg = abs(half_turn_deg(state.azimuth_deg - at[1])) if abs(at[0]) < _ZENITH_DEG else 0.0
+        return abs(state.altitude_deg - at[0]) < _NEAR_DEG and turn_deg < _NEAR_DEG
+
+
+_AXIS = {"n": "declination", "s": "declination", "e": "hour angle", "w": "hour angle"}
+DIRECTIONS: tuple[Literal["n", "s", "e", "w"], ...] = ("n", "s", "e", "w")
+"""As Alpaca counts them: 0 north, 1 south, 2 east, 3 west."""
+
+
+class Pulses:
+    """The guide pulses of one telescope.
+
+    Parameters
+    ----------
+    desk : Desk
+    telescope_id : str
+    """
+
+    def __init__(self, desk: Dispatcher, telescope_id: str) -> None:
+        self._desk = desk
+        self._telescope_id = telescope_id
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+        self._failure: AlpacaError | None = None
+        self._stops = 0
+
+    @property
+    def running(self) -> bool:
+        """Whether one runs or waits."""
+        return any(not task.done() for task in self._tasks.values())
+
+    async def guide(self, caller: Caller, order: GuideOrder) -> None:
+        """Take a pulse; it runs, or waits for the one of the other axis, when this returns.
+
+        Raises
+        ------
+        AlpacaError
+            A pulse of the same axis still runs.
+        MountnavError, Refused
+            As the desk's `order`.
+        """
+        axis = _AXIS[order.direction]
+        if (same := self._tasks.get(axis)) is not None and not same.done():
+            raise invalid_operation(
+                f"a guide pulse of the {axis} axis still runs: wait for IsPulseGuiding False"
+            )
+        self._failure = None
+        before = next((task for task in self._tasks.values() if not task.done()), None)
+        if before is not None:
+            self._tasks[axis] = begun(
+                self._later(caller, order, before, self._stops), "alpaca guide", died=self._died
+            )
+            return
+        # a task that waits for the order: a pulse that comes meanwhile finds it
+        ordered = waited_for(self._desk.order(caller, self._telescope_id, order), "alpaca guide")
+        self._tasks[axis] = begun(self._follow(ordered, self._stops), "alpaca guide", died=self._died)
+        await ordered
+
+    def failed_before(self) -> AlpacaError | None:
+        """How a pulse failed after it was taken; told once."""
+        failure, self._failure = self._failure, None
+        return failure
+
+    def aborting(self) -> None:
+        """What waits isn't carried out any more."""
+        self._stops += 1
+
+    async def close(self) -> None:
+        """Follow no more."""
+        for task in self._tasks.values():
+            task.cancel()
+            with contextlib.suppress(asyncio.CancelledError, Exception):
+                await task
+
+    def _died(self, fault: Exception) -> None:
+        self._failure = AlpacaError(0x5FF, fault_words(fault))
+
+    async def _follow(self, ordered: asyncio.Task[Job], stops: int) -> None:
+        try:
+            job = await ordered
+        except (MountnavError, Refused):
+            return  # whoever ordered it hears of it
+        await self._end_of(job, stops)
+
+    async def _later(self, caller: Caller, order: GuideOrder, before: asyncio.Task[None], stops: int) -> None:
+        await asyncio.wait({before})
+        if self._stops != stops:
+            return
+        try:
+            job = await self._desk.order(caller, self._telescope_id, order)
+        except (MountnavError, Refused) as refusal:
+            found = refusal.problem if isinstance(refusal, Refused) else problem_of(refusal)
+            self._failure = error_of(found)
+            return
+        await self._end_of(job, stops)
+
+    async def _end_of(self, job: Job, stops: int) -> None:
+        """Wait for its end; `stops` as when the pulse was taken: an abort since is no failure of it."""
+        await job.ended.wait()
+        if job.problem is not None and self._stops == stops:
+            self._failure = failure_of(job.problem)
+
 
 _log = logging.getLogger(__name__)
 
@@ -43,7 +174,7 @@ class Motion:
         How long after its end a motion still counts as one.
     """
 
-    def __init__(self, desk: Desk, telescope_id: str) -> None:
+    def __init__(self, desk: Dispatcher, telescope_id: str) -> None:
         self.settle_s = 0
         self._desk = desk
         self._telescope_id = telescope_id
@@ -240,6 +371,3 @@ def _failure_of(job: Job) -> AlpacaError | None:
     found = failure_of(job.problem)
     how = "was stopped" if found.number == Number.CANCELLED else "failed"
     return AlpacaError(found.number, f"the {job.kind} {how}: {found.words}")
-
-
-__all__ = ["Motion", "Work"]

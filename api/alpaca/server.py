@@ -1,8 +1,4 @@
-"""The Alpaca server as an ASGI application: paths, verbs, plain-text refusals, envelopes [Alpaca §1, §2, §6].
-
-It answers below ``/api``, ``/management`` and ``/setup`` of the service's port. No web framework reads its
-paths or parameters: their ways (redirected slashes, JSON errors, 422) are not the standard's.
-"""
+"""Who calls by Alpaca: a key by HTTP Basic or X-API-Key where there are keys, unless the door is open."""
 
 from __future__ import annotations
 
@@ -10,28 +6,60 @@ import asyncio
 import time
 from collections.abc import Callable
 
+from starlette.datastructures import Headers
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from api.access.callers import Caller, Role
+from api.access.callers import Caller, Face, Role
 from api.access.keys import KeyStore
-from api.access.security import require_role
-from api.alpaca.access import alpaca_caller
+from api.access.security import address_of, caller_from_headers, require_role
 from api.alpaca.answering import answer, read_parameters
-from api.alpaca.clients import Client
-from api.alpaca.envelope import Transactions, envelope
-from api.alpaca.management import management_value
+from api.alpaca.codec import (
+    BadParameter,
+    DevicePath,
+    ManagementPath,
+    SetupPath,
+    Transactions,
+    envelope,
+    from_form,
+    from_query,
+    read_path,
+    unsigned,
+)
+from api.alpaca.connection import Client
+from api.alpaca.errors import words_of
+from api.alpaca.management import ids_path, management_value, server_page, telescope_page, unique_ids
 from api.alpaca.members import MEMBERS, NAMES
-from api.alpaca.parameters import BadParameter, from_form, from_query, unsigned
-from api.alpaca.paths import DevicePath, ManagementPath, SetupPath, read_path
-from api.alpaca.refusals import words_of
-from api.alpaca.setup_pages import server_page, telescope_page
 from api.alpaca.telescope import AlpacaTelescope
-from api.alpaca.unique_ids import ids_path, unique_ids
-from api.http.faults import Refused
+from api.problems import Refused
 from api.service import Service
+
+__all__ = ["AlpacaServer", "alpaca_app", "alpaca_caller", "alpaca_routes"]
+
+
+def alpaca_caller(scope: Scope, keys: KeyStore, *, is_open: bool) -> Caller:
+    """The caller of a request.
+
+    Parameters
+    ----------
+    scope : Scope
+    keys : KeyStore
+    is_open : bool
+        Whether whoever reaches the port may operate without a key: the standard itself knows none. A key
+        that is sent all the same counts.
+
+    Raises
+    ------
+    Refused
+        401 with WWW-Authenticate: no key, or none that is known.
+    """
+    headers, address = Headers(scope=scope), address_of(scope)
+    if is_open and keys.guards and "authorization" not in headers and "x-api-key" not in headers:
+        return Caller(f"alpaca {address}", Role.OPERATE, Face.ALPACA, address)
+    return caller_from_headers(headers, address, keys=keys, face=Face.ALPACA, basic=True)
+
 
 _FORM = "application/x-www-form-urlencoded"
 _LONGEST_BODY = 64_000
@@ -214,6 +242,3 @@ def _refused(words: str, status: int = 400) -> Response:
 
 def _wrong_verb(verb: str, allowed: str) -> Response:
     return PlainTextResponse(f"{verb} is not possible here", status_code=405, headers={"Allow": allowed})
-
-
-__all__ = ["AlpacaServer", "alpaca_app", "alpaca_routes"]

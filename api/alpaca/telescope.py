@@ -7,17 +7,13 @@ from dataclasses import dataclass
 
 from api.access.audit import Audit
 from api.access.callers import Caller
-from api.alpaca.clients import Client, Clients
-from api.alpaca.connecting import Connecting
-from api.alpaca.link import MountLink
-from api.alpaca.motion import Motion
-from api.alpaca.pulses import Pulses
-from api.alpaca.refusals import AlpacaError, error_of, not_connected
-from api.alpaca.stations import Stations
-from api.observatory import Telescope
-from api.orders.desk import Desk
-from api.orders.orders import Order
+from api.alpaca.connection import Client, Clients, Connecting, MountLink
+from api.alpaca.errors import AlpacaError, error_of, not_connected
+from api.alpaca.motion import Motion, Pulses, Stations
+from api.observatory.observatory import Telescope
+from api.orders.dispatcher import Dispatcher
 from api.orders.targets import Target
+from api.orders.vocabulary import Order
 from api.orders.watching import Snapshot, Watch
 from mountnav.devices import MountReading, Skill, TrackingRate
 from mountnav.errors import MountnavError
@@ -90,7 +86,7 @@ class AlpacaTelescope:
         number: int,
         unique_id: str,
         telescope: Telescope,
-        desk: Desk,
+        desk: Dispatcher,
         settings: Settings,
         audit: Audit,
         now_s: Callable[[], float],

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from api.cli.accuracy_record import AccuracyRecord, FrameAccuracy, IndicatorRecord, RowRecord, accuracy_record
 from api.http.file_names import shown
-from api.http.hints import asked_hint
+from api.solver.hints import asked_hint
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadFrame, BadRequest
 from mountnav.frames import Hint

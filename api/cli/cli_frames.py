@@ -36,7 +36,7 @@ def solve(
     """
     from api.cli.chosen_catalogs import chosen_shelf
     from api.cli.solve import run
-    from api.solver.solving import chosen_settings
+    from api.solver.solve_settings import chosen_settings
 
     settings = chosen_settings(
         config=config,
@@ -91,7 +91,7 @@ def accuracy(
     """
     from api.cli.accuracy import run
     from api.cli.chosen_catalogs import chosen_shelf
-    from api.solver.solving import chosen_settings
+    from api.solver.solve_settings import chosen_settings
 
     settings = chosen_settings(config=config, profile=profile, budget_s=None, calibration=calibration)
     raise typer.Exit(
@@ -135,7 +135,7 @@ def series(
     """
     from api.cli.chosen_catalogs import chosen_shelf
     from api.cli.series import run
-    from api.solver.solving import chosen_section, solve_settings
+    from api.solver.solve_settings import chosen_section, solve_settings
 
     section = chosen_section(config, profile, budget)
     raise typer.Exit(

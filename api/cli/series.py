@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from api.http.hints import asked_hint
+from api.solver.hints import asked_hint
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadFrame, BadRequest
 from mountnav.identification.preliminary_settings import PreliminarySettings

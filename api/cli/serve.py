@@ -39,7 +39,7 @@ def run(asked: Serve) -> int:
     settings = settings_of(asked)
     # only now: all of the service takes seconds to import, and wrong settings are told without it
     from api.http.serving import serve
-    from api.observatory import require_devices
+    from api.observatory.observatory import require_devices
 
     # all of them before anything is opened: a wrong one is told in one line, and starting again won't help
     require_devices(settings, asked.config)

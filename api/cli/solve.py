@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from api.http.file_names import shown
-from api.http.hints import asked_hint
-from api.solver.solve_answer import Answer, solve_answer, unread_answer
+from api.solver.hints import asked_hint
+from api.solver.solve_record import Answer, solve_answer, unread_answer
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.shelf import Shelf
 from mountnav.errors import BadFrame, BadSettings

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fastapi import APIRouter, FastAPI, Request
 from fastapi.responses import JSONResponse
@@ -14,9 +14,10 @@ from fastapi.routing import APIRoute
 from fastapi_offline import FastAPIOffline
 from starlette.routing import Route
 
+from api import problems
 from api.access.security import TokenRequired
 from api.alpaca.server import alpaca_routes
-from api.http import faults, guards
+from api.http import guards
 from api.http.routes import (
     audit,
     capabilities,
@@ -43,7 +44,7 @@ from api.http.routes import (
     wire,
 )
 from api.http.strict_requests import KnownQueryOnly
-from api.opening import doors_of
+from api.listeners.listeners import Listener, Listeners
 from api.service import open_service
 from mountnav import __version__
 from mountnav.catalog.at_hand import open_shelf
@@ -52,6 +53,12 @@ from mountnav.errors import MountnavError
 from mountnav.masking import mask_logs
 from mountnav.settings.observatory import Settings
 from mountnav.sky.iers import iers_status, override_dut1
+
+if TYPE_CHECKING:
+    from api.service import Service
+
+__all__ = ["listeners_of"]
+
 
 _ABOUT = """Finds out where telescopes really point, and puts them where they should.
 
@@ -85,7 +92,7 @@ def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI
             app.state.failure = error
             raise
         app.state.service = service
-        service.doors = doors_of(service, getattr(app.state, "http_address", None))
+        service.doors = listeners_of(service, getattr(app.state, "http_address", None))
         try:
             await service.doors.start()
             yield
@@ -103,7 +110,7 @@ def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
     )
     app.state.settings = settings
-    faults.install(app)
+    problems.install(app)
     guards.install(app, settings)
     app.router.routes.extend(_common_routes().routes)
     if settings.alpaca.enabled:
@@ -192,3 +199,50 @@ def _common_routes() -> APIRouter:
 
 def _name_of(route: APIRoute) -> str:
     return route.name
+
+
+def listeners_of(service: Service, http_address: tuple[str, int] | None) -> Listeners:
+    """Make the doors of a service; none is open yet.
+
+    Parameters
+    ----------
+    service : Service
+    http_address : (str, int) or None
+        Where HTTP is served, for discovery; None where no socket stands behind the application.
+    """
+    settings = service.settings
+    made: dict[str, Callable[[], Listener]] = {}
+    # each protocol's code is loaded only where its door is wanted
+    if settings.indi_server.enabled:
+        made["indi"] = lambda: _indi(service)
+    if settings.lx200_server.enabled:
+        made["lx200"] = lambda: _lx200(service)
+    if settings.stellarium.enabled:
+        made["stellarium"] = lambda: _stellarium(service)
+    if http_address is not None and settings.alpaca.enabled and settings.alpaca.discovery:
+        made["alpaca-discovery"] = lambda: _discovery(service, http_address)
+    return Listeners(made)
+
+
+def _indi(service: Service) -> Listener:
+    from api.indi_server.server import IndiServer
+
+    return IndiServer(service, service.settings.indi_server)
+
+
+def _lx200(service: Service) -> Listener:
+    from api.planetarium.lx200_server import Lx200Server
+
+    return Lx200Server(service, service.settings.lx200_server)
+
+
+def _stellarium(service: Service) -> Listener:
+    from api.planetarium.stellarium_server import StellariumServer
+
+    return StellariumServer(service, service.settings.stellarium)
+
+
+def _discovery(service: Service, http_address: tuple[str, int]) -> Listener:
+    from api.alpaca.discovery import Discovery
+
+    return Discovery(service.settings.alpaca, http_address)

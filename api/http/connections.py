@@ -2,7 +2,7 @@
 
 uvicorn waits without end for the head of a request, and takes as many connections as there are. Here a
 connection that says nothing, or says it too slowly, is closed, and so is one whose request has a head beyond
-all bounds; what comes is read in turns (`api.http.reading_turns`); one address may hold so many; and when
+all bounds; what comes is read in turns (`api.http.fair_scheduling`); one address may hold so many; and when
 there are too many, the one that has been idle for longest makes room. If none is idle, a newcomer is let in
 all the same, to send a stop and nothing else.
 """
@@ -24,12 +24,12 @@ from uvicorn import Config
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.server import ServerState
 
-from api.access.limits_of_rate import is_stop
-from api.http.faults import problem
-from api.http.reading_turns import PIECE_BYTES, ReadingTurns
-from api.http.refusals import refusal_response
-from api.http.room import Room, ToldSeldom
-from api.http.safe_headers import SAFE_HEADERS
+from api.access.rate_limits import is_stop
+from api.http.fair_scheduling import PIECE_BYTES, ReadingTurns
+from api.http.headers import SAFE_HEADERS
+from api.listeners.admission import ConnectionRoom, ToldSeldom
+from api.problems import problem
+from api.refusals import refusal_response
 
 _log = logging.getLogger(__name__)
 
@@ -105,7 +105,7 @@ class Gate:
     def __init__(self, bounds: Bounds, deadlines: Deadlines | None = None) -> None:
         self._bounds = bounds
         self.deadlines = deadlines or Deadlines()
-        self._here: Room[Guarded] = Room(bounds.most, bounds.each_address, bounds.fresh)
+        self._here: ConnectionRoom[Guarded] = ConnectionRoom(bounds.most, bounds.each_address, bounds.fresh)
         self._stopping: set[Guarded] = set()
         self.turns = ReadingTurns()
         self._sweeping: asyncio.TimerHandle | None = None

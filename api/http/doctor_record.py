@@ -6,7 +6,7 @@ import math
 
 from pydantic import BaseModel, Field
 
-from api.http.models import Finite
+from api.orders.job_views import Finite
 from mountnav.catalog.doctor.diagnosis import Check, Diagnosis, Verdict
 from mountnav.catalog.doctor.known import ONLINE
 

@@ -9,10 +9,10 @@ from datetime import datetime
 import numpy as np
 from pydantic import BaseModel, Field
 
-from api.http.last_frame import Kept
-from api.http.models import Finite, Place
-from api.orders.aim import aim_of
+from api.http.sky_views import aim_of
+from api.observatory.last_frame import Kept
 from api.orders.job import Job
+from api.orders.job_views import Finite, Place
 from mountnav.errors import BadRequest
 from mountnav.identification.wcs import icrs_at_pixel
 from mountnav.sky.coordinates import Air, Icrs, Site, utc_now

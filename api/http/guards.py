@@ -1,32 +1,75 @@
-"""What stands before all routes of all faces that speak HTTP: who comes, from where, how often, how large."""
+"""Streams of events end when the key that opened them is revoked: nothing is told after that."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 from fastapi import FastAPI
 from starlette.datastructures import Headers
 from starlette.middleware.cors import CORSMiddleware
-from starlette.types import Scope
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from api.access.audit import Audit
-from api.access.audited_requests import AuditedRequests
+from api.access.audit import Audit, AuditedRequests
 from api.access.callers import Caller, Role
 from api.access.keys import open_keys
-from api.access.limits_of_rate import RateLimit, TokenBuckets
+from api.access.log_rates import KnownCallers
+from api.access.rate_limits import RateLimit, TokenBuckets
 from api.access.security import LEASE_HEADER, OwnMachineOnly, address_of, caller_from_headers
-from api.access.sparing_logs import KnownCallers
-from api.alpaca.access import alpaca_caller
-from api.http.body_limit import BodyLimit
-from api.http.fair_requests import FairRequests
-from api.http.faults import Refused
-from api.http.head_requests import HeadAsGet
-from api.http.http_metrics import CountedRequests, HttpMetrics
-from api.http.open_streams import OpenStreams
-from api.http.refusals import ALPACA_PATHS
-from api.http.request_heads import BoundedHeads
-from api.http.safe_headers import SafeHeaders
+from api.alpaca.server import alpaca_caller
+from api.http.bodies import BodyLimit, WholeBodies
+from api.http.fair_scheduling import FairRequests
+from api.http.headers import BoundedHeads, HeadAsGet, SafeHeaders
+from api.http.request_metrics import CountedRequests, HttpMetrics
 from api.http.strict_requests import PlainJson, ShortTargets
-from api.http.whole_bodies import WholeBodies
+from api.problems import Refused
+from api.refusals import ALPACA_PATHS
 from mountnav.settings.observatory import Settings
+
+
+class OpenStreams:
+    """Before each piece of a stream, ask anew whether its listener may hear it. Plain ASGI.
+
+    Parameters
+    ----------
+    app : ASGIApp
+    caller_of : callable
+        Who sent a request. Raises `Refused` when he is none any more.
+    """
+
+    def __init__(self, app: ASGIApp, caller_of: Callable[[Scope], Caller]) -> None:
+        self._app = app
+        self._caller_of = caller_of
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        streaming = ended = False
+
+        async def checked(message: Message) -> None:
+            nonlocal streaming, ended
+            if ended:
+                return
+            if message["type"] == "http.response.start":
+                kind = Headers(raw=list(message.get("headers", ()))).get("content-type", "")
+                streaming = kind.startswith("text/event-stream")
+            elif streaming and not self._may_hear(scope):
+                # the server takes this for the end, and tells the application that its listener has gone
+                ended = True
+                await send({"type": "http.response.body", "body": b"", "more_body": False})
+                return
+            await send(message)
+
+        await self._app(scope, receive, checked)
+
+    def _may_hear(self, scope: Scope) -> bool:
+        try:
+            self._caller_of(scope)
+        except Refused:
+            return False
+        return True
+
 
 _ASKED = (
     "Authorization",

@@ -7,8 +7,8 @@ from typing import Any
 
 from pydantic import BaseModel, Field, model_validator
 
-from api.http.models import Finite, OffsetView, Place
-from api.orders.bodies import Body
+from api.orders.job_views import Finite, OffsetView, Place
+from api.orders.targets import Body
 from mountnav.night.drifting import DriftSoFar
 from mountnav.night.events import Decision
 from mountnav.night.frames_in import FrameAnswer

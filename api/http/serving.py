@@ -15,15 +15,15 @@ from types import FrameType
 import uvicorn
 from fastapi import FastAPI
 
-from api.access.sparing_logs import spare_logs
+from api.access.log_rates import spare_logs
 from api.demo.observatory import demo_journal
 from api.http.app import create_app
 from api.http.connections import Bounds, Gate
-from api.http.descriptors import ask_for_enough, descriptors_at_hand, shares
 from api.http.routes import truth
 from api.http.strict_requests import KnownQueryOnly
+from api.listeners.descriptors import ask_for_enough, descriptors_at_hand, shares
+from api.observatory.virtual import VirtualHeader, virtual_days
 from api.service import Service
-from api.virtual import VirtualHeader, virtual_days
 from mountnav.errors import BadSettings, MountnavError
 from mountnav.settings.observatory import Settings
 from mountnav.sky.iers import read_tables

@@ -1,29 +1,72 @@
-"""A telescope's limits and its sky as the API shows them; reckoned from what is known, asking no device."""
+"""What a job is aiming at, as ICRS, for those who draw it. Nothing that steers asks this."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
-from api.http.models import Finite, Place
-from api.orders.aim import aim_of
 from api.orders.job import Job
+from api.orders.job_views import Finite, Place
+from api.orders.targets import Target, icrs_of
 from mountnav.errors import MountnavError
 from mountnav.navigation.navigator import Navigator
-from mountnav.navigation.reports import TelescopeState
+from mountnav.navigation.reports import CenterReport, SlewReport, TelescopeState
 from mountnav.pointing.limits.bodies import bodies
 from mountnav.sky.chain import (
+    apparent_to_icrs,
     hour_angle_to_observed,
     icrs_to_apparent,
     icrs_to_hour_angle,
     icrs_to_observed,
     sidereal_time_deg,
 )
-from mountnav.sky.coordinates import GeometricHourAngle, HourAngle, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Air, Apparent, GeometricHourAngle, HourAngle, Icrs, Site, utc_now
 from mountnav.sky.sphere import gnomonic, gnomonic_inverse, half_turn_deg
 from mountnav.sky.turning import SIDEREAL_DEG_S
+
+__all__ = ["LimitsView", "SkyView", "aim_of", "limits_view", "sky_view"]
+
+
+_TARGET: TypeAdapter[Target] = TypeAdapter(Target)
+
+
+def aim_of(job: Job, utc: datetime, site: Site, air: Air) -> Icrs | None:
+    """Where a job goes, or went; None if it has no target.
+
+    Parameters
+    ----------
+    job : Job
+        Running or over.
+    utc : datetime
+        When, for targets that are no fixed places.
+    site, air : Site, Air
+    """
+    match job.result:
+        case CenterReport() | SlewReport() as report:
+            return report.target
+        case Mapping() as kept:
+            return _place(kept.get("target"), utc)
+    target = job.request.get("target")
+    if isinstance(target, Mapping):
+        try:
+            return icrs_of(_TARGET.validate_python(dict(target)), utc, site, air)
+        except (ValidationError, MountnavError):
+            return None
+    return _place(job.request, utc)
+
+
+def _place(said: object, utc: datetime) -> Icrs | None:
+    if not isinstance(said, Mapping):
+        return None
+    ra_deg, dec_deg = said.get("ra_deg"), said.get("dec_deg")
+    if not isinstance(ra_deg, int | float) or not isinstance(dec_deg, int | float):
+        return None
+    if said.get("frame") == "jnow-apparent":
+        return apparent_to_icrs(Apparent(float(ra_deg), float(dec_deg), utc))
+    return Icrs(float(ra_deg), float(dec_deg))
+
 
 AHEAD_S = 43_200.0
 """So far ahead a limit is sought."""
@@ -285,6 +328,3 @@ def _of_date(place: Icrs, utc: datetime) -> Place:
 def _body(body: GeometricHourAngle, site: Site) -> DirectionView:
     seen = hour_angle_to_observed(HourAngle(body.ha_deg, body.dec_deg, body.utc), site)
     return DirectionView(altitude_deg=seen.alt_deg, azimuth_deg=seen.az_deg)
-
-
-__all__ = ["LimitsView", "SkyView", "limits_view", "sky_view"]

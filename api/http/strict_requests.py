@@ -14,9 +14,9 @@ from fastapi.dependencies.models import Dependant
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from api.access.limits_of_rate import is_stop
-from api.http.faults import Refused, problem
-from api.http.refusals import refusal_response
+from api.access.rate_limits import is_stop
+from api.problems import Refused, problem
+from api.refusals import refusal_response
 from mountnav.parsing import repeated
 
 _MOST_TOLD = 5

@@ -13,14 +13,13 @@ import logging
 from collections.abc import Mapping
 
 from api.access.callers import Caller, Face, Role
-from api.http.fair_turns import STOPS_AT_ONCE, Allowance, Turns
-from api.indi_server.answers import Answer, chosen_switch
 from api.indi_server.device import ABORT, IndiTelescope
-from api.indi_server.hearing import Asked, Broken, Heard, Hearing, Nonsense
+from api.indi_server.orders import Answer, chosen_switch
+from api.indi_server.parser import Asked, Broken, Heard, Hearing, Nonsense
 from api.indi_server.properties import COORDINATES, PULSES
-from api.indi_server.selections import SYNC, USUAL, LeftSelections, Selections
-from api.indi_server.telling import Telling
+from api.indi_server.publisher import SYNC, USUAL, LeftSelections, Selections, Telling
 from api.indi_server.vectors import saying
+from api.listeners.fair_reading import STOPS_AT_ONCE, Allowance, Turns
 from drivers.indi.codec import Ordered, Pinged, State
 from drivers.indi.orders import ping_reply
 from mountnav.sky.coordinates import utc_now

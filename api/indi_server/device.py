@@ -1,6 +1,6 @@
 """One telescope as an INDI device: its properties as they are now, and the ends of what was ordered of it.
 
-What is shown comes from its watch; orders are taken by `api.indi_server.taking_orders`. An order is answered
+What is shown comes from its watch; orders are taken by `api.indi_server.orders`. An order is answered
 when it was taken or refused, as by a driver that talks to its mount: short ones at their end.
 """
 
@@ -13,13 +13,19 @@ from collections.abc import Callable, Coroutine, Sequence
 from datetime import timedelta
 
 from api.access.callers import Caller
-from api.indi_server.answers import Answer
-from api.indi_server.properties import COORDINATES, Facts, driver_info, running, vectors_of
-from api.indi_server.surroundings import Optics, time_vector
-from api.indi_server.taking_orders import TakingOrders
+from api.indi_server.orders import Answer, TakingOrders
+from api.indi_server.properties import (
+    COORDINATES,
+    Facts,
+    Optics,
+    driver_info,
+    running,
+    time_vector,
+    vectors_of,
+)
 from api.indi_server.vectors import Vector
+from api.orders.goto_orders import NotTaken, Ordering, require_success
 from api.orders.job import Job
-from api.planetarium.ordering import NotTaken, Ordering, require_success
 from api.service import Service
 from drivers.indi.codec import Ordered, State
 from mountnav.errors import MountnavError

@@ -6,13 +6,13 @@ import asyncio
 import logging
 
 from api.events import Event
-from api.http.fair_turns import Turns
-from api.indi_server.answers import Answer
 from api.indi_server.connection import Connection
 from api.indi_server.device import IndiTelescope, device_names
-from api.indi_server.selections import LeftSelections
+from api.indi_server.orders import Answer
+from api.indi_server.publisher import LeftSelections
 from api.indi_server.vectors import saying
-from api.planetarium.listening import Listening
+from api.listeners.fair_reading import Turns
+from api.listeners.tcp import Listening
 from api.service import Service
 from mountnav.settings.faces import IndiServerSettings
 from mountnav.sky.coordinates import utc_now

@@ -1,1 +1,1 @@
-"""What may be ordered of a telescope, by whatever face: vocabulary, dispatcher, jobs, restart."""
+"""What may be ordered of a telescope, by whatever face: vocabulary, dispatcher, jobs and their results."""

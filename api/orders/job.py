@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum
 
-from api.http.faults import Problem, problem, problem_of
+from api.problems import Problem, problem, problem_of
 from mountnav.devices import Epoch
 from mountnav.errors import Busy, Cancelled, JournalFailed
 from mountnav.journal.job_rows import JobRow

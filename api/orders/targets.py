@@ -1,19 +1,47 @@
-"""Where to point, as callers may say it: ICRS with its motion, of date, altitude and azimuth, or a name."""
+"""Where to point, as request bodies say it: ICRS with motion, of date, altitude and azimuth, or a name."""
 
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from api.orders.bodies import Tagged
 from mountnav.errors import BadRequest
 from mountnav.sky.chain import apparent_to_icrs, observed_to_icrs
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Observed, Site
 from mountnav.sky.named import object_of_name, place_of_name
 from mountnav.sky.proper_motion import moved_to
 from mountnav.sky.typed import LONGEST_TEXT, read_position
+
+__all__ = [
+    "AltAzTarget",
+    "ApparentTarget",
+    "Body",
+    "IcrsTarget",
+    "NamedTarget",
+    "Tagged",
+    "Target",
+    "TypedTarget",
+    "icrs_of",
+]
+
+
+class Body(BaseModel):
+    """A request's body: nothing unknown, no text or truth values for numbers, no NaN."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+
+def _kind_is_required(schema: dict[str, Any]) -> None:
+    schema["required"] = ["kind", *(name for name in schema.get("required", ()) if name != "kind")]
+
+
+class Tagged(Body):
+    """One of several kinds of bodies: over the wire it says which."""
+
+    model_config = ConfigDict(json_schema_extra=_kind_is_required)
+
 
 _RaDeg = Annotated[float, Field(ge=0, lt=360)]
 _DecDeg = Annotated[float, Field(ge=-90, le=90)]
@@ -143,6 +171,3 @@ def icrs_of(
             return place_of_name(target.name, utc, site)
         case TypedTarget():
             return icrs_of(target.read(), utc, site, air)
-
-
-__all__ = ["AltAzTarget", "ApparentTarget", "IcrsTarget", "NamedTarget", "Target", "TypedTarget", "icrs_of"]

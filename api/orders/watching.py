@@ -9,13 +9,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
 
-from api.observatory import Telescope
+from api.observatory.observatory import Telescope
 from api.orders.jobs import Job, Jobs
-from api.orders.orders import MOVING
+from api.orders.vocabulary import MOVING
 from mountnav.navigation.reports import TelescopeState
-from mountnav.sky.coordinates import utc_now
+from mountnav.sky.chain import icrs_to_apparent
+from mountnav.sky.coordinates import Apparent, utc_now
 from mountnav.sky.present import real_s
 from mountnav.tasks import begun, fault_words
+
+__all__ = ["Snapshot", "Watch", "apparent_place"]
+
 
 _log = logging.getLogger(__name__)
 
@@ -147,4 +151,11 @@ class Watch:
         news.set()
 
 
-__all__ = ["Snapshot", "Watch"]
+def apparent_place(snapshot: Snapshot) -> Apparent | None:
+    """Where the mount says it points, of date; None where it was not read."""
+    state = snapshot.state
+    if state.reading is None or not state.connected:
+        return None
+    if isinstance(state.reading.place, Apparent):
+        return state.reading.place
+    return None if state.icrs is None else icrs_to_apparent(state.icrs, state.reading.utc)

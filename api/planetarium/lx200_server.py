@@ -9,12 +9,11 @@ from collections import OrderedDict
 from collections.abc import Coroutine
 
 from api.access.callers import Caller, Face, Role
-from api.http.fair_turns import STOPS_AT_ONCE, Allowance, Turns
-from api.planetarium.lx200_client import Lx200Client, MountLost
-from api.planetarium.lx200_machine import Machine
-from api.planetarium.lx200_words import Commands, is_http
-from api.planetarium.one_telescope import OneTelescopeServer
-from api.planetarium.ordering import NotTaken
+from api.listeners.fair_reading import STOPS_AT_ONCE, Allowance, Turns
+from api.orders.goto_orders import NotTaken
+from api.planetarium.lx200_codec import Commands, is_http
+from api.planetarium.lx200_session import Lx200Client, Machine, MountLost
+from api.planetarium.telescope_server import OneTelescopeServer
 from api.service import Service
 from mountnav.settings.faces import Lx200ServerSettings
 from mountnav.tasks import Crew, begun

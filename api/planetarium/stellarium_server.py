@@ -10,12 +10,12 @@ import contextlib
 import logging
 
 from api.access.callers import Caller, Face, Role
-from api.http.fair_turns import Allowance
+from api.listeners.fair_reading import Allowance
+from api.orders.goto_orders import NotTaken
 from api.orders.targets import IcrsTarget
 from api.orders.watching import Snapshot
-from api.planetarium.one_telescope import OneTelescopeServer
-from api.planetarium.ordering import NotTaken
 from api.planetarium.stellarium_codec import GotoStream, NotStellarium, position_message
+from api.planetarium.telescope_server import OneTelescopeServer
 from api.service import Service
 from mountnav.settings.faces import StellariumSettings
 from mountnav.tasks import Crew, waited_for

@@ -13,10 +13,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from api.navigators import centering_policy
-from api.nights.night_runner import digest_of
+from api.nights.nights import digest_of
+from api.observatory.navigators import centering_policy
 from api.replay.recording_header import recorded_settings
-from api.solver.solving import solve_settings
+from api.solver.solve_settings import solve_settings
 from drivers.generic.mount import DrivenMount
 from drivers.generic.places import apart_arcsec
 from drivers.registry import open_mount

@@ -8,9 +8,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from api.solver.solver_answers import Built, Done, Fault, Progress
-from api.solver.solver_link import ProcessEnded, ProcessLink
-from api.solver.solver_messages import Setup
+from api.solver.link import ProcessEnded, ProcessLink
+from api.solver.messages import Built, Done, Fault, Progress, Setup
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.shelf import Shelf
 from mountnav.catalog.stars import Catalog

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from api.solver.blind_index import BlindIndexKeeper
-from api.solver.solver_limits import Limits
-from api.solver.solver_work import Upload, Work
-from api.solver.solver_worker import Tell, Worker
+from api.solver.limits import Limits
+from api.solver.link import Upload, Work
+from api.solver.worker import Tell, Worker
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Frame, Hint
 from mountnav.solution import Verdict
@@ -198,7 +198,7 @@ class Threads:
 
     def _solve(self, work: Work, file: FileIO | None) -> Verdict:
         # imported late: with a worker the service itself never solves
-        from api.solver.solver_process import solved_upload
+        from api.solver.process import solved_upload
         from mountnav.solving.solve import solve
 
         settings = replace(work.settings, index=self._opened(work.index))

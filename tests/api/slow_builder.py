@@ -6,9 +6,8 @@ import os
 import time
 from pathlib import Path
 
-from api.solver.solver_answers import Built, Done, Fault, Progress
-from api.solver.solver_messages import Setup, receive, send
-from api.solver.solver_process import attached
+from api.solver.messages import Built, Done, Fault, Progress, Setup, receive, send
+from api.solver.process import attached
 from mountnav.errors import BadSettings
 
 

@@ -16,7 +16,7 @@ from api.access.audit import Audit
 from api.access.callers import Caller, Face, Role
 from api.access.keys import KeyStore
 from api.cli.cli_journal import journal_app
-from api.http.faults import Refused, problem
+from api.problems import Refused, problem
 from mountnav.errors import OutsideLimits
 from mountnav.journal.audit_and_leases import AuditRow
 from mountnav.journal.sql_journal import SqlJournal, open_journal

@@ -13,9 +13,8 @@ import pytest
 from api.http.app import create_app
 from api.solver import blind_index
 from api.solver.blind_index import BlindIndexKeeper
-from api.solver.solver_messages import Setup, SharedFile, Task
-from api.solver.solver_process import Bench
-from api.solver.solver_warmup import as_fits
+from api.solver.messages import Setup, SharedFile, Task
+from api.solver.process import Bench, as_fits
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.packed.error_classes import error_curve
 from mountnav.catalog.packed.packing import CatalogColumns, pack

@@ -22,8 +22,8 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from api.http.connections import Bounds, Deadlines, Gate
-from api.http.descriptors import door_burst, door_fresh, shares
 from api.http.serving import bind
+from api.listeners.descriptors import listener_burst, listener_fresh, shares
 from tests.api.conftest import OBSERVATORY
 from tests.pace import slowness
 
@@ -119,11 +119,11 @@ def test_a_stop_gets_through(address: tuple[str, int], source: Callable[[int], s
 def test_descriptors_are_left_for_stops_and_devices() -> None:
     for descriptors in (256, 512, 1024, 1_000_000):
         shared = shares(descriptors, telescopes=2)
-        doors = 3 * (shared.door + door_fresh(shared.door))
+        doors = 3 * (shared.door + listener_fresh(shared.door))
         taken = shared.http + shared.stops + shared.fresh + shared.burst + doors
         # nobody goes before what came with him was read
         assert shared.fresh >= 2 * shared.burst
-        assert door_fresh(shared.door) >= 2 * door_burst(shared.door)
+        assert listener_fresh(shared.door) >= 2 * listener_burst(shared.door)
         assert taken + 96 + 2 * 8 <= min(descriptors, 1024)
         assert shared.http >= 24
         assert shared.stops >= 4

@@ -11,11 +11,11 @@ import pytest
 
 from api.access.callers import Caller, Face, Role
 from api.http.app import create_app
-from api.http.faults import Refused
 from api.orders.job import JobState
 from api.orders.jobs import TelescopeBusy
-from api.orders.orders import LookOrder, SlewOrder, SyncToOrder
 from api.orders.targets import AltAzTarget, IcrsTarget
+from api.orders.vocabulary import LookOrder, SlewOrder, SyncToOrder
+from api.problems import Refused
 from api.service import Service
 from mountnav.errors import OutsideLimits, Unknown
 from mountnav.navigation.kinds import from_mount

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from api.events import Events
-from api.http.event_stream import EventStream
+from api.http.routes.events import EventStream
 from api.orders.jobs import Jobs
 from tests.api.conftest import Serve
 

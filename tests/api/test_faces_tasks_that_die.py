@@ -10,22 +10,21 @@ import pytest
 import pytest_asyncio
 
 from api.access.callers import Caller, Face, Role
-from api.alpaca.clients import Client
-from api.alpaca.motion import Motion
-from api.alpaca.pulses import Pulses
-from api.alpaca.refusals import AlpacaError
+from api.alpaca.connection import Client
+from api.alpaca.errors import AlpacaError
+from api.alpaca.motion import Motion, Pulses
 from api.indi_server import connection
 from api.indi_server import server as indi_server
 from api.indi_server.device import IndiTelescope
+from api.indi_server.publisher import Telling
 from api.indi_server.server import IndiServer
-from api.indi_server.telling import Telling
-from api.orders.orders import GuideOrder, SlewOrder
+from api.orders.goto_orders import Ordering
 from api.orders.targets import ApparentTarget
+from api.orders.vocabulary import GuideOrder, SlewOrder
 from api.orders.watching import Watch
 from api.planetarium import lx200_server, stellarium_server
-from api.planetarium.lx200_client import Lx200Client
 from api.planetarium.lx200_server import Lx200Server
-from api.planetarium.ordering import Ordering
+from api.planetarium.lx200_session import Lx200Client
 from api.planetarium.stellarium_server import StellariumServer
 from api.service import Service
 from tests.api.indi.face_rig import observatory, raw_client, switch, until, up_now

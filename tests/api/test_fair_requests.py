@@ -8,9 +8,9 @@ import httpx
 import pytest
 from starlette.types import Message, Receive, Scope, Send
 
-import api.http.fair_requests
-from api.http.fair_requests import FairRequests
-from api.http.request_heads import BoundedHeads
+import api.http.fair_scheduling
+from api.http.fair_scheduling import FairRequests
+from api.http.headers import BoundedHeads
 
 STOP, SLEW = "/v1/stop", "/v1/telescopes/east/slew"
 
@@ -97,7 +97,7 @@ async def test_a_strangers_stop_waits_with_the_others() -> None:
 
 
 async def test_a_stop_without_end_holds_the_others_for_a_while_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(api.http.fair_requests, "_HELD_S", 0.01)
+    monkeypatch.setattr(api.http.fair_scheduling, "_HELD_S", 0.01)
     service = Service()
     fair = FairRequests(service, lambda _: True)
     stop = asyncio.create_task(fair(asked(STOP), nothing, nowhere))

@@ -7,7 +7,7 @@ from typing import Any
 import httpx
 import pytest
 
-from api.orders.orders import KINDS
+from api.orders.vocabulary import KINDS
 from mountnav.sky.chain import icrs_to_apparent
 from mountnav.sky.coordinates import Icrs, utc_now
 from mountnav.sky.sphere import separation_arcsec

@@ -8,8 +8,8 @@ import logging
 import pytest
 
 from api.events import Events
-from api.http.faults import Refused
 from api.orders.jobs import Job, Jobs, JobState, TelescopeBusy
+from api.problems import Refused
 from mountnav.errors import Cancelled, DeviceSilent, Unknown
 
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from api.events import Events
-from api.http.faults import Refused
 from api.orders.jobs import KEYS_LIVE, Job, Jobs, JobState
+from api.problems import Refused
 from mountnav.errors import JournalFailed, TargetNotReached, Unknown
 from mountnav.journal.job_rows import JobRow
 from mountnav.journal.job_store import JobStore

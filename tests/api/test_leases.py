@@ -16,12 +16,12 @@ from fastapi import FastAPI
 
 from api.access.audit import Audit
 from api.access.callers import Caller, Face, Role
-from api.access.lease import Lease, OnExpiry
-from api.access.leases import Leases
-from api.http.faults import Refused
+from api.leases.lease import Lease, OnExpiry
+from api.leases.leases import Leases
 from api.orders.job import Job, JobState
-from api.orders.orders import Order, ParkOrder, SlewOrder
 from api.orders.targets import IcrsTarget
+from api.orders.vocabulary import Order, ParkOrder, SlewOrder
+from api.problems import Refused
 from api.service import Service
 from mountnav.errors import DeviceSilent, JournalFailed
 from mountnav.journal.audit_and_leases import LeaseRow

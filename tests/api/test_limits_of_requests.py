@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from api.access.callers import Role
 from api.access.keys import KeyStore
-from api.access.limits_of_rate import TokenBuckets, is_stop
+from api.access.rate_limits import TokenBuckets, is_stop
 from api.http.app import create_app
 from mountnav.errors import BadSettings
 from mountnav.settings.observatory import Settings

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from api.nights.night_runner import NightRunner, Nights
+from api.nights.nights import NightRunner, Nights
 from mountnav.errors import Busy, JournalFailed
 from mountnav.journal.records import Entry, EntryKind
 from tests.api.night_site import night_toml, served

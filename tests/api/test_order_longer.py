@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from api.orders.order_model_run import run_model
-from api.orders.order_series import FAILURES_IN_A_ROW, run_series
-from api.orders.orders import ModelRunOrder, SeriesOrder
+from api.orders.longer_orders import FAILURES_IN_A_ROW, run_series
+from api.orders.model_run import run_model
 from api.orders.targets import IcrsTarget
+from api.orders.vocabulary import ModelRunOrder, SeriesOrder
 from mountnav.errors import BadRequest, NotSolved
 from mountnav.journal.records import EntryKind
 from mountnav.pointing.limits import Limits

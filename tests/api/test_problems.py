@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from api.http.faults import RETRY_AFTER_S, SLUGS, STATUS_OF_SLUG, problem, problem_of, problem_response
+from api.problems import RETRY_AFTER_S, SLUGS, STATUS_OF_SLUG, problem, problem_of, problem_response
 from mountnav import errors
 from mountnav.errors import Busy, DeviceSilent, LimitKind, MountnavError, OutsideLimits
 

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from api.access.limits_of_rate import is_stop
+from api.access.rate_limits import is_stop
 from api.http.connections import Bounds, Gate
-from api.http.reading_turns import ReadingTurns
+from api.http.fair_scheduling import ReadingTurns
 from tests.api.test_connections import STOP, STOP_S, _behind, _from, _Held, address  # noqa: F401
 from tests.pace import slowness
 

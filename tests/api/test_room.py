@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from api.http.room import CHANCE_S, Room, ToldSeldom
+from api.listeners.admission import CHANCE_S, ConnectionRoom, ToldSeldom
 
 
 @dataclass(eq=False)
@@ -18,8 +18,8 @@ class Here:
     may_go: bool = True
 
 
-def _full(*here: Here, each_address: int = 9, fresh: int = 2) -> Room[Here]:
-    room: Room[Here] = Room(most=len(here), each_address=each_address, fresh=fresh)
+def _full(*here: Here, each_address: int = 9, fresh: int = 2) -> ConnectionRoom[Here]:
+    room: ConnectionRoom[Here] = ConnectionRoom(most=len(here), each_address=each_address, fresh=fresh)
     for one in here:
         assert room.take_in(one, 0.0).let_in
     return room
@@ -51,7 +51,7 @@ def test_nobody_is_let_in_where_all_are_busy() -> None:
 
 def test_an_address_with_too_many_makes_room_for_itself() -> None:
     mine, others = [Here(), Here()], [Here("b"), Here("c")]
-    room: Room[Here] = Room(most=5, each_address=2, fresh=1)
+    room: ConnectionRoom[Here] = ConnectionRoom(most=5, each_address=2, fresh=1)
     for one in (*mine, *others):
         room.take_in(one, 0.0)
     assert room.take_in(Here(since_s=9.0), 9.0).goes in mine

@@ -13,7 +13,7 @@ from starlette.routing import Mount
 from starlette.types import Message, Scope
 
 from api.http.app import create_app
-from api.http.safe_headers import SAFE_HEADERS
+from api.http.headers import SAFE_HEADERS
 from api.http.serving import bind, make_server
 from mountnav.settings.observatory import Settings
 

@@ -64,7 +64,7 @@ async def test_what_the_file_says_and_what_is_said_are_two(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("MOUNTNAV_JOURNAL", str(tmp_path / "journal.sqlite"))
-    monkeypatch.setattr("api.nights.night_runner.TICK_S", 0.05)
+    monkeypatch.setattr("api.nights.nights.TICK_S", 0.05)
     folder, record, safety = tmp_path / "frames", tmp_path / "recordings", tmp_path / "safety.txt"
     (folder / "elsewhere").mkdir(parents=True)
     safety.write_text("safe")

@@ -20,8 +20,8 @@ from api.access.keys import KeyStore, sha256_of
 from api.access.roles import LEASED, ROLES, route_of
 from api.access.security import RoleRequired, caller_from_headers, require_role_of_route
 from api.http.app import create_app
-from api.http.faults import Refused
 from api.http.serving import bind, make_server
+from api.problems import Refused
 from mountnav.settings.observatory import Settings
 from tests.api.conftest import Serve
 from tests.api.stop_answers import stopped

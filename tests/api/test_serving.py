@@ -20,7 +20,7 @@ from api.http.app import create_app
 from api.http.serving import ObservatoryServer, bind, make_server
 from api.orders.jobs import JobState
 from api.service import Service
-from api.solver.solver_warmup import as_fits
+from api.solver.process import as_fits
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.stars import Catalog, Stars
 from mountnav.errors import BadSettings

@@ -18,11 +18,10 @@ import numpy as np
 import pytest
 from moody_catalog import DIES, DIES_ONCE, FAILS, HANGS, MoodyCatalog
 
-from api.http.faults import Refused
-from api.solver.solver_link import ProcessLink
-from api.solver.solver_messages import Task
-from api.solver.solver_work import Upload, Work
-from api.solver.solver_worker import Worker
+from api.problems import Refused
+from api.solver.link import ProcessLink, Upload, Work
+from api.solver.messages import Task
+from api.solver.worker import Worker
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadFrame, DeviceError
@@ -228,8 +227,8 @@ _PARENT = """
 import asyncio, sys
 from pathlib import Path
 from moody_catalog import HANGS, MoodyCatalog
-from api.solver.solver_work import Work
-from api.solver.solver_worker import Worker
+from api.solver.link import Work
+from api.solver.worker import Worker
 from mountnav.frames import Frame, Hint
 from mountnav.solving.solve import SolveSettings
 import numpy as np

@@ -17,9 +17,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from api.solver.solver_answers import Answer, BadAnswer, Built, Done, Fault, Progress, Ready, read, written
-from api.solver.solver_link import ProcessEnded, ProcessLink
-from api.solver.solver_messages import HEADER
+from api.solver.link import ProcessEnded, ProcessLink
+from api.solver.messages import HEADER, Answer, BadAnswer, Built, Done, Fault, Progress, Ready, read, written
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.errors import BadCatalog, BadFrame, DeviceRefused, MountnavError
 from mountnav.frames import Frame, Hint

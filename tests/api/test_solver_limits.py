@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from moody_catalog import COMPUTES, MoodyCatalog
 
-from api.solver import solver_worker
-from api.solver.solver_limits import Limits, own_memory_mb
-from api.solver.solver_work import Upload, Work
-from api.solver.solver_worker import GROWN_MB, Worker
+from api.solver import worker as solver_worker
+from api.solver.limits import Limits, own_memory_mb
+from api.solver.link import Upload, Work
+from api.solver.worker import GROWN_MB, Worker
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.errors import BadFrame
 from mountnav.frames import Frame, Hint
@@ -80,7 +80,7 @@ def test_the_limits_bind_their_process_for_good() -> None:
             sys.executable,
             "-c",
             "import numpy, resource\n"
-            "from api.solver.solver_limits import Limits\n"
+            "from api.solver.limits import Limits\n"
             "Limits(memory_mb=600).impose()\n"
             "names = 'RLIMIT_DATA', 'RLIMIT_NOFILE', 'RLIMIT_FSIZE', 'RLIMIT_CORE'\n"
             "print([resource.getrlimit(getattr(resource, name)) for name in names])\n"
@@ -149,8 +149,8 @@ async def test_what_computes_without_end_is_ended_by_the_kernel(tmp_path: Path) 
 def test_memory_that_is_held_is_told_and_what_was_given_back_is_not() -> None:
     """In a process of its own: one that has run other tests has room inside for what is to be held."""
     program = (
-        "import numpy as np; from api.solver.solver_limits import own_memory_mb\n"
-        "from api.solver.solver_process import _grown_mb\n"
+        "import numpy as np; from api.solver.limits import own_memory_mb\n"
+        "from api.solver.process import _grown_mb\n"
         "at_first_mb = own_memory_mb(); held = np.ones(300_000_000 // 8); print(_grown_mb(at_first_mb))\n"
         "del held; print(_grown_mb(at_first_mb))"
     )

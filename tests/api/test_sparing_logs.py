@@ -9,12 +9,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from api.access.audit import Audit
-from api.access.audited_requests import AuditedRequests
+from api.access.audit import EACH_S, Audit, AuditedRequests, Seldom, Unnoted
 from api.access.callers import Caller, Face, Role
-from api.access.noted_seldom import EACH_S, Seldom, Unnoted
-from api.access.sparing_logs import KnownCallers, Sparing
-from api.http.faults import Refused, problem
+from api.access.log_rates import KnownCallers, Sparing
+from api.problems import Refused, problem
 from mountnav.journal.audit_and_leases import AuditRow
 
 
@@ -180,7 +178,7 @@ def test_stops_without_end_are_all_counted(monkeypatch: pytest.MonkeyPatch) -> N
     audit = Audit(kept)
     caller = Caller("lx200 10.0.0.1", Role.OPERATE, Face.LX200, "10.0.0.1")
     for number in range(1000):
-        monkeypatch.setattr("api.access.noted_seldom.EACH_S", 0.0 if number == 999 else 60.0)
+        monkeypatch.setattr("api.access.audit.EACH_S", 0.0 if number == 999 else 60.0)
         audit.note(caller, "stop")
     assert len(kept.rows) == 21
     assert kept.rows[-1].request == {"more_since_the_last_note": 979}

@@ -10,8 +10,8 @@ import pytest
 from fastapi import FastAPI
 
 from api.http.app import create_app
-from api.http.state_answers import knows
-from api.observatory import Telescope
+from api.http.telescope_views import knows
+from api.observatory.observatory import Telescope
 from mountnav.devices import MountReading
 from mountnav.navigation.reports import TelescopeState
 from mountnav.settings.observatory import Settings

@@ -8,7 +8,7 @@ import httpx
 import pytest
 from fastapi.routing import iter_route_contexts
 
-from api.access.limits_of_rate import is_stop
+from api.access.rate_limits import is_stop
 from api.http.app import create_app
 from mountnav.settings.observatory import Settings
 from tests.api.stop_answers import stopped

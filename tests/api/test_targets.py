@@ -10,11 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
-from api.orders.bodies import Tagged
-from api.orders.order_examples import JOB_EXAMPLES, PLACE_EXAMPLES
-from api.orders.orders import KINDS, Order, SlewOrder, role_for
-from api.orders.short_bodies import CenterBody, SlewBody
-from api.orders.targets import AltAzTarget, ApparentTarget, IcrsTarget, NamedTarget, Target, icrs_of
+from api.orders.targets import AltAzTarget, ApparentTarget, IcrsTarget, NamedTarget, Tagged, Target, icrs_of
+from api.orders.vocabulary import (
+    JOB_EXAMPLES,
+    KINDS,
+    PLACE_EXAMPLES,
+    CenterBody,
+    Order,
+    SlewBody,
+    SlewOrder,
+    role_for,
+)
 from mountnav.sky.chain import icrs_to_apparent, icrs_to_observed
 from mountnav.sky.coordinates import Air, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec

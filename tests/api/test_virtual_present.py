@@ -14,8 +14,8 @@ import pytest
 from api.cli.serve import Serve, settings_of
 from api.demo.observatory import demo_journal, demo_service_settings, mount_errors_of_seed
 from api.http.app import create_app
-from api.virtual import begin_of, virtual_days, virtual_view
-from api.virtual_bench import fake_on_pty, mechanics_of
+from api.observatory.fake_mounts import fake_on_pty, mechanics_of
+from api.observatory.virtual import begin_of, virtual_days, virtual_view
 from drivers.registry import open_mount
 from mountnav.clock import SystemClock, pause, seconds
 from mountnav.devices import Direction, Skilled, SlewOutcome

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from api.main import main
-from api.observatory import require_devices
+from api.observatory.observatory import require_devices
 from drivers.registry import drivers, open_mount, read_url
 from mountnav.errors import BadRequest, BadSettings
 from mountnav.settings.observatory import Settings

@@ -15,8 +15,8 @@ import httpx
 import pytest
 from fastapi import FastAPI
 
-from api.http.faults import install
 from api.http.routes import page
+from api.problems import install
 from mountnav.errors import BadRequest
 from mountnav.sky.typed import TypedName, read_target
 

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from api.http.frame_views import pixel_of
-from api.http.preview import LARGEST_PX, preview_of
+from api.observatory.last_frame import LARGEST_PX, preview_of
 from mountnav.identification.wcs import icrs_at_pixel
 from mountnav.sky.chain import icrs_to_apparent, icrs_to_observed, sidereal_time_deg
 from mountnav.sky.coordinates import Icrs, utc_now

@@ -16,7 +16,7 @@ from fastapi import FastAPI
 
 from api.http.app import create_app
 from api.http.serving import make_server
-from api.observatory import Telescope
+from api.observatory.observatory import Telescope
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.settings.observatory import Settings
 from mountnav.sky.chain import icrs_to_observed, observed_to_icrs

@@ -23,7 +23,7 @@ from pydantic import TypeAdapter
 
 from api.http.app import create_app
 from api.http.serving import bind, make_server
-from api.orders.orders import KINDS, Order
+from api.orders.vocabulary import KINDS, Order
 from api.service import Service
 from mountnav.client import AsyncClient, Client, JobFailed, ServiceError, orders, requests, results, targets
 from mountnav.client.client import Call, Calls

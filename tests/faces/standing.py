@@ -10,8 +10,8 @@ from contextlib import asynccontextmanager, contextmanager
 
 from api.http.app import create_app
 from api.http.serving import bind, make_server
+from api.observatory.fake_mounts import GERMAN
 from api.service import Service
-from api.virtual_bench import GERMAN
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.fakes.fake_wire import WireFake
 from drivers.fakes.fakes import make_fake

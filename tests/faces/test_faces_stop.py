@@ -7,7 +7,8 @@ import pytest
 
 from api.access.callers import Caller, Face, Role
 from api.orders.job import JobState
-from api.orders.orders import (
+from api.orders.targets import ApparentTarget
+from api.orders.vocabulary import (
     KINDS,
     AcceptSiteTimeOrder,
     CenterOrder,
@@ -32,7 +33,6 @@ from api.orders.orders import (
     TrustOrder,
     UnparkOrder,
 )
-from api.orders.targets import ApparentTarget
 from drivers.fakes.faults import Fault
 from drivers.wire.wire_log import WireLog
 from mountnav.sky.coordinates import Apparent

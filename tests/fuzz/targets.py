@@ -18,11 +18,11 @@ from astropy.io import fits
 from PIL import Image
 
 from api.alpaca.answering import read_parameters
+from api.alpaca.codec import BadParameter
 from api.alpaca.members import MEMBERS
-from api.alpaca.parameters import BadParameter
-from api.indi_server.hearing import Hearing
-from api.planetarium import lx200_words, stellarium_codec
-from api.solver.solver_answers import BadAnswer, Done, Fault, Progress, Ready, read, written
+from api.indi_server.parser import Hearing
+from api.planetarium import lx200_codec, stellarium_codec
+from api.solver.messages import BadAnswer, Done, Fault, Progress, Ready, read, written
 from drivers.alpaca import codec as alpaca_codec
 from drivers.alpaca import image_bytes
 from drivers.alpaca.discovery import Heard
@@ -270,15 +270,15 @@ _XML = [
 
 def _lx200_server(data: bytes) -> None:
     buffer, turns = data, 0
-    lx200_words.is_http(data)
+    lx200_codec.is_http(data)
     while buffer:
-        command, buffer = lx200_words.cut(buffer)
+        command, buffer = lx200_codec.cut(buffer)
         turns += 1
         assert turns <= len(data) + 1
         if command is None:
             break
         with _promised(ValueError):
-            lx200_words.plain_angle(command)
+            lx200_codec.plain_angle(command)
 
 
 def _stellarium(data: bytes) -> None:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from api.orders.taking_up import last_seen
+from api.observatory.restart import last_seen
 from mountnav.devices import MountReading
 from mountnav.errors import DeviceRefused, Refusal
 from mountnav.journal.records import CommandRecord, Order

@@ -8,8 +8,8 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 from pydantic import BaseModel, Field
 
-from api.http.faults import responses
-from api.http.instants import Instant
+from api.http.journal_views import Instant
+from api.problems import responses
 from mountnav.journal.audit_and_leases import AuditRow
 from mountnav.journal.reading import JournalReader, Wanted
 

@@ -6,12 +6,12 @@ from fastapi import APIRouter, Request
 
 from api.access.callers import Role
 from api.access.security import TheCaller
-from api.http.faults import SLUGS, responses
 from api.http.routes.health import doors_view
 from api.http.service_views import CapabilitiesView, DoorView, KindView, TelescopeSkillsView
-from api.orders.orders import KINDS, MOVING, OVERRULING, ModelRunOrder
+from api.observatory.virtual import virtual_view
+from api.orders.vocabulary import KINDS, MOVING, OVERRULING, ModelRunOrder
+from api.problems import SLUGS, responses
 from api.service import TheService
-from api.virtual import virtual_view
 from mountnav import __version__
 
 router = APIRouter(tags=["service"])

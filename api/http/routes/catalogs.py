@@ -8,8 +8,8 @@ from typing import Literal
 from fastapi import APIRouter
 from pydantic import BaseModel, Field
 
-from api.http.faults import responses
-from api.http.models import Finite
+from api.orders.job_views import Finite
+from api.problems import responses
 from api.service import Service, TheService
 from mountnav.catalog.doctor.shelf import shelved
 from mountnav.catalog.packed import PackedStore

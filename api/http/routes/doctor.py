@@ -10,7 +10,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Request
 
 from api.http.doctor_record import DoctorRecord, doctor_record
-from api.http.faults import responses
+from api.problems import responses
 from api.service import TheService, TheTelescope
 from mountnav.catalog.doctor.cameras import camera_facts
 from mountnav.catalog.doctor.diagnosis import CameraFacts, Diagnosis, Shelved, diagnose, reach_of

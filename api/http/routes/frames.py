@@ -13,13 +13,13 @@ import numpy as np
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import ValidationError
 
-from api.http.faults import responses
+from api.http.bodies import received
 from api.http.night_views import FramePathBody, FrameView, frame_view
 from api.http.routes.night import TheNight
-from api.http.uploads import received
-from api.nights.night_runner import NightRunner, digest_of
+from api.nights.nights import NightRunner, digest_of
+from api.problems import responses
 from api.service import TheService
-from api.solver.solver_work import Upload, in_memory
+from api.solver.link import Upload, in_memory
 from mountnav.errors import BadFrame, BadRequest, Busy
 from mountnav.frames import Frame
 from mountnav.night.frames_in import Receipt

@@ -6,11 +6,18 @@ from typing import Any
 
 from fastapi import APIRouter
 
-from api.http.faults import PROBLEM_TYPE, Refused, problem
-from api.http.readiness import readiness
-from api.http.service_views import DoorView, EarthRotationView, HealthView, LiveView, ReadyView, VersionView
+from api.http.service_views import (
+    DoorView,
+    EarthRotationView,
+    HealthView,
+    LiveView,
+    ReadyView,
+    VersionView,
+    readiness,
+)
+from api.observatory.virtual import virtual_view
+from api.problems import PROBLEM_TYPE, Refused, problem
 from api.service import Service, TheService
-from api.virtual import virtual_view
 from mountnav import __version__
 from mountnav.sky.iers import iers_status
 

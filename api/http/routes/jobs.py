@@ -7,10 +7,9 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from api.access.security import TheCaller
-from api.http.faults import responses
-from api.http.models import JobView
-from api.http.views import job_view
-from api.http.waiting import PREFERENCE_APPLIED, ThePatience
+from api.http.job_requests import PREFERENCE_APPLIED, ThePatience
+from api.orders.job_views import JobView, job_view
+from api.problems import responses
 from api.service import TheJob, TheService, TheTelescope
 
 router = APIRouter(tags=["jobs"])

@@ -6,9 +6,8 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Request
 
-from api.http.faults import responses
-from api.http.instants import Instant
-from api.http.journal_views import JournalPageView, RunView, page_view, run_view
+from api.http.journal_views import Instant, JournalPageView, RunView, page_view, run_view
+from api.problems import responses
 from api.service import TheTelescope
 from mountnav.journal.reading import LOOK, JournalReader, Mark, Wanted
 from mountnav.journal.sql_journal import SqlJournal

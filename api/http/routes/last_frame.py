@@ -6,9 +6,9 @@ from typing import Annotated
 
 from fastapi import APIRouter, Header, Response
 
-from api.http.faults import responses
 from api.http.frame_views import LastFrameView, last_frame_view
-from api.http.preview import MEDIA_TYPE
+from api.observatory.last_frame import MEDIA_TYPE
+from api.problems import responses
 from api.service import TheService, TheTelescope
 from mountnav.errors import Unknown
 

@@ -9,10 +9,10 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel, Field
 
-from api.access.lease import LONGEST_S, SHORTEST_S, Lease, OnExpiry
 from api.access.security import TheCaller
-from api.http.faults import responses
-from api.orders.bodies import Body
+from api.leases.lease import LONGEST_S, SHORTEST_S, Lease, OnExpiry
+from api.orders.targets import Body
+from api.problems import responses
 from api.service import TheService, TheTelescope
 
 router = APIRouter(prefix="/telescopes", tags=["leases"])

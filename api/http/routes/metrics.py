@@ -5,9 +5,9 @@ from __future__ import annotations
 from fastapi import APIRouter, Request, Response
 from prometheus_client import CONTENT_TYPE_LATEST
 
-from api.http.faults import responses
-from api.http.http_metrics import HttpMetrics
-from api.http.metrics import Metrics
+from api.http.request_metrics import HttpMetrics
+from api.metrics import Metrics
+from api.problems import responses
 
 router = APIRouter(tags=["service"])
 

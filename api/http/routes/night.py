@@ -6,9 +6,9 @@ from typing import Annotated
 
 from fastapi import APIRouter, Body, Depends, Request
 
-from api.http.faults import responses
 from api.http.night_views import BusyBody, NightView, SafetyBody, WhyBody, night_view
-from api.nights.night_runner import NightRunner, Nights
+from api.nights.nights import NightRunner, Nights
+from api.problems import responses
 from api.service import TheTelescope
 from mountnav.night.events import Word
 

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query
 from pydantic import BaseModel, Field
 
-from api.http.faults import responses
-from api.http.places import Finite, Place, place
+from api.orders.results import Finite, Place, place
+from api.problems import responses
 from api.service import TheService
 from mountnav.sky.chain import icrs_to_observed
 from mountnav.sky.coordinates import utc_now

@@ -10,9 +10,9 @@ import numpy as np
 from fastapi import APIRouter, Query
 from pydantic import BaseModel, Field
 
-from api.http.faults import responses
-from api.http.models import Finite
+from api.orders.job_views import Finite
 from api.pointing.looks import looks_of_journal
+from api.problems import responses
 from api.service import TheService, TheTelescope
 from mountnav.pointing.drift.stretches import MOVED_ARCSEC, cut, looks_of
 from mountnav.pointing.observation import PointingObservation

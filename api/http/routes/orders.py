@@ -6,21 +6,27 @@ from typing import Annotated
 
 from fastapi import APIRouter, Body
 
-from api.http.models import JobView
-from api.http.starting import STARTING, TheOrdering
-from api.orders.order_examples import JOB_EXAMPLES, PLACE_EXAMPLES
-from api.orders.orders import (
+from api.http.job_requests import STARTING, TheOrdering
+from api.orders.job_views import JobView
+from api.orders.vocabulary import (
+    JOB_EXAMPLES,
+    PLACE_EXAMPLES,
+    CenterBody,
     FirstLightOrder,
+    FlipBody,
     HomeOrder,
+    LookBody,
     LookOrder,
+    OffsetBody,
     Order,
     ParkOrder,
     RecoverOrder,
+    SlewBody,
     SyncOrder,
+    TrackingBody,
     TrustOrder,
     UnparkOrder,
 )
-from api.orders.short_bodies import CenterBody, FlipBody, LookBody, OffsetBody, SlewBody, TrackingBody
 
 router = APIRouter(prefix="/telescopes/{telescope_id}", tags=["orders"])
 

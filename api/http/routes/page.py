@@ -12,7 +12,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Header, Response
 
-from api.http.faults import responses
+from api.problems import responses
 from mountnav.errors import Unknown
 
 router = APIRouter(include_in_schema=False)

@@ -8,10 +8,10 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
 
-from api.http.faults import responses
-from api.observatory import Telescope
+from api.observatory.observatory import Telescope
 from api.pointing.judgements import diagnosis_view, drift_view
 from api.pointing.looks import looks_of_journal
+from api.problems import responses
 from api.service import Service, TheService, TheTelescope
 from mountnav.devices import ConnectReport
 from mountnav.pointing.model.in_force import ModelInForce

@@ -6,8 +6,8 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query
 
-from api.http.faults import responses
 from api.http.sky_views import LimitsView, SkyView, limits_view, sky_view
+from api.problems import responses
 from api.service import TheService, TheTelescope
 from mountnav.sky.coordinates import Icrs
 

@@ -9,10 +9,10 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request
 
-from api.http.faults import responses
-from api.http.hints import make_hint
-from api.http.uploads import received
+from api.http.bodies import received
+from api.problems import responses
 from api.service import TheService
+from api.solver.hints import make_hint
 from api.solver.solve_record import SolveRecord, solve_record
 from mountnav.errors import BadFrame, Cancelled
 from mountnav.solution import Reason, Verdict

@@ -7,9 +7,9 @@ from typing import Any
 from fastapi import APIRouter, Response
 
 from api.access.security import TheCaller
-from api.http.faults import Refused, problem, problem_of, responses
 from api.http.service_views import StopAllView, StoppedView, StopView
-from api.orders.desk import STOP_KNOWN_S, StopGiven
+from api.orders.dispatcher import STOP_KNOWN_S, StopGiven
+from api.problems import Refused, problem, problem_of, responses
 from api.service import TheService, TheTelescope
 
 router = APIRouter(tags=["stop"])

@@ -7,10 +7,10 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Header, Request, Response
 
 from api.access.security import TheCaller
-from api.http.faults import responses
-from api.http.models import TelescopeView
 from api.http.service_views import AcknowledgedView
-from api.http.state_answers import StateAnswers, answered, state_answers
+from api.http.telescope_views import StateAnswers, answered, state_answers
+from api.orders.job_views import TelescopeView
+from api.problems import responses
 from api.service import TheTelescope
 
 router = APIRouter(prefix="/telescopes", tags=["telescopes"])

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from api.access.callers import Role
 from api.access.security import RoleRequired
-from api.http.faults import responses
+from api.problems import responses
 from api.service import TheService
 from mountnav.sky.chain import icrs_to_observed
 from mountnav.sky.present import utc_now, virtual_time

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 
-from api.http.faults import responses
+from api.problems import responses
 from api.service import TheTelescope
 from drivers.wire.wire_log import WireLog
 from mountnav.errors import Unknown

@@ -11,9 +11,9 @@ import pytest
 
 from api.access.callers import Role
 from api.access.keys import KeyStore
-from api.alpaca.link import GRACE_S
+from api.alpaca.connection import GRACE_S
+from api.alpaca.management import ids_path, unique_ids
 from api.alpaca.telescope import AlpacaTelescope
-from api.alpaca.unique_ids import ids_path, unique_ids
 from mountnav.settings.observatory import Settings
 from tests.api.alpaca.alpaca_observatory import OBSERVATORY, Running, running
 

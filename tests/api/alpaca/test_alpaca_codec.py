@@ -11,23 +11,29 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from api.alpaca.envelope import NOTHING, Transactions, envelope, turned
-from api.alpaca.member import never
-from api.alpaca.members import MEMBERS
-from api.alpaca.parameters import (
+from api.alpaca.codec import (
+    NOTHING,
     BadParameter,
+    DevicePath,
+    ManagementPath,
+    SetupPath,
+    Transactions,
     decimal,
+    envelope,
     from_form,
     from_query,
     instant,
+    read_path,
     required,
     truth,
+    turned,
     unsigned,
     whole,
 )
-from api.alpaca.paths import DevicePath, ManagementPath, SetupPath, read_path
-from api.alpaca.refusals import AlpacaError, Number, error_of, failure_of
-from api.http.faults import STATUS_OF_SLUG, problem, problem_of
+from api.alpaca.errors import AlpacaError, Number, error_of, failure_of
+from api.alpaca.member import never
+from api.alpaca.members import MEMBERS
+from api.problems import STATUS_OF_SLUG, problem, problem_of
 from mountnav.errors import DeviceRefused, LimitKind, OutsideLimits, Refusal
 
 _NAMES = st.text(st.characters(codec="ascii", categories=["Lu", "Ll"]), min_size=1, max_size=20)

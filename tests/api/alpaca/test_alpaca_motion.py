@@ -7,8 +7,8 @@ import asyncio
 import pytest
 
 from api.access.callers import Caller, Face, Role
-from api.orders.orders import CenterOrder, SlewOrder
 from api.orders.targets import AltAzTarget
+from api.orders.vocabulary import CenterOrder, SlewOrder
 from mountnav.errors import DeviceRefused, Refusal
 from tests.api.alpaca.alpaca_observatory import OBSERVATORY, SPEED, AlpacaProbe, Running, running
 

@@ -6,10 +6,9 @@ import asyncio
 
 import pytest
 
-from api.alpaca.clients import Client
-from api.alpaca.connecting import Connecting
-from api.alpaca.refusals import AlpacaError
-from api.orders.orders import ParkOrder
+from api.alpaca.connection import Client, Connecting
+from api.alpaca.errors import AlpacaError
+from api.orders.vocabulary import ParkOrder
 from mountnav.errors import DeviceRefused, Refusal
 from tests.api.alpaca.alpaca_observatory import Running
 from tests.api.alpaca.test_alpaca_motion import SOMEBODY

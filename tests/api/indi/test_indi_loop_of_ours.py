@@ -10,7 +10,7 @@ import pytest_asyncio
 
 from api.access.callers import Caller, Face, Role
 from api.indi_server.server import IndiServer
-from api.orders.orders import SetParkOrder
+from api.orders.vocabulary import SetParkOrder
 from api.service import Service
 from drivers.generic import DrivenMount
 from drivers.registry import open_mount

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from api.indi_server.device import device_names
-from api.indi_server.hearing import Asked
-from api.indi_server.selections import LeftSelections, Selections
-from api.indi_server.telling import Telling
+from api.indi_server.parser import Asked
+from api.indi_server.publisher import LeftSelections, Selections, Telling
 from mountnav.settings.observatory import Settings
 from tests.api.indi.face_rig import OBSERVATORY
 

@@ -13,8 +13,8 @@ import pytest_asyncio
 
 from api.access.callers import Caller, Face, Role
 from api.indi_server.server import IndiServer
-from api.orders.orders import SlewOrder, TrackingOrder
 from api.orders.targets import ApparentTarget
+from api.orders.vocabulary import SlewOrder, TrackingOrder
 from api.service import Service
 from drivers.indi import orders
 from drivers.indi.codec import Changed, Defined, Deleted, State

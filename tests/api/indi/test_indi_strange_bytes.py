@@ -10,10 +10,10 @@ import pytest
 import pytest_asyncio
 
 from api.access.callers import Caller, Face, Role
-from api.indi_server.hearing import Hearing
+from api.indi_server.parser import Hearing
 from api.indi_server.server import IndiServer
-from api.orders.orders import SlewOrder
 from api.orders.targets import ApparentTarget
+from api.orders.vocabulary import SlewOrder
 from api.service import Service
 from drivers.indi.codec import State
 from mountnav.sky.coordinates import utc_now

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from api.indi_server.hearing import Asked, Broken, Hearing, Nonsense
+from api.indi_server.parser import Asked, Broken, Hearing, Nonsense
 from api.indi_server.vectors import (
     Vector,
     definition,

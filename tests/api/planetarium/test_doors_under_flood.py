@@ -12,12 +12,12 @@ import pytest
 import pytest_asyncio
 
 from api.access.callers import Caller, Face, Role
-from api.http.fair_turns import STOPS_AT_ONCE
+from api.indi_server.publisher import Telling
 from api.indi_server.server import IndiServer
-from api.indi_server.telling import Telling
-from api.observatory import Telescope
-from api.planetarium.lx200_client import Lx200Client
+from api.listeners.fair_reading import STOPS_AT_ONCE
+from api.observatory.observatory import Telescope
 from api.planetarium.lx200_server import Lx200Server
+from api.planetarium.lx200_session import Lx200Client
 from api.service import Service
 from tests.api.indi.face_rig import observatory, raw_client, switch, until
 
@@ -117,7 +117,7 @@ async def test_no_goto_is_looked_at_while_another_faces_stop_is_under_way(
         await stop(telescope)
 
     monkeypatch.setattr(Telescope, "stop", long_stop)
-    monkeypatch.setattr("api.orders.desk._HELD_S", 60.0)
+    monkeypatch.setattr("api.orders.dispatcher._HELD_S", 60.0)
     with _noted(monkeypatch, rig, clock) as seen:
         stopping = asyncio.create_task(rig.service.desk.stop(SCHEDULER, "east"))
         await clock.turns(2)
@@ -155,7 +155,7 @@ async def test_a_stop_that_never_ends_holds_gotos_for_a_while_only(
     async def never(_: Telescope) -> None:
         await over.wait()
 
-    monkeypatch.setattr("api.orders.desk._HELD_S", 0.01)
+    monkeypatch.setattr("api.orders.dispatcher._HELD_S", 0.01)
     with monkeypatch.context() as patched:
         patched.setattr(Telescope, "stop", never)
         stopping = asyncio.create_task(rig.service.desk.stop(SCHEDULER, "east"))

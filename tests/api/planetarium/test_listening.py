@@ -8,7 +8,7 @@ from contextlib import ExitStack, suppress
 
 import pytest
 
-from api.planetarium.listening import Listening
+from api.listeners.tcp import Listening
 
 pytestmark = pytest.mark.asyncio
 
@@ -48,7 +48,9 @@ async def test_a_client_too_many_is_told_and_let_go_and_room_is_made_by_one_that
 async def test_clients_that_never_spoke_make_room_where_clients_speak_first(
     speaks_first: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("api.http.room.CHANCE_S", -1.0)  # they could have said by now what they want
+    monkeypatch.setattr(
+        "api.listeners.admission.CHANCE_S", -1.0
+    )  # they could have said by now what they want
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         await reader.readexactly(1)
@@ -163,7 +165,7 @@ async def test_clients_that_are_turned_away_without_end_are_logged_seldom(
     async with asyncio.timeout(60.0):
         await turned_away(10)
         assert len(caplog.messages) == 1
-        monkeypatch.setattr("api.http.room._TOLD_AGAIN_S", 0.0)
+        monkeypatch.setattr("api.listeners.admission._TOLD_AGAIN_S", 0.0)
         await turned_away(1)
     assert caplog.messages[1].endswith("(and 9 times since this was last told)")
     await _closed(staying)

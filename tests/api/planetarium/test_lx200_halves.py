@@ -6,8 +6,8 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from api.planetarium import lx200_machine
-from api.planetarium.lx200_machine import Aim, Aims, Machine
+from api.planetarium import lx200_session
+from api.planetarium.lx200_session import Aim, Aims, Machine
 from drivers.wire.command import Unreadable
 
 LIVES = timedelta(seconds=30)
@@ -18,7 +18,7 @@ class Clock:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.utc = datetime(2026, 11, 22, 23, 0, tzinfo=UTC)
-        monkeypatch.setattr(lx200_machine, "utc_now", lambda: self.utc)
+        monkeypatch.setattr(lx200_session, "utc_now", lambda: self.utc)
 
     def on(self, seconds: float) -> None:
         self.utc += timedelta(seconds=seconds)

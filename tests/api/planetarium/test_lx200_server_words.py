@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from api.planetarium import lx200_words
+from api.planetarium import lx200_codec
 from drivers.lx200.angles import dec_from_text
 from drivers.lx200.codec import SYNC, slew_answer
 from drivers.lx200.site_and_time import hours_to_utc_from_text, set_date
@@ -24,7 +24,7 @@ def all_cut(pieces: list[bytes]) -> list[bytes]:
     for piece in pieces:
         buffer += piece
         while True:
-            command, buffer = lx200_words.cut(buffer)
+            command, buffer = lx200_codec.cut(buffer)
             if command is None:
                 break
             found.append(command)
@@ -52,18 +52,18 @@ def test_what_stellarium_mobile_asks_first() -> None:
 def test_no_bytes_do_harm(junk: bytes) -> None:
     for command in all_cut([junk]):
         assert command == b"\x06" or (command[:1] == b":" and command[-1:] == b"#")
-        assert len(command) <= lx200_words.LONGEST_COMMAND
+        assert len(command) <= lx200_codec.LONGEST_COMMAND
 
 
 def test_a_command_that_never_ends_is_given_up() -> None:
-    command, rest = lx200_words.cut(b":S" + b"x" * 500 + b":GR#")
+    command, rest = lx200_codec.cut(b":S" + b"x" * 500 + b":GR#")
     assert (command, rest) == (b":GR#", b"")
 
 
 @settings(deadline=None)
 @given(st.text(max_size=300))
 def test_words_fit_a_reply(said: str) -> None:
-    words = lx200_words.words(said)
+    words = lx200_codec.words(said)
     assert b"#" not in words
     assert words.isascii()
     read = slew_answer(b"2" + words + b"#", True)
@@ -74,13 +74,13 @@ def test_words_fit_a_reply(said: str) -> None:
 
 @pytest.mark.parametrize("sign", [b"*", b"\xdf", b"\xb0", b":", b"\xc2\xb0"])
 def test_degree_signs_of_all_kinds(sign: bytes) -> None:
-    assert dec_from_text(lx200_words.plain_angle(b" -05" + sign + b"30:00")).deg == pytest.approx(-5.5)
+    assert dec_from_text(lx200_codec.plain_angle(b" -05" + sign + b"30:00")).deg == pytest.approx(-5.5)
 
 
 @settings(deadline=None)
 @given(st.floats(0.0, 360.0, exclude_max=True), st.booleans())
 def test_azimuths(azimuth_deg: float, short: bool) -> None:
-    text = lx200_words.azimuth_text(azimuth_deg, short=short).decode()
+    text = lx200_codec.azimuth_text(azimuth_deg, short=short).decode()
     parts = [float(one) for one in text.replace("'", "*").split("*")]
     read_deg = sum(part / 60.0**power for power, part in enumerate(parts))
     step_deg = 1.0 / 60.0 if short else 1.0 / 3600.0
@@ -89,30 +89,30 @@ def test_azimuths(azimuth_deg: float, short: bool) -> None:
 
 
 def test_altitudes_are_written_as_meade_has_it() -> None:
-    assert lx200_words.altitude_text(-0.5, short=False) == b"-00*30'00"
-    assert lx200_words.altitude_text(45.26, short=True) == b"+45*16"
+    assert lx200_codec.altitude_text(-0.5, short=False) == b"-00*30'00"
+    assert lx200_codec.altitude_text(45.26, short=True) == b"+45*16"
 
 
 @settings(deadline=None)
 @given(st.integers(-48, 56).map(lambda quarters: quarters / 4.0))
 def test_zones(hours_to_utc: float) -> None:
-    read = hours_to_utc_from_text(lx200_words.zone_text(hours_to_utc))
+    read = hours_to_utc_from_text(lx200_codec.zone_text(hours_to_utc))
     assert read == pytest.approx(hours_to_utc, abs=0.051)
 
 
 def test_our_driver_reads_our_replies() -> None:
-    synced = SYNC.read(lx200_words.MATCHED, True)
+    synced = SYNC.read(lx200_codec.MATCHED, True)
     assert synced is not None
     assert synced.value.refusal is None
-    day = set_date(datetime(2026, 11, 22, tzinfo=UTC).date()).read(lx200_words.UPDATING, True)
+    day = set_date(datetime(2026, 11, 22, tzinfo=UTC).date()).read(lx200_codec.UPDATING, True)
     assert day is not None
-    assert (day.value, day.length) == (True, len(lx200_words.UPDATING))
+    assert (day.value, day.length) == (True, len(lx200_codec.UPDATING))
 
 
 def test_times_of_day_in_a_zone_or_any() -> None:
     utc = datetime(2026, 11, 22, 23, 59, 50, tzinfo=UTC)
     ours = timedelta(hours=1, minutes=0, seconds=5)
-    assert lx200_words.is_that_time(ours, utc, -1.0)
-    assert lx200_words.is_that_time(ours, utc, None)
-    assert not lx200_words.is_that_time(ours, utc, -2.0)
-    assert not lx200_words.is_that_time(ours + timedelta(minutes=5), utc, None)
+    assert lx200_codec.is_that_time(ours, utc, -1.0)
+    assert lx200_codec.is_that_time(ours, utc, None)
+    assert not lx200_codec.is_that_time(ours, utc, -2.0)
+    assert not lx200_codec.is_that_time(ours + timedelta(minutes=5), utc, None)

@@ -1,0 +1,127 @@
+"""What comes over HTTP is read in turns: a piece of one connection in each turn of the loop, stops first.
+
+Reading costs much more than sending: 64 kB of tiny chunks or headers take the parser 0.1 s and more. A
+hundred clients who send that at once would each have their part of every turn of the loop, and a stop needs
+some fifty turns to its end.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+from typing import Protocol
+
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from api.access.rate_limits import is_stop
+
+__all__ = ["FairRequests", "PIECE_BYTES", "Reading", "ReadingTurns"]
+
+
+PIECE_BYTES = 2048
+"""Read in one turn: some 5 ms of the smallest chunks. Doubled, a stop among a hundred hostile clients takes
+longer by a quarter of a second; halved, large uploads in chunks are slower."""
+
+
+class Reading(Protocol):
+    """A connection of which something waits to be read."""
+
+    loop: asyncio.AbstractEventLoop
+
+    @property
+    def is_urgent(self) -> bool:
+        """Whether what waits is a stop."""
+        ...
+
+    def read_piece(self) -> bool:
+        """Read up to `PIECE_BYTES` of what waits; whether more waits."""
+        ...
+
+
+class ReadingTurns:
+    """Whose turn it is. Used from the loop's thread alone."""
+
+    def __init__(self) -> None:
+        self._stops: deque[Reading] = deque()
+        self._others: deque[Reading] = deque()
+        self._turning = False
+
+    def ask(self, one: Reading) -> None:
+        """Something came for a connection of which nothing waited: it is read now, or when it is its turn."""
+        if self._turning:
+            (self._stops if one.is_urgent else self._others).append(one)
+            return
+        self._turning = True
+        self._read(one)
+        one.loop.call_soon(self._next)
+
+    def _next(self) -> None:
+        ones = self._stops or self._others
+        if not ones:
+            self._turning = False
+            return
+        one = ones.popleft()
+        one.loop.call_soon(self._next)
+        self._read(one)
+
+    def _read(self, one: Reading) -> None:
+        if one.read_piece():
+            (self._stops if one.is_urgent else self._others).append(one)
+
+
+_HELD_S = 2.0
+"""Seconds for which a stop holds others back; by then it is answered (`STOP_KNOWN_S`). Doubled, one who sends
+stops without end halves what others get."""
+
+
+class FairRequests:
+    """Let requests begin one after another, and stops before them. Plain ASGI.
+
+    Parameters
+    ----------
+    app : ASGIApp
+    may_stop : callable
+        Whether who sends a stop may do so: one of a stranger waits with all others.
+    """
+
+    def __init__(self, app: ASGIApp, may_stop: Callable[[Scope], bool]) -> None:
+        self._app = app
+        self._may_stop = may_stop
+        self._turn = asyncio.Lock()
+        self._stops = 0
+        self._calm = asyncio.Event()
+        self._calm.set()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on when it is its turn."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+        elif is_stop(scope["method"], scope["path"]) and self._may_stop(scope):
+            await self._stop(scope, receive, send)
+        else:
+            async with self._turn:
+                await self._hold_back()
+                # the next one begins in another turn of the loop
+                await asyncio.sleep(0)
+            await self._app(scope, receive, send)
+
+    async def _stop(self, scope: Scope, receive: Receive, send: Send) -> None:
+        self._stops += 1
+        self._calm.clear()
+        try:
+            await self._app(scope, receive, send)
+        finally:
+            self._stops -= 1
+            if not self._stops:
+                self._calm.set()
+
+    async def _hold_back(self) -> None:
+        if self._calm.is_set():
+            return
+        try:
+            async with asyncio.timeout(_HELD_S):
+                await self._calm.wait()
+        except TimeoutError:
+            # its mount takes its time; the answer has gone out by now
+            pass

@@ -1,0 +1,157 @@
+"""The state of telescopes over HTTP: views of the last reading, made once for each reading."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import timedelta
+
+from fastapi import Request, Response
+
+from api.observatory.observatory import Telescope
+from api.orders.job_views import NextLimitView, TelescopeView
+from api.orders.results import place
+from api.orders.watching import Snapshot
+from api.service import Service
+from mountnav.devices import MountReading
+from mountnav.mount import CheckedMount
+from mountnav.sky.chain import icrs_to_hour_angle, sidereal_time_deg
+
+__all__ = ["Answer", "StateAnswers", "answered", "knows", "state_answers", "telescope_view"]
+
+
+_WITHIN_S = 12 * 3600.0
+
+
+def telescope_view(telescope: Telescope, snapshot: Snapshot, warnings: Sequence[str] = ()) -> TelescopeView:
+    """View of a telescope as it was read last. Asks no device.
+
+    Parameters
+    ----------
+    telescope : Telescope
+    snapshot : Snapshot
+    warnings : sequence of str
+        Of the service; those of the telescope come before.
+    """
+    state, navigator = snapshot.state, telescope.navigator
+    reading, mount = state.reading, navigator.mount
+    own = navigator.learned.warnings(
+        configured_scale_arcsec_px=navigator.policy.scale_arcsec_px,
+        tolerance=navigator.policy.scale_tolerance,
+    )
+    limit = None if reading is None else _next_limit(mount, reading)
+    here = None
+    if reading is not None and state.icrs is not None:
+        here = icrs_to_hour_angle(state.icrs, reading.utc, mount.site, mount.air)
+    return TelescopeView(
+        id=state.name,
+        connected=state.connected,
+        activity=state.activity,
+        mount=telescope.mount_address,
+        reading=None if reading is None else place(reading.place),
+        icrs=None if state.icrs is None else place(state.icrs),
+        read_utc=None if reading is None else reading.utc,
+        altitude_deg=state.altitude_deg,
+        azimuth_deg=state.azimuth_deg,
+        hour_angle_deg=None if here is None else here.ha_deg,
+        local_sidereal_time_deg=None if reading is None else sidereal_time_deg(reading.utc, mount.site),
+        slewing=snapshot.slewing or (None if reading is None else reading.slewing),
+        job_id=None if snapshot.job is None else snapshot.job.id,
+        problem=state.problem,
+        trusted=state.trusted,
+        contradiction=mount.contradiction if state.connected else None,
+        link=state.link,
+        slew_state=state.slew_state,
+        tracking=None if reading is None else reading.tracking,
+        parked=None if reading is None else reading.parked,
+        pier_side=str(reading.pier_side) if reading is not None and reading.pier_side else None,
+        time_to_limit_s=None if limit is None else limit.after_s,
+        next_limit=limit,
+        learned=navigator.learned.words,
+        warnings=[*own, *warnings],
+    )
+
+
+def _next_limit(mount: CheckedMount, reading: MountReading) -> NextLimitView | None:
+    """Which limit tracking on leads to; a mount that doesn't say whether it tracks is taken to."""
+    if reading.tracking is False or reading.parked:
+        return None
+    soon = mount.reached(reading, within_s=_WITHIN_S)
+    if soon is None:
+        return None
+    return NextLimitView(
+        limit=str(soon.limit),
+        after_s=soon.after_s,
+        utc=reading.utc + timedelta(seconds=soon.after_s),
+        altitude_deg=soon.alt_deg,
+        azimuth_deg=soon.az_deg,
+    )
+
+
+_JSON = "application/json"
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A body and its tag."""
+
+    tag: str
+    body: bytes
+
+
+class StateAnswers:
+    """Keeps the latest answer of each telescope.
+
+    Parameters
+    ----------
+    service : Service
+    """
+
+    def __init__(self, service: Service) -> None:
+        self._service = service
+        self._kept: dict[str, Answer] = {}
+
+    def of(self, telescope: Telescope) -> Answer:
+        """The answer of one telescope."""
+        snapshot = self._service.desk.watch(telescope.id).latest
+        job = "" if snapshot.job is None else snapshot.job.id[:12]
+        # the service's id: after a restart the counting begins anew
+        tag = f'"{self._service.events.run}-{snapshot.revision}-{job}"'
+        kept = self._kept.get(telescope.id)
+        if kept is None or kept.tag != tag:
+            problem = self._service.remembering.problem
+            view = telescope_view(telescope, snapshot, () if problem is None else (problem,))
+            kept = self._kept[telescope.id] = Answer(tag, view.model_dump_json().encode())
+        return kept
+
+    def all(self) -> Answer:
+        """The answer of all telescopes, as a list."""
+        each = [self.of(telescope) for telescope in self._service.desk.telescopes]
+        tag = hashlib.sha256("".join(one.tag for one in each).encode()).hexdigest()[:24]
+        return Answer(f'"{tag}"', b"[" + b",".join(one.body for one in each) + b"]")
+
+
+def answered(request: Request, answer: Answer) -> Response:
+    """200 with the body and its tag; 304 to a client that has it."""
+    headers = {"ETag": answer.tag, "Cache-Control": "no-cache"}
+    if knows(request.headers.get("if-none-match"), answer.tag):
+        return Response(status_code=304, headers=headers)
+    return Response(answer.body, media_type=_JSON, headers=headers)
+
+
+def knows(if_none_match: str | None, tag: str) -> bool:
+    """Whether a client that sent `If-None-Match` has the answer of that tag [RFC 9110 §13.1.2]."""
+    if if_none_match is None:
+        return False
+    told = [one.strip().removeprefix("W/") for one in if_none_match.split(",")]
+    return "*" in told or tag in told
+
+
+async def state_answers(request: Request) -> StateAnswers:
+    """Those of the service that a request came to."""
+    state = request.app.state
+    found: StateAnswers | None = getattr(state, "state_answers", None)
+    if found is None or found._service is not state.service:
+        found = state.state_answers = StateAnswers(state.service)
+    return found

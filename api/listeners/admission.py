@@ -1,0 +1,157 @@
+"""Who is let in where there is room for so many, and who makes room: one rule for HTTP and all other doors.
+
+A newcomer beyond what one address or all may hold is let in where somebody else may go. Who never said
+anything goes first, then who has been idle for longest; nobody who has just come, while there is a little
+room left: he may be a stop whose first bytes are still on their way.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+CHANCE_S = 0.25
+"""So long a connection has to say what it wants before it makes room for another one, s: a stop comes with
+the first bytes, and these in a turn or two of the loop. Doubled, a flood gives way half as fast."""
+_TOLD_AGAIN_S = 60.0
+"""So long nothing is logged after it was told that there are too many, s: an attack may last all night."""
+
+
+class Guest(Protocol):
+    """A connection, as far as room is concerned."""
+
+    @property
+    def address(self) -> str:
+        """Where it comes from."""
+        ...
+
+    @property
+    def may_go(self) -> bool:
+        """Whether it may make room for another one: nothing that it asked would be lost."""
+        ...
+
+    @property
+    def has_spoken(self) -> bool:
+        """Whether it ever asked anything."""
+        ...
+
+    @property
+    def since_s(self) -> float:
+        """When it came, or was last answered; of the loop's clock."""
+        ...
+
+
+G = TypeVar("G", bound=Guest)
+
+
+@dataclass(frozen=True, slots=True)
+class Admitted(Generic[G]):
+    """What was decided about a newcomer.
+
+    Attributes
+    ----------
+    let_in : bool
+    goes : Guest or None
+        Who has to go for it; it counts no more already.
+    crowded : bool
+        Whether there were too many.
+    """
+
+    let_in: bool
+    goes: G | None = None
+    crowded: bool = False
+
+
+class ConnectionRoom(Generic[G]):
+    """Counts who is there. Used from the loop's thread alone.
+
+    Parameters
+    ----------
+    most : int
+    each_address : int
+        How many of these one address may have.
+    fresh : int
+        So many more may be there for a moment, until they have had a chance to say what they want. With
+        twice as many as are accepted in one turn of the loop nobody goes before what he sent with his
+        coming was read, however many come.
+    """
+
+    def __init__(self, most: int, each_address: int, fresh: int) -> None:
+        self._most, self._each_address, self._fresh = most, each_address, fresh
+        self._here: dict[str, set[G]] = {}
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __iter__(self) -> Iterator[G]:
+        return (one for ones in self._here.values() for one in ones)
+
+    def take_in(self, one: G, now_s: float) -> Admitted[G]:
+        """Let it in, if there is room or somebody makes room."""
+        own = self._here.get(one.address, set())
+        if len(own) >= self._each_address:
+            crowd, surplus = list(own), len(own) - self._each_address
+        elif self._count >= self._most:
+            crowd, surplus = list(self), self._count - self._most
+        else:
+            self._add(one)
+            return Admitted(let_in=True)
+        goes = min(
+            (each for each in crowd if each.may_go),
+            key=lambda each: (each.has_spoken, each.since_s),
+            default=None,
+        )
+        if goes is None:
+            return Admitted(let_in=False, crowded=True)
+        just_came = not goes.has_spoken and now_s - goes.since_s <= CHANCE_S
+        if just_came and surplus < self._fresh:
+            goes = None
+        else:
+            self.leave(goes)
+        self._add(one)
+        return Admitted(let_in=True, goes=goes, crowded=True)
+
+    def leave(self, one: G) -> None:
+        """It is gone. Twice is fine."""
+        own = self._here.get(one.address)
+        if own is None or one not in own:
+            return
+        own.remove(one)
+        self._count -= 1
+        if not own:
+            del self._here[one.address]
+
+    def _add(self, one: G) -> None:
+        self._here.setdefault(one.address, set()).add(one)
+        self._count += 1
+
+
+class ToldSeldom:
+    """Logs a warning that anybody could cause without end: once a minute, with how often it was so.
+
+    Parameters
+    ----------
+    log : logging.Logger
+    """
+
+    def __init__(self, log: logging.Logger) -> None:
+        self._log = log
+        self._told_s: float | None = None
+        self._untold = 0
+
+    def tell(self, now_s: float, words: str, *values: object) -> None:
+        """Log it, or count it."""
+        if self._told_s is not None and now_s - self._told_s < _TOLD_AGAIN_S:
+            self._untold += 1
+            return
+        if self._untold:
+            words += " (and %d times since this was last told)"
+            values = (*values, self._untold)
+        self._told_s, self._untold = now_s, 0
+        self._log.warning(words, *values)
+
+
+__all__ = ["CHANCE_S", "Guest", "ConnectionRoom", "Admitted", "ToldSeldom"]

@@ -1,0 +1,97 @@
+"""The doors besides HTTP: each is opened with the service, and one that sticks keeps no other shut."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from mountnav.errors import MountnavError
+
+_log = logging.getLogger(__name__)
+
+
+class Listener(Protocol):
+    """A server of a protocol of its own."""
+
+    async def start(self) -> None:
+        """Listen. Raises OSError or `MountnavError` where it can't."""
+        ...
+
+    async def stop(self) -> None:
+        """Listen no more, and let all clients go."""
+        ...
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Host and port that it listens on."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class ListenerState:
+    """How a door stands.
+
+    Attributes
+    ----------
+    host, port
+        None while it is shut.
+    problem : str or None
+        Why it could not be opened.
+    """
+
+    host: str | None
+    port: int | None
+    problem: str | None
+
+
+class Listeners:
+    """All doors of a service.
+
+    Parameters
+    ----------
+    made : dict of str to callable
+        By their names: ``indi``, ``lx200``, ``stellarium``, ``alpaca-discovery``.
+    """
+
+    def __init__(self, made: dict[str, Callable[[], Listener]]) -> None:
+        self._made = made
+        self._open: dict[str, Listener] = {}
+        self._problems: dict[str, str] = {}
+
+    @property
+    def states(self) -> dict[str, ListenerState]:
+        """How each of them stands."""
+        states = {}
+        for name in self._made:
+            door = self._open.get(name)
+            host, port = (None, None) if door is None else door.address
+            states[name] = ListenerState(host, port, self._problems.get(name))
+        return states
+
+    async def start(self) -> None:
+        """Open them all. One that can't be opened is logged, and told by `states`."""
+        for name, make in self._made.items():
+            try:
+                door = make()
+                await door.start()
+            except (OSError, MountnavError) as error:
+                # a planetarium's port that somebody else holds is no reason to lose the night
+                self._problems[name] = str(error)
+                _log.error("%s can't be opened: %s", name, error)
+            else:
+                self._open[name] = door
+                _log.info("%s listens on %s port %d", name, *door.address)
+
+    async def stop(self) -> None:
+        """Shut them all."""
+        ended = await asyncio.gather(*(door.stop() for door in self._open.values()), return_exceptions=True)
+        for name, end in zip(self._open, ended, strict=True):
+            if isinstance(end, Exception):
+                _log.error("%s could not be shut well", name, exc_info=end)
+        self._open.clear()
+
+
+__all__ = ["Listener", "ListenerState", "Listeners"]

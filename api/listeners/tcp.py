@@ -1,0 +1,203 @@
+"""A TCP port and its clients, each in a task of its own; going down, nobody is waited for."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import socket
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+
+from api.listeners.admission import ConnectionRoom, ToldSeldom
+from api.listeners.descriptors import descriptors_at_hand, listener_burst, listener_fresh, shares
+from mountnav.errors import BadSettings
+
+_log = logging.getLogger(__name__)
+
+Serve = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
+_MOST_BUFFERED_BYTES = 65_536
+"""Read ahead of what is understood; a planetarium's message has 20 bytes. It is the most for each client."""
+_MOST_UNTAKEN_BYTES = 65_536
+_WAITING = 128
+"""Connections that the kernel keeps until they are accepted; beyond it clients try again after a second."""
+_GOODBYE_S = 2.0
+_SILENT_S, _ASKED_AGAIN_S, _ASKED_TIMES = 60, 15, 4
+"""A phone that left the network is noticed after two minutes; the system's own default is two hours."""
+
+
+class Listening:
+    """Listens, and has each client served.
+
+    Parameters
+    ----------
+    host : str
+    port : int
+        0: any free one.
+    serve : callable (reader, writer) -> awaitable
+        Serves one client to its end, and closes its writer.
+    name : str
+        For messages.
+    full : callable (int) -> bytes, optional
+        What a client is told that comes when so many are here already; it is let go.
+    speaks_first : bool
+        Whether clients of this protocol say something as soon as they come. When there are too many, one
+        that never did, though it could have, makes room (`api.listeners.admission`): it may be a stop that
+        comes.
+    most : int, optional
+        How many clients at a time, half of them from one address; by what the system allows if left out.
+
+    Attributes
+    ----------
+    most : int
+    """
+
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        serve: Serve,
+        *,
+        name: str,
+        full: Callable[[int], bytes] | None = None,
+        speaks_first: bool = True,
+        most: int | None = None,
+    ) -> None:
+        self._host, self._port = host, port
+        self._serve = serve
+        self._name = name
+        self._full = full
+        self._speaks_first = speaks_first
+        self.most = shares(descriptors_at_hand(), 0).door if most is None else most
+        self._burst = listener_burst(self.most)
+        self._here: ConnectionRoom[_Client] = ConnectionRoom(
+            self.most, max(1, self.most // 2), listener_fresh(self.most)
+        )
+        self._turned_away = ToldSeldom(_log)
+        self._server: asyncio.Server | None = None
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Host and port it listens at; the port is the settings' until it listens."""
+        if self._server is None or not self._server.sockets:
+            return self._host, self._port
+        found = self._server.sockets[0].getsockname()
+        return str(found[0]), int(found[1])
+
+    async def start(self) -> None:
+        """Listen.
+
+        Raises
+        ------
+        BadSettings
+            The address can't be had.
+        """
+        try:
+            self._server = await asyncio.get_running_loop().create_server(
+                self._protocol, self._host, self._port, backlog=self._burst
+            )
+        except OSError as error:
+            raise BadSettings(
+                f"can't listen on {self._host} port {self._port}: {error.strerror or error}",
+                device=self._name,
+                advice="is another program there? choose another port",
+            ) from error
+        for listener in self._server.sockets:
+            # asyncio's backlog is also how many are accepted in one turn; the kernel may keep more waiting
+            with listener.dup() as same:
+                same.listen(_WAITING)
+        _log.info("%s listens on %s port %d", self._name, *self.address)
+
+    async def stop(self) -> None:
+        """Listen no more, and let all clients go."""
+        if self._server is not None:
+            self._server.close()
+        clients = [one.task for one in self._here]
+        for client in clients:
+            client.cancel()
+        if clients:
+            await asyncio.wait(clients, timeout=_GOODBYE_S)
+
+    def _protocol(self) -> asyncio.StreamReaderProtocol:
+        return asyncio.StreamReaderProtocol(_Reader(_MOST_BUFFERED_BYTES), self._accept)
+
+    def _has_room(self, one: _Client) -> bool:
+        """Whether a newcomer can be served; a client that never spoke may make room."""
+        now_s = asyncio.get_running_loop().time()
+        taken = self._here.take_in(one, now_s)
+        if taken.goes is not None:
+            taken.goes.writer.transport.abort()
+            taken.goes.task.cancel()
+        if not taken.let_in:
+            words = "%s lets a client from %s go: %d are here already"
+            self._turned_away.tell(now_s, words, self._name, one.address, len(self._here))
+        return taken.let_in
+
+    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        address = str((writer.get_extra_info("peername") or ("",))[0])
+        task = asyncio.current_task()
+        assert task is not None
+        assert isinstance(reader, _Reader)
+        client = _Client(address, reader, writer, task, self._speaks_first, asyncio.get_running_loop().time())
+        if not self._has_room(client):
+            if self._full is not None:
+                writer.write(self._full(len(self._here)))
+            writer.close()
+            return
+        try:
+            _keep_alive(writer.get_extra_info("socket"))
+            writer.transport.set_write_buffer_limits(high=_MOST_UNTAKEN_BYTES)
+            await self._serve(reader, writer)
+        except (OSError, TimeoutError, asyncio.CancelledError):
+            # it went, or we do
+            pass
+        except Exception:
+            # one client's fault is not the others'
+            _log.exception("a client of %s hit a fault", self._name)
+        finally:
+            self._here.leave(client)
+            with contextlib.suppress(OSError):
+                writer.close()
+
+
+class _Reader(asyncio.StreamReader):
+    """Knows whether its client ever said anything."""
+
+    heard = False
+
+    def feed_data(self, data: bytes) -> None:  # type: ignore[override]
+        """Something came."""
+        self.heard = True
+        super().feed_data(data)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Client:
+    address: str
+    reader: _Reader
+    writer: asyncio.StreamWriter
+    task: asyncio.Task[None]
+    speaks_first: bool
+    since_s: float
+
+    @property
+    def has_spoken(self) -> bool:
+        return self.reader.heard
+
+    @property
+    def may_go(self) -> bool:
+        return self.speaks_first and not self.reader.heard
+
+
+def _keep_alive(connection: socket.socket) -> None:
+    """Send at once, and notice a client that is gone without a word."""
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    # not every system has all of them
+    named = {"TCP_KEEPIDLE": _SILENT_S, "TCP_KEEPINTVL": _ASKED_AGAIN_S, "TCP_KEEPCNT": _ASKED_TIMES}
+    for name, value in named.items():
+        if (option := getattr(socket, name, None)) is not None:
+            connection.setsockopt(socket.IPPROTO_TCP, option, value)
+
+
+__all__ = ["Listening", "Serve"]

@@ -1,0 +1,169 @@
+"""When a telescope's link is first up: what an earlier run left in flight, and what to tell of it."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+
+from mountnav.errors import DeviceError, JournalFailed
+from mountnav.journal.reading import COMMAND, JournalReader, Wanted
+from mountnav.journal.records import CommandRecord, Entry, EntryKind, Outcome
+from mountnav.journal.restart import acknowledge, take_up
+from mountnav.journal.sql_journal import SqlJournal
+from mountnav.mount import CheckedMount
+from mountnav.mount.agreement import ACCEPTED, ADVICE
+from mountnav.mount.last_seen import LastSeen, seen_of
+from mountnav.mount.side_proof import SIDE_PROVEN
+from mountnav.navigation.syncing import GuardedSync
+from mountnav.sky.coordinates import utc_now
+from mountnav.tasks import fault_words
+
+_log = logging.getLogger(__name__)
+
+_FAULT_ADVICE = "it is tried again by itself, and stops are taken; the service's log has more"
+ROWS_READ = 500
+"""Of syncs: more than a night has."""
+
+
+class Restart:
+    """Takes one telescope up again, once, before the first order of this run goes out.
+
+    Parameters
+    ----------
+    journal : SqlJournal
+    telescope_id : str
+    outlives : bool
+        Whether the mount goes on while the service is down; a fake that the service runs itself doesn't, and
+        begins anew each time.
+
+    Attributes
+    ----------
+    notice : str or None
+        What an operator should know; until a solved look or his own word settles it.
+    distrust : str or None
+        Why the mount isn't trusted since the restart; until it is.
+    fault : str or None
+        What keeps it from being taken up besides its link and the journal: a fault of ours, which is tried
+        again. What was remembered of it isn't known so long, so its position doesn't count and it is refused.
+    """
+
+    def __init__(self, journal: SqlJournal, telescope_id: str, *, outlives: bool = True) -> None:
+        self.notice: str | None = None
+        self.distrust: str | None = None
+        self.fault: str | None = None
+        self._outlives = outlives
+        self._journal = journal
+        self._telescope_id = telescope_id
+        self._done = False
+        self._recalled = False
+
+    async def at_first_link(self, mount: CheckedMount, guard: GuardedSync) -> None:
+        """Close what was in flight by what the mount reads, and recall what was learned of the camera.
+
+        Raises
+        ------
+        DeviceError
+            The mount can't be read: to be called again.
+        JournalFailed
+            Also for a fault of ours: to be called again.
+        """
+        try:
+            await self._take_up(mount, guard)
+        except (DeviceError, JournalFailed):
+            raise
+        except Exception as fault:
+            raise self._faulted(mount, fault) from fault
+        self.fault = None
+
+    async def _take_up(self, mount: CheckedMount, guard: GuardedSync) -> None:
+        if not self._recalled:
+            await self._recall(mount, guard)
+            await self._note_model(guard.pointing.model_id)
+            self._recalled = True
+        if not self._done:
+            await self._meet_again(mount)
+            restart = await take_up(self._journal, self._journal.reader, self._telescope_id, mount)
+            self.notice = restart.notice
+            self._done = True
+
+    def _faulted(self, mount: CheckedMount, fault: Exception) -> JournalFailed:
+        """Nobody knows what the last run knew of it: less than that is not trusted."""
+        words = f"what an earlier run left of it can't be taken up: {fault_words(fault)}"
+        if words != self.fault:
+            self.fault = words
+            _log.error("%s: %s", self._telescope_id, words, exc_info=fault)
+            mount.distrust(words)
+        return JournalFailed(words, device=self._telescope_id, advice=_FAULT_ADVICE)
+
+    async def _meet_again(self, mount: CheckedMount) -> None:
+        """Trust the mount no more than the last run did, and not if it stands elsewhere than it was left."""
+        last, in_flight = None, list[CommandRecord]()
+        if self._outlives:
+            reader, own = self._journal.reader, self._journal.run_id
+            last = await asyncio.to_thread(last_seen, reader, self._telescope_id)
+            in_flight = await asyncio.to_thread(reader.in_flight, self._telescope_id, but_run=own)
+        why = await mount.take_up(last, in_flight)
+        if why is None and not mount.trusted and self.fault is not None:
+            why = self.fault
+        if why is not None:
+            self.distrust = f"its position can't be trusted: {why}. Let it look (recover), or home it"
+
+    def told(self, mount: CheckedMount) -> str | None:
+        """What an operator should know now."""
+        if mount.trusted:
+            self.distrust = None
+        if self.fault is not None:
+            return f"{self.fault} ({_FAULT_ADVICE})"
+        if (words := mount.contradiction) is not None:
+            return f"mount and settings contradict each other, nothing is slewed: {words} ({ADVICE})"
+        return self.distrust or self.notice
+
+    def heard(self, kind: str) -> None:
+        """A solved look tells where the telescope points: the notice is settled."""
+        if kind == "solved":
+            self.notice = None
+
+    async def acknowledge(self, who: str) -> None:
+        """An operator has seen it. Raises `JournalFailed`."""
+        await acknowledge(self._journal, self._telescope_id, who)
+        self.notice = None
+
+    async def _note_model(self, model_id: str | None) -> None:
+        """A change of the pointing model in force belongs to the story."""
+        last = await self._journal.recent(self._telescope_id, EntryKind.MODEL, 1)
+        before = last[-1].facts.get("model_id") if last else None
+        if before != model_id:
+            what = (
+                "no pointing model is in force any more"
+                if model_id is None
+                else "a pointing model is in force"
+            )
+            facts = {"model_id": model_id, "before": before}
+            await self._journal.note(Entry(utc_now(), self._telescope_id, EntryKind.MODEL, what, facts))
+
+    async def _recall(self, mount: CheckedMount, guard: GuardedSync) -> None:
+        syncs = await self._journal.recent(self._telescope_id, EntryKind.SYNC, ROWS_READ)
+        learned = await self._journal.recent(self._telescope_id, EntryKind.LEARNED, 1)
+        settings = await self._journal.recent(self._telescope_id, EntryKind.SETTINGS, ROWS_READ)
+        said = [one.facts for one in settings if one.facts.get("about") == ACCEPTED]
+        if said and said[-1].get("difference") is not None:
+            mount.restore_agreement(said[-1])
+        proven = [one.facts for one in settings if one.facts.get("about") == SIDE_PROVEN]
+        if proven:
+            mount.restore_side_proof(proven[-1])
+        guard.restore(sorted((*syncs, *learned), key=lambda one: one.utc))
+
+
+def last_seen(reader: JournalReader, telescope_id: str) -> LastSeen | None:
+    """How a telescope's mount was seen last, by its rows of standing and its last order that was done."""
+    rows = Wanted(telescope=telescope_id, kinds=frozenset({str(EntryKind.STANDING)}))
+    done = Wanted(telescope=telescope_id, kinds=frozenset({COMMAND}), outcome=str(Outcome.DONE))
+    written = reader.entries(rows, limit=1, newest_first=True)
+    orders = reader.commands(done, limit=1, newest_first=True)
+    last = LastSeen.of_facts(written[0].facts) if written else None
+    after = orders[0][1].after if orders and orders[0][1] is not None else None
+    if after is None or (last is not None and last.utc >= after.utc):
+        return last
+    if last is None:
+        return seen_of(after)
+    return seen_of(after, trusted=last.trusted, why=last.why)

@@ -1,0 +1,439 @@
+"""The one way to order something of a telescope, for every face: role, lease, one at a time, audit."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Awaitable, Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from api.access.audit import Audit
+from api.access.callers import Caller, Face, Role
+from api.access.security import require_role
+from api.observatory.observatory import Observatory, Telescope, link_is_lost
+from api.orders.execute_order import work_of
+from api.orders.jobs import Job, Jobs
+from api.orders.longer_orders import LongerOrders
+from api.orders.targets import Target, icrs_of
+from api.orders.vocabulary import ModelRunOrder, Order, SeriesOrder, SolveOrder, role_for
+from api.orders.watching import Watch
+from api.problems import Refused
+from mountnav.errors import DeviceError, JournalFailed, MountnavError
+from mountnav.mount.written_orders import EVEN_UNWRITTEN
+from mountnav.navigation.navigator import Navigator
+from mountnav.sky.coordinates import utc_now
+from mountnav.tasks import waited_for
+
+__all__ = ["Dispatcher", "Guard", "STOP_KNOWN_S", "StopGiven"]
+
+
+_log = logging.getLogger(__name__)
+
+_END_OF_JOB_S = 1.0
+_LONGEST_FRESHENING_S = 5.0
+_HELD_S = 2.0
+"""Seconds from its beginning for which a stop holds orders back that haven't begun; by then it is answered.
+Doubled, a mount that never answers its stop delays the guide pulses of all others for twice as long."""
+STOP_KNOWN_S = 1.4
+"""So long a stop's answer waits for what came of it: it is to be there within 2 s, whatever a mount does."""
+
+
+@dataclass(frozen=True, slots=True)
+class StopGiven:
+    """A stop that was given, and what is known of it by now.
+
+    Attributes
+    ----------
+    job : Job or None
+        The one that it cancelled.
+    sent : bool or None
+        Whether the mount was told; None: not known yet, the event ``stop-settled`` will tell.
+    error : DeviceError or None
+        Why not.
+    """
+
+    job: Job | None
+    sent: bool | None
+    error: DeviceError | None = None
+
+
+class Guard(Protocol):
+    """Who may order now."""
+
+    def require(self, caller: Caller, telescope_id: str) -> None:
+        """Raise `Refused` if somebody else holds the lease."""
+        ...
+
+
+class Dispatcher:
+    """Takes the orders of all faces.
+
+    Parameters
+    ----------
+    observatory : Observatory
+    jobs : Jobs
+    longer : LongerOrders
+        Makes work of the orders that need more than a navigator.
+    leases : Guard
+    audit : Book
+    poll_s : float
+        How often each telescope is read.
+    tell : callable
+        Publishes an event.
+    unwritable : callable
+        Why nothing can be written down just now; None when it can.
+    """
+
+    def __init__(
+        self,
+        observatory: Observatory,
+        jobs: Jobs,
+        *,
+        longer: LongerOrders,
+        leases: Guard,
+        audit: Audit,
+        poll_s: float,
+        tell: Callable[[str, dict[str, object]], object],
+        unwritable: Callable[[], str | None] = lambda: None,
+    ) -> None:
+        self._observatory = observatory
+        self._jobs = jobs
+        self._longer = longer
+        self._leases = leases
+        self._audit = audit
+        self._tell = tell
+        self._unwritable = unwritable
+        self._stopping: set[asyncio.Task[Job | None]] = set()
+        self._beginning = asyncio.Lock()
+        self._stops, self._stop_begun_s = 0, 0.0
+        self._calm = asyncio.Event()
+        self._calm.set()
+        self._watches = {one.id: Watch(one, jobs, poll_s) for one in observatory.telescopes}
+
+    @property
+    def telescopes(self) -> Sequence[Telescope]:
+        """All telescopes, in the order of the settings."""
+        return self._observatory.telescopes
+
+    def watch(self, telescope_id: str) -> Watch:
+        """What is known of a telescope. Raises `Unknown`."""
+        return self._watches[self._observatory.telescope(telescope_id).id]
+
+    def start(self) -> None:
+        """Begin to watch."""
+        for watch in self._watches.values():
+            watch.start()
+
+    async def close(self) -> None:
+        """Watch no more. A stop that is still being sent is given up: the telescopes are stopped next."""
+        for stopping in self._stopping:
+            stopping.cancel()
+        await asyncio.gather(*self._stopping, return_exceptions=True)
+        await asyncio.gather(*(watch.close() for watch in self._watches.values()))
+
+    async def turn(self) -> None:
+        """Wait for a turn of the loop in which no other order begins, and that no stop needs.
+
+        For faces whose clients may send many orders at once: to refuse a goto takes up to 20 ms, and a stop
+        needs some fifty turns. HTTP requests have it from `FairRequests`.
+        """
+        async with self._beginning:
+            with contextlib.suppress(TimeoutError):
+                # as long as that is in the future; later the stop has had its time
+                async with asyncio.timeout_at(self._stop_begun_s + _HELD_S):
+                    await self._calm.wait()
+            await asyncio.sleep(0)
+
+    async def order(
+        self,
+        caller: Caller,
+        telescope_id: str,
+        order: Order,
+        *,
+        key: str | None = None,
+        supersede: bool = False,
+    ) -> Job:
+        """Take an order; its job has begun, and is on the disk, when this returns. See `give`."""
+        devices = True
+        if isinstance(order, SolveOrder | SeriesOrder | ModelRunOrder):
+            work = self._longer.work_of(self._observatory.telescope(telescope_id).id, order)
+            devices = self._longer.needs_devices(order)
+        else:
+            work = work_of(order)
+        return await self.give(
+            caller,
+            telescope_id,
+            order.kind,
+            order.model_dump(exclude_none=True),
+            work,
+            key=key,
+            supersede=supersede,
+            needs=role_for(order),
+            devices=devices,
+        )
+
+    async def give(
+        self,
+        caller: Caller,
+        telescope_id: str,
+        kind: str,
+        request: dict[str, object],
+        work: Callable[[Navigator], Awaitable[object]],
+        *,
+        key: str | None = None,
+        supersede: bool = False,
+        needs: Role = Role.OPERATE,
+        devices: bool = True,
+    ) -> Job:
+        """Take a piece of work as an order; `order` for those that have a body of their own.
+
+        Parameters
+        ----------
+        caller : Caller
+        telescope_id : str
+        kind : str
+            Of the job.
+        request : dict
+            As it is written down; together with `kind` what an idempotency key stands for.
+        work : callable
+            What the navigator is to do.
+        key : str, optional
+            Made by the client: with the same key and request nothing is done twice.
+        supersede : bool
+            Whether a job that holds the telescope is ended, and its mount stopped, to make room. The new job
+            is there at once and begins when that is done; if the mount can't be told to stop, it fails.
+        needs : Role
+        devices : bool
+            Whether the telescope must be open for it.
+
+        Raises
+        ------
+        Unknown
+            No such telescope.
+        Refused
+            The caller's role, or somebody else's lease; or the key was used for something else.
+        TelescopeBusy
+            Another job holds it.
+        JournalFailed
+            It can't be written down, and is no park: nothing was begun.
+        """
+        safe = kind in EVEN_UNWRITTEN
+        telescope = self._observatory.telescope(telescope_id)
+        try:
+            require_role(caller, needs)
+            known = self._jobs.known(key, kind, telescope.id, request)
+            if known is not None:
+                await known.written.wait()
+                return known
+            if not safe and (why := self._unwritable()) is not None:
+                raise JournalFailed(
+                    why, device=telescope.id, advice="it is tried again by itself; stops and parks are taken"
+                )
+            self._leases.require(caller, telescope.id)
+            job = self._jobs.start(
+                kind,
+                telescope.id,
+                request,
+                self.done(telescope, work, devices=devices, even_unwritten=safe),
+                key=key,
+                make_room=(lambda: self._stop(telescope, None)) if supersede else None,
+                epoch=telescope.navigator.mount.epoch,
+                even_unwritten=safe,
+            )
+            # first on the disk, then answered: after a kill the same request finds it
+            await job.written.wait()
+            if job.unwritten is not None:
+                raise job.unwritten
+        except (Refused, MountnavError) as refusal:
+            self._audit.refused(caller, kind, refusal, telescope=telescope.id, request=request)
+            raise
+        self._audit.note(caller, kind, telescope=telescope.id, request=request, job_id=job.id)
+        return job
+
+    async def check(self, telescope_id: str, target: Target, *, supersede: bool = False) -> None:
+        """Tell what a slew there would be refused for now; nothing moves.
+
+        Parameters
+        ----------
+        telescope_id : str
+        target : Target
+        supersede : bool
+            As if what runs now had been stopped for it.
+
+        Raises
+        ------
+        OutsideLimits, DeviceRefused, Busy, BadRequest, Unknown, DeviceError
+        """
+        telescope = self._observatory.telescope(telescope_id)
+        navigator = await telescope.ready()
+        mount = navigator.mount
+        there = icrs_of(target, utc_now(), mount.site, mount.air)
+        await navigator.would_slew(there, after_stop=supersede)
+
+    async def stop(self, caller: Caller, telescope_id: str) -> Job | None:
+        """Cancel the telescope's job and stop its mount; return the job. Waits for neither queue nor solve.
+
+        Taken from everyone who may operate, whoever holds the lease. The job is cancelled first, so that it
+        can't send another slew after the stop; while it ends, the navigator stops the mount once more, in
+        case a slew was on the wire at that very moment.
+
+        Raises
+        ------
+        Refused
+            The caller may only look on.
+        DeviceError
+            The stop could not be sent.
+        """
+        telescope = self._observatory.telescope(telescope_id)
+        job = self._jobs.running_on(telescope.id)
+        try:
+            require_role(caller, Role.OPERATE)
+            with self._others_held_back():
+                await self._stop(telescope, job, f"stopped on request of {caller.name} ({caller.face})")
+        except (Refused, DeviceError) as error:
+            self._audit.refused(caller, "stop", error, telescope=telescope.id)
+            raise
+        self._audit.note(caller, "stop", telescope=telescope.id, job_id=None if job is None else job.id)
+        return job
+
+    async def give_stop(self, caller: Caller, telescope_id: str) -> StopGiven:
+        """Stop as `stop` does, for those who wait for an answer: it is there within 2 s.
+
+        A mount that takes longer is told to stop all the same; an event tells what came of it.
+
+        Raises
+        ------
+        Refused
+            The caller may only look on.
+        """
+        telescope = self._observatory.telescope(telescope_id)
+        require_role(caller, Role.OPERATE)
+        job = self._jobs.running_on(telescope.id)
+        begun_s = asyncio.get_running_loop().time()
+        stopping = waited_for(self.stop(caller, telescope.id), name=f"stop {telescope.id}")
+        self._stopping.add(stopping)
+        stopping.add_done_callback(self._stopping.discard)
+        await asyncio.wait({stopping}, timeout=STOP_KNOWN_S)
+        if not stopping.done():
+            stopping.add_done_callback(lambda ended: self._settled(telescope.id, ended, begun_s))
+            return StopGiven(job, None)
+        try:
+            return StopGiven(stopping.result(), True)
+        except DeviceError as error:
+            return StopGiven(job, False, error)
+
+    async def stop_all(self, caller: Caller) -> dict[str, StopGiven]:
+        """Stop all telescopes at once, each as `give_stop` does."""
+        require_role(caller, Role.OPERATE)
+        given = await asyncio.gather(*(self.give_stop(caller, one.id) for one in self.telescopes))
+        return {telescope.id: one for telescope, one in zip(self.telescopes, given, strict=True)}
+
+    async def cancel(self, caller: Caller, job: Job) -> None:
+        """Cancel a job and stop its mount; one that is over is left alone. Raises as `stop`.
+
+        The job's own end tells what came of a stop that takes long.
+        """
+        require_role(caller, Role.OPERATE)
+        if not job.is_over and self._jobs.running_on(job.telescope) is job:
+            given = await self.give_stop(caller, job.telescope)
+            if given.error is not None:
+                raise given.error
+
+    def done(
+        self,
+        telescope: Telescope,
+        work: Callable[[Navigator], Awaitable[object]],
+        *,
+        devices: bool = True,
+        even_unwritten: bool = False,
+    ) -> Callable[[], Awaitable[object]]:
+        """Work as a job does it: the telescope opened before, if need be, its state read anew after."""
+        watch = self._watches[telescope.id]
+
+        async def done() -> object:
+            try:
+                report = await work(
+                    await telescope.ready(even_unwritten=even_unwritten) if devices else telescope.navigator
+                )
+            except DeviceError as error:
+                if link_is_lost(error):
+                    await telescope.lost(error)
+                watch.wake()
+                raise
+            except BaseException:
+                watch.wake()
+                raise
+            # whoever sees the job ended sees where the telescope stands since; a cancellation now comes too
+            # late for the work, and what that brought must not be lost
+            try:
+                async with asyncio.timeout(_LONGEST_FRESHENING_S):
+                    await watch.refresh()
+            except (TimeoutError, asyncio.CancelledError):
+                watch.wake()
+            return report
+
+        return done
+
+    # -- inside --------------------------------------------------------------------------------------
+
+    @contextlib.contextmanager
+    def _others_held_back(self) -> Iterator[None]:
+        self._stops += 1
+        self._stop_begun_s = asyncio.get_running_loop().time()
+        self._calm.clear()
+        try:
+            yield
+        finally:
+            self._stops -= 1
+            if not self._stops:
+                self._calm.set()
+
+    def _settled(self, telescope_id: str, stopping: asyncio.Task[Job | None], begun_s: float) -> None:
+        if stopping.cancelled():
+            return
+        error = stopping.exception()
+        told: dict[str, object] = {
+            "telescope": telescope_id,
+            "sent": error is None,
+            "took_s": round(asyncio.get_running_loop().time() - begun_s, 1),
+        }
+        if error is not None:
+            told["problem"] = str(error)
+            _log.error("the stop of %s could not be sent: %s", telescope_id, error)
+        self._tell("stop-settled", told)
+
+    async def _stop(self, telescope: Telescope, job: Job | None, why: str = "") -> None:
+        if job is not None:
+            self._jobs.cancel(job, why)
+        try:
+            await telescope.stop()
+        except DeviceError as error:
+            if link_is_lost(error):
+                await telescope.lost(error)
+            raise
+        finally:
+            self._watches[telescope.id].wake()
+        if job is not None:
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(_END_OF_JOB_S):
+                    await job.ended.wait()
+
+
+NIGHT = Caller("night", Role.CONFIGURE, Face.SERVICE)
+"""In whose name it is done."""
+
+
+async def preempt(desk: Dispatcher, jobs: Jobs, telescope_id: str) -> None:
+    """End the job that runs on a telescope, unless it parks it already. Raises `DeviceError`.
+
+    Parameters
+    ----------
+    desk : Desk
+    jobs : Jobs
+    telescope_id : str
+    """
+    job = jobs.running_on(telescope_id)
+    if job is not None and job.kind != "park":
+        await desk.stop(NIGHT, telescope_id)

@@ -1,0 +1,119 @@
+"""What each order is to a navigator: the one place where orders of all faces become the telescope's."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+
+from api.orders.targets import Target, icrs_of
+from api.orders.vocabulary import (
+    AcceptSiteTimeOrder,
+    CenterOrder,
+    FirstLightOrder,
+    FlipOrder,
+    GuideOrder,
+    HomeOrder,
+    LookOrder,
+    OffsetOrder,
+    Order,
+    ParkOrder,
+    RecoverOrder,
+    SetParkOrder,
+    SetSiteTimeOrder,
+    SlewOrder,
+    SyncOrder,
+    SyncToOrder,
+    TrackingOrder,
+    TrustOrder,
+    UnparkOrder,
+)
+from mountnav.devices import Direction, TrackingRate
+from mountnav.navigation.navigator import Navigator
+from mountnav.sky.coordinates import Icrs, utc_now
+
+Work = Callable[[Navigator], Awaitable[object]]
+
+
+def work_of(order: Order) -> Work:
+    """An order as something to do with a navigator."""
+
+    async def work(navigator: Navigator) -> object:
+        return await execute_order(navigator, order)
+
+    return work
+
+
+async def execute_order(navigator: Navigator, order: Order) -> object:
+    """Do it.
+
+    Returns
+    -------
+    object
+        A report of `mountnav.navigation.reports`, an outcome, or None.
+
+    Raises
+    ------
+    MountnavError
+        As the navigator's.
+    """
+    match order:
+        case SlewOrder():
+            return await navigator.slew(there(navigator, order.target))
+        case CenterOrder():
+            return await navigator.center(
+                there(navigator, order.target),
+                tolerance_arcsec=order.tolerance_arcsec,
+                max_tries=order.max_tries,
+                timeout_s=order.timeout_s,
+                correct_by=order.correct_by,
+                planned_s=order.planned_s,
+            )
+        case LookOrder():
+            return await navigator.look(order.exposure_s, persistent=order.persistent)
+        case SyncOrder():
+            return await navigator.sync()
+        case SyncToOrder():
+            return await navigator.sync_to(there(navigator, order.target))
+        case OffsetOrder():
+            return await navigator.offset(order.east_arcsec, order.north_arcsec)
+        case FlipOrder():
+            return await navigator.flip(there(navigator, order.target), planned_s=order.planned_s)
+        case RecoverOrder():
+            return await navigator.recover(order.exposure_s)
+        case FirstLightOrder():
+            return await navigator.first_light(order.exposure_s)
+        case _:
+            return await _without_sky(navigator, order)
+
+
+async def _without_sky(navigator: Navigator, order: Order) -> object:
+    match order:
+        case ParkOrder():
+            return await navigator.park()
+        case HomeOrder():
+            return await navigator.home()
+        case UnparkOrder():
+            await navigator.unpark()
+        case SetParkOrder():
+            await navigator.set_park()
+        case TrackingOrder():
+            await navigator.set_tracking(order.on, TrackingRate(order.rate))
+        case GuideOrder():
+            await navigator.guide(Direction(order.direction), order.duration_s)
+        case TrustOrder():
+            navigator.trust()
+        case SetSiteTimeOrder():
+            await navigator.set_site_and_time()
+        case AcceptSiteTimeOrder():
+            navigator.accept_site_and_time()
+        case _:
+            raise AssertionError(f"nobody carries out {order.kind}")
+    return None
+
+
+def there(navigator: Navigator, target: Target) -> Icrs:
+    """Where a target is now. Raises `BadRequest`."""
+    mount = navigator.mount
+    return icrs_of(target, utc_now(), mount.site, mount.air)
+
+
+__all__ = ["Work", "execute_order", "there", "work_of"]

@@ -1,0 +1,517 @@
+"""The orders that a telescope takes from any face, their short REST bodies, and their examples."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import ConfigDict, Field, model_validator
+
+from api.access.callers import Role
+from api.orders.targets import ApparentTarget, Body, IcrsTarget, Tagged, Target
+from api.solver.hints import make_hint
+from mountnav.errors import BadRequest
+
+__all__ = [
+    "AcceptSiteTimeOrder",
+    "CenterBody",
+    "CenterOrder",
+    "FirstLightOrder",
+    "FlipBody",
+    "FlipOrder",
+    "GuideOrder",
+    "HomeOrder",
+    "JOB_EXAMPLES",
+    "KINDS",
+    "LongerOrder",
+    "LookBody",
+    "LookOrder",
+    "MOVING",
+    "ModelRunOrder",
+    "OVERRULING",
+    "OffsetBody",
+    "OffsetOrder",
+    "Order",
+    "PLACE_EXAMPLES",
+    "ParkOrder",
+    "RecoverOrder",
+    "SeriesOrder",
+    "SetParkOrder",
+    "SetSiteTimeOrder",
+    "SlewBody",
+    "SlewOrder",
+    "SolveOrder",
+    "SyncOrder",
+    "SyncToOrder",
+    "TrackingBody",
+    "TrackingOrder",
+    "TrustOrder",
+    "UnparkOrder",
+    "role_for",
+]
+
+
+_Planned = Annotated[
+    float | None,
+    Field(
+        gt=0,
+        le=86_400,
+        description="How long it is to be followed: the answer tells which limit comes before that",
+    ),
+]
+_Exposure = Annotated[float | None, Field(gt=0, le=600)]
+
+
+class SlewOrder(Tagged):
+    """Go to a place as the mount believes it; nothing is looked at."""
+
+    kind: Literal["slew"] = "slew"
+    target: Target
+
+
+class CenterOrder(Tagged):
+    """Slew, look, correct, and slew again until the target is at the frame's center."""
+
+    kind: Literal["center"] = "center"
+    target: Target
+    tolerance_arcsec: float | None = Field(default=None, gt=0, le=3600)
+    max_tries: int | None = Field(default=None, ge=1, le=50)
+    timeout_s: float | None = Field(default=None, gt=0, le=7200)
+    correct_by: Literal["sync", "offset", "model"] | None = None
+    planned_s: _Planned = None
+
+
+class LookOrder(Tagged):
+    """Expose and solve: where it truly points. Moves and syncs nothing."""
+
+    kind: Literal["look"] = "look"
+    exposure_s: _Exposure = None
+    persistent: bool = Field(default=False, description="Try all that is allowed and moves nothing")
+
+
+class SyncOrder(Tagged):
+    """Look, and tell the mount where it truly points."""
+
+    kind: Literal["sync"] = "sync"
+
+
+class SyncToOrder(Tagged):
+    """Tell the mount that it points at these coordinates: a planetarium's sync, believed within bounds."""
+
+    kind: Literal["sync-to"] = "sync-to"
+    target: Target
+
+
+class OffsetOrder(Tagged):
+    """Nudge: slew by so much on the sky, east and north positive."""
+
+    kind: Literal["offset"] = "offset"
+    east_arcsec: float = Field(ge=-36_000, le=36_000)
+    north_arcsec: float = Field(ge=-36_000, le=36_000)
+
+
+class FlipOrder(Tagged):
+    """Let a German mount change sides, and center the target anew."""
+
+    kind: Literal["flip"] = "flip"
+    target: Target
+    planned_s: _Planned = None
+
+
+class ParkOrder(Tagged):
+    """Go to the park position and stay."""
+
+    kind: Literal["park"] = "park"
+
+
+class UnparkOrder(Tagged):
+    """Be ready to move again."""
+
+    kind: Literal["unpark"] = "unpark"
+
+
+class SetParkOrder(Tagged):
+    """Take the present place for the park position."""
+
+    kind: Literal["set-park"] = "set-park"
+
+
+class HomeOrder(Tagged):
+    """Go home, or find it by its sensors."""
+
+    kind: Literal["home"] = "home"
+
+
+class TrackingOrder(Tagged):
+    """Follow the sky, or rest."""
+
+    kind: Literal["tracking"] = "tracking"
+    on: bool
+    rate: Literal["sidereal", "lunar", "solar", "king"] = "sidereal"
+
+
+class GuideOrder(Tagged):
+    """Move at the guide rate for a moment."""
+
+    kind: Literal["guide"] = "guide"
+    direction: Literal["n", "s", "e", "w"]
+    duration_s: float = Field(gt=0, le=60)
+
+
+class TrustOrder(Tagged):
+    """An operator's word that the mount's position is right: whoever says so has looked."""
+
+    kind: Literal["trust"] = "trust"
+
+
+class SetSiteTimeOrder(Tagged):
+    """Set the mount's site and clock to this service's. Moves nothing; its position may count no more."""
+
+    kind: Literal["set-site-time"] = "set-site-time"
+
+
+class AcceptSiteTimeOrder(Tagged):
+    """Accept that mount and settings contradict each other on site or time, until that changes."""
+
+    kind: Literal["accept-site-time"] = "accept-site-time"
+
+
+class RecoverOrder(Tagged):
+    """Tell a lost mount where it points: two looks anywhere in the sky that agree, then a sync."""
+
+    kind: Literal["recover"] = "recover"
+    exposure_s: _Exposure = None
+
+
+class FirstLightOrder(Tagged):
+    """Tell a telescope set up by eye where it points, and learn its camera: looks and small moves."""
+
+    kind: Literal["first-light"] = "first-light"
+    exposure_s: _Exposure = None
+
+
+class SolveOrder(Tagged):
+    """Solve a frame that lies on this machine; or expose one and solve it. Moves nothing."""
+
+    kind: Literal["solve"] = "solve"
+    path: str | None = Field(
+        default=None,
+        min_length=1,
+        max_length=4096,
+        description="In one of the folders that frames may be taken from (`[telescope.night]` folder, "
+        "allowed_folders). Left out: a frame is exposed",
+    )
+    exposure_s: _Exposure = Field(default=None, description="Without a path")
+    ra_deg: float | None = Field(default=None, ge=0, lt=360, description="Believed ICRS center, with a path")
+    dec_deg: float | None = Field(default=None, ge=-90, le=90, description="With ra_deg")
+    radius_deg: float | None = Field(default=None, gt=0, le=180, description="How wrong that may be")
+    scale_low_arcsec_px: float | None = Field(default=None, gt=0, le=3600, description="With a path")
+    scale_high_arcsec_px: float | None = Field(default=None, gt=0, le=3600, description="With a path")
+    blind: Literal["after", "only", "never"] | None = Field(
+        default=None, description="With a path: search the whole sky; else as the settings have it"
+    )
+    budget_s: float | None = Field(default=None, gt=0, le=120, description="With a path")
+
+    @model_validator(mode="after")
+    def _nothing_in_vain(self) -> Self:
+        """Refuse what would be left out of account: who sends it believes that it counts."""
+        try:
+            hint = make_hint(
+                self.ra_deg,
+                self.dec_deg,
+                self.radius_deg,
+                self.scale_low_arcsec_px,
+                self.scale_high_arcsec_px,
+            )
+        except BadRequest as wrong:
+            raise ValueError(f"{wrong.what}: {wrong.advice}") from wrong
+        if self.path is not None and self.exposure_s is not None:
+            raise ValueError("either path or exposure_s: a file is not exposed")
+        of_a_file = hint is not None or self.blind is not None or self.budget_s is not None
+        if self.path is None and of_a_file:
+            raise ValueError("a place, a scale, blind and budget_s are for a file: give its path, too")
+        return self
+
+
+class SeriesOrder(Tagged):
+    """Look again and again while it tracks: how the field drifts, with errors."""
+
+    kind: Literal["series"] = "series"
+    target: Target | None = Field(default=None, description="Slewed to first; left out: where it stands")
+    looks: int = Field(default=10, ge=3, le=1000)
+    every_s: float = Field(
+        default=0.0, ge=0, le=3600, description="From the beginning of a look to that of the next, at least"
+    )
+    exposure_s: _Exposure = None
+
+
+class ModelRunOrder(Tagged):
+    """Look at points over the allowed sky, one after the other; make a pointing model, and judge it."""
+
+    kind: Literal["model-run"] = "model-run"
+    points: int | None = Field(
+        default=None, ge=5, le=1000, description="About so many, and those of the last check besides"
+    )
+    spread: Literal["spiral", "random"] = "spiral"
+    seed: int = Field(default=0, ge=0, le=2**31 - 1, description="The same plan for the same seed")
+    exposure_s: _Exposure = None
+    put_in_force: bool = Field(
+        default=False,
+        description="Write it to `[telescope.model]` file and aim by it, if it is accepted. Needs configure",
+    )
+
+
+LongerOrder = SolveOrder | SeriesOrder | ModelRunOrder
+"""Orders that need more than a navigator; `api.orders.longer_orders` carries them out."""
+
+Order = Annotated[
+    SlewOrder
+    | CenterOrder
+    | LookOrder
+    | SyncOrder
+    | SyncToOrder
+    | OffsetOrder
+    | FlipOrder
+    | ParkOrder
+    | UnparkOrder
+    | SetParkOrder
+    | HomeOrder
+    | TrackingOrder
+    | GuideOrder
+    | TrustOrder
+    | SetSiteTimeOrder
+    | AcceptSiteTimeOrder
+    | RecoverOrder
+    | FirstLightOrder
+    | SolveOrder
+    | SeriesOrder
+    | ModelRunOrder,
+    Field(discriminator="kind"),
+]
+
+KINDS: dict[str, type[Tagged]] = {
+    str(one.model_fields["kind"].default): one
+    for one in (
+        SlewOrder,
+        CenterOrder,
+        LookOrder,
+        SyncOrder,
+        SyncToOrder,
+        OffsetOrder,
+        FlipOrder,
+        ParkOrder,
+        UnparkOrder,
+        SetParkOrder,
+        HomeOrder,
+        TrackingOrder,
+        GuideOrder,
+        TrustOrder,
+        SetSiteTimeOrder,
+        AcceptSiteTimeOrder,
+        RecoverOrder,
+        FirstLightOrder,
+        SolveOrder,
+        SeriesOrder,
+        ModelRunOrder,
+    )
+}
+"""Each kind of order, and so of job, with its body."""
+
+MOVING = frozenset({"slew", "center", "offset", "flip", "park", "home", "model-run", "first-light"})
+"""Kinds of orders that slew the mount: from the moment one is taken the telescope counts as slewing."""
+
+
+OVERRULING = (TrustOrder, AcceptSiteTimeOrder)
+"""Orders that are somebody's word against what the guards know by themselves."""
+
+
+def role_for(order: Order) -> Role:
+    """Which role an order needs, by whatever face it comes: what overrules the guards needs more."""
+    overrules = isinstance(order, OVERRULING) or (isinstance(order, ModelRunOrder) and order.put_in_force)
+    return Role.CONFIGURE if overrules else Role.OPERATE
+
+
+def _place_or_target(schema: dict[str, Any]) -> None:
+    """Say in the schema what `SlewBody` checks: a place, or a target, and no null for either."""
+    for name in ("ra_deg", "dec_deg", "target"):
+        written = schema["properties"][name]
+        kept = next(one for one in written.pop("anyOf") if one.get("type") != "null")
+        written.pop("default", None)
+        schema["properties"][name] = {**kept, **written}
+    schema["oneOf"] = [
+        {"required": ["ra_deg", "dec_deg"], "not": {"required": ["target"]}},
+        {
+            "required": ["target"],
+            "not": {"anyOf": [{"required": [name]} for name in ("ra_deg", "dec_deg", "frame")]},
+        },
+    ]
+
+
+class SlewBody(Body):
+    """Where to go: `ra_deg`, `dec_deg` and perhaps `frame`, or a `target`."""
+
+    model_config = ConfigDict(json_schema_extra=_place_or_target)
+
+    ra_deg: float | None = Field(default=None, ge=0, lt=360)
+    dec_deg: float | None = Field(default=None, ge=-90, le=90)
+    frame: Literal["icrs", "jnow-apparent"] = Field(
+        default="icrs",
+        description="jnow-apparent: true equator and equinox of now, geocentric, no refraction",
+    )
+    target: Target | None = Field(default=None, description="Instead of ra_deg and dec_deg")
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        flat = self.model_fields_set & {"ra_deg", "dec_deg", "frame"}
+        for name in ("ra_deg", "dec_deg", "target"):
+            if name in self.model_fields_set and getattr(self, name) is None:
+                raise ValueError(f"{name} is null: leave it out")
+        whole = self.ra_deg is not None and self.dec_deg is not None
+        if self.target is None and not whole:
+            raise ValueError("ra_deg and dec_deg are needed, or a target")
+        if self.target is not None and flat:
+            raise ValueError("either ra_deg and dec_deg, or a target: not both")
+        return self
+
+    @property
+    def place(self) -> Target:
+        """The target, however it was written."""
+        if self.target is not None:
+            return self.target
+        assert self.ra_deg is not None
+        assert self.dec_deg is not None
+        if self.frame == "icrs":
+            return IcrsTarget(ra_deg=self.ra_deg, dec_deg=self.dec_deg)
+        return ApparentTarget(ra_deg=self.ra_deg, dec_deg=self.dec_deg)
+
+    def order(self) -> SlewOrder | CenterOrder | FlipOrder:
+        """As an order."""
+        return SlewOrder(target=self.place)
+
+
+class CenterBody(SlewBody):
+    """What to center; bounds not given are the telescope's settings."""
+
+    tolerance_arcsec: float | None = Field(default=None, gt=0, le=3600)
+    max_tries: int | None = Field(default=None, ge=1, le=50)
+    timeout_s: float | None = Field(default=None, gt=0, le=7200)
+    correct_by: Literal["sync", "offset", "model"] | None = None
+    planned_s: float | None = Field(
+        default=None,
+        gt=0,
+        le=86_400,
+        description="How long it is to be followed: the answer tells which limit comes before that",
+    )
+
+    def order(self) -> CenterOrder:
+        """As an order."""
+        return CenterOrder(
+            target=self.place,
+            tolerance_arcsec=self.tolerance_arcsec,
+            max_tries=self.max_tries,
+            timeout_s=self.timeout_s,
+            correct_by=self.correct_by,
+            planned_s=self.planned_s,
+        )
+
+
+class FlipBody(SlewBody):
+    """What to center on the other side of the pier."""
+
+    planned_s: float | None = Field(default=None, gt=0, le=86_400)
+
+    def order(self) -> FlipOrder:
+        """As an order."""
+        return FlipOrder(target=self.place, planned_s=self.planned_s)
+
+
+class OffsetBody(Body):
+    """How far to nudge, on the sky."""
+
+    east_arcsec: float = Field(ge=-36_000, le=36_000)
+    north_arcsec: float = Field(ge=-36_000, le=36_000)
+
+    def order(self) -> OffsetOrder:
+        """As an order."""
+        return OffsetOrder(east_arcsec=self.east_arcsec, north_arcsec=self.north_arcsec)
+
+
+class TrackingBody(Body):
+    """Whether to follow the sky, and at which rate."""
+
+    on: bool
+    rate: Literal["sidereal", "lunar", "solar", "king"] = "sidereal"
+
+    def order(self) -> TrackingOrder:
+        """As an order."""
+        return TrackingOrder(on=self.on, rate=self.rate)
+
+
+class LookBody(Body):
+    """How to look."""
+
+    exposure_s: float | None = Field(default=None, gt=0, le=600)
+    persistent: bool = Field(
+        default=False, description="Look: try all that is allowed and moves nothing, waiting included"
+    )
+
+    def order(self) -> LookOrder:
+        """As an order to look."""
+        return LookOrder(exposure_s=self.exposure_s, persistent=self.persistent)
+
+    def recovery(self) -> RecoverOrder:
+        """As an order to recover."""
+        return RecoverOrder(exposure_s=self.exposure_s)
+
+    def first_light(self) -> FirstLightOrder:
+        """As an order for a first light."""
+        return FirstLightOrder(exposure_s=self.exposure_s)
+
+
+def _example(summary: str, **value: Any) -> dict[str, Any]:
+    return {"summary": summary, "value": value}
+
+
+def _kind(kind: str, summary: str, **value: Any) -> dict[str, Any]:
+    return _example(summary, kind=kind, **value)
+
+
+_BARNARD = {
+    "kind": "icrs",
+    "ra_deg": 269.452,
+    "dec_deg": 4.693,
+    "pm_ra_cosdec_masyr": -798.6,
+    "pm_dec_masyr": 10328.1,
+    "parallax_mas": 548.3,
+    "epoch_yr": 2000.0,
+}
+
+JOB_EXAMPLES: dict[str, Any] = {
+    "center": _kind(
+        "center",
+        "Center an object by its name",
+        target={"kind": "name", "name": "M31"},
+        tolerance_arcsec=20.0,
+    ),
+    "slew": _kind("slew", "Go to a star that moves", target=_BARNARD),
+    "slew-apparent": _kind(
+        "slew", "Go to a place of date", target={"kind": "apparent", "ra_deg": 83.9, "dec_deg": -5.4}
+    ),
+    "slew-altaz": _kind(
+        "slew", "Go to a direction", target={"kind": "altaz", "alt_deg": 60.0, "az_deg": 170.0}
+    ),
+    "look": _kind("look", "Where does it truly point?", exposure_s=2.0),
+    "sync": _kind("sync", "Look, and tell the mount"),
+    "solve": _kind("solve", "Expose and solve", exposure_s=2.0),
+    "series": _kind("series", "Twenty looks, one a minute: the drift", looks=20, every_s=60.0),
+    "model-run": _kind("model-run", "A pointing model of thirty points", points=30),
+    "tracking": _kind("tracking", "Follow the Moon", on=True, rate="lunar"),
+    "park": _kind("park", "Park"),
+    "home": _kind("home", "Go home"),
+    "unpark": _kind("unpark", "Be ready to move again"),
+}
+
+PLACE_EXAMPLES: dict[str, Any] = {
+    "icrs": _example("A place in the ICRS", ra_deg=10.6847, dec_deg=41.2688),
+    "apparent": _example("A place of date", ra_deg=11.05, dec_deg=41.41, frame="jnow-apparent"),
+    "target": _example("A target", target={"kind": "name", "name": "Vega"}),
+}

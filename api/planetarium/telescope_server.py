@@ -1,0 +1,96 @@
+"""A protocol for one telescope: which one it serves, and the port's life, whatever is spoken there."""
+
+from __future__ import annotations
+
+import asyncio
+from abc import ABC, abstractmethod
+
+from api.listeners.tcp import Listening
+from api.orders.goto_orders import Ordering
+from api.service import Service
+from mountnav.errors import BadSettings
+from mountnav.settings.faces import Lx200ServerSettings, StellariumSettings
+
+
+class OneTelescopeServer(ABC):
+    """Serves one telescope to whoever connects.
+
+    Parameters
+    ----------
+    service : Service
+    settings : Lx200ServerSettings or StellariumSettings
+    section : str
+        Of the settings, for messages.
+    name : str
+        Of the port, for messages.
+    speaks_first : bool
+        Whether its clients say something as soon as they come; see `Listening`.
+
+    Raises
+    ------
+    BadSettings
+        There is no such telescope.
+    """
+
+    def __init__(
+        self,
+        service: Service,
+        settings: Lx200ServerSettings | StellariumSettings,
+        *,
+        section: str,
+        name: str,
+        speaks_first: bool = True,
+    ) -> None:
+        self._id = telescope_of(service, settings.telescope, section)
+        self._watch = service.desk.watch(self._id)
+        self._ordering = Ordering(service.desk, service.audit, self._id)
+        self._listening = Listening(
+            settings.host, settings.port, self._serve, name=name, speaks_first=speaks_first
+        )
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Host and port it listens at; known once it was started."""
+        return self._listening.address
+
+    async def start(self) -> None:
+        """Listen. Raises `BadSettings`."""
+        await self._listening.start()
+
+    async def stop(self) -> None:
+        """Let all clients go, and listen no more. Jobs go on."""
+        await self._listening.stop()
+
+    @abstractmethod
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Serve one client to its end."""
+
+
+def telescope_of(service: Service, named: str | None, section: str) -> str:
+    """Return the id of the telescope that is named, else of the first.
+
+    Parameters
+    ----------
+    service : Service
+    named : str or None
+        As the settings have it.
+    section : str
+        Of the settings, for messages.
+
+    Raises
+    ------
+    BadSettings
+        There is none, or none of that id.
+    """
+    ids = [one.id for one in service.settings.telescope]
+    if named is None and ids:
+        return ids[0]
+    if named not in ids:
+        raise BadSettings(
+            f"{section}.telescope names {named!r}, which isn't there",
+            advice=f"there is: {', '.join(ids) or 'none'}",
+        )
+    return named
+
+
+__all__ = ["OneTelescopeServer", "telescope_of"]

@@ -1,0 +1,277 @@
+"""A process of our own behind a socket, asked one question at a time, and how pixels reach it."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+from dataclasses import dataclass, replace
+from io import FileIO
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from api.solver.messages import (
+    HEADER,
+    MOST_BYTES,
+    Answer,
+    BadAnswer,
+    Done,
+    SharedFile,
+    SharedPixels,
+    packed,
+    read,
+)
+from mountnav.frames import Frame, Hint
+from mountnav.reading.content import OnDisk, stored
+from mountnav.reading.fits_extensions import MOST_PIXELS
+from mountnav.solving.settings import SolveSettings
+
+_GOODBYE_S = 2.0
+
+
+class ProcessEnded(Exception):
+    """The process at the other end is gone, or never came up.
+
+    Parameters
+    ----------
+    how : str
+    out_of_cpu : bool
+        The kernel ended it for its limit of CPU time.
+    """
+
+    def __init__(self, how: str, *, out_of_cpu: bool = False) -> None:
+        super().__init__(how)
+        self.out_of_cpu = out_of_cpu
+
+
+class ProcessLink:
+    """A Python module that runs as a process of its own and speaks in messages.
+
+    Parameters
+    ----------
+    process : subprocess.Popen
+    link : socket.socket
+        Our end, not blocking.
+    """
+
+    def __init__(self, process: subprocess.Popen[bytes], link: socket.socket) -> None:
+        self._process = process
+        self._link = link
+
+    @classmethod
+    def start(cls, module: str) -> Self:
+        """Start a module of ours. It is spawned, not forked: threads and open devices stay here.
+
+        Parameters
+        ----------
+        module : str
+            Such as ``api.solver.process``; it is given the number of its socket.
+
+        Raises
+        ------
+        ProcessEnded
+            The system lets no process be started.
+        """
+        ours, theirs = socket.socketpair()
+        ours.setblocking(False)
+        try:
+            process = _spawned(module, theirs.fileno())
+        except OSError as error:
+            ours.close()
+            raise ProcessEnded(f"no process could be started: {error}") from error
+        finally:
+            theirs.close()
+        return cls(process, ours)
+
+    @property
+    def pid(self) -> int:
+        """The process's number."""
+        return self._process.pid
+
+    async def send(self, message: object, *files: int) -> None:
+        """Send a message, and with it descriptors (two at most), which stay ours too.
+
+        Raises
+        ------
+        ProcessEnded
+        """
+        content = packed(message)
+        head = HEADER.pack(len(content))
+        try:
+            # nothing else is under way, so that these few bytes always find room
+            socket.send_fds(self._link, [head], files)
+            await asyncio.get_running_loop().sock_sendall(self._link, content)
+        except OSError as error:
+            raise await asyncio.to_thread(self._how) from error
+
+    async def receive(self) -> Answer:
+        """Wait for an answer. A process that answers otherwise is ended.
+
+        Raises
+        ------
+        ProcessEnded
+        """
+        try:
+            (length,) = HEADER.unpack(await self._exactly(HEADER.size))
+            if length > MOST_BYTES:
+                raise BadAnswer(f"it is {length} bytes long")
+            return read(await self._exactly(length))
+        except BadAnswer as error:
+            self.kill()
+            raise ProcessEnded(
+                f"process {self.pid} was ended, for it sent no answer of ours: {error}"
+            ) from error
+        except (OSError, EOFError) as error:
+            raise await asyncio.to_thread(self._how) from error
+
+    async def ask(self, message: object, *files: int) -> Answer:
+        """Send a message and wait for its answer. Raises `ProcessEnded`."""
+        await self.send(message, *files)
+        return await self.receive()
+
+    def kill(self) -> None:
+        """End it now, whatever it is doing; who waits for its answer gets a `ProcessEnded`. Close it then."""
+        self._process.kill()
+
+    async def close(self) -> None:
+        """End it by closing the socket, which it watches; by force if it doesn't heed that.
+
+        Nobody may be waiting for an answer any more.
+        """
+        self._link.close()
+        try:
+            await asyncio.to_thread(self._process.wait, _GOODBYE_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            await asyncio.to_thread(self._process.wait)
+
+    def _how(self) -> ProcessEnded:
+        """How it ended."""
+        try:
+            code = self._process.wait(1.0)
+        except subprocess.TimeoutExpired:
+            return ProcessEnded(f"process {self.pid} closed its line")
+        how = f"by signal {-code}" if code < 0 else f"with code {code}"
+        return ProcessEnded(f"process {self.pid} ended {how}", out_of_cpu=code == -signal.SIGXCPU)
+
+    async def _exactly(self, length: int) -> bytearray:
+        loop = asyncio.get_running_loop()
+        content = bytearray(length)
+        view, at = memoryview(content), 0
+        while at < length:
+            taken = await loop.sock_recv_into(self._link, view[at:])
+            if not taken:
+                raise EOFError
+            at += taken
+        return content
+
+
+def _spawned(module: str, link: int) -> subprocess.Popen[bytes]:
+    environment = dict(os.environ)
+    # the same modules as here, wherever this process found them; and one core, since it is measured in those
+    environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        environment.setdefault(name, "1")
+    # large arrays go back to the system as soon as they are done with: 30 MB less, and no slower
+    environment.setdefault("MALLOC_MMAP_THRESHOLD_", "4000000")
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", module, str(link)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        pass_fds=[link],
+        env=environment,
+        start_new_session=True,  # an interrupt from the terminal is for the service, which then ends this one
+    )
+
+
+_BRIGHTNESS = re.compile(r"[<>|][iu][1248]|[<>][f][48]")
+"""Kinds of numbers that a frame's pixels are (`mountnav.frames.Frame`)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Upload:
+    """A file as it came.
+
+    Attributes
+    ----------
+    name : str
+    file : int
+        An open descriptor; whoever made the upload closes it.
+    """
+
+    name: str
+    file: int
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """One frame or upload to solve, with the index for a blind search, if there is one."""
+
+    source: Frame | Upload
+    hint: Hint | None
+    settings: SolveSettings
+    index: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """An upload to read, not to solve."""
+
+    source: Upload
+
+
+def described(source: Frame | Upload) -> SharedPixels | SharedFile:
+    """The source as it is sent: without what lies in the file that goes with it."""
+    if isinstance(source, Upload):
+        return SharedFile(source.name)
+    pixels = source.pixels
+    bare = replace(source, pixels=np.empty((0, 0), pixels.dtype))
+    return SharedPixels(bare, pixels.dtype.str, pixels.shape)
+
+
+def in_memory(pixels: NDArray[np.generic]) -> int:
+    """Copy pixels into a file without a name, which lives as long as one of the two processes holds it."""
+    plain = np.ascontiguousarray(pixels)
+    file = os.memfd_create("mountnav-frame")
+    try:
+        left = plain.reshape(-1).view(np.uint8).data
+        while left:
+            left = left[os.write(file, left) :]
+    except BaseException:
+        os.close(file)
+        raise
+    return file
+
+
+def empty_file() -> int:
+    """A file without a name, for the other process to fill."""
+    return os.memfd_create("mountnav-pixels")
+
+
+def pixels_in(file: int, told: Done) -> NDArray[np.generic]:
+    """The pixels that the other process wrote; copied, for it still holds the file.
+
+    Raises
+    ------
+    ProcessEnded
+        They are none, or not as many as it told.
+    """
+    if not _BRIGHTNESS.fullmatch(told.dtype) or len(told.shape) != 2 or min(told.shape) < 1:
+        raise ProcessEnded(f"the solver read pixels of the kind {told.dtype[:20]} and shape {told.shape}")
+    count = told.shape[0] * told.shape[1]
+    kind = np.dtype(told.dtype)
+    with FileIO(file, closefd=False) as opened:
+        content = OnDisk(opened)
+        if count > MOST_PIXELS or len(content) != count * kind.itemsize:
+            raise ProcessEnded(f"the solver told of {count} pixels and left {len(content)} bytes")
+        try:
+            return stored(content, kind, count, 0).reshape(told.shape)
+        except EOFError as fault:
+            raise ProcessEnded("the solver took pixels back") from fault
