@@ -24,12 +24,12 @@ from mountnav.masking import masked
 from mountnav.sky.coordinates import utc_now
 
 __all__ = [
+    "EACH_S",
+    "TAKEN",
     "Audit",
     "AuditKeeper",
     "AuditedRequests",
-    "EACH_S",
     "Seldom",
-    "TAKEN",
     "Unnoted",
     "watching_notes",
 ]

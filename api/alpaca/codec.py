@@ -14,11 +14,11 @@ from urllib.parse import parse_qsl
 from api.alpaca.errors import AlpacaError
 
 __all__ = [
+    "LARGEST_ID",
+    "NOTHING",
     "BadParameter",
     "DevicePath",
-    "LARGEST_ID",
     "ManagementPath",
-    "NOTHING",
     "Page",
     "SetupPath",
     "Transactions",

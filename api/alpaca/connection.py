@@ -15,7 +15,7 @@ from api.problems import internal_problem, problem_of
 from mountnav.errors import MountnavError
 from mountnav.tasks import begun
 
-__all__ = ["Client", "Clients", "Connecting", "GRACE_S", "MountLink"]
+__all__ = ["GRACE_S", "Client", "Clients", "Connecting", "MountLink"]
 
 
 _MOST = 1000

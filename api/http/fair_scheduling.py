@@ -16,7 +16,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from api.access.rate_limits import is_stop
 
-__all__ = ["FairRequests", "PIECE_BYTES", "Reading", "ReadingTurns"]
+__all__ = ["PIECE_BYTES", "FairRequests", "Reading", "ReadingTurns"]
 
 
 PIECE_BYTES = 2048

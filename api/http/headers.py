@@ -11,7 +11,7 @@ from api.access.rate_limits import is_stop
 from api.problems import Problem, problem
 from api.refusals import refusal_response
 
-__all__ = ["BoundedHeads", "SAFE_HEADERS", "SafeHeaders"]
+__all__ = ["SAFE_HEADERS", "BoundedHeads", "SafeHeaders"]
 
 
 _POLICY = "Content-Security-Policy"

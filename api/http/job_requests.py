@@ -19,11 +19,11 @@ from api.problems import responses
 from api.service import Service, TheService
 
 __all__ = [
+    "PREFERENCE_APPLIED",
+    "STARTING",
     "Key",
     "Ordering",
-    "PREFERENCE_APPLIED",
     "Patience",
-    "STARTING",
     "Supersede",
     "TheOrdering",
     "ThePatience",

@@ -15,10 +15,10 @@ from mountnav.sky.coordinates import Apparent, Site
 
 __all__ = [
     "COORDINATES",
-    "Facts",
     "MAIN",
-    "Optics",
     "PULSES",
+    "Facts",
+    "Optics",
     "coordinates_state",
     "driver_info",
     "optics_vector",

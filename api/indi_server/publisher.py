@@ -14,7 +14,7 @@ from api.indi_server.vectors import Vector, definition, deletion, saying, settin
 from drivers.indi.codec import State
 from mountnav.sky.coordinates import utc_now
 
-__all__ = ["LeftSelections", "SYNC", "Selections", "Telling", "USUAL"]
+__all__ = ["SYNC", "USUAL", "LeftSelections", "Selections", "Telling"]
 
 
 _LEFT_LIVES_S = 300.0

@@ -154,4 +154,4 @@ class ToldSeldom:
         self._log.warning(words, *values)
 
 
-__all__ = ["CHANCE_S", "Guest", "ConnectionRoom", "Admitted", "ToldSeldom"]
+__all__ = ["CHANCE_S", "Admitted", "ConnectionRoom", "Guest", "ToldSeldom"]

@@ -18,7 +18,7 @@ from mountnav.sky.coordinates import Icrs, utc_now
 from mountnav.solution import Verdict
 from mountnav.solving.settings import SolveSettings
 
-__all__ = ["Kept", "LARGEST_PX", "LastFrame", "MEDIA_TYPE", "Preview", "preview_of"]
+__all__ = ["LARGEST_PX", "MEDIA_TYPE", "Kept", "LastFrame", "Preview", "preview_of"]
 
 
 LARGEST_PX = 1400

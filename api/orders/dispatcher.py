@@ -26,7 +26,7 @@ from mountnav.navigation.navigator import Navigator
 from mountnav.sky.coordinates import utc_now
 from mountnav.tasks import waited_for
 
-__all__ = ["Dispatcher", "Guard", "STOP_KNOWN_S", "StopGiven"]
+__all__ = ["STOP_KNOWN_S", "Dispatcher", "Guard", "StopGiven"]
 
 
 _log = logging.getLogger(__name__)

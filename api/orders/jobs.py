@@ -38,7 +38,7 @@ from mountnav.journal.records import because
 from mountnav.sky.coordinates import utc_now
 from mountnav.tasks import begun, waited_for
 
-__all__ = ["ENDS", "Job", "JobMemory", "JobState", "Jobs", "KEYS_LIVE", "TelescopeBusy", "View"]
+__all__ = ["ENDS", "KEYS_LIVE", "Job", "JobMemory", "JobState", "Jobs", "TelescopeBusy", "View"]
 
 
 _log = logging.getLogger(__name__)

@@ -13,7 +13,7 @@ from api.orders.jobs import ENDS, Job
 from api.problems import responses
 from api.service import Service, TheJob, TheService, TheTelescope
 
-__all__ = ["EVENT_STREAM", "EventStream", "KEEP_ALIVE_S", "STREAM"]
+__all__ = ["EVENT_STREAM", "KEEP_ALIVE_S", "STREAM", "EventStream"]
 
 
 KEEP_ALIVE_S = 15.0
