@@ -25,6 +25,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any, cast
 
+from benchmarks.incidents import run_incidents
 from benchmarks.judging import (
     Place,
     Violation,
@@ -47,7 +48,6 @@ from benchmarks.worlds import (
     put_right_by_hand,
     target,
 )
-from drivers.simulated.incidents import let_happen
 from mountnav.catalog.stars import Catalog
 from mountnav.devices import PierSide
 from mountnav.errors import (
@@ -221,7 +221,7 @@ async def _life(world: World, clock: VirtualClock, outcome: Outcome, targets: in
 
 async def _incidents(made: Observatory) -> None:
     if made.line is None:
-        await let_happen(made.world.script, made.mount, made.clock)
+        await run_incidents(made.world.script, made.mount, made.clock)
         return
     for incident in made.world.script.incidents:
         await made.clock.sleep(60.0 * incident.at_min)

@@ -10,7 +10,7 @@ from datetime import datetime
 from multiprocessing.connection import Connection
 from typing import Any, cast
 
-from drivers.generic.timing import Timing
+from drivers.generic.options import Timing
 from drivers.lx200.mount import lx200_mount
 from drivers.simulated.truth_camera import TruthCamera
 from mountnav.catalog.stars import Catalog

@@ -32,11 +32,11 @@ from pathlib import Path
 from typing import cast
 
 from api.nights.nights import NightParts, NightRunner
+from benchmarks.incidents import run_incidents
 from benchmarks.journal_story import untold
 from benchmarks.judging import Place, standing, violations, way_is_clear, wrong_syncs
 from benchmarks.worlds import AIR, Observatory, World, built, drawn
 from drivers.simulated.behavior import MountBehavior
-from drivers.simulated.incidents import let_happen
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import MountnavError, OutsideLimits
 from mountnav.frames import Frame, Hint
@@ -220,7 +220,7 @@ async def _live(
     runner = NightRunner(parts)
     await service.open()
     await runner.start()
-    happening = asyncio.ensure_future(let_happen(world.script, made.mount, clock))
+    happening = asyncio.ensure_future(run_incidents(world.script, made.mount, clock))
     tracemalloc.start()
     sampled = 0
     try:

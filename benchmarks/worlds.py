@@ -11,15 +11,15 @@ from typing import Any, Literal
 
 import erfa
 
+from drivers.fakes.bench.memory import MemoryLine
 from drivers.fakes.fakes import machine as usual_machine
 from drivers.fakes.fakes import make_fake
-from drivers.generic import DrivenMount
-from drivers.generic.timing import Timing
+from drivers.generic.mount import GenericMount
+from drivers.generic.options import Timing
 from drivers.ioptron.language import IoptronLanguage
 from drivers.lx200.language import Lx200Language
 from drivers.nexstar.language import NexstarLanguage
 from drivers.simulated.behavior import MountBehavior
-from drivers.simulated.memory_line import MemoryLine
 from drivers.simulated.mount import SimulatedMount
 from drivers.simulated.truth_camera import TruthCamera
 from drivers.skywatcher.language import SkywatcherLanguage
@@ -428,11 +428,11 @@ def met_again(made: Observatory) -> None:
     _judge_syncs(made)
 
 
-def _driven(world: World, line: MemoryLine, clock: VirtualClock) -> DrivenMount:
+def _driven(world: World, line: MemoryLine, clock: VirtualClock) -> GenericMount:
     assert world.wire is not None
     log = WireLog(monotonic=clock.monotonic)
     language = _LANGUAGES[world.wire](Link(line, Patience(), log), world.service_site)
-    return DrivenMount(
+    return GenericMount(
         language,
         timing=Timing(longest_backoff_s=4.0),
         site=world.service_site,

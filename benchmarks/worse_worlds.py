@@ -27,6 +27,7 @@ from datetime import datetime, timedelta
 from typing import Any
 
 from benchmarks.centerings import LONGEST_S, navigator, seed_of_the_day
+from benchmarks.incidents import run_incidents
 from benchmarks.judging import Place, can_look_at, standing, violations, way_is_clear, wrong_syncs
 from benchmarks.worlds import (
     AIR,
@@ -39,7 +40,6 @@ from benchmarks.worlds import (
     put_right_by_hand,
     target,
 )
-from drivers.simulated.incidents import let_happen
 from mountnav.errors import DeviceRefused, MountnavError, OutsideLimits, Refusal, TargetNotReached
 from mountnav.journal.memory import MemoryJournal
 from mountnav.simulation.sky_script import Cloud, SkyScript
@@ -248,7 +248,9 @@ class Life:
             outcome.results["refused to open"] += TARGETS
             outcome.lost.append(f"seed {world.seed}: could not be opened: {error}")
             return
-        happening = None if world.wire else asyncio.ensure_future(let_happen(world.script, made.mount, clock))
+        happening = (
+            None if world.wire else asyncio.ensure_future(run_incidents(world.script, made.mount, clock))
+        )
         try:
             for number in range(TARGETS):
                 await clock.sleep(chance.uniform(0.0, 240.0))

@@ -225,7 +225,7 @@ def open_mount(url: str, *, name: str | None = None, site: Site | None = None) -
     url : str
         ``driver+serial:///device/path?option=value``, ``driver+tcp://host:port``,
         ``indi://host:port/device`` or ``alpaca+http://user:password@host:port/telescope/0``.
-        Options of all: see `drivers.generic.mount_options`.
+        Options of all: see `drivers.generic.options`.
     name : str, optional
         For messages; the address by default.
     site : Site, optional

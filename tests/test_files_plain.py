@@ -12,8 +12,8 @@ import pytest
 from typer.testing import CliRunner
 
 from api.cli.app import app
-from drivers.fakes.fault_files import read_faults
-from drivers.wire.recording import read_dialogue
+from drivers.fakes.faults import read_faults
+from drivers.fakes.recording import read_dialogue
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.readers import open_reader
 from mountnav.errors import MountnavError

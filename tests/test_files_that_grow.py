@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.wire.recording import profile_of, read_dialogue
+from drivers.fakes.recording import profile_of, read_dialogue
 from mountnav.errors import BadRequest
 from mountnav.night.recorded import read_recording
 from mountnav.parsing import toml_of

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.fakes.fault_files import read_faults
-from drivers.wire.recording import read_dialogue
+from drivers.fakes.faults import read_faults
+from drivers.fakes.recording import read_dialogue
 from mountnav.errors import BadRequest, BadSettings, MountnavError
 from mountnav.night.recorded import read_recording
 from mountnav.parsing import json_of, repeated, toml_of

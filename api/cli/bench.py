@@ -12,14 +12,13 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from drivers.acceptance.findings import Capabilities, StepResult, as_lines
-from drivers.acceptance.run import Ask, begun, go_on, tried
-from drivers.acceptance.steps import STEPS, Step
+from drivers.acceptance.report import Capabilities, StepResult, as_lines
+from drivers.acceptance.steps import STEPS, Ask, Step, empty_report, run_steps, run_trial
 from drivers.acceptance.trial import Trial
 from drivers.fakes.bench import FakeOnPty
 from drivers.fakes.fakes import dialects, machine, make_fake, protocols
-from drivers.generic import DrivenMount
-from drivers.generic.mount_options import PORT_OPTIONS
+from drivers.generic.mount import GenericMount
+from drivers.generic.options import PORT_OPTIONS
 from drivers.registry import open_mount, read_url
 from drivers.wire.wire_log import WireEntry
 from mountnav.devices import PierSide
@@ -91,8 +90,8 @@ async def _run(asked: BenchRun, steps: list[Step]) -> int:
             await mount.open()
             _greet(mount)
             trial = Trial(mount, site, Air(), asked.lowest_altitude_deg, asked.watch_s)
-            found = begun(trial, url.driver)
-            await go_on(found, trial, steps, _asker(yes=asked.yes), _tell)
+            found = empty_report(trial, url.driver)
+            await run_steps(found, trial, steps, _asker(yes=asked.yes), _tell)
         finally:
             # an interrupted slew has been told to stop by whoever followed it
             await mount.close()
@@ -130,16 +129,16 @@ def _write_report(asked: BenchRun, found: Capabilities, fake: Capabilities | Non
         asked.report.write_text(json.dumps(both, indent=1) + "\n", encoding="utf-8")
 
 
-def _mount(url: str, site: Site) -> DrivenMount:
+def _mount(url: str, site: Site) -> GenericMount:
     mount = open_mount(url, site=site)
-    if not isinstance(mount, DrivenMount):
+    if not isinstance(mount, GenericMount):
         raise BadRequest(
             "its driver is not one of ours", device=url, advice="use mountnav.testing.check_mount"
         )
     return mount
 
 
-def _greet(mount: DrivenMount) -> None:
+def _greet(mount: GenericMount) -> None:
     report = mount.report
     if report is not None:
         print(f"{report.identity} at {mount.name}")
@@ -166,7 +165,7 @@ def _tell(result: StepResult) -> None:
     print(f"  {result.name}: {end}", flush=True)
 
 
-def _dialect_of(mount: DrivenMount, protocol: str) -> str:
+def _dialect_of(mount: GenericMount, protocol: str) -> str:
     """The dialect that the handshake found, as the fakes call it; the usual one if it tells none."""
     spoken = getattr(mount.language, "dialect", None)
     name = str(getattr(spoken, "name", spoken))
@@ -174,7 +173,7 @@ def _dialect_of(mount: DrivenMount, protocol: str) -> str:
     return name if name in known else known[0]
 
 
-def build_of(found: Capabilities, mount: DrivenMount, protocol: str, mounting: Mounting | None) -> Machine:
+def build_of(found: Capabilities, mount: GenericMount, protocol: str, mounting: Mounting | None) -> Machine:
     """How the fake is built that the mount is compared with: as the mount shows itself to be.
 
     Whether it changes sides on the way across the meridian says it; else what its hand control calls it, or
@@ -184,7 +183,7 @@ def build_of(found: Capabilities, mount: DrivenMount, protocol: str, mounting: M
     ----------
     found : Capabilities
         Of the mount.
-    mount : DrivenMount
+    mount : GenericMount
     protocol : str
     mounting : {"fork", "german"} or None
         What the owner says, before all else.
@@ -218,7 +217,7 @@ async def _of_fake(
             await mount.open()
             mount.trust()
             trial = Trial(mount, site, Air(), asked.lowest_altitude_deg, min(asked.watch_s, 5.0))
-            return await tried(trial, steps, _asker_of_fake, driver=protocol)
+            return await run_trial(trial, steps, _asker_of_fake, driver=protocol)
         finally:
             await mount.close()
 
@@ -227,7 +226,7 @@ async def _asker_of_fake(question: str) -> bool:
     return True
 
 
-def _keep_transcript(asked: BenchRun, path: Path, mount: DrivenMount, ending: ExitStack) -> None:
+def _keep_transcript(asked: BenchRun, path: Path, mount: GenericMount, ending: ExitStack) -> None:
     """Write all that is said as it is said: the greeting, which tells who it is, and however it ends."""
     file = ending.enter_context(path.open("w", encoding="utf-8", buffering=1))
     header = {

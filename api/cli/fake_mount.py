@@ -11,12 +11,11 @@ from pathlib import Path
 from types import FrameType
 
 from drivers.fakes.bench import Bench, Fake, FakeOnPty, FakeOnTcp, FakeOnUdp
-from drivers.fakes.bench.fast_time import InFastTime
-from drivers.fakes.fake_wire import WireFake
+from drivers.fakes.bench.thread import InFastTime
 from drivers.fakes.fakes import dialects, machine, make_fake, protocols
-from drivers.fakes.fault_files import FaultScript, faults_as_toml, read_faults
-from drivers.fakes.faults import scripted
-from drivers.wire.recording import Recorder, profile_of, read_dialogue
+from drivers.fakes.faults import FaultScript, faults_as_toml, read_faults, scripted
+from drivers.fakes.recording import Recorder, profile_of, read_dialogue
+from drivers.fakes.wire_fake import WireFake
 from mountnav.errors import BadRequest, BadSettings, DeviceMissing
 from mountnav.simulation.machine_file import MachineFile
 from mountnav.simulation.mechanics import Mechanics

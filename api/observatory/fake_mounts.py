@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from drivers.fakes.bench import FakeOnPty
-from drivers.fakes.bench.fast_time import InFastTime
+from drivers.fakes.bench.thread import InFastTime
 from drivers.fakes.fakes import machine, make_fake
 from mountnav.clock import seconds
 from mountnav.settings.observatory import MountErrorSettings, Settings, TelescopeSettings

@@ -17,10 +17,10 @@ from api.nights.nights import digest_of
 from api.observatory.navigators import centering_policy
 from api.replay.recording_header import recorded_settings
 from api.solver.solve_settings import solve_settings
-from drivers.generic.mount import DrivenMount
-from drivers.generic.places import apart_arcsec
+from drivers.generic.coordinates import apart_arcsec
+from drivers.generic.mount import GenericMount
+from drivers.generic.serial_language import SerialLanguage
 from drivers.registry import open_mount
-from drivers.wire.over_link import OverLink
 from mountnav.catalog.at_hand import open_shelf
 from mountnav.catalog.stars import Catalog
 from mountnav.devices import MountReading
@@ -226,7 +226,7 @@ async def _checked(
 ) -> WireCheck:
     family = url.partition("://")[0].partition("+")[0]
     mount = open_mount(url) if family in SETTLED else None
-    if not isinstance(mount, DrivenMount) or not isinstance(mount.language, OverLink):
+    if not isinstance(mount, GenericMount) or not isinstance(mount.language, SerialLanguage):
         return WireCheck(f"the wire of {family} is not read again: its answers alone don't tell a place")
     mount.language.take_line(TapeLine(turns_of(recording), clock))
     alike = unanswered = 0

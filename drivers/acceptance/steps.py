@@ -1,4 +1,4 @@
-"""The graded steps of a trial, from mere reading to a flip of the mount; each is asked for before."""
+"""The graded steps of a trial, from mere reading to a flip; each is asked for before, and run in order."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ import asyncio
 import math
 import statistics
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 
-from drivers.acceptance.findings import Finding
-from drivers.acceptance.trial import REFUSED, Trial
-from drivers.generic.places import apart_arcsec
+from drivers.acceptance.report import Capabilities, Finding, StepResult
+from drivers.acceptance.trial import REFUSED, Trial, halt
+from drivers.generic.coordinates import apart_arcsec
 from mountnav.devices import Direction, PierSide, Skill, SlewOutcome
+from mountnav.errors import MountnavError
 from mountnav.navigation.kinds import from_mount
-from mountnav.sky.coordinates import Apparent, Icrs
+from mountnav.sky.coordinates import Apparent, Icrs, utc_now
 from mountnav.sky.sphere import half_turn_deg, offset_arcsec
 from mountnav.sky.turning import SIDEREAL_ARCSEC_S
 from mountnav.tasks import waited_for
@@ -372,3 +373,84 @@ STEPS: tuple[Step, ...] = (
     Step("flip", "go 20° east and 20° west of the meridian: it may flip", True, flip),
     Step("park", "park it, ask for a slew while parked, and unpark it", True, parking),
 )
+
+
+Ask = Callable[[str], Awaitable[bool]]
+"""Asks the owner; True for yes."""
+
+
+async def run_trial(
+    trial: Trial,
+    steps: Sequence[Step],
+    ask: Ask,
+    *,
+    driver: str,
+    told: Callable[[StepResult], None] = lambda _: None,
+) -> Capabilities:
+    """Try a mount.
+
+    Parameters
+    ----------
+    trial : Trial
+        Its mount is open.
+    steps : sequence of Step
+        In order of danger.
+    ask : callable
+        Asked before each step, and before a position that doesn't count is taken for right.
+    driver : str
+        For the report.
+    told : callable
+        Told of each step when it is over.
+
+    Returns
+    -------
+    Capabilities
+    """
+    found = empty_report(trial, driver)
+    await run_steps(found, trial, steps, ask, told)
+    return found
+
+
+def empty_report(trial: Trial, driver: str) -> Capabilities:
+    """The report of a trial of which nothing was tried yet."""
+    report = trial.mount.report
+    return Capabilities(
+        mount=trial.mount.name,
+        identity=report.identity if report else "unknown",
+        driver=driver,
+        began_utc=utc_now().isoformat(timespec="seconds"),
+        skills=sorted(trial.mount.skills),
+        problems=list(report.problems) if report else [],
+    )
+
+
+async def run_steps(
+    found: Capabilities,
+    trial: Trial,
+    steps: Sequence[Step],
+    ask: Ask,
+    told: Callable[[StepResult], None] = lambda _: None,
+) -> None:
+    """Try the steps, and add what comes of each to the report: what was done is in it however it ends."""
+    for step in steps:
+        result = await _one(trial, step, ask)
+        found.steps.append(result)
+        told(result)
+
+
+async def _one(trial: Trial, step: Step, ask: Ask) -> StepResult:
+    if not await ask(f"{step.name}: {step.asks}?"):
+        return StepResult(step.name, done=False, why_not="declined")
+    if step.moves and not trial.mount.trusted:
+        if not await ask("its position may be wrong; is what it says about where it points right?"):
+            return StepResult(step.name, done=False, why_not="its position can't be trusted")
+        trial.mount.trust()
+    noted = trial.mount.wire_log.count
+    trial.mount.wire_log.note("event", meaning=f"step {step.name}")
+    try:
+        findings = await step.do(trial)
+    except MountnavError as error:
+        stopped = await halt(trial) if step.moves else ""
+        return StepResult(step.name, done=False, why_not=f"{error}{stopped}")
+    assert trial.mount.wire_log.count > noted, "the step noted itself"
+    return StepResult(step.name, findings=findings)

@@ -7,9 +7,9 @@ import time
 from collections.abc import Awaitable
 from dataclasses import dataclass
 
-from drivers.acceptance.findings import Finding
-from drivers.generic import DrivenMount
-from drivers.generic.places import apart_arcsec
+from drivers.acceptance.report import Finding
+from drivers.generic.coordinates import apart_arcsec
+from drivers.generic.mount import GenericMount
 from mountnav.devices import SlewOutcome
 from mountnav.errors import DeviceError, DeviceRefused, MountnavError
 from mountnav.navigation.kinds import for_mount, from_mount
@@ -26,7 +26,7 @@ class Trial:
 
     Attributes
     ----------
-    mount : DrivenMount
+    mount : GenericMount
         Opened.
     site, air : Site, Air
         Where it stands.
@@ -36,7 +36,7 @@ class Trial:
         How long a tracking mount is watched.
     """
 
-    mount: DrivenMount
+    mount: GenericMount
     site: Site
     air: Air
     lowest_altitude_deg: float = 20.0
@@ -104,7 +104,7 @@ class Trial:
             await self.mount.reading()
 
 
-async def halted(trial: Trial) -> str:
+async def halt(trial: Trial) -> str:
     """Stop the mount on the way out of a step that went wrong; tells if that failed too."""
     try:
         await trial.mount.stop()

@@ -16,8 +16,8 @@ from drivers.alpaca.device import AlpacaDevice
 from drivers.alpaca.exposure import Exposure, Told
 from drivers.alpaca.image_bytes import Pixels
 from drivers.alpaca.refusals import AlpacaRefused
-from drivers.generic.optics import with_scale
-from drivers.generic.shot import Shot
+from drivers.generic.camera import Shot
+from drivers.generic.exposure import with_scale
 from drivers.wire.wire_log import WireLog
 from mountnav.errors import (
     BadFrame,
@@ -49,7 +49,7 @@ _LONGEST_TOLD_S = 1e6
 
 
 class AlpacaCameraLanguage:
-    """A `drivers.generic.camera_language.CameraLanguage` over one camera of an Alpaca server.
+    """A `drivers.generic.camera.CameraLanguage` over one camera of an Alpaca server.
 
     Parameters
     ----------

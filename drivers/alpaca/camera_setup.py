@@ -8,8 +8,7 @@ from drivers.alpaca import codec
 from drivers.alpaca.codec import Malformed
 from drivers.alpaca.device import AlpacaDevice
 from drivers.alpaca.refusals import INVALID_VALUE, AlpacaRefused
-from drivers.generic.camera_habits import ExposingHabits
-from drivers.generic.optics import optics_scale_arcsec_px
+from drivers.generic.exposure import GenericCameraHabits, optics_scale_arcsec_px
 from mountnav.errors import DeviceRefused
 
 _LARGEST_SIDE_PX = 1 << 17
@@ -23,7 +22,7 @@ _SENSORS = {0: "", 1: "", 2: "RGGB"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CameraHabits(ExposingHabits):
+class CameraHabits(GenericCameraHabits):
     """What the configuration says of an Alpaca camera.
 
     Attributes

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from drivers.generic.exposure_moments import Moments, Teller, lasted_otherwise
+from drivers.generic.exposure import ExposureTimes, TimeSource, lasted_otherwise
 
-_CLOCK = Teller("the camera's clock", "the camera tells no time", "the camera's is")
+_CLOCK = TimeSource("the camera's clock", "the camera tells no time", "the camera's is")
 _MOST_SNAPPED = 2.0
 
 
@@ -104,6 +104,6 @@ class Exposure:
             return None
         return told.start + timedelta(seconds=(told.duration_s or self.exposure_s) / 2.0)
 
-    def _moments(self, came: datetime) -> Moments:
+    def _moments(self, came: datetime) -> ExposureTimes:
         begun = self.ordered + (self.accepted - self.ordered) / 2
-        return Moments(self.exposure_s, self.ordered, begun, came)
+        return ExposureTimes(self.exposure_s, self.ordered, begun, came)

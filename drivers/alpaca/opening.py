@@ -11,15 +11,13 @@ from drivers.alpaca.camera_setup import CameraHabits
 from drivers.alpaca.device import AlpacaDevice
 from drivers.alpaca.language import AlpacaHabits, AlpacaLanguage
 from drivers.alpaca.where import Where
-from drivers.generic.camera import ExposingCamera
-from drivers.generic.mount_options import read_options
-from drivers.generic.timing import Timing
-from drivers.generic.url_options import maybe_number_of, number_of, require_known, yes_of
+from drivers.generic.camera import GenericCamera
+from drivers.generic.options import Timing, maybe_number_of, number_of, read_options, require_known, yes_of
 from drivers.wire.wire_log import WireLog
 from mountnav.errors import BadSettings
 
 if TYPE_CHECKING:
-    from drivers.generic import DrivenMount
+    from drivers.generic.mount import GenericMount
     from drivers.registry import MountUrl
     from mountnav.sky.coordinates import Site
 
@@ -49,7 +47,7 @@ CAMERA_OPTIONS = (
 )
 
 
-def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> DrivenMount:
+def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> GenericMount:
     """Make the mount; nothing is opened yet.
 
     Raises
@@ -72,7 +70,7 @@ def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> Dri
     return options.mount(language, name=name, site=site)
 
 
-def camera_from(url: MountUrl, name: str | None) -> ExposingCamera:
+def camera_from(url: MountUrl, name: str | None) -> GenericCamera:
     """Make the camera; nothing is opened yet.
 
     Raises
@@ -94,7 +92,7 @@ def camera_from(url: MountUrl, name: str | None) -> ExposingCamera:
         clock_tolerance_s=number_of(own, "clock_tolerance_s", 1.0),
     )
     device = _device(url, own, number_of(own, "timeout_s", 5.0))
-    return ExposingCamera(AlpacaCameraLanguage(device, name=name, habits=habits))
+    return GenericCamera(AlpacaCameraLanguage(device, name=name, habits=habits))
 
 
 def _require_kind(url: MountUrl, kind: str) -> None:

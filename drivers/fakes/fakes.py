@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable
 from datetime import datetime
 from typing import Protocol, cast
 
-from drivers.fakes.fake_wire import WireFake
 from drivers.fakes.faults import Fault
+from drivers.fakes.wire_fake import WireFake
 from mountnav.errors import BadRequest
 from mountnav.simulation.mechanics import Machine, Mechanics
 

@@ -1,5 +1,1 @@
-"""What makes a whole mount of any language."""
-
-from drivers.generic.mount import DrivenMount
-
-__all__ = ["DrivenMount"]
+"""A whole mount made of any family's language, a whole camera made of any protocol's."""

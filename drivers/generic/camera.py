@@ -1,18 +1,178 @@
-"""A whole camera made of a language: opened again when it was lost, one exposure at a time, aborts."""
+"""A whole camera made of any protocol's language: reopened when lost, one exposure at a time, abortable."""
 
 from __future__ import annotations
 
 import asyncio
-from contextlib import suppress
+import math
+from collections.abc import Awaitable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Protocol, TypeVar
 
-from drivers.generic.camera_language import CameraLanguage
-from drivers.generic.shot import Shot, Turn
 from drivers.wire.wire_log import WireLog
-from mountnav.errors import DeviceError, DeviceGarbled, DeviceMissing, DeviceSilent
+from mountnav.errors import (
+    BadRequest,
+    Busy,
+    Cancelled,
+    DeviceError,
+    DeviceGarbled,
+    DeviceMissing,
+    DeviceSilent,
+    MountnavError,
+)
 from mountnav.frames import Frame
+from mountnav.tasks import waited_for
+
+T = TypeVar("T")
 
 
-class ExposingCamera:
+class Shot:
+    """An exposure that was asked for.
+
+    Parameters
+    ----------
+    exposure_s : float
+    device : str
+        For messages.
+    """
+
+    def __init__(self, exposure_s: float, device: str) -> None:
+        self.exposure_s = exposure_s
+        self.device = device
+        self._aborted = asyncio.Event()
+
+    @property
+    def aborted(self) -> bool:
+        """Whether nobody wants it any more."""
+        return self._aborted.is_set()
+
+    def abort(self) -> None:
+        """Have whoever waits for it raise `Cancelled`."""
+        self._aborted.set()
+
+    def require_wanted(self) -> None:
+        """Raise `Cancelled` if it was aborted."""
+        if self.aborted:
+            raise Cancelled("the exposure was aborted", device=self.device)
+
+    async def pause(self, for_s: float) -> None:
+        """Wait; raises `Cancelled` as soon as it is aborted."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(for_s):
+                await self._aborted.wait()
+        self.require_wanted()
+
+    async def outlast(self, work: Awaitable[T]) -> T:
+        """Wait for a piece of work; drops it and raises `Cancelled` as soon as it is aborted."""
+        working = waited_for(work)
+        waiting = waited_for(self._aborted.wait())
+        try:
+            await asyncio.wait({working, waiting}, return_when=asyncio.FIRST_COMPLETED)
+            self.require_wanted()
+            return await working
+        finally:
+            for one in (working, waiting):
+                one.cancel()
+            with suppress(asyncio.CancelledError, MountnavError):
+                await working
+
+
+class Turn:
+    """One exposure at a time.
+
+    Parameters
+    ----------
+    device : str
+        For messages.
+    """
+
+    def __init__(self, device: str) -> None:
+        self._device = device
+        self._shot: Shot | None = None
+
+    @contextmanager
+    def taken(self, exposure_s: float) -> Iterator[Shot]:
+        """Begin a shot, and end it with the block.
+
+        Raises
+        ------
+        BadRequest
+            If the exposure is not positive.
+        Busy
+            If one runs.
+        """
+        if not 0.0 < exposure_s < math.inf:
+            raise BadRequest(f"an exposure of {exposure_s} s", device=self._device, advice="longer than 0 s")
+        if self._shot is not None:
+            raise Busy("an exposure is running", device=self._device, advice="wait for it, or abort it")
+        self._shot = Shot(exposure_s, self._device)
+        try:
+            yield self._shot
+        finally:
+            self._shot = None
+
+    def abort(self) -> bool:
+        """Abort the shot that runs; tell whether there is one."""
+        if self._shot is None:
+            return False
+        self._shot.abort()
+        return True
+
+
+class CameraLanguage(Protocol):
+    """A camera behind a connection of its own. No method is called twice at once, but for `send_abort`."""
+
+    done: tuple[str, ...]
+    """What was set at the last opening, or before the last exposure, in words."""
+
+    @property
+    def name(self) -> str:
+        """Name, for messages."""
+        ...
+
+    @property
+    def log(self) -> WireLog:
+        """All that was said lately; images are abbreviated."""
+        ...
+
+    @property
+    def usable(self) -> bool:
+        """Whether it is open and not lost."""
+        ...
+
+    async def open(self) -> None:
+        """Connect, anew if it was lost, and set up; what fails leaves no connection behind."""
+        ...
+
+    async def close(self) -> None:
+        """Release the connection; the camera stays connected, for others."""
+        ...
+
+    async def wait_until_idle(self, shot: Shot) -> None:
+        """Wait a moment until no exposure runs, one that was just aborted for example.
+
+        Raises
+        ------
+        BadRequest
+            If the camera takes no such exposure.
+        Busy
+            If another program's runs.
+        """
+        ...
+
+    async def set_up(self) -> None:
+        """Have the whole chip read out as the configuration says: another program may have used it since."""
+        ...
+
+    async def take(self, shot: Shot) -> Frame:
+        """Order the exposure and wait for its image; raises `Cancelled` when it is aborted."""
+        ...
+
+    def send_abort(self) -> None:
+        """Send the order to abort, past all others; its outcome is not waited for, a lost link is none."""
+        ...
+
+
+class GenericCamera:
     """A `mountnav.devices.Camera`.
 
     Parameters

@@ -11,14 +11,14 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable
 
-from drivers.generic.keeping import LinkState
+from drivers.generic.coordinates import apart_arcsec, check_kind
 from drivers.generic.language import Language, Readout, Sent, Wanted
-from drivers.generic.moving import Mover
-from drivers.generic.places import apart_arcsec, check_kind
-from drivers.generic.refused import Took
+from drivers.generic.link_supervisor import LinkState
+from drivers.generic.motions import Motions
+from drivers.generic.options import Timing
+from drivers.generic.refusals import Took
+from drivers.generic.session import ConnectSettings, Listener, Session
 from drivers.generic.syncing import sync
-from drivers.generic.tended import Connecting, Listener, Tended
-from drivers.generic.timing import Timing
 from drivers.wire.wire_log import WireLog
 from mountnav.clock import pause
 from mountnav.devices import (
@@ -45,7 +45,7 @@ _PULSE_LOOK_S = 0.05
 """Between two such questions (s): three exchanges at 9600 baud."""
 
 
-class DrivenMount:
+class GenericMount:
     """A `mountnav.devices.Mount` that speaks some language; skilled, trusting, announcing.
 
     Parameters
@@ -80,9 +80,9 @@ class DrivenMount:
         self.language = language
         self._name = name or language.device
         self._timing = timing or Timing()
-        connecting = Connecting(site, set_clock, set_site, trust_on_connect, swap_sides)
-        self._tended = Tended(language, self._name, self._timing, connecting)
-        self._mover = Mover(self._tended)
+        connecting = ConnectSettings(site, set_clock, set_site, trust_on_connect, swap_sides)
+        self._tended = Session(language, self._name, self._timing, connecting)
+        self._mover = Motions(self._tended)
         self._refusals = self._mover.refusals
 
     # -- what it is --------------------------------------------------------------------------------

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 
+from drivers.generic.coordinates import apart_arcsec
 from drivers.generic.language import Readout
-from drivers.generic.places import apart_arcsec
-from drivers.generic.refused import Refusals
-from drivers.generic.tended import LateSync, Tended
+from drivers.generic.refusals import Refusals
+from drivers.generic.session import LateSync, Session
 from mountnav.clock import pause
 from mountnav.devices import SyncOutcome, SyncResult
 from mountnav.errors import Busy, DeviceMissing, DeviceRefused, Refusal
@@ -19,8 +19,8 @@ _LATE_FOR_S = 60.0
 """So long after it was given up a sync that shows is still recognized."""
 
 
-async def sync(tended: Tended, refusals: Refusals, place: Apparent | Icrs) -> SyncResult:
-    """Tell a mount that it points at a place, and read back; see `DrivenMount.sync`."""
+async def sync(tended: Session, refusals: Refusals, place: Apparent | Icrs) -> SyncResult:
+    """Tell a mount that it points at a place, and read back; see `GenericMount.sync`."""
     if tended.job is not None:
         raise Busy(f"a {tended.job} is running", device=tended.name, advice="wait for it, or stop it")
     await tended.ready()
@@ -87,7 +87,7 @@ def _late(place: Apparent | Icrs, near_arcsec: float) -> LateSync:
     return LateSync(place, near_arcsec, asyncio.get_running_loop().time() + _LATE_FOR_S)
 
 
-async def _read_back(tended: Tended, before: Readout, place: Apparent | Icrs, near: float) -> SyncResult:
+async def _read_back(tended: Session, before: Readout, place: Apparent | Icrs, near: float) -> SyncResult:
     loop, timing = asyncio.get_running_loop(), tended.timing
     asked, told_utc = loop.time(), utc_now()
     while True:

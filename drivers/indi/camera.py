@@ -7,8 +7,8 @@ from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime
 
-from drivers.generic.optics import with_scale
-from drivers.generic.shot import Shot
+from drivers.generic.camera import Shot
+from drivers.generic.exposure import with_scale
 from drivers.indi import orders
 from drivers.indi.answers import refusal, slew_was_refused
 from drivers.indi.blobs import BrokenBlob, content
@@ -37,7 +37,7 @@ _START_S = 30.0
 
 
 class IndiCameraLanguage:
-    """A `drivers.generic.camera_language.CameraLanguage` over one device of an `indiserver`.
+    """A `drivers.generic.camera.CameraLanguage` over one device of an `indiserver`.
 
     Parameters
     ----------

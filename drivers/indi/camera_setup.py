@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from drivers.generic.camera_habits import ExposingHabits
-from drivers.generic.optics import optics_scale_arcsec_px
+from drivers.generic.exposure import GenericCameraHabits, optics_scale_arcsec_px
 from drivers.indi import orders
 from drivers.indi.device import IndiDevice
 from drivers.indi.state import Property
@@ -18,7 +17,7 @@ _NEAR, _NEAR_PX = 0.05, 32.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CameraHabits(ExposingHabits):
+class CameraHabits(GenericCameraHabits):
     """What the configuration says of a camera behind INDI.
 
     Attributes

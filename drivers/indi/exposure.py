@@ -16,13 +16,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from datetime import datetime
 
-from drivers.generic.exposure_moments import Moments, Teller, lasted_otherwise
+from drivers.generic.exposure import ExposureTimes, TimeSource, lasted_otherwise
 from drivers.indi.codec import Blob, Changed, State
 
 _SOONEST = 0.9
 _LATER_S = 0.5
 _UNSAID_S = 10.0
-_HEADER = Teller("its header", "its header tells no time", "its header is")
+_HEADER = TimeSource("its header", "its header tells no time", "its header is")
 
 
 @dataclass(slots=True)
@@ -169,5 +169,5 @@ class Exposure:
             return "it was exposed before this one was ordered"
         return None
 
-    def _moments(self, came: datetime) -> Moments:
-        return Moments(self.exposure_s, self.ordered, self.begun or self.ordered, came)
+    def _moments(self, came: datetime) -> ExposureTimes:
+        return ExposureTimes(self.exposure_s, self.ordered, self.begun or self.ordered, came)

@@ -6,10 +6,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from drivers.generic.camera import ExposingCamera
-from drivers.generic.mount_options import read_options
-from drivers.generic.timing import Timing
-from drivers.generic.url_options import maybe_number_of, number_of, require_known, yes_of
+from drivers.generic.camera import GenericCamera
+from drivers.generic.options import Timing, maybe_number_of, number_of, read_options, require_known, yes_of
 from drivers.indi.camera import IndiCameraLanguage
 from drivers.indi.camera_setup import CameraHabits
 from drivers.indi.client import PORT, IndiClient, Pulse
@@ -18,7 +16,7 @@ from drivers.indi.language import IndiHabits, IndiLanguage
 from drivers.wire.wire_log import WireLog
 
 if TYPE_CHECKING:
-    from drivers.generic import DrivenMount
+    from drivers.generic.mount import GenericMount
     from drivers.registry import MountUrl
     from mountnav.sky.coordinates import Site
 
@@ -38,7 +36,7 @@ CAMERA_OPTIONS = (
 )
 
 
-def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> DrivenMount:
+def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> GenericMount:
     """Make the mount; nothing is opened yet.
 
     Raises
@@ -57,7 +55,7 @@ def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> Dri
     return options.mount(IndiLanguage(device, habits), name=name, site=site)
 
 
-def camera_from(url: MountUrl, name: str | None) -> ExposingCamera:
+def camera_from(url: MountUrl, name: str | None) -> GenericCamera:
     """Make the camera; nothing is opened yet.
 
     Raises
@@ -76,7 +74,7 @@ def camera_from(url: MountUrl, name: str | None) -> ExposingCamera:
         chip=own.get("chip", "CCD1"),
     )
     device = _device(url, own, number_of(own, "timeout_s", 8.0))
-    return ExposingCamera(IndiCameraLanguage(device, name=name, habits=habits))
+    return GenericCamera(IndiCameraLanguage(device, name=name, habits=habits))
 
 
 def _device(url: MountUrl, own: Mapping[str, str], deadline_s: float) -> IndiDevice:

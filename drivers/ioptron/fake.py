@@ -12,8 +12,8 @@ import time
 from collections.abc import Callable, Iterable
 from datetime import datetime, timedelta
 
-from drivers.fakes.fake_wire import WireFake
 from drivers.fakes.faults import Fault
+from drivers.fakes.wire_fake import WireFake
 from drivers.ioptron import models, values, values_v2
 from drivers.ioptron.fake_told import RATES, Memory, Teller
 from drivers.ioptron.orders import Order, order_from_text

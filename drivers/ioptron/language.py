@@ -9,6 +9,7 @@ from __future__ import annotations
 from datetime import datetime
 
 from drivers.generic.language import Identity, Readout, Sent, Wanted
+from drivers.generic.serial_language import SerialLanguage
 from drivers.ioptron import codec, timekeeping
 from drivers.ioptron.greeting import DIALECTS, GREETING
 from drivers.ioptron.models import Model, model
@@ -18,7 +19,6 @@ from drivers.ioptron.values import MountState, PierSide, Status, TrackingRate
 from drivers.ioptron.words import Words
 from drivers.wire.command import Command
 from drivers.wire.link import Link
-from drivers.wire.over_link import OverLink
 from mountnav import devices
 from mountnav.devices import Direction, Epoch, Skill
 from mountnav.errors import DeviceGarbled, Refusal
@@ -41,7 +41,7 @@ _SIDES = {
 }
 
 
-class IoptronLanguage(OverLink):
+class IoptronLanguage(SerialLanguage):
     """What iOptron mounts of the v2 and v3 command sets can say.
 
     Parameters

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.generic import DrivenMount
-from drivers.generic.timing import Timing
+from drivers.generic.mount import GenericMount
+from drivers.generic.options import Timing
 from drivers.ioptron.language import IoptronLanguage
 from drivers.wire.exchange import Patience
 from drivers.wire.line import ByteLine, ControlLines, SerialLine
@@ -59,7 +59,7 @@ def ioptron_mount(
     patience: Patience | None = None,
     timing: Timing | None = None,
     site: Site | None = None,
-) -> DrivenMount:
+) -> GenericMount:
     """Make the mount; nothing is opened yet.
 
     Parameters
@@ -73,4 +73,4 @@ def ioptron_mount(
         Ours, to compare with the mount's.
     """
     language = ioptron_language(line, baud=baud, epoch=epoch, dialect=dialect, patience=patience)
-    return DrivenMount(language, name=name, timing=timing, site=site)
+    return GenericMount(language, name=name, timing=timing, site=site)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TypeVar
 
-from drivers.generic.refining import Refining
+from drivers.generic.serial_language import OptionalQuestions
 from drivers.ioptron.greeting import GREETING
 from drivers.ioptron.models import Model
 from drivers.ioptron.values import MountState, Status
@@ -36,14 +36,14 @@ class Talk:
         self.link = link
         self.words = words
         self.model = model
-        self.refining = Refining(link, self._alive)
+        self.refining = OptionalQuestions(link, self._alive)
 
     async def ask(self, command: Command[T]) -> T:
         """Ask, or order once; raises as `Link.ask` does."""
         return await self.link.ask(command)
 
     async def known(self, command: Command[T]) -> T | None:
-        """Ask what it may lack; None where it does. See `drivers.generic.refining.Refining.known`."""
+        """Ask what it may lack; None where it does. See `OptionalQuestions.known`."""
         return await self.refining.known(command)
 
     async def _alive(self) -> None:

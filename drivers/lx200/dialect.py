@@ -31,7 +31,7 @@ class Ask(Protocol):
         ...
 
     async def known(self, command: Command[T]) -> T | None:
-        """Ask what this mount may lack; None where it does. See `drivers.generic.refining.Refining.known`."""
+        """Ask what this mount may lack; None where it does. See `OptionalQuestions.known`."""
         ...
 
 

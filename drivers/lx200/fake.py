@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterable
 from datetime import datetime, timedelta
 from typing import cast
 
-from drivers.fakes.fake_wire import WireFake
 from drivers.fakes.faults import Fault
+from drivers.fakes.wire_fake import WireFake
 from drivers.lx200.angles import (
     dec_from_text,
     dec_to_text,

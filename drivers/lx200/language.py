@@ -10,12 +10,12 @@ from datetime import datetime
 from typing import TypeVar
 
 from drivers.generic.language import Identity, Readout, Sent, Wanted
+from drivers.generic.serial_language import SerialLanguage
 from drivers.lx200.dialect import Dialect, Order
 from drivers.lx200.guiding import nudged, timed_pulses
 from drivers.lx200.looking import Lx200Look
 from drivers.lx200.replies import Answer
 from drivers.wire.link import Link
-from drivers.wire.over_link import OverLink
 from mountnav.devices import Direction, Epoch, PierSide, Skill, TrackingRate
 from mountnav.errors import DeviceGarbled, DeviceRefused, DeviceSilent, Refusal
 from mountnav.sky.coordinates import Apparent, Icrs, Site
@@ -23,7 +23,7 @@ from mountnav.sky.coordinates import Apparent, Icrs, Site
 T = TypeVar("T")
 
 
-class Lx200Language(OverLink):
+class Lx200Language(SerialLanguage):
     """LX200 over a link.
 
     Parameters

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from drivers.generic.language import Identity, Readout
-from drivers.generic.refining import Refining
+from drivers.generic.serial_language import OptionalQuestions
 from drivers.lx200 import codec
 from drivers.lx200.dialect import Dialect, Handshake, Spot, State
 from drivers.lx200.dialects import recognized, weak
@@ -35,7 +35,7 @@ class _Asking:
         self._link = link
         self.has_letter = False
         """Whether it answered ACK: a Gemini that starts up answers nothing else."""
-        self.refining = Refining(
+        self.refining = OptionalQuestions(
             link, self._alive, greetings=(codec.ALIGNMENT, codec.PRODUCT, codec.FIRMWARE)
         )
 

@@ -1,11 +1,11 @@
-"""An LX200 mount: a `drivers.generic.DrivenMount` that speaks `drivers.lx200.language`."""
+"""An LX200 mount: a `drivers.generic.mount.GenericMount` that speaks `drivers.lx200.language`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.generic import DrivenMount
-from drivers.generic.timing import Timing
+from drivers.generic.mount import GenericMount
+from drivers.generic.options import Timing
 from drivers.lx200.dialects import dialect_named
 from drivers.lx200.language import Lx200Language
 from drivers.wire.exchange import Patience
@@ -68,7 +68,7 @@ def lx200_mount(
     set_clock: bool = False,
     set_site: bool = False,
     trust_on_connect: bool = True,
-) -> DrivenMount:
+) -> GenericMount:
     """Make a mount; nothing is opened yet.
 
     Parameters
@@ -76,14 +76,14 @@ def lx200_mount(
     line, baud, patience, dialect, epoch
         As of `lx200_language`.
     name, timing, site, set_clock, set_site, trust_on_connect
-        As of `DrivenMount`.
+        As of `GenericMount`.
 
     Raises
     ------
     BadSettings
         If there is no such dialect.
     """
-    return DrivenMount(
+    return GenericMount(
         lx200_language(line, baud=baud, patience=patience, dialect=dialect, epoch=epoch),
         name=name,
         timing=timing,

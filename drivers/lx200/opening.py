@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivers.generic import DrivenMount
-from drivers.generic.mount_options import read_options
+from drivers.generic.mount import GenericMount
+from drivers.generic.options import read_options
 from drivers.lx200.dialects import names
 from drivers.lx200.mount import lx200_language
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from mountnav.sky.coordinates import Site
 
 
-def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> DrivenMount:
+def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> GenericMount:
     """Make the mount; nothing is opened yet.
 
     Raises

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from drivers.generic.language import Sent, Wanted
-from drivers.generic.refining import Refining
+from drivers.generic.serial_language import OptionalQuestions
 from drivers.nexstar import codec
 from drivers.nexstar.replies import ECHOES
 from drivers.wire.command import Command
@@ -34,7 +34,7 @@ class Asking:
         self._link = link
         self._echoes = 0
         self._troubles = 0
-        self.refining = Refining(link, self.step)
+        self.refining = OptionalQuestions(link, self.step)
 
     def opened(self) -> None:
         """Take note that the link is new."""

@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
-from drivers.fakes.fake_wire import WireFake
 from drivers.fakes.faults import Fault
+from drivers.fakes.wire_fake import WireFake
 from drivers.nexstar.angles import pair_from_text, pair_to_text
 from drivers.nexstar.fake_horizon import believed_horizon, point_at_horizon
 from drivers.nexstar.fake_motors import FakeMotors

@@ -11,6 +11,7 @@ from __future__ import annotations
 from datetime import datetime
 
 from drivers.generic.language import Identity, Readout, Sent, Wanted
+from drivers.generic.serial_language import SerialLanguage
 from drivers.nexstar import codec
 from drivers.nexstar.angles import LONG_STEP_ARCSEC, SHORT_STEP_ARCSEC, WirePair
 from drivers.nexstar.asking import Asking
@@ -23,7 +24,6 @@ from drivers.nexstar.sides import motor_for, side_of
 from drivers.nexstar.timekeeping import clock_of, goes_on, site_of, time_for, wire_site
 from drivers.wire.command import Command
 from drivers.wire.link import Link
-from drivers.wire.over_link import OverLink
 from mountnav.devices import Direction, Epoch, PierSide, Skill, TrackingRate
 from mountnav.errors import DeviceRefused, Refusal
 from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
@@ -32,7 +32,7 @@ _RATES = {TrackingRate.SIDEREAL: SIDEREAL, TrackingRate.SOLAR: SOLAR, TrackingRa
 _EQUATORIAL = (Tracking.EQUATORIAL_NORTH, Tracking.EQUATORIAL_SOUTH)
 
 
-class NexstarLanguage(OverLink):
+class NexstarLanguage(SerialLanguage):
     """NexStar over a link.
 
     Parameters

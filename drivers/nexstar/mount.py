@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.generic import DrivenMount
-from drivers.generic.timing import Timing
+from drivers.generic.mount import GenericMount
+from drivers.generic.options import Timing
 from drivers.nexstar.language import NexstarLanguage
 from drivers.nexstar.parking import Horizon
 from drivers.wire.exchange import Patience
@@ -62,7 +62,7 @@ def nexstar_mount(
     park: Horizon | None = None,
     timing: Timing | None = None,
     site: Site | None = None,
-) -> DrivenMount:
+) -> GenericMount:
     """Make the mount; nothing is opened yet.
 
     Parameters
@@ -76,4 +76,4 @@ def nexstar_mount(
         Ours, to compare with the mount's.
     """
     language = nexstar_language(line, baud=baud, epoch=epoch, patience=patience, park=park)
-    return DrivenMount(language, name=name, timing=timing, site=site)
+    return GenericMount(language, name=name, timing=timing, site=site)

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from drivers.generic import DrivenMount
-from drivers.generic.mount_options import read_options
+from drivers.generic.mount import GenericMount
+from drivers.generic.options import read_options
 from drivers.nexstar.mount import nexstar_language, patience_of
 from drivers.nexstar.parking import Horizon
 from mountnav.devices import Epoch
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _PARK = ("park_az_deg", "park_alt_deg")
 
 
-def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> DrivenMount:
+def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> GenericMount:
     """Make a mount behind a Celestron hand control (NexStar, StarSense); nothing is opened yet.
 
     Raises
@@ -31,12 +31,12 @@ def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> Dri
     return _mount(url, name, site, "nexstar", "apparent")
 
 
-def synscan_from(url: MountUrl, name: str | None, site: Site | None = None) -> DrivenMount:
+def synscan_from(url: MountUrl, name: str | None, site: Site | None = None) -> GenericMount:
     """Make a mount behind a SynScan hand control, which speaks J2000; raises as `mount_from` does."""
     return _mount(url, name, site, "synscan", "icrs")
 
 
-def _mount(url: MountUrl, name: str | None, site: Site | None, driver: str, epoch: Epoch) -> DrivenMount:
+def _mount(url: MountUrl, name: str | None, site: Site | None, driver: str, epoch: Epoch) -> GenericMount:
     options = read_options(url.options, driver, baud=9600, timeout_s=8.0, epoch=epoch, own=_PARK)
     language = nexstar_language(
         url.line,

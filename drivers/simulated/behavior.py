@@ -43,7 +43,7 @@ class MountBehavior:
     again_s : float
         How often a lost link is tried again.
     poll_s, stall_s, rest_s, near_arcsec, sync_wait_s, late_s : float
-        As in `drivers.generic.timing.Timing`.
+        As in `drivers.generic.options.Timing`.
 
     Raises
     ------

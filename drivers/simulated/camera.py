@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime, timedelta
 
-from drivers.generic.shot import Turn
+from drivers.generic.camera import Turn
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Frame
 from mountnav.simulation.optics import SimulatedOptics

@@ -1,9 +1,4 @@
-"""A mount without a wire: the face of a driver, the mechanics behind it, and what goes wrong between the two.
-
-"Simulated" means the same Python face and no wire; its answers and its errors are those that
-`drivers.generic.DrivenMount` gives over one: a slew has arrived when the mount rests and is where it was
-sent, a sync has happened when the readings show it, a position that may be wrong doesn't count.
-"""
+"""A mount without a wire: the face of a driver, the mechanics behind it, and what goes wrong between."""
 
 from __future__ import annotations
 
@@ -12,11 +7,14 @@ import contextlib
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
-from drivers.generic.keeping import LinkState
-from drivers.generic.places import apart_arcsec, check_kind
-from drivers.simulated.state import SimulatedState
+from drivers.generic.coordinates import apart_arcsec, check_kind
+from drivers.generic.link_supervisor import LinkState
+from drivers.simulated.behavior import MountBehavior
+from drivers.simulated.link import Cable, Listener, Trouble
+from mountnav.clock import Clock
 from mountnav.devices import (
     Direction,
+    Epoch,
     MountReading,
     PierSide,
     Skill,
@@ -26,11 +24,225 @@ from mountnav.devices import (
     SyncResult,
     TrackingRate,
 )
-from mountnav.errors import BadRequest, DeviceError, DeviceRefused, Refusal, RefusedButDone
+from mountnav.errors import BadRequest, Busy, DeviceError, DeviceRefused, Refusal, RefusedButDone
 from mountnav.navigation.sync_outcomes import miss_arcsec, moved_arcsec, near_arcsec, unseen
-from mountnav.sky.chain import icrs_to_apparent
+from mountnav.simulation.mechanics import Mechanics
+from mountnav.simulation.posture import other_side
+from mountnav.sky.chain import apparent_to_icrs, icrs_to_apparent
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.turning import SIDEREAL_DEG_S
+
+
+class SimulatedState:
+    """All of a `SimulatedMount` but its orders; see there."""
+
+    def __init__(
+        self,
+        mechanics: Mechanics,
+        clock: Clock,
+        behavior: MountBehavior | None = None,
+        *,
+        name: str = "simulated mount",
+        trusted: bool = True,
+    ) -> None:
+        self.mechanics = mechanics
+        self.behavior = behavior or MountBehavior()
+        self.received: list[str] = []
+        self.denies: set[str] = set()
+        self._clock = clock
+        self._name = name
+        self._trusted = trusted
+        self._why_untrusted = "nobody has looked at the sky since it was connected"
+        self._boots = mechanics.boots
+        self._state = SlewState.NONE
+        self._job: str | None = None
+        self._stops = 0
+        self._stop_owed = False
+        self.sides_stated = False
+        self._late: tuple[Apparent | Icrs, float] | None = None
+        self.cable = Cable(name, clock, self.behavior, back=self._on_back, lost=self._on_lost)
+
+    # -- what it is --------------------------------------------------------------------------------
+
+    @property
+    def name(self) -> str:
+        """Name, for messages."""
+        return self._name
+
+    @property
+    def epoch(self) -> Epoch:
+        """Kind of coordinates it speaks."""
+        return self.behavior.epoch
+
+    @property
+    def resolution_arcsec(self) -> float:
+        """Coarsest step."""
+        return self.behavior.resolution_arcsec
+
+    @property
+    def skills(self) -> frozenset[Skill]:
+        """Park, home, tracking and guiding; the pier side if it tells it."""
+        skills = {Skill.PARK, Skill.UNPARK, Skill.HOME, Skill.TRACK, Skill.TRACKING_RATES, Skill.GUIDE}
+        if self.mechanics.machine.home_sensor:
+            skills.add(Skill.FIND_HOME)
+        if self.behavior.tells_side and self.mechanics.machine.mounting == "german":
+            skills.add(Skill.PIER_SIDE)
+        if self.behavior.tells_destination and self.mechanics.machine.mounting == "german":
+            skills.add(Skill.DESTINATION_SIDE)
+        return frozenset(skills)
+
+    @property
+    def link(self) -> LinkState:
+        """What is known of the link."""
+        return self.cable.state
+
+    @property
+    def slew_state(self) -> SlewState:
+        """What the last order to move has come to."""
+        return self._state
+
+    @property
+    def trusted(self) -> bool:
+        """Whether its own position counts."""
+        self._see_reboots()
+        return self._trusted
+
+    def trust(self) -> None:
+        """An operator's word that the position is right."""
+        self._see_reboots()
+        self._believe("the operator says so")
+
+    def listen(self, listener: Listener) -> None:
+        """Tell of what happens to the link and to the position."""
+        self.cable.listeners.append(listener)
+
+    # -- what happens to it ------------------------------------------------------------------------
+
+    def cut(self, for_s: float, trouble: Trouble = "missing") -> None:
+        """Let the link fail: the cable is unplugged ("missing"), or nothing answers ("silent")."""
+        self.cable.cut(for_s, trouble)
+
+    def reboot(self, for_s: float = 4.0) -> None:
+        """Switch it off and on: it stands, forgets, and is silent for a while."""
+        self.mechanics.reboot()
+        self.cable.cut(for_s, "silent")
+        asyncio.get_running_loop().call_later(for_s + 0.5, self._see_reboots)
+
+    # -- reading -----------------------------------------------------------------------------------
+
+    async def open(self) -> None:
+        """Connect. Moves nothing."""
+        await self.cable.open()
+        self._see_reboots()
+        self.cable.tell("connected", {"identity": self._name, "trusted": self._trusted, "problems": []})
+
+    async def close(self) -> None:
+        """Release the link."""
+        self.cable.close()
+
+    async def reading(self) -> MountReading:
+        """Where the mount believes it points.
+
+        Raises
+        ------
+        DeviceSilent, DeviceMissing
+        """
+        await self.cable.ask()
+        self._see_reboots()
+        reading = self._reading()
+        self._see_a_late_sync(reading)
+        return reading
+
+    def _reading(self) -> MountReading:
+        behavior, mechanics = self.behavior, self.mechanics
+        utc = self._clock.utc()
+        place: Apparent | Icrs = mechanics.reported(utc)
+        if isinstance(place, Apparent):
+            place = (
+                behavior.icrs_in_steps(apparent_to_icrs(place))
+                if behavior.epoch == "icrs"
+                else behavior.in_steps(place)
+            )
+        side = mechanics.pier_side(utc) if behavior.tells_side else None
+        side = None if side is None else self._as_told(side)
+        if not behavior.tells_motion:
+            return MountReading(place, utc, pier_side=side)
+        return MountReading(
+            place,
+            utc,
+            slewing=mechanics.slewing(utc),
+            tracking=mechanics.tracking and not mechanics.at_limit,
+            parked=mechanics.parked,
+            at_home=mechanics.at_home,
+            pier_side=side,
+        )
+
+    # -- inside ------------------------------------------------------------------------------------
+
+    def _as_told(self, side: PierSide) -> PierSide:
+        return other_side(side) if self.behavior.side_swapped else side
+
+    def _stop_now(self) -> None:
+        self.received.append("stop")
+        self.mechanics.stop()
+
+    def _require_no_job(self) -> None:
+        if self._job is not None:
+            raise Busy(f"a {self._job} is running", device=self._name, advice="wait for it, or stop it")
+
+    def _require_trust(self, what: str) -> None:
+        if not self._trusted:
+            raise DeviceRefused(
+                f"{what} refused: its position can't be trusted ({self._why_untrusted})",
+                device=self._name,
+                advice="order first light if it was just set up, else recover: both look at the sky; or let "
+                "it find its home",
+                reason=Refusal.UNTRUSTED,
+            )
+
+    def _believe(self, why: str) -> None:
+        if not self._trusted:
+            self._trusted = True
+            self.cable.tell("trusted", {"why": why})
+
+    def _distrust(self, why: str) -> None:
+        self._why_untrusted = why
+        if self._trusted:
+            self._trusted = False
+            self.cable.tell("untrusted", {"why": why})
+
+    def _see_reboots(self) -> None:
+        if self.mechanics.boots != self._boots:
+            self._boots = self.mechanics.boots
+            self._late = None
+            self._distrust("it was switched off and on")
+
+    def _went_elsewhere(self, miss_arcsec: float) -> None:
+        self.cable.tell("sync-elsewhere", {"miss_arcsec": round(miss_arcsec, 1)})
+        self._distrust(f"it took a sync for another place: it believes to be {miss_arcsec:.0f}″ from there")
+
+    def _see_a_late_sync(self, reading: MountReading) -> None:
+        if self._late is not None and self._job is None:
+            place, near_arcsec = self._late
+            miss_arcsec = apart_arcsec(reading.place, place)
+            if miss_arcsec <= near_arcsec:
+                self._late = None
+                self.cable.tell("sync-late", {"miss_arcsec": round(miss_arcsec, 1)})
+                self._believe("a sync was seen, late")
+
+    def _on_lost(self, why: str) -> None:
+        if self._job is not None:
+            self._state, self._stop_owed = SlewState.LOST, True
+        self._distrust("its link was lost")
+
+    def _on_back(self) -> None:
+        if self._stop_owed:
+            self._stop_now()
+            self._stop_owed = False
+        self._see_reboots()
+        if not self._trusted:
+            self.cable.tell("untrusted", {"why": self._why_untrusted})
+
 
 _GUIDE_DEG_S = 0.5 * SIDEREAL_DEG_S
 _LONGEST_PULSE_S = 60.0
@@ -317,7 +529,7 @@ class SimulatedMount(SimulatedState):
         await self.cable.ask()
 
     async def _belied(self, order: str, before: MountReading) -> DeviceError:
-        """Look after an order that was refused, as `drivers.generic.refused` does; what is to be raised."""
+        """Look after an order that was refused, as `drivers.generic.refusals` does; what is to be raised."""
         began_s = self._clock.monotonic_s()
         free_arcsec = 5.0 + 2.0 * self.resolution_arcsec
         while self._clock.monotonic_s() - began_s <= _START_GRACE_S:

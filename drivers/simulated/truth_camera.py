@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from drivers.generic.shot import Turn
+from drivers.generic.camera import Turn
 from mountnav.clock import Clock
 from mountnav.frames import Frame
 from mountnav.simulation.mechanics import Mechanics

@@ -10,8 +10,8 @@ import time
 from collections.abc import Callable, Iterable
 from datetime import datetime
 
-from drivers.fakes.fake_wire import WireFake
 from drivers.fakes.faults import Fault
+from drivers.fakes.wire_fake import WireFake
 from drivers.skywatcher.fake_board import BOARDS, FakeBoard
 from drivers.skywatcher.fake_motor import FakeMotor
 from drivers.skywatcher.words import POSITION_ZERO, Axis, number, number_text

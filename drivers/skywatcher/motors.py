@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from drivers.generic.refining import Refining
+from drivers.generic.serial_language import OptionalQuestions
 from drivers.skywatcher import codec
 from drivers.skywatcher.rates import Gearing, true_timer_hz
 from drivers.skywatcher.words import Axis, Board, Features, MotorStatus, Nack
@@ -78,7 +78,7 @@ class Motors:
         self._fastest_deg_s = fastest_deg_s
         self.gears: dict[Axis, Gearing] = {}
         self.stops = self.starts = 0
-        self.refining = Refining(link, self._alive)
+        self.refining = OptionalQuestions(link, self._alive)
         self._last: dict[Axis, tuple[Count, bool]] = {}
 
     # -- questions -------------------------------------------------------------------------------

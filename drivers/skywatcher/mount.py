@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from urllib.parse import urlsplit
 
-from drivers.generic import DrivenMount
-from drivers.generic.timing import Timing
+from drivers.generic.mount import GenericMount
+from drivers.generic.options import Timing
 from drivers.skywatcher.language import SkywatcherLanguage
 from drivers.skywatcher.settings import SkywatcherSettings
 from drivers.wire.exchange import Patience
-from drivers.wire.line import ByteLine, ControlLines, SerialLine
+from drivers.wire.line import ByteLine, ControlLines, SerialLine, UdpLine
 from drivers.wire.link import Link
-from drivers.wire.udp_line import UdpLine
 from drivers.wire.wire_log import WireLog
 from mountnav.errors import BadSettings
 from mountnav.sky.coordinates import Site
@@ -83,7 +82,7 @@ def skywatcher_mount(
     patience: Patience = PATIENCE,
     settings: SkywatcherSettings | None = None,
     timing: Timing | None = None,
-) -> DrivenMount:
+) -> GenericMount:
     """Make the mount; nothing is opened yet.
 
     Parameters
@@ -100,4 +99,4 @@ def skywatcher_mount(
         Without a site.
     """
     language = skywatcher_language(line, site, baud=baud, patience=patience, settings=settings)
-    return DrivenMount(language, name=name, timing=timing, site=site)
+    return GenericMount(language, name=name, timing=timing, site=site)

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from drivers.generic import DrivenMount
-from drivers.generic.mount_options import read_options
+from drivers.generic.mount import GenericMount
+from drivers.generic.options import read_options
 from drivers.skywatcher.mount import BAUD, PATIENCE, skywatcher_language
 from drivers.skywatcher.settings import SkywatcherSettings
 from drivers.wire.exchange import Patience
@@ -27,7 +27,7 @@ _RANGES = {
 }
 
 
-def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> DrivenMount:
+def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> GenericMount:
     """Make the mount; nothing is opened yet.
 
     Raises

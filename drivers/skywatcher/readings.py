@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Coroutine
 
 from drivers.generic.language import Identity, Readout
+from drivers.generic.serial_language import SerialLanguage
 from drivers.skywatcher import codec
 from drivers.skywatcher.motors import Count, Motors
 from drivers.skywatcher.postures import HOME, Turns, sight
@@ -16,7 +17,6 @@ from drivers.skywatcher.standing import Standing
 from drivers.skywatcher.steering import Steering
 from drivers.skywatcher.words import NOT_EQUATORIAL, Axis, MotorStatus
 from drivers.wire.link import Link
-from drivers.wire.over_link import OverLink
 from mountnav.devices import Epoch, PierSide, Skill, TrackingRate
 from mountnav.errors import DeviceRefused, Refusal
 from mountnav.sky.coordinates import Site
@@ -40,7 +40,7 @@ _FASTER = 3.0
 _SAME_RATE = 0.003
 
 
-class SkywatcherReading(OverLink):
+class SkywatcherReading(SerialLanguage):
     """What can be asked of a German mount on a motor controller, and what we hold of it.
 
     Parameters

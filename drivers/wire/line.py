@@ -1,8 +1,12 @@
-"""Bytes over a line - serial port, pseudo-terminal or TCP - and nothing about what they mean.
+"""Bytes over a line (serial port, pseudo-terminal, TCP, UDP), and nothing about what they mean.
 
-pyserial blocks, so a line owns threads: one reads whatever comes and hands it to the event loop, one
+pyserial blocks, so a serial line owns threads: one reads whatever comes and hands it to the event loop, one
 writes what is asked, and one writes stops. Writers share a lock that is held for a single write only,
 so a stop goes out at once, whole, whatever else is going on.
+
+Over UDP datagrams get lost, come twice and come late; what reads them must ask again and never take an old
+one for new. A port that nobody listens on says so on most networks; that counts as a lost line. Silence
+doesn't.
 """
 
 from __future__ import annotations
@@ -10,6 +14,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,9 +23,114 @@ from typing import Protocol
 import serial
 from serial.tools import list_ports
 
-from drivers.wire.incoming import Incoming
 from drivers.wire.wire_log import WireLog
 from mountnav.errors import DeviceMissing, DeviceSilent
+
+_CLOSED = "closed"
+_MOST_UNREAD_BYTES = 1 << 16
+"""What may wait for its reader: six seconds of the fastest serial line. Doubled, as much more memory."""
+
+
+class Incoming:
+    """The reading half of a line. Used from the event loop's thread alone.
+
+    Parameters
+    ----------
+    address : str
+        Of the line, for messages.
+    advice : callable
+        What a user can do when it is lost.
+    log : WireLog
+        Where the line's opening and loss are noted.
+    """
+
+    def __init__(self, address: str, advice: Callable[[], str], log: WireLog) -> None:
+        self._address = address
+        self._advice = advice
+        self._log = log
+        self._came = bytearray()
+        self._news = asyncio.Event()
+        self._gone = asyncio.Event()
+        self._open = False
+        self._lost: str | None = None
+
+    @property
+    def usable(self) -> bool:
+        """Whether the line is open and not lost."""
+        return self._open and self._lost is None
+
+    def opened(self) -> None:
+        """Begin anew: what came over an earlier opening is forgotten."""
+        self._open, self._lost = True, None
+        self._came.clear()
+        self._news.clear()
+        self._gone.clear()
+        self._log.note("event", meaning=f"opened {self._address}")
+
+    def closed(self) -> None:
+        """End it: whoever still waits for an answer must not read that of the next opening."""
+        if self._open:
+            self._open = False
+            self._lost = self._lost or _CLOSED
+            self._news.set()
+
+    def arrived(self, data: bytes) -> None:
+        """Keep what has come."""
+        self._came += data
+        # nobody may be reading: of a line that is never quiet the latest is kept
+        del self._came[:-_MOST_UNREAD_BYTES]
+        self._news.set()
+
+    def lose(self, why: str) -> None:
+        """Count the line as lost; only the first reason counts."""
+        if self._open and self._lost is None:
+            self._lost = why
+            self._log.note("event", meaning=f"lost {self._address}: {why}")
+        self._news.set()
+        self._gone.set()
+
+    async def lost(self) -> str:
+        """Wait until the open line is lost, and tell why."""
+        await self._gone.wait()
+        return self._lost or _CLOSED
+
+    async def read(self, timeout_s: float) -> bytes:
+        """Return what has come, waiting up to `timeout_s` for the first byte; empty when none came.
+
+        Raises
+        ------
+        DeviceMissing
+            If the line is not open or was lost, and nothing is left to read.
+        """
+        if not self._came:
+            self.require()
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(max(timeout_s, 0.0)):
+                    await self._news.wait()
+        came = self.drain()
+        if not came and self._lost is not None:
+            raise self.missing()
+        return came
+
+    def drain(self) -> bytes:
+        """Throw away what has come so far, and return it."""
+        came = bytes(self._came)
+        self._came.clear()
+        if self._lost is None:
+            self._news.clear()
+        return came
+
+    def require(self) -> None:
+        """Raise `DeviceMissing` unless the line is open and not lost."""
+        if not self.usable:
+            raise self.missing()
+
+    def missing(self) -> DeviceMissing:
+        """The error that tells of a line that is not open, or was lost."""
+        if self._lost in (None, _CLOSED):
+            return DeviceMissing("the line is not open", device=self._address, advice="connect first")
+        return DeviceMissing(f"the line was lost: {self._lost}", device=self._address, advice=self._advice())
+
 
 _GLANCE_S = 0.05
 _WRITE_TIMEOUT_S = 2.0
@@ -293,3 +403,130 @@ class SerialLine:
                 if data:
                     self._log.note("mount->driver", data)
                     loop.call_soon_threadsafe(self._incoming.arrived, data)
+
+
+_ADVICE = "check host, port, and that this computer is in the mount's Wi-Fi network"
+
+
+class _Datagrams(asyncio.DatagramProtocol):
+    """Hands what the socket tells to its line."""
+
+    def __init__(self, line: UdpLine) -> None:
+        self._line = line
+
+    def datagram_received(self, data: bytes, addr: object) -> None:
+        self._line.take(data)
+
+    def error_received(self, exc: Exception) -> None:
+        self._line.lose(str(exc))
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        if exc is not None:
+            self._line.lose(str(exc))
+
+
+class UdpLine:
+    """A `drivers.wire.line.ByteLine` over UDP.
+
+    Parameters
+    ----------
+    host : str
+        Name or address.
+    port : int
+    log : WireLog, optional
+        Where all bytes are noted, both ways.
+    """
+
+    def __init__(self, host: str, port: int, *, log: WireLog | None = None) -> None:
+        self._host, self._port = host, port
+        self._log = log or WireLog(kept=1)
+        self._transport: asyncio.DatagramTransport | None = None
+        self._incoming = Incoming(self.address, lambda: _ADVICE, self._log)
+
+    @property
+    def address(self) -> str:
+        """``udp://host:port``."""
+        host = f"[{self._host}]" if ":" in self._host else self._host
+        return f"udp://{host}:{self._port}"
+
+    @property
+    def usable(self) -> bool:
+        """Whether it is open and not lost."""
+        return self._incoming.usable
+
+    async def open(self) -> None:
+        """Open a socket of our own; whether anybody listens shows at the first question.
+
+        Raises
+        ------
+        DeviceMissing
+            If the host has no address, or there is no way to it.
+        """
+        await self.close()
+        loop = asyncio.get_running_loop()
+        try:
+            transport, _ = await loop.create_datagram_endpoint(
+                lambda: _Datagrams(self), remote_addr=(self._host, self._port)
+            )
+        except OSError as cause:
+            raise DeviceMissing(f"can't be opened: {cause}", device=self.address, advice=_ADVICE) from cause
+        self._transport = transport
+        self._incoming.opened()
+
+    async def close(self) -> None:
+        """Close the socket; closing twice is fine."""
+        transport, self._transport = self._transport, None
+        self._incoming.closed()
+        if transport is not None:
+            transport.close()
+            # the loop closes the socket in its next turn
+            await asyncio.sleep(0)
+
+    async def write(self, data: bytes) -> None:
+        """Send one datagram.
+
+        Raises
+        ------
+        DeviceMissing
+            If the line is not open or was lost.
+        """
+        self._usable_transport().sendto(data)
+        self._log.note("driver->mount", data)
+
+    async def write_now(self, data: bytes) -> None:
+        """Send one datagram; nothing waits in front of it."""
+        await self.write(data)
+
+    async def read(self, timeout_s: float) -> bytes:
+        """Return what has come, waiting up to `timeout_s` for the first datagram; empty when none came.
+
+        Raises
+        ------
+        DeviceMissing
+            If the line is not open or was lost, and nothing is left to read.
+        """
+        return await self._incoming.read(timeout_s)
+
+    def drain(self) -> bytes:
+        """Throw away what has come so far, and return it."""
+        return self._incoming.drain()
+
+    async def lost(self) -> str:
+        """Wait until the open line is lost, and tell why."""
+        return await self._incoming.lost()
+
+    def take(self, data: bytes) -> None:
+        """Keep a datagram that came; called by the socket."""
+        if self._transport is not None:
+            self._log.note("mount->driver", data)
+            self._incoming.arrived(data)
+
+    def lose(self, why: str) -> None:
+        """Count the line as lost; called by the socket."""
+        if self._transport is not None:
+            self._incoming.lose(why)
+
+    def _usable_transport(self) -> asyncio.DatagramTransport:
+        self._incoming.require()
+        assert self._transport is not None
+        return self._transport

@@ -16,11 +16,10 @@ import pytest
 import serial
 
 from api.cli.fake_mount import FakeMount, run
-from drivers.fakes.fake_wire import WireFake
 from drivers.fakes.fakes import dialects, machine, make_fake, protocols
-from drivers.fakes.fault_files import read_faults
-from drivers.fakes.faults import Fault
-from drivers.wire.recording import profile_of, read_dialogue
+from drivers.fakes.faults import Fault, read_faults
+from drivers.fakes.recording import profile_of, read_dialogue
+from drivers.fakes.wire_fake import WireFake
 from mountnav.errors import BadRequest, BadSettings
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.simulation.sky_clock import FastClock

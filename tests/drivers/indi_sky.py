@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from drivers.generic import DrivenMount
+from drivers.generic.mount import GenericMount
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.devices import SyncResult
 from mountnav.sky.coordinates import Apparent, Icrs
@@ -65,7 +65,7 @@ class GscSky:
 class SkyUnderSyncs:
     """A mount whose syncs leave the sky where it is."""
 
-    def __init__(self, mount: DrivenMount, sky: GscSky) -> None:
+    def __init__(self, mount: GenericMount, sky: GscSky) -> None:
         self._mount = mount
         self._sky = sky
         self.syncs = 0

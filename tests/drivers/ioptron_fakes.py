@@ -8,8 +8,8 @@ from dataclasses import replace
 
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.fakes.faults import Fault
-from drivers.generic import DrivenMount
-from drivers.generic.timing import Timing
+from drivers.generic.mount import GenericMount
+from drivers.generic.options import Timing
 from drivers.ioptron.fake import FakeIoptron
 from drivers.ioptron.faking import MACHINE
 from drivers.ioptron.mount import ioptron_mount
@@ -82,7 +82,7 @@ async def opened(
     epoch: Epoch = "apparent",
     dialect: str | None = None,
     site: Site | None = HERE,
-) -> AsyncIterator[DrivenMount]:
+) -> AsyncIterator[GenericMount]:
     """A mount connected to a fake on a real wire."""
     with FakeOnTcp(fake) if tcp else FakeOnPty(fake) as bench:
         mount = ioptron_mount(

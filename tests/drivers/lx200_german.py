@@ -9,8 +9,8 @@ from typing import Any
 
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.fakes.faults import Fault
-from drivers.generic import DrivenMount
-from drivers.generic.timing import Timing
+from drivers.generic.mount import GenericMount
+from drivers.generic.options import Timing
 from drivers.lx200.fake import FakeLx200
 from drivers.lx200.faking import fake_from
 from drivers.lx200.mount import lx200_mount
@@ -48,7 +48,7 @@ def switched_on(dialect: str, **machine: Any) -> FakeLx200:
 @asynccontextmanager
 async def opened(
     fake: FakeLx200, *, tcp: bool = False, timing: Timing = QUICK, **options: Any
-) -> AsyncIterator[DrivenMount]:
+) -> AsyncIterator[GenericMount]:
     """Our mount, connected to a fake."""
     with FakeOnTcp(fake) if tcp else FakeOnPty(fake) as bench:
         mount = lx200_mount(bench.address, timing=timing, patience=PATIENCE, **options)

@@ -9,8 +9,8 @@ from datetime import datetime
 from typing import Any
 
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp, FakeOnUdp
-from drivers.generic import DrivenMount
-from drivers.generic.timing import Timing
+from drivers.generic.mount import GenericMount
+from drivers.generic.options import Timing
 from drivers.skywatcher.fake import FakeSkywatcher
 from drivers.skywatcher.fake_board import BOARDS
 from drivers.skywatcher.mount import skywatcher_mount
@@ -65,7 +65,7 @@ async def mounted(
     trusted: bool = True,
     timing: Timing = TIMING,
     settings: SkywatcherSettings = SETTINGS,
-) -> AsyncIterator[DrivenMount]:
+) -> AsyncIterator[GenericMount]:
     """Put a fake on a wire and open the mount on it; by the word of an operator its position counts."""
     with WIRES[wire](fake) as bench:
         mount = skywatcher_mount(

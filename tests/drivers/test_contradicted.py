@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
-from drivers.fakes.fake_wire import WireFake
 from drivers.fakes.faults import Fault
-from drivers.generic import DrivenMount
+from drivers.fakes.wire_fake import WireFake
+from drivers.generic.mount import GenericMount
 from mountnav.devices import SyncOutcome
 from mountnav.errors import DeviceRefused, Refusal, RefusedButDone
 from mountnav.simulation.mechanics import Mechanics
@@ -45,7 +45,7 @@ WORDLESS = {"nexstar", "synscan"}
 class Contradicted:
     """A mount, what stands behind it, and what it told."""
 
-    mount: DrivenMount
+    mount: GenericMount
     mechanics: Mechanics
     fake: WireFake | None = None
     server: Any = None

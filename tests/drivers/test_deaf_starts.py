@@ -9,7 +9,7 @@ import pytest
 from drivers.fakes.bench import FakeOnTcp
 from drivers.fakes.fakes import make_fake
 from drivers.fakes.faults import Fault
-from drivers.generic import DrivenMount
+from drivers.generic.mount import GenericMount
 from drivers.nexstar.mount import patience_of
 from drivers.registry import open_mount
 from drivers.skywatcher.mount import PATIENCE
@@ -18,7 +18,7 @@ from drivers.wire.link import Link
 from mountnav.errors import DeviceRefused, DeviceSilent
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Apparent, utc_now
-from tests.drivers.plain_language import PlainLanguage
+from tests.drivers.generic.plain_language import PlainLanguage
 from tests.drivers.test_unanswered_questions import Rig, Run, run
 from tests.drivers.virtual_wire import HandClock, MemoryLine
 from tests.drivers.wire_families import family
@@ -55,7 +55,7 @@ def opened(kind: Family, run: Run, *faults: Fault) -> Rig:
         # the times that a URL gives the family
         rig.line = MemoryLine(rig.fake, clock, log)
         patience = PATIENCES.get(kind.protocol, Patience(deadline_s=5.0, try_s=5.0 / 3.0))
-        rig.mount = DrivenMount(kind.language(Link(rig.line, patience, log)), site=HERE)
+        rig.mount = GenericMount(kind.language(Link(rig.line, patience, log)), site=HERE)
         return await rig.connected()
 
     return run(one)
@@ -114,7 +114,7 @@ def test_a_board_behind_a_settling_port_is_greeted_cleanly(run: Run) -> None:
         rig = Rig(kind, clock, Fault("deaf-start", for_s=2.5, times=9))
         log = rig.mount.wire_log
         rig.line = MemoryLine(rig.fake, clock, log)
-        rig.mount = DrivenMount(kind.language(Link(rig.line, Patience(settle_s=3.0), log)), site=HERE)
+        rig.mount = GenericMount(kind.language(Link(rig.line, Patience(settle_s=3.0), log)), site=HERE)
         began_s = clock.now_s
         await rig.connected()
         return rig, clock.now_s - began_s
@@ -133,7 +133,7 @@ async def test_over_a_real_socket_with_an_option() -> None:
     with FakeOnTcp(fake) as bench:
         where = bench.address.removeprefix("socket://")
         mount = open_mount(f"lx200+tcp://{where}?settle_s=0.1&greeting_s=6&timeout_s=1.2", site=HERE)
-        assert isinstance(mount, DrivenMount)
+        assert isinstance(mount, GenericMount)
         await mount.open()
         try:
             assert mount.report is not None
@@ -162,7 +162,7 @@ async def test_an_implausible_place_does_not_count(
             (here.ra_deg + 180.0) % 360.0, -(90.0 - HERE.latitude_deg + (below_deg or 0.0)), utc_now()
         )
     language.odd = [place, place, place]
-    mount = DrivenMount(language, site=HERE)  # type: ignore[arg-type]
+    mount = GenericMount(language, site=HERE)  # type: ignore[arg-type]
     await mount.open()
     try:
         assert not mount.trusted

@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
-from drivers.fakes.fake_wire import WireFake
 from drivers.fakes.fakes import dialects, make_fake, protocols
 from drivers.fakes.faults import Fault
-from drivers.generic import DrivenMount
-from drivers.generic.keeping import LinkState
+from drivers.fakes.wire_fake import WireFake
+from drivers.generic.link_supervisor import LinkState
+from drivers.generic.mount import GenericMount
 from drivers.lx200.dialects import names
 from drivers.registry import open_mount
 from drivers.wire.wire_log import WireEntry
@@ -75,7 +75,7 @@ def fake_of(protocol: str, dialect: str) -> WireFake:
 class Rig:
     """A mount on its fake."""
 
-    def __init__(self, mount: DrivenMount, fake: WireFake, bench: Any) -> None:
+    def __init__(self, mount: GenericMount, fake: WireFake, bench: Any) -> None:
         self.mount, self.fake, self.bench = mount, fake, bench
         self.told: list[tuple[float, str]] = []
         mount.listen(lambda what, _facts: self.told.append((time.monotonic(), what)))
@@ -121,7 +121,7 @@ async def rigged(
     with FakeOnTcp(fake) if tcp else FakeOnPty(fake, link) as bench:
         where = bench.address.replace("socket://", "tcp://") if tcp else f"serial://{bench.address}"
         mount = open_mount(f"{protocol}+{where}?{QUICK}{more}", site=HERE)
-        assert isinstance(mount, DrivenMount)
+        assert isinstance(mount, GenericMount)
         await mount.open()
         if not mount.trusted:
             mount.trust()

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from drivers.fakes.bench import FakeOnTcp
-from drivers.generic import DrivenMount
+from drivers.generic.mount import GenericMount
 from drivers.registry import open_mount
 from mountnav.devices import SlewOutcome
 from mountnav.simulation.mechanics import Mechanics
@@ -30,7 +30,7 @@ ALLOWED_S = 6.0
 """What a slew may last after the mount stands, on a line that takes no time, on a machine that is busy."""
 
 
-async def slewed_after_standing_s(mount: DrivenMount, mechanics: Mechanics) -> float:
+async def slewed_after_standing_s(mount: GenericMount, mechanics: Mechanics) -> float:
     """Slew by 5°, and tell how long after the mount stood the slew was said to have ended."""
     loop = asyncio.get_running_loop()
     place = (await mount.reading()).place
@@ -77,7 +77,7 @@ async def test_an_alpaca_mount_that_is_far(version: int, way: Callable[[], float
     telescope = FakeTelescope(mechanics, version)
     with AlpacaServer({"telescope/0": telescope}) as server:
         mount = open_mount(server.url("telescope/0"), site=HERE)
-        assert isinstance(mount, DrivenMount)
+        assert isinstance(mount, GenericMount)
         await mount.open()
         try:
             server.far = way
@@ -130,7 +130,7 @@ async def test_a_serial_bridge_that_is_far(protocol: str, dialect: str) -> None:
         port = int(bench.address.rpartition(":")[2])
         async with far("127.0.0.1", port, lambda: 0.25) as relayed:
             mount = open_mount(f"{protocol}+tcp://127.0.0.1:{relayed}", site=HERE)
-            assert isinstance(mount, DrivenMount)
+            assert isinstance(mount, GenericMount)
             await mount.open()
             try:
                 mount.trust()
@@ -145,7 +145,7 @@ async def test_an_indi_server_that_is_far(tmp_path: Path) -> None:
         host, port = server.address
         async with far(host, port, lambda: 0.25) as relayed:
             mount = open_mount(f"indi://127.0.0.1:{relayed}/east", site=HERE)
-            assert isinstance(mount, DrivenMount)
+            assert isinstance(mount, GenericMount)
             await mount.open()
             try:
                 mount.trust()

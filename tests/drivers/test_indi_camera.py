@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.generic.camera import ExposingCamera
+from drivers.generic.camera import GenericCamera
 from drivers.indi import orders
 from drivers.indi.codec import Blob, Changed, State
 from drivers.indi.exposure import Exposure
@@ -31,21 +31,21 @@ async def server(tmp_path: Path) -> AsyncIterator[IndiServer]:
         await one.kill()
 
 
-def camera_of(server: IndiServer, options: str = "") -> ExposingCamera:
+def camera_of(server: IndiServer, options: str = "") -> GenericCamera:
     camera = open_camera(f"indi://127.0.0.1:{server.port}/CCD%20Simulator?{options}".rstrip("?"))
-    assert isinstance(camera, ExposingCamera)
+    assert isinstance(camera, GenericCamera)
     return camera
 
 
 @pytest.fixture
-async def camera(server: IndiServer) -> AsyncIterator[ExposingCamera]:
+async def camera(server: IndiServer) -> AsyncIterator[GenericCamera]:
     one = camera_of(server)
     await one.open()
     yield one
     await one.close()
 
 
-async def test_a_frame_comes_with_its_time(camera: ExposingCamera) -> None:
+async def test_a_frame_comes_with_its_time(camera: GenericCamera) -> None:
     before = utc_now()
     frame = await camera.expose(0.4)
     after = utc_now()
@@ -61,7 +61,7 @@ async def test_a_frame_comes_with_its_time(camera: ExposingCamera) -> None:
     assert any(b"Got no stars" in entry.data for entry in camera.wire_log.entries())
 
 
-async def test_a_compressed_file_is_the_same_image(server: IndiServer, camera: ExposingCamera) -> None:
+async def test_a_compressed_file_is_the_same_image(server: IndiServer, camera: GenericCamera) -> None:
     plain = await camera.expose(0.2)
     other = server.device(CCD)
     await other.bring_up(may_connect=False, needed=("CCD_COMPRESSION",))
@@ -94,7 +94,7 @@ async def test_a_driver_that_is_slow_to_begin_is_waited_for(tmp_path: Path) -> N
         await server.kill()
 
 
-async def test_an_aborted_exposure_ends_and_its_file_is_nobodys(camera: ExposingCamera) -> None:
+async def test_an_aborted_exposure_ends_and_its_file_is_nobodys(camera: GenericCamera) -> None:
     running = asyncio.create_task(camera.expose(20.0))
     async with asyncio.timeout(20.0):
         while not any(b'"Busy"' in entry.data for entry in camera.wire_log.entries()):
@@ -108,7 +108,7 @@ async def test_an_aborted_exposure_ends_and_its_file_is_nobodys(camera: Exposing
     assert frame.exposure_s == pytest.approx(0.3)
 
 
-async def test_a_cancelled_exposure_is_aborted(camera: ExposingCamera) -> None:
+async def test_a_cancelled_exposure_is_aborted(camera: GenericCamera) -> None:
     running = asyncio.create_task(camera.expose(20.0))
     async with asyncio.timeout(20.0):
         while not any(b'"Busy"' in entry.data for entry in camera.wire_log.entries()):
@@ -122,7 +122,7 @@ async def test_a_cancelled_exposure_is_aborted(camera: ExposingCamera) -> None:
 
 @pytest.mark.long
 async def test_another_programs_exposure_is_left_alone(
-    server: IndiServer, camera: ExposingCamera, monkeypatch: pytest.MonkeyPatch
+    server: IndiServer, camera: GenericCamera, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("drivers.indi.camera._IDLE_WITHIN_S", 1.0)
     other = server.device(CCD)
@@ -138,7 +138,7 @@ async def test_another_programs_exposure_is_left_alone(
 
 
 async def test_a_part_of_the_chip_that_another_program_chose_is_given_up(
-    server: IndiServer, camera: ExposingCamera
+    server: IndiServer, camera: GenericCamera
 ) -> None:
     """And its exposure in the midst of ours ends ours, without an abort of theirs."""
     other = server.device(CCD)

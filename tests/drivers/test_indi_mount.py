@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.generic import DrivenMount
+from drivers.generic.mount import GenericMount
 from drivers.indi import claims, orders
 from drivers.indi.answers import reason_of, refusal, slew_was_refused, was_turned
 from drivers.indi.codec import Changed, Reader, State
@@ -50,10 +50,10 @@ def url_of(server: IndiServer, options: str = OPTIONS, device: str = "Telescope%
 
 
 @pytest.fixture
-async def mount(server: IndiServer) -> AsyncIterator[DrivenMount]:
+async def mount(server: IndiServer) -> AsyncIterator[GenericMount]:
     """Tracking, at declination 50: not at the pole, where it starts."""
     one = open_mount(url_of(server, f"set_site=yes&{OPTIONS}"), site=SITE)
-    assert isinstance(one, DrivenMount)
+    assert isinstance(one, GenericMount)
     await one.open()
     try:
         await one.set_tracking(True)
@@ -78,7 +78,7 @@ async def until(true: Callable[[], bool]) -> None:
             await asyncio.sleep(0.01)
 
 
-def sent(mount: DrivenMount) -> list[str]:
+def sent(mount: GenericMount) -> list[str]:
     """Orders that went out, as "property" or "property:switch"."""
     found = []
     for entry in mount.wire_log.entries():
@@ -96,7 +96,7 @@ async def test_connecting_orders_nothing_but_the_connection(tmp_path: Path) -> N
 
 async def _connecting_orders_nothing_else(server: IndiServer) -> None:
     mount = open_mount(url_of(server), site=SITE)
-    assert isinstance(mount, DrivenMount)
+    assert isinstance(mount, GenericMount)
     await mount.open()
     try:
         assert sent(mount) == ["CONNECTION:CONNECT"]
@@ -132,7 +132,7 @@ async def test_no_server_is_told() -> None:
         await open_mount("indi://127.0.0.1:9/Telescope%20Simulator").open()
 
 
-async def test_each_order_to_the_coordinates_has_its_switch_before_it(mount: DrivenMount) -> None:
+async def test_each_order_to_the_coordinates_has_its_switch_before_it(mount: GenericMount) -> None:
     here = (await mount.reading()).place
     there = beside(here, 2.0)
     assert await mount.slew(there) is SlewOutcome.ARRIVED
@@ -147,7 +147,7 @@ async def test_each_order_to_the_coordinates_has_its_switch_before_it(mount: Dri
 
 
 async def test_another_client_finds_no_sync_selected_after_ours(
-    server: IndiServer, mount: DrivenMount
+    server: IndiServer, mount: GenericMount
 ) -> None:
     other = server.device(TELESCOPE)
     await other.bring_up(may_connect=False, needed=("ON_COORD_SET",))
@@ -159,7 +159,7 @@ async def test_another_client_finds_no_sync_selected_after_ours(
 
 
 async def test_a_sync_left_by_another_program_does_not_turn_our_slew_into_one(
-    server: IndiServer, mount: DrivenMount
+    server: IndiServer, mount: GenericMount
 ) -> None:
     other = server.device(TELESCOPE)
     await other.bring_up(may_connect=False, needed=("ON_COORD_SET",))
@@ -173,7 +173,7 @@ async def test_a_sync_left_by_another_program_does_not_turn_our_slew_into_one(
     await other.client.close()
 
 
-async def test_a_stop_ends_a_slew_and_leaves_tracking(mount: DrivenMount) -> None:
+async def test_a_stop_ends_a_slew_and_leaves_tracking(mount: GenericMount) -> None:
     there = beside((await mount.reading()).place, -40.0)
     task = asyncio.create_task(mount.slew(there))
     await until(lambda: mount.slew_state is SlewState.UNDER_WAY)
@@ -188,7 +188,7 @@ async def test_a_stop_ends_a_slew_and_leaves_tracking(mount: DrivenMount) -> Non
     assert b"TELESCOPE_ABORT_MOTION" in first.data
 
 
-async def test_parking_and_what_a_parked_mount_refuses(mount: DrivenMount) -> None:
+async def test_parking_and_what_a_parked_mount_refuses(mount: GenericMount) -> None:
     await mount.set_park()
     assert await mount.park() is SlewOutcome.ARRIVED
     reading = await mount.reading()
@@ -204,7 +204,7 @@ async def test_parking_and_what_a_parked_mount_refuses(mount: DrivenMount) -> No
 
 
 async def test_the_drivers_own_words_when_it_is_parked_behind_our_back(
-    server: IndiServer, mount: DrivenMount
+    server: IndiServer, mount: GenericMount
 ) -> None:
     other = server.device(TELESCOPE)
     await other.bring_up(may_connect=False, needed=("TELESCOPE_PARK",))
@@ -228,7 +228,7 @@ async def test_the_drivers_own_words_when_it_is_parked_behind_our_back(
     await other.client.close()
 
 
-async def test_tracking_and_its_rates(mount: DrivenMount) -> None:
+async def test_tracking_and_its_rates(mount: GenericMount) -> None:
     await mount.set_tracking(False)
     assert (await mount.reading()).tracking is False
     await mount.set_tracking(True, TrackingRate.LUNAR)
@@ -240,7 +240,7 @@ async def test_tracking_and_its_rates(mount: DrivenMount) -> None:
 
 
 @pytest.mark.long
-async def test_a_guide_pulse_moves_by_its_length(mount: DrivenMount) -> None:
+async def test_a_guide_pulse_moves_by_its_length(mount: GenericMount) -> None:
     before = (await mount.reading()).place
     await mount.guide(Direction.NORTH, 1.0)
     await asyncio.sleep(0.6)
@@ -250,7 +250,7 @@ async def test_a_guide_pulse_moves_by_its_length(mount: DrivenMount) -> None:
 
 
 async def test_a_mount_that_is_sent_elsewhere_by_another_program_is_noticed(
-    server: IndiServer, mount: DrivenMount
+    server: IndiServer, mount: GenericMount
 ) -> None:
     here = (await mount.reading()).place
     await server.set_numbers(
@@ -266,7 +266,7 @@ async def test_a_mount_that_is_sent_elsewhere_by_another_program_is_noticed(
 class Told:
     """What a mount announced."""
 
-    def __init__(self, mount: DrivenMount) -> None:
+    def __init__(self, mount: GenericMount) -> None:
         self.all: list[tuple[str, Mapping[str, object]]] = []
         mount.listen(lambda what, facts: self.all.append((what, facts)))
 
@@ -275,7 +275,7 @@ class Told:
 
 
 async def test_a_server_killed_during_a_slew_is_noticed_and_found_again(
-    server: IndiServer, mount: DrivenMount
+    server: IndiServer, mount: GenericMount
 ) -> None:
     told = Told(mount)
     task = asyncio.create_task(mount.slew(beside((await mount.reading()).place, -40.0)))
@@ -303,7 +303,7 @@ async def test_a_server_killed_during_a_slew_is_noticed_and_found_again(
 
 
 @pytest.mark.long
-async def test_a_server_that_hangs_is_noticed(server: IndiServer, mount: DrivenMount) -> None:
+async def test_a_server_that_hangs_is_noticed(server: IndiServer, mount: GenericMount) -> None:
     told = Told(mount)
     server.freeze()
     await until(lambda: told.has("link-lost"))
@@ -315,7 +315,7 @@ async def test_a_server_that_hangs_is_noticed(server: IndiServer, mount: DrivenM
 
 @pytest.mark.parametrize("how", ["killed", "disconnected"])
 async def test_a_driver_that_is_gone_is_noticed_and_connected_again(
-    server: IndiServer, mount: DrivenMount, how: str
+    server: IndiServer, mount: GenericMount, how: str
 ) -> None:
     told = Told(mount)
     if how == "killed":
@@ -335,7 +335,7 @@ async def test_a_driver_that_is_gone_is_noticed_and_connected_again(
 
 
 @pytest.mark.long
-async def test_it_keeps_the_promises_of_a_mount(mount: DrivenMount) -> None:
+async def test_it_keeps_the_promises_of_a_mount(mount: GenericMount) -> None:
     # it goes below the horizon and back, at 6° a second, and to its park position
     await mount.sync(Apparent((await mount.reading()).place.ra_deg, 5.0, utc_now()))
     await mount.set_park()

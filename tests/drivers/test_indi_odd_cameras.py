@@ -10,17 +10,17 @@ from typing import Any
 
 import pytest
 
-from drivers.generic.camera import ExposingCamera
+from drivers.generic.camera import GenericCamera
 from drivers.registry import open_camera
 from mountnav.errors import Busy, Cancelled, DeviceMissing, DeviceRefused, DeviceSilent
 from tests.drivers.odd_indi_camera import OddCamera, Step
 
 
 @asynccontextmanager
-async def bench(options: str = "", **odd: Any) -> AsyncIterator[tuple[ExposingCamera, OddCamera]]:
+async def bench(options: str = "", **odd: Any) -> AsyncIterator[tuple[GenericCamera, OddCamera]]:
     async with OddCamera(**odd) as there:
         camera = open_camera(there.url(options))
-        assert isinstance(camera, ExposingCamera)
+        assert isinstance(camera, GenericCamera)
         await camera.open()
         try:
             yield camera, there
@@ -28,13 +28,13 @@ async def bench(options: str = "", **odd: Any) -> AsyncIterator[tuple[ExposingCa
             await camera.close()
 
 
-async def heard(camera: ExposingCamera, words: bytes) -> None:
+async def heard(camera: GenericCamera, words: bytes) -> None:
     async with asyncio.timeout(60.0):
         while not any(words in one.data for one in camera.wire_log.entries() if one.way == "mount->driver"):
             await asyncio.sleep(0.005)
 
 
-async def noted(camera: ExposingCamera, words: str, times: int = 1) -> None:
+async def noted(camera: GenericCamera, words: str, times: int = 1) -> None:
     async with asyncio.timeout(60.0):
         while sum(words in (one.meaning or "") for one in camera.wire_log.entries()) < times:
             await asyncio.sleep(0.005)

@@ -14,7 +14,7 @@ from urllib.parse import quote, urlsplit
 import pytest
 
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
-from drivers.generic import DrivenMount
+from drivers.generic.mount import GenericMount
 from drivers.indi import orders
 from drivers.nexstar.fake import FakeNexstar
 from drivers.registry import open_mount
@@ -134,7 +134,7 @@ async def told_its_line(server: IndiServer, real: Real, address: str) -> None:
 
 
 @asynccontextmanager
-async def served(real: Real, home: Path) -> AsyncIterator[tuple[Mechanics, DrivenMount]]:
+async def served(real: Real, home: Path) -> AsyncIterator[tuple[Mechanics, GenericMount]]:
     fake = real.fake()
     server = IndiServer((real.driver,), home)
     with FakeOnTcp(fake) if real.tcp else FakeOnPty(fake) as bench:
@@ -143,7 +143,7 @@ async def served(real: Real, home: Path) -> AsyncIterator[tuple[Mechanics, Drive
             await told_its_line(server, real, bench.address)
             url = f"indi://127.0.0.1:{server.port}/{quote(real.device)}?{OPTIONS}&{real.options}"
             mount = open_mount(url.rstrip("&"), site=SITE)
-            assert isinstance(mount, DrivenMount)
+            assert isinstance(mount, GenericMount)
             await mount.open()
             try:
                 yield fake.mechanics, mount
@@ -153,7 +153,7 @@ async def served(real: Real, home: Path) -> AsyncIterator[tuple[Mechanics, Drive
             await server.kill()
 
 
-async def off_arcsec(mount: DrivenMount, place: Apparent) -> float:
+async def off_arcsec(mount: GenericMount, place: Apparent) -> float:
     """How far what the mount says lies from a place."""
     here = (await mount.reading()).place
     return separation_arcsec(Icrs(here.ra_deg, here.dec_deg), Icrs(place.ra_deg, place.dec_deg))

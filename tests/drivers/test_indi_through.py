@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from drivers.fakes.bench import FakeOnPty
-from drivers.generic import DrivenMount
+from drivers.generic.mount import GenericMount
 from drivers.indi import orders
 from drivers.lx200.fake import FakeLx200
 from drivers.registry import open_mount
@@ -34,7 +34,7 @@ def apart_arcsec(a: Apparent | Icrs, b: Apparent | Icrs) -> float:
 
 
 @asynccontextmanager
-async def through_indi(home: Path) -> AsyncIterator[tuple[DrivenMount, FakeLx200]]:
+async def through_indi(home: Path) -> AsyncIterator[tuple[GenericMount, FakeLx200]]:
     mechanics = Mechanics(SITE, Air(), PointingErrors(), slew_rate_deg_s=20.0, acceleration_deg_s2=40.0)
     fake = FakeLx200(mechanics)
     server = IndiServer(("indi_lx200classic",), home)
@@ -55,7 +55,7 @@ async def through_indi(home: Path) -> AsyncIterator[tuple[DrivenMount, FakeLx200
             await other.client.close()
             url = f"indi://127.0.0.1:{server.port}/LX200%20Classic?poll_s=0.2&resolution_arcsec=15"
             mount = open_mount(url, site=SITE)
-            assert isinstance(mount, DrivenMount)
+            assert isinstance(mount, GenericMount)
             await mount.open()
             try:
                 yield mount, fake

@@ -9,7 +9,7 @@ from datetime import timedelta
 import pytest
 
 from drivers.fakes.bench import FakeOnPty
-from drivers.generic import DrivenMount
+from drivers.generic.mount import GenericMount
 from drivers.ioptron.faking import DIALECTS, MACHINE, fake_from
 from drivers.ioptron.mount import ioptron_language, ioptron_mount
 from drivers.ioptron.values import MountState
@@ -160,7 +160,7 @@ async def test_without_sensors_home_is_only_where_it_believes_it() -> None:
         await seen(mount, lambda: not mount.trusted)
 
 
-async def seen(mount: DrivenMount, true: object) -> None:
+async def seen(mount: GenericMount, true: object) -> None:
     """Read until it is so."""
     assert callable(true)
     async with asyncio.timeout(30.0):
@@ -266,7 +266,7 @@ async def test_clock_and_site_are_set_only_if_asked_for(dialect: str) -> None:
     fake.mechanics.set_believed_site(Site(-10.0, 100.0))
     with FakeOnPty(fake) as bench:
         language = ioptron_language(bench.address, patience=PATIENCE)
-        mount = DrivenMount(language, timing=QUICK, site=HERE, set_clock=True, set_site=True)
+        mount = GenericMount(language, timing=QUICK, site=HERE, set_clock=True, set_site=True)
         await mount.open()
         assert mount.report is not None
         assert mount.report.done == ("site set", "clock set")

@@ -9,7 +9,7 @@ import pytest
 
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.fakes.faults import Fault, Kind
-from drivers.generic import DrivenMount
+from drivers.generic.mount import GenericMount
 from drivers.ioptron.fake import FakeIoptron
 from drivers.ioptron.mount import ioptron_mount
 from drivers.registry import open_mount
@@ -41,7 +41,7 @@ from tests.drivers.ioptron_fakes import (
 BOTH = pytest.mark.parametrize("dialect", ["v3", "v2"])
 
 
-async def begun(fake: FakeIoptron, mount: DrivenMount) -> asyncio.Task[SlewOutcome]:
+async def begun(fake: FakeIoptron, mount: GenericMount) -> asyncio.Task[SlewOutcome]:
     """A long slew, seen moving."""
     target = beside((await mount.reading()).place, -40.0, -20.0)
     slew = asyncio.create_task(mount.slew(target))

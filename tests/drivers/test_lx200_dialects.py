@@ -11,8 +11,8 @@ import pytest
 
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.fakes.faults import Fault
-from drivers.generic import DrivenMount
-from drivers.generic.timing import Timing
+from drivers.generic.mount import GenericMount
+from drivers.generic.options import Timing
 from drivers.lx200.dialect import Handshake
 from drivers.lx200.dialects import dialect_named, names, recognized
 from drivers.lx200.fake import FakeLx200
@@ -54,7 +54,7 @@ async def opened(
     tcp: bool = False,
     set_site: bool = False,
     set_clock: bool = False,
-) -> AsyncIterator[DrivenMount]:
+) -> AsyncIterator[GenericMount]:
     with FakeOnTcp(fake) if tcp else FakeOnPty(fake) as bench:
         mount = lx200_mount(
             bench.address,
@@ -72,7 +72,7 @@ async def opened(
             await mount.close()
 
 
-async def beside(mount: DrivenMount, ra_deg: float, dec_deg: float) -> Apparent:
+async def beside(mount: GenericMount, ra_deg: float, dec_deg: float) -> Apparent:
     place = (await mount.reading()).place
     return Apparent((place.ra_deg + ra_deg) % 360.0, place.dec_deg + dec_deg, utc_now())
 

@@ -13,8 +13,8 @@ import pytest
 
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.fakes.faults import Fault
-from drivers.generic import DrivenMount
-from drivers.generic.timing import Timing
+from drivers.generic.mount import GenericMount
+from drivers.generic.options import Timing
 from drivers.lx200.fake import FakeLx200
 from drivers.lx200.mount import lx200_mount
 from drivers.wire.exchange import Patience
@@ -52,7 +52,7 @@ async def opened(
     tcp: bool = False,
     patience: Patience = PATIENCE,
     epoch: Epoch | None = None,
-) -> AsyncIterator[DrivenMount]:
+) -> AsyncIterator[GenericMount]:
     with FakeOnTcp(fake) if tcp else FakeOnPty(fake) as bench:
         mount = lx200_mount(bench.address, timing=timing, patience=patience, epoch=epoch)
         await mount.open()
@@ -66,7 +66,7 @@ def beside(place: Apparent | Icrs, ra_deg: float, dec_deg: float) -> Apparent:
     return Apparent((place.ra_deg + ra_deg) % 360.0, place.dec_deg + dec_deg, utc_now())
 
 
-async def read_often(mount: DrivenMount, times: int) -> None:
+async def read_often(mount: GenericMount, times: int) -> None:
     for _ in range(times):
         await mount.reading()
 

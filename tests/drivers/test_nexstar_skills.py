@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from drivers.fakes.bench import FakeOnPty
-from drivers.generic import DrivenMount
-from drivers.generic.timing import Timing
+from drivers.generic.mount import GenericMount
+from drivers.generic.options import Timing
 from drivers.nexstar.fake import AVX, FakeNexstar
 from drivers.nexstar.faking import DIALECTS, fake_from
 from drivers.nexstar.handsets import STARSENSE, Handset, Tracking, Version
@@ -51,7 +51,7 @@ def fake_at(hour_angle_deg: float, dec_deg: float, *, site: Site = HERE, **more:
 
 
 @asynccontextmanager
-async def opened(fake: FakeNexstar, **more: Any) -> AsyncIterator[DrivenMount]:
+async def opened(fake: FakeNexstar, **more: Any) -> AsyncIterator[GenericMount]:
     with FakeOnPty(fake) as bench:
         mount = nexstar_mount(bench.address, patience=PATIENCE, timing=QUICK, site=HERE, **more)
         await mount.open()

@@ -12,8 +12,8 @@ import pytest
 
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.fakes.faults import Fault
-from drivers.generic import DrivenMount
-from drivers.generic.timing import Timing
+from drivers.generic.mount import GenericMount
+from drivers.generic.options import Timing
 from drivers.nexstar import codec
 from drivers.nexstar.fake import FakeNexstar
 from drivers.nexstar.handsets import Handset, Version
@@ -53,7 +53,7 @@ def fake_at_zenith(*, slew_rate_deg_s: float = 30.0, german: bool = False, **mor
 @asynccontextmanager
 async def opened(
     fake: FakeNexstar, timing: Timing = QUICK, *, tcp: bool = False, **more: Any
-) -> AsyncIterator[DrivenMount]:
+) -> AsyncIterator[GenericMount]:
     with FakeOnTcp(fake) if tcp else FakeOnPty(fake) as bench:
         mount = nexstar_mount(bench.address, patience=PATIENCE, timing=timing, site=HERE, **more)
         await mount.open()
@@ -73,7 +73,7 @@ def beside(place: Apparent | Icrs, ra_deg: float, dec_deg: float) -> Apparent:
     return Apparent((place.ra_deg + ra_deg) % 360.0, place.dec_deg + dec_deg, utc_now())
 
 
-async def read_often(mount: DrivenMount, times: int) -> None:
+async def read_often(mount: GenericMount, times: int) -> None:
     for _ in range(times):
         await mount.reading()
 

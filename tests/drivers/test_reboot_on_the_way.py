@@ -15,7 +15,7 @@ import pytest
 
 from drivers.fakes.fakes import make_fake
 from drivers.fakes.faults import Fault
-from drivers.generic import DrivenMount
+from drivers.generic.mount import GenericMount
 from mountnav.errors import DeviceError
 from mountnav.sky.chain import apparent_to_icrs
 from mountnav.sky.coordinates import Apparent, Icrs, utc_now
@@ -125,7 +125,7 @@ def _of_kind(aim: Apparent, place: Apparent | Icrs) -> Apparent | Icrs:
     return Icrs(aim.ra_deg, aim.dec_deg) if isinstance(place, Icrs) else aim
 
 
-def _as_it_speaks(mount: DrivenMount, place: Apparent) -> Apparent | Icrs:
+def _as_it_speaks(mount: GenericMount, place: Apparent) -> Apparent | Icrs:
     return Icrs(place.ra_deg, place.dec_deg) if mount.epoch == "icrs" else place
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.generic.url_options import yes_of
+from drivers.generic.options import yes_of
 from drivers.registry import open_mount, read_url
 from mountnav.errors import BadSettings
 

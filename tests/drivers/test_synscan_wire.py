@@ -11,8 +11,8 @@ import pytest
 
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.fakes.faults import Fault
-from drivers.generic import DrivenMount
-from drivers.generic.timing import Timing
+from drivers.generic.mount import GenericMount
+from drivers.generic.options import Timing
 from drivers.nexstar.fake import FakeNexstar
 from drivers.nexstar.faking_synscan import DIALECTS, SYNC_REACH_DEG, fake_from
 from drivers.nexstar.handsets import Handset, Version
@@ -48,7 +48,7 @@ def fake_in_the_west(**more: Any) -> FakeNexstar:
 
 
 @asynccontextmanager
-async def opened(fake: FakeNexstar, *, tcp: bool = False, **more: Any) -> AsyncIterator[DrivenMount]:
+async def opened(fake: FakeNexstar, *, tcp: bool = False, **more: Any) -> AsyncIterator[GenericMount]:
     with FakeOnTcp(fake) if tcp else FakeOnPty(fake) as bench:
         given = {"epoch": "icrs", "site": HERE, "patience": PATIENCE, "timing": QUICK, **more}
         mount = nexstar_mount(bench.address, **given)

@@ -12,7 +12,7 @@ from drivers.alpaca.asking import Asking
 from drivers.alpaca.looking import Looking
 from drivers.alpaca.moving import Moving
 from drivers.alpaca.where import Where
-from drivers.generic.keeping import LinkState
+from drivers.generic.link_supervisor import LinkState
 from drivers.indi import codec
 from drivers.indi.client import IndiClient
 from drivers.wire.exchange import Patience
@@ -20,7 +20,7 @@ from drivers.wire.line import SerialLine
 from drivers.wire.link import Link
 from drivers.wire.wire_log import WireLog
 from mountnav.errors import DeviceMissing
-from tests.drivers.test_driven_mount import QUICK, rigged
+from tests.drivers.generic.test_mount import QUICK, rigged
 
 
 def dies(*_: Any, **__: Any) -> Any:

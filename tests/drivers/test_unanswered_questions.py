@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from drivers.fakes.fake_wire import WireFake
 from drivers.fakes.fakes import make_fake
 from drivers.fakes.faults import Fault
-from drivers.generic import DrivenMount
+from drivers.fakes.wire_fake import WireFake
+from drivers.generic.mount import GenericMount
 from drivers.wire.exchange import Patience
 from drivers.wire.link import Link
 from drivers.wire.wire_log import WireLog
@@ -76,7 +76,7 @@ class Rig:
         )
         log = WireLog(monotonic=clock.monotonic)
         self.line = MemoryLine(self.fake, clock, log)
-        self.mount = DrivenMount(kind.language(Link(self.line, Patience(), log)), site=HERE)
+        self.mount = GenericMount(kind.language(Link(self.line, Patience(), log)), site=HERE)
 
     async def connected(self) -> Rig:
         await self.mount.open()

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from drivers.simulated.memory_line import MemoryLine
+from drivers.fakes.bench.memory import MemoryLine
 from mountnav.simulation.virtual_time import VirtualClock as HandClock
 from mountnav.simulation.virtual_time import VirtualLoop
 from mountnav.sky.coordinates import utc_now as real_utc_now

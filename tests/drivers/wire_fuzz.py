@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 from datetime import timedelta
 from typing import Any
 
-from drivers.fakes.fake_wire import WireFake
 from drivers.fakes.faults import Fault, Kind, RandomFaults
-from drivers.generic import DrivenMount
+from drivers.fakes.wire_fake import WireFake
 from drivers.generic.language import Language, Sent
-from drivers.generic.timing import Timing
+from drivers.generic.mount import GenericMount
+from drivers.generic.options import Timing
 from drivers.wire.exchange import Patience
 from drivers.wire.link import Link
 from drivers.wire.wire_log import WireLog
@@ -144,7 +144,7 @@ class Rig:
         language = _Counted(family.language(Link(self.line, Patience(), log)), self)
         timing = Timing(longest_backoff_s=4.0)
         self.nearest_arcsec = timing.near_arcsec
-        self.mount = DrivenMount(language, timing=timing, site=HERE)  # type: ignore[arg-type]
+        self.mount = GenericMount(language, timing=timing, site=HERE)  # type: ignore[arg-type]
         self.mount.listen(self.hear)
 
     def hear(self, what: str, facts: object) -> None:

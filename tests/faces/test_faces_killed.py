@@ -15,7 +15,7 @@ from typing import Any
 import httpx
 import pytest
 
-from drivers.fakes.fake_wire import WireFake
+from drivers.fakes.wire_fake import WireFake
 from drivers.lx200.angles import ra_from_text
 from mountnav.sky.coordinates import Apparent
 from tests.faces.hands import EAST

@@ -26,13 +26,13 @@ from api.solver.messages import BadAnswer, Done, Fault, Progress, Ready, read, w
 from drivers.alpaca import codec as alpaca_codec
 from drivers.alpaca import image_bytes
 from drivers.alpaca.discovery import Heard
-from drivers.fakes.fault_files import parse_faults
+from drivers.fakes.faults import parse_faults
+from drivers.fakes.recording import read_dialogue
 from drivers.indi.codec import Reader
 from drivers.indi.state import Properties
 from drivers.indi.xml_stream import ElementStream
 from drivers.registry import open_mount
 from drivers.wire.command import Command, Unreadable
-from drivers.wire.recording import read_dialogue
 from mountnav.catalog.packed.header import decode_header as decode_packed
 from mountnav.catalog.readers import open_reader
 from mountnav.errors import BadFrame, BadRequest, BadSettings, MountnavError

@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from drivers.fakes.fakes import make_fake
-from drivers.generic import DrivenMount
-from drivers.generic.timing import Timing
+from drivers.generic.mount import GenericMount
+from drivers.generic.options import Timing
 from drivers.lx200.language import Lx200Language
 from drivers.wire.exchange import Patience
 from drivers.wire.link import Link
@@ -144,7 +144,9 @@ class SyncRig:
         )
         log = WireLog(monotonic=clock.monotonic)
         self.line = MemoryLine(self.fake, clock, log)  # type: ignore[arg-type]
-        self.driver = DrivenMount(Lx200Language(Link(self.line, Patience(), log)), timing=Timing(), site=SITE)
+        self.driver = GenericMount(
+            Lx200Language(Link(self.line, Patience(), log)), timing=Timing(), site=SITE
+        )
         self.journal = given.get("journal") or MemoryJournal()
         self.mount = CheckedMount(
             self.driver,

@@ -1,4 +1,4 @@
-"""The thread that keeps a fake on its wire, and what can happen to any wire, whatever it is made of."""
+"""The thread that keeps a fake on its wire, at a line speed, in real or in fast time."""
 
 from __future__ import annotations
 
@@ -7,14 +7,66 @@ import select
 import threading
 import time
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
 
-from drivers.fakes.bench.slow_line import SlowLine
 from drivers.fakes.faults import LineOrder
 from mountnav.errors import DeviceError
+from mountnav.simulation.sky_clock import FastClock
+from mountnav.sky.present import real_s
+
+_BITS_PER_BYTE = 10.0
+"""Start bit, eight data bits, stop bit."""
+
+
+class SlowLine:
+    """Hands bytes on when they would have come over.
+
+    Parameters
+    ----------
+    fake : Fake
+    baud : int
+        Bits per second.
+    monotonic : callable
+        Seconds.
+    """
+
+    def __init__(self, fake: Fake, baud: int, monotonic: Callable[[], float] = time.monotonic) -> None:
+        self._fake = fake
+        self._byte_s = _BITS_PER_BYTE / baud
+        self._monotonic = monotonic
+        self._to_fake: deque[tuple[float, int]] = deque()
+        self._from_fake: deque[tuple[float, int]] = deque()
+
+    def feed(self, data: bytes) -> bytes:
+        """Take bytes at one end and return those that have arrived there."""
+        now_s = self._monotonic()
+        self._send(self._to_fake, data, now_s)
+        self._send(self._from_fake, self._fake.feed(_arrived(self._to_fake, now_s)), now_s)
+        return _arrived(self._from_fake, now_s)
+
+    def due_in_s(self) -> float | None:
+        """Seconds until the next byte arrives somewhere, or the fake has something to say."""
+        waits_s = [way[0][0] - self._monotonic() for way in (self._to_fake, self._from_fake) if way]
+        due_in_s = self._fake.due_in_s()
+        if due_in_s is not None:
+            waits_s.append(due_in_s)
+        return max(0.0, min(waits_s)) if waits_s else None
+
+    def _send(self, way: deque[tuple[float, int]], data: bytes, now_s: float) -> None:
+        free_s = max(now_s, way[-1][0]) if way else now_s
+        way.extend((free_s + number * self._byte_s, byte) for number, byte in enumerate(data, 1))
+
+
+def _arrived(way: deque[tuple[float, int]], now_s: float) -> bytes:
+    came = bytearray()
+    while way and way[0][0] <= now_s:
+        came.append(way.popleft()[1])
+    return bytes(came)
+
 
 _TRY_AGAIN_S = 0.2
 
@@ -311,3 +363,37 @@ class Bench(ABC):
 
     def _reset(self) -> None:
         self._hang_up()
+
+
+class InFastTime:
+    """Tells a bench in real seconds what a fake says in those of its clock.
+
+    Parameters
+    ----------
+    fake : Fake
+        Made with this clock's `monotonic`.
+    clock : FastClock, optional
+        The present of the whole process if None.
+    """
+
+    def __init__(self, fake: Fake, clock: FastClock | None = None) -> None:
+        self._fake = fake
+        self._wait_s = real_s if clock is None else clock.wait_s
+
+    def feed(self, data: bytes) -> bytes:
+        """As of the fake."""
+        return self._fake.feed(data)
+
+    def due_in_s(self) -> float | None:
+        """Real seconds."""
+        due_in_s = self._fake.due_in_s()
+        return None if due_in_s is None else self._wait_s(due_in_s)
+
+    def line_orders(self) -> list[LineOrder]:
+        """As of the fake; what happens to the line takes real seconds."""
+        return self._fake.line_orders() if isinstance(self._fake, Troubled) else []
+
+    def wake_by(self, wake: Callable[[], None] | None) -> None:
+        """As of the fake."""
+        if isinstance(self._fake, Troubled):
+            self._fake.wake_by(wake)

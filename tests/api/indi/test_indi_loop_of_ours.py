@@ -12,7 +12,7 @@ from api.access.callers import Caller, Face, Role
 from api.indi_server.server import IndiServer
 from api.orders.vocabulary import SetParkOrder
 from api.service import Service
-from drivers.generic import DrivenMount
+from drivers.generic.mount import GenericMount
 from drivers.registry import open_mount
 from mountnav.devices import Direction, Skill, SlewOutcome, SyncOutcome
 from mountnav.errors import DeviceRefused, Refusal
@@ -23,10 +23,10 @@ pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.long]
 
 
 @asynccontextmanager
-async def driven(server: IndiServer) -> AsyncIterator[DrivenMount]:
+async def driven(server: IndiServer) -> AsyncIterator[GenericMount]:
     host, port = server.address
     mount = open_mount(f"indi://{host}:{port}/east?poll_s=0.05", site=SITE)
-    assert isinstance(mount, DrivenMount)
+    assert isinstance(mount, GenericMount)
     await mount.open()
     try:
         yield mount
@@ -35,13 +35,13 @@ async def driven(server: IndiServer) -> AsyncIterator[DrivenMount]:
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def rig(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[tuple[Service, DrivenMount]]:
+async def rig(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[tuple[Service, GenericMount]]:
     folder = tmp_path_factory.mktemp("indi")
     async with indi_observatory(folder) as (service, server), driven(server) as mount:
         yield service, mount
 
 
-async def test_a_mount_is_driven_through_both_ends(rig: tuple[Service, DrivenMount]) -> None:
+async def test_a_mount_is_driven_through_both_ends(rig: tuple[Service, GenericMount]) -> None:
     service, mount = rig
     mechanics = mechanics_of(service)
     assert mount.report is not None
@@ -61,7 +61,7 @@ async def test_a_mount_is_driven_through_both_ends(rig: tuple[Service, DrivenMou
     assert [job.kind for job in service.jobs.all()][:2] == ["sync-to", "slew"]
 
 
-async def test_what_the_core_refuses_is_refused_with_its_words(rig: tuple[Service, DrivenMount]) -> None:
+async def test_what_the_core_refuses_is_refused_with_its_words(rig: tuple[Service, GenericMount]) -> None:
     service, mount = rig
     before, jobs = mechanics_of(service).reported(utc_now()), len(service.jobs.all())
     with pytest.raises(DeviceRefused, match="altitude") as caught:
@@ -75,7 +75,7 @@ async def test_what_the_core_refuses_is_refused_with_its_words(rig: tuple[Servic
         await mount.sync(far)
 
 
-async def test_parked_tracking_and_pulses_through_both_ends(rig: tuple[Service, DrivenMount]) -> None:
+async def test_parked_tracking_and_pulses_through_both_ends(rig: tuple[Service, GenericMount]) -> None:
     service, mount = rig
     # so that the way there is short
     here = await service.desk.order(Caller("a scheduler", Role.OPERATE, Face.REST), "east", SetParkOrder())

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.generic.camera import ExposingCamera
+from drivers.generic.camera import GenericCamera
 from drivers.registry import open_camera
 from mountnav.errors import (
     BadFrame,
@@ -32,7 +32,7 @@ from tests.drivers.alpaca.alpaca_server import AlpacaError, AlpacaServer, FakeCa
 class Bench:
     """A camera of ours, the server, and the camera behind it."""
 
-    def __init__(self, camera: ExposingCamera, server: AlpacaServer, fake: FakeCamera) -> None:
+    def __init__(self, camera: GenericCamera, server: AlpacaServer, fake: FakeCamera) -> None:
         self.camera, self.server, self.fake = camera, server, fake
 
     def fault(self, member: str, what: str, **details: Any) -> None:
@@ -55,7 +55,7 @@ async def bench(fake: FakeCamera | None = None, options: str = "", **more: Any) 
     fake = fake or FakeCamera()
     with AlpacaServer({"camera/0": fake}, **more) as server:
         camera = open_camera(server.url("camera/0", f"poll_s=0.02&{options}".rstrip("&")))
-        assert isinstance(camera, ExposingCamera)
+        assert isinstance(camera, GenericCamera)
         await camera.open()
         try:
             yield Bench(camera, server, fake)

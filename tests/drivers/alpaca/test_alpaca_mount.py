@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from drivers.generic import DrivenMount
-from drivers.generic.keeping import LinkState
+from drivers.generic.link_supervisor import LinkState
+from drivers.generic.mount import GenericMount
 from drivers.registry import open_mount
 from mountnav.devices import (
     Announces,
@@ -50,7 +50,7 @@ def served(telescope: FakeTelescope, **options: Any) -> Iterator[AlpacaServer]:
 class Rig:
     """A mount, its server and the telescope behind."""
 
-    def __init__(self, mount: DrivenMount, server: AlpacaServer, telescope: FakeTelescope) -> None:
+    def __init__(self, mount: GenericMount, server: AlpacaServer, telescope: FakeTelescope) -> None:
         self.mount, self.server, self.telescope = mount, server, telescope
         self.told: list[str] = []
         mount.listen(lambda what, _facts: self.told.append(what))
@@ -77,7 +77,7 @@ async def rigged(
     telescope = telescope or FakeTelescope(quick_mechanics())
     with served(telescope, **options) as server:
         mount = open_mount(server.url("telescope/0", QUICK + more), site=HERE)
-        assert isinstance(mount, DrivenMount)
+        assert isinstance(mount, GenericMount)
         await mount.open()
         try:
             yield Rig(mount, server, telescope)
@@ -253,7 +253,7 @@ async def test_no_server_no_telescope_and_no_password_are_told() -> None:
         url = server.url("telescope/0", QUICK).replace("://", "://obs:p%40ss%2Fword@")
         mount = open_mount(url)
         await mount.open()
-        assert isinstance(mount, DrivenMount)
+        assert isinstance(mount, GenericMount)
         assert "p@ss" not in mount.name
         assert not any(b"p@ss" in entry.data for entry in mount.wire_log.entries())
         await mount.close()

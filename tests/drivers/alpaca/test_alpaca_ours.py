@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.generic import DrivenMount
+from drivers.generic.mount import GenericMount
 from drivers.registry import open_mount
 from mountnav.devices import Skill, SlewOutcome, SyncOutcome
 from mountnav.errors import DeviceRefused
@@ -42,7 +42,7 @@ acceleration_deg_s2 = 8.0
 
 
 @asynccontextmanager
-async def behind_ours(options: str = "") -> AsyncIterator[DrivenMount]:
+async def behind_ours(options: str = "") -> AsyncIterator[GenericMount]:
     # here alone a driver's test needs the faces
     from api.http.app import create_app
     from api.http.serving import bind, make_server
@@ -59,7 +59,7 @@ async def behind_ours(options: str = "") -> AsyncIterator[DrivenMount]:
             app.state.service.observatory.telescope("ours").mechanics.acceleration_deg_s2 = 150.0
             url = f"alpaca+http://127.0.0.1:{port}/telescope/0?poll_s=0.2&backoff_s=0.2{options}"
             mount = open_mount(url, site=Site(47.0, 11.0))
-            assert isinstance(mount, DrivenMount)
+            assert isinstance(mount, GenericMount)
             await mount.open()
             try:
                 yield mount

@@ -1,0 +1,53 @@
+"""What a sky script lets happen to a simulated mount, at its time."""
+
+from __future__ import annotations
+
+import asyncio
+
+from drivers.simulated.mount import SimulatedMount
+from mountnav.clock import Clock
+from mountnav.simulation.sky_script import Incident, SkyScript
+from mountnav.tasks import waited_for
+
+
+async def run_incidents(script: SkyScript, mount: SimulatedMount, clock: Clock) -> None:
+    """Let the script's incidents happen, from now on, until the last is over.
+
+    Parameters
+    ----------
+    script : SkyScript
+        Its minutes count from the call.
+    mount : SimulatedMount
+    clock : Clock
+    """
+    began_s = clock.monotonic_s()
+    over: list[asyncio.Task[None]] = []
+    try:
+        for incident in sorted(script.incidents, key=lambda one: one.at_min):
+            await clock.sleep(max(0.0, began_s + 60.0 * incident.at_min - clock.monotonic_s()))
+            over.append(waited_for(_happen(incident, mount, clock)))
+        await asyncio.gather(*over)
+    finally:
+        for task in over:
+            task.cancel()
+
+
+async def _happen(incident: Incident, mount: SimulatedMount, clock: Clock) -> None:
+    mechanics = mount.mechanics
+    match incident.what:
+        case "unplug":
+            mount.cut(incident.for_s, "missing")
+        case "silence":
+            mount.cut(incident.for_s, "silent")
+        case "reboot":
+            mount.reboot(incident.for_s)
+        case "block-ha" | "block-dec":
+            axis = "ha" if incident.what == "block-ha" else "dec"
+            mechanics.stick(axis)  # type: ignore[arg-type]
+            await clock.sleep(incident.for_s)
+            mechanics.unstick(axis)  # type: ignore[arg-type]
+        case "sync-deaf":
+            before = mechanics.sync_behavior
+            mechanics.sync_behavior = "ignore"
+            await clock.sleep(incident.for_s)
+            mechanics.sync_behavior = before

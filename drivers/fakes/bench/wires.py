@@ -1,0 +1,266 @@
+"""Fakes on real wires: a pseudo-terminal (as a serial port), a TCP port, a UDP port."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import socket
+import struct
+import tty
+from pathlib import Path
+from typing import Any
+
+from drivers.fakes.bench.thread import Bench, Fake
+from mountnav.errors import DeviceMissing
+
+
+class FakeOnPty(Bench):
+    """A fake on a pseudo-terminal.
+
+    Parameters
+    ----------
+    fake : Fake
+    link : Path, optional
+        A symlink that points at the pseudo-terminal, for a stable name: as in ``/dev/serial/by-id``, it goes
+        and comes with the device, and the device returns under another name.
+    baud : int, optional
+        Bytes take their time.
+    """
+
+    def __init__(self, fake: Fake, link: Path | None = None, *, baud: int | None = None) -> None:
+        super().__init__(fake, baud=baud)
+        self._link = link
+        self._master = self._slave = -1
+        self._device = ""
+
+    @property
+    def address(self) -> str:
+        """The device path to open: the stable name if there is one."""
+        return self._device if self._link is None else str(self._link)
+
+    @property
+    def device(self) -> str:
+        """The present name of the pseudo-terminal itself."""
+        return self._device
+
+    def _open(self) -> None:
+        # the slave is kept open here, so that the master lives on between two clients
+        pairs = [os.openpty()]
+        while os.ttyname(pairs[-1][1]) == self._device:
+            # a device comes back under another name
+            pairs.append(os.openpty())
+        self._master, self._slave = pairs.pop()
+        for ends in pairs:
+            for end in ends:
+                os.close(end)
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self._device = os.ttyname(self._slave)
+        if self._link is not None:
+            # made beside it and put in its place: nobody sees it missing
+            fresh = self._link.with_name(f"{self._link.name}.new")
+            fresh.unlink(missing_ok=True)
+            fresh.symlink_to(self._device)
+            fresh.replace(self._link)
+
+    def _close(self) -> None:
+        if self._link is not None and self._link.is_symlink():
+            self._link.unlink()
+        os.close(self._master)
+        os.close(self._slave)
+
+    def _hang_up(self) -> None:
+        self._close()
+        self._open()
+
+    def _ends(self) -> list[int]:
+        return [self._master]
+
+    def _hear(self, end: int) -> None:
+        with contextlib.suppress(BlockingIOError):
+            self._tell(os.read(end, 4096))
+
+    def _say(self, data: bytes) -> None:
+        # nobody reads and the terminal's buffer is full: a real cable loses the bytes as well
+        with contextlib.suppress(BlockingIOError):
+            os.write(self._master, data)
+
+
+_MOST_WAITING = 65536
+
+
+class FakeOnTcp(Bench):
+    """A fake behind a TCP port; one client at a time, a new one takes the place of the old.
+
+    Parameters
+    ----------
+    fake : Fake
+    host : str
+    port : int
+        0 takes a free one.
+    baud : int, optional
+        Bytes take their time, as behind a serial server.
+    """
+
+    def __init__(
+        self, fake: Fake, host: str = "127.0.0.1", port: int = 0, *, baud: int | None = None
+    ) -> None:
+        super().__init__(fake, baud=baud)
+        self._host, self._port = host, port
+        self._listener: socket.socket | None = None
+        self._client: socket.socket | None = None
+        self._waiting = b""
+
+    @property
+    def address(self) -> str:
+        """The pyserial URL to open, ``socket://host:port``."""
+        host = f"[{self._host}]" if ":" in self._host else self._host
+        return f"socket://{host}:{self._port}"
+
+    def _open(self) -> None:
+        try:
+            self._listener = listening(self._host, self._port)
+        except OSError as cause:
+            advice = "another program listens there" if cause.errno == errno.EADDRINUSE else None
+            raise DeviceMissing(f"can't listen: {cause}", device=self.address, advice=advice) from cause
+        self._port = self._listener.getsockname()[1]
+
+    def _close(self) -> None:
+        for end in (self._client, self._listener):
+            if end is not None:
+                end.close()
+        self._client = self._listener = None
+        self._waiting = b""
+
+    def _hang_up(self) -> None:
+        if self._client is not None:
+            with contextlib.suppress(OSError):
+                self._client.shutdown(socket.SHUT_RDWR)
+        self._drop()
+
+    def _reset(self) -> None:
+        if self._client is not None:
+            # no lingering: closing then breaks the connection off
+            self._client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        self._drop()
+
+    def _ends(self) -> list[int]:
+        return [end.fileno() for end in (self._listener, self._client) if end is not None]
+
+    def _hear(self, end: int) -> None:
+        if self._listener is not None and end == self._listener.fileno():
+            self._drop()
+            self._client, _ = self._listener.accept()
+            self._client.setblocking(False)
+            self._client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._opened_by_client()
+            return
+        if self._client is None:
+            return
+        try:
+            data = self._client.recv(4096)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if data:
+            self._tell(data)
+        else:
+            self._drop()
+
+    def _say(self, data: bytes) -> None:
+        if self._client is not None and len(self._waiting) < _MOST_WAITING:
+            self._waiting += data
+            self._write_on(self._client.fileno())
+
+    def _waits_to_write(self, end: int) -> bool:
+        return bool(self._waiting) and self._client is not None and end == self._client.fileno()
+
+    def _write_on(self, end: int) -> None:
+        if self._client is None or end != self._client.fileno():
+            return
+        try:
+            self._waiting = self._waiting[self._client.send(self._waiting) :]
+        except BlockingIOError:
+            return
+        except OSError:
+            self._drop()
+
+    def _drop(self) -> None:
+        self._waiting = b""
+        if self._client is not None:
+            self._client.close()
+            self._client = None
+
+
+def listening(host: str, port: int) -> socket.socket:
+    """Make a listening socket; IPv6 where the host is one."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    return socket.create_server((host, port), family=family)
+
+
+class FakeOnUdp(Bench):
+    """A fake behind a UDP port; it answers whoever spoke last.
+
+    Parameters
+    ----------
+    fake : Fake
+    host : str
+    port : int
+        0 takes a free one.
+
+    Notes
+    -----
+    There is no connection that could be cut: `hang_up` and `reset` forget who spoke last.
+    """
+
+    def __init__(self, fake: Fake, host: str = "127.0.0.1", port: int = 0) -> None:
+        super().__init__(fake)
+        self._host, self._port = host, port
+        self._socket: socket.socket | None = None
+        # an address of the socket's own family
+        self._peer: Any = None
+
+    @property
+    def address(self) -> str:
+        """``udp://host:port``."""
+        host = f"[{self._host}]" if ":" in self._host else self._host
+        return f"udp://{host}:{self._port}"
+
+    def _open(self) -> None:
+        family = socket.AF_INET6 if ":" in self._host else socket.AF_INET
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        try:
+            self._socket.bind((self._host, self._port))
+        except OSError as cause:
+            self._socket.close()
+            self._socket = None
+            advice = "another program listens there" if cause.errno == errno.EADDRINUSE else None
+            raise DeviceMissing(f"can't listen: {cause}", device=self.address, advice=advice) from cause
+        self._socket.setblocking(False)
+        self._port = self._socket.getsockname()[1]
+
+    def _close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+        self._socket = self._peer = None
+
+    def _hang_up(self) -> None:
+        self._peer = None
+
+    def _ends(self) -> list[int]:
+        return [] if self._socket is None else [self._socket.fileno()]
+
+    def _hear(self, end: int) -> None:
+        if self._socket is None:
+            return
+        # a refused datagram of before shows as an error of this read
+        with contextlib.suppress(BlockingIOError, ConnectionError):
+            data, self._peer = self._socket.recvfrom(4096)
+            self._tell(data)
+
+    def _say(self, data: bytes) -> None:
+        if self._socket is not None and self._peer is not None:
+            with contextlib.suppress(BlockingIOError, ConnectionError):
+                self._socket.sendto(data, self._peer)

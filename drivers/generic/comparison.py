@@ -1,0 +1,114 @@
+"""What a mount says of clock, site and epoch against what we know: told at connecting, nothing is changed."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from drivers.generic.language import Identity, Language, Readout
+from mountnav.devices import ConnectReport
+from mountnav.navigation.kinds import from_mount
+from mountnav.sky.chain import icrs_to_observed
+from mountnav.sky.coordinates import Air, Icrs, Site, utc_now
+from mountnav.sky.sphere import half_turn_deg, separation_arcsec
+
+CLOCK_TOLERANCE_S = 2.0
+SITE_TOLERANCE_ARCSEC = 120.0
+"""The classic protocol carries whole minutes of arc."""
+
+LOWEST_PLACE_DEG = -10.0
+"""No tube looks further down than this below the horizon, except parked: a place there is no true one.
+Doubled, a mount whose clock is an hour off in the east or west is believed."""
+_NOTHING_DEG = 0.001
+"""So near to 0, 0 a place is the one that memory without a value tells: finer than any mount's readings."""
+
+
+def implausible(readout: Readout, site: Site | None) -> str:
+    """Why the place that a mount tells at connecting can't be where it points; empty if it may be."""
+    place = readout.place
+    if readout.parked:
+        return ""
+    if abs(half_turn_deg(place.ra_deg)) < _NOTHING_DEG and abs(place.dec_deg) < _NOTHING_DEG:
+        return "it tells right ascension 0 and declination 0, as one that knows nothing"
+    if site is None:
+        return ""
+    altitude_deg = icrs_to_observed(from_mount(place), readout.utc, site, Air()).alt_deg
+    if altitude_deg < LOWEST_PLACE_DEG:
+        return f"the place it tells is {-altitude_deg:.0f}° below the horizon of our site"
+    return ""
+
+
+async def compare(
+    language: Language, identity: Identity, site: Site | None, *, trusted: bool, done: tuple[str, ...] = ()
+) -> ConnectReport:
+    """Ask a connected mount for its clock and its site, and compare.
+
+    Parameters
+    ----------
+    language : Language
+        Opened.
+    identity : Identity
+        What its opening found.
+    site : Site or None
+        Ours.
+    trusted : bool
+        Whether its position counts.
+    done : tuple of str
+        What was set on the way.
+
+    Raises
+    ------
+    DeviceError
+        If it doesn't answer.
+    """
+    problems = list(identity.problems)
+    if language.epoch != language.usual_epoch:
+        problems.append(
+            f"it is set to speak {language.epoch} coordinates, its family speaks {language.usual_epoch}"
+        )
+    clock = await language.read_clock()
+    clock_off_s = None if clock is None else (clock - utc_now()).total_seconds()
+    if clock_off_s is not None and abs(clock_off_s) > CLOCK_TOLERANCE_S:
+        problems.append(_clock_problem(clock_off_s, clock))
+    theirs = await language.read_site()
+    latitude_off_deg = longitude_off_deg = site_off_arcsec = None
+    if theirs is not None and site is not None:
+        latitude_off_deg = theirs.latitude_deg - site.latitude_deg
+        longitude_off_deg = half_turn_deg(theirs.longitude_deg - site.longitude_deg)
+        site_off_arcsec = separation_arcsec(
+            Icrs(theirs.longitude_deg % 360.0, theirs.latitude_deg),
+            Icrs(site.longitude_deg % 360.0, site.latitude_deg),
+        )
+        if site_off_arcsec > SITE_TOLERANCE_ARCSEC:
+            problems.append(_site_problem(theirs, site))
+    return ConnectReport(
+        identity=identity.text,
+        epoch=language.epoch,
+        clock_off_s=clock_off_s,
+        site_off_arcsec=site_off_arcsec,
+        latitude_off_deg=latitude_off_deg,
+        longitude_off_deg=longitude_off_deg,
+        trusted=trusted,
+        problems=tuple(problems),
+        done=done,
+    )
+
+
+def _clock_problem(off_s: float, clock: datetime | None) -> str:
+    hours = round(off_s / 3600.0)
+    side = "ahead of" if off_s > 0 else "behind"
+    text = f"its clock is {abs(off_s):.0f} s {side} ours (it says {clock:%Y-%m-%d %H:%M:%S} UTC)"
+    if hours and abs(off_s - 3600.0 * hours) < 120.0 and abs(hours) <= 14:
+        return f"{text}: {abs(hours)} h, so its time zone or daylight saving is wrong"
+    return text
+
+
+def _site_problem(theirs: Site, ours: Site) -> str:
+    text = (
+        f"it believes to stand at latitude {theirs.latitude_deg:.3f}°, "
+        f"longitude {theirs.longitude_deg:.3f}° (east), "
+        f"we at {ours.latitude_deg:.3f}°, {ours.longitude_deg:.3f}°"
+    )
+    same_latitude = abs(theirs.latitude_deg - ours.latitude_deg) < 0.1
+    if same_latitude and abs(half_turn_deg(theirs.longitude_deg + ours.longitude_deg)) < 0.1:
+        return f"{text}: the sign of the longitude is wrong"
+    return text
