@@ -31,7 +31,7 @@ from typing import Any
 
 from benchmarks.killed_child import AIR, LONGEST_S, SITE, Plan, child
 from drivers.fakes.bench import FakeOnPty
-from drivers.lx200.fake import FakeLx200
+from drivers.lx200.fake.base import FakeLx200
 from mountnav.journal.reading import JournalReader
 from mountnav.journal.records import CommandEnd, CommandRecord, Outcome
 from mountnav.journal.restart import Likely

@@ -12,13 +12,13 @@ from typing import Any, Literal
 import erfa
 
 from drivers.fakes.bench.memory import MemoryLine
-from drivers.fakes.fakes import machine as usual_machine
-from drivers.fakes.fakes import make_fake
 from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
 from drivers.ioptron.language import IoptronLanguage
 from drivers.lx200.language import Lx200Language
 from drivers.nexstar.language import NexstarLanguage
+from drivers.registry import fake_machine as usual_machine
+from drivers.registry import make_fake
 from drivers.simulated.behavior import MountBehavior
 from drivers.simulated.mount import SimulatedMount
 from drivers.simulated.truth_camera import TruthCamera

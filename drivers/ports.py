@@ -23,10 +23,10 @@ _STABLE = Path("/dev/serial/by-id")
 _PROCESSES = Path("/proc")
 
 PROBING = (
-    "drivers.nexstar.probing",
-    "drivers.skywatcher.probing",
-    "drivers.lx200.probing",
-    "drivers.ioptron.probing",
+    "drivers.nexstar.family",
+    "drivers.skywatcher.family",
+    "drivers.lx200.family",
+    "drivers.ioptron.family",
 )
 """What is asked, in this order: each has ``BAUDS`` and ``async probe(line) -> str | None``.
 

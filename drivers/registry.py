@@ -1,33 +1,37 @@
-"""From a URL to a mount: the one place that knows which drivers exist."""
+"""From a URL to a mount, from a name to a fake: the one place that knows which families exist."""
 
 from __future__ import annotations
 
 import importlib
 import inspect
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 from difflib import get_close_matches
 from importlib.metadata import entry_points
-from typing import Any
+from typing import Any, Protocol, cast
 from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
 
+from drivers.fakes.faults import Fault
+from drivers.fakes.wire_fake import WireFake
 from mountnav.devices import Camera, Mount
-from mountnav.errors import BadSettings
+from mountnav.errors import BadRequest, BadSettings
 from mountnav.parsing import repeated
+from mountnav.simulation.mechanics import Machine, Mechanics
 from mountnav.sky.coordinates import Site
 
 GROUP = "mountnav.mounts"
 _OWN = {
-    "alpaca": "drivers.alpaca.opening:mount_from",
-    "indi": "drivers.indi.opening:mount_from",
-    "ioptron": "drivers.ioptron.opening:mount_from",
-    "lx200": "drivers.lx200.opening:mount_from",
-    "nexstar": "drivers.nexstar.opening:mount_from",
-    "skywatcher": "drivers.skywatcher.opening:mount_from",
-    "synscan": "drivers.nexstar.opening:synscan_from",
+    "alpaca": "drivers.alpaca.family:mount_from",
+    "indi": "drivers.indi.family:mount_from",
+    "ioptron": "drivers.ioptron.family:mount_from",
+    "lx200": "drivers.lx200.family:mount_from",
+    "nexstar": "drivers.nexstar.family:mount_from",
+    "skywatcher": "drivers.skywatcher.family:mount_from",
+    "synscan": "drivers.nexstar.family:synscan_from",
 }
-_CAMERAS = {"alpaca": "drivers.alpaca.opening:camera_from", "indi": "drivers.indi.opening:camera_from"}
+_CAMERAS = {"alpaca": "drivers.alpaca.family:camera_from", "indi": "drivers.indi.family:camera_from"}
 _SERVERS = {"indi": 7624}
 """Drivers that talk to a server by its host, naming a device there; the port if none is given."""
 _WEB = {"http": 11111, "https": 443}
@@ -279,3 +283,89 @@ def _loaded(dotted: str) -> Callable[..., Any]:
     module, _, function = dotted.partition(":")
     found: Callable[..., Any] = getattr(importlib.import_module(module), function)
     return found
+
+
+_FAKES = {
+    "lx200": "drivers.lx200.family",
+    "nexstar": "drivers.nexstar.family",
+    "synscan": "drivers.nexstar.faking_synscan",
+    "ioptron": "drivers.ioptron.family",
+    "skywatcher": "drivers.skywatcher.family",
+}
+
+
+class Faking(Protocol):
+    """What the module `faking` of a family offers."""
+
+    DIALECTS: tuple[str, ...]
+    """What its fakes can speak; the first is usual. A `MACHINE` beside it tells how such mounts are built."""
+
+    def fake_from(
+        self,
+        dialect: str | None,
+        mechanics: Mechanics,
+        faults: Iterable[Fault],
+        clock: Callable[[], datetime],
+        monotonic: Callable[[], float],
+    ) -> WireFake:
+        """Make a fake."""
+        ...
+
+
+def fake_protocols() -> list[str]:
+    """Protocols that fakes speak."""
+    return list(_FAKES)
+
+
+def fake_dialects(protocol: str) -> tuple[str, ...]:
+    """List the dialects of a protocol, the usual one first. Raises `BadRequest` if there is no such."""
+    return _faking(protocol).DIALECTS
+
+
+def fake_machine(protocol: str) -> Machine:
+    """How mounts of a protocol are usually built, as far as their family says. Raises `BadRequest`."""
+    built: Machine = getattr(_faking(protocol), "MACHINE", Machine())
+    return built
+
+
+def make_fake(
+    protocol: str,
+    dialect: str | None,
+    mechanics: Mechanics,
+    *,
+    faults: Iterable[Fault] = (),
+    clock: Callable[[], datetime],
+    monotonic: Callable[[], float],
+) -> WireFake:
+    """Make a fake.
+
+    Parameters
+    ----------
+    protocol : str
+        See `protocols`.
+    dialect : str or None
+        See `dialects`; the usual one if None.
+    mechanics : Mechanics
+        What moves behind it.
+    faults : iterable of Fault
+    clock, monotonic : callable
+        Its own clock (aware UTC), and the seconds of its timers.
+
+    Raises
+    ------
+    BadRequest
+        If there is no such protocol or dialect; with what there is.
+    """
+    faking = _faking(protocol)
+    if dialect is not None and dialect not in faking.DIALECTS:
+        raise BadRequest(
+            f"no fake speaks the {protocol} dialect {dialect}",
+            advice=f"there is: {', '.join(faking.DIALECTS)}",
+        )
+    return faking.fake_from(dialect, mechanics, faults, clock, monotonic)
+
+
+def _faking(protocol: str) -> Faking:
+    if protocol not in _FAKES:
+        raise BadRequest(f"there is no fake that speaks {protocol}", advice=f"there is: {', '.join(_FAKES)}")
+    return cast("Faking", importlib.import_module(_FAKES[protocol]))

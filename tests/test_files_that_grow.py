@@ -14,7 +14,7 @@ from mountnav.night.recorded import read_recording
 from mountnav.parsing import toml_of
 from mountnav.pointing.limits.horizon import Horizon
 from mountnav.pointing.model.tpoint_file import read_observations_text
-from tests.drivers.skywatcher_fakes import quick
+from tests.drivers.skywatcher.quick_fakes import quick
 from tests.growth import LINEAR, growth
 
 HEADER = json.dumps({"kind": "header", "version": 2}) + "\n"

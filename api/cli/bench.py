@@ -16,10 +16,9 @@ from drivers.acceptance.report import Capabilities, StepResult, as_lines
 from drivers.acceptance.steps import STEPS, Ask, Step, empty_report, run_steps, run_trial
 from drivers.acceptance.trial import Trial
 from drivers.fakes.bench import FakeOnPty
-from drivers.fakes.fakes import dialects, machine, make_fake, protocols
 from drivers.generic.mount import GenericMount
 from drivers.generic.options import PORT_OPTIONS
-from drivers.registry import open_mount, read_url
+from drivers.registry import fake_dialects, fake_machine, fake_protocols, make_fake, open_mount, read_url
 from drivers.wire.wire_log import WireEntry
 from mountnav.devices import PierSide
 from mountnav.errors import BadRequest
@@ -98,7 +97,7 @@ async def _run(asked: BenchRun, steps: list[Step]) -> int:
             if found is not None:
                 _write_report(asked, found, None)
         done = [step for step, result in zip(steps, found.steps, strict=True) if result.done]
-        if asked.compare and url.driver in protocols():
+        if asked.compare and url.driver in fake_protocols():
             dialect = asked.dialect or _dialect_of(mount, url.driver)
             build = build_of(found, mount, url.driver, asked.mounting)
             fake = await _of_fake(asked, url.driver, dialect, build, site, done)
@@ -169,7 +168,7 @@ def _dialect_of(mount: GenericMount, protocol: str) -> str:
     """The dialect that the handshake found, as the fakes call it; the usual one if it tells none."""
     spoken = getattr(mount.language, "dialect", None)
     name = str(getattr(spoken, "name", spoken))
-    known = dialects(protocol)
+    known = fake_dialects(protocol)
     return name if name in known else known[0]
 
 
@@ -188,7 +187,7 @@ def build_of(found: Capabilities, mount: GenericMount, protocol: str, mounting: 
     mounting : {"fork", "german"} or None
         What the owner says, before all else.
     """
-    usual = machine(protocol)
+    usual = fake_machine(protocol)
     if mounting is None:
         values = {key: finding.value for key, finding in found.findings().items()}
         handset = getattr(mount.language, "handset", None)

@@ -12,10 +12,10 @@ from types import FrameType
 
 from drivers.fakes.bench import Bench, Fake, FakeOnPty, FakeOnTcp, FakeOnUdp
 from drivers.fakes.bench.thread import InFastTime
-from drivers.fakes.fakes import dialects, machine, make_fake, protocols
 from drivers.fakes.faults import FaultScript, faults_as_toml, read_faults, scripted
 from drivers.fakes.recording import Recorder, profile_of, read_dialogue
 from drivers.fakes.wire_fake import WireFake
+from drivers.registry import fake_dialects, fake_machine, fake_protocols, make_fake
 from mountnav.errors import BadRequest, BadSettings, DeviceMissing
 from mountnav.simulation.machine_file import MachineFile
 from mountnav.simulation.mechanics import Mechanics
@@ -52,8 +52,8 @@ class FakeMount:
 
 def list_fakes() -> int:
     """Print the protocols and their dialects."""
-    for protocol in protocols():
-        print(f"{protocol}: {', '.join(dialects(protocol))}")
+    for protocol in fake_protocols():
+        print(f"{protocol}: {', '.join(fake_dialects(protocol))}")
     return 0
 
 
@@ -183,7 +183,7 @@ def _telescope(asked: FakeMount) -> tuple[FastClock, Mechanics]:
         return clock, built.make_mechanics(clock=clock, site=site)
     clock = FastClock(asked.speed or 1.0)
     pointing = PointingErrors() if asked.errors is None else PointingErrors.from_toml(asked.errors)
-    built_as = machine(asked.protocol)
+    built_as = fake_machine(asked.protocol)
     return clock, Mechanics(site, Air(pressure_hpa=1010.0), pointing, machine=built_as, clock=clock)
 
 

@@ -20,8 +20,7 @@ from api.indi_server.properties import COORDINATES, PULSES
 from api.indi_server.publisher import SYNC, USUAL, LeftSelections, Selections, Telling
 from api.indi_server.vectors import saying
 from api.listeners.fair_reading import STOPS_AT_ONCE, Allowance, Turns
-from drivers.indi.codec import Ordered, Pinged, State
-from drivers.indi.orders import ping_reply
+from drivers.indi.codec.messages import Ordered, Pinged, State, ping_reply
 from mountnav.sky.coordinates import utc_now
 from mountnav.tasks import Crew
 

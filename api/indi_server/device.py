@@ -27,7 +27,7 @@ from api.indi_server.vectors import Vector
 from api.orders.goto_orders import NotTaken, Ordering, require_success
 from api.orders.job import Job
 from api.service import Service
-from drivers.indi.codec import Ordered, State
+from drivers.indi.codec.messages import Ordered, State
 from mountnav.errors import MountnavError
 from mountnav.settings.observatory import TelescopeSettings
 from mountnav.sky.coordinates import utc_now

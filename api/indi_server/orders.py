@@ -15,7 +15,7 @@ from api.orders.job import Job
 from api.orders.targets import ApparentTarget
 from api.orders.vocabulary import GuideOrder, HomeOrder, ParkOrder, SetParkOrder, TrackingOrder, UnparkOrder
 from api.orders.watching import Watch
-from drivers.indi.codec import Ordered, State
+from drivers.indi.codec.messages import Ordered, State
 from mountnav.sky.coordinates import Apparent, Site, utc_now
 
 __all__ = ["Answer", "TakingOrders", "chosen_switch", "number_of", "site_answer", "time_answer"]

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from drivers.indi.codec import Ordered, Pinged, event_of
-from drivers.indi.xml_stream import Element, ElementStream, Malformed
+from drivers.indi.codec.messages import Ordered, Pinged, event_of
+from drivers.indi.codec.xml_stream import Element, ElementStream, Malformed
 
 MOST_MESSAGE_BYTES = 65_536
 """No order to a mount is longer."""

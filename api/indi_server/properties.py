@@ -8,7 +8,7 @@ from datetime import datetime
 from api.indi_server.vectors import Perm, Rule, Vector, number, numbers, switches, texts, timestamp
 from api.orders.jobs import Job
 from api.orders.watching import Snapshot, apparent_place
-from drivers.indi.codec import State
+from drivers.indi.codec.messages import State
 from mountnav import __version__
 from mountnav.devices import PierSide, Skill
 from mountnav.sky.coordinates import Apparent, Site

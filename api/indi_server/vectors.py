@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from typing import Literal
 from xml.sax.saxutils import escape, quoteattr
 
-from drivers.indi.codec import State
+from drivers.indi.codec.messages import State
 
 Kind = Literal["Text", "Number", "Switch", "Light"]
 Perm = Literal["ro", "rw", "wo"]

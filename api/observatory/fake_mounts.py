@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from drivers.fakes.bench import FakeOnPty
 from drivers.fakes.bench.thread import InFastTime
-from drivers.fakes.fakes import machine, make_fake
+from drivers.registry import fake_machine, make_fake
 from mountnav.clock import seconds
 from mountnav.settings.observatory import MountErrorSettings, Settings, TelescopeSettings
 from mountnav.simulation.machine import Machine
@@ -22,7 +22,7 @@ sides, 10° past the meridian at most."""
 def mechanics_of(one: TelescopeSettings, settings: Settings) -> Mechanics:
     """Make what moves behind the fake mount of a telescope."""
     errors = one.mount.errors or MountErrorSettings()
-    mounting = one.mount.mounting or machine(one.mount.fake[0]).mounting
+    mounting = one.mount.mounting or fake_machine(one.mount.fake[0]).mounting
     return Mechanics(
         settings.site.site,
         settings.air.air,

@@ -15,9 +15,8 @@ from api.observatory.navigators import make_navigator
 from api.observatory.restart import Restart
 from api.replay.recording_header import recording_header
 from drivers.fakes.bench import FakeOnPty
-from drivers.fakes.fakes import dialects
 from drivers.folder.camera import FolderCamera
-from drivers.registry import open_camera, open_mount
+from drivers.registry import fake_dialects, open_camera, open_mount
 from mountnav.catalog.shelf import DrawnSky, Shelf
 from mountnav.catalog.stars import Catalog
 from mountnav.devices import Camera, Mount
@@ -325,7 +324,7 @@ def require_devices(settings: Settings, file: Path | None = None) -> None:
         with _told_of(file, number, one, "mount", "url"):
             if one.mount.is_fake:
                 protocol, dialect = one.mount.fake
-                if dialect is not None and dialect not in (known := dialects(protocol)):
+                if dialect is not None and dialect not in (known := fake_dialects(protocol)):
                     raise BadSettings(
                         f"no fake mount of {protocol} speaks the dialect {dialect}",
                         advice=f"there is: {', '.join(known)}",

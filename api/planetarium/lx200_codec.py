@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 
-from drivers.lx200.angles import dec_to_text, ra_to_text
+from drivers.lx200.codec.angles import dec_to_text, ra_to_text
 
 ACK = b"\x06"
 LONGEST_COMMAND = 64

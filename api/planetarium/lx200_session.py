@@ -17,7 +17,7 @@ from api.orders.vocabulary import GuideOrder, ParkOrder, UnparkOrder
 from api.orders.watching import Snapshot, Watch, apparent_place
 from api.planetarium import lx200_codec
 from api.planetarium.lx200_codec import app_declination, app_right_ascension
-from drivers.lx200.angles import (
+from drivers.lx200.codec.angles import (
     dec_from_text,
     dec_to_text,
     longitude_from_text,
@@ -25,7 +25,7 @@ from drivers.lx200.angles import (
     ra_from_text,
     ra_to_text,
 )
-from drivers.lx200.site_and_time import date_from_text, hours_to_utc_from_text, time_from_text
+from drivers.lx200.codec.site_and_time import date_from_text, hours_to_utc_from_text, time_from_text
 from drivers.wire.command import Unreadable
 from mountnav import __version__
 from mountnav.sky.chain import sidereal_time_deg

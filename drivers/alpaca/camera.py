@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import asyncio
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
 
-from drivers.alpaca import codec
-from drivers.alpaca.camera_setup import CameraHabits, Chip, Field, read_chip, scale_arcsec_px, set_up
-from drivers.alpaca.codec import Malformed
+from drivers.alpaca.codec import base
+from drivers.alpaca.codec.base import INVALID_VALUE, AlpacaRefused, Malformed
+from drivers.alpaca.codec.exposure import Exposure, Pixels, Told
 from drivers.alpaca.device import AlpacaDevice
-from drivers.alpaca.exposure import Exposure, Told
-from drivers.alpaca.image_bytes import Pixels
-from drivers.alpaca.refusals import AlpacaRefused
 from drivers.generic.camera import Shot
-from drivers.generic.exposure import with_scale
+from drivers.generic.exposure import GenericCameraHabits, optics_scale_arcsec_px, with_scale
 from drivers.wire.wire_log import WireLog
 from mountnav.errors import (
     BadFrame,
@@ -34,6 +31,198 @@ from mountnav.reading import frame_from_array
 from mountnav.reading.fits_cards import Value
 from mountnav.sky.coordinates import utc_now
 from mountnav.tasks import begun
+
+_LARGEST_SIDE_PX = 1 << 17
+_LARGEST_PIXEL_UM = 1000.0
+_LARGEST_ADU = 2.0**53
+_LONGEST_S = 1e6
+_STEP_PX, _NEAR_PX = 8, 16
+"""Some chips are read out in steps: their drivers refuse other sizes, or round them down."""
+_SENSORS = {0: "", 1: "", 2: "RGGB"}
+"""SensorType: monochrome, color planes, Bayer mosaic; the others (CMYG, LRGB) have no card."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraHabits(GenericCameraHabits):
+    """What the configuration says of an Alpaca camera.
+
+    Attributes
+    ----------
+    gain, offset : str or None
+        A number, or one of the names that the camera has for them; None leaves it.
+    poll_s : float
+        Between two questions whether an image is ready.
+    """
+
+    gain: str | None = None
+    offset: str | None = None
+    poll_s: float = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class Chip:
+    """What a camera is, as it says when it is connected.
+
+    Attributes
+    ----------
+    width_px, height_px : int
+        Of the whole chip, not binned.
+    pixel_um : float or None
+        Not binned.
+    max_adu : float or None
+    shortest_s, longest_s : float
+        Exposures that it takes.
+    pattern : str
+        Of a Bayer mosaic; empty if it has none.
+    can_abort, can_stop : bool
+        Whether an exposure can be thrown away, or ended and read out.
+    """
+
+    width_px: int
+    height_px: int
+    pixel_um: float | None
+    max_adu: float | None
+    shortest_s: float
+    longest_s: float
+    pattern: str
+    can_abort: bool
+    can_stop: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """What of the chip is read out: binning, and the size in binned pixels."""
+
+    binning: int
+    width_px: int
+    height_px: int
+
+
+async def read_chip(device: AlpacaDevice) -> Chip:
+    """Ask a connected camera what it is.
+
+    Raises
+    ------
+    DeviceRefused
+        If it doesn't tell its size: it is no camera.
+    DeviceSilent, DeviceGarbled, DeviceMissing
+        If its answers don't come or make no sense.
+    """
+
+    async def known(member: str, low: float, high: float) -> float | None:
+        # what is nice to have may be missing, or be nonsense
+        try:
+            told = await device.asking.get(member)
+            return base.number(told, low, high)
+        except (AlpacaRefused, Malformed):
+            return None
+
+    async def side(member: str) -> int:
+        return await device.value(member, lambda value: base.integer(value, 1, _LARGEST_SIDE_PX))
+
+    pixel_um = await known("pixelsizex", 0.0, _LARGEST_PIXEL_UM)
+    return Chip(
+        width_px=await side("cameraxsize"),
+        height_px=await side("cameraysize"),
+        pixel_um=pixel_um or None,
+        max_adu=await known("maxadu", 1.0, _LARGEST_ADU),
+        shortest_s=await known("exposuremin", 0.0, _LONGEST_S) or 0.0,
+        longest_s=await known("exposuremax", 0.0, float("inf")) or _LONGEST_S,
+        pattern=_SENSORS.get(round(await known("sensortype", 0, 9) or 0), ""),
+        can_abort=bool(await device.maybe("canabortexposure", base.truth)),
+        can_stop=bool(await device.maybe("canstopexposure", base.truth)),
+    )
+
+
+async def set_up(device: AlpacaDevice, chip: Chip, habits: CameraHabits) -> tuple[Field, list[str]]:
+    """Have the whole chip read out, with the binning, gain and offset that are wanted.
+
+    Only what is otherwise is set: another program may have used the camera since.
+
+    Returns
+    -------
+    Field
+    list of str
+        What was set, in words.
+
+    Raises
+    ------
+    DeviceRefused
+        If it doesn't want to, or says yes and does otherwise.
+    DeviceSilent, DeviceGarbled, DeviceMissing
+        If its answers don't come or make no sense.
+    """
+    done: list[str] = []
+    binning = await _whole(device, "binx")
+    wanted = habits.binning or binning
+    # before the size: that counts in binned pixels [Alpaca §7]
+    for member, said in (("binx", "BinX"), ("biny", "BinY")):
+        if await _set(device, member, said, wanted):
+            done.append(f"{said} is {wanted}")
+    for member, said in (("startx", "StartX"), ("starty", "StartY")):
+        if await _set(device, member, said, 0):
+            done.append(f"{said} is 0")
+    width_px = await _set_side(device, "numx", "NumX", chip.width_px // wanted, done)
+    height_px = await _set_side(device, "numy", "NumY", chip.height_px // wanted, done)
+    for member, said, level in (("gain", "Gain", habits.gain), ("offset", "Offset", habits.offset)):
+        if level is not None and await _set(device, member, said, await _level(device, member, level)):
+            done.append(f"{said} is {level}")
+    return Field(wanted, width_px, height_px), done
+
+
+async def _whole(device: AlpacaDevice, member: str) -> int:
+    return await device.value(member, base.integer)
+
+
+async def _set(device: AlpacaDevice, member: str, said: str, value: int) -> bool:
+    """Set a whole number unless it is so; see it set."""
+    if await _whole(device, member) == value:
+        return False
+    await device.asking.put(member, {said: value})
+    now = await _whole(device, member)
+    if now != value:
+        raise DeviceRefused(f"took {said} = {value}, and has {now}", device=device.address)
+    return True
+
+
+async def _set_side(device: AlpacaDevice, member: str, said: str, value: int, done: list[str]) -> int:
+    """Set a side of what is read out, or the next smaller one that the chip can; return it."""
+    before = await _whole(device, member)
+    if before == value:
+        return value
+    try:
+        await device.asking.put(member, {said: value})
+    except AlpacaRefused as refused:
+        rounded = value - value % _STEP_PX
+        if refused.number != INVALID_VALUE or rounded in (0, value):
+            raise
+        await device.asking.put(member, {said: rounded})
+    now = await _whole(device, member)
+    if not max(1, value - _NEAR_PX) <= now <= value:
+        raise DeviceRefused(f"took {said} = {value}, and has {now}", device=device.address)
+    if now != before:
+        done.append(f"{said} is {now}")
+    return now
+
+
+async def _level(device: AlpacaDevice, member: str, level: str) -> int:
+    """Read a gain or an offset: a number, or one of the camera's names, which it numbers from 0."""
+    names = await device.maybe(f"{member}s", lambda value: value if isinstance(value, list) else [])
+    if names and level in names:
+        return names.index(level)
+    try:
+        return int(level)
+    except ValueError:
+        there = ", ".join(map(str, names or ())) or "numbers alone"
+        raise DeviceRefused(
+            f"has no {member} {level!r}", device=device.address, advice=f"it has: {there}"
+        ) from None
+
+
+def scale_arcsec_px(chip: Chip, field: Field, focal_length_mm: float | None) -> float | None:
+    """Scale by pixel size, binning and focal length, or None where one of them isn't known."""
+    return optics_scale_arcsec_px(chip.pixel_um, field.binning, focal_length_mm)
+
 
 _BUSY = (1, 2, 3, 4)
 _EXPOSING = (1, 2)
@@ -144,7 +333,7 @@ class AlpacaCameraLanguage:
             self.log.note("event", meaning=f"the exposure could not be aborted: {failure.what}")
 
     async def _state(self) -> int:
-        return await self._device.maybe("camerastate", codec.integer) or 0
+        return await self._device.maybe("camerastate", base.integer) or 0
 
     async def wait_until_idle(self, shot: Shot) -> None:
         """Wait a moment for an exposure that was just aborted to be over.
@@ -226,7 +415,7 @@ class AlpacaCameraLanguage:
 
     async def _ready_image(self, exposure: Exposure, shot: Shot) -> tuple[Told, datetime] | None:
         """Ask once whether the image is ready; tell what the camera tells of it."""
-        ready = await self._device.value("imageready", codec.truth)
+        ready = await self._device.value("imageready", base.truth)
         came = utc_now()
         failed = not ready and await self._state() == _IN_ERROR
         shot.require_wanted()
@@ -245,9 +434,9 @@ class AlpacaCameraLanguage:
     async def _told(self) -> Told:
         start = duration_s = None
         with suppress(AlpacaRefused, Malformed):
-            start = codec.instant(await self._device.asking.get("lastexposurestarttime"))
+            start = base.instant(await self._device.asking.get("lastexposurestarttime"))
         with suppress(AlpacaRefused, Malformed):
-            duration_s = codec.number(
+            duration_s = base.number(
                 await self._device.asking.get("lastexposureduration"), 0.0, _LONGEST_TOLD_S
             )
         return Told(start, duration_s)

@@ -7,11 +7,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TypeVar
 
-from drivers.alpaca import codec
-from drivers.alpaca.asking import Asking
-from drivers.alpaca.codec import Malformed, Parameters
-from drivers.alpaca.refusals import NOT_CONNECTED, AlpacaRefused
-from drivers.alpaca.responses import require_known, understood
+from drivers.alpaca.client import AlpacaClient, require_known, understood
+from drivers.alpaca.codec import base
+from drivers.alpaca.codec.base import NOT_CONNECTED, AlpacaRefused, Malformed, Parameters
 from mountnav.errors import DeviceGarbled, DeviceMissing, DeviceRefused, DeviceSilent
 from mountnav.tasks import together
 
@@ -54,7 +52,7 @@ class AlpacaDevice:
         For its driver to connect to the hardware.
     """
 
-    def __init__(self, asking: Asking, *, connect_s: float = 30.0) -> None:
+    def __init__(self, asking: AlpacaClient, *, connect_s: float = 30.0) -> None:
         self.asking = asking
         self._connect_s = connect_s
 
@@ -83,7 +81,7 @@ class AlpacaDevice:
         await self.asking.open()
         version = await self._version()
         ours = False
-        if not await self.value("connected", codec.truth):
+        if not await self.value("connected", base.truth):
             if not may_connect:
                 raise DeviceRefused(
                     "it is not connected, and the configuration leaves that to others",
@@ -94,7 +92,7 @@ class AlpacaDevice:
             ours = True
         self.asking.connected = True
         version = version or await self._version() or 1
-        words = await self.asked_all(("name", "driverinfo", "driverversion"), codec.text)
+        words = await self.asked_all(("name", "driverinfo", "driverversion"), base.text)
         name = words.get("name") or "unnamed"
         told = (words.get("driverinfo"), words.get("driverversion"))
         driver = " ".join(" ".join(filter(None, told)).split()) or "unknown driver"
@@ -103,7 +101,7 @@ class AlpacaDevice:
     async def _version(self) -> int:
         """Of the interface; 0 where an old driver doesn't tell before it is connected."""
         try:
-            return await self.value("interfaceversion", lambda value: codec.integer(value, 1, _NEWEST))
+            return await self.value("interfaceversion", lambda value: base.integer(value, 1, _NEWEST))
         except AlpacaRefused as refused:
             if refused.number == NOT_CONNECTED:
                 return 0
@@ -132,10 +130,10 @@ class AlpacaDevice:
             self.asking.log.note("event", meaning="no good answer to the order to connect")
         while True:
             try:
-                busy = version >= _CONNECTS_ASYNC and await self.maybe("connecting", codec.truth)
+                busy = version >= _CONNECTS_ASYNC and await self.maybe("connecting", base.truth)
             except AlpacaRefused as refused:
                 raise self._not_connecting(refused.words) from refused
-            if not busy and await self.value("connected", codec.truth):
+            if not busy and await self.value("connected", base.truth):
                 return
             if loop.time() > until_s:
                 raise self._not_connecting(f"it is not after {self._connect_s:.0f} s")

@@ -10,8 +10,8 @@ import asyncio
 import socket
 from dataclasses import dataclass
 
-from drivers.alpaca.asking import Asking
-from drivers.alpaca.where import Where
+from drivers.alpaca.client import AlpacaClient
+from drivers.alpaca.codec.base import DeviceAddress
 from drivers.wire.wire_log import WireLog
 from mountnav.parsing import json_of
 
@@ -66,7 +66,9 @@ async def servers(
 
 
 async def _devices(address: str) -> tuple[str, ...]:
-    asking = Asking(Where(f"http://{address}", "telescope", 0), log=WireLog(kept=10), deadline_s=2.0)
+    asking = AlpacaClient(
+        DeviceAddress(f"http://{address}", "telescope", 0), log=WireLog(kept=10), deadline_s=2.0
+    )
     await asking.open()
     try:
         return tuple(await asking.described())

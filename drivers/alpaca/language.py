@@ -5,22 +5,151 @@ Readings stand in `looking`, bringing it up in `device`, HTTP in `asking`.
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 from dataclasses import dataclass
 from datetime import datetime
+from typing import TypeVar
 
-from drivers.alpaca import claims, codec
-from drivers.alpaca.asking import Asking
-from drivers.alpaca.codec import Malformed
+from drivers.alpaca.client import AlpacaClient, require_known
+from drivers.alpaca.codec import base, claims
+from drivers.alpaca.codec.base import PARKED, AlpacaRefused, Malformed, Parameters, reason_of
 from drivers.alpaca.device import AlpacaDevice, Found
-from drivers.alpaca.looking import Looking
-from drivers.alpaca.moving import Moving
-from drivers.alpaca.refusals import AlpacaRefused, reason_of
-from drivers.alpaca.responses import require_known
+from drivers.alpaca.readings import Looking
 from drivers.generic.language import Identity, Readout, Sent, Unskilled, Wanted
 from drivers.wire.wire_log import WireLog
 from mountnav.devices import Direction, Epoch, PierSide, Skill, TrackingRate
-from mountnav.errors import DeviceGarbled, DeviceRefused, DeviceSilent, Refusal
+from mountnav.errors import DeviceError, DeviceGarbled, DeviceMissing, DeviceRefused, DeviceSilent, Refusal
 from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
+from mountnav.tasks import begun
+
+T = TypeVar("T")
+_SOON_S = 1.0
+"""A refusal comes at once; so long it is waited for where the answer may take minutes, and for a stop's."""
+_MOST_STOPS = 4
+"""So many stops may be unanswered: more of them would only wait behind each other."""
+
+
+class Moving:
+    """Sends one telescope's orders to move.
+
+    Parameters
+    ----------
+    asking : Asking
+    looking : Looking
+        Keeps what failed.
+    longest_s : float
+        For an answer that comes at the end of the motion.
+    """
+
+    def __init__(self, asking: AlpacaClient, looking: Looking, longest_s: float) -> None:
+        self._asking = asking
+        self._looking = looking
+        self._longest_s = longest_s
+        self._orders: set[asyncio.Task[DeviceError | None]] = set()
+        self._stops: set[asyncio.Task[None]] = set()
+
+    async def order(self, member: str, parameters: Parameters, *, at_once: bool) -> Sent:
+        """Give an order to move, once.
+
+        Parameters
+        ----------
+        member : str
+        parameters : mapping
+        at_once : bool
+            Whether it answers when the motion begins; else it may answer at its end.
+
+        Raises
+        ------
+        DeviceRefused
+            If it says no.
+        DeviceMissing
+            If it can't have reached it.
+        """
+        number = self._looking.ordered()
+        if at_once:
+            try:
+                await self._asking.put(member, parameters)
+            except (DeviceSilent, DeviceGarbled) as failure:
+                return Sent(lost=failure)
+            return Sent()
+        sending = begun(
+            self._to_its_end(member, parameters, number), f"alpaca-{member}", died=self._asking.died
+        )
+        self._orders.add(sending)
+        sending.add_done_callback(self._orders.discard)
+        try:
+            done, _ = await asyncio.wait({sending}, timeout=_SOON_S)
+        except asyncio.CancelledError:
+            sending.cancel()
+            raise
+        ended = self._outcome(sending) if done else None
+        if isinstance(ended, (DeviceRefused, DeviceMissing)):
+            raise ended
+        return Sent(lost=ended)
+
+    async def _to_its_end(self, member: str, parameters: Parameters, number: int) -> DeviceError | None:
+        try:
+            await self._asking.put(member, parameters, deadline_s=self._longest_s)
+        except DeviceError as failure:
+            if isinstance(failure, AlpacaRefused):
+                self._looking.fail(number, failure.words or failure.what)
+            # of any other the readings tell what came of it
+            self._asking.log.note("event", meaning=f"{member}: {failure.what}")
+            return failure
+        return None
+
+    async def stop(self) -> None:
+        """Abort all motion, beside every other exchange; a slow answer is not waited for.
+
+        Raises
+        ------
+        DeviceRefused
+            If it can't be stopped at all.
+        DeviceMissing, DeviceSilent, DeviceGarbled
+            If the stop can't be sent, or the answer says nothing.
+        """
+        if len(self._stops) >= _MOST_STOPS:
+            return
+        stopping = begun(self._abort(), "alpaca-abortslew", died=self._stop_failed)
+        self._stops.add(stopping)
+        stopping.add_done_callback(self._stops.discard)
+        done, _ = await asyncio.wait({stopping}, timeout=_SOON_S)
+        if done:
+            self._outcome(stopping)
+
+    def _outcome(self, ended: asyncio.Task[T]) -> T:
+        """What an ended order came to; one that ended with its connections is no cancellation of ours."""
+        if ended.cancelled():
+            raise DeviceMissing(
+                "the connection was closed meanwhile", device=self._asking.address, advice="connect again"
+            )
+        return ended.result()
+
+    async def _abort(self) -> None:
+        try:
+            await self._asking.put_past_all("abortslew")
+        except AlpacaRefused as refused:
+            if refused.unsupported:
+                raise
+            # a parked one has nothing to stop; of any other the readings tell, and it is told again
+            if refused.number != PARKED:
+                self._asking.log.note("event", meaning=f"the stop was refused: {refused.words}")
+
+    def _stop_failed(self, fault: Exception) -> None:
+        self._asking.log.note("event", meaning=f"a stop failed: {fault}")
+        if not isinstance(fault, DeviceError):
+            self._asking.died(fault)
+
+    async def end(self) -> None:
+        """Wait for no answer any more."""
+        running = [*self._orders, *self._stops]
+        for one in running:
+            one.cancel()
+        for one in running:
+            with contextlib.suppress(asyncio.CancelledError, Exception):
+                await one
+
 
 _HEIGHTS_M = (-1000.0, 20_000.0)
 """What the height of a site may be, m: an answer beyond is none."""
@@ -81,7 +210,7 @@ class AlpacaLanguage(Unskilled):
     # -- what it is ------------------------------------------------------------------------------
 
     @property
-    def _asking(self) -> Asking:
+    def _asking(self) -> AlpacaClient:
         return self._device.asking
 
     @property
@@ -156,9 +285,9 @@ class AlpacaLanguage(Unskilled):
         found = await device.bring_up(may_connect=self._habits.may_connect)
         if found.connected_by_us:
             problems.append("it was not connected: we connected it")
-        system = await device.maybe("equatorialsystem", lambda value: codec.integer(value, 0, 99))
+        system = await device.maybe("equatorialsystem", lambda value: base.integer(value, 0, 99))
         self._looking.epoch = self._epoch_of(system, problems)
-        self._can = await device.asked_all(claims.CAN, codec.truth)
+        self._can = await device.asked_all(claims.CAN, base.truth)
         if not (self._can.get("canslewasync") or self._can.get("canslew")):
             problems.append("it says that it can't slew")
         await self._looking.begin(found.version, _PROBED)
@@ -288,7 +417,7 @@ class AlpacaLanguage(Unskilled):
             wanted = claims.RATES.get(rate)
             if wanted is None or wanted not in self._rates:
                 raise self._unsupported(f"track at the {rate} rate")
-            if await self._device.value("trackingrate", codec.integer) != wanted:
+            if await self._device.value("trackingrate", base.integer) != wanted:
                 await self._asking.put("trackingrate", {"TrackingRate": wanted})
         if Skill.TRACK in self.skills:
             await self._asking.put("tracking", {"Tracking": on})
@@ -307,10 +436,10 @@ class AlpacaLanguage(Unskilled):
 
     async def guiding(self) -> bool | None:
         """Whether a pulse still runs; None where it doesn't tell [ASCOM IsPulseGuiding]."""
-        return await self._device.maybe("ispulseguiding", codec.truth)
+        return await self._device.maybe("ispulseguiding", base.truth)
 
     async def _tracks(self) -> bool:
-        return await self._device.maybe("tracking", codec.truth) is not False
+        return await self._device.maybe("tracking", base.truth) is not False
 
     async def _say_if_it_does_not_track(self, refused: AlpacaRefused) -> None:
         """Alpaca's number for it is that of any wrong state: look."""
@@ -330,7 +459,7 @@ class AlpacaLanguage(Unskilled):
             return None
         before = utc_now()
         try:
-            told = await self._device.value("utcdate", codec.instant)
+            told = await self._device.value("utcdate", base.instant)
         except AlpacaRefused:
             return None
         except DeviceGarbled as garbled:
@@ -341,7 +470,7 @@ class AlpacaLanguage(Unskilled):
 
     async def write_clock(self, utc: datetime) -> None:
         """Set its clock."""
-        await self._asking.put("utcdate", {"UTCDate": codec.said_instant(utc)})
+        await self._asking.put("utcdate", {"UTCDate": base.said_instant(utc)})
 
     async def read_site(self) -> Site | None:
         """Where it believes to stand; None where it was never told."""
@@ -351,10 +480,10 @@ class AlpacaLanguage(Unskilled):
         try:
             latitude_deg = await device.value(
                 "sitelatitude",
-                lambda value: codec.number(value, -90.0, 90.0),
+                lambda value: base.number(value, -90.0, 90.0),
             )
             longitude_deg = await device.value(
-                "sitelongitude", lambda value: codec.number(value, -360.0, 360.0)
+                "sitelongitude", lambda value: base.number(value, -360.0, 360.0)
             )
         except AlpacaRefused:
             return None
@@ -362,7 +491,7 @@ class AlpacaLanguage(Unskilled):
             self.log.note("event", meaning=f"its site is not known: {garbled.what}")
             return None
         try:
-            height_m = await device.value("siteelevation", lambda value: codec.number(value, *_HEIGHTS_M))
+            height_m = await device.value("siteelevation", lambda value: base.number(value, *_HEIGHTS_M))
         except (AlpacaRefused, DeviceGarbled):
             height_m = 0.0
         return Site(latitude_deg, (longitude_deg + 180.0) % 360.0 - 180.0, height_m)
@@ -390,7 +519,7 @@ class AlpacaLanguage(Unskilled):
 
 
 def _guide_rate(value: object) -> float:
-    rate_deg_s = codec.number(value, 0.0, _FASTEST_PULSE_DEG_S)
+    rate_deg_s = base.number(value, 0.0, _FASTEST_PULSE_DEG_S)
     if rate_deg_s == 0.0:
         raise Malformed("a guide rate of 0")
     return rate_deg_s

@@ -15,10 +15,11 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from drivers.indi import codec, orders
-from drivers.indi.codec import Defined, Event, PingAnswered, Pinged
-from drivers.indi.state import Properties, Property
-from drivers.indi.xml_stream import Malformed
+from drivers.indi.codec import messages as codec
+from drivers.indi.codec import messages as orders
+from drivers.indi.codec.messages import Defined, Event, PingAnswered, Pinged
+from drivers.indi.codec.state import Properties, Property
+from drivers.indi.codec.xml_stream import Malformed
 from drivers.wire.wire_log import WireLog
 from mountnav.errors import DeviceMissing
 from mountnav.sky.coordinates import utc_now

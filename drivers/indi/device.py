@@ -10,11 +10,11 @@ import asyncio
 from collections import Counter
 from collections.abc import Mapping
 
-from drivers.indi import orders
-from drivers.indi.answers import plain, spoken
 from drivers.indi.client import IndiClient
-from drivers.indi.codec import Changed, Defined, Deleted, Event, State
-from drivers.indi.state import Property
+from drivers.indi.codec import messages as orders
+from drivers.indi.codec.answers import plain, spoken
+from drivers.indi.codec.messages import Changed, Defined, Deleted, Event, State
+from drivers.indi.codec.state import Property
 from mountnav.errors import DeviceMissing, DeviceRefused, DeviceSilent, Refusal
 
 _INTRODUCTION_S = 2.0

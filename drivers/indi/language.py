@@ -9,18 +9,156 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 from drivers.generic.language import Identity, Readout, Sent, Unskilled, Wanted
-from drivers.indi import claims, orders
-from drivers.indi.aiming import Aiming
-from drivers.indi.answers import parked_refusal, refusal, was_refused
-from drivers.indi.claims import COORDINATES
-from drivers.indi.codec import Event, Ordered
+from drivers.indi.codec import messages, state
+from drivers.indi.codec import messages as orders
+from drivers.indi.codec.answers import (
+    is_loud,
+    parked_refusal,
+    refusal,
+    slew_was_refused,
+    was_refused,
+    was_turned,
+)
+from drivers.indi.codec.messages import Event, Ordered
+from drivers.indi.codec.state import COORDINATES, Property
 from drivers.indi.device import IndiDevice
-from drivers.indi.looking import Looking
-from drivers.indi.state import Property
+from drivers.indi.readings import Looking
 from drivers.wire.wire_log import WireLog
 from mountnav.devices import Direction, Epoch, Skill, TrackingRate
-from mountnav.errors import DeviceMissing, DeviceSilent
+from mountnav.errors import DeviceGarbled, DeviceMissing, DeviceSilent
 from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
+
+_SWITCH = "ON_COORD_SET"
+_SYNCED_ARCSEC = 30.0
+_SECOND_LEG_ARCSEC = 20.0
+_LONGEST_LEG_ARCSEC = 3600.0
+_MOST_LEGS = 2
+
+
+class Aiming:
+    """Gives coordinates to one device.
+
+    Parameters
+    ----------
+    device : IndiDevice
+    looking : Looking
+        Of the same device.
+    """
+
+    def __init__(self, device: IndiDevice, looking: Looking) -> None:
+        self._device = device
+        self._looking = looking
+        self._place: Apparent | Icrs | None = None
+        self._legs = 0
+        self._sync_left = False
+
+    @property
+    def can_sync(self) -> bool:
+        """Whether coordinates may be synced."""
+        switch = self._device.get(_SWITCH)
+        return switch is not None and switch.on("SYNC") is not None
+
+    @property
+    def sync_is_selected(self) -> bool:
+        """Whether an order to the coordinates would be a sync now."""
+        switch = self._device.get(_SWITCH)
+        return switch is not None and switch.on("SYNC") is True
+
+    async def begin(self) -> None:
+        """Forget what was: the device is up anew. A SYNC that the broken link left selected is undone."""
+        left, self._sync_left = self._sync_left, False
+        self.forget()
+        if left and self.sync_is_selected:
+            await self._select(self._moving_mode())
+
+    def forget(self) -> None:
+        """Somebody else gives the coordinates now."""
+        self._place, self._legs = None, 0
+
+    async def slew(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
+        """Order a slew, tracking afterwards."""
+        self._legs = _MOST_LEGS
+        return await self._order(self._moving_mode(), place, wanted)
+
+    async def next_leg(self, place: Apparent | Icrs, wanted: Wanted) -> bool:
+        """Once more, if it rests near its place: some drivers forget the turn of the sky on the way."""
+        name, get = COORDINATES[self._looking.epoch], self._device.get
+        if self._legs == 0 or state.tracking(get) is False or state.parked(get):
+            return False
+        if not _SECOND_LEG_ARCSEC < state.apart_arcsec(get(name), place) < _LONGEST_LEG_ARCSEC:
+            return False
+        self._legs -= 1
+        sent = await self._order(self._moving_mode(), place, wanted)
+        if sent.lost is not None:
+            raise sent.lost
+        return sent.wire
+
+    async def sync(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
+        """Order a sync; whatever comes of it, SYNC doesn't stay selected."""
+        self._legs, self._sync_left = 0, True
+        try:
+            return await self._order("SYNC", place, wanted)
+        finally:
+            if self._device.usable:
+                self._device.client.send(self._turn(self._moving_mode()))
+                self._sync_left = False
+
+    async def _order(self, mode: str, place: Apparent | Icrs, wanted: Wanted) -> Sent:
+        name = COORDINATES[self._looking.epoch]
+        await self._select(mode)
+        if not wanted():
+            return Sent(wire=False)
+        self._looking.be_restless()
+        self._place = place
+        coordinates = {"RA": (place.ra_deg / 15.0) % 24.0, "DEC": place.dec_deg}
+        messages = [self._turn(mode), orders.new_numbers(self._device.name, name, coordinates)]
+        if mode == "SYNC":
+            messages.append(self._turn(self._moving_mode()))
+        asking = _SWITCH if self._device.get(_SWITCH) else name
+        try:
+            heard = await self._device.ordered(*messages, asking=asking, echo=asking)
+        except (DeviceSilent, DeviceMissing) as failure:
+            return Sent(lost=failure)
+        return self._sent(mode, name, heard)
+
+    def _sent(self, mode: str, name: str, heard: list[Event]) -> Sent:
+        """Judge what a driver did with coordinates by what it said of them."""
+        address = self._device.address
+        if mode == "SYNC":
+            near = state.apart_arcsec(self._device.get(name), self._place) <= _SYNCED_ARCSEC
+            if not near and (is_loud(heard) or was_refused(name, heard)):
+                raise refusal("the sync", heard, address)
+            return Sent()
+        if was_turned(mode, name, heard):
+            self._looking.doubt()
+            return Sent(
+                lost=DeviceGarbled(
+                    f"another program turned {_SWITCH} while coordinates were sent: maybe they were synced",
+                    device=address,
+                    advice="let one program alone move the mount; look at the sky before the next slew",
+                )
+            )
+        if slew_was_refused(name, heard):
+            raise refusal("the slew", heard, address)
+        return Sent()
+
+    def _moving_mode(self) -> str:
+        switch = self._device.get(_SWITCH)
+        if switch is None or switch.on("TRACK") is not None:
+            return "TRACK"
+        return "SLEW" if switch.on("SLEW") is not None else next(iter(switch.values))
+
+    def _turn(self, on: str) -> bytes:
+        switch = self._device.get(_SWITCH)
+        if switch is None:
+            return b""
+        return orders.new_switches(self._device.name, _SWITCH, {key: key == on for key in switch.values})
+
+    async def _select(self, on: str) -> None:
+        switch = self._device.get(_SWITCH)
+        if switch is not None:
+            await self._device.set_switches(_SWITCH, {key: key == on for key in switch.values})
+
 
 _TRACK_MODES = {
     TrackingRate.SIDEREAL: "TRACK_SIDEREAL",
@@ -126,7 +264,7 @@ class IndiLanguage(Unskilled):
     @property
     def skills(self) -> frozenset[Skill]:
         """By the properties that are there."""
-        return claims.skills(self._device.get)
+        return state.skills(self._device.get)
 
     def unanswered_s(self) -> float:
         """Since when its driver owes the answer to a question."""
@@ -198,7 +336,7 @@ class IndiLanguage(Unskilled):
         """Abort all motion; tracking stays as it was [INDI Telescope: abort restores what it did before]."""
         self._looking.be_restless()
         self._device.client.send(
-            orders.new_switches(self._device.name, "TELESCOPE_ABORT_MOTION", {"ABORT": True})
+            messages.new_switches(self._device.name, "TELESCOPE_ABORT_MOTION", {"ABORT": True})
         )
 
     async def send_park(self, wanted: Wanted) -> Sent:
@@ -260,7 +398,7 @@ class IndiLanguage(Unskilled):
             raise self._unsupported("guide")
         if not wanted():
             return Sent(wire=False)
-        order = orders.new_numbers(self._device.name, name, {element: 1000.0 * duration_s, other: 0.0})
+        order = messages.new_numbers(self._device.name, name, {element: 1000.0 * duration_s, other: 0.0})
         try:
             heard = await self._device.ordered(order, asking=name, echo=name)
         except (DeviceSilent, DeviceMissing) as failure:
@@ -281,7 +419,7 @@ class IndiLanguage(Unskilled):
         self._looking.be_restless()
         try:
             heard = await self._device.ordered(
-                orders.new_switches(self._device.name, name, switches), asking=name, echo=name
+                messages.new_switches(self._device.name, name, switches), asking=name, echo=name
             )
         except (DeviceSilent, DeviceMissing) as failure:
             return Sent(lost=failure)
@@ -296,20 +434,20 @@ class IndiLanguage(Unskilled):
             raise sent.lost
 
     def _require_unparked(self, what: str) -> None:
-        if claims.parked(self._device.get):
+        if state.parked(self._device.get):
             raise parked_refusal(what, self.device)
 
     # -- clock and site --------------------------------------------------------------------------
 
     async def read_clock(self) -> datetime | None:
         """Its clock, if its driver ever told it unasked."""
-        return claims.clock(self._device.get, utc_now())
+        return state.clock(self._device.get, utc_now())
 
     async def write_clock(self, utc: datetime) -> None:
         """Set its clock; its zone becomes UTC."""
         await self._write(
             "TIME_UTC",
-            orders.new_texts(
+            messages.new_texts(
                 self._device.name,
                 "TIME_UTC",
                 {"UTC": (utc + timedelta(seconds=0.5)).strftime("%Y-%m-%dT%H:%M:%S"), "OFFSET": "0.00"},
@@ -319,19 +457,19 @@ class IndiLanguage(Unskilled):
 
     async def read_site(self) -> Site | None:
         """Where its driver believes to stand; None where it was never told."""
-        return claims.site(self._device.get)
+        return state.site(self._device.get)
 
     async def write_site(self, site: Site) -> None:
         """Set its site; INDI counts longitudes from 0 to 360 east."""
         values = {"LAT": site.latitude_deg, "LONG": site.longitude_deg % 360.0, "ELEV": site.height_m}
         await self._write(
             "GEOGRAPHIC_COORD",
-            orders.new_numbers(self._device.name, "GEOGRAPHIC_COORD", values),
+            messages.new_numbers(self._device.name, "GEOGRAPHIC_COORD", values),
             "a site",
         )
 
     async def _write(self, name: str, order: bytes, what: str) -> None:
-        if not claims.writable(self._device.get(name)):
+        if not state.writable(self._device.get(name)):
             raise self._unsupported(f"take {what}")
         heard = await self._device.ordered(order, asking=name, echo=name)
         if was_refused(name, heard):

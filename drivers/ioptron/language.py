@@ -10,13 +10,12 @@ from datetime import datetime
 
 from drivers.generic.language import Identity, Readout, Sent, Wanted
 from drivers.generic.serial_language import SerialLanguage
-from drivers.ioptron import codec, timekeeping
-from drivers.ioptron.greeting import DIALECTS, GREETING
-from drivers.ioptron.models import Model, model
-from drivers.ioptron.reckoning import destination_side, why_not
-from drivers.ioptron.talk import Talk, site_of
-from drivers.ioptron.values import MountState, PierSide, Status, TrackingRate
-from drivers.ioptron.words import Words
+from drivers.ioptron import exchange
+from drivers.ioptron.codec import v3
+from drivers.ioptron.codec.command_set import Words
+from drivers.ioptron.codec.greeting import COMMAND_SETS, GREETING, Model, model
+from drivers.ioptron.codec.values import MountState, PierSide, Status, TrackingRate
+from drivers.ioptron.exchange import Talk, destination_side, site_of, why_not
 from drivers.wire.command import Command
 from drivers.wire.link import Link
 from mountnav import devices
@@ -57,7 +56,7 @@ class IoptronLanguage(SerialLanguage):
         super().__init__(link)
         self._epoch = epoch
         self._dialect = dialect
-        words = DIALECTS[dialect or "v3"]
+        words = COMMAND_SETS[dialect or "v3"]
         self._talk = Talk(link, words, model("", words.name))
         self._home_ordered = False
         self._rests_at_home = False
@@ -143,14 +142,14 @@ class IoptronLanguage(SerialLanguage):
         self._home_ordered = self._rests_at_home = False
         self._talk.refining.begin()
         # each session begins with it [IOPTRON310 Initialization]
-        number = await self._talk.known(codec.MODEL) or ""
+        number = await self._talk.known(v3.MODEL) or ""
         words = await self._talk.ask(GREETING)
         self._talk.words = words
         status = await self._talk.ask(self._words.status)
         await self._talk.ask(self._words.pointing)
         self._talk.model = model(number, words.name)
-        firmware = await self._talk.known(codec.FIRMWARE)
-        meridian = await self._talk.known(codec.MERIDIAN) if self._model.equatorial else None
+        firmware = await self._talk.known(v3.FIRMWARE)
+        meridian = await self._talk.known(v3.MERIDIAN) if self._model.equatorial else None
         self._flips_past_deg = meridian[1] if meridian is not None else 0
         told = f"iOptron {self._model.name or 'mount'} ({number or 'it tells no model'})"
         text = f"{told}, command set {self._words.name}"
@@ -158,7 +157,7 @@ class IoptronLanguage(SerialLanguage):
             text += f", firmware {firmware}"
         if meridian is not None:
             text += f", {'flips' if meridian[0] else 'stops'} {meridian[1]}° past the meridian"
-        self._tells_time = await timekeeping.read_clock(self._talk) is not None
+        self._tells_time = await exchange.read_clock(self._talk) is not None
         return Identity(text, (*self._problems(status), *self._talk.refining.notes))
 
     def _problems(self, status: Status) -> tuple[str, ...]:
@@ -249,7 +248,7 @@ class IoptronLanguage(SerialLanguage):
         await self._aim(place, wanted)
         if not wanted():
             return Sent(wire=False)
-        taken, lost = await self._talk.told(codec.SYNC)
+        taken, lost = await self._talk.told(v3.SYNC)
         if not wanted():
             lost = lost or DeviceGarbled(
                 "the answer to the sync may be that of a stop",
@@ -263,9 +262,9 @@ class IoptronLanguage(SerialLanguage):
     async def send_stop(self, again: int) -> None:
         """Stop: `:Q#` ends all slewing and leaves tracking; repeated, the ends of arrow keys come with it."""
         if again == 0:
-            await self._link.send_now(codec.STOP)
+            await self._link.send_now(v3.STOP)
         else:
-            await self._link.send_now(codec.STOP, codec.STOP_RA, codec.STOP_DEC)
+            await self._link.send_now(v3.STOP, v3.STOP_RA, v3.STOP_DEC)
 
     async def send_park(self, wanted: Wanted) -> Sent:
         """Order parking at the position set before [IOPTRON310 :MP1#].
@@ -279,13 +278,13 @@ class IoptronLanguage(SerialLanguage):
         status = await self._talk.settled("parking", moves=False)
         if status.state is MountState.PARKED:
             return Sent()
-        return await self._sent_once(codec.PARK, "to park", wanted)
+        return await self._sent_once(v3.PARK, "to park", wanted)
 
     async def send_unpark(self) -> None:
         """Order unparking; without effect on an unparked mount. Raises `DeviceRefused`."""
         self._need(Skill.UNPARK, "unpark")
         await self._talk.settled("unparking", moves=False)
-        await self._talk.obeyed(codec.UNPARK, "to unpark")
+        await self._talk.obeyed(v3.UNPARK, "to unpark")
         # it may have been parked there
         self._rests_at_home = True
 
@@ -299,7 +298,7 @@ class IoptronLanguage(SerialLanguage):
         """
         await self._talk.settled("going home")
         searches = self._model.searches_home
-        sent = await self._sent_once(codec.FIND_HOME if searches else codec.HOME, "to go home", wanted)
+        sent = await self._sent_once(v3.FIND_HOME if searches else v3.HOME, "to go home", wanted)
         self._home_ordered = sent.wire
         return sent
 
@@ -330,8 +329,8 @@ class IoptronLanguage(SerialLanguage):
         """Order the rate, and tracking. Raises `DeviceRefused`."""
         await self._talk.settled("switching tracking", moves=on)
         if on:
-            await self._talk.obeyed(codec.set_rate(_RATES[rate]), f"the {rate} rate")
-        await self._talk.obeyed(codec.set_tracking(on), "to switch tracking")
+            await self._talk.obeyed(v3.set_rate(_RATES[rate]), f"the {rate} rate")
+        await self._talk.obeyed(v3.set_tracking(on), "to switch tracking")
 
     async def send_guide(self, direction: Direction, duration_s: float, wanted: Wanted) -> Sent:
         """Order guide pulses, which the mount times itself and doesn't answer.
@@ -369,23 +368,23 @@ class IoptronLanguage(SerialLanguage):
             When it looks below the horizon: the protocol has no word for that.
         """
         self._need(Skill.SET_PARK, "set a park position")
-        place = await self._talk.ask(codec.HORIZONTAL)
+        place = await self._talk.ask(v3.HORIZONTAL)
         if place.alt_deg < 0.0:
             raise self._talk.no(
                 f"can't set a park position {place.alt_deg:.2f}° below the horizon", Refusal.BELOW_HORIZON
             )
-        await self._talk.obeyed(codec.set_park_altitude(place.alt_deg), "the park altitude")
-        await self._talk.obeyed(codec.set_park_azimuth(place.az_deg), "the park azimuth")
+        await self._talk.obeyed(v3.set_park_altitude(place.alt_deg), "the park altitude")
+        await self._talk.obeyed(v3.set_park_azimuth(place.az_deg), "the park azimuth")
 
     # -- clock, site and sides ---------------------------------------------------------------------
 
     async def read_clock(self) -> datetime | None:
         """Its clock, aware UTC, corrected for the way."""
-        return await timekeeping.read_clock(self._talk)
+        return await exchange.read_clock(self._talk)
 
     async def write_clock(self, utc: datetime) -> None:
         """Set its clock. Raises `DeviceRefused`."""
-        await timekeeping.write_clock(self._talk, utc)
+        await exchange.write_clock(self._talk, utc)
 
     async def read_site(self) -> Site | None:
         """Where it believes to stand."""
@@ -393,7 +392,7 @@ class IoptronLanguage(SerialLanguage):
 
     async def write_site(self, site: Site) -> None:
         """Tell it where it stands. Raises `DeviceRefused`."""
-        await timekeeping.write_site(self._talk, site)
+        await exchange.write_site(self._talk, site)
 
     async def destination_side(self, place: Apparent | Icrs) -> devices.PierSide | None:
         """On which side it would look at a place; None near the meridian, and where it has no sides."""

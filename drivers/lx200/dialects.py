@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import importlib
 
-from drivers.lx200.dialect import Dialect, Handshake
+from drivers.lx200.codec.dialect import Dialect, Handshake
 from mountnav.errors import BadSettings
 
 # the most telling first; the last recognizes anything
 _WHERE = {
-    "onstep": "drivers.lx200.onstep:ONSTEP",
-    "10micron": "drivers.lx200.tenmicron:TENMICRON",
-    "am5": "drivers.lx200.am5:AM5",
-    "am5-old": "drivers.lx200.am5:AM5_OLD",
-    "gemini": "drivers.lx200.gemini:GEMINI",
-    "ap": "drivers.lx200.astro_physics:ASTRO_PHYSICS",
-    "lx200gps": "drivers.lx200.meade:LX200GPS",
-    "autostar": "drivers.lx200.meade:AUTOSTAR",
-    "generic": "drivers.lx200.meade:GENERIC",
-    "classic": "drivers.lx200.meade:CLASSIC",
-    "basic": "drivers.lx200.meade:BASIC",
+    "onstep": "drivers.lx200.codec.onstep:ONSTEP",
+    "10micron": "drivers.lx200.codec.tenmicron:TENMICRON",
+    "am5": "drivers.lx200.codec.am5:AM5",
+    "am5-old": "drivers.lx200.codec.am5:AM5_OLD",
+    "gemini": "drivers.lx200.codec.gemini:GEMINI",
+    "ap": "drivers.lx200.codec.astro_physics:ASTRO_PHYSICS",
+    "lx200gps": "drivers.lx200.codec.meade:LX200GPS",
+    "autostar": "drivers.lx200.codec.meade:AUTOSTAR",
+    "generic": "drivers.lx200.codec.meade:GENERIC",
+    "classic": "drivers.lx200.codec.meade:CLASSIC",
+    "basic": "drivers.lx200.codec.meade:BASIC",
 }
 
 _WEAK = ("generic", "classic", "basic")

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterable
 from datetime import datetime
 
 from drivers.fakes.faults import Fault
+from drivers.nexstar.codec.handsets import Handset, Version
 from drivers.nexstar.fake import FakeNexstar
-from drivers.nexstar.faking import MACHINE, MOVES, STOPS
-from drivers.nexstar.handsets import Handset, Version
+from drivers.nexstar.family import MACHINE, MOVES, STOPS
 from mountnav.errors import BadRequest
 from mountnav.simulation.mechanics import Mechanics
 

@@ -8,25 +8,107 @@ just before, so that no ``#`` that was owed from earlier can be taken for its an
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Awaitable, Callable
 from datetime import datetime
+from typing import Any
 
 from drivers.generic.language import Identity, Readout, Sent, Wanted
 from drivers.generic.serial_language import SerialLanguage
-from drivers.nexstar import codec
-from drivers.nexstar.angles import LONG_STEP_ARCSEC, SHORT_STEP_ARCSEC, WirePair
-from drivers.nexstar.asking import Asking
-from drivers.nexstar.greeting import Greeting, greet
-from drivers.nexstar.guiding import Guiding
-from drivers.nexstar.handsets import Handset, Tracking, Version
+from drivers.nexstar.codec import base
+from drivers.nexstar.codec.handsets import Handset, Tracking, Version
+from drivers.nexstar.codec.passthrough import (
+    LONGEST_PULSE_S,
+    LUNAR,
+    SIDEREAL,
+    SOLAR,
+    Axis,
+    motor_for,
+    side_of,
+)
+from drivers.nexstar.codec.replies import LONG_STEP_ARCSEC, SHORT_STEP_ARCSEC, WirePair
+from drivers.nexstar.codec.site_and_time import clock_of, goes_on, site_of, time_for, wire_site
+from drivers.nexstar.exchange import Ask, Asking, Greeting, greet
 from drivers.nexstar.parking import Horizon, Parking
-from drivers.nexstar.passthrough import LUNAR, SIDEREAL, SOLAR
-from drivers.nexstar.sides import motor_for, side_of
-from drivers.nexstar.timekeeping import clock_of, goes_on, site_of, time_for, wire_site
 from drivers.wire.command import Command
 from drivers.wire.link import Link
+from mountnav.clock import pause
 from mountnav.devices import Direction, Epoch, PierSide, Skill, TrackingRate
 from mountnav.errors import DeviceRefused, Refusal
 from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
+
+_SLOWEST_KEY = 1
+_LOOK_S = 0.05
+_LONGER_S = 1.0
+
+
+class Guiding:
+    """One pulse.
+
+    Parameters
+    ----------
+    ask : callable
+        Asks a question, in step.
+    once : callable
+        Sends an order a single time.
+    send_now : callable
+        Sends past everything else.
+    percent : int
+        Of the sidereal rate, for pulses of the motors.
+    """
+
+    def __init__(
+        self,
+        ask: Ask,
+        once: Callable[[Command[None], Wanted], Awaitable[Sent]],
+        send_now: Callable[..., Awaitable[Any]],
+        percent: int,
+    ) -> None:
+        self._ask, self._once, self._send_now = ask, once, send_now
+        self._percent = percent
+
+    async def by_motor(self, axis: Axis, sign: int, duration_s: float, wanted: Wanted) -> Sent:
+        """Order pulses of at most 2.55 s one after the other, and wait for each [NexStar P 0x26, 0x27]."""
+        left_s, sent = duration_s, Sent(wire=False)
+        while left_s >= 0.005:
+            part_s = min(left_s, LONGEST_PULSE_S)
+            now = await self._once(base.guide(axis, sign * self._percent, part_s), wanted)
+            if not now.wire:
+                return sent
+            sent = now
+            await pause(part_s)
+            await self._over(axis)
+            if sent.lost is not None:
+                # not known whether it was taken up: the rest of a long pulse would make it worse
+                return sent
+            left_s -= part_s
+        return sent
+
+    async def _over(self, axis: Axis) -> None:
+        loop = asyncio.get_running_loop()
+        until = loop.time() + _LONGER_S
+        while await self._ask(base.guiding(axis)):
+            if loop.time() > until:
+                await self._send_now(base.press(axis, 0))
+                return
+            await asyncio.sleep(_LOOK_S)
+
+    async def by_key(self, axis: Axis, sign: int, duration_s: float, wanted: Wanted) -> Sent:
+        """Press the slowest key for so long, and let go of it in every case [NexStar P 0x24, 0x25].
+
+        Both go past everything else, or the moment would last as long as somebody else's question.
+        """
+        if not wanted():
+            return Sent(wire=False)
+        try:
+            await self._send_now(base.press(axis, sign * _SLOWEST_KEY))
+            await pause(duration_s)
+        finally:
+            await self._send_now(base.press(axis, 0))
+        # and again, with an answer: it has let go
+        await self._ask(base.move(axis, 0))
+        return Sent()
+
 
 _RATES = {TrackingRate.SIDEREAL: SIDEREAL, TrackingRate.SOLAR: SOLAR, TrackingRate.LUNAR: LUNAR}
 _EQUATORIAL = (Tracking.EQUATORIAL_NORTH, Tracking.EQUATORIAL_SOUTH)
@@ -98,13 +180,13 @@ class NexstarLanguage(SerialLanguage):
         if handset.keeps_time:
             skills |= {Skill.SET_CLOCK, Skill.SET_SITE}
             lacks = self._asking.refining.lacks
-            if not lacks(codec.GET_FINE_TIME if handset.quarter_zones else codec.GET_TIME):
+            if not lacks(base.GET_FINE_TIME if handset.quarter_zones else base.GET_TIME):
                 skills.add(Skill.CLOCK)
-            if not lacks(codec.GET_SITE):
+            if not lacks(base.GET_SITE):
                 skills.add(Skill.SITE)
         if handset.has_rates:
             skills.add(Skill.TRACKING_RATES)
-        if handset.tells_pier_side and not self._asking.refining.lacks(codec.PIER_SIDE):
+        if handset.tells_pier_side and not self._asking.refining.lacks(base.PIER_SIDE):
             skills.add(Skill.PIER_SIDE)
         return frozenset(skills)
 
@@ -137,7 +219,7 @@ class NexstarLanguage(SerialLanguage):
         await self.read_clock()
         await self._place()
         await self._state()
-        aligned, doubt = await self._asking.asked_if_known(codec.ALIGNED), ""
+        aligned, doubt = await self._asking.asked_if_known(base.ALIGNED), ""
         if aligned is None:
             doubt = "it doesn't tell whether it is aligned"
         elif not aligned:
@@ -164,7 +246,7 @@ class NexstarLanguage(SerialLanguage):
         utc = before + span / 2
         slewing, mode, letter = await self._state()
         # one that can't say so is taken as aligned, as it was before hand controls could
-        aligned = await self._asking.asked_if_known(codec.ALIGNED) is not False
+        aligned = await self._asking.asked_if_known(base.ALIGNED) is not False
         if letter is not None:
             mirrored = handset.mirrors_pier_side and self._latitude_deg < 0.0
             self._pier_side = side_of(letter, pair.second_deg, mirrored=mirrored)
@@ -188,14 +270,14 @@ class NexstarLanguage(SerialLanguage):
         )
 
     async def _place(self) -> WirePair:
-        return await self._link.ask(codec.GET_PLACE_SHORT if self._greeting.short else codec.GET_PLACE)
+        return await self._link.ask(base.GET_PLACE_SHORT if self._greeting.short else base.GET_PLACE)
 
     async def _state(self) -> tuple[bool | None, Tracking | None, str | None]:
         """Whether it slews, how it tracks, its pier side's letter; None for what it lacks."""
         handset, known = self.handset, self._asking.asked_if_known
-        slewing = await known(codec.SLEWING)
-        mode = await known(codec.get_tracking(handset)) if handset.tells_tracking else None
-        letter = await known(codec.PIER_SIDE) if handset.tells_pier_side else None
+        slewing = await known(base.SLEWING)
+        mode = await known(base.get_tracking(handset)) if handset.tells_tracking else None
+        letter = await known(base.PIER_SIDE) if handset.tells_pier_side else None
         return slewing, mode, letter
 
     async def _parked(self, slewing: bool | None, mode: Tracking | None, aligned: bool) -> bool:
@@ -207,14 +289,12 @@ class NexstarLanguage(SerialLanguage):
         if aligned and not slewing:
             there = parking.near(await self._horizon())
             if parking.under_way and there and mode is not Tracking.OFF:
-                await self._asking.asked(codec.set_tracking(self.handset.number(Tracking.OFF)))
+                await self._asking.asked(base.set_tracking(self.handset.number(Tracking.OFF)))
                 mode = Tracking.OFF
         return parking.seen(there=there, resting=not slewing, tracking=mode not in (None, Tracking.OFF))
 
     async def _horizon(self) -> Horizon:
-        pair = await self._asking.asked(
-            codec.GET_HORIZON_SHORT if self._greeting.short else codec.GET_HORIZON
-        )
+        pair = await self._asking.asked(base.GET_HORIZON_SHORT if self._greeting.short else base.GET_HORIZON)
         return Horizon(pair.first_deg, pair.second_deg)
 
     # -- orders ------------------------------------------------------------------------------------
@@ -225,11 +305,11 @@ class NexstarLanguage(SerialLanguage):
         if self._parking.parked:
             raise DeviceRefused("the slew refused: it is parked", device=self.device, reason=Refusal.PARKED)
         if self.handset.tells_tracking and wanted():
-            tracking = await self._asking.asked_if_known(codec.get_tracking(self.handset))
+            tracking = await self._asking.asked_if_known(base.get_tracking(self.handset))
             if tracking is Tracking.OFF and wanted():
-                await self._asking.asked(codec.set_tracking(self.handset.number(self._usual_mode())))
+                await self._asking.asked(base.set_tracking(self.handset.number(self._usual_mode())))
         short = self._greeting.short
-        return await self._asking.once(codec.slew(place.ra_deg, place.dec_deg, short=short), wanted)
+        return await self._asking.once(base.slew(place.ra_deg, place.dec_deg, short=short), wanted)
 
     async def send_sync(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
         """Order a sync [NexStar s, S]; whole: half of one keeps the hand control waiting [INDI #473]."""
@@ -242,12 +322,12 @@ class NexstarLanguage(SerialLanguage):
             )
         await self._require_alignment("the sync")
         short = self._greeting.short
-        return await self._asking.once(codec.sync(place.ra_deg, place.dec_deg, short=short), wanted)
+        return await self._asking.once(base.sync(place.ra_deg, place.dec_deg, short=short), wanted)
 
     async def send_stop(self, again: int) -> None:
         """Cancel the goto and halt both axes, past everything; tracking goes on as it was."""
         self._parking.stopped()
-        await self._link.send_now(codec.SYNSCAN_STOP if self.handset.synscan else codec.STOP)
+        await self._link.send_now(base.SYNSCAN_STOP if self.handset.synscan else base.STOP)
 
     async def send_park(self, wanted: Wanted) -> Sent:
         """Switch tracking off and order a goto in azimuth and altitude [NexStar T, b]."""
@@ -262,10 +342,10 @@ class NexstarLanguage(SerialLanguage):
         await self._require_alignment("parking")
         if not wanted():
             return Sent(wire=False)
-        await self._asking.asked(codec.set_tracking(self.handset.number(Tracking.OFF)))
+        await self._asking.asked(base.set_tracking(self.handset.number(Tracking.OFF)))
         self._parking.began()
         short = self._greeting.short
-        return await self._asking.once(codec.slew_horizon(place.az_deg, place.alt_deg, short=short), wanted)
+        return await self._asking.once(base.slew_horizon(place.az_deg, place.alt_deg, short=short), wanted)
 
     async def send_unpark(self) -> None:
         """Take it as not parked; tracking stays off until a slew or `send_tracking`."""
@@ -286,7 +366,7 @@ class NexstarLanguage(SerialLanguage):
         """Order tracking in the mode it had, or its hemisphere's [NexStar T], and its rate [NexStar P]."""
         handset = self.handset
         if not on:
-            await self._asking.asked(codec.set_tracking(handset.number(Tracking.OFF)))
+            await self._asking.asked(base.set_tracking(handset.number(Tracking.OFF)))
             return
         mode, number = self._usual_mode(), _RATES.get(rate)
         has_rates = handset.has_rates and mode in _EQUATORIAL
@@ -294,10 +374,10 @@ class NexstarLanguage(SerialLanguage):
             raise self._unsupported(f"track at the {rate} rate")
         if self._parking.parked:
             raise DeviceRefused("tracking refused: it is parked", device=self.device, reason=Refusal.PARKED)
-        await self._asking.asked(codec.set_tracking(handset.number(mode)))
+        await self._asking.asked(base.set_tracking(handset.number(mode)))
         if has_rates and rate is not self._rate:
             south = mode is Tracking.EQUATORIAL_SOUTH
-            await self._asking.asked(codec.set_tracking_rate(number, south=south))
+            await self._asking.asked(base.set_tracking_rate(number, south=south))
             self._rate = rate
 
     async def send_guide(self, direction: Direction, duration_s: float, wanted: Wanted) -> Sent:
@@ -316,7 +396,7 @@ class NexstarLanguage(SerialLanguage):
         return self._mode or self.handset.usual_mode(self._latitude_deg)
 
     async def _require_alignment(self, what: str) -> None:
-        if await self._asking.asked_if_known(codec.ALIGNED) is False:
+        if await self._asking.asked_if_known(base.ALIGNED) is False:
             raise DeviceRefused(
                 f"{what} refused: it is not aligned",
                 device=self.device,
@@ -330,7 +410,7 @@ class NexstarLanguage(SerialLanguage):
         """Its clock; it shows whole seconds [NexStar h, i]."""
         if not self.handset.keeps_time:
             return None
-        command = codec.GET_FINE_TIME if self.handset.quarter_zones else codec.GET_TIME
+        command = base.GET_FINE_TIME if self.handset.quarter_zones else base.GET_TIME
         earlier = await self._asking.agreed_if_known(command, alike=goes_on)
         if earlier is None:
             return None
@@ -344,13 +424,13 @@ class NexstarLanguage(SerialLanguage):
         """Set its clock, and its zone to UTC [NexStar H, I]; refused once it is aligned."""
         await self._require_no_alignment("a time")
         fine = self.handset.quarter_zones
-        await self._sent_whole(codec.set_time(time_for(utc), fine=fine))
+        await self._sent_whole(base.set_time(time_for(utc), fine=fine))
 
     async def read_site(self) -> Site | None:
         """Where it believes to stand [NexStar w]."""
         if not self.handset.keeps_time:
             return None
-        wire = await self._asking.agreed_if_known(codec.GET_SITE)
+        wire = await self._asking.agreed_if_known(base.GET_SITE)
         if wire is None:
             return None
         site = site_of(wire)
@@ -360,13 +440,13 @@ class NexstarLanguage(SerialLanguage):
     async def write_site(self, site: Site) -> None:
         """Tell it where it stands [NexStar W]; refused once it is aligned."""
         await self._require_no_alignment("a site")
-        await self._sent_whole(codec.set_site(wire_site(site)))
+        await self._sent_whole(base.set_site(wire_site(site)))
         self._latitude_deg = site.latitude_deg
 
     async def _require_no_alignment(self, what: str) -> None:
         if not self.handset.keeps_time:
             raise self._unsupported(f"take {what}")
-        if await self._asking.asked_if_known(codec.ALIGNED):
+        if await self._asking.asked_if_known(base.ALIGNED):
             raise DeviceRefused(
                 f"won't be given {what}: its alignment was made with the one it has",
                 device=self.device,

@@ -8,15 +8,176 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from datetime import datetime
 
 from drivers.fakes.faults import Fault
 from drivers.fakes.wire_fake import WireFake
-from drivers.skywatcher.fake_board import BOARDS, FakeBoard
-from drivers.skywatcher.fake_motor import FakeMotor
-from drivers.skywatcher.words import POSITION_ZERO, Axis, number, number_text
-from mountnav.simulation.mechanics import Mechanics
+from drivers.skywatcher.axes import Gearing
+from drivers.skywatcher.codec import LARGEST, POSITION_ZERO, Axis, Board, MotorStatus, number, number_text
+from mountnav.simulation.mechanics import AxisName, Mechanics
 from mountnav.sky.coordinates import utc_now
+from mountnav.sky.turning import SIDEREAL_DEG_S
+
+
+@dataclass(frozen=True, slots=True)
+class FakeBoard:
+    """One kind of mount.
+
+    Attributes
+    ----------
+    board : Board
+    gears : dict of Axis to Gearing
+    features : str or None
+        Answer to ``:q``; None on old boards, which don't know it.
+    goto_deg_s, slow_goto_deg_s, acceleration_deg_s2 : float
+        Of its gotos.
+    least_period : int
+        Shorter step periods are taken for this.
+    """
+
+    board: Board
+    gears: dict[Axis, Gearing]
+    features: str | None = None
+    goto_deg_s: float = 3.4
+    slow_goto_deg_s: float = 0.2134
+    acceleration_deg_s2: float = 2.2
+    least_period: int = 6
+
+
+def _both(counts: int, timer_hz: int, ratio: int) -> dict[Axis, Gearing]:
+    return {axis: Gearing(counts, timer_hz, ratio) for axis in Axis}
+
+
+BOARDS = {
+    # numbers, speeds and firmware as an owner's HEQ5 Pro told them; an EQ6 counts alike [INDI eqmod]
+    "eq6": FakeBoard(Board(2, 4, 0x00), _both(9_024_000, 64_935, 16)),
+    "heq5": FakeBoard(Board(2, 4, 0x01), _both(9_024_000, 64_935, 16)),
+    # counts from an owner's log, features from another's notes; timer and firmware are not checked
+    "eq8": FakeBoard(Board(3, 0, 0x04), _both(11_136_000, 16_000_000, 16), "076000"),
+    "az-eq6": FakeBoard(Board(3, 0, 0x05), _both(9_216_000, 16_000_000, 32), "0B3000"),
+    # counts and timer as an owner's told them: the axes differ; ratio and features are not checked
+    "star-adventurer-gti": FakeBoard(
+        Board(3, 0x30, 0x0C),
+        {
+            Axis.HOUR_ANGLE: Gearing(3_628_800, 16_000_000, 1),
+            Axis.DECLINATION: Gearing(2_903_040, 16_000_000, 1),
+        },
+        "008000",
+        least_period=1,
+    ),
+}
+
+
+_FASTEST_DEG_S = 1000.0 * SIDEREAL_DEG_S
+
+
+class FakeMotor:
+    """Registers and motion.
+
+    Parameters
+    ----------
+    axis : Axis
+    board : FakeBoard
+    mechanics : Mechanics
+        German.
+    """
+
+    def __init__(self, axis: Axis, board: FakeBoard, mechanics: Mechanics) -> None:
+        self.axis = axis
+        self._board = board
+        self._gear = board.gears[axis]
+        self._mechanics = mechanics
+        self._name: AxisName = "ha" if axis is Axis.HOUR_ANGLE else "dec"
+        self.sidereal_period = self._gear.period(SIDEREAL_DEG_S)
+        self.boot()
+
+    def boot(self) -> None:
+        """Begin anew: wherever it stands is the zero of its counts."""
+        self.initialized = False
+        self.goto = self.fast = self.backward = self._under_way = False
+        self.increment, self.brake = 0, 0
+        self.period = self.sidereal_period
+        self._zero_deg = self._turn_deg()
+        self._zero_count = POSITION_ZERO
+        self.target = POSITION_ZERO
+
+    # how turns of the motor lie on the mechanics' axes: counterweight down is 0 here and 90 there, the pole
+    # is 90 here; in the south the polar axis stands the other way round
+
+    def _signs(self) -> tuple[float, float, float]:
+        south = self._mechanics.site.latitude_deg < 0.0
+        if self.axis is Axis.HOUR_ANGLE:
+            return (-1.0 if south else 1.0), 90.0, 0.0
+        return -1.0, (-90.0 if south else 90.0), 90.0
+
+    def _turn_deg(self) -> float:
+        sign, home_deg, home_turn_deg = self._signs()
+        return home_turn_deg + sign * (self._mechanics.axis_angle(self._name) - home_deg)
+
+    def _angle_deg(self, turn_deg: float) -> float:
+        sign, home_deg, home_turn_deg = self._signs()
+        return home_deg + sign * (turn_deg - home_turn_deg)
+
+    @property
+    def running(self) -> bool:
+        """Whether it turns, slowing down included."""
+        return self._mechanics.axis_moving(self._name)
+
+    @property
+    def count(self) -> int:
+        """Its position register."""
+        return (self._zero_count + self._gear.counts_of(self._turn_deg() - self._zero_deg)) & LARGEST
+
+    def set_count(self, count: int) -> None:
+        """Count the present place so."""
+        self._zero_count, self._zero_deg = count, self._turn_deg()
+
+    def status(self) -> MotorStatus:
+        """Its flags; a goto that has ended has gone back to the other mode by itself."""
+        running = self.running
+        if self._under_way and not running:
+            self._under_way = self.goto = False
+        return MotorStatus(self.goto, self.backward, self.fast, running, False, self.initialized)
+
+    def mode(self, mode: int, flags: int) -> None:
+        """Take a motion mode."""
+        self.goto, self.fast, self._under_way = mode in (0, 2), mode in (0, 3), False
+        self.backward = bool(flags & 1)
+
+    def aim_by(self, counts: int) -> None:
+        """Take a goto increment."""
+        self.increment = counts
+        self.target = (self.count + (-counts if self.backward else counts)) & LARGEST
+
+    def take_period(self, ticks: int) -> None:
+        """Take a step period; a motor that runs slowly obeys at once."""
+        self.period = max(ticks, self._board.least_period)
+        if self.running and not self.goto and not self.fast:
+            self._run()
+
+    def start(self) -> None:
+        """Start as the registers say."""
+        if not self.goto:
+            self._run()
+            return
+        board = self._board
+        turn_deg = self._zero_deg + self._gear.turn_deg(self.target - self._zero_count)
+        rate_deg_s = board.goto_deg_s if self.fast else board.slow_goto_deg_s
+        angle_deg = self._angle_deg(turn_deg)
+        self._under_way = True
+        self._mechanics.drive_to(self._name, angle_deg, rate_deg_s, board.acceleration_deg_s2)
+
+    def _run(self) -> None:
+        rate_deg_s = min(self._gear.rate_deg_s(self.period, fast=self.fast), _FASTEST_DEG_S)
+        sign = self._signs()[0] * (-1.0 if self.backward else 1.0)
+        self._mechanics.drive(self._name, sign * rate_deg_s, self._board.acceleration_deg_s2)
+
+    def stop(self, *, hard: bool) -> None:
+        """Slow down, or stand still at once; the mode is the other one from now on."""
+        self.goto = self._under_way = False
+        self._mechanics.halt(self._name, instant=hard)
+
 
 _LONGEST = 16
 _WORM_TEETH = 180

@@ -14,12 +14,20 @@ from datetime import datetime
 
 from drivers.generic.language import Sent, Wanted
 from drivers.skywatcher import codec
-from drivers.skywatcher.postures import HOME, Turns, side_for, sight, sky_sign, turns_at
-from drivers.skywatcher.rates import RATES_DEG_S
+from drivers.skywatcher.axes import (
+    HOME,
+    RATES_DEG_S,
+    Turns,
+    altitude_deg,
+    hour_angle_of,
+    side_for,
+    sight,
+    sky_sign,
+    turns_at,
+)
+from drivers.skywatcher.codec import Axis
 from drivers.skywatcher.readings import SkywatcherReading
-from drivers.skywatcher.reckoning import altitude_deg, hour_angle_of
 from drivers.skywatcher.steering import Aim
-from drivers.skywatcher.words import Axis
 from mountnav.clock import pause
 from mountnav.devices import Direction, PierSide, TrackingRate
 from mountnav.errors import BadRequest, DeviceError, DeviceRefused, Refusal
@@ -95,7 +103,7 @@ class SkywatcherLanguage(SkywatcherReading):
         return lambda: wanted() and self._motors.stops == stops
 
     async def _energize(self) -> None:
-        """Before the first motion since power-up; see `drivers.skywatcher.standing`."""
+        """Before the first motion since power-up; see `drivers.skywatcher.axes`."""
         # whoever lets it move trusts the position
         self._zero_known = True
         if self._energized:

@@ -15,8 +15,8 @@ from typing import Any
 
 from drivers.generic.serial_language import OptionalQuestions
 from drivers.skywatcher import codec
-from drivers.skywatcher.rates import Gearing, true_timer_hz
-from drivers.skywatcher.words import Axis, Board, Features, MotorStatus, Nack
+from drivers.skywatcher.axes import Gearing, true_timer_hz
+from drivers.skywatcher.codec import Axis, Board, Features, MotorStatus, Nack
 from drivers.wire.command import Command
 from drivers.wire.link import Link
 from mountnav.clock import pause

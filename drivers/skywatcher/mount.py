@@ -7,8 +7,8 @@ from urllib.parse import urlsplit
 
 from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
+from drivers.skywatcher.axes import SkywatcherSettings
 from drivers.skywatcher.language import SkywatcherLanguage
-from drivers.skywatcher.settings import SkywatcherSettings
 from drivers.wire.exchange import Patience
 from drivers.wire.line import ByteLine, ControlLines, SerialLine, UdpLine
 from drivers.wire.link import Link

@@ -8,14 +8,10 @@ from collections.abc import Coroutine
 from drivers.generic.language import Identity, Readout
 from drivers.generic.serial_language import SerialLanguage
 from drivers.skywatcher import codec
+from drivers.skywatcher.axes import HOME, RATES_DEG_S, SkywatcherSettings, Standing, Turns, place_of, sight
+from drivers.skywatcher.codec import NOT_EQUATORIAL, Axis, MotorStatus
 from drivers.skywatcher.motors import Count, Motors
-from drivers.skywatcher.postures import HOME, Turns, sight
-from drivers.skywatcher.rates import RATES_DEG_S
-from drivers.skywatcher.reckoning import place_of
-from drivers.skywatcher.settings import SkywatcherSettings
-from drivers.skywatcher.standing import Standing
 from drivers.skywatcher.steering import Steering
-from drivers.skywatcher.words import NOT_EQUATORIAL, Axis, MotorStatus
 from drivers.wire.link import Link
 from mountnav.devices import Epoch, PierSide, Skill, TrackingRate
 from mountnav.errors import DeviceRefused, Refusal

@@ -12,12 +12,9 @@ from collections.abc import Callable
 from datetime import datetime, timedelta
 
 from drivers.skywatcher import codec
+from drivers.skywatcher.axes import SkywatcherSettings, Standing, Turns, goto_s, sky_sign
+from drivers.skywatcher.codec import Axis
 from drivers.skywatcher.motors import Motors
-from drivers.skywatcher.postures import Turns, sky_sign
-from drivers.skywatcher.rates import goto_s
-from drivers.skywatcher.settings import SkywatcherSettings
-from drivers.skywatcher.standing import Standing
-from drivers.skywatcher.words import Axis
 from mountnav.errors import DeviceError
 from mountnav.sky.coordinates import utc_now
 from mountnav.sky.turning import SIDEREAL_DEG_S

@@ -20,8 +20,8 @@ from api.http.app import create_app
 from api.indi_server.server import IndiServer
 from api.service import Service
 from drivers.fakes.bench import FakeOnPty
-from drivers.indi import orders
-from drivers.lx200.faking import fake_from
+from drivers.indi.codec import messages
+from drivers.lx200.family import fake_from
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.settings.observatory import Settings
 from mountnav.simulation.machine import Machine
@@ -33,7 +33,7 @@ from mountnav.simulation.sky_clock import FastClock
 from mountnav.sky.coordinates import Air, Site, utc_now
 from mountnav.sky.present import real_s, virtual_present
 from mountnav.sky.sphere import displaced
-from tests.drivers.indi_server import IndiServer as RealIndiServer
+from tests.drivers.indi.real_server import IndiServer as RealIndiServer
 
 Way = Literal["serial", "indi", "indiserver", "alpaca"]
 
@@ -265,9 +265,9 @@ async def _told_its_line(server: RealIndiServer, line: str) -> None:
     assert await panel.client.until(lambda: panel.get("DEVICE_PORT") is not None, 30.0)
     await panel.ordered(
         # a driver that fails would go on to every other port of the machine
-        orders.new_switches(ONSTEP, "DEVICE_AUTO_SEARCH", {"INDI_DISABLED": True}),
-        orders.new_texts(ONSTEP, "DEVICE_PORT", {"PORT": line}),
-        orders.new_numbers(ONSTEP, "POLLING_PERIOD", {"PERIOD_MS": 100.0}),
+        messages.new_switches(ONSTEP, "DEVICE_AUTO_SEARCH", {"INDI_DISABLED": True}),
+        messages.new_texts(ONSTEP, "DEVICE_PORT", {"PORT": line}),
+        messages.new_numbers(ONSTEP, "POLLING_PERIOD", {"PERIOD_MS": 100.0}),
         asking="DEVICE_PORT",
     )
     await panel.client.close()

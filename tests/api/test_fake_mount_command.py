@@ -16,10 +16,10 @@ import pytest
 import serial
 
 from api.cli.fake_mount import FakeMount, run
-from drivers.fakes.fakes import dialects, machine, make_fake, protocols
 from drivers.fakes.faults import Fault, read_faults
 from drivers.fakes.recording import profile_of, read_dialogue
 from drivers.fakes.wire_fake import WireFake
+from drivers.registry import fake_dialects, fake_machine, fake_protocols, make_fake
 from mountnav.errors import BadRequest, BadSettings
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.simulation.sky_clock import FastClock
@@ -55,25 +55,27 @@ def ended(process: subprocess.Popen[str]) -> None:
 
 def fake_of(protocol: str, dialect: str | None = None) -> WireFake:
     clock = FastClock()
-    mechanics = Mechanics(Site(47.0, 11.0), Air(), PointingErrors(), machine=machine(protocol), clock=clock)
+    mechanics = Mechanics(
+        Site(47.0, 11.0), Air(), PointingErrors(), machine=fake_machine(protocol), clock=clock
+    )
     return make_fake(protocol, dialect, mechanics, clock=clock, monotonic=clock.monotonic)
 
 
-@pytest.mark.parametrize("protocol", protocols())
+@pytest.mark.parametrize("protocol", fake_protocols())
 def test_every_dialect_answers_and_is_told_apart(protocol: str) -> None:
-    assert len(set(dialects(protocol))) == len(dialects(protocol)) >= 1
+    assert len(set(fake_dialects(protocol))) == len(fake_dialects(protocol)) >= 1
     question, end = GREETINGS[protocol]
-    for dialect in (None, *dialects(protocol)):
+    for dialect in (None, *fake_dialects(protocol)):
         fake = fake_of(protocol, dialect)
         answer = fake.feed(question)
         assert answer.endswith(end), dialect
         assert fake.obeyed == [question]
-    with pytest.raises(BadRequest, match=f"{protocol} dialect morse.*there is: {dialects(protocol)[0]}"):
+    with pytest.raises(BadRequest, match=f"{protocol} dialect morse.*there is: {fake_dialects(protocol)[0]}"):
         fake_of(protocol, "morse")
 
 
 def test_the_same_faults_strike_every_family() -> None:
-    for protocol in protocols():
+    for protocol in fake_protocols():
         question, _ = GREETINGS[protocol]
         fake = fake_of(protocol)
         whole = fake.feed(question)
@@ -147,7 +149,7 @@ sys.exit(command.run(command.FakeMount(protocol="lx200", link=Path({str(link)!r}
 def test_the_list_tells_all() -> None:
     command = [sys.executable, "-m", "api.main", "fake-mount", "--list"]
     listed = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
-    assert listed == [f"{protocol}: {', '.join(dialects(protocol))}" for protocol in protocols()]
+    assert listed == [f"{protocol}: {', '.join(fake_dialects(protocol))}" for protocol in fake_protocols()]
 
 
 def test_a_motor_controller_answers_datagrams() -> None:

@@ -14,7 +14,7 @@ import pytest
 
 from api.cli.wire import run
 from drivers.fakes.bench import FakeOnPty
-from drivers.fakes.fakes import dialects, make_fake
+from drivers.registry import fake_dialects, make_fake
 from mountnav.errors import BadRequest, BadSettings, DeviceMissing
 from mountnav.settings.observatory import FAKES
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
@@ -53,7 +53,7 @@ async def test_the_service_shows_what_was_said(client: httpx.AsyncClient) -> Non
 
 @pytest.mark.parametrize("protocol", FAKES)
 async def test_fakes_of_every_family_are_served(serving: Serve, observatory_toml: str, protocol: str) -> None:
-    dialect = "onstep" if protocol == "lx200" else dialects(protocol)[-1]
+    dialect = "onstep" if protocol == "lx200" else fake_dialects(protocol)[-1]
     toml = observatory_toml.replace("fake+lx200://", f"fake+{protocol}://?dialect={dialect}")
     async with serving(toml) as client:
         state = (await client.get("/v1/telescopes/east")).json()

@@ -21,10 +21,10 @@ from mountnav.errors import DeviceRefused, Refusal, RefusedButDone
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.sky.coordinates import Apparent, Icrs, utc_now
 from mountnav.sky.sphere import separation_arcsec
-from tests.drivers.alpaca import test_alpaca_mount as alpaca
+from tests.drivers.alpaca import test_language as alpaca
 from tests.drivers.alpaca.alpaca_server import Fault as AlpacaFault
+from tests.drivers.indi.test_language_through_indi import through_indi, up_now
 from tests.drivers.test_every_family import rigged
-from tests.drivers.test_indi_through import through_indi, up_now
 
 ON_A_WIRE = {
     "lx200": ("lx200", "lx200gps"),

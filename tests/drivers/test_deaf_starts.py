@@ -7,11 +7,10 @@ import time
 import pytest
 
 from drivers.fakes.bench import FakeOnTcp
-from drivers.fakes.fakes import make_fake
 from drivers.fakes.faults import Fault
 from drivers.generic.mount import GenericMount
 from drivers.nexstar.mount import patience_of
-from drivers.registry import open_mount
+from drivers.registry import make_fake, open_mount
 from drivers.skywatcher.mount import PATIENCE
 from drivers.wire.exchange import Patience
 from drivers.wire.link import Link

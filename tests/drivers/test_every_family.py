@@ -13,13 +13,12 @@ from typing import Any
 import pytest
 
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
-from drivers.fakes.fakes import dialects, make_fake, protocols
 from drivers.fakes.faults import Fault
 from drivers.fakes.wire_fake import WireFake
 from drivers.generic.link_supervisor import LinkState
 from drivers.generic.mount import GenericMount
 from drivers.lx200.dialects import names
-from drivers.registry import open_mount
+from drivers.registry import fake_dialects, fake_protocols, make_fake, open_mount
 from drivers.wire.wire_log import WireEntry
 from mountnav.devices import SlewOutcome, SlewState, SyncOutcome
 from mountnav.errors import DeviceError, DeviceMissing, DeviceRefused, Refusal
@@ -30,15 +29,15 @@ from tests.pace import slowness
 
 HERE = Site(49.6, 36.9)
 QUICK = "poll_s=0.1&start_grace_s=0.6&rest_s=0.4&stall_s=2&sync_wait_s=1.0&late_s=0.5&backoff_s=0.1"
-FAKES_ALONE = set(dialects("lx200")) - {*names(), "lx200-16"}
+FAKES_ALONE = set(fake_dialects("lx200")) - {*names(), "lx200-16"}
 """Mounts that INDI's drivers are tried on, and ours doesn't drive."""
 ALL = [
     (protocol, dialect)
-    for protocol in protocols()
-    for dialect in dialects(protocol)
+    for protocol in fake_protocols()
+    for dialect in fake_dialects(protocol)
     if protocol != "lx200" or dialect not in FAKES_ALONE
 ]
-USUAL = [(protocol, dialects(protocol)[0]) for protocol in protocols()]
+USUAL = [(protocol, fake_dialects(protocol)[0]) for protocol in fake_protocols()]
 QUICK_ONES = [case for case in USUAL if case[0] in ("lx200", "nexstar")]
 NOTICED_S = 2.0
 SILENT_S = 2.5
@@ -49,7 +48,7 @@ ON_WIRE_S = 0.1 * SILENT_S
 
 def faking_of(protocol: str) -> Any:
     """The module that makes the family's fake."""
-    family = "nexstar.faking_synscan" if protocol == "synscan" else f"{protocol}.faking"
+    family = "nexstar.faking_synscan" if protocol == "synscan" else f"{protocol}.family"
     return import_module(f"drivers.{family}")
 
 
@@ -59,7 +58,7 @@ def stops_of(protocol: str) -> tuple[bytes, ...]:
 
 
 def fake_of(protocol: str, dialect: str) -> WireFake:
-    faking = import_module(f"drivers.{protocol}.faking") if protocol != "synscan" else None
+    faking = import_module(f"drivers.{protocol}.family") if protocol != "synscan" else None
     machine: Machine = getattr(faking, "MACHINE", None) or Machine()
     mechanics = Mechanics(
         HERE,

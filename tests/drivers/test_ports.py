@@ -16,13 +16,13 @@ from typer.testing import CliRunner
 from api.cli.cli_ports import ports
 from api.cli.ports import run
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
-from drivers.fakes.fakes import make_fake
 from drivers.ports import PROBING, holders, probe, serial_ports
+from drivers.registry import make_fake
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Site, utc_now
-from tests.drivers.ioptron_fakes import fake_of
+from tests.drivers.ioptron.german_fakes import fake_of
 
-IOPTRON = ("drivers.ioptron.probing", "drivers.no_such_family.probing")
+IOPTRON = ("drivers.ioptron.family", "drivers.no_such_family.probing")
 
 
 @pytest.mark.parametrize(
@@ -103,7 +103,7 @@ def test_the_machines_ports_are_listed() -> None:
     for port in serial_ports():
         assert port.device.startswith("/dev/")
         assert set(port.names) <= {str(entry) for entry in Path("/dev/serial/by-id").glob("*")}
-    assert PROBING[0] == "drivers.nexstar.probing"
+    assert PROBING[0] == "drivers.nexstar.family"
 
 
 def test_the_command_tells_what_answers_and_its_address() -> None:

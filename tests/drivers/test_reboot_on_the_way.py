@@ -13,9 +13,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from drivers.fakes.fakes import make_fake
 from drivers.fakes.faults import Fault
 from drivers.generic.mount import GenericMount
+from drivers.registry import make_fake
 from mountnav.errors import DeviceError
 from mountnav.sky.chain import apparent_to_icrs
 from mountnav.sky.coordinates import Apparent, Icrs, utc_now

@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-from drivers.alpaca.asking import Asking
-from drivers.alpaca.looking import Looking
-from drivers.alpaca.moving import Moving
-from drivers.alpaca.where import Where
+from drivers.alpaca.client import AlpacaClient
+from drivers.alpaca.codec.base import DeviceAddress
+from drivers.alpaca.language import Moving
+from drivers.alpaca.readings import Looking
 from drivers.generic.link_supervisor import LinkState
-from drivers.indi import codec
 from drivers.indi.client import IndiClient
+from drivers.indi.codec import messages
 from drivers.wire.exchange import Patience
 from drivers.wire.line import SerialLine
 from drivers.wire.link import Link
@@ -46,7 +46,7 @@ def indi_faults(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch)
 
 @pytest.mark.parametrize(
     "indi_faults",
-    [(codec.Reader, "parts"), (IndiClient, "_take"), (IndiClient, "_watch")],
+    [(messages.Reader, "parts"), (IndiClient, "_take"), (IndiClient, "_watch")],
     indirect=True,
 )
 async def test_an_indi_client_without_its_reader_or_its_watch_is_lost(indi_faults: None) -> None:
@@ -78,7 +78,7 @@ async def test_a_mounts_link_ends_with_its_beat_and_its_watch_and_comes_back(mem
 async def test_an_alpaca_order_in_the_background_that_dies_ends_the_link(
     order: bool, member: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asking = Asking(Where("http://127.0.0.1:1", "telescope", 0), log=WireLog(kept=10))
+    asking = AlpacaClient(DeviceAddress("http://127.0.0.1:1", "telescope", 0), log=WireLog(kept=10))
     await asking.open()
     monkeypatch.setattr(asking, member, died)
     moving = Moving(asking, Looking.__new__(Looking), 10.0)

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from drivers.fakes.fakes import make_fake
 from drivers.fakes.faults import Fault
 from drivers.fakes.wire_fake import WireFake
 from drivers.generic.mount import GenericMount
+from drivers.registry import make_fake
 from drivers.wire.exchange import Patience
 from drivers.wire.link import Link
 from drivers.wire.wire_log import WireLog

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from drivers.fakes.fakes import make_fake
 from drivers.fakes.faults import USUAL_KINDS, Fault, Kind, scripted
+from drivers.registry import make_fake
 from mountnav.devices import SyncOutcome
 from tests.drivers.virtual_wire import HandClock, VirtualLoop, in_virtual_time
 from tests.drivers.wire_families import family

@@ -6,11 +6,11 @@ import importlib
 from dataclasses import replace
 from typing import Any
 
-from drivers.fakes.fakes import machine
 from drivers.ioptron.language import IoptronLanguage
 from drivers.lx200.dialects import dialect_named
 from drivers.lx200.language import Lx200Language
 from drivers.nexstar.language import NexstarLanguage
+from drivers.registry import fake_machine
 from drivers.skywatcher.language import SkywatcherLanguage
 from mountnav.simulation.mechanics import Machine
 from tests.drivers.wire_fuzz import HERE, Family
@@ -25,8 +25,10 @@ def _aligned(fake: Any) -> None:
 
 def family(protocol: str, dialect: str | None = None) -> Family:
     """A family as the fuzz takes it; the dialect is the fake's, the driver finds it out."""
-    faking = importlib.import_module(_FAKING.get(protocol, f"drivers.{protocol}.faking"))
-    made = Family(protocol, dialect, Lx200Language, faking.MOVES, faking.STOPS, machine=machine(protocol))
+    faking = importlib.import_module(_FAKING.get(protocol, f"drivers.{protocol}.family"))
+    made = Family(
+        protocol, dialect, Lx200Language, faking.MOVES, faking.STOPS, machine=fake_machine(protocol)
+    )
     match protocol:
         case "nexstar":
             return replace(made, language=NexstarLanguage, recover=_aligned)

@@ -12,8 +12,8 @@ from typing import Any, Protocol
 import httpx
 
 from api.planetarium.stellarium_codec import Goto, goto_message
-from drivers.indi import orders
-from drivers.indi.codec import Changed, Defined, Event, Reader, State
+from drivers.indi.codec import messages as orders
+from drivers.indi.codec.messages import Changed, Defined, Event, Reader, State
 from mountnav.sky.chain import apparent_to_icrs
 from mountnav.sky.coordinates import Apparent
 from tests.faces.standing import PATIENCE_S, Standing

@@ -13,8 +13,8 @@ from api.http.serving import bind, make_server
 from api.observatory.fake_mounts import GERMAN
 from api.service import Service
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
-from drivers.fakes.fakes import make_fake
 from drivers.fakes.wire_fake import WireFake
+from drivers.registry import make_fake
 from mountnav.settings.observatory import Settings
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_apparent

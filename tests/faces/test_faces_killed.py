@@ -16,7 +16,7 @@ import httpx
 import pytest
 
 from drivers.fakes.wire_fake import WireFake
-from drivers.lx200.angles import ra_from_text
+from drivers.lx200.codec.angles import ra_from_text
 from mountnav.sky.coordinates import Apparent
 from tests.faces.hands import EAST
 from tests.faces.standing import PATIENCE_S, fake_on_tcp, until, up_now

@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 from astropy.table import Table
 
-from drivers.indi.blobs import BrokenBlob, content
-from drivers.indi.codec import Blob
+from drivers.indi.codec.exposure import BrokenBlob, content
+from drivers.indi.codec.messages import Blob
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.packed.packing import CatalogColumns, pack
 from mountnav.catalog.readers import open_reader

@@ -23,14 +23,14 @@ from api.alpaca.members import MEMBERS
 from api.indi_server.parser import Hearing
 from api.planetarium import lx200_codec, stellarium_codec
 from api.solver.messages import BadAnswer, Done, Fault, Progress, Ready, read, written
-from drivers.alpaca import codec as alpaca_codec
-from drivers.alpaca import image_bytes
+from drivers.alpaca.codec import base as alpaca_codec
+from drivers.alpaca.codec import exposure
 from drivers.alpaca.discovery import Heard
 from drivers.fakes.faults import parse_faults
 from drivers.fakes.recording import read_dialogue
-from drivers.indi.codec import Reader
-from drivers.indi.state import Properties
-from drivers.indi.xml_stream import ElementStream
+from drivers.indi.codec.messages import Reader
+from drivers.indi.codec.state import Properties
+from drivers.indi.codec.xml_stream import ElementStream
 from drivers.registry import open_mount
 from drivers.wire.command import Command, Unreadable
 from mountnav.catalog.packed.header import decode_header as decode_packed
@@ -305,7 +305,7 @@ def _alpaca(data: bytes) -> None:
                 with _promised(alpaca_codec.Malformed):
                     understood(value)
         with _promised(alpaca_codec.Malformed, MountnavError):
-            image_bytes.read_image(data, kind, 1)
+            exposure.read_image(data, kind, 1)
 
 
 def _discovery(data: bytes) -> None:

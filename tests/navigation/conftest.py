@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import pytest
 
 from drivers.fakes.bench import FakeOnPty
-from drivers.lx200.fake import FakeLx200
+from drivers.lx200.fake.base import FakeLx200
 from drivers.registry import open_mount
 from drivers.simulated.camera import SimulatedCamera
 from mountnav.catalog.embedded import embedded_catalog

@@ -9,10 +9,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from drivers.fakes.fakes import make_fake
 from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
 from drivers.lx200.language import Lx200Language
+from drivers.registry import make_fake
 from drivers.wire.exchange import Patience
 from drivers.wire.link import Link
 from drivers.wire.wire_log import WireLog

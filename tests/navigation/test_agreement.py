@@ -10,8 +10,7 @@ from dataclasses import replace
 import pytest
 
 from drivers.fakes.bench import FakeOnPty
-from drivers.fakes.fakes import make_fake
-from drivers.registry import open_mount
+from drivers.registry import make_fake, open_mount
 from mountnav.clock import SystemClock
 from mountnav.devices import ConnectReport
 from mountnav.errors import DeviceRefused, Refusal
@@ -26,7 +25,7 @@ from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.chain import hour_angle_to_icrs
 from mountnav.sky.coordinates import Air, Apparent, HourAngle, Icrs, Site, utc_now
 from mountnav.sky.sphere import half_turn_deg
-from tests.drivers.alpaca import test_alpaca_mount as alpaca
+from tests.drivers.alpaca import test_language as alpaca
 from tests.navigation.sync_rig import SITE, SyncRig, rigged
 
 OTHER = replace(SITE, longitude_deg=-SITE.longitude_deg)

@@ -140,7 +140,7 @@ def test_one_clock_goes_from_run_to_run() -> None:
 
 
 def test_everybody_takes_the_clock_for_the_present_and_gives_it_back() -> None:
-    from drivers.lx200 import looking
+    from drivers.lx200 import readings
     from mountnav.sky import coordinates
 
     clock = VirtualClock()
@@ -148,6 +148,6 @@ def test_everybody_takes_the_clock_for_the_present_and_gives_it_back() -> None:
     for _ in range(2):
         with for_all_modules(clock):
             assert coordinates.utc_now() == clock.utc()
-            assert looking.utc_now is clock
+            assert readings.utc_now is clock
         assert coordinates.utc_now is real
-        assert looking.utc_now is real
+        assert readings.utc_now is real

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from api.indi_server.server import IndiServer
 from api.service import Service, open_service
-from drivers.indi import orders
-from drivers.indi.codec import Changed, Defined, Event, Reader, State
+from drivers.indi.codec import messages as orders
+from drivers.indi.codec.messages import Changed, Defined, Event, Reader, State
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.settings.observatory import Settings
 from mountnav.simulation.mechanics import Mechanics

@@ -14,7 +14,7 @@ import pytest_asyncio
 
 from api.indi_server.server import IndiServer
 from api.service import Service
-from drivers.indi import orders
+from drivers.indi.codec import messages
 from drivers.registry import open_camera
 from mountnav.sky.chain import apparent_to_icrs
 from mountnav.sky.coordinates import Apparent, utc_now
@@ -27,9 +27,9 @@ from tests.api.indi.face_rig import (
     until,
     up_now,
 )
-from tests.drivers.indi_server import CCD
-from tests.drivers.indi_server import IndiServer as StockServer
-from tests.drivers.indi_sky import GscSky
+from tests.drivers.indi.real_server import CCD
+from tests.drivers.indi.real_server import IndiServer as StockServer
+from tests.drivers.indi.real_sky import GscSky
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 Rig = tuple[Service, IndiServer, StockServer]
@@ -175,7 +175,7 @@ async def test_a_stock_server_runs_us_as_a_driver(rig: tuple[Rig, GscSky], tmp_p
         device = stock.device(NAME)
         await device.bring_up(may_connect=True, needed=(EOD,))
         await device.set_switches("ON_COORD_SET", {"TRACK": False, "SLEW": True, "SYNC": False})
-        device.client.send(orders.new_switches(NAME, "TELESCOPE_ABORT_MOTION", {"ABORT": True}))
+        device.client.send(messages.new_switches(NAME, "TELESCOPE_ABORT_MOTION", {"ABORT": True}))
         await until(lambda: any("stopped" in words for words in device.words_since(0)), "stopped")
         assert service.jobs.running_on("east") is None
         await device.client.close()

@@ -10,8 +10,8 @@ import pytest_asyncio
 
 from api.indi_server.server import IndiServer
 from api.service import Service
-from drivers.indi import orders
-from drivers.indi.codec import State
+from drivers.indi.codec import messages
+from drivers.indi.codec.messages import State
 from mountnav.sky.coordinates import Apparent, utc_now
 from tests.api.indi.face_rig import (
     apart_arcsec,
@@ -83,12 +83,12 @@ async def test_a_stop_is_taken_from_a_client_that_has_disconnected(rig: Rig) -> 
 async def test_a_stop_that_can_not_be_carried_out_says_so(rig: Rig) -> None:
     _, server = rig
     async with raw_client(server) as raw:
-        await raw.say(orders.get_properties("gone"))
+        await raw.say(messages.get_properties("gone"))
         mistaken = (
             (switch(ABORT, "ABORT", "nobody"), "there is no device nobody"),
             (switch(ABORT, "ABORT", "gone"), "could not be sent"),
             (switch(ABORT, "STOP"), "one switch: ABORT"),
-            (orders.new_texts("east", ABORT, {"ABORT": "On"}), "one switch: ABORT"),
+            (messages.new_texts("east", ABORT, {"ABORT": "On"}), "one switch: ABORT"),
         )
         for message, words in mistaken:
             mark = len(raw.heard)
@@ -101,7 +101,7 @@ async def test_a_stop_that_can_not_be_carried_out_says_so(rig: Rig) -> None:
 async def test_thousands_of_questions_are_answered_to_a_client_that_reads(rig: Rig) -> None:
     _, server = rig
     reader, writer = await asyncio.open_connection(*server.address)
-    ask, site = orders.get_properties("east"), orders.get_properties("east", "GEOGRAPHIC_COORD")
+    ask, site = messages.get_properties("east"), messages.get_properties("east", "GEOGRAPHIC_COORD")
     writer.write(ask * 110 + site * 1000 + b"<pingRequest uid='1'/>" * 500 + b"<pingRequest uid='last'/>")
     heard = b""
     async with asyncio.timeout(60.0):

@@ -16,8 +16,8 @@ from api.indi_server.server import IndiServer
 from api.orders.targets import ApparentTarget
 from api.orders.vocabulary import SlewOrder, TrackingOrder
 from api.service import Service
-from drivers.indi import orders
-from drivers.indi.codec import Changed, Defined, Deleted, State
+from drivers.indi.codec import messages
+from drivers.indi.codec.messages import Changed, Defined, Deleted, State
 from mountnav.sky.coordinates import Apparent, utc_now
 from tests.api.indi.face_rig import (
     Raw,
@@ -98,9 +98,9 @@ async def test_all_properties_by_their_names(rig: Rig) -> None:
 
 async def test_only_what_was_asked_for_is_told(rig: Rig) -> None:
     async with raw_client(rig[1], asking=False) as raw:
-        await raw.say(orders.get_properties("east", "TELESCOPE_PIER_SIDE"))
+        await raw.say(messages.get_properties("east", "TELESCOPE_PIER_SIDE"))
         await raw.until(lambda: bool(raw.heard), "answered")
-        await raw.say(orders.get_properties("nobody"), orders.enable_blob("east", "Also"))
+        await raw.say(messages.get_properties("nobody"), messages.enable_blob("east", "Also"))
         await asyncio.sleep(0.5)
         assert {one.name for one in raw.heard if isinstance(one, Defined | Changed)} == {
             "TELESCOPE_PIER_SIDE"
@@ -283,7 +283,7 @@ async def test_site_and_time_are_compared_and_never_taken(rig: Rig) -> None:
         for longitude_deg, state in ((371.0 - 360.0, State.OK), (349.0, State.ALERT)):
             mark = len(raw.heard)
             values = {"LAT": 47.0, "LONG": longitude_deg, "ELEV": 0.0}
-            await raw.say(orders.new_numbers("east", "GEOGRAPHIC_COORD", values))
+            await raw.say(messages.new_numbers("east", "GEOGRAPHIC_COORD", values))
             await raw.until(lambda m=mark, s=state: s in raw.states("GEOGRAPHIC_COORD", m), str(state))  # type: ignore[misc]
             assert raw.now("GEOGRAPHIC_COORD").values["LONG"] == pytest.approx(11.0)
         assert any("longitude 11.0000" in words for words in raw.words())
@@ -291,28 +291,28 @@ async def test_site_and_time_are_compared_and_never_taken(rig: Rig) -> None:
         for told, state in ((now, State.OK), (now.replace(year=now.year - 1), State.ALERT)):
             mark = len(raw.heard)
             text = told.strftime("%Y-%m-%dT%H:%M:%S")
-            await raw.say(orders.new_texts("east", "TIME_UTC", {"UTC": text, "OFFSET": "1"}))
+            await raw.say(messages.new_texts("east", "TIME_UTC", {"UTC": text, "OFFSET": "1"}))
             await raw.until(lambda m=mark, s=state: s in raw.states("TIME_UTC", m), str(state))  # type: ignore[misc]
         assert service.settings.site.site == site
         mark = len(raw.heard)
-        await raw.say(orders.new_texts("east", "TIME_UTC", {"UTC": "half past nine"}))
+        await raw.say(messages.new_texts("east", "TIME_UTC", {"UTC": "half past nine"}))
         await raw.until(lambda: State.ALERT in raw.states("TIME_UTC", mark), "refused")
 
 
 async def test_orders_that_make_no_sense_are_refused_and_the_client_stays(rig: Rig) -> None:
     _, server = rig
     wrong = {
-        "TELESCOPE_PARK": orders.new_switches("east", "TELESCOPE_PARK", {"PARK": True, "UNPARK": True}),
-        "TELESCOPE_TRACK_STATE": orders.new_switches("east", "TELESCOPE_TRACK_STATE", {"FASTER": True}),
+        "TELESCOPE_PARK": messages.new_switches("east", "TELESCOPE_PARK", {"PARK": True, "UNPARK": True}),
+        "TELESCOPE_TRACK_STATE": messages.new_switches("east", "TELESCOPE_TRACK_STATE", {"FASTER": True}),
         "TELESCOPE_PIER_SIDE": switch("TELESCOPE_PIER_SIDE", "PIER_WEST"),
-        "TELESCOPE_TIMED_GUIDE_NS": orders.new_numbers(
+        "TELESCOPE_TIMED_GUIDE_NS": messages.new_numbers(
             "east", "TELESCOPE_TIMED_GUIDE_NS", {"TIMED_GUIDE_N": 100.0, "TIMED_GUIDE_S": 100.0}
         ),
-        "TELESCOPE_TIMED_GUIDE_WE": orders.new_numbers(
+        "TELESCOPE_TIMED_GUIDE_WE": messages.new_numbers(
             "east", "TELESCOPE_TIMED_GUIDE_WE", {"TIMED_GUIDE_W": -5.0}
         ),
-        "HORIZONTAL_COORD": orders.new_numbers("east", "HORIZONTAL_COORD", {"ALT": 50.0, "AZ": 10.0}),
-        EOD: orders.new_numbers("east", EOD, {"RA": 1.0}),
+        "HORIZONTAL_COORD": messages.new_numbers("east", "HORIZONTAL_COORD", {"ALT": 50.0, "AZ": 10.0}),
+        EOD: messages.new_numbers("east", EOD, {"RA": 1.0}),
         "ON_COORD_SET": switch("ON_COORD_SET", "PARK"),
     }
     async with raw_client(server) as raw:
@@ -351,7 +351,7 @@ async def test_disconnecting_is_each_clients_own(rig: Rig) -> None:
 async def test_a_mount_that_is_not_there_says_why(rig: Rig) -> None:
     _, server = rig
     async with raw_client(server) as raw:
-        await raw.say(orders.get_properties("gone"))
+        await raw.say(messages.get_properties("gone"))
         await raw.until(lambda: bool(raw.told("CONNECTION", device="gone")), "told")
         await raw.say(switch("CONNECTION", "CONNECT", "gone"))
         # the next change of the device may tell it anew, in the same breath
@@ -365,7 +365,7 @@ async def test_a_client_that_goes_at_once_has_ordered_all_the_same(rig: Rig) -> 
     service, server = rig
     there, jobs = beside(service, 0.2), len(service.jobs.all())
     raw = Raw(*await asyncio.open_connection(*server.address))
-    await raw.say(orders.get_properties("east"), coordinates(there))
+    await raw.say(messages.get_properties("east"), coordinates(there))
     await raw.close()
     await until(lambda: len(service.jobs.all()) == jobs + 1, "ordered")
     job = service.jobs.all()[0]
@@ -381,7 +381,7 @@ async def test_a_stop_behind_hundreds_of_orders_is_heard(rig: Rig) -> None:
     far = up_now(60.0, 30.0)
     async with raw_client(server, asking=False) as raw:
         stop = switch("TELESCOPE_ABORT_MOTION", "ABORT")
-        await raw.say(orders.get_properties("east"), *([coordinates(far)] * 300), *([stop] * 300))
+        await raw.say(messages.get_properties("east"), *([coordinates(far)] * 300), *([stop] * 300))
         await raw.until(lambda: raw.closed, "let go")
         assert any("waiting" in words for words in raw.words())
     await until(lambda: service.jobs.running_on("east") is None, "nothing under way")
@@ -416,7 +416,7 @@ async def test_a_client_that_never_reads_is_let_go_and_others_are_served(rig: Ri
         greedy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         greedy.setblocking(False)
         await loop.sock_connect(greedy, server.address)
-        question = orders.get_properties()
+        question = messages.get_properties()
         async with asyncio.timeout(60.0):
             with contextlib.suppress(BrokenPipeError, ConnectionResetError):
                 # without an end of its own: only the server ends it
@@ -437,10 +437,10 @@ async def test_tracking_and_two_pulses_at_once(rig: Rig) -> None:
         jobs, mark = len(service.jobs.all()), len(raw.heard)
         # a guider moves both axes in one go: one after the other, none is lost
         await raw.say(
-            orders.new_numbers(
+            messages.new_numbers(
                 "east", "TELESCOPE_TIMED_GUIDE_NS", {"TIMED_GUIDE_N": 50.0, "TIMED_GUIDE_S": 0.0}
             ),
-            orders.new_numbers(
+            messages.new_numbers(
                 "east", "TELESCOPE_TIMED_GUIDE_WE", {"TIMED_GUIDE_W": 0.0, "TIMED_GUIDE_E": 50.0}
             ),
         )

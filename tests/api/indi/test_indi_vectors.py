@@ -21,8 +21,8 @@ from api.indi_server.vectors import (
     speakable,
     switches,
 )
-from drivers.indi import orders
-from drivers.indi.codec import Changed, Defined, Deleted, Ordered, Reader, Said, State
+from drivers.indi.codec import messages
+from drivers.indi.codec.messages import Changed, Defined, Deleted, Ordered, Reader, Said, State
 
 UTC_NOW = datetime(2026, 11, 22, 21, 30, 5, tzinfo=UTC)
 NAMES = st.text(st.characters(codec="utf-8", exclude_categories=("Cs", "Cc")), min_size=1, max_size=20).map(
@@ -85,11 +85,11 @@ def test_words_fit_old_clients(words: str) -> None:
 def test_what_is_heard_does_not_depend_on_the_cuts(cuts: list[int]) -> None:
     wire = (
         b"<?xml version='1.0'?>\n"
-        + orders.get_properties()
-        + orders.get_properties("east", "PARK")
-        + orders.enable_blob("east", "Never")
-        + orders.new_numbers("east", "EQUATORIAL_EOD_COORD", {"RA": 1.5, "DEC": -0.5})
-        + orders.new_switches("east", "ON_COORD_SET", {"SYNC": True})
+        + messages.get_properties()
+        + messages.get_properties("east", "PARK")
+        + messages.enable_blob("east", "Never")
+        + messages.new_numbers("east", "EQUATORIAL_EOD_COORD", {"RA": 1.5, "DEC": -0.5})
+        + messages.new_switches("east", "ON_COORD_SET", {"SYNC": True})
         + b'<newNumberVector device="east" name="N"><oneNumber name="RA">much</oneNumber></newNumberVector>'
         + b'<setNumberVector device="other" name="N"><oneNumber name="RA">1</oneNumber></setNumberVector>'
     )

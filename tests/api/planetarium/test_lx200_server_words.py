@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from api.planetarium import lx200_codec
-from drivers.lx200.angles import dec_from_text
-from drivers.lx200.codec import SYNC, slew_answer
-from drivers.lx200.site_and_time import hours_to_utc_from_text, set_date
+from drivers.lx200.codec.angles import dec_from_text
+from drivers.lx200.codec.base import SYNC, slew_answer
+from drivers.lx200.codec.site_and_time import hours_to_utc_from_text, set_date
 
 COMMANDS = st.sampled_from(
     [b":GR#", b":GD#", b":Sr12:34:56#", b":Sd+12\xdf34:56#", b":MS#", b":Q#", b"\x06", b":Sd -05*06#", b":U#"]

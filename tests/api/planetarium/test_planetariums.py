@@ -15,7 +15,7 @@ from api.planetarium.stellarium_codec import Goto, goto_message, read_position
 from api.planetarium.stellarium_server import StellariumServer
 from api.service import Service
 from drivers.generic.mount import GenericMount
-from drivers.lx200.angles import dec_from_text, dec_to_text, ra_from_text, ra_to_text
+from drivers.lx200.codec.angles import dec_from_text, dec_to_text, ra_from_text, ra_to_text
 from drivers.registry import open_mount
 from mountnav.devices import SlewOutcome, SyncOutcome
 from mountnav.errors import BadSettings, DeviceRefused, Refusal

@@ -20,8 +20,8 @@ from drivers.acceptance.trial import Trial
 from drivers.fakes.bench import FakeOnPty
 from drivers.fakes.faults import Fault
 from drivers.generic.mount import GenericMount
-from drivers.lx200.fake import FakeLx200
-from drivers.lx200.faking import fake_from
+from drivers.lx200.fake.base import FakeLx200
+from drivers.lx200.family import fake_from
 from drivers.registry import open_mount
 from mountnav.errors import BadRequest
 from mountnav.simulation.machine import Machine

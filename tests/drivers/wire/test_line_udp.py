@@ -11,7 +11,7 @@ from drivers.fakes.bench import FakeOnUdp
 from drivers.wire.line import UdpLine
 from drivers.wire.wire_log import WireLog
 from mountnav.errors import DeviceMissing
-from tests.drivers.skywatcher_fakes import quick
+from tests.drivers.skywatcher.quick_fakes import quick
 
 
 async def heard(line: UdpLine) -> bytes:

@@ -1,0 +1,1 @@
+"""Alpaca's forms, envelopes and images; no I/O."""

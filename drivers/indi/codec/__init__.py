@@ -1,0 +1,1 @@
+"""INDI's messages, and what a client keeps of them; no I/O."""

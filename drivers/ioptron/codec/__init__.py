@@ -1,0 +1,1 @@
+"""iOptron's words, by command set: bytes, readers of replies, and no I/O."""

@@ -1,0 +1,1 @@
+"""LX200's words, dialect by dialect: bytes, readers of replies, and no I/O."""

@@ -1,0 +1,1 @@
+"""The other end of an LX200 cable, dialect by dialect."""

@@ -1,0 +1,1 @@
+"""The words of a hand control (NexStar, SynScan): bytes, readers of replies, and no I/O."""

@@ -1,0 +1,183 @@
+"""Questions to a hand control: which one it is, and no answer taken for that of another question."""
+
+from __future__ import annotations
+
+import functools
+import operator
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, TypeVar
+
+from drivers.generic.language import Sent, Wanted
+from drivers.generic.serial_language import OptionalQuestions
+from drivers.nexstar.codec import base
+from drivers.nexstar.codec.handsets import Handset
+from drivers.nexstar.codec.passthrough import Axis
+from drivers.nexstar.codec.replies import ECHOES
+from drivers.wire.command import Command
+from drivers.wire.link import Link
+from mountnav.errors import DeviceGarbled, DeviceSilent
+
+T = TypeVar("T")
+_MOST_TRIES = 4
+
+
+class Asking:
+    """Questions and orders over a link.
+
+    Parameters
+    ----------
+    link : Link
+    """
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._echoes = 0
+        self._troubles = 0
+        self.refining = OptionalQuestions(link, self.step)
+
+    def opened(self) -> None:
+        """Take note that the link is new."""
+        self._troubles = 0
+        self.refining.begin()
+
+    async def step(self) -> None:
+        """Come into step."""
+        self._echoes = (self._echoes + 1) % len(ECHOES)
+        await self._link.ask(base.echo(ECHOES[self._echoes : self._echoes + 1]))
+        self._troubles = self._link.troubles
+
+    async def back_in_step(self) -> None:
+        """Come into step if anything went wrong since the last time."""
+        if self._link.troubles != self._troubles:
+            await self.step()
+
+    async def asked(self, command: Command[T], deadline_s: float | None = None) -> T:
+        """Ask, in step again if anything went wrong since."""
+        await self.back_in_step()
+        return await self._link.ask(command, deadline_s=deadline_s)
+
+    async def agreed(
+        self,
+        command: Command[T],
+        deadline_s: float | None = None,
+        alike: Callable[[T, T], bool] = operator.eq,
+    ) -> T:
+        """Ask for what may be any byte, in step, until two answers in a row are alike: no flipped bit shows.
+
+        Raises
+        ------
+        DeviceGarbled
+            If they go on differing; otherwise as `asked`.
+        """
+        await self.step()
+        answer = await self.asked(command, deadline_s)
+        for _ in range(_MOST_TRIES):
+            again = await self.asked(command, deadline_s)
+            if alike(answer, again):
+                return again
+            answer = again
+        raise DeviceGarbled(
+            f"answers to {command.meaning} ({command.sent!r}) contradict each other, the last is {answer}",
+            device=self._link.device,
+            advice="check cable, speed (baud) and that nothing else talks to the mount",
+        )
+
+    async def agreed_if_known(
+        self, command: Command[T], *, alike: Callable[[T, T], bool] = operator.eq
+    ) -> T | None:
+        """As `agreed`, what it may lack: None then."""
+        return await self.refining.known(command, functools.partial(self.agreed, alike=alike))
+
+    async def asked_if_known(self, command: Command[T]) -> T | None:
+        """As `asked`, what it may lack: None then."""
+        return await self.refining.known(command, self.asked)
+
+    async def once(self, order: Command[None], wanted: Wanted) -> Sent:
+        """Send an order a single time; its answer may be lost, but is never another's."""
+        await self.step()
+        if not wanted():
+            return Sent(wire=False)
+        try:
+            await self._link.ask(order)
+        except (DeviceSilent, DeviceGarbled) as failure:
+            return Sent(lost=failure)
+        return Sent()
+
+
+class Ask(Protocol):
+    """Ask one question, within a deadline."""
+
+    async def __call__(self, command: Command[Any], deadline_s: float | None = None) -> Any:
+        """Return the answer; raises `DeviceError`."""
+        ...
+
+
+class Maybe(Protocol):
+    """Ask what may be missing."""
+
+    async def __call__(self, command: Command[T]) -> T | None:
+        """Return the answer, or None where it is missing; raises `DeviceError`."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Greeting:
+    """What was found.
+
+    Attributes
+    ----------
+    handset : Handset
+    short : bool
+        Whether places come in four digits only.
+    pulse_percent : int
+        At which part of the sidereal rate the mount is set to guide.
+    known : bool
+        False before anyone answered.
+    """
+
+    handset: Handset
+    short: bool
+    pulse_percent: int = 50
+    known: bool = False
+
+
+async def greet(ask: Ask, maybe: Maybe, before: Handset) -> Greeting:
+    """Ask for version, kind, model, motors and the form of a place.
+
+    Boards that may be absent are not asked: the hand control passes the question on, and never answers.
+
+    Parameters
+    ----------
+    ask : callable
+        What it can't do without.
+    maybe : callable
+        What it may lack: None then.
+    before : Handset
+        Who answered last time: what an answer lost now would have told of it still counts.
+
+    Raises
+    ------
+    DeviceSilent, DeviceGarbled, DeviceMissing
+        If nothing on the line speaks NexStar.
+    """
+    handset = Handset(await ask(base.VERSION))
+    if handset.version == before.version and handset.synscan == before.synscan:
+        handset = before
+    # the kind is told by all StarSense, whose versions begin anew, and by NexStar 5.28 and later [INDI]
+    asked_kind = not handset.synscan and (handset.quarter_zones or handset.version.major < 2)
+    if handset.variant is None and asked_kind:
+        handset = replace(handset, variant=await maybe(base.VARIANT))
+    if handset.model is None and handset.tells_model:
+        model = base.SYNSCAN_MODEL if handset.synscan else base.MODEL
+        handset = replace(handset, model=await maybe(model))
+    percent = 50
+    if not handset.synscan and handset.tells_pier_side:
+        boards = [await maybe(base.device_version(axis)) for axis in (Axis.RA, Axis.DEC)]
+        known = [board for board in boards if board is not None]
+        if len(known) == len(boards):
+            handset = replace(handset, motors=min(known))
+    if handset.times_pulses:
+        rate = await maybe(base.guide_rate(Axis.RA))
+        percent = 50 if rate is None else max(1, min(99, round(rate)))
+    return Greeting(handset, handset.short_places, percent, known=True)
