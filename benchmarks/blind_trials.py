@@ -34,8 +34,8 @@ from mountnav.catalog.reading_depth import stars_round
 from mountnav.frames import Hint
 from mountnav.identification.blind.cache import cached_index
 from mountnav.identification.blind.index import BlindIndex
-from mountnav.identification.identified import Identified
 from mountnav.identification.search import Reach, identify
+from mountnav.identification.verification import Identified
 from mountnav.measuring.measurements import Measurements
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.render import project

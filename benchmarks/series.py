@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.frames import Frame, Hint
 from mountnav.identification.preliminary import find_shift, preliminary
-from mountnav.identification.preliminary_settings import PreliminarySettings
-from mountnav.identification.sources import sources_of
+from mountnav.identification.settings import PreliminarySettings
+from mountnav.identification.shift import sources_of
 from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Measurements
 from mountnav.series.follow import SeriesFollower

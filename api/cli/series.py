@@ -11,7 +11,7 @@ from typing import Any
 from api.solver.hints import asked_hint
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadFrame, BadRequest
-from mountnav.identification.preliminary_settings import PreliminarySettings
+from mountnav.identification.settings import PreliminarySettings
 from mountnav.reading import read_frame
 from mountnav.series.drift import Drift
 from mountnav.series.follow import SeriesFollower

@@ -132,9 +132,9 @@ class _Solver:
 
 def _index_at_hand(catalog: PackedStore) -> BlindIndex | None:
     """Open the index if it was built before; a damaged one is built anew when it is needed."""
-    from mountnav.identification.blind.cache import index_at_hand
+    from mountnav.identification.blind.cache import installed_index
 
-    return index_at_hand(catalog)
+    return installed_index(catalog)
 
 
 def _index(catalog: PackedStore) -> BlindIndex:

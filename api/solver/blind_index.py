@@ -149,7 +149,7 @@ class BlindIndexKeeper:
 
 def _existing(catalog: PackedStore) -> Path | None:
     # imported late: the service itself never searches, and saves the memory
-    from mountnav.identification.blind.cache import index_at_hand
+    from mountnav.identification.blind.cache import installed_index
 
-    found = index_at_hand(catalog)
+    found = installed_index(catalog)
     return None if found is None else found.path

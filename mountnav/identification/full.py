@@ -9,17 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.catalog.stars import Catalog
-from mountnav.identification.anchor_count import Anchors
-from mountnav.identification.area import arcsec
-from mountnav.identification.board import Board
+from mountnav.identification.anchors import Anchors
 from mountnav.identification.budget import Budget
-from mountnav.identification.combs import pieces
-from mountnav.identification.confirmation import Corners
-from mountnav.identification.odds import at_least
-from mountnav.identification.patch import Patch, Tile
+from mountnav.identification.odds import Corners, binomial_sf, strobe_chances
 from mountnav.identification.plate import Plate, constants, similarity_plate
 from mountnav.identification.rounds import Round
-from mountnav.identification.selection import spread_brightest
+from mountnav.identification.search_area import SearchArea, Tile, arcsec
+from mountnav.identification.selection import spread_brightest, trail_pieces
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.identification.triangles import TriangleIndex, Triangles, make_triangles
 from mountnav.sky.coordinates import Icrs
@@ -28,17 +24,138 @@ from mountnav.sky.sphere import gnomonic
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+CELLS_PER_RADIUS = 6
+"""Cells to a radius."""
+CLOSE_RADIUS_CELLS = 2
+"""A third of the radius: a camera without distortion hits so well, and then fewer stars suffice."""
+FIRST_STARS = 60
+"""So many of the brightest stars are asked first; most hypotheses fail there."""
+FIRST_HITS = 4
+"""Hits that earn a second look: the triangle's three, and one."""
+
+
+_CLOSE_BITS, _FAR = 16, 0xFFFF
+"""A cell's word: the owner within the close radius above these bits, the one within the radius below."""
+
+
+class MatchGrid:
+    """Counts, for many plates at once, how many stars fall on measurements.
+
+    Parameters
+    ----------
+    x_px, y_px : ndarray, shape (n,)
+        The measurements of Ω_bl100, brightest first.
+    radius_px : float
+        Δr_ident.
+    width_px, height_px : int
+        Size of the frame.
+    """
+
+    def __init__(self, x_px: Array, y_px: Array, radius_px: float, *, width_px: int, height_px: int) -> None:
+        self._cell = radius_px / CELLS_PER_RADIUS
+        self._width, self._height = width_px, height_px
+        self.size = int(x_px.size)
+        columns = int(np.ceil(width_px / self._cell)) + 1
+        rows = int(np.ceil(height_px / self._cell)) + 1
+        # zeros: pages that no measurement touches are never written
+        self._board = np.zeros((rows, columns), dtype=np.int32)
+        self._paint(x_px[::-1] / self._cell, y_px[::-1] / self._cell)
+        self.chances = tuple(
+            float(strobe_chances(x_px, y_px, radius, width_px=width_px, height_px=height_px).mean())
+            for radius in (radius_px, radius_px * CLOSE_RADIUS_CELLS / CELLS_PER_RADIUS)
+        )
+        """Chance of a hit within the radius, and within the close one."""
+
+    def _paint(self, x: Array, y: Array) -> None:
+        """Write measurements' numbers, from 1, round their places (in cells); the last owns what overlaps."""
+        rows, columns = self._board.shape
+        for reach, bits in ((CELLS_PER_RADIUS, 0), (CLOSE_RADIUS_CELLS, _CLOSE_BITS)):
+            offset = np.arange(-reach - 1, reach + 2)
+            down, right = (side.ravel() for side in np.meshgrid(offset, offset, indexing="ij"))
+            nearest = np.maximum(np.abs(down) - 1, 0) ** 2 + np.maximum(np.abs(right) - 1, 0) ** 2
+            down, right = down[nearest <= reach**2], right[nearest <= reach**2]
+            row, column = y.astype(np.int64)[:, None] + down, x.astype(np.int64)[:, None] + right
+            hit = (row + 0.5 - y[:, None]) ** 2 + (column + 0.5 - x[:, None]) ** 2 <= reach**2
+            hit &= (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+            number = np.broadcast_to((x.size - np.arange(x.size))[:, None], hit.shape)[hit]
+            row, column = row[hit], column[hit]
+            below = self._board[row, column] & _FAR if bits else 0
+            self._board[row, column] = below | (number << bits)
+
+    def _owners(
+        self,
+        turn: NDArray[np.complex128],
+        shift: NDArray[np.complex128],
+        mirrored: NDArray[np.bool_],
+        w: NDArray[np.complex128],
+    ) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+        """What each predicted place's cell holds, and whether it is in the frame; shape (n, stars) each."""
+        back = 1.0 / turn
+        start = -shift * back
+        sign = np.where(mirrored, -1.0, 1.0)
+        along = np.stack((w.real, w.imag, np.ones(w.size))).astype(np.float32)
+        # in cells; single precision is a thousandth of a pixel
+        to_x = np.stack((back.real, -back.imag, start.real), axis=1) / self._cell
+        to_y = np.stack((back.imag, back.real, start.imag), axis=1) * (sign / self._cell)[:, None]
+        x, y = to_x.astype(np.float32) @ along, to_y.astype(np.float32) @ along
+        least, right, high = (
+            np.float32(one / self._cell) for one in (-0.5, self._width - 0.5, self._height - 0.5)
+        )
+        inside = (x > least) & (x < right)
+        inside &= y > least
+        inside &= y < high
+        # what isn't in the frame is asked for in the corner, and left out
+        x *= inside
+        y *= inside
+        flat = y.astype(np.int32)
+        flat *= self._board.shape[1]
+        flat += x.astype(np.int32)
+        return self._board.ravel().take(flat) * inside, inside
+
+    def promising(
+        self,
+        turn: NDArray[np.complex128],
+        shift: NDArray[np.complex128],
+        mirrored: NDArray[np.bool_],
+        w: NDArray[np.complex128],
+    ) -> Index:
+        """Which plates hit anything beyond their own triangle among the brightest stars; shape (k,)."""
+        if w.size <= FIRST_STARS:
+            return np.arange(turn.size, dtype=np.int64)
+        owners, _ = self._owners(turn, shift, mirrored, w[:FIRST_STARS])
+        return np.flatnonzero(np.count_nonzero(owners, axis=1) >= FIRST_HITS)
+
+    def count(
+        self,
+        turn: NDArray[np.complex128],
+        shift: NDArray[np.complex128],
+        mirrored: NDArray[np.bool_],
+        w: NDArray[np.complex128],
+    ) -> tuple[Array, Array, Array]:
+        """Hits, close hits (each measurement once at most) and predictions in the frame; shape (n,) each."""
+        owners, inside = self._owners(turn, shift, mirrored, w)
+        far, close = (owners & _FAR).astype(np.int16), (owners >> _CLOSE_BITS).astype(np.int16)
+        return _different(far), _different(close), np.count_nonzero(inside, axis=1).astype(float)
+
+
+def _different(owner: NDArray[np.int16]) -> Array:
+    """How many different measurements stand in each row, 0 being none; shape (n,)."""
+    owner.sort(axis=1)
+    fresh = (owner[:, 1:] != owner[:, :-1]) & (owner[:, 1:] > 0)
+    return np.asarray(fresh.sum(axis=1) + (owner[:, 0] > 0), dtype=float)
+
+
 CHUNK = 4000
 """Hypotheses tried at once: 4000 × 60 complex numbers fit a processor's cache."""
 FINALISTS = 3
 """Of a chunk, so many of the best hypotheses are followed up."""
-WORTH_A_LOOK = 0.3
+FOLLOWED_UP_BELOW = 0.3
 """Expected number of chance matches as good as a hypothesis' raster count, below which it is followed up."""
 OWN_STEPS = 1.0
 """A tile's hypotheses are those whose frame has its center no farther from the tile's middle than so many
 steps of the tiles: no place is farther than 0.58 from the nearest. Doubled, each hypothesis is tried in seven
 tiles; halved, places between tiles are nobody's."""
-PATCHES = 40
+AREAS_REMEMBERED = 40
 """Patches of sky remembered at once."""
 
 
@@ -120,7 +237,7 @@ class Search:
     most_published: float = 0.0
     strobe_chance: float = 0.0
     anchors: Anchors = field(default_factory=Anchors)
-    _patches: dict[tuple[float, ...], Patch] = field(default_factory=dict)
+    _patches: dict[tuple[float, ...], SearchArea] = field(default_factory=dict)
     _pieces: dict[bytes, Index] = field(default_factory=dict)
 
     def check_time(self) -> None:
@@ -132,7 +249,7 @@ class Search:
         """Which source each measurement is a piece of, remembered: every hypothesis asks for it."""
         key = x_px.tobytes()
         if key not in self._pieces:
-            self._pieces[key] = pieces(x_px, y_px)
+            self._pieces[key] = trail_pieces(x_px, y_px)
         return self._pieces[key]
 
     def patch(
@@ -146,13 +263,13 @@ class Search:
         count: int,
         epoch_yr: float,
         most_tiles: int,
-    ) -> Patch:
+    ) -> SearchArea:
         """A `Patch`, remembered: every round visits the same tiles."""
         key = (center.ra_deg, center.dec_deg, radius_deg, step_deg, tile_deg, count, most_tiles)
         if key not in self._patches:
-            if len(self._patches) >= PATCHES:
+            if len(self._patches) >= AREAS_REMEMBERED:
                 self._patches.clear()
-            self._patches[key] = Patch(
+            self._patches[key] = SearchArea(
                 catalog,
                 center,
                 radius_deg,
@@ -225,7 +342,7 @@ def hypotheses(
         scale_low=turn.scales[0],
         scale_high=turn.scales[1],
     )
-    board = Board(
+    board = MatchGrid(
         confirm.x_px,
         confirm.y_px,
         match_radius(settings, width, height),
@@ -267,7 +384,7 @@ def hypotheses(
             return
 
 
-def _flat(tile: Tile, patch: Patch) -> tuple[Array, Array]:
+def _flat(tile: Tile, patch: SearchArea) -> tuple[Array, Array]:
     """Its stars about its middle, arcsec in the tangent plane."""
     ra_deg, dec_deg = patch.stars.ra_deg[tile.stars], patch.stars.dec_deg[tile.stars]
     xi_rad, eta_rad = gnomonic(ra_deg, dec_deg, tile.place.ra_deg, tile.place.dec_deg)
@@ -295,12 +412,12 @@ def _in_tile(
     tile: Tile,
     places: tuple[Array, Array],
     chosen: Index,
-    patch: Patch,
+    patch: SearchArea,
     turn: Round,
     frame: Points,
     frame_triangles: Triangles,
     index: TriangleIndex,
-    board: Board,
+    board: MatchGrid,
     settings: IdentificationSettings,
     search: Search,
 ) -> Iterator[Hypothesis]:
@@ -343,10 +460,10 @@ def _in_tile(
         factor, shift, mirrored = factor[look], shift[look], mirrored[look]
         hits, close, predicted = board.count(factor, shift, mirrored, w_proof)
         chance = 2.0 * np.minimum(
-            at_least(hits - 3, predicted - 3, board.chances[0]),
-            at_least(close - 3, predicted - 3, board.chances[1]),
+            binomial_sf(hits - 3, predicted - 3, board.chances[0]),
+            binomial_sf(close - 3, predicted - 3, board.chances[1]),
         )
-        good = (hits - 3 >= 2) & (chance * search.hypotheses < WORTH_A_LOOK)
+        good = (hits - 3 >= 2) & (chance * search.hypotheses < FOLLOWED_UP_BELOW)
         ranked = np.flatnonzero(good)[np.argsort(chance[good], kind="stable")]
         for best in ranked[:FINALISTS]:
             yield Hypothesis(

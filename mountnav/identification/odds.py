@@ -1,16 +1,21 @@
-"""How probable it is that a match is chance. A solution is refused unless this says it can't be."""
+"""The probability that a match is chance, counted over stars that had no part in making the plate."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.special import betainc
 
+from mountnav.catalog.stars import Stars
+from mountnav.identification.plate import SIMILARITY, Plate, fit_plate
+
 Array = NDArray[np.float64]
 
 
-def at_least(hits: Array, trials: Array, chance: Array | float) -> Array:
+def binomial_sf(hits: Array, trials: Array, chance: Array | float) -> Array:
     """Binomial tail: the probability of `hits` or more of `trials` when each succeeds with `chance`.
 
     Parameters
@@ -39,7 +44,7 @@ def _counts_in_parts(x_px: Array, y_px: Array, width_px: int, height_px: int, ce
     return counts.reshape(cells, cells).astype(float)
 
 
-def area_share(
+def strobe_chances(
     x_px: Array, y_px: Array, radius_px: float, *, width_px: int, height_px: int, cells: int = 4
 ) -> Array:
     """Chance that a point falls within a radius of a measurement, for each of cells × cells parts.
@@ -66,7 +71,7 @@ def area_share(
     return share
 
 
-def density(
+def local_density(
     x_px: Array,
     y_px: Array,
     at_x_px: Array,
@@ -110,7 +115,7 @@ def density(
     return dense
 
 
-def together(chances: Array) -> float:
+def berk_jones_p(chances: Array) -> float:
     """Probability that chance brings so many so small uniform values [Berk & Jones 1979].
 
     The k-th smallest of n uniform values falls below p with the binomial probability of k or more successes
@@ -136,7 +141,7 @@ def together(chances: Array) -> float:
     return float(min(1.0, n * float(tails.min())))
 
 
-def looks(hypotheses: int) -> float:
+def trials_factor(hypotheses: int) -> float:
     """By what the chance of one hypothesis is multiplied when so many were tried, one after the other.
 
     A search that stops at the first hypothesis n with n·chance below a limit is fooled with up to
@@ -153,3 +158,179 @@ def looks(hypotheses: int) -> float:
     """
     tried = max(hypotheses, 1)
     return float(2.0 * tried * (1.0 + np.log(tried)) ** 2)
+
+
+Index = NDArray[np.int64]
+
+MOST_STARS = 150
+FEW_STARS = 40
+LINEAR_PAIRS = 7
+MANY_MEASUREMENTS = 60
+FEW_MEASUREMENTS = 15
+"""At least so many of the brightest measurements are asked."""
+NEAREST_PX = 0.1
+"""No pair counts as closer than this: centroids are no better, and real ones may sit on a raster."""
+LEAST_CHANCE = 1e-300
+"""Below this a probability is not told apart from zero."""
+
+
+@dataclass(frozen=True, slots=True)
+class Corners:
+    """The three pairs of a triangle: they made the plate, so they prove nothing.
+
+    Attributes
+    ----------
+    x_px, y_px, ra_deg, dec_deg : ndarray, shape (3,)
+    """
+
+    x_px: Array
+    y_px: Array
+    ra_deg: Array
+    dec_deg: Array
+
+
+class Witnesses:
+    """The measurements and stars that can speak about one hypothesis.
+
+    Parameters
+    ----------
+    plate : Plate
+        What the triangle proposed, untouched by any fit to other stars.
+    corners : Corners
+    stars : Stars
+        Of the whole frame, brightest first.
+    x_px, y_px : ndarray, shape (n,)
+        Star-like measurements, brightest first.
+    width_px, height_px : int
+    match_px : float
+        How far off the triangle's plate may be.
+    source : ndarray of int, shape (n,), optional
+        Which source each measurement is a piece of (`combs.pieces`): a source speaks once, and not at all if
+        a piece of it made the plate. Each is a source of its own if this is left out.
+    """
+
+    def __init__(
+        self,
+        plate: Plate,
+        corners: Corners,
+        stars: Stars,
+        x_px: Array,
+        y_px: Array,
+        *,
+        width_px: int,
+        height_px: int,
+        match_px: float,
+        source: Index | None = None,
+    ) -> None:
+        self._plate = plate.moved_to(plate.center())
+        self._width, self._height, self._match_px = width_px, height_px, match_px
+        xi, eta = self._plate.project(stars.ra_deg, stars.dec_deg)
+        x, y = self._plate.pixels(xi, eta)
+        seen = np.flatnonzero(self._inside(x, y))[:MOST_STARS]
+        corner = _among(stars.ra_deg[seen], corners.ra_deg) & _among(stars.dec_deg[seen], corners.dec_deg)
+        seen = seen[~corner]
+        self._xi, self._eta = xi[seen], eta[seen]
+        bright = slice(0, max(MANY_MEASUREMENTS, 2 * int(seen.size)))
+        taken = _among(x_px[bright], corners.x_px) & _among(y_px[bright], corners.y_px)
+        source = np.arange(x_px.size, dtype=np.int64)[bright] if source is None else source[bright]
+        free = ~np.isin(source, source[taken])
+        self._x, self._y, self._source = x_px[bright][free], y_px[bright][free], source[free]
+        few = max(FEW_MEASUREMENTS, 3 * int(seen.size))
+        # a poor catalog's stars are the brightest in the frame; among fewer measurements a pair says more
+        self._looks = (self._x.size, few) if few < self._x.size else (self._x.size,)
+        corner_xi, corner_eta = self._plate.project(corners.ra_deg, corners.dec_deg)
+        self._corners = (corners.x_px, corners.y_px, corner_xi, corner_eta)
+
+    def _inside(self, x: Array, y: Array) -> NDArray[np.bool_]:
+        inside: NDArray[np.bool_] = (
+            (x > -0.5) & (x < self._width - 0.5) & (y > -0.5) & (y < self._height - 0.5)
+        )
+        return inside
+
+    def chance(self) -> float:
+        """Probability that a wrong plate would be confirmed this well; for one hypothesis.
+
+        The stars predicted in the frame are dealt in two hands (three if they are few). One hand teaches:
+        the triangle and that hand's pairs make a plate, and all other stars are predicted with it. For a
+        wrong plate the distance from a predicted star to the nearest measurement that had no part in the
+        plate is distributed as the density there has it, so the chance of one as near is uniform;
+        `together` tells how probable all of them are. Neither the triangle's three stars and measurements,
+        nor anything fit to the stars asked, takes part. Each hand teaches once, if stars are few the
+        triangle also alone and the brightest measurements are also asked alone: the least probability is
+        multiplied by the number of looks.
+
+        Returns
+        -------
+        float
+            Never below 1e-300.
+        """
+        count = int(self._xi.size)
+        if count == 0 or self._x.size == 0:
+            return 1.0
+        few = count < FEW_STARS
+        hands = 3 if few else 2
+        hand = np.arange(count) % hands
+        lessons = [hand == teaching for teaching in range(hands)]
+        if few:
+            lessons.append(np.zeros(count, dtype=bool))
+        least = 1.0
+        for teaching in lessons:
+            taught, used = self._taught(teaching)
+            x, y = taught.pixels(self._xi[~teaching], self._eta[~teaching])
+            inside = self._inside(x, y)
+            for brightest in self._looks:
+                least = min(least, self._agreement(x[inside], y[inside], used, brightest))
+        return float(np.clip(len(lessons) * len(self._looks) * least, LEAST_CHANCE, 1.0))
+
+    def _agreement(self, x: Array, y: Array, used: Index, brightest: int) -> float:
+        """How probable it is that predicted places lie so near to the brightest measurements by chance."""
+        unused = ~np.isin(self._source, self._source[used])
+        mx, my = self._x[:brightest][unused[:brightest]], self._y[:brightest][unused[:brightest]]
+        source = np.unique(self._source[:brightest][unused[:brightest]], return_inverse=True)[1]
+        if x.size == 0 or mx.size == 0:
+            return 1.0
+        distance, nearest = (
+            np.asarray(one) for one in cKDTree(np.column_stack((mx, my))).query(np.column_stack((x, y)))
+        )
+        dense = local_density(
+            self._x[:brightest], self._y[:brightest], x, y, width_px=self._width, height_px=self._height
+        )
+        chance = -np.expm1(-dense * np.pi * np.maximum(distance, NEAREST_PX) ** 2)
+        # a source speaks for one star: two stars of a pair at the same place are one event, and so are two
+        # stars that lie as far apart as the pieces of a trail
+        order = np.argsort(chance, kind="stable")
+        best = np.full(mx.size, -1)
+        best[source[nearest[order[::-1]]]] = order[::-1]
+        once = np.ones(chance.size)
+        once[best[best >= 0]] = chance[best[best >= 0]]
+        return berk_jones_p(once)
+
+    def _taught(self, teaching: NDArray[np.bool_]) -> tuple[Plate, Index]:
+        """The plate of the triangle and the pairs of one hand, and which measurements made it."""
+        plate, used = self._plate, np.zeros(0, dtype=np.int64)
+        if not teaching.any():
+            return plate, used
+        strobe_px = max(2.5, min(self._match_px, 0.006 * min(self._width, self._height)))
+        tree = cKDTree(np.column_stack((self._x, self._y)))
+        for radius in (self._match_px, strobe_px):
+            x, y = plate.pixels(self._xi[teaching], self._eta[teaching])
+            distance, nearest = (np.asarray(one) for one in tree.query(np.column_stack((x, y))))
+            near = distance <= radius
+            found = np.flatnonzero(teaching)[near]
+            used = nearest[near].astype(np.int64)
+            corner_x, corner_y, corner_xi, corner_eta = self._corners
+            pair_x = np.concatenate((corner_x, self._x[used]))
+            pair_y = np.concatenate((corner_y, self._y[used]))
+            pair_xi = np.concatenate((corner_xi, self._xi[found]))
+            pair_eta = np.concatenate((corner_eta, self._eta[found]))
+            degree = 1 if pair_x.size >= LINEAR_PAIRS else SIMILARITY
+            plate = fit_plate(self._plate, pair_x, pair_y, pair_xi, pair_eta, np.ones(pair_x.size), degree)
+            if plate.parity != self._plate.parity:
+                return self._plate, np.zeros(0, dtype=np.int64)
+        return plate, used
+
+
+def _among(values: Array, few: Array) -> NDArray[np.bool_]:
+    """Which of the values are one of a few."""
+    among: NDArray[np.bool_] = (values[:, None] == few).any(axis=1)
+    return among

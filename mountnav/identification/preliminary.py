@@ -9,10 +9,9 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.identification.odds import area_share, at_least
-from mountnav.identification.preliminary_settings import PreliminarySettings
-from mountnav.identification.shift import Pairing, paired, rival_share
-from mountnav.identification.sources import Sources, sources_of
+from mountnav.identification.odds import binomial_sf, strobe_chances
+from mountnav.identification.settings import PreliminarySettings
+from mountnav.identification.shift import Pairing, Sources, paired, rival_share, sources_of
 from mountnav.measuring.measurements import Measurements
 
 __all__ = ["Outcome", "Preliminary", "PreliminarySettings", "find_shift", "preliminary"]
@@ -24,7 +23,7 @@ LEAST_STROBES = 4
 """Fewer strobes than this never prove a shift."""
 STILL_PX = 1.0
 """A shift nearer to zero than this is also what hot pixels show."""
-WORTH_A_LOOK = 0.1
+TESTED_BELOW = 0.1
 """Only hypotheses whose first odds, times all hypotheses so far, are below this are looked into."""
 MOST_JUDGED = 20
 """After so many refused hypotheses the lists are taken for patterned, and the search ends."""
@@ -207,7 +206,7 @@ class _Search:
             # so low a share is often reached by chance: only what looks better than that is looked into
             odds = self._first_odds(distance[good], strobes[good])
             good = good[np.argsort(odds, kind="stable")][
-                : int((odds * self._hypotheses < WORTH_A_LOOK).sum())
+                : int((odds * self._hypotheses < TESTED_BELOW).sum())
             ]
         for one in good:
             result = self._judged(shifts[one], int(acknowledged[one]), int(strobes[one]))
@@ -225,7 +224,7 @@ class _Search:
         for part in (1.0, 0.5, 0.25):
             hits = (distance <= part * self._radius_px).sum(axis=1)
             chance = 1.0 - (1.0 - self._chance) ** (part * part)
-            tail = at_least(np.asarray(hits - 1.0), np.asarray(strobes - 1.0), chance)
+            tail = binomial_sf(np.asarray(hits - 1.0), np.asarray(strobes - 1.0), chance)
             least = np.minimum(least, tail)
         return 3.0 * least
 
@@ -324,14 +323,14 @@ class _Search:
         chance = float(share.mean())
         if strobes < LEAST_STROBES:
             return 1.0, acknowledged, strobes
-        tail = float(at_least(np.array([acknowledged - 1]), np.array([strobes - 1]), chance)[0])
+        tail = float(binomial_sf(np.array([acknowledged - 1]), np.array([strobes - 1]), chance)[0])
         return float(np.clip(tail * looks, 1e-300, 1.0)), acknowledged, strobes
 
     def _local_share(self, radius_px: float) -> Array:
         """Chance that a strobe is filled: at the second list's density where it crowds, part by part."""
         second = self._second
         left, low, right, high = second.box
-        return area_share(
+        return strobe_chances(
             second.x_px[second.confirming] - left - 0.5,
             second.y_px[second.confirming] - low - 0.5,
             radius_px,

@@ -1,21 +1,23 @@
-"""Reference stars: from a triangle's plate to the pairs that hold the final one, step by step [S23 §3]."""
+"""Reference stars: from a triangle's plate to the final plate and its pairs, step by step [S23 §3].
+
+The first plate comes from pairs of which many may be wrong: the similarity that the better half agrees on
+best, by least trimmed squares [Rousseeuw 1984] with concentration steps [Rousseeuw & van Driessen 1999]. Then
+the degree rises as long as pairs that had no part in the fit come out better.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.catalog.stars import Stars
-from mountnav.identification.camera import CameraFit, fit_camera
-from mountnav.identification.candidates import Candidates
-from mountnav.identification.degree import FEWEST_PAIRS, gains, required_share
-from mountnav.identification.evidence import Belief
-from mountnav.identification.pairing import Pairs
+from mountnav.identification.camera_fit import CameraFit, fit_camera
+from mountnav.identification.distortion import Belief
+from mountnav.identification.pairing import Candidates, Pairs, within_k_rej
 from mountnav.identification.plate import SIMILARITY, Plate
-from mountnav.identification.rejection import within_k_rej
-from mountnav.identification.robust_start import trimmed_similarity
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.measurements import Measurements
 from mountnav.sky.sphere import separation_arcsec
@@ -23,7 +25,174 @@ from mountnav.solution import IdentifiedPairs
 
 __all__ = ["Pairs", "Reference", "Selection", "identified_pairs"]
 
+
 Array = NDArray[np.float64]
+
+FEWEST_PAIRS = {SIMILARITY: 2, 1: 5, 2: 7, 3: 7}
+"""Fewest pairs for each degree. Low, because terms that the pairs don't support stay near zero anyway."""
+QUADRATIC = 2
+OUTLYING = 5.0
+
+
+def cross_validated(fit: CameraFit, sigma_arcsec: Array) -> float:
+    """RMS of the pairs' distances from plates fit without them, in units of their errors, outliers capped.
+
+    Parameters
+    ----------
+    fit : CameraFit
+    sigma_arcsec : ndarray, shape (n,)
+        The same for all fits that are to be compared.
+
+    Returns
+    -------
+    float
+    """
+    apart = fit.influence.apart_arcsec / sigma_arcsec
+    return float(np.sqrt(np.mean(np.minimum(apart, OUTLYING * np.median(apart)) ** 2)))
+
+
+def gains(lower: CameraFit, higher: CameraFit, share: float) -> bool:
+    """Whether the higher degree's cross-validated residual is below a share of the lower one's.
+
+    Parameters
+    ----------
+    lower, higher : CameraFit
+        Of the same pairs.
+    share : float
+
+    Returns
+    -------
+    bool
+    """
+    sigma = higher.sigma_arcsec
+    return cross_validated(higher, sigma) <= share * cross_validated(lower, sigma)
+
+
+def required_share(lower: CameraFit, gain: float) -> float:
+    """How far the cross-validated residual must fall for a degree to rise.
+
+    Parameters
+    ----------
+    lower : CameraFit
+    gain : float
+        The share asked for in general.
+
+    Returns
+    -------
+    float
+        `gain`; 1.02 for the step from quadratic to cubic. In a corner of the frame a radial distortion looks
+        quadratic, and a quadratic is wild elsewhere: the cubic, which knows of radial distortions, need not
+        be better there, only no worse.
+    """
+    return 1.02 if lower.plate.degree == QUADRATIC else gain
+
+
+Complex = NDArray[np.complex128]
+
+START_DRAWS = 150
+START_MOST_PAIRS = 300
+"""More pairs than this tell nothing more about the start."""
+START_ROUGH_PAIRS = 100
+START_LIKELY = 40
+"""So many draws that do best with `ROUGH_PAIRS` of the pairs are tried with all."""
+START_STEPS = 8
+START_GAIN = 1e-3
+"""A step that gains less ends the refitting: it is a start, and a fit follows."""
+START_TURN_MOST = 0.1
+"""A draw that changes scale or rotation by more than this share is a slip: the triangle's plate is better."""
+START_SEED = 20230511
+
+
+def trimmed_similarity(z: Complex, w: Complex) -> tuple[complex, complex]:
+    """Fit w = turn·z + shift to the better half of points.
+
+    Parameters
+    ----------
+    z, w : ndarray of complex, shape (n,)
+        Places that the two should map on each other: nearly the same, but for the wrong pairs.
+
+    Returns
+    -------
+    turn, shift : complex
+        Independent of the order of the points; 1 and 0 when there are fewer than three.
+    """
+    count = z.size
+    if count < 3:
+        return 1.0 + 0.0j, 0.0j
+    # by distance from the middle: the same draws however the points are listed, turned or mirrored
+    order = np.argsort(np.abs(z - z.mean()), kind="stable")
+    z, w = z[order], w[order]
+    rng = np.random.default_rng(START_SEED)
+    if count > START_MOST_PAIRS:
+        some = np.sort(rng.choice(count, START_MOST_PAIRS, replace=False))
+        z, w = z[some], w[some]
+        count = START_MOST_PAIRS
+    half = count // 2 + 1
+    if count * (count - 1) // 2 <= START_DRAWS:
+        first, second = np.array(list(combinations(range(count), 2))).T
+    else:
+        first = rng.integers(0, count, START_DRAWS)
+        second = (first + rng.integers(1, count, START_DRAWS)) % count
+    base = z[second] - z[first]
+    good = np.abs(base) > 0
+    first, second, base = first[good], second[good], base[good]
+    turn = (w[second] - w[first]) / base
+    shift = w[first] - turn * z[first]
+    near = np.abs(turn - 1.0) <= START_TURN_MOST
+    # the start itself, and each pair's mere shift, are candidates too
+    turn = np.concatenate((turn[near], np.ones(count + 1, dtype=complex)))
+    shift = np.concatenate((shift[near], w - z, [0.0j]))
+    if count > START_ROUGH_PAIRS:
+        # most draws are far off: a few evenly spread pairs tell which aren't
+        some = np.linspace(0, count - 1, START_ROUGH_PAIRS).astype(np.int64)
+        likely = np.argsort(_cost(z[some], w[some], turn, shift, START_ROUGH_PAIRS // 2 + 1), kind="stable")[
+            :START_LIKELY
+        ]
+        turn, shift = turn[likely], shift[likely]
+    cost = _cost(z, w, turn, shift, half)
+    best: tuple[float, complex, complex] | None = None
+    for start in np.argsort(cost, kind="stable")[:5]:
+        cost_now, turn_now, shift_now = _concentrated(z, w, complex(turn[start]), complex(shift[start]), half)
+        if best is None or cost_now < best[0]:
+            best = (cost_now, turn_now, shift_now)
+    assert best is not None
+    return best[1], best[2]
+
+
+def _squares(z: Complex, w: Complex, turn: Complex | complex, shift: Complex | complex) -> Array:
+    off = turn * z + (shift - w)
+    return np.asarray(off.real**2 + off.imag**2)
+
+
+def _cost(z: Complex, w: Complex, turn: Complex, shift: Complex, half: int) -> Array:
+    """Sum of the least `half` squares under each draw, shape (len(turn),)."""
+    squares = _squares(z, w, turn[:, None], shift[:, None])
+    squares.partition(half - 1, axis=1)
+    return np.asarray(squares[:, :half].sum(axis=1))
+
+
+def _concentrated(
+    z: Complex, w: Complex, turn: complex, shift: complex, half: int
+) -> tuple[float, complex, complex]:
+    """Refit to the best half until it stays the same."""
+    cost = np.inf
+    for _ in range(START_STEPS):
+        squares = _squares(z, w, turn, shift)
+        chosen = np.argpartition(squares, half - 1)[:half]
+        now = float(squares[chosen].sum())
+        if now >= cost * (1 - START_GAIN):
+            break
+        cost = now
+        middle_z, middle_w = z[chosen].mean(), w[chosen].mean()
+        dz, dw = z[chosen] - middle_z, w[chosen] - middle_w
+        power = float(np.vdot(dz, dz).real)
+        if power == 0.0:
+            break
+        turn = complex(np.vdot(dz, dw) / power)
+        shift = complex(middle_w - turn * middle_z)
+    return cost, turn, shift
+
+
 Index = NDArray[np.int64]
 
 ROUNDS = 6

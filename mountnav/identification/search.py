@@ -9,16 +9,15 @@ from typing import TYPE_CHECKING, Literal
 
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Hint
-from mountnav.identification.anchor_count import Area
-from mountnav.identification.area import WIDEST_DEG
+from mountnav.identification.anchors import SearchedPart
 from mountnav.identification.budget import Budget
 from mountnav.identification.full import Hypothesis, OutOfTime, Points, Search, hypotheses
-from mountnav.identification.identified import Identified
 from mountnav.identification.refusal import Refusal, refusal
 from mountnav.identification.rounds import Round, plan
+from mountnav.identification.search_area import WIDEST_FRAME_DEG
 from mountnav.identification.selection import Index, all_finite, star_like
 from mountnav.identification.settings import IdentificationSettings
-from mountnav.identification.verification import verified
+from mountnav.identification.verification import Identified, verified
 from mountnav.measuring.measurements import Measurements
 from mountnav.sky.coordinates import Icrs
 from mountnav.solution import Contradiction, Reason
@@ -299,14 +298,14 @@ def _attempt(
     turn = step.turn
     proposals: Iterator[Hypothesis] = iter(())
     if turn is not None and step.center is not None:
-        if math.hypot(width, height) * turn.scales[0] / 3600 > WIDEST_DEG:
+        if math.hypot(width, height) * turn.scales[0] / 3600 > WIDEST_FRAME_DEG:
             return None
-        search.anchors.searched(Area(step.center, turn.outer_deg, turn.scales, usable.size))
+        search.anchors.searched(SearchedPart(step.center, turn.outer_deg, turn.scales, usable.size))
         proposals = hypotheses(
             points, turn, catalog, step.center, epoch_yr=epoch_yr, settings=settings, search=search
         )
     elif index is not None:
-        from mountnav.identification.blind.searching import blind_hypotheses
+        from mountnav.identification.blind.search import blind_hypotheses
 
         search.whole_sky = search.whole_sky or step.center is None
         if (
@@ -314,7 +313,7 @@ def _attempt(
             and step.scales is not None
             and 0 < step.scales[0] < step.scales[1] < math.inf
         ):
-            search.anchors.searched(Area(step.center, step.radius_deg, step.scales, usable.size))
+            search.anchors.searched(SearchedPart(step.center, step.radius_deg, step.scales, usable.size))
         proposals = blind_hypotheses(
             points,
             index,

@@ -1,11 +1,16 @@
-"""Which measurements and stars take part: bright ones, spread evenly, without those that are no stars."""
+"""Which measurements and stars take part: bright, evenly spread, no defects, no pieces of trails twice."""
 
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.special import pdtrc
 
 from mountnav.measuring.measurements import Flag, Measurements
 
@@ -98,3 +103,72 @@ def _region(value: Array, regions: int) -> Index:
         return np.zeros(value.size, dtype=np.int64)
     cell: Index = np.minimum(((value - low) / (high - low) * regions).astype(np.int64), regions - 1)
     return cell
+
+
+PIECES_MOST_SOURCES: Final = 300
+"""So many of the brightest measurements are asked: no more than that take part in the odds of most frames."""
+PIECES_FEWEST_SOURCES: Final = 10
+"""Among fewer no offset comes so often that it must be one of pieces."""
+PIECES_REACH_PX: Final = 420.0
+"""Pieces farther apart are taken for sources of their own, as where light of the stars is looked for."""
+PIECES_CELL_PX: Final = 2.0
+"""Offsets are counted in cells of this, two by two of them together: pieces are placed to a pixel."""
+PIECES_CELLS_AROUND: Final = 15
+"""The level that chance has is that of so many cells on each side: crowds have more pairs close by."""
+PIECES_CHANCE: Final = 1e-6
+"""An offset that comes so often that chance brings it in fewer frames than this is one of pieces."""
+PIECES_LEAST_PAIRS: Final = 5
+"""And at least so many pairs have it."""
+
+
+def trail_pieces(x_px: Array, y_px: Array) -> Index:
+    """Number the sources that measurements belong to.
+
+    A trail that was cut in pieces, a second exposure, a ghost that is shifted: each star's pieces lie at the
+    same offsets. Whoever counts them as sources of their own takes one event for several.
+
+    Parameters
+    ----------
+    x_px, y_px : ndarray, shape (n,)
+        Measurements, brightest first.
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+        The same number for pieces of one source.
+    """
+    alone = np.arange(x_px.size, dtype=np.int64)
+    count = min(PIECES_MOST_SOURCES, x_px.size)
+    if count < PIECES_FEWEST_SOURCES:
+        return alone
+    i, j = np.triu_indices(count, 1)
+    dx, dy = x_px[j] - x_px[i], y_px[j] - y_px[i]
+    near = (np.abs(dx) < PIECES_REACH_PX) & (np.abs(dy) < PIECES_REACH_PX)
+    i, j, dx, dy = i[near], j[near], dx[near], dy[near]
+    # either of two pieces may be the first: half of the plane holds all offsets
+    sign = np.where((dy > 0) | ((dy == 0) & (dx > 0)), 1.0, -1.0)
+    column = np.floor((sign * dx + PIECES_REACH_PX) / PIECES_CELL_PX).astype(np.int64)
+    row = np.floor(sign * dy / PIECES_CELL_PX).astype(np.int64)
+    columns, rows = int(2 * PIECES_REACH_PX / PIECES_CELL_PX) + 1, int(PIECES_REACH_PX / PIECES_CELL_PX) + 1
+    cells = np.bincount(row * columns + column, minlength=rows * columns).reshape(rows, columns).astype(float)
+    # a window of 2 x 2 cells, named by its upper left one
+    window = cells.copy()
+    window[:, :-1] += cells[:, 1:]
+    window[:-1] += window[1:].copy()
+    some = np.argwhere(window >= PIECES_LEAST_PAIRS)
+    if some.size == 0:
+        return alone
+    level = 4.0 * ndimage.uniform_filter(cells, 2 * PIECES_CELLS_AROUND + 1, mode="reflect")
+    often = window[some[:, 0], some[:, 1]]
+    chance = pdtrc(often - 1.0, level[some[:, 0], some[:, 1]]) * cells.size
+    some = some[chance < PIECES_CHANCE]
+    if some.size == 0:
+        return alone
+    told = np.zeros(cells.shape, dtype=bool)
+    for down, right in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        told[np.minimum(some[:, 0] + down, rows - 1), np.minimum(some[:, 1] + right, columns - 1)] = True
+    together = told[row, column]
+    links = coo_array(
+        (np.ones(int(together.sum())), (i[together], j[together])), shape=(x_px.size, x_px.size)
+    )
+    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)

@@ -1,26 +1,122 @@
-"""Judges a hypothesis: the odds of its agreement, the plate that grows from it, whether that is sound."""
+"""Judges a hypothesis: its odds (or the paper's count rule), the plate that grows from it, is that sound.
+
+The count rule of the paper: enough of Ω_bl100 must find a star of Ω_star200 [S23 §2.2]. Each list holds what
+there is, if that is less than its name says: with a catalog of 16 stars in the frame no more than 16 of a
+hundred measurements can pair. So v_min_ident is a share of the pairs that could be: as many as the shorter of
+the two lists has in the frame. docs/identification.md has the figures.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from mountnav.catalog.reading_depth import stars_round
 from mountnav.catalog.stars import Catalog, Stars
-from mountnav.identification.anchor_count import Sources
-from mountnav.identification.anchored import anchored_odds
-from mountnav.identification.confirmation import Witnesses
+from mountnav.identification.anchors import AnchorSources, anchored_odds
 from mountnav.identification.full import Hypothesis, Search, match_radius
-from mountnav.identification.identified import Identified
-from mountnav.identification.odds import looks
-from mountnav.identification.paper import published_share
+from mountnav.identification.odds import Witnesses, trials_factor
 from mountnav.identification.plate import Plate
 from mountnav.identification.reference import Reference, Selection
-from mountnav.identification.selection import Index
+from mountnav.identification.selection import Index, spread_brightest
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.measurements import Measurements
+from mountnav.solution import Contradiction, Reason
+
+
+@dataclass(frozen=True, slots=True)
+class Identified:
+    """What came of a search.
+
+    Attributes
+    ----------
+    reference : Reference or None
+    stars : Stars or None
+        The list that `reference.pairs.star` points into.
+    reason : Reason or None
+    detail : str
+        For people.
+    false_probability : float
+        Chance that a wrong place would have looked as good: that of one hypothesis times all that were tried.
+    numbers : dict of str to float
+        The numbers behind it.
+    contradictions : tuple of Contradiction
+        Hints that disprove each other. Who has the solution compares it with the hints
+        (`mountnav.solving.contradictions`).
+    blind : bool
+        Found over the whole sky, not where the hint said.
+    """
+
+    reference: Reference | None
+    stars: Stars | None
+    reason: Reason | None
+    detail: str
+    false_probability: float = 1.0
+    numbers: dict[str, float] = field(default_factory=dict)
+    contradictions: tuple[Contradiction, ...] = ()
+    blind: bool = False
+
+
+Array = NDArray[np.float64]
+
+
+def count_rule_share(
+    plate: Plate,
+    stars: Stars,
+    x_px: Array,
+    y_px: Array,
+    *,
+    width_px: int,
+    height_px: int,
+    settings: IdentificationSettings,
+) -> float:
+    """Share of the pairs that could be which are there, as the paper counts.
+
+    Parameters
+    ----------
+    plate : Plate
+        The six constants that a triangle gave.
+    stars : Stars
+        Round the plate's center, brightest first; Ω_star200 is taken evenly from the circle round the frame.
+    x_px, y_px : ndarray, shape (n,)
+        Star-like measurements, brightest first; Ω_bl100 is taken evenly from them.
+    width_px, height_px : int
+        Size of the frame.
+    settings : IdentificationSettings
+        `n_confirm_measurements`, `n_confirm_stars`, `m_reg`, `region_cap`, `match_px`, `min_pairs`.
+
+    Returns
+    -------
+    float
+        To be compared with v_min_ident. A measurement counts once. 0 where fewer than `min_pairs` pairs
+        could be: the triangle alone would fill the share.
+    """
+    blobs = spread_brightest(
+        x_px, y_px, settings.n_confirm_measurements, regions=settings.m_reg, cap=settings.region_cap
+    )
+    if blobs.size == 0:
+        return 0.0
+    x, y = plate.pixels(*plate.project(stars.ra_deg, stars.dec_deg))
+    reach_px = 0.5 * math.hypot(width_px, height_px)
+    near = np.flatnonzero(np.hypot(x - plate.center_x_px, y - plate.center_y_px) <= reach_px)
+    chosen = near[
+        spread_brightest(
+            x[near], y[near], settings.n_confirm_stars, regions=settings.m_reg, cap=settings.region_cap
+        )
+    ]
+    x, y = x[chosen], y[chosen]
+    in_frame = (x > -0.5) & (x < width_px - 0.5) & (y > -0.5) & (y < height_px - 0.5)
+    possible = min(blobs.size, int(in_frame.sum()))
+    if possible < settings.min_pairs:
+        return 0.0
+    tree = cKDTree(np.column_stack((x, y)))
+    distance = np.asarray(tree.query(np.column_stack((x_px[blobs], y_px[blobs])))[0])
+    return min(1.0, int((distance < settings.match_px).sum()) / possible)
+
 
 PLATE_STARS = 1000
 """Stars fetched for the plate, brightest first."""
@@ -73,7 +169,7 @@ def verified(
     if len(stars) < settings.min_pairs:
         return None
     if settings.v_min_ident is not None:
-        share = published_share(one.plate, stars, x, y, width_px=width, height_px=height, settings=settings)
+        share = count_rule_share(one.plate, stars, x, y, width_px=width, height_px=height, settings=settings)
         search.most_published = max(search.most_published, share)
         if share < settings.v_min_ident:
             return None
@@ -91,12 +187,12 @@ def verified(
         source=piece_of,
     )
     chance = witnesses.chance()
-    probability = min(1.0, chance * looks(search.hypotheses))
+    probability = min(1.0, chance * trials_factor(search.hypotheses))
     if probability > settings.false_probability_max and chance < WORTH_COUNTING:
         again = anchored_odds(
             one.plate,
             stars,
-            Sources.of(measurements, usable, piece_of),
+            AnchorSources.of(measurements, usable, piece_of),
             search.anchors,
             catalog,
             epoch_yr,

@@ -1,4 +1,4 @@
-"""Following a series: one frame solved fully, the rest by shift, audited, anew when the field is lost."""
+"""Following a series: one frame is solved, the rest follow by shift; audits, and solving when lost."""
 
 from __future__ import annotations
 
@@ -14,23 +14,144 @@ from numpy.typing import NDArray
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadFrame
 from mountnav.frames import Frame, Hint
-from mountnav.identification.in_its_light import MOVED, stands
+from mountnav.identification.plate import Plate
 from mountnav.identification.preliminary import Preliminary
-from mountnav.identification.shift import mutual_pairs
-from mountnav.identification.sources import sources_of
+from mountnav.identification.selection import all_finite
+from mountnav.identification.shift import mutual_pairs, sources_of
+from mountnav.identification.trail_check import MOVED_KEY, plate_stays
 from mountnav.measuring.light_path import light_path
 from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Flag, Measurements
 from mountnav.reading import demosaiced, read_frame
-from mountnav.series.followed import Anchor, Followed, Look, Size, followed, moved_solution, turns
-from mountnav.series.memory import SeriesMemory
+from mountnav.series.persistence import Persistence
 from mountnav.series.report import series_report
-from mountnav.series.results import FrameResult, Mode, SeriesReport, SeriesSettings, SeriesTimes
-from mountnav.series.shift import places, plate_from_cards
-from mountnav.series.solving import near_hint, solved
+from mountnav.series.results import FrameResult, Mode, SeriesReport, SeriesSettings, SeriesTimes, Shift
+from mountnav.series.shift import (
+    Anchor,
+    Followed,
+    MeasuredFrame,
+    Size,
+    field_turns,
+    follow_frame,
+    icrs_at_pixels,
+    pixels_at_icrs,
+    plate_from_cards,
+    solution_of_move,
+)
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import offset_arcsec, separation_arcsec
 from mountnav.solution import Reason, Solution, Verdict
+from mountnav.solving.solve import solve
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+class SeriesMemory:
+    """The sources of a series.
+
+    Parameters
+    ----------
+    frames : int
+        In so many of them a source is persistent.
+    """
+
+    def __init__(self, frames: int) -> None:
+        self._frames = frames
+        self._of_size: dict[Size, Persistence] = {}
+        self._ids: dict[int, Index] = {}
+
+    def carry(self, size: Size, old: Plate | None, new: Plate | None) -> None:
+        """Go on in the pixels of another anchor; begin anew where either has no plate."""
+        memory = self._of_size.get(size)
+        if memory is None or old is None or new is None:
+            self._of_size[size] = Persistence(self._frames)
+            return
+
+        def to_new(x: Array, y: Array) -> tuple[Array, Array]:
+            new_x, new_y = pixels_at_icrs(new, *icrs_at_pixels(old, x, y))
+            far = (np.abs(new_x - new.center_x_px) > 1.5 * size[0]) | (
+                np.abs(new_y - new.center_y_px) > 1.5 * size[1]
+            )
+            return np.where(far, np.nan, new_x), np.where(far, np.nan, new_y)
+
+        memory.change_pixels(to_new)
+
+    def added(self, look: MeasuredFrame, shift: Shift | None, result: FrameResult) -> FrameResult:
+        """Add the frame's sources to what is known of the series."""
+        m = look.measurements
+        chosen = all_finite(m)
+        dx, dy = (shift.dx_px, shift.dy_px) if shift else (0.0, 0.0)
+        fwhm = m.fwhm_px[chosen]
+        fwhm = fwhm[np.isfinite(fwhm)]
+        reach = max(1.5, 0.6 * float(np.median(fwhm))) if fwhm.size else 1.5
+        memory = self._of_size[look.size]
+        ids = memory.add(m.x_px[chosen] + dx, m.y_px[chosen] + dy, m.flux[chosen], reach)
+        self._ids[result.number] = ids
+        return replace(result, persistent=int(memory.persistent(ids).sum()))
+
+    def recounted(self, result: FrameResult) -> FrameResult:
+        """A frame with its persistent sources as they are known now."""
+        ids = self._ids.get(result.number)
+        if ids is None:
+            return result
+        memory = self._of_size[(result.width_px, result.height_px)]
+        return replace(result, persistent=int(memory.persistent(ids).sum()))
+
+    def knows(self, result: FrameResult) -> bool:
+        """Whether the frame's sources are known."""
+        return result.number in self._ids
+
+    def of_size(self, size: Size) -> Persistence:
+        """What is known of the frames of one size."""
+        return self._of_size[size]
+
+
+SCALE_SHARE = 0.02
+"""How well the scale of a series is known once a frame is solved."""
+NEAR_BUDGET_S = 10.0
+"""Wall time of a full solution where the series is believed to be; then come the caller's hints."""
+
+
+def solve_in_series(
+    frame: Frame,
+    measurements: Measurements,
+    catalog: Catalog,
+    settings: SeriesSettings,
+    *,
+    near: Hint | None,
+    hint: Hint | None,
+) -> tuple[Verdict, float]:
+    """Solve near where it is believed to be, then as caller and header say; the verdict, and the seconds."""
+    began = time.perf_counter()
+    solving = settings.solving
+    verdict = None
+    if near is not None:
+        quick = replace(solving, budget_s=min(NEAR_BUDGET_S, solving.budget_s))
+        verdict = solve(frame, catalog, hint=near, settings=quick, measurements=measurements)
+    if verdict is None or not verdict.solved:
+        again = solve(frame, catalog, hint=hint, settings=solving, measurements=measurements)
+        verdict = again if again.solved or verdict is None else verdict
+    return verdict, time.perf_counter() - began
+
+
+def near_hint(frame: Frame, last: Solution | None, expected: Icrs | None) -> Hint | None:
+    """Where the series is believed to be: where it should be by the shift, or where it was last."""
+    if last is None:
+        return None
+    width = float(last.wcs["IMAGEW"])
+    scale = last.scale_arcsec_px * width / frame.width_px  # another size is most often another binning
+    share = SCALE_SHARE if frame.width_px == int(width) else 0.05
+    field_deg = float(np.hypot(frame.width_px, frame.height_px)) * scale / 3600.0
+    return Hint(
+        center=expected or last.center,
+        radius_deg=0.3 * field_deg if expected else max(1.0, 1.5 * field_deg),
+        scale_low_arcsec_px=scale * (1.0 - share),
+        scale_high_arcsec_px=scale * (1.0 + share),
+        center_source="the series",
+        scale_source="the series",
+    )
+
 
 AUDIT_SIGMAS = 5.0
 AUDIT_LEAST_PX = 1.0
@@ -64,7 +185,7 @@ class SeriesFollower:
         self._anchors: dict[Size, Anchor] = {}
         self._memory = SeriesMemory(self._settings.persistent_frames)
         self._most_acknowledged: dict[Size, int] = {}
-        self._waiting: dict[Size, list[Look]] = {}
+        self._waiting: dict[Size, list[MeasuredFrame]] = {}
         self._since_full: dict[Size, int] = {}
         self._failures: dict[Size, int] = {}
         self._last: Solution | None = None
@@ -111,7 +232,7 @@ class SeriesFollower:
             height_px=measurements.height_px,
             times=SeriesTimes(measure_s=spent),
         )
-        look = Look(blank, measurements, sources_of(measurements, self._settings.preliminary))
+        look = MeasuredFrame(blank, measurements, sources_of(measurements, self._settings.preliminary))
         return self._done(self._placed(look, frame))
 
     def add_unread(self, source: str, why: str) -> FrameResult:
@@ -149,7 +270,7 @@ class SeriesFollower:
         self._results.append(result)
         return result
 
-    def _placed(self, look: Look, frame: Frame) -> FrameResult:
+    def _placed(self, look: MeasuredFrame, frame: Frame) -> FrameResult:
         anchor = self._anchors.get(look.size)
         if anchor is None or anchor.plate is None:
             # it may have to wait for a solved frame, and its pixels aren't kept
@@ -157,7 +278,7 @@ class SeriesFollower:
         if anchor is None:
             return self._first_of_size(look, frame)
         began = time.perf_counter()
-        got = followed(anchor, look, self._settings)
+        got = follow_frame(anchor, look, self._settings)
         spent = time.perf_counter() - began
         look = replace(
             look, result=replace(look.result, times=replace(look.result.times, preliminary_s=spent))
@@ -187,7 +308,7 @@ class SeriesFollower:
         self._failures[look.size] = 0
         self._since_full[look.size] = 0
         self._last = verdict.solution
-        if drawn_out or MOVED in verdict.numbers:
+        if drawn_out or MOVED_KEY in verdict.numbers:
             # where its sources were found isn't where its light has its middle: nothing is followed from it
             return replace(look.result, mode=Mode.FULL, solution=verdict.solution, notes=(why,))
         if found is not None and found.move is not None and self._keeps(found, look.size):
@@ -197,7 +318,7 @@ class SeriesFollower:
             why += "; it contradicts the shift"
         return self._new_anchor(look, verdict.solution, (why,))
 
-    def _first_of_size(self, look: Look, frame: Frame) -> FrameResult:
+    def _first_of_size(self, look: MeasuredFrame, frame: Frame) -> FrameResult:
         verdict, spent = self._full(frame, look.measurements, None)
         look = replace(look, result=replace(look.result, times=replace(look.result.times, full_s=spent)))
         notes: tuple[str, ...] = ()
@@ -208,7 +329,7 @@ class SeriesFollower:
             if len(look.measurements) < 1 or verdict.reason is Reason.TRAILED:
                 return replace(look.result, notes=notes)
             self._failures[look.size] = 1
-        elif MOVED in verdict.numbers:
+        elif MOVED_KEY in verdict.numbers:
             self._last = verdict.solution
             notes = (*notes, "its stars' light is drawn out or doubled: nothing is followed from it")
             return replace(look.result, mode=Mode.FULL, solution=verdict.solution, notes=notes)
@@ -228,7 +349,7 @@ class SeriesFollower:
         why = None
         if anchor.plate is None:
             why = "no frame of this series is solved yet"
-        elif got.move is not None and turns(got.move, self._settings):
+        elif got.move is not None and field_turns(got.move, self._settings):
             why = (
                 f"the field has turned by {got.move.turn_deg:.3f}° and stretched by "
                 f"{100 * got.move.stretch:.3f} %"
@@ -239,7 +360,7 @@ class SeriesFollower:
             why = "audit"
         return why if patient or failures == 0 else None
 
-    def _stood_still(self, found: Followed, anchor: Anchor, look: Look, frame: Frame) -> bool:
+    def _stood_still(self, found: Followed, anchor: Anchor, look: MeasuredFrame, frame: Frame) -> bool:
         """Whether the light of the followed sources is where the shift has them."""
         if anchor.plate is None:
             return True
@@ -255,9 +376,11 @@ class SeriesFollower:
         """Whether the anchor still serves after a full solution."""
         assert found.move is not None
         enough = self._settings.ack_fall * self._most_acknowledged.get(size, 0)
-        return not turns(found.move, self._settings) and found.preliminary.acknowledged >= enough
+        return not field_turns(found.move, self._settings) and found.preliminary.acknowledged >= enough
 
-    def _audited(self, look: Look, anchor: Anchor, found: Followed, solution: Solution) -> FrameResult | None:
+    def _audited(
+        self, look: MeasuredFrame, anchor: Anchor, found: Followed, solution: Solution
+    ) -> FrameResult | None:
         """The frame with both answers; None if they contradict each other."""
         assert found.move is not None
         assert anchor.solution is not None
@@ -281,11 +404,11 @@ class SeriesFollower:
         return self._memory.added(look, found.shift, result)
 
     def _result(
-        self, look: Look, anchor: Anchor, found: Followed, notes: tuple[str, ...] = ()
+        self, look: MeasuredFrame, anchor: Anchor, found: Followed, notes: tuple[str, ...] = ()
     ) -> FrameResult:
         solution = None
         if found.move is not None and anchor.solution is not None:
-            solution = moved_solution(anchor, found, look)
+            solution = solution_of_move(anchor, found, look)
         result = replace(
             look.result,
             mode=Mode.PRELIMINARY,
@@ -298,12 +421,12 @@ class SeriesFollower:
             self._wait(look)
         return self._memory.added(look, found.shift, result)
 
-    def _lost(self, look: Look, notes: tuple[str, ...]) -> FrameResult:
+    def _lost(self, look: MeasuredFrame, notes: tuple[str, ...]) -> FrameResult:
         if self._last is None:
             self._wait(look)
         return replace(look.result, notes=notes)
 
-    def _wait(self, look: Look) -> None:
+    def _wait(self, look: MeasuredFrame) -> None:
         waiting = self._waiting.setdefault(look.size, [])
         if look.still and len(waiting) < MOST_WAITING:
             waiting.append(look)
@@ -312,15 +435,17 @@ class SeriesFollower:
 
     def _full(self, frame: Frame, measurements: Measurements, expected: Icrs | None) -> tuple[Verdict, float]:
         near = near_hint(frame, self._last, expected)
-        return solved(frame, measurements, self._catalog, self._settings, near=near, hint=self._hint)
+        return solve_in_series(frame, measurements, self._catalog, self._settings, near=near, hint=self._hint)
 
-    def _new_anchor(self, look: Look, solution: Solution | None, notes: tuple[str, ...]) -> FrameResult:
+    def _new_anchor(
+        self, look: MeasuredFrame, solution: Solution | None, notes: tuple[str, ...]
+    ) -> FrameResult:
         size = look.size
         old = self._anchors.get(size)
         plate, ra, dec = None, np.zeros(0), np.zeros(0)
         if solution is not None:
             plate = plate_from_cards(solution.wcs, width_px=size[0], height_px=size[1])
-            ra, dec = places(plate, look.sources.x_px, look.sources.y_px)
+            ra, dec = icrs_at_pixels(plate, look.sources.x_px, look.sources.y_px)
         anchor = Anchor(look.result.number, look.sources, plate, solution, ra, dec)
         self._anchors[size] = anchor
         self._most_acknowledged[size] = 0
@@ -342,7 +467,7 @@ class SeriesFollower:
     def _place_waiting(self, anchor: Anchor, size: Size) -> None:
         """Place the frames that came before the first solved one."""
         for look in self._waiting.pop(size, []):
-            got = followed(anchor, look, self._settings)
+            got = follow_frame(anchor, look, self._settings)
             if isinstance(got, Followed):
                 self._results[look.result.number] = self._result(look, anchor, got, ("placed afterwards",))
 
@@ -354,7 +479,7 @@ def _stand(m: Measurements, chosen: NDArray[np.int64], frame: Frame) -> bool:
     clear = (m.flags[chosen] & int(Flag.SATURATED | Flag.BLEED)) == 0
     fwhm_px = float(np.median(m.fwhm_px[chosen]))
     path = light_path(frame.pixels, m.x_px[chosen], m.y_px[chosen], m.flux[chosen], clear, fwhm_px)
-    return path is None or stands(path)
+    return path is None or plate_stays(path)
 
 
 def follow(

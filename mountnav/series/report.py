@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 
 from mountnav.series.drift import LEAST_FRAMES, Drift, Track, fit_drift, joined, jumps
-from mountnav.series.followed import scale_sigma
 from mountnav.series.persistence import PersistentSources
 from mountnav.series.results import FrameResult, Segment, SeriesReport, SeriesSettings
+from mountnav.series.shift import scale_sigma
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import Offset, offset_arcsec
 

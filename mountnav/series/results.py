@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum
 
-from mountnav.identification.preliminary_settings import PreliminarySettings
+from mountnav.identification.settings import PreliminarySettings
 from mountnav.series.drift import Drift
 from mountnav.series.persistence import PersistentSources
 from mountnav.sky.coordinates import Icrs

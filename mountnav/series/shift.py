@@ -16,8 +16,14 @@ from numpy.typing import NDArray
 
 from mountnav.errors import BadRequest
 from mountnav.identification.plate import ARCSEC_PER_RAD, Plate, powers
+from mountnav.identification.preliminary import Preliminary, find_shift
+from mountnav.identification.shift import Pairing, Sources
+from mountnav.identification.wcs import wcs_cards
+from mountnav.measuring.measurements import Measurements
+from mountnav.series.results import FrameResult, SeriesSettings, Shift
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import gnomonic_inverse
+from mountnav.solution import IdentifiedPairs, Solution
 
 Array = NDArray[np.float64]
 
@@ -74,7 +80,7 @@ def plate_from_cards(cards: Mapping[str, str | int | float], *, width_px: int, h
     )
 
 
-def places(plate: Plate, x_px: Array, y_px: Array) -> tuple[Array, Array]:
+def icrs_at_pixels(plate: Plate, x_px: Array, y_px: Array) -> tuple[Array, Array]:
     """Right ascension and declination (degrees, shape (n,)) at pixels, through a plate."""
     xi, eta = plate.tangential(x_px, y_px)
     ra, dec = gnomonic_inverse(
@@ -83,14 +89,14 @@ def places(plate: Plate, x_px: Array, y_px: Array) -> tuple[Array, Array]:
     return np.asarray(ra), np.asarray(dec)
 
 
-def pixels(plate: Plate, ra_deg: Array, dec_deg: Array) -> tuple[Array, Array]:
+def pixels_at_icrs(plate: Plate, ra_deg: Array, dec_deg: Array) -> tuple[Array, Array]:
     """Pixels (shape (n,)) of places, through a plate; NaN for places behind."""
     xi, eta = plate.project(ra_deg, dec_deg)
     return plate.pixels(xi, eta)
 
 
 @dataclass(frozen=True, slots=True)
-class Moved:
+class MovedPlate:
     """A plate moved to where a frame lies.
 
     Attributes
@@ -139,7 +145,9 @@ class Moved:
         return float(x), float(y)
 
 
-def moved(plate: Plate, ra_deg: Array, dec_deg: Array, x_px: Array, y_px: Array, weight: Array) -> Moved:
+def move_plate(
+    plate: Plate, ra_deg: Array, dec_deg: Array, x_px: Array, y_px: Array, weight: Array
+) -> MovedPlate:
     """Move a plate over the sky so that pairs fall where they were measured.
 
     Parameters
@@ -191,7 +199,7 @@ def moved(plate: Plate, ra_deg: Array, dec_deg: Array, x_px: Array, y_px: Array,
         chi2 = float(weight @ part**2) / scale**2 / count
         sigma.append(scale * math.sqrt(max(chi2, 1.0) * sums))
     dx, dy = _center_shift(plate, center)
-    return Moved(
+    return MovedPlate(
         plate=replace(plate, tangent=center, xi=_at_rest(plate.xi), eta=_at_rest(plate.eta)),
         sigma_arcsec=(sigma[0], sigma[1]),
         dx_px=dx,
@@ -206,9 +214,9 @@ def moved(plate: Plate, ra_deg: Array, dec_deg: Array, x_px: Array, y_px: Array,
     )
 
 
-def turned(
-    move: Moved, solved: Plate, ra_deg: Array, dec_deg: Array, x_px: Array, y_px: Array, weight: Array
-) -> Moved:
+def turn_plate(
+    move: MovedPlate, solved: Plate, ra_deg: Array, dec_deg: Array, x_px: Array, y_px: Array, weight: Array
+) -> MovedPlate:
     """Let the plate turn and stretch as the residuals ask, and move it again.
 
     Parameters
@@ -230,7 +238,7 @@ def turned(
         turn_deg, stretch = turn_deg + again.turn_deg, stretch + again.stretch
         w = (plate.xi + 1j * plate.eta) * complex(1.0 + again.stretch, -math.radians(again.turn_deg))
         plate = replace(plate, xi=np.asarray(w.real), eta=np.asarray(w.imag))
-        again = moved(plate, ra_deg, dec_deg, x_px, y_px, weight)
+        again = move_plate(plate, ra_deg, dec_deg, x_px, y_px, weight)
         plate = again.plate
     dx, dy = _center_shift(solved, again.center)
     return replace(again, turn_deg=turn_deg, stretch=stretch, dx_px=dx, dy_px=dy)
@@ -238,7 +246,7 @@ def turned(
 
 def _center_shift(solved: Plate, center: Icrs) -> tuple[float, float]:
     """Where a center lies in the solved frame, from that frame's center, pixels."""
-    x, y = pixels(solved, np.array([center.ra_deg]), np.array([center.dec_deg]))
+    x, y = pixels_at_icrs(solved, np.array([center.ra_deg]), np.array([center.dec_deg]))
     return float(x[0]) - solved.center_x_px, float(y[0]) - solved.center_y_px
 
 
@@ -247,3 +255,158 @@ def _at_rest(coefficients: Array) -> Array:
     out = coefficients.copy()
     out[0] = 0.0
     return out
+
+
+Size = tuple[int, int]
+
+TREND_SIGMAS = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Anchor:
+    """The frame that others are followed from."""
+
+    number: int
+    sources: Sources
+    plate: Plate | None
+    solution: Solution | None
+    ra_deg: Array
+    dec_deg: Array
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredFrame:
+    """A frame without its pixels.
+
+    Attributes
+    ----------
+    result : FrameResult
+    measurements : Measurements
+    sources : Sources
+    still : bool
+        The light of its sources is where they were found: pieces of trails are no places to follow by.
+    """
+
+    result: FrameResult
+    measurements: Measurements
+    sources: Sources
+    still: bool = True
+
+    @property
+    def size(self) -> Size:
+        """Width and height, in pixels."""
+        return self.measurements.width_px, self.measurements.height_px
+
+
+@dataclass(frozen=True, slots=True)
+class Followed:
+    """What the shift says of a frame."""
+
+    preliminary: Preliminary
+    shift: Shift
+    move: MovedPlate | None
+    pairing: Pairing
+
+
+def follow_frame(anchor: Anchor, look: MeasuredFrame, settings: SeriesSettings) -> Followed | Preliminary:
+    """What the shift from the anchor says of a frame; the identification alone where it says nothing."""
+    got = find_shift(anchor.sources, look.sources, settings.preliminary)
+    pairing = got.pairing
+    if pairing is None:
+        return got
+    move = None
+    if anchor.plate is not None:
+        sky = anchor.ra_deg[pairing.first], anchor.dec_deg[pairing.first]
+        x, y = look.sources.x_px[pairing.second], look.sources.y_px[pairing.second]
+        move = move_plate(anchor.plate, *sky, x, y, pairing.weight)
+        if field_turns(move, settings):
+            move = replace(
+                turn_plate(move, anchor.plate, *sky, x, y, pairing.weight),
+                trend_px=move.trend_px,
+                trend_sigma=move.trend_sigma,
+            )
+    sigma = pairing.dx_sigma_px, pairing.dy_sigma_px
+    if move is not None and anchor.solution is not None:
+        x_sigma, y_sigma = move.sigma_px
+        # the anchor's own scale and turn are known so well and no better
+        lever = float(np.hypot(move.dx_px, move.dy_px)) * scale_sigma(anchor.solution)
+        sigma = float(np.hypot(x_sigma, lever)), float(np.hypot(y_sigma, lever))
+    shift = Shift(
+        anchor=anchor.number,
+        dx_px=move.dx_px if move else pairing.dx_px,
+        dy_px=move.dy_px if move else pairing.dy_px,
+        dx_sigma_px=sigma[0],
+        dy_sigma_px=sigma[1],
+        mean_dx_px=pairing.dx_px,
+        mean_dy_px=pairing.dy_px,
+        pairs=len(pairing),
+        strobes=got.strobes,
+        acknowledged=got.acknowledged,
+        false_probability=got.false_probability,
+    )
+    return Followed(got, shift, move, pairing)
+
+
+def field_turns(move: MovedPlate, settings: SeriesSettings) -> bool:
+    """Whether the field has turned or stretched by more than a shift tells."""
+    return move.trend_px > settings.trend_px and move.trend_sigma > TREND_SIGMAS
+
+
+def scale_sigma(solution: Solution) -> float:
+    """Relative error of a solution's scale, and of its turn in radians: from its residuals and pairs."""
+    pairs = solution.identified
+    x, y = pairs.x_px[pairs.used], pairs.y_px[pairs.used]
+    if x.size < 2:
+        return 0.0
+    # RMS distance of the pairs from their middle: what the scale is measured over
+    lever_arcsec = float(np.sqrt(np.var(x) + np.var(y))) * solution.scale_arcsec_px
+    return solution.rms_arcsec / float(np.sqrt(2.0 * x.size)) / max(lever_arcsec, 1e-9)
+
+
+def solution_of_move(anchor: Anchor, found: Followed, look: MeasuredFrame) -> Solution:
+    """The anchor's solution with its plate moved."""
+    move, pairing, old = found.move, found.pairing, anchor.solution
+    assert move is not None
+    assert old is not None
+    m = look.measurements
+    chosen = look.sources.index[pairing.second]
+    scale = move.plate.scale_arcsec_px()
+    own_arcsec = scale * float(np.hypot(found.shift.dx_sigma_px, found.shift.dy_sigma_px)) / np.sqrt(2.0)
+    covariance = old.center_covariance_arcsec2 + own_arcsec**2 * np.eye(2)
+    missing = np.full(chosen.size, np.nan)
+    turned_plate = abs(move.plate.rotation_deg() - old.rotation_deg) > 1e-9
+    if turned_plate:
+        cards = wcs_cards(move.plate, width_px=m.width_px, height_px=m.height_px)
+    else:
+        cards = {**old.wcs, "CRVAL1": move.center.ra_deg, "CRVAL2": move.center.dec_deg}
+    return Solution(
+        center=move.center,
+        center_sigma_arcsec=float(np.sqrt(0.5 * np.trace(covariance))),
+        scale_arcsec_px=scale,
+        rotation_deg=move.plate.rotation_deg(),
+        parity=move.plate.parity,
+        rms_arcsec=move.rms_arcsec,
+        pairs=len(pairing),
+        rejected=0,
+        false_probability=min(1.0, old.false_probability + found.preliminary.false_probability),
+        mode="preliminary",
+        wcs=cards,
+        center_covariance_arcsec2=covariance,
+        identified=IdentifiedPairs(
+            x_px=look.sources.x_px[pairing.second],
+            y_px=look.sources.y_px[pairing.second],
+            ra_deg=anchor.ra_deg[pairing.first],
+            dec_deg=anchor.dec_deg[pairing.first],
+            dx_arcsec=move.residual_x_arcsec,
+            dy_arcsec=move.residual_y_arcsec,
+            flux=m.flux[chosen],
+            flux_sigma=m.flux_sigma[chosen],
+            mag=missing,
+            centroid_sigma_arcsec=look.sources.sigma_px[pairing.second] * scale,
+            catalog_sigma_arcsec=anchor.sources.sigma_px[pairing.first] * scale,
+            flags=m.flags[chosen],
+            used=np.ones(chosen.size, dtype=bool),
+            leverage=np.full(chosen.size, 1.0 / max(chosen.size, 1)),  # only the shift was fit
+        ),
+        catalog=old.catalog,
+    )

@@ -11,8 +11,7 @@ from pydantic import Field, TypeAdapter, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from mountnav.errors import BadSettings
-from mountnav.identification.preliminary_settings import PreliminarySettings
-from mountnav.identification.settings import IdentificationSettings
+from mountnav.identification.settings import IdentificationSettings, PreliminarySettings
 from mountnav.measuring.settings import MeasuringSettings
 from mountnav.settings.section import Section
 

@@ -14,13 +14,13 @@ from mountnav.catalog.shelf import Choice, Shelf
 from mountnav.catalog.stars import Catalog, Stars
 from mountnav.errors import BadCatalog, BadFrame
 from mountnav.frames import Frame, Hint
-from mountnav.identification.at_a_glance import AtAGlance, at_a_glance
-from mountnav.identification.identified import Identified
-from mountnav.identification.in_its_light import InItsLight, Sky, in_its_light
+from mountnav.identification.fast import FastResult, identify_fast
 from mountnav.identification.plate import NAMES
 from mountnav.identification.reference import Reference, identified_pairs
 from mountnav.identification.search import Reach, without_place
 from mountnav.identification.selection import star_like
+from mountnav.identification.trail_check import StarsInCone, TrailCheck, check_trails
+from mountnav.identification.verification import Identified
 from mountnav.identification.wcs import wcs_cards
 from mountnav.measuring.measurements import Flag, Measurements
 from mountnav.measuring.quality import SkyQuality, with_plate
@@ -36,7 +36,13 @@ from mountnav.solution import (
     Times,
     Verdict,
 )
-from mountnav.solving.choosing import advised, at_its_best, catalogs_for, identified_with, index_catalog
+from mountnav.solving.catalog_choice import (
+    catalogs_for,
+    identify_with_catalogs,
+    index_catalog,
+    with_best_catalog,
+    with_catalog_advice,
+)
 from mountnav.solving.contradictions import contradictions_of_hints, contradictions_with
 from mountnav.solving.settings import SolveSettings
 
@@ -140,14 +146,14 @@ def solve(
     epoch_yr = epoch_of(utc if utc is not None else utc_now())
     found, measured, measure_s, searched_s = None, 0, 0.0, 0.0
     choices: tuple[Choice, ...] = ()
-    lit: tuple[InItsLight, tuple[str, ...]] | None = None
+    lit: tuple[TrailCheck, tuple[str, ...]] | None = None
 
-    def light_of(one: Identified, its: Measurements) -> tuple[InItsLight, tuple[str, ...]]:
-        best, chosen = at_its_best(catalog, choices, one, its, settings.identification, epoch_yr)
+    def light_of(one: Identified, its: Measurements) -> tuple[TrailCheck, tuple[str, ...]]:
+        best, chosen = with_best_catalog(catalog, choices, one, its, settings.identification, epoch_yr)
         if best.reference is None:
-            return InItsLight(best, its, None, points=True), chosen
+            return TrailCheck(best, its, None, points=True), chosen
         sky = _sky_of(best.stars, catalog, choices, epoch_yr)
-        return in_its_light(best, its, frame.pixels, settings.identification, sky=sky), chosen
+        return check_trails(best, its, frame.pixels, settings.identification, sky=sky), chosen
 
     try:
         if measurements is None:
@@ -163,7 +169,7 @@ def solve(
             if settings.glance and settings.identification.v_min_ident is None:
                 computed_s = time.thread_time()
                 try:
-                    first = at_a_glance(
+                    first = identify_fast(
                         frame,
                         choices[0].catalog,
                         believed,
@@ -176,7 +182,7 @@ def solve(
                 except BadCatalog:
                     if len(choices) == 1:
                         raise
-                    first = AtAGlance(tried=reach.tried)  # the search in full passes the catalog over
+                    first = FastResult(tried=reach.tried)  # the search in full passes the catalog over
                 found, measurements, measured = first.identified, first.measurements, first.seen
                 reach = replace(reach, tried=first.tried)
                 measure_s += first.measure_s
@@ -200,7 +206,7 @@ def solve(
     if found is None:
         measured = len(measurements)
         left_s = settings.budget_s - searched_s
-        found = identified_with(choices, measurements, believed, reach, settings, epoch_yr, left_s)
+        found = identify_with_catalogs(choices, measurements, believed, reach, settings, epoch_yr, left_s)
     solution, quality, steps = None, measurements.quality, choices[0].steps
     if found.reference is not None:
         light, steps = lit or light_of(found, measurements)
@@ -211,7 +217,7 @@ def solve(
             solution = _solution(found, found.reference, found.stars, measurements, steps)
             quality = _quality(quality, solution, zero_adu)
     elif found.reason is Reason.CATALOG_TOO_SHALLOW:
-        found = advised(found, catalog, believed, frame, len(star_like(measurements)))
+        found = with_catalog_advice(found, catalog, believed, frame, len(star_like(measurements)))
     if solution is None and isinstance(catalog, Shelf):
         notes += [f"catalog: {step}" for step in steps]
     total_s = time.monotonic() - began
@@ -233,7 +239,7 @@ def solve(
 
 def _sky_of(
     stars: Stars | None, catalog: Catalog, choices: tuple[Choice, ...], epoch_yr: float
-) -> Sky | None:
+) -> StarsInCone | None:
     """Where more stars of the same catalog are to be had; None if it is none of those at hand."""
     known = [one.catalog for one in choices] + ([] if isinstance(catalog, Shelf) else [catalog])
     of = next((one for one in known if stars is not None and one.name == stars.source), None)

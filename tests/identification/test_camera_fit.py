@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mountnav.identification.camera import fit_camera
+from mountnav.identification.camera_fit import fit_camera
 from mountnav.identification.plate import similarity_plate
 from mountnav.sky.coordinates import Icrs
 

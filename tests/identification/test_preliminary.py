@@ -13,8 +13,8 @@ from scipy.spatial import cKDTree
 
 from benchmarks.series import star_list, two_lists
 from mountnav.identification.preliminary import ADVICE, Outcome, preliminary
-from mountnav.identification.preliminary_settings import PreliminarySettings
-from mountnav.identification.sources import make_sources, sources_of
+from mountnav.identification.settings import PreliminarySettings
+from mountnav.identification.shift import make_sources, sources_of
 from mountnav.measuring.measurements import Measurements
 
 PAPER = PreliminarySettings()

@@ -7,10 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mountnav.identification.pairing import spread_over_fragments
-from mountnav.identification.reference import Selection, identified_pairs
-from mountnav.identification.rejection import RULES, grouped, within_k_rej
-from mountnav.identification.robust_start import trimmed_similarity
+from mountnav.identification.pairing import RULES, grouped, spread_over_fragments, within_k_rej
+from mountnav.identification.reference import Selection, identified_pairs, trimmed_similarity
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.measurements import Flag
 from mountnav.sky.coordinates import Icrs

@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from listed_sky import listed
 
 from mountnav.catalog.stars import Stars
 from mountnav.frames import Hint
-from mountnav.identification.area import tiles
 from mountnav.identification.budget import Budget
 from mountnav.identification.full import Points, Search, hypotheses
 from mountnav.identification.rounds import Round, scale_windows
 from mountnav.identification.search import identify
+from mountnav.identification.search_area import tiles
 from mountnav.identification.selection import spread_brightest, star_like
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.measurements import Flag
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, gnomonic, gnomonic_inverse, separation_arcsec
+from tests.identification.listed_sky import listed
 
 WIDTH, HEIGHT = 1000, 800
 PLACE = Icrs(210.0, 40.0)

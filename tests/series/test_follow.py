@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 from mountnav.frames import Frame, Hint
-from mountnav.identification.preliminary_settings import PreliminarySettings
+from mountnav.identification.settings import PreliminarySettings
 from mountnav.measuring.measure import measure
-from mountnav.series.against_catalog import place_by_catalog
 from mountnav.series.follow import SeriesFollower, follow
 from mountnav.series.results import Mode, SeriesReport, SeriesSettings
-from mountnav.series.shift import places, plate_from_cards
+from mountnav.series.shift import icrs_at_pixels, plate_from_cards
 from mountnav.simulation.render import project
 from mountnav.simulation.trails import SatelliteTrail
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, separation_arcsec
 from mountnav.solving.solve import epoch_of
+from tests.series.against_catalog import place_by_catalog
 from tests.series.conftest import CENTER, OPTICS
 
 HINT = Hint(center=CENTER, radius_deg=1.0)
@@ -362,7 +362,7 @@ def test_an_audit_that_contradicts_the_shift_starts_anew(draw, catalog) -> None:
     follower.add(draw(0, centers[0]))
     (size, anchor), *_ = follower._anchors.items()
     wrong = replace(anchor.plate, tangent=displaced(anchor.plate.tangent, 0.0, 5 * SCALE))
-    ra, dec = places(wrong, anchor.sources.x_px, anchor.sources.y_px)
+    ra, dec = icrs_at_pixels(wrong, anchor.sources.x_px, anchor.sources.y_px)
     follower._anchors[size] = replace(anchor, plate=wrong, ra_deg=ra, dec_deg=dec)
     followed_wrongly = follower.add(draw(1, centers[1]))
     assert separation_arcsec(followed_wrongly.center, centers[1]) > 4 * SCALE

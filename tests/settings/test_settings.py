@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from mountnav.errors import BadSettings
-from mountnav.identification.preliminary_settings import PreliminarySettings
-from mountnav.identification.settings import IdentificationSettings
+from mountnav.identification.settings import IdentificationSettings, PreliminarySettings
 from mountnav.measuring.settings import MeasuringSettings
 from mountnav.settings.explained import line_of
 from mountnav.settings.observatory import FolderCameraSettings, Settings, SimulatedCameraSettings

@@ -54,13 +54,13 @@ def cached_index(
         The cache can't be written.
     """
     path = index_path(catalog)
-    if not force and (found := index_at_hand(catalog)) is not None:
+    if not force and (found := installed_index(catalog)) is not None:
         return found
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with locked(path.with_suffix(".lock")):
             # another process may have built it meanwhile; a damaged one is built anew
-            if force or (found := index_at_hand(catalog)) is None:
+            if force or (found := installed_index(catalog)) is None:
                 for left_behind in path.parent.glob(f"{path.name}.*.part"):
                     left_behind.unlink(missing_ok=True)  # by a process that was killed while it wrote
                 # imported here: whoever finds an index needs nothing of what builds it
@@ -76,7 +76,7 @@ def cached_index(
     return BlindIndex.open(path)
 
 
-def index_at_hand(catalog: PackedStore) -> BlindIndex | None:
+def installed_index(catalog: PackedStore) -> BlindIndex | None:
     """Open the index of a catalog if it was built before. Builds nothing.
 
     Parameters

@@ -21,12 +21,16 @@ All numbers are little-endian. Quads are sorted by their cell. A code's four num
 from __future__ import annotations
 
 import json
+import mmap
+from contextlib import suppress
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.errors import BadSettings
+from mountnav.files import open_buffered
 from mountnav.parsing import json_of
 
 MAGIC = b"MNAVQUAD"
@@ -184,3 +188,39 @@ def unpack(packed: NDArray[np.uint64]) -> Index:
     mask = 2 * DELTA_ZERO - 1
     deltas = [((whole >> (shift * DELTA_BITS)) & mask) - DELTA_ZERO for shift in (2, 1, 0)]
     return np.stack([first, *(first + delta for delta in deltas)], axis=1)
+
+
+def mapped(path: Path) -> mmap.mmap:
+    """Map a file for reading, without reading ahead.
+
+    Parameters
+    ----------
+    path : Path
+        Not empty.
+
+    Returns
+    -------
+    mmap.mmap
+
+    Raises
+    ------
+    OSError
+        It can't be opened.
+    """
+    with open_buffered(path) as file:
+        whole = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    if hasattr(mmap, "MADV_RANDOM"):  # not known everywhere
+        with suppress(OSError):
+            whole.madvise(mmap.MADV_RANDOM)
+    return whole
+
+
+def unmap(whole: mmap.mmap) -> None:
+    """Let go of the pages that were looked at; the system keeps what it has room for, for the next look.
+
+    The system maps a file in pieces much larger than a look: unasked, the whole file would count as this
+    process' memory after a few searches.
+    """
+    if hasattr(mmap, "MADV_DONTNEED"):
+        with suppress(OSError):
+            whole.madvise(mmap.MADV_DONTNEED)
