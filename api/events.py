@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import date, datetime
 from uuid import uuid4
 
-from mountnav.sky.coordinates import utc_now
+from mountnav.clock import utc_now
 
 _PIECE_BYTES = 65_536
 """So much is given to a reader at once: as much as waits for a connection that takes nothing. Without a bound

@@ -23,9 +23,8 @@ from api.orders.dispatcher import Dispatcher
 from api.orders.job import ENDS
 from api.orders.jobs import Jobs
 from mountnav import __version__
+from mountnav.clock import real_s, utc_now
 from mountnav.devices import SyncOutcome
-from mountnav.sky.coordinates import utc_now
-from mountnav.sky.present import real_s
 from mountnav.tasks import begun
 
 _SOLVE_S = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 60.0)

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from benchmarks.wrong_answers import star_list
 from mountnav.catalog.embedded import embedded_catalog
-from mountnav.catalog.reading_depth import stars_round
+from mountnav.catalog.star_counts import stars_round
 from mountnav.frames import Hint
 from mountnav.identification.blind.cache import cached_index
 from mountnav.identification.blind.index import BlindIndex

@@ -32,12 +32,13 @@ from typing import Any
 from benchmarks.killed_child import AIR, LONGEST_S, SITE, Plan, child
 from drivers.fakes.bench import FakeOnPty
 from drivers.lx200.fake.base import FakeLx200
+from mountnav.clock import utc_now
 from mountnav.journal.reading import JournalReader
 from mountnav.journal.records import CommandEnd, CommandRecord, Outcome
 from mountnav.journal.restart import Likely
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.chain import apparent_to_icrs, hour_angle_to_icrs
-from mountnav.sky.coordinates import Apparent, HourAngle, Icrs, utc_now
+from mountnav.sky.coordinates import Apparent, HourAngle, Icrs
 from mountnav.sky.sphere import separation_arcsec
 
 ERRORS = PointingErrors(ih_arcsec=500.0, id_arcsec=-400.0, ch_arcsec=150.0, ma_arcsec=200.0)

@@ -11,7 +11,7 @@ import pytest
 
 from api.access.keys import KeyStore
 from api.alpaca.management import unique_ids
-from mountnav.catalog.importing.lock import held
+from mountnav.catalog.installed import held
 from mountnav.errors import BadSettings
 from mountnav.files import locked, make_private_folder
 from mountnav.journal.sql_journal import open_journal

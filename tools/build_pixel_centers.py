@@ -6,7 +6,7 @@ import hashlib
 
 import numpy as np
 
-from mountnav.catalog.packed.pixel_centers import TABLE_NSIDE, TABLE_PATH, computed_centers
+from mountnav.catalog.packed.pixels import TABLE_NSIDE, TABLE_PATH, computed_centers
 
 
 def main() -> None:

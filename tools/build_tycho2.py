@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from mountnav.catalog.packed.companion_colors import write_companion
 from mountnav.catalog.packed.error_classes import REFERENCE_YR, classify, error_curve
 from mountnav.catalog.packed.packing import CatalogColumns
-from mountnav.catalog.packed.packing_version_1 import order_of_version_1, pack_version_1
 from mountnav.catalog.space_motion import motion_vectors, places, unit_vectors
+from tests.catalog.packed.packing_version_1 import order_of_version_1, pack_version_1
 
 Array = NDArray[np.float64]
 Text = NDArray[np.uint8]

@@ -18,10 +18,10 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from api.access.callers import Caller, Face
 from api.access.roles import route_of
 from api.problems import PROBLEM_TYPE, Problem, Refused, internal_problem, problem_of
+from mountnav.clock import utc_now
 from mountnav.errors import MountnavError
 from mountnav.journal.audit_and_leases import AuditRow
 from mountnav.masking import masked
-from mountnav.sky.coordinates import utc_now
 
 __all__ = [
     "EACH_S",

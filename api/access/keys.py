@@ -19,11 +19,11 @@ from secrets import compare_digest, token_urlsafe
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
 
 from api.access.callers import Role
+from mountnav.clock import utc_now
 from mountnav.errors import BadRequest, BadSettings, Unknown
 from mountnav.files import locked, read_bytes
 from mountnav.journal.database import database_url, file_of, state_folder
 from mountnav.settings.observatory import Settings
-from mountnav.sky.coordinates import utc_now
 
 _log = logging.getLogger(__name__)
 

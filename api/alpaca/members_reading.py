@@ -20,9 +20,10 @@ from api.alpaca.member import (
     with_skill,
 )
 from api.alpaca.telescope import AlpacaTelescope, Call
+from mountnav.clock import utc_now
 from mountnav.devices import PierSide, Skill
 from mountnav.sky.chain import sidereal_time_deg
-from mountnav.sky.coordinates import Apparent, Icrs, utc_now
+from mountnav.sky.coordinates import Apparent, Icrs
 
 SIDES = {PierSide.EAST: 0, PierSide.WEST: 1, PierSide.UNKNOWN: -1}
 """0: the normal pointing state, as on a German mount that looks west; 1: through the pole."""

@@ -16,9 +16,9 @@ from api.orders.job import Job
 from api.orders.vocabulary import GuideOrder, Order
 from api.orders.watching import Snapshot
 from api.problems import Refused, problem_of
+from mountnav.clock import real_s
 from mountnav.errors import MountnavError
 from mountnav.navigation.navigator import Navigator
-from mountnav.sky.present import real_s
 from mountnav.sky.sphere import half_turn_deg
 from mountnav.tasks import begun, fault_words, waited_for
 

@@ -15,11 +15,11 @@ from api.orders.dispatcher import Dispatcher
 from api.orders.targets import Target
 from api.orders.vocabulary import Order
 from api.orders.watching import Snapshot, Watch
+from mountnav.clock import sky_s, utc_now
 from mountnav.devices import MountReading, Skill, TrackingRate
 from mountnav.errors import MountnavError
 from mountnav.mount import CheckedMount
 from mountnav.settings.observatory import Settings
-from mountnav.sky.present import sky_s, utc_now
 
 STALE_S = 15.0
 """A reading older than so many of the machine's seconds says nothing of now."""

@@ -20,12 +20,13 @@ from drivers.generic.mount import GenericMount
 from drivers.generic.options import PORT_OPTIONS
 from drivers.registry import fake_dialects, fake_machine, fake_protocols, make_fake, open_mount, read_url
 from drivers.wire.wire_log import WireEntry
+from mountnav.clock import utc_now
 from mountnav.devices import PierSide
 from mountnav.errors import BadRequest
 from mountnav.simulation.machine import Machine, Mounting
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.pointing_errors import PointingErrors
-from mountnav.sky.coordinates import Air, Site, utc_now
+from mountnav.sky.coordinates import Air, Site
 from mountnav.sky.iers import read_tables
 
 

@@ -23,8 +23,9 @@ from mountnav.catalog.installed import (
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.packed.contents import contents
 from mountnav.catalog.stars import StarFlag
+from mountnav.clock import utc_now
 from mountnav.errors import BadRequest, BadSettings
-from mountnav.sky.coordinates import Icrs, utc_now
+from mountnav.sky.coordinates import Icrs
 
 if TYPE_CHECKING:
     from mountnav.settings.catalogs import OnlineSettings

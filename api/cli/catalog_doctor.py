@@ -9,10 +9,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from api.http.doctor_record import CheckRecord, DoctorRecord, doctor_record
-from mountnav.catalog.at_hand import open_shelf
+from mountnav.catalog.catalog_set import open_catalogs
 from mountnav.catalog.doctor.cameras import camera_facts
-from mountnav.catalog.doctor.diagnosis import Verdict, diagnose, reach_of
-from mountnav.catalog.doctor.shelf import julian_year_now, shelved
+from mountnav.catalog.doctor.diagnosis import Verdict, diagnose, julian_year_now, named_catalogs, reach_of
 from mountnav.settings.observatory import Settings
 
 _WIDTH = 98
@@ -33,8 +32,8 @@ def show_doctor(config: Path, as_json: bool) -> int:
         The file is wrong, or names a catalog that isn't there.
     """
     settings = Settings.load(config)
-    shelf = open_shelf(settings.catalogs)
-    stores, epoch_yr = shelved(shelf), julian_year_now()
+    shelf = open_catalogs(settings.catalogs)
+    stores, epoch_yr = named_catalogs(shelf), julian_year_now()
     online = [one.name for one in settings.catalogs.online]
     records = []
     for telescope in settings.telescope:

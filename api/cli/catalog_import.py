@@ -17,8 +17,7 @@ from api.http.file_names import shown
 from mountnav.catalog.credits import credit_of
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.importing.job import import_catalog
-from mountnav.catalog.importing.order import Imported, ImportOrder, ImportProgress
-from mountnav.catalog.importing.selection import Selection
+from mountnav.catalog.importing.order import Imported, ImportOrder, ImportProgress, Selection
 from mountnav.catalog.packed import PackedStore
 from mountnav.errors import BadRequest
 from mountnav.identification.blind.cache import cached_index

@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mountnav.catalog.at_hand import open_shelf
+from mountnav.catalog.catalog_set import CatalogSet, open_catalogs
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.installed import EMBEDDED_SLUG, catalogs_folder, find_installed
 from mountnav.catalog.packed import PackedStore
-from mountnav.catalog.shelf import Shelf
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadCatalog, Unknown
 
@@ -101,7 +100,7 @@ def _settings(config: Path) -> CatalogsSettings:
     return Settings.load_catalogs(config)
 
 
-def chosen_shelf(config: Path | None, only: str | None = None) -> Shelf:
+def chosen_shelf(config: Path | None, only: str | None = None) -> CatalogSet:
     """Open the catalogs that a command's options name.
 
     Parameters
@@ -119,7 +118,7 @@ def chosen_shelf(config: Path | None, only: str | None = None) -> Shelf:
     use = None if only is None else (only,)
     if config is None:
         # the defaults need none of the models of the settings file, which are dear to import
-        return open_shelf(use=use)
+        return open_catalogs(use=use)
     from mountnav.settings.observatory import Settings
 
-    return open_shelf(Settings.load_catalogs(config), use=use)
+    return open_catalogs(Settings.load_catalogs(config), use=use)

@@ -23,9 +23,10 @@ from api.demo.targets import Target, targets_up_now
 from api.http.app import create_app
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.client import Client, Json, ServerEvent
+from mountnav.clock import utc_now
 from mountnav.errors import DeviceMissing
 from mountnav.settings.observatory import Settings
-from mountnav.sky.coordinates import Icrs, utc_now
+from mountnav.sky.coordinates import Icrs
 from mountnav.sky.iers import read_tables
 from mountnav.sky.sphere import separation_arcsec
 

@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 
+from mountnav.clock import utc_now
 from mountnav.errors import BadRequest, Unknown
 from mountnav.journal.audit_and_leases import AuditRow
 from mountnav.journal.database import database_url, default_url
@@ -19,7 +20,6 @@ from mountnav.journal.upgrading import upgrade as bring_up_to_date
 from mountnav.journal.upkeep import Checked, check
 from mountnav.journal.wording import as_json as json_of
 from mountnav.journal.wording import in_words
-from mountnav.sky.coordinates import utc_now
 
 _KIND_WIDTH = 9
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar
 import typer
 from typer.core import TyperCommand
 
-from mountnav.sky.typed import read_dec_deg, read_ra_deg
+from mountnav.sky.typed_coordinates import read_dec_deg, read_ra_deg
 
 Json = Annotated[bool, typer.Option("--json", help="JSON, for programs.")]
 RA_OPTION = typer.Option(parser=read_ra_deg, metavar="RA", help="Center (ICRS): degrees, or 12h30m45s.")

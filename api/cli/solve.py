@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from api.http.file_names import shown
 from api.solver.hints import asked_hint
 from api.solver.solve_record import Answer, solve_answer, unread_answer
+from mountnav.catalog.catalog_set import CatalogSet
 from mountnav.catalog.packed import PackedStore
-from mountnav.catalog.shelf import Shelf
 from mountnav.errors import BadFrame, BadSettings
 from mountnav.frames import Hint
 from mountnav.solution import Reason, Verdict
@@ -36,7 +36,7 @@ def run(
     high: float | None,
     hdu: str | None,
     settings: SolveSettings,
-    catalog: Shelf,
+    catalog: CatalogSet,
     as_json: bool,
 ) -> int:
     """Solve the files and print; 0 if all were solved, else 1.
@@ -82,7 +82,7 @@ class _Solver:
     """
 
     def __init__(
-        self, catalog: Shelf, hint: Hint | None, hdu: int | str | None, settings: SolveSettings
+        self, catalog: CatalogSet, hint: Hint | None, hdu: int | str | None, settings: SolveSettings
     ) -> None:
         self._catalog = catalog
         self._hint = hint

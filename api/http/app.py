@@ -47,7 +47,7 @@ from api.http.strict_requests import KnownQueryOnly
 from api.listeners.listeners import Listener, Listeners
 from api.service import open_service
 from mountnav import __version__
-from mountnav.catalog.at_hand import open_shelf
+from mountnav.catalog.catalog_set import open_catalogs
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import MountnavError
 from mountnav.masking import mask_logs
@@ -85,7 +85,7 @@ def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI
         try:
             service = await open_service(
                 settings,
-                await asyncio.to_thread(open_shelf, settings.catalogs) if catalog is None else catalog,
+                await asyncio.to_thread(open_catalogs, settings.catalogs) if catalog is None else catalog,
             )
         except MountnavError as error:
             # for who serves: told in one line there

@@ -8,7 +8,7 @@ from pydantic import BaseModel, Field
 
 from api.orders.job_views import Finite
 from mountnav.catalog.doctor.diagnosis import Check, Diagnosis, Verdict
-from mountnav.catalog.doctor.known import ONLINE
+from mountnav.catalog.doctor.obtainable import ONLINE
 
 
 class CameraRecord(BaseModel):

@@ -13,9 +13,10 @@ from api.http.sky_views import aim_of
 from api.observatory.last_frame import Kept
 from api.orders.job import Job
 from api.orders.job_views import Finite, Place
+from mountnav.clock import utc_now
 from mountnav.errors import BadRequest
 from mountnav.identification.wcs import icrs_at_pixel
-from mountnav.sky.coordinates import Air, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Air, Icrs, Site
 from mountnav.sky.sphere import gnomonic, offset_arcsec
 from mountnav.solution import Solution
 

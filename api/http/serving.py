@@ -24,10 +24,10 @@ from api.http.strict_requests import KnownQueryOnly
 from api.listeners.descriptors import ask_for_enough, descriptors_at_hand, shares
 from api.observatory.virtual import VirtualHeader, virtual_days
 from api.service import Service
+from mountnav.clock import utc_now, virtual_time
 from mountnav.errors import BadSettings, MountnavError
 from mountnav.settings.observatory import Settings
 from mountnav.sky.iers import read_tables
-from mountnav.sky.present import utc_now, virtual_time
 
 _GOODBYE_S = 5
 _GIVE_WAY_S = 0.001

@@ -10,6 +10,7 @@ from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 from api.orders.job import Job
 from api.orders.job_views import Finite, Place
 from api.orders.targets import Target, icrs_of
+from mountnav.clock import utc_now
 from mountnav.errors import MountnavError
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.reports import CenterReport, SlewReport, TelescopeState
@@ -22,9 +23,8 @@ from mountnav.sky.chain import (
     icrs_to_observed,
     sidereal_time_deg,
 )
-from mountnav.sky.coordinates import Air, Apparent, GeometricHourAngle, HourAngle, Icrs, Site, utc_now
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Apparent, GeometricHourAngle, HourAngle, Icrs, Site
 from mountnav.sky.sphere import gnomonic, gnomonic_inverse, half_turn_deg
-from mountnav.sky.turning import SIDEREAL_DEG_S
 
 __all__ = ["LimitsView", "SkyView", "aim_of", "limits_view", "sky_view"]
 

@@ -21,7 +21,7 @@ from api.indi_server.publisher import SYNC, USUAL, LeftSelections, Selections, T
 from api.indi_server.vectors import saying
 from api.listeners.fair_reading import STOPS_AT_ONCE, Allowance, Turns
 from drivers.indi.codec.messages import Ordered, Pinged, State, ping_reply
-from mountnav.sky.coordinates import utc_now
+from mountnav.clock import utc_now
 from mountnav.tasks import Crew
 
 _log = logging.getLogger(__name__)

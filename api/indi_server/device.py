@@ -28,9 +28,9 @@ from api.orders.goto_orders import NotTaken, Ordering, require_success
 from api.orders.job import Job
 from api.service import Service
 from drivers.indi.codec.messages import Ordered, State
+from mountnav.clock import utc_now
 from mountnav.errors import MountnavError
 from mountnav.settings.observatory import TelescopeSettings
-from mountnav.sky.coordinates import utc_now
 from mountnav.tasks import Died, begun, fault_words
 
 _TIME_TOLD_EVERY = timedelta(seconds=30)

@@ -16,7 +16,8 @@ from api.orders.targets import ApparentTarget
 from api.orders.vocabulary import GuideOrder, HomeOrder, ParkOrder, SetParkOrder, TrackingOrder, UnparkOrder
 from api.orders.watching import Watch
 from drivers.indi.codec.messages import Ordered, State
-from mountnav.sky.coordinates import Apparent, Site, utc_now
+from mountnav.clock import utc_now
+from mountnav.sky.coordinates import Apparent, Site
 
 __all__ = ["Answer", "TakingOrders", "chosen_switch", "number_of", "site_answer", "time_answer"]
 

@@ -12,7 +12,7 @@ from api.indi_server.parser import Asked
 from api.indi_server.properties import MAIN
 from api.indi_server.vectors import Vector, definition, deletion, saying, setting, switches
 from drivers.indi.codec.messages import State
-from mountnav.sky.coordinates import utc_now
+from mountnav.clock import utc_now
 
 __all__ = ["SYNC", "USUAL", "LeftSelections", "Selections", "Telling"]
 

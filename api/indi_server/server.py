@@ -14,8 +14,8 @@ from api.indi_server.vectors import saying
 from api.listeners.fair_reading import Turns
 from api.listeners.tcp import Listening
 from api.service import Service
+from mountnav.clock import utc_now
 from mountnav.settings.faces import IndiServerSettings
-from mountnav.sky.coordinates import utc_now
 from mountnav.tasks import begun
 
 _log = logging.getLogger(__name__)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from drivers.fakes.bench import FakeOnPty
 from drivers.fakes.bench.thread import InFastTime
 from drivers.registry import fake_machine, make_fake
-from mountnav.clock import seconds
+from mountnav.clock import seconds, utc_now, virtual_time
 from mountnav.settings.observatory import MountErrorSettings, Settings, TelescopeSettings
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.pointing_errors import PointingErrors
-from mountnav.sky.coordinates import utc_now
-from mountnav.sky.present import virtual_time
 
 FAKE_SLEW_RATE_DEG_S = 4.0
 GERMAN = Machine(mounting="german", meridian_limits_deg=(10.0, 10.0))

@@ -12,9 +12,10 @@ from uuid import uuid4
 import numpy as np
 from numpy.typing import NDArray
 
+from mountnav.clock import utc_now
 from mountnav.frames import Frame, Hint
 from mountnav.navigation.equipment import Solve
-from mountnav.sky.coordinates import Icrs, utc_now
+from mountnav.sky.coordinates import Icrs
 from mountnav.solution import Verdict
 from mountnav.solving.settings import SolveSettings
 

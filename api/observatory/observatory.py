@@ -17,7 +17,7 @@ from api.replay.recording_header import recording_header
 from drivers.fakes.bench import FakeOnPty
 from drivers.folder.camera import FolderCamera
 from drivers.registry import fake_dialects, open_camera, open_mount
-from mountnav.catalog.shelf import DrawnSky, Shelf
+from mountnav.catalog.catalog_set import CatalogSet, DrawnSky
 from mountnav.catalog.stars import Catalog
 from mountnav.devices import Camera, Mount
 from mountnav.errors import (
@@ -398,7 +398,7 @@ def _camera(
             return SimulatedCamera(
                 mechanics.truth,
                 SimulatedOptics(**optics.model_dump(exclude={"kind"})),
-                DrawnSky(catalog) if isinstance(catalog, Shelf) else catalog,
+                DrawnSky(catalog) if isinstance(catalog, CatalogSet) else catalog,
                 seed=seed or 0,
                 name=f"{one.id} simulated camera",
                 tube_angle_deg=mechanics.tube_angle_deg,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 
+from mountnav.clock import utc_now
 from mountnav.errors import DeviceError, JournalFailed
 from mountnav.journal.reading import COMMAND, JournalReader, Wanted
 from mountnav.journal.records import CommandRecord, Entry, EntryKind, Outcome
@@ -15,7 +16,6 @@ from mountnav.mount.agreement import ACCEPTED, ADVICE
 from mountnav.mount.last_seen import LastSeen, seen_of
 from mountnav.mount.side_proof import SIDE_PROVEN
 from mountnav.navigation.syncing import GuardedSync
-from mountnav.sky.coordinates import utc_now
 from mountnav.tasks import fault_words
 
 _log = logging.getLogger(__name__)

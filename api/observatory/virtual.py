@@ -9,11 +9,11 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from mountnav.clock import in_virtual_time, utc_now, virtual_time
 from mountnav.night.daylight import dark_from
 from mountnav.settings.demo import DemoSettings
 from mountnav.simulation.sky_clock import FastClock
 from mountnav.sky.coordinates import Site
-from mountnav.sky.present import utc_now, virtual_present, virtual_time
 
 HEADER = "Mountnav-Virtual"
 
@@ -55,7 +55,7 @@ def virtual_days(demo: DemoSettings, site: Site) -> Iterator[FastClock]:
         When it lives in a virtual time already.
     """
     clock = FastClock(demo.speed, begin_of(demo, site))
-    with virtual_present(clock):
+    with in_virtual_time(clock):
         yield clock
 
 

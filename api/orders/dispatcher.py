@@ -20,10 +20,10 @@ from api.orders.targets import Target, icrs_of
 from api.orders.vocabulary import ModelRunOrder, Order, SeriesOrder, SolveOrder, role_for
 from api.orders.watching import Watch
 from api.problems import Refused
+from mountnav.clock import utc_now
 from mountnav.errors import DeviceError, JournalFailed, MountnavError
 from mountnav.mount.written_orders import EVEN_UNWRITTEN
 from mountnav.navigation.navigator import Navigator
-from mountnav.sky.coordinates import utc_now
 from mountnav.tasks import waited_for
 
 __all__ = ["STOP_KNOWN_S", "Dispatcher", "Guard", "StopGiven"]

@@ -26,9 +26,10 @@ from api.orders.vocabulary import (
     TrustOrder,
     UnparkOrder,
 )
+from mountnav.clock import utc_now
 from mountnav.devices import Direction, TrackingRate
 from mountnav.navigation.navigator import Navigator
-from mountnav.sky.coordinates import Icrs, utc_now
+from mountnav.sky.coordinates import Icrs
 
 Work = Callable[[Navigator], Awaitable[object]]
 

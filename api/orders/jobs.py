@@ -30,12 +30,12 @@ from api.orders.job import (
     told_stopped,
 )
 from api.problems import Problem, Refused, internal_problem, problem, problem_of
+from mountnav.clock import utc_now
 from mountnav.devices import Epoch
 from mountnav.errors import Cancelled, JournalFailed, MountnavError, Unknown
 from mountnav.journal.job_rows import JobRow
 from mountnav.journal.job_store import JobKeeper
 from mountnav.journal.records import because
-from mountnav.sky.coordinates import utc_now
 from mountnav.tasks import begun, waited_for
 
 __all__ = ["ENDS", "KEYS_LIVE", "Job", "JobMemory", "JobState", "Jobs", "TelescopeBusy", "View"]

@@ -20,14 +20,14 @@ from api.solver.hints import make_hint
 from api.solver.link import Upload
 from api.solver.solve_record import solve_record
 from api.solver.solver import Solver
-from mountnav.clock import Clock, SystemClock
+from mountnav.clock import Clock, SystemClock, utc_now
 from mountnav.errors import BadFrame, MountMoved, NotSolved
 from mountnav.files import open_plain
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.reports import Look
 from mountnav.series.drift import LEAST_FRAMES, Drift, Track, fit_drift, joined, jumps
 from mountnav.settings.observatory import Settings
-from mountnav.sky.coordinates import Icrs, utc_now
+from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import offset_arcsec
 from mountnav.solution import Reason
 

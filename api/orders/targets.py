@@ -10,9 +10,9 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 from mountnav.errors import BadRequest
 from mountnav.sky.chain import apparent_to_icrs, observed_to_icrs
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Observed, Site
-from mountnav.sky.named import object_of_name, place_of_name
+from mountnav.sky.named import object_of_name, position_of_name
 from mountnav.sky.proper_motion import moved_to
-from mountnav.sky.typed import LONGEST_TEXT, read_position
+from mountnav.sky.typed_coordinates import LONGEST_TEXT, read_position
 
 __all__ = [
     "AltAzTarget",
@@ -168,6 +168,6 @@ def icrs_of(
                 Observed(az_deg=target.az_deg, alt_deg=target.alt_deg, utc=utc), site, air
             )
         case NamedTarget():
-            return place_of_name(target.name, utc, site)
+            return position_of_name(target.name, utc, site)
         case TypedTarget():
             return icrs_of(target.read(), utc, site, air)

@@ -12,10 +12,10 @@ from datetime import datetime
 from api.observatory.observatory import Telescope
 from api.orders.jobs import Job, Jobs
 from api.orders.vocabulary import MOVING
+from mountnav.clock import real_s, utc_now
 from mountnav.navigation.reports import TelescopeState
 from mountnav.sky.chain import icrs_to_apparent
-from mountnav.sky.coordinates import Apparent, utc_now
-from mountnav.sky.present import real_s
+from mountnav.sky.coordinates import Apparent
 from mountnav.tasks import begun, fault_words
 
 __all__ = ["Snapshot", "Watch", "apparent_place"]

@@ -28,8 +28,9 @@ from drivers.lx200.codec.angles import (
 from drivers.lx200.codec.site_and_time import date_from_text, hours_to_utc_from_text, time_from_text
 from drivers.wire.command import Unreadable
 from mountnav import __version__
+from mountnav.clock import utc_now
 from mountnav.sky.chain import sidereal_time_deg
-from mountnav.sky.coordinates import Apparent, Site, utc_now
+from mountnav.sky.coordinates import Apparent, Site
 from mountnav.tasks import Died, begun
 
 __all__ = ["Aim", "Aims", "Half", "Here", "Lx200Client", "Machine", "MountLost"]

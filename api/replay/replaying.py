@@ -21,7 +21,7 @@ from drivers.generic.coordinates import apart_arcsec
 from drivers.generic.mount import GenericMount
 from drivers.generic.serial_language import SerialLanguage
 from drivers.registry import open_mount
-from mountnav.catalog.at_hand import open_shelf
+from mountnav.catalog.catalog_set import open_catalogs
 from mountnav.catalog.stars import Catalog
 from mountnav.devices import MountReading
 from mountnav.errors import BadFrame, BadRequest, BadSettings, DeviceError
@@ -376,7 +376,7 @@ def _who_identifies(
 ) -> tuple[Callable[[], Placing] | None, str]:
     """Who identifies frames anew, by the catalogs and masters of the settings; or why nobody can."""
     try:
-        anew = partial(_anew, one, settings, open_shelf(settings.catalogs) if catalog is None else catalog)
+        anew = partial(_anew, one, settings, open_catalogs(settings.catalogs) if catalog is None else catalog)
         anew()
     except (BadSettings, BadRequest, BadFrame) as trouble:
         return None, f"no frame was identified anew: {trouble}"

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from api.solver.link import ProcessEnded, ProcessLink
 from api.solver.messages import Built, Done, Fault, Progress, Setup
+from mountnav.catalog.catalog_set import CatalogSet
 from mountnav.catalog.packed import PackedStore
-from mountnav.catalog.shelf import Shelf
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import MountnavError
 from mountnav.tasks import waited_for
@@ -39,7 +39,7 @@ class BlindIndexKeeper:
     """
 
     def __init__(self, catalog: Catalog, tell: Tell) -> None:
-        self._catalog = catalog.indexed if isinstance(catalog, Shelf) else catalog
+        self._catalog = catalog.indexed if isinstance(catalog, CatalogSet) else catalog
         self._tell = tell
         self._path: Path | None = None
         self._share: float | None = None

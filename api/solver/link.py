@@ -30,7 +30,7 @@ from api.solver.messages import (
 )
 from mountnav.frames import Frame, Hint
 from mountnav.reading.content import OnDisk, stored
-from mountnav.reading.fits_extensions import MOST_PIXELS
+from mountnav.reading.fits_headers import MOST_PIXELS
 from mountnav.solving.settings import SolveSettings
 
 _GOODBYE_S = 2.0

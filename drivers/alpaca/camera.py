@@ -16,6 +16,7 @@ from drivers.alpaca.device import AlpacaDevice
 from drivers.generic.camera import Shot
 from drivers.generic.exposure import GenericCameraHabits, optics_scale_arcsec_px, with_scale
 from drivers.wire.wire_log import WireLog
+from mountnav.clock import utc_now
 from mountnav.errors import (
     BadFrame,
     BadRequest,
@@ -28,8 +29,7 @@ from mountnav.errors import (
 )
 from mountnav.frames import Frame
 from mountnav.reading import frame_from_array
-from mountnav.reading.fits_cards import Value
-from mountnav.sky.coordinates import utc_now
+from mountnav.reading.fits_headers import Value
 from mountnav.tasks import begun
 
 _LARGEST_SIDE_PX = 1 << 17

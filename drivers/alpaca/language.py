@@ -18,9 +18,10 @@ from drivers.alpaca.device import AlpacaDevice, Found
 from drivers.alpaca.readings import Looking
 from drivers.generic.language import Identity, Readout, Sent, Unskilled, Wanted
 from drivers.wire.wire_log import WireLog
+from mountnav.clock import utc_now
 from mountnav.devices import Direction, Epoch, PierSide, Skill, TrackingRate
 from mountnav.errors import DeviceError, DeviceGarbled, DeviceMissing, DeviceRefused, DeviceSilent, Refusal
-from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Apparent, Icrs, Site
 from mountnav.tasks import begun
 
 T = TypeVar("T")

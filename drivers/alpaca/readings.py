@@ -14,9 +14,9 @@ from drivers.alpaca.codec import base, claims
 from drivers.alpaca.codec.base import AlpacaRefused, Malformed
 from drivers.alpaca.device import AlpacaDevice
 from drivers.generic.language import Readout
+from mountnav.clock import utc_now
 from mountnav.devices import Epoch
 from mountnav.errors import DeviceSilent
-from mountnav.sky.coordinates import utc_now
 from mountnav.tasks import both, together
 
 _STATES = ("tracking", "atpark", "athome", "sideofpier")

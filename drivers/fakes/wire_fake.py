@@ -20,8 +20,8 @@ from itertools import islice
 from typing import ClassVar, SupportsIndex, TypeVar, overload
 
 from drivers.fakes.faults import LINE_KINDS, Fault, LineOrder, RandomFaults, Strike, strike_mechanics
+from mountnav.clock import utc_now
 from mountnav.simulation.mechanics import Mechanics
-from mountnav.sky.coordinates import utc_now
 
 T = TypeVar("T")
 _MOST = 20_000

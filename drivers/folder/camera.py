@@ -11,10 +11,10 @@ import asyncio
 from datetime import datetime, timedelta
 from pathlib import Path
 
+from mountnav.clock import utc_now
 from mountnav.errors import BadFrame, Busy, Cancelled, DeviceMissing, DeviceSilent
 from mountnav.frames import Frame
 from mountnav.reading import read_frame
-from mountnav.sky.coordinates import utc_now
 
 _State = tuple[int, int, int]
 _MOST_CAUSES = 3

@@ -14,8 +14,8 @@ from enum import StrEnum
 
 from drivers.generic.language import Language
 from drivers.generic.options import Timing
+from mountnav.clock import real_s
 from mountnav.errors import DeviceError, DeviceMissing
-from mountnav.sky.present import real_s
 from mountnav.tasks import fault_words, waited_for
 
 _log = logging.getLogger(__name__)

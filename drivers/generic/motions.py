@@ -15,7 +15,7 @@ from drivers.generic.coordinates import apart_arcsec
 from drivers.generic.language import Readout, Sent, Wanted
 from drivers.generic.refusals import Refusals
 from drivers.generic.session import Session
-from mountnav.clock import pause
+from mountnav.clock import pause, real_s
 from mountnav.devices import SlewOutcome, SlewState
 from mountnav.errors import (
     Busy,
@@ -26,7 +26,6 @@ from mountnav.errors import (
     DeviceSilent,
 )
 from mountnav.sky.coordinates import Apparent, Icrs
-from mountnav.sky.present import real_s
 from mountnav.tasks import waited_for
 
 There = Callable[[Readout], bool | None]

@@ -20,7 +20,7 @@ from drivers.generic.refusals import Took
 from drivers.generic.session import ConnectSettings, Listener, Session
 from drivers.generic.syncing import sync
 from drivers.wire.wire_log import WireLog
-from mountnav.clock import pause
+from mountnav.clock import pause, real_s
 from mountnav.devices import (
     ConnectReport,
     Direction,
@@ -35,7 +35,6 @@ from mountnav.devices import (
 )
 from mountnav.errors import BadRequest, Busy, DeviceRefused, Refusal
 from mountnav.sky.coordinates import Apparent, Icrs, Site
-from mountnav.sky.present import real_s
 
 LONGEST_PULSE_S = 60.0
 _PULSE_LATE_S = 2.0

@@ -8,12 +8,11 @@ from drivers.generic.coordinates import apart_arcsec
 from drivers.generic.language import Readout
 from drivers.generic.refusals import Refusals
 from drivers.generic.session import LateSync, Session
-from mountnav.clock import pause
+from mountnav.clock import pause, sky_s, utc_now
 from mountnav.devices import SyncOutcome, SyncResult
 from mountnav.errors import Busy, DeviceMissing, DeviceRefused, Refusal
 from mountnav.navigation.sync_outcomes import miss_arcsec, near_arcsec, unseen
-from mountnav.sky.coordinates import Apparent, Icrs, utc_now
-from mountnav.sky.present import sky_s
+from mountnav.sky.coordinates import Apparent, Icrs
 
 _LATE_FOR_S = 60.0
 """So long after it was given up a sync that shows is still recognized."""

@@ -17,6 +17,7 @@ from drivers.indi.codec.messages import Blob, Changed, Defined, Event, Ordered, 
 from drivers.indi.codec.state import Property
 from drivers.indi.device import IndiDevice
 from drivers.wire.wire_log import WireLog
+from mountnav.clock import utc_now
 from mountnav.errors import (
     BadFrame,
     Busy,
@@ -27,7 +28,6 @@ from mountnav.errors import (
 )
 from mountnav.frames import Frame
 from mountnav.reading import read_frame
-from mountnav.sky.coordinates import utc_now
 
 _GUIDE_CHIP = "CCD2"
 _NEAR, _NEAR_PX = 0.05, 32.0

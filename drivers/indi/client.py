@@ -21,8 +21,8 @@ from drivers.indi.codec.messages import Defined, Event, PingAnswered, Pinged
 from drivers.indi.codec.state import Properties, Property
 from drivers.indi.codec.xml_stream import Malformed
 from drivers.wire.wire_log import WireLog
+from mountnav.clock import utc_now
 from mountnav.errors import DeviceMissing
-from mountnav.sky.coordinates import utc_now
 from mountnav.tasks import begun, fault_words
 
 PORT = 7624

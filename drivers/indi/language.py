@@ -24,9 +24,10 @@ from drivers.indi.codec.state import COORDINATES, Property
 from drivers.indi.device import IndiDevice
 from drivers.indi.readings import Looking
 from drivers.wire.wire_log import WireLog
+from mountnav.clock import utc_now
 from mountnav.devices import Direction, Epoch, Skill, TrackingRate
 from mountnav.errors import DeviceGarbled, DeviceMissing, DeviceSilent
-from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Apparent, Icrs, Site
 
 _SWITCH = "ON_COORD_SET"
 _SYNCED_ARCSEC = 30.0

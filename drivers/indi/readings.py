@@ -15,9 +15,9 @@ from drivers.indi.codec.answers import plain
 from drivers.indi.codec.messages import State
 from drivers.indi.codec.state import COORDINATES, Property
 from drivers.indi.device import IndiDevice
+from mountnav.clock import utc_now
 from mountnav.devices import Epoch
 from mountnav.errors import DeviceGarbled, DeviceSilent
-from mountnav.sky.coordinates import utc_now
 
 _RESTLESS_S = 20.0
 _NONSENSE_S = 5.0

@@ -12,10 +12,11 @@ from drivers.ioptron.codec.greeting import GREETING, Model
 from drivers.ioptron.codec.values import MountState, Status
 from drivers.wire.command import Command
 from drivers.wire.link import Link
+from mountnav.clock import utc_now
 from mountnav.devices import PierSide
 from mountnav.errors import DeviceError, DeviceGarbled, DeviceRefused, DeviceSilent, Refusal
 from mountnav.sky.chain import apparent_to_hour_angle, hour_angle_to_observed, icrs_to_apparent
-from mountnav.sky.coordinates import Apparent, GeometricHourAngle, HourAngle, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Apparent, GeometricHourAngle, HourAngle, Icrs, Site
 
 T = TypeVar("T")
 

@@ -28,12 +28,12 @@ from drivers.ioptron.codec.values import (
 )
 from drivers.wire.command import Unreadable
 from mountnav import devices
+from mountnav.clock import utc_now
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.posture import axes_at, other_side
 from mountnav.sky.chain import apparent_to_hour_angle, hour_angle_to_observed, observed_to_hour_angle
-from mountnav.sky.coordinates import Apparent, GeometricHourAngle, HourAngle, Observed, Site, utc_now
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, GeometricHourAngle, HourAngle, Observed, Site
 from mountnav.sky.sphere import half_turn_deg
-from mountnav.sky.turning import SIDEREAL_DEG_S
 
 RATES = {
     devices.TrackingRate.SIDEREAL: TrackingRate.SIDEREAL,

@@ -19,9 +19,10 @@ from drivers.ioptron.exchange import Talk, destination_side, site_of, why_not
 from drivers.wire.command import Command
 from drivers.wire.link import Link
 from mountnav import devices
+from mountnav.clock import utc_now
 from mountnav.devices import Direction, Epoch, Skill
 from mountnav.errors import DeviceGarbled, Refusal
-from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Apparent, Icrs, Site
 
 _TRACKING = (MountState.TRACKING, MountState.TRACKING_PEC, MountState.GUIDING)
 _SLEWING = (MountState.SLEWING, MountState.FLIPPING)

@@ -20,9 +20,9 @@ from drivers.lx200.fake.rainbow import FakeRainbow
 from drivers.lx200.mount import lx200_language
 from drivers.wire.exchange import Exchange, Patience
 from drivers.wire.line import ByteLine
+from mountnav.clock import utc_now
 from mountnav.errors import BadRequest, DeviceGarbled, DeviceSilent
 from mountnav.simulation.mechanics import Mechanics
-from mountnav.sky.coordinates import utc_now
 
 if TYPE_CHECKING:
     from drivers.registry import MountUrl

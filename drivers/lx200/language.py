@@ -18,11 +18,10 @@ from drivers.lx200.codec.dialect import Dialect, Nudge, Order
 from drivers.lx200.readings import Lx200Look
 from drivers.wire.command import Command
 from drivers.wire.link import Link
-from mountnav.clock import pause
+from mountnav.clock import pause, real_s
 from mountnav.devices import Direction, Epoch, PierSide, Skill, TrackingRate
 from mountnav.errors import DeviceError, DeviceGarbled, DeviceRefused, DeviceSilent, Refusal
 from mountnav.sky.coordinates import Apparent, Icrs, Site
-from mountnav.sky.present import real_s
 
 Once = Callable[[tuple[Order, ...], str, Wanted], Awaitable[Sent]]
 """Sends orders once each, unless they are not wanted any more."""

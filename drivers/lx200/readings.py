@@ -16,9 +16,10 @@ from drivers.lx200.codec.dialect import Dialect, Handshake, Spot, State
 from drivers.lx200.dialects import recognized, weak
 from drivers.wire.command import Command
 from drivers.wire.link import Link
+from mountnav.clock import utc_now
 from mountnav.devices import Epoch
 from mountnav.errors import DeviceGarbled, DeviceRefused, DeviceSilent, Refusal
-from mountnav.sky.coordinates import Apparent, Icrs, utc_now
+from mountnav.sky.coordinates import Apparent, Icrs
 
 T = TypeVar("T")
 _SHORT_ARCSEC = 15.0

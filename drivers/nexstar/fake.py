@@ -37,6 +37,7 @@ from drivers.nexstar.codec.site_and_time import (
     time_to_bytes,
 )
 from drivers.wire.command import Unreadable
+from mountnav.clock import utc_now
 from mountnav.devices import Epoch, PierSide, TrackingRate
 from mountnav.simulation.machine import AxisAngles
 from mountnav.simulation.mechanics import Direction, Mechanics
@@ -49,9 +50,8 @@ from mountnav.sky.chain import (
     icrs_to_hour_angle,
     observed_to_hour_angle,
 )
-from mountnav.sky.coordinates import Air, Apparent, HourAngle, Icrs, Observed, Site, utc_now
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Apparent, HourAngle, Icrs, Observed, Site
 from mountnav.sky.sphere import half_turn_deg, separation_arcsec
-from mountnav.sky.turning import SIDEREAL_DEG_S
 
 _NO_AIR = Air(pressure_hpa=0.0)
 

@@ -32,10 +32,10 @@ from drivers.nexstar.exchange import Ask, Asking, Greeting, greet
 from drivers.nexstar.parking import Horizon, Parking
 from drivers.wire.command import Command
 from drivers.wire.link import Link
-from mountnav.clock import pause
+from mountnav.clock import pause, utc_now
 from mountnav.devices import Direction, Epoch, PierSide, Skill, TrackingRate
 from mountnav.errors import DeviceRefused, Refusal
-from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Apparent, Icrs, Site
 
 _SLOWEST_KEY = 1
 _LOOK_S = 0.05

@@ -9,11 +9,11 @@ from datetime import datetime, timedelta
 
 from drivers.generic.camera import Turn
 from mountnav.catalog.stars import Catalog
+from mountnav.clock import real_s, utc_now
 from mountnav.frames import Frame
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.render import draw_frame
-from mountnav.sky.coordinates import Icrs, utc_now
-from mountnav.sky.present import real_s
+from mountnav.sky.coordinates import Icrs
 
 
 class SimulatedCamera:

@@ -29,8 +29,7 @@ from mountnav.navigation.sync_outcomes import miss_arcsec, moved_arcsec, near_ar
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.posture import other_side
 from mountnav.sky.chain import apparent_to_icrs, icrs_to_apparent
-from mountnav.sky.coordinates import Apparent, Icrs
-from mountnav.sky.turning import SIDEREAL_DEG_S
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, Icrs
 
 
 class SimulatedState:

@@ -16,9 +16,8 @@ from mountnav.sky.chain import (
     icrs_to_apparent,
     icrs_to_hour_angle,
 )
-from mountnav.sky.coordinates import Air, Apparent, HourAngle, Site
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Apparent, HourAngle, Site
 from mountnav.sky.sphere import half_turn_deg
-from mountnav.sky.turning import SIDEREAL_DEG_S
 
 RATES_DEG_S = {
     TrackingRate.SIDEREAL: SIDEREAL_DEG_S,

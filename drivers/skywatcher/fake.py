@@ -15,9 +15,9 @@ from drivers.fakes.faults import Fault
 from drivers.fakes.wire_fake import WireFake
 from drivers.skywatcher.axes import Gearing
 from drivers.skywatcher.codec import LARGEST, POSITION_ZERO, Axis, Board, MotorStatus, number, number_text
+from mountnav.clock import utc_now
 from mountnav.simulation.mechanics import AxisName, Mechanics
-from mountnav.sky.coordinates import utc_now
-from mountnav.sky.turning import SIDEREAL_DEG_S
+from mountnav.sky.coordinates import SIDEREAL_DEG_S
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,12 +28,11 @@ from drivers.skywatcher.axes import (
 from drivers.skywatcher.codec import Axis
 from drivers.skywatcher.readings import SkywatcherReading
 from drivers.skywatcher.steering import Aim
-from mountnav.clock import pause
+from mountnav.clock import pause, utc_now
 from mountnav.devices import Direction, PierSide, TrackingRate
 from mountnav.errors import BadRequest, DeviceError, DeviceRefused, Refusal
-from mountnav.sky.coordinates import Apparent, Icrs, utc_now
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, Icrs
 from mountnav.sky.sphere import separation_arcsec
-from mountnav.sky.turning import SIDEREAL_DEG_S
 
 _SYNC_FREE_DEG = 5.0
 _SYNC_STRETCH = 3.0

@@ -19,10 +19,8 @@ from drivers.skywatcher.axes import Gearing, true_timer_hz
 from drivers.skywatcher.codec import Axis, Board, Features, MotorStatus, Nack
 from drivers.wire.command import Command
 from drivers.wire.link import Link
-from mountnav.clock import pause
+from mountnav.clock import pause, real_s, utc_now
 from mountnav.errors import DeviceError, DeviceRefused, Refusal
-from mountnav.sky.coordinates import utc_now
-from mountnav.sky.present import real_s
 from mountnav.tasks import waited_for
 
 _BETWEEN_STOPS_S = 0.03

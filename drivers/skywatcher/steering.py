@@ -15,9 +15,9 @@ from drivers.skywatcher import codec
 from drivers.skywatcher.axes import SkywatcherSettings, Standing, Turns, goto_s, sky_sign
 from drivers.skywatcher.codec import Axis
 from drivers.skywatcher.motors import Motors
+from mountnav.clock import utc_now
 from mountnav.errors import DeviceError
-from mountnav.sky.coordinates import utc_now
-from mountnav.sky.turning import SIDEREAL_DEG_S
+from mountnav.sky.coordinates import SIDEREAL_DEG_S
 
 Aim = Callable[[datetime], Turns]
 """How the axes shall stand at an instant."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mountnav.catalog.malformed import malformed_at
 from mountnav.catalog.packed import PackedStore
-from mountnav.catalog.packed.companion_colors import SUFFIX
+from mountnav.catalog.packed.companion_colors import COLORS_SUFFIX
 from mountnav.errors import BadSettings
 
 EMBEDDED_PATH = Path(__file__).parent / "data" / "tycho2.mnc"
@@ -49,7 +49,7 @@ def verify_embedded() -> None:
         A file is missing, damaged, or not the one this version was made with.
     """
     embedded_catalog().verify(EMBEDDED_SHA256)
-    colors = EMBEDDED_PATH.with_suffix(SUFFIX)
+    colors = EMBEDDED_PATH.with_suffix(COLORS_SUFFIX)
     try:
         found = hashlib.sha256(colors.read_bytes()).hexdigest()
     except OSError as refused:

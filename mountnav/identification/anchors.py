@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mountnav.catalog.reading_depth import depth_for
 from mountnav.catalog.space_motion import unit_vectors
+from mountnav.catalog.star_counts import depth_for
 from mountnav.catalog.stars import Catalog, Stars
 from mountnav.identification.odds import (
     FEW_MEASUREMENTS,

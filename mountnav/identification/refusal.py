@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mountnav.catalog.packed import PackedStore
-from mountnav.catalog.reading_depth import depth_for
+from mountnav.catalog.star_counts import depth_for
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Hint
 from mountnav.identification.full import Search

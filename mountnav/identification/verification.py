@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mountnav.catalog.reading_depth import stars_round
+from mountnav.catalog.star_counts import stars_round
 from mountnav.catalog.stars import Catalog, Stars
 from mountnav.identification.anchors import AnchorSources, anchored_odds
 from mountnav.identification.full import Hypothesis, Search, match_radius

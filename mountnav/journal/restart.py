@@ -9,11 +9,12 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Protocol
 
+from mountnav.clock import utc_now
 from mountnav.devices import MountReading
 from mountnav.journal.reading import COMMAND, LOOK, JournalReader, Wanted
 from mountnav.journal.records import CommandEnd, CommandRecord, Entry, EntryKind, Journal, Outcome
 from mountnav.navigation.kinds import from_mount
-from mountnav.sky.coordinates import Apparent, Icrs, utc_now
+from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import separation_arcsec
 
 NEAR_ARCSEC = 120.0

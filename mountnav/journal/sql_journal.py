@@ -13,6 +13,7 @@ from pathlib import Path
 from sqlalchemy import URL, Connection, delete, insert, or_, select, update
 
 from mountnav import __version__
+from mountnav.clock import utc_now
 from mountnav.errors import JournalDamaged, JournalFailed
 from mountnav.journal.audit_and_leases import AuditRow, LeaseRow, audit_values, lease_statement
 from mountnav.journal.database import database_url, explained, shown_url
@@ -34,7 +35,6 @@ from mountnav.journal.tables import audit, command, entry, lease, look, run
 from mountnav.journal.upgrading import upgrade
 from mountnav.journal.upkeep import Thinning, require_sound, require_whole
 from mountnav.journal.writer import Fsync, Piece, Statements, Trouble, Writer
-from mountnav.sky.coordinates import utc_now
 
 _log = logging.getLogger(__name__)
 

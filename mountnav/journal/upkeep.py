@@ -13,12 +13,12 @@ from datetime import datetime, timedelta
 from sqlalchemy import URL, Column, Connection, Table, delete, func, select, text
 from sqlalchemy.sql.elements import ColumnElement
 
+from mountnav.clock import utc_now
 from mountnav.journal.database import BUSY_S, FAULTS, connectable, file_of, shown_url
 from mountnav.journal.reading import JournalReader
 from mountnav.journal.records import CommandRecord, EntryKind
 from mountnav.journal.tables import HEAD, audit, command, entry, job, look, run
 from mountnav.journal.upgrading import damaged_journal, require_today, unusable
-from mountnav.sky.coordinates import utc_now
 
 _log = logging.getLogger(__name__)
 

@@ -20,10 +20,10 @@ from typing import Literal
 from sqlalchemy import URL, Connection, Engine
 from sqlalchemy.exc import DataError, DBAPIError, IntegrityError, ProgrammingError, StatementError
 
+from mountnav.clock import utc_now
 from mountnav.errors import MountnavError
 from mountnav.journal.database import connectable, explained, file_of
 from mountnav.journal.upgrading import upgrade
-from mountnav.sky.coordinates import utc_now
 
 _log = logging.getLogger(__name__)
 

@@ -12,13 +12,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
+from mountnav.clock import sky_s
 from mountnav.devices import ConnectReport, Mount, MountReading
 from mountnav.errors import DeviceError, DeviceRefused, Refusal
 from mountnav.journal.records import EntryKind
 from mountnav.mount.guarding import Guard
 from mountnav.mount.standing import Standing
 from mountnav.mount.written_orders import OrderBook
-from mountnav.sky.present import sky_s
 from mountnav.sky.sphere import half_turn_deg
 
 APART_DEG = 0.25

@@ -20,9 +20,8 @@ from mountnav.mount.standing import Standing
 from mountnav.mount.written_orders import OrderBook
 from mountnav.navigation.kinds import from_mount
 from mountnav.sky.chain import icrs_to_hour_angle
-from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, HourAngle, Icrs, Site
 from mountnav.sky.sphere import half_turn_deg, separation_arcsec
-from mountnav.sky.turning import SIDEREAL_DEG_S
 
 ELSEWHERE_DEG = 0.5
 """So far a mount may stand from where it was left. Guide corrections, a hand at the keys, polar error and the

@@ -18,8 +18,8 @@ from datetime import datetime
 
 from mountnav.devices import PierSide
 from mountnav.pointing.limits.postures import Standing, side_by_rule
+from mountnav.sky.coordinates import SIDEREAL_DEG_S
 from mountnav.sky.sphere import half_turn_deg
-from mountnav.sky.turning import SIDEREAL_DEG_S
 
 FASTEST_DEG_S = 30.0
 """No German mount turns an axis faster (the fastest have 15 to 20). Doubled, readings have to follow within

@@ -23,9 +23,8 @@ from mountnav.errors import DeviceRefused, LimitKind, OutsideLimits
 from mountnav.pointing.limits.postures import COUNTERWEIGHT_DOWN_DEG, Standing
 from mountnav.pointing.limits.scene import Scene
 from mountnav.sky.chain import hour_angle_to_icrs
-from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, HourAngle, Icrs, Site
 from mountnav.sky.sphere import half_turn_deg
-from mountnav.sky.turning import SIDEREAL_DEG_S
 
 SIDE_PROVEN = "side-proven"
 """What the facts of such a journal entry say under `about`."""

@@ -12,8 +12,8 @@ import math
 
 from mountnav.measuring.quality import StarImages
 from mountnav.navigation.reports import Look
+from mountnav.sky.coordinates import SIDEREAL_ARCSEC_S
 from mountnav.sky.sphere import separation_arcsec
-from mountnav.sky.turning import SIDEREAL_ARCSEC_S
 
 LOOKED_AGAIN = 6
 """So many more looks may be taken until it is seen to hold still: play of 600″ is taken up meanwhile."""

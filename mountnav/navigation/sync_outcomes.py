@@ -11,9 +11,8 @@ from dataclasses import replace
 from datetime import datetime
 
 from mountnav.devices import MountReading, SyncOutcome
-from mountnav.sky.coordinates import Apparent, Icrs
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, Icrs
 from mountnav.sky.sphere import separation_arcsec
-from mountnav.sky.turning import SIDEREAL_DEG_S
 
 FREE_ARCSEC = 5.0
 """So far (and by its step) the reading of a mount that stands may wander. Doubled, a half of a sync of 10″

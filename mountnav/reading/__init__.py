@@ -15,11 +15,10 @@ from mountnav.files import open_plain
 from mountnav.frames import Frame
 from mountnav.reading.bayer import is_mosaic, without_mosaic
 from mountnav.reading.content import Content, OnDisk
-from mountnav.reading.fits_cards import Value
+from mountnav.reading.fits_headers import Value
 from mountnav.reading.fits_images import read_fits
 from mountnav.reading.header_hints import hint_from_header
-from mountnav.reading.header_times import exposure_s_from_header, mid_exposure_from_header
-from mountnav.reading.header_values import number
+from mountnav.reading.header_times import exposure_s_from_header, mid_exposure_from_header, number
 from mountnav.reading.unpacking import unpacked
 
 Pixels = NDArray[np.generic]

@@ -1,17 +1,380 @@
-"""What a header believes about place and scale; only a hint, so absurd cards are passed over in silence."""
+"""The hint of a header: where it says the frame is, and at which scale; contradictions are settled."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from mountnav.frames import Hint
-from mountnav.reading.header_places import NOMINAL_RADIUS_DEG, Place, places_from_cards, sane_place, to_icrs
-from mountnav.reading.header_scales import Scale, sane_scale, scales_from_cards
-from mountnav.reading.header_values import Comments, Header, number
+from mountnav.reading.header_times import (
+    Comments,
+    Header,
+    mid_exposure_from_header,
+    number,
+    number_unit,
+    sexagesimal,
+)
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import gnomonic_inverse, separation_arcsec
+
+#: How far a nominal place may be off: the target, or what a mount believed that was synced.
+NOMINAL_RADIUS_DEG = 2.0
+#: How far the plain reading of a mount may be off.
+MOUNT_RADIUS_DEG = 3.0
+_CARDS = (
+    ("OBJCTRA", "OBJCTDEC", NOMINAL_RADIUS_DEG),
+    ("RA", "DEC", NOMINAL_RADIUS_DEG),
+    ("RA_OBJ", "DEC_OBJ", NOMINAL_RADIUS_DEG),
+    ("RA_TARG", "DEC_TARG", NOMINAL_RADIUS_DEG),
+    ("OBJRA", "OBJDEC", NOMINAL_RADIUS_DEG),
+    ("RADEG", "DECDEG", NOMINAL_RADIUS_DEG),
+    ("RA_DEG", "DEC_DEG", NOMINAL_RADIUS_DEG),
+    ("RA2000", "DEC2000", NOMINAL_RADIUS_DEG),
+    ("RA_PNT", "DEC_PNT", NOMINAL_RADIUS_DEG),
+    ("RA_NOM", "DEC_NOM", NOMINAL_RADIUS_DEG),
+    ("CAT-RA", "CAT-DEC", NOMINAL_RADIUS_DEG),
+    ("TELRA", "TELDEC", MOUNT_RADIUS_DEG),
+    ("RA-TEL", "DEC-TEL", MOUNT_RADIUS_DEG),
+    ("RA_TEL", "DEC_TEL", MOUNT_RADIUS_DEG),
+    ("RA-MNT", "DEC-MNT", MOUNT_RADIUS_DEG),
+    ("MNT_RA", "MNT_DEC", MOUNT_RADIUS_DEG),
+)
+_HOURS = re.compile(r"\[h\]|\bhours?\b|\bhrs?\b|\bhms\b|\bh[ :]?m[ :]?s\b|\(h\)|\[h m s\]|\[hours?\]")
+_DEGREES = re.compile(r"deg|°|\bdms\b|\[d\]")
+_J2000 = re.compile(r"j2000|\bicrs\b|\b2000(\.0*)?\b")
+_OF_DATE = re.compile(r"jnow|\bof date\b|\bapparent\b|\bcurrent epoch\b")
+_YEARS = (1800.0, 2100.0)
+
+
+@dataclass(frozen=True, slots=True)
+class HeaderPosition:
+    """One reading of a pair of cards.
+
+    Attributes
+    ----------
+    center : Icrs
+    radius_deg : float
+        How far off it may be.
+    source : str
+        The cards.
+    other : Icrs or None
+        What it would be with right ascension counted in hours instead of degrees, or the other way round;
+        None where that is no question.
+    """
+
+    center: Icrs
+    radius_deg: float
+    source: str
+    other: Icrs | None = None
+
+
+def positions_from_cards(header: Header, comments: Comments) -> list[HeaderPosition]:
+    """List the places that a header's position cards tell (not its WCS), the best known cards first.
+
+    Text with separators is hours and degrees. A bare number is degrees, unless its comment says hours; one
+    below 24 whose comment says nothing is ambiguous, and settled by the other cards where one agrees with
+    either reading. Places of another equinox (``EQUINOX``, ``EPOCH``, a comment that says JNow) are
+    precessed.
+
+    Parameters
+    ----------
+    header, comments : mapping
+        The cards' values and comments.
+
+    Returns
+    -------
+    list of Place
+        Without absurd ones: outside the sphere, or exactly 0, 0 as a mount writes that isn't connected.
+    """
+    found = []
+    for ra_key, dec_key, radius_deg in _CARDS:
+        place = _place(header, comments, ra_key, dec_key, radius_deg)
+        if place is not None:
+            found.append(place)
+    return _settled_position(found)
+
+
+def sane_position(ra_deg: float | None, dec_deg: float | None) -> Icrs | None:
+    """Return a place on the sphere, or None; 0, 0 is what a mount writes that isn't connected."""
+    if ra_deg is None or dec_deg is None or not -360.0 <= ra_deg <= 360.0 or not -90.0 <= dec_deg <= 90.0:
+        return None
+    if abs(ra_deg) < 1e-6 and abs(dec_deg) < 1e-6:
+        return None
+    turned = ra_deg % 360.0
+    return Icrs(0.0 if turned >= 360.0 else turned, dec_deg)
+
+
+def to_icrs(place: Icrs, equinox_yr: float | None) -> Icrs:
+    """Precess a place counted from the mean equinox of a year [Vondrák 2011]; None is J2000.
+
+    Nutation, aberration and the FK4 system are left out of account: together below 1′, no matter for a hint.
+    """
+    if equinox_yr is None or abs(equinox_yr - 2000.0) < 0.5:
+        return place
+    import erfa
+
+    vector = erfa.s2c(math.radians(place.ra_deg), math.radians(place.dec_deg))
+    lon, lat = erfa.c2s(erfa.ltp(equinox_yr).T @ vector)
+    turned = math.degrees(float(lon)) % 360.0
+    return Icrs(0.0 if turned >= 360.0 else turned, math.degrees(float(lat)))
+
+
+def _place(
+    header: Header, comments: Comments, ra_key: str, dec_key: str, radius_deg: float
+) -> HeaderPosition | None:
+    ra, dec = header.get(ra_key), header.get(dec_key)
+    told = comments.get(ra_key, "").lower()
+    dec_deg = _angle(dec)
+    ra_value = number(ra)
+    other_deg = None
+    if ra_value is None:
+        ra_deg, other_deg = _text_ra(ra, told)
+    elif _HOURS.search(told) and not _DEGREES.search(told):
+        ra_deg = 15.0 * ra_value if -24.0 < ra_value < 24.0 else None
+    else:
+        ra_deg = ra_value
+        if 0.0 <= ra_value < 24.0 and not _DEGREES.search(told) and "DEG" not in ra_key:
+            other_deg = 15.0 * ra_value
+    center = sane_position(ra_deg, dec_deg)
+    if center is None:
+        return None
+    equinox_yr = _equinox(header, comments, ra_key)
+    other = None if other_deg is None or other_deg == ra_deg else sane_position(other_deg, dec_deg)
+    return HeaderPosition(
+        to_icrs(center, equinox_yr),
+        radius_deg,
+        f"{ra_key} and {dec_key}",
+        None if other is None else to_icrs(other, equinox_yr),
+    )
+
+
+def _angle(value: object) -> float | None:
+    found = number(value)
+    if found is None and isinstance(value, str) and (read := sexagesimal(value)):
+        found = read[0]
+    return found
+
+
+def _text_ra(value: object, told: str) -> tuple[float | None, float | None]:
+    """Read text in degrees: what it says, and what it may say where its comment calls it degrees."""
+    read = sexagesimal(value) if isinstance(value, str) else None
+    if read is None:
+        return None, None
+    size, degrees = read
+    if degrees or abs(size) >= 24.0:  # hours don't go so far
+        return size, None
+    told_degrees = _DEGREES.search(told) and not _HOURS.search(told)
+    return 15.0 * size, size if told_degrees else None
+
+
+def _equinox(header: Header, comments: Comments, ra_key: str) -> float | None:
+    """Tell the year from whose equinox the cards count, None for J2000 and where nothing is said."""
+    if "2000" in ra_key:
+        return None
+    told = comments.get(ra_key, "").lower()
+    if _OF_DATE.search(told):
+        utc = mid_exposure_from_header(header, comments)
+        of_date = None if utc is None else utc.year + (utc.month - 0.5) / 12.0
+        return _year(header.get("EQUINOX")) or of_date
+    if _J2000.search(told):
+        return None
+    if ra_key == "TELRA" and (year := _year(header.get("TELEQUIN"))):
+        return year
+    if ra_key == "OBJRA" and (year := _year(header.get("OBJEQUIN"))):
+        return year
+    system = str(header.get("RADESYS", header.get("RADECSYS", ""))).strip().upper()
+    if system == "ICRS":
+        return None
+    return _year(header.get("EQUINOX")) or _year(header.get("EPOCH")) or (1950.0 if system == "FK4" else None)
+
+
+def _year(value: object) -> float | None:
+    """Read "J2000", "B1950.0", 2026.87; None for all that is no year."""
+    if isinstance(value, str):
+        value = value.strip().upper().lstrip("JB")
+    year = number(value)
+    return year if year is not None and _YEARS[0] <= year <= _YEARS[1] else None
+
+
+def _settled_position(places: list[HeaderPosition]) -> list[HeaderPosition]:
+    """Decide between hours and degrees where another pair of cards agrees with one of the readings."""
+    settled = []
+    for place in places:
+        other = place.other
+        if other is not None:
+            sure = [one for one in places if one.other is None]
+            if any(_apart_deg(place.center, one.center) < one.radius_deg for one in sure):
+                place = HeaderPosition(place.center, place.radius_deg, place.source)
+            elif any(_apart_deg(other, one.center) < one.radius_deg for one in sure):
+                place = HeaderPosition(other, place.radius_deg, place.source)
+        settled.append(place)
+    return settled
+
+
+def _apart_deg(a: Icrs, b: Icrs) -> float:
+    return separation_arcsec(a, b) / 3600.0
+
+
+#: No telescope or lens gives less or more.
+RANGE_ARCSEC_PX = (0.01, 600.0)
+_ARCSEC_PER_RADIAN = 206264.806
+_FOCAL_CARDS = ("FOCALLEN", "FOCAL", "FOCALLENGTH", "FOCLEN", "TELFOCAL", "CAMOPTIC")
+_PIXEL_CARDS = ("XPIXSZ", "PIXSIZE1", "XPIXELSZ", "PIXSIZE", "PIXELSIZE", "XPIXSIZE", "PIXSZ", "CCDXPIXE")
+_SCALE_CARDS = ("PIXSCALE", "SECPIX", "SECPIX1", "PIXSCAL", "PIXSCAL1", "CCDSCALE", "IM_SCALE", "SCALE")
+_BINNING_CARDS = ("XBINNING", "CCDXBIN", "BINX", "XBIN", "BIN1", "BINNING", "CCDSUM", "CCDBIN1")
+_MOST_BINNING = 16.0
+_INCLUDES = re.compile(r"binned|after binning|includ\w* binning|effective")
+_EXCLUDES = re.compile(r"unbinned|without binning|exclud\w* binning|before binning|physical")
+#: A focal length below this many millimeters is more likely given in meters.
+_SHORTEST_LENS_MM = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class HeaderScale:
+    """One reading of the cards.
+
+    Attributes
+    ----------
+    arcsec_px : float
+    source : str
+        The cards.
+    others : tuple of float
+        What it would be if the binning (or the unit) was meant the other way; empty where that is no
+        question.
+    """
+
+    arcsec_px: float
+    source: str
+    others: tuple[float, ...] = ()
+
+
+def scales_from_cards(header: Header, comments: Comments) -> list[HeaderScale]:
+    """List the scales that a header tells (not its WCS): by focal length and pixel size, then by scale cards.
+
+    [SBFITSEXT] has ``XPIXSZ`` include the binning, and so do MaxIm DL, N.I.N.A., APT, SharpCap and INDI;
+    others don't. That reading goes first, the other one is kept, unless the comment or ``PIXSIZE1`` settles
+    it.
+
+    Parameters
+    ----------
+    header, comments : mapping
+        The cards' values and comments.
+
+    Returns
+    -------
+    list of Scale
+        Without absurd ones.
+    """
+    found = [_optics(header, comments)]
+    found += [_scale_card(header, comments, key) for key in _SCALE_CARDS]
+    return [scale for scale in found if scale is not None]
+
+
+def sane_scale(arcsec_px: float) -> bool:
+    """Whether any optics could have this scale."""
+    return RANGE_ARCSEC_PX[0] < arcsec_px < RANGE_ARCSEC_PX[1]
+
+
+def binning_from_header(header: Header) -> float:
+    """How many pixels along x were added up; 1 where nothing sane is said."""
+    for key in _BINNING_CARDS:
+        value = header.get(key)
+        if isinstance(value, str):
+            value = re.split(r"[x*,\s]", value.strip().lower())[0]
+        binning = number(value)
+        if binning is not None and 1.0 <= binning <= _MOST_BINNING:
+            return binning
+    return 1.0
+
+
+def _optics(header: Header, comments: Comments) -> HeaderScale | None:
+    focal = next((found for key in _FOCAL_CARDS if (found := _focal_mm(header, comments, key))), None)
+    pixel = next((size for key in _PIXEL_CARDS if (size := _pixel_um(header, comments, key))), None)
+    if focal is None or pixel is None:
+        return None
+    focal_key, focal_mm, meters = focal
+    pixel_key, pixel_um = pixel
+    scale = _ARCSEC_PER_RADIAN * 1e-3 * pixel_um / focal_mm
+    others: tuple[float, ...] = ()
+    binning = binning_from_header(header)
+    if binning > 1.0:
+        told = comments.get(pixel_key, "").lower()
+        single = _pixel_um(header, comments, "PIXSIZE1")
+        if pixel_key != "XPIXSZ" or _EXCLUDES.search(told):
+            scale, others = scale * binning, (scale,)
+        elif single is not None and abs(pixel_um / single[1] - binning) < 0.05 * binning:
+            pass  # XPIXSZ is PIXSIZE1 times the binning
+        elif single is not None and abs(pixel_um / single[1] - 1.0) < 0.02:
+            scale, others = scale * binning, (scale,)
+        elif not _INCLUDES.search(told):
+            others = (scale * binning,)
+    if meters:
+        others = (*others, scale / 1000.0)
+    source = f"{focal_key} and {pixel_key}"
+    others = tuple(other for other in others if sane_scale(other))
+    if sane_scale(scale):
+        return HeaderScale(scale, source, others)
+    return HeaderScale(others[0], source, others[1:]) if others else None
+
+
+def _focal_mm(header: Header, comments: Comments, key: str) -> tuple[str, float, bool] | None:
+    """Return card, millimeters, and whether it may have meant meters."""
+    found = number_unit(header, comments, key)
+    if found is None or found[0] <= 0.0:
+        return None
+    value, unit = found
+    sure = True
+    if re.search(r"\bmm\b|millim", unit):
+        pass
+    elif re.search(r"\bcm\b|centim", unit):
+        value *= 10.0
+    elif re.search(r"\binch|\bin\b\]", unit):
+        value *= 25.4
+    elif re.search(r"\bm\b|\bmet(er|re)s?\b", unit) or value < 1.0:
+        value *= 1000.0
+    else:
+        sure = value >= _SHORTEST_LENS_MM
+    return (key, value, not sure) if 1.0 <= value <= 1e5 else None
+
+
+def _pixel_um(header: Header, comments: Comments, key: str) -> tuple[str, float] | None:
+    """Return card and micrometers."""
+    found = number_unit(header, comments, key)
+    if found is None or found[0] <= 0.0:
+        return None
+    value, unit = found
+    if value < 5e-4 or re.search(r"\[m\]", unit):
+        value *= 1e6
+    elif value < 0.2 or re.search(r"\bmm\b", unit):
+        value *= 1e3
+    return (key, value) if 0.5 <= value <= 200.0 else None
+
+
+def _scale_card(header: Header, comments: Comments, key: str) -> HeaderScale | None:
+    found = number_unit(header, comments, key)
+    if found is None:
+        return None
+    value, unit = abs(found[0]), found[1]
+    if re.search(r"/\s*mm|per mm", unit):
+        return None
+    if re.search(r"\bdeg", unit) or ("arc" not in unit and value < RANGE_ARCSEC_PX[0]):
+        value *= 3600.0
+    elif re.search(r"arcmin", unit):
+        value *= 60.0
+    elif re.search(r"\bmas\b|milli-?arc", unit):
+        value *= 1e-3
+    if not sane_scale(value):
+        return None
+    binning = binning_from_header(header)
+    other = value * binning
+    if binning > 1.0 and sane_scale(other) and not _INCLUDES.search(_EXCLUDES.sub("", unit)):
+        return (
+            HeaderScale(other, key, (value,)) if _EXCLUDES.search(unit) else HeaderScale(value, key, (other,))
+        )
+    return HeaderScale(value, key)
+
 
 #: Bounds lie this far on either side of what the cards say.
 SCALE_MARGIN = 0.1
@@ -24,9 +387,9 @@ def hint_from_header(header: Header, width: int, height: int, comments: Comments
     """Collect what a header says about the frame's center and scale.
 
     A celestial WCS is asked first (its value at the geometric center, never CRVAL itself [DESIGN §6]), then
-    ``OBJCTRA``/``OBJCTDEC``, ``RA``/``DEC`` and their kin (`mountnav.reading.header_places`). The scale
+    ``OBJCTRA``/``OBJCTDEC``, ``RA``/``DEC`` and their kin (`mountnav.reading.header_hints`). The scale
     comes from the WCS, from ``FOCALLEN`` and ``XPIXSZ``, or from a scale card
-    (`mountnav.reading.header_scales`).
+    (`mountnav.reading.header_hints`).
 
     Parameters
     ----------
@@ -44,12 +407,12 @@ def hint_from_header(header: Header, width: int, height: int, comments: Comments
         disagree, are its `alternatives`.
     """
     comments = comments or {}
-    places, scales = places_from_cards(header, comments), scales_from_cards(header, comments)
+    places, scales = positions_from_cards(header, comments), scales_from_cards(header, comments)
     center, scale = _from_wcs(header, width, height)
     if center is not None:
-        places.insert(0, Place(center, NOMINAL_RADIUS_DEG, _WCS_SOURCE))
+        places.insert(0, HeaderPosition(center, NOMINAL_RADIUS_DEG, _WCS_SOURCE))
     if scale is not None:
-        scales.insert(0, Scale(scale, _WCS_SOURCE))
+        scales.insert(0, HeaderScale(scale, _WCS_SOURCE))
     scales = _settled(scales)
     hints = [
         _with_scale(_with_place(Hint(radius_deg=NOMINAL_RADIUS_DEG), place), reading)
@@ -59,13 +422,13 @@ def hint_from_header(header: Header, width: int, height: int, comments: Comments
     return replace(hints[0], alternatives=tuple(hints[1 : 1 + _MOST_ALTERNATIVES]))
 
 
-def _with_place(hint: Hint, place: Place | None) -> Hint:
+def _with_place(hint: Hint, place: HeaderPosition | None) -> Hint:
     if place is None:
         return hint
     return replace(hint, center=place.center, radius_deg=place.radius_deg, center_source=place.source)
 
 
-def _with_scale(hint: Hint, scale: Scale | None) -> Hint:
+def _with_scale(hint: Hint, scale: HeaderScale | None) -> Hint:
     if scale is None:
         return hint
     return replace(
@@ -76,33 +439,33 @@ def _with_scale(hint: Hint, scale: Scale | None) -> Hint:
     )
 
 
-def _place_readings(places: list[Place]) -> list[Place | None]:
+def _place_readings(places: list[HeaderPosition]) -> list[HeaderPosition | None]:
     """The places that differ by more than their radius, the more trustworthy first."""
-    readings: list[Place] = []
+    readings: list[HeaderPosition] = []
     for place in [*places, *(replace(one, center=one.other) for one in places if one.other is not None)]:
         if all(separation_arcsec(place.center, one.center) / 3600.0 > one.radius_deg for one in readings):
             readings.append(place)
     return list(readings)
 
 
-def _scale_readings(scales: list[Scale]) -> list[Scale | None]:
+def _scale_readings(scales: list[HeaderScale]) -> list[HeaderScale | None]:
     """The scales whose bounds don't overlap, the more trustworthy first."""
-    readings: list[Scale] = []
-    others = [Scale(other, one.source) for one in scales for other in one.others]
+    readings: list[HeaderScale] = []
+    others = [HeaderScale(other, one.source) for one in scales for other in one.others]
     for scale in [*scales, *others]:
         if not any(_agree(scale.arcsec_px, one.arcsec_px) for one in readings):
             readings.append(scale)
     return list(readings)
 
 
-def _settled(scales: list[Scale]) -> list[Scale]:
+def _settled(scales: list[HeaderScale]) -> list[HeaderScale]:
     """Decide between the readings of one card where another, unambiguous one agrees with either."""
     settled = []
     for scale in scales:
         sure = [one for one in scales if one is not scale and not one.others]
         for reading in (scale.arcsec_px, *scale.others):
             if any(_agree(reading, one.arcsec_px) for one in sure):
-                scale = Scale(reading, scale.source)
+                scale = HeaderScale(reading, scale.source)
                 break
         settled.append(scale)
     return settled
@@ -129,7 +492,7 @@ def _from_wcs(header: Header, width: int, height: int) -> tuple[Icrs | None, flo
         for i in (1, 2)
     ):
         return None, None
-    place = sane_place(values[lon - 1], values[lat - 1])
+    place = sane_position(values[lon - 1], values[lat - 1])
     if place is not None:
         place = to_icrs(place, _wcs_equinox(header))
     matrix = _cd_matrix(header, lon, lat)
@@ -157,7 +520,7 @@ def _from_wcs(header: Header, width: int, height: int) -> tuple[Icrs | None, flo
     if not math.hypot(xi, eta) <= 1.0:
         return None, scale
     ra_deg, dec_deg = gnomonic_inverse(xi, eta, place.ra_deg, place.dec_deg)
-    return sane_place(float(ra_deg), float(dec_deg)), scale
+    return sane_position(float(ra_deg), float(dec_deg)), scale
 
 
 def _wcs_equinox(header: Header) -> float | None:

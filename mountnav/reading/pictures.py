@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from mountnav.errors import BadFrame
-from mountnav.reading.fits_extensions import MOST_PIXELS
+from mountnav.reading.fits_headers import MOST_PIXELS
 from mountnav.reading.unpacking import check_ratio
 
 Pixels = NDArray[np.generic]

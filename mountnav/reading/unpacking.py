@@ -10,8 +10,7 @@ from typing import Protocol
 
 from mountnav.errors import BadFrame
 from mountnav.reading.content import Content
-from mountnav.reading.fits_cards import read_cards
-from mountnav.reading.fits_extensions import MOST_PIXELS, walk
+from mountnav.reading.fits_headers import MOST_PIXELS, read_cards, walk
 
 MOST_BYTES = 8 * MOST_PIXELS + 100_000_000
 """What a file may unpack to, however large it is packed: as many pixels as are read, in the widest type."""

@@ -9,7 +9,7 @@ from typing import Literal
 
 from mountnav.devices import TrackingRate
 from mountnav.errors import BadSettings
-from mountnav.sky.turning import SIDEREAL_DEG_S
+from mountnav.sky.coordinates import SIDEREAL_DEG_S
 
 Mounting = Literal["fork", "german"]
 AxisAngles = tuple[float, float]

@@ -30,6 +30,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
+from mountnav.clock import utc_now
 from mountnav.errors import BadSettings
 from mountnav.files import read_text
 from mountnav.parsing import toml_of
@@ -37,7 +38,7 @@ from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.simulation.sky_clock import FastClock
-from mountnav.sky.coordinates import Air, Site, utc_now
+from mountnav.sky.coordinates import Air, Site
 
 _STANDARD_AIR = Air(pressure_hpa=1010.0)
 T = TypeVar("T", Machine, PointingErrors)

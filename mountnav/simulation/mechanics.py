@@ -14,6 +14,7 @@ from dataclasses import replace
 from datetime import datetime
 from typing import Literal
 
+from mountnav.clock import utc_now
 from mountnav.devices import PierSide
 from mountnav.errors import Refusal
 from mountnav.simulation.belief import believing, with_future
@@ -24,9 +25,8 @@ from mountnav.simulation.mechanics_stations import MechanicsStations
 from mountnav.simulation.motion import AxisName, Goal, Stage
 from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.simulation.posture import axes_at, side_for, side_of, turned_near, within_reach
-from mountnav.sky.coordinates import Air, Apparent, Site, utc_now
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Apparent, Site
 from mountnav.sky.sphere import half_turn_deg, separation_arcsec
-from mountnav.sky.turning import SIDEREAL_DEG_S
 
 __all__ = [
     "RATES_DEG_S",

@@ -16,9 +16,8 @@ from mountnav.simulation.motion import Axis, AxisName, Limits, Motion, Stage
 from mountnav.simulation.motion_limits import limited
 from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.simulation.posture import side_of
-from mountnav.sky.coordinates import Air, Apparent, MountAxes, Site
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Apparent, MountAxes, Site
 from mountnav.sky.sphere import half_turn_deg
-from mountnav.sky.turning import SIDEREAL_DEG_S
 
 _AT_HOME_DEG = 0.01
 

@@ -10,9 +10,8 @@ from mountnav.simulation.machine import AxisAngles
 from mountnav.simulation.mechanics_readings import MechanicsReadings
 from mountnav.simulation.motion import Motion
 from mountnav.sky.chain import hour_angle_to_icrs, hour_angle_to_observed
-from mountnav.sky.coordinates import HourAngle, Icrs, Observed
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, HourAngle, Icrs, Observed
 from mountnav.sky.sphere import position_angle_deg
-from mountnav.sky.turning import SIDEREAL_DEG_S
 
 _NUDGE_DEG = 0.01
 

@@ -16,7 +16,7 @@ from mountnav.simulation.geometry import perfect_direction
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.motion import Axis, Goal, Limits, Motion, Stage
 from mountnav.simulation.posture import flipped, side_of, within_reach
-from mountnav.sky.turning import SIDEREAL_DEG_S
+from mountnav.sky.coordinates import SIDEREAL_DEG_S
 
 _MOST_EVENTS = 6
 _TOUCHING_DEG = 1e-7

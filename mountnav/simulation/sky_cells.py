@@ -10,7 +10,7 @@ from astropy_healpix import healpix_to_lonlat
 from numpy.typing import NDArray
 from scipy.special import pdtrik
 
-from mountnav.catalog.packed.pixel_centers import pixel_centers
+from mountnav.catalog.packed.pixels import pixel_centers
 from mountnav.catalog.space_motion import motion_vectors, places, unit_vectors
 from mountnav.catalog.star_counts import density_deg2
 from mountnav.simulation.seeded_random import normal, salted, uniform

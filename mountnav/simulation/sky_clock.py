@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable
 from datetime import datetime, timedelta
 
+from mountnav.clock import utc_now
 from mountnav.errors import BadSettings
-from mountnav.sky.coordinates import utc_now
 
 
 class FastClock:

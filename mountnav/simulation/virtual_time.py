@@ -20,7 +20,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final, TypeVar, TypeVarTuple
 
-from mountnav.sky.coordinates import utc_now as real_utc_now
+from mountnav.clock import utc_now as real_utc_now
 
 __all__ = ["NothingWillHappen", "VirtualClock", "VirtualLoop", "for_all_modules", "run_virtually"]
 

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
         MountAxes,
         Observed,
         Site,
-        utc_now,
     )
     from mountnav.sky.iers import (
         EarthOrientation,
@@ -81,7 +80,6 @@ __all__ = [
     "read_tables",
     "separation_arcsec",
     "sidereal_time_deg",
-    "utc_now",
 ]
 
 _ROOMS = ("coordinates", "sphere", "iers", "chain")

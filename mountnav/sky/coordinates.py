@@ -5,7 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime
 
-from mountnav.sky.present import utc_now
+__all__ = [
+    "SIDEREAL_ARCSEC_S",
+    "SIDEREAL_DEG_S",
+    "SOLAR_TO_SIDEREAL",
+    "Air",
+    "Apparent",
+    "GeometricHourAngle",
+    "HourAngle",
+    "Icrs",
+    "MountAxes",
+    "Observed",
+    "Site",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,14 +97,9 @@ class Air:
     wavelength_um: float = 0.6
 
 
-__all__ = [
-    "Air",
-    "Apparent",
-    "GeometricHourAngle",
-    "HourAngle",
-    "Icrs",
-    "MountAxes",
-    "Observed",
-    "Site",
-    "utc_now",
-]
+SIDEREAL_DEG_S = 360.98564736629 / 86400.0
+"""Of the mean sidereal time, degrees per second of UT1 [IAU 1982]. Doubled, nothing would be followed."""
+SIDEREAL_ARCSEC_S = 3600.0 * SIDEREAL_DEG_S
+"""The same in arcseconds: 15.041."""
+SOLAR_TO_SIDEREAL = 24.0 * SIDEREAL_DEG_S * 3600.0 / 360.0
+"""Sidereal hours in an hour of UT1: 1.0027379."""

@@ -18,8 +18,8 @@ from pathlib import Path
 
 import astropy_iers_data
 
+from mountnav.clock import utc_now
 from mountnav.errors import BadRequest, BadSettings
-from mountnav.sky.coordinates import utc_now
 
 ALARM_DAYS = 60.0
 _MJD_ZERO = datetime(1858, 11, 17, tzinfo=UTC)

@@ -30,7 +30,7 @@ BODIES: Final = ("sun", "moon", *_PLAN94)
 """Names that `place_of_body` takes."""
 
 
-def place_of_body(name: str, utc: datetime, site: Site) -> Icrs:
+def position_of_body(name: str, utc: datetime, site: Site) -> Icrs:
     """Where a body stands for an observer at a site: topocentric, astrometric, light time taken off.
 
     That is, where a star would have to stand in the ICRS to be seen in the same direction: the chain to the
@@ -89,4 +89,4 @@ def _observer_au(utc: datetime, site: Site, tt1: float, tt2: float) -> Any:
     return erfa.pnm06a(tt1, tt2).T @ of_date
 
 
-__all__ = ["BODIES", "place_of_body"]
+__all__ = ["BODIES", "position_of_body"]

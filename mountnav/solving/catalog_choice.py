@@ -6,8 +6,8 @@ import logging
 import math
 from dataclasses import replace
 
+from mountnav.catalog.catalog_set import CatalogSet, Choice
 from mountnav.catalog.combined import with_magnitudes
-from mountnav.catalog.shelf import Choice, Shelf
 from mountnav.catalog.star_counts import mag_reaching
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadCatalog
@@ -48,7 +48,7 @@ def catalogs_for(
     tuple of Choice
         At least one.
     """
-    if not isinstance(catalog, Shelf):
+    if not isinstance(catalog, CatalogSet):
         return (Choice(catalog, math.nan, math.nan, ""),)
     center = None if blind == "only" else hint.center
     height_px, width_px = frame.pixels.shape[:2]
@@ -66,7 +66,7 @@ def field_deg2(hint: Hint, width_px: int, height_px: int) -> float | None:
 
 def index_catalog(catalog: Catalog, choice: Choice) -> Catalog | None:
     """The catalog that the blind index was made of, if it is another one than the choice."""
-    if not isinstance(catalog, Shelf) or choice.catalog is catalog.indexed:
+    if not isinstance(catalog, CatalogSet) or choice.catalog is catalog.indexed:
         return None
     return catalog.indexed
 
@@ -189,7 +189,7 @@ def with_best_catalog(
     steps : tuple of str
         Why that catalog, and what was asked in vain: for provenance.
     """
-    if not isinstance(catalog, Shelf) or found.reference is None or found.stars is None:
+    if not isinstance(catalog, CatalogSet) or found.reference is None or found.stars is None:
         return found, choices[0].steps
     plate = found.reference.plate
     width_px, height_px = measurements.width_px, measurements.height_px
@@ -215,7 +215,7 @@ def with_best_catalog(
 
 
 def _as_ordered(
-    shelf: Shelf,
+    shelf: CatalogSet,
     found: Identified,
     used: Choice | None,
     measurements: Measurements,
@@ -280,6 +280,6 @@ def with_catalog_advice(
         return found
     side_deg = math.sqrt(field / (width_px * height_px))
     depth_mag = float(mag_reaching(hint.center.ra_deg, hint.center.dec_deg, max(stars_seen, 1) / field))
-    at_hand = catalog.at_hand if isinstance(catalog, Shelf) else (catalog,)
+    at_hand = catalog.at_hand if isinstance(catalog, CatalogSet) else (catalog,)
     advice = advice_for(width_px * side_deg, height_px * side_deg, depth_mag, hint.center, at_hand)
     return replace(found, detail=f"{advice} ({stars_seen} stars measured)")

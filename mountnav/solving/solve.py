@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.catalog.shelf import Choice, Shelf
+from mountnav.catalog.catalog_set import CatalogSet, Choice
 from mountnav.catalog.stars import Catalog, Stars
+from mountnav.clock import utc_now
 from mountnav.errors import BadCatalog, BadFrame
 from mountnav.frames import Frame, Hint
 from mountnav.identification.fast import FastResult, identify_fast
@@ -25,7 +26,7 @@ from mountnav.identification.wcs import wcs_cards
 from mountnav.measuring.measurements import Flag, Measurements
 from mountnav.measuring.quality import SkyQuality, with_plate
 from mountnav.reading import demosaiced, read_frame
-from mountnav.sky.coordinates import Icrs, utc_now
+from mountnav.sky.coordinates import Icrs
 from mountnav.solution import (
     SEEN_AT_MOST,
     Contradiction,
@@ -218,7 +219,7 @@ def solve(
             quality = _quality(quality, solution, zero_adu)
     elif found.reason is Reason.CATALOG_TOO_SHALLOW:
         found = with_catalog_advice(found, catalog, believed, frame, len(star_like(measurements)))
-    if solution is None and isinstance(catalog, Shelf):
+    if solution is None and isinstance(catalog, CatalogSet):
         notes += [f"catalog: {step}" for step in steps]
     total_s = time.monotonic() - began
     if utc is None:
@@ -241,7 +242,7 @@ def _sky_of(
     stars: Stars | None, catalog: Catalog, choices: tuple[Choice, ...], epoch_yr: float
 ) -> StarsInCone | None:
     """Where more stars of the same catalog are to be had; None if it is none of those at hand."""
-    known = [one.catalog for one in choices] + ([] if isinstance(catalog, Shelf) else [catalog])
+    known = [one.catalog for one in choices] + ([] if isinstance(catalog, CatalogSet) else [catalog])
     of = next((one for one in known if stars is not None and one.name == stars.source), None)
     if of is None:
         return None

@@ -8,9 +8,10 @@ from collections.abc import Awaitable
 from datetime import UTC
 from typing import Any
 
+from mountnav.clock import utc_now
 from mountnav.devices import Direction, Mount, MountReading, Skill, Skilled, SlewOutcome, Trusts
 from mountnav.errors import BadRequest, DeviceRefused, Refusal
-from mountnav.sky.coordinates import Apparent, Icrs, utc_now
+from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import displaced, separation_arcsec
 from mountnav.tasks import waited_for
 

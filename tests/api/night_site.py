@@ -15,10 +15,10 @@ from astropy.io import fits
 
 from api.http.app import create_app
 from mountnav.catalog.embedded import embedded_catalog
+from mountnav.clock import utc_now
 from mountnav.settings.observatory import Settings
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.render import draw_frame
-from mountnav.sky.coordinates import utc_now
 
 # a night is named from noon to noon, so that no test may run on the machine's time, across its noon
 EVENING = datetime(2026, 11, 21, 19, 0, tzinfo=UTC)

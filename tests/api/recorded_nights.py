@@ -23,6 +23,7 @@ from drivers.fakes.bench import FakeOnPty
 from drivers.indi.codec import messages
 from drivers.lx200.family import fake_from
 from mountnav.catalog.embedded import embedded_catalog
+from mountnav.clock import in_virtual_time, real_s, utc_now
 from mountnav.settings.observatory import Settings
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics
@@ -30,8 +31,7 @@ from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.simulation.render import draw_frame
 from mountnav.simulation.sky_clock import FastClock
-from mountnav.sky.coordinates import Air, Site, utc_now
-from mountnav.sky.present import real_s, virtual_present
+from mountnav.sky.coordinates import Air, Site
 from mountnav.sky.sphere import displaced
 from tests.drivers.indi.real_server import IndiServer as RealIndiServer
 
@@ -209,7 +209,7 @@ async def served_night(
     # a few times in one of the machine's seconds: both ends share one loop
     night = NIGHT.format(folder=frames, record=record, by=by, every_s=0.3 * (speed or 1.0))
     async with AsyncExitStack() as stack:
-        stack.enter_context(nullcontext() if speed is None else virtual_present(FastClock(speed, AT)))
+        stack.enter_context(nullcontext() if speed is None else in_virtual_time(FastClock(speed, AT)))
         if way == "serial":
             front = create_app(Settings.parse(_journal(folder, "east") + SERVICE + night + FAKE))
             client = await _opened(stack, front)

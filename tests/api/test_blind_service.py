@@ -18,6 +18,7 @@ from api.solver.process import Bench, as_fits
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.packed.error_classes import error_curve
 from mountnav.catalog.packed.packing import CatalogColumns, pack
+from mountnav.clock import utc_now
 from mountnav.frames import Hint
 from mountnav.identification.blind.cache import cached_index, index_path
 from mountnav.identification.blind.file_format import decode_header
@@ -26,7 +27,7 @@ from mountnav.settings.observatory import Settings
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.render import draw_frame
 from mountnav.sky.chain import icrs_to_apparent
-from mountnav.sky.coordinates import Icrs, utc_now
+from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.solution import Verdict
 from mountnav.solving.settings import SolveSettings

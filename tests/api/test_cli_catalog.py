@@ -22,7 +22,7 @@ from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.readers import KINDS
 from mountnav.errors import BadCatalog, BadRequest, BadSettings, Unknown
 from mountnav.sky.coordinates import Icrs
-from tests.catalog.ucac4_zones import star_count, write_zones
+from tests.catalog.readers.ucac4_zones import star_count, write_zones
 from tests.conftest import ROOT
 
 MOUNTNAV = (sys.executable, "-m", "api.main")

@@ -11,11 +11,11 @@ from typer.testing import CliRunner, Result
 
 from api.cli.app import app
 from mountnav.catalog.embedded import embedded_catalog
-from mountnav.catalog.online import rest
+from mountnav.catalog.online import catalog
 from mountnav.errors import BadRequest, Unknown
 from mountnav.sky.coordinates import Icrs
-from tests.catalog import star_server as moods
-from tests.catalog.star_server import StarServer, star_server
+from tests.catalog.online import star_server as moods
+from tests.catalog.online.star_server import StarServer, star_server
 
 AREA = ("--ra", "100", "--dec", "20", "--radius", "0.5")
 
@@ -24,10 +24,10 @@ AREA = ("--ra", "100", "--dec", "20", "--radius", "0.5")
 def server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[StarServer]:
     monkeypatch.setenv("MOUNTNAV_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("MOUNTNAV_CATALOGS", str(tmp_path / "catalogs"))
-    rest._failures.clear()
+    catalog._failures.clear()
     with star_server() as started:
         yield started
-    rest._failures.clear()
+    catalog._failures.clear()
 
 
 @pytest.fixture

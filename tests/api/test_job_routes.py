@@ -8,8 +8,9 @@ import httpx
 import pytest
 
 from api.orders.vocabulary import KINDS
+from mountnav.clock import utc_now
 from mountnav.sky.chain import icrs_to_apparent
-from mountnav.sky.coordinates import Icrs, utc_now
+from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
 from tests.api.conftest import Serve
 

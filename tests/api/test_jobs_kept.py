@@ -13,12 +13,13 @@ import pytest
 from api.events import Events
 from api.orders.jobs import KEYS_LIVE, Job, Jobs, JobState
 from api.problems import Refused
+from mountnav.clock import utc_now
 from mountnav.errors import JournalFailed, TargetNotReached, Unknown
 from mountnav.journal.job_rows import JobRow
 from mountnav.journal.job_store import JobStore
 from mountnav.journal.records import CommandEnd, CommandRecord, Outcome, cause, new_id
 from mountnav.journal.sql_journal import SqlJournal, open_journal
-from mountnav.sky.coordinates import Apparent, utc_now
+from mountnav.sky.coordinates import Apparent
 
 REQUEST: dict[str, object] = {"ra_deg": 10.0, "dec_deg": 20.0, "frame": "icrs"}
 

@@ -12,16 +12,16 @@ import pytest
 
 from api.nights.safety_file import unsafe_by_file
 from api.replay.replaying import play
+from mountnav.clock import in_virtual_time
 from mountnav.night.recorded import read_recording
 from mountnav.simulation.sky_clock import FastClock
-from mountnav.sky.present import virtual_present
 from tests.api.night_site import EVENING, NightSite, night_toml, served
 
 
 @pytest.fixture(autouse=True)
 def _evening() -> Iterator[None]:
     """The same evening in each run, a second in a second."""
-    with virtual_present(FastClock(1.0, EVENING)):
+    with in_virtual_time(FastClock(1.0, EVENING)):
         yield
 
 

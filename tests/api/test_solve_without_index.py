@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from api.cli import solve
-from mountnav.catalog.at_hand import open_shelf
+from mountnav.catalog.catalog_set import open_catalogs
 from mountnav.errors import BadSettings
 from mountnav.frames import Hint
 from mountnav.solution import Reason, Times, Verdict
@@ -53,7 +53,9 @@ def test_the_first_frame_that_needs_it_keeps_to_its_budget(
     files = [tmp_path / "one.fits", tmp_path / "two.fits"]
     nothing = dict.fromkeys(("ra", "dec", "radius", "scale", "low", "high"))
     settings = replace(SolveSettings(), budget_s=10.0)
-    assert solve.run(files, **nothing, hdu=None, settings=settings, catalog=open_shelf(), as_json=True) == 1
+    assert (
+        solve.run(files, **nothing, hdu=None, settings=settings, catalog=open_catalogs(), as_json=True) == 1
+    )
     assert asked == budgets
     out = capsys.readouterr().out
     assert out.count("the whole sky was not searched: the cache: no room") == (0 if built else 2)

@@ -17,7 +17,7 @@ from api.http.app import create_app
 from api.observatory.fake_mounts import fake_on_pty, mechanics_of
 from api.observatory.virtual import begin_of, virtual_days, virtual_view
 from drivers.registry import open_mount
-from mountnav.clock import SystemClock, pause, seconds
+from mountnav.clock import SystemClock, in_virtual_time, pause, real_s, seconds, sky_s, utc_now, virtual_time
 from mountnav.devices import Direction, Skilled, SlewOutcome
 from mountnav.errors import BadRequest, BadSettings
 from mountnav.journal.sql_journal import open_journal
@@ -26,8 +26,7 @@ from mountnav.settings.demo import DemoSettings
 from mountnav.settings.journal import JournalSettings
 from mountnav.settings.observatory import Settings
 from mountnav.simulation.sky_clock import FastClock
-from mountnav.sky.coordinates import Apparent, Site, utc_now
-from mountnav.sky.present import real_s, sky_s, virtual_present, virtual_time
+from mountnav.sky.coordinates import Apparent, Site
 from mountnav.sky.sphere import separation_arcsec
 
 DARK = datetime(2026, 12, 1, 22, 0, tzinfo=UTC)
@@ -54,7 +53,7 @@ def test_where_it_never_gets_dark_the_sun_stands_lowest() -> None:
 
 def test_a_chosen_instant_is_taken_as_it_is() -> None:
     assert begin_of(DemoSettings(at=NOON), SITE) == NOON
-    with virtual_present(FastClock(1.0, NOON, ticks=lambda: 0.0)):
+    with in_virtual_time(FastClock(1.0, NOON, ticks=lambda: 0.0)):
         assert begin_of(DemoSettings(), SITE) == NOON
         assert begin_of(DemoSettings(at="night"), SITE) == dark_from(NOON, SITE)
 
@@ -72,7 +71,7 @@ def test_by_default_there_is_none() -> None:
 
 def test_instants_and_seconds_are_of_one_time() -> None:
     ticks = [100.0]
-    with virtual_present(FastClock(10.0, DARK, ticks=lambda: ticks[0])):
+    with in_virtual_time(FastClock(10.0, DARK, ticks=lambda: ticks[0])):
         began_s = seconds()
         ticks[0] += 6.0
         assert utc_now() == DARK + timedelta(minutes=1)
@@ -82,14 +81,14 @@ def test_instants_and_seconds_are_of_one_time() -> None:
         view = virtual_view()
         assert view is not None
         assert (view.utc, view.speed) == (utc_now(), 10.0)
-        with pytest.raises(BadSettings, match="already"), virtual_present(FastClock(1.0)):
+        with pytest.raises(BadSettings, match="already"), in_virtual_time(FastClock(1.0)):
             pass
         assert utc_now() == DARK + timedelta(minutes=1)
     assert virtual_time() is None
 
 
 def test_a_time_that_stands_still_is_refused() -> None:
-    with pytest.raises(BadSettings, match="nothing would ever end"), virtual_present(FastClock(0.0)):
+    with pytest.raises(BadSettings, match="nothing would ever end"), in_virtual_time(FastClock(0.0)):
         pass
 
 

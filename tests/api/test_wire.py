@@ -15,10 +15,11 @@ import pytest
 from api.cli.wire import run
 from drivers.fakes.bench import FakeOnPty
 from drivers.registry import fake_dialects, make_fake
+from mountnav.clock import utc_now
 from mountnav.errors import BadRequest, BadSettings, DeviceMissing
 from mountnav.settings.observatory import FAKES
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
-from mountnav.sky.coordinates import Air, Site, utc_now
+from mountnav.sky.coordinates import Air, Site
 
 Serve = Callable[[str], AbstractAsyncContextManager[httpx.AsyncClient]]
 WIRE = "/v1/telescopes/east/wire"

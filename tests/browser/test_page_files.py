@@ -18,7 +18,7 @@ from fastapi import FastAPI
 from api.http.routes import page
 from api.problems import install
 from mountnav.errors import BadRequest
-from mountnav.sky.typed import TypedName, read_target
+from mountnav.sky.typed_coordinates import TypedName, read_target
 
 WEB = Path(str(files("api").joinpath("web")))
 SERVED = sorted(path for path in WEB.rglob("*") if path.suffix[1:] in page.MEDIA_TYPES)
@@ -112,7 +112,7 @@ def test_the_library_came_with_its_license() -> None:
 
 
 TABLE = json.loads((Path(__file__).parents[1] / "sky" / "typed_coordinates.json").read_text(encoding="utf-8"))
-"""The same rules as `mountnav.sky.typed`, held to the same table."""
+"""The same rules as `mountnav.sky.typed_coordinates`, held to the same table."""
 
 
 def _read(texts: list[str]) -> dict[str, dict[str, object]]:

@@ -18,9 +18,10 @@ from api.http.app import create_app
 from api.http.serving import make_server
 from api.observatory.observatory import Telescope
 from mountnav.catalog.embedded import embedded_catalog
+from mountnav.clock import utc_now
 from mountnav.settings.observatory import Settings
 from mountnav.sky.chain import icrs_to_observed, observed_to_icrs
-from mountnav.sky.coordinates import Icrs, Observed, utc_now
+from mountnav.sky.coordinates import Icrs, Observed
 from mountnav.sky.sphere import displaced
 from mountnav.solving.solve import epoch_of
 

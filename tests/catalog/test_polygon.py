@@ -13,7 +13,7 @@ from matplotlib.path import Path as Outline
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.packed.error_classes import error_curve
 from mountnav.catalog.packed.packing import CatalogColumns, pack
-from mountnav.catalog.polygon import stars_in_polygon
+from mountnav.catalog.stars import stars_in_polygon
 from mountnav.errors import BadRequest
 from mountnav.sky.coordinates import Icrs
 

@@ -15,7 +15,8 @@ from xml.etree import ElementTree
 import pytest
 
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
-from mountnav.sky.coordinates import Apparent, utc_now
+from mountnav.clock import utc_now
+from mountnav.sky.coordinates import Apparent
 
 
 class Indi:

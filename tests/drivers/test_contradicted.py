@@ -16,10 +16,11 @@ import pytest
 from drivers.fakes.faults import Fault
 from drivers.fakes.wire_fake import WireFake
 from drivers.generic.mount import GenericMount
+from mountnav.clock import utc_now
 from mountnav.devices import SyncOutcome
 from mountnav.errors import DeviceRefused, Refusal, RefusedButDone
 from mountnav.simulation.mechanics import Mechanics
-from mountnav.sky.coordinates import Apparent, Icrs, utc_now
+from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import separation_arcsec
 from tests.drivers.alpaca import test_language as alpaca
 from tests.drivers.alpaca.alpaca_server import Fault as AlpacaFault

@@ -14,9 +14,10 @@ from drivers.registry import make_fake, open_mount
 from drivers.skywatcher.mount import PATIENCE
 from drivers.wire.exchange import Patience
 from drivers.wire.link import Link
+from mountnav.clock import utc_now
 from mountnav.errors import DeviceRefused, DeviceSilent
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
-from mountnav.sky.coordinates import Air, Apparent, utc_now
+from mountnav.sky.coordinates import Air, Apparent
 from tests.drivers.generic.plain_language import PlainLanguage
 from tests.drivers.test_unanswered_questions import Rig, Run, run
 from tests.drivers.virtual_wire import HandClock, MemoryLine

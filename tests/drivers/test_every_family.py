@@ -20,10 +20,11 @@ from drivers.generic.mount import GenericMount
 from drivers.lx200.dialects import names
 from drivers.registry import fake_dialects, fake_protocols, make_fake, open_mount
 from drivers.wire.wire_log import WireEntry
+from mountnav.clock import utc_now
 from mountnav.devices import SlewOutcome, SlewState, SyncOutcome
 from mountnav.errors import DeviceError, DeviceMissing, DeviceRefused, Refusal
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
-from mountnav.sky.coordinates import Air, Apparent, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
 from mountnav.testing.check_mount import check_mount
 from tests.pace import slowness
 

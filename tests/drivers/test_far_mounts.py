@@ -18,9 +18,10 @@ import pytest
 from drivers.fakes.bench import FakeOnTcp
 from drivers.generic.mount import GenericMount
 from drivers.registry import open_mount
+from mountnav.clock import utc_now
 from mountnav.devices import SlewOutcome
 from mountnav.simulation.mechanics import Mechanics
-from mountnav.sky.coordinates import Apparent, Icrs, utc_now
+from mountnav.sky.coordinates import Apparent, Icrs
 from tests.api.indi.face_rig import indi_observatory, mechanics_of
 from tests.drivers.alpaca.alpaca_server import HERE, AlpacaServer, FakeTelescope, quick_mechanics
 from tests.drivers.far_wire import far

@@ -18,8 +18,9 @@ from api.cli.ports import run
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.ports import PROBING, holders, probe, serial_ports
 from drivers.registry import make_fake
+from mountnav.clock import utc_now
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
-from mountnav.sky.coordinates import Air, Site, utc_now
+from mountnav.sky.coordinates import Air, Site
 from tests.drivers.ioptron.german_fakes import fake_of
 
 IOPTRON = ("drivers.ioptron.family", "drivers.no_such_family.probing")

@@ -16,9 +16,10 @@ import pytest
 from drivers.fakes.faults import Fault
 from drivers.generic.mount import GenericMount
 from drivers.registry import make_fake
+from mountnav.clock import utc_now
 from mountnav.errors import DeviceError
 from mountnav.sky.chain import apparent_to_icrs
-from mountnav.sky.coordinates import Apparent, Icrs, utc_now
+from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import separation_arcsec
 from tests.drivers.virtual_wire import HandClock, VirtualLoop, in_virtual_time
 from tests.drivers.wire_families import family

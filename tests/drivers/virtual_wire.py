@@ -7,9 +7,9 @@ import sys
 import pytest
 
 from drivers.fakes.bench.memory import MemoryLine
+from mountnav.clock import utc_now as real_utc_now
 from mountnav.simulation.virtual_time import VirtualClock as HandClock
 from mountnav.simulation.virtual_time import VirtualLoop
-from mountnav.sky.coordinates import utc_now as real_utc_now
 
 __all__ = ["HandClock", "MemoryLine", "VirtualLoop", "in_virtual_time"]
 

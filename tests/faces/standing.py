@@ -15,10 +15,11 @@ from api.service import Service
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.fakes.wire_fake import WireFake
 from drivers.registry import make_fake
+from mountnav.clock import utc_now
 from mountnav.settings.observatory import Settings
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_apparent
-from mountnav.sky.coordinates import Air, Apparent, HourAngle, Site, utc_now
+from mountnav.sky.coordinates import Air, Apparent, HourAngle, Site
 
 SITE = Site(47.0, 11.0, 600.0)
 PATIENCE_S = 180.0

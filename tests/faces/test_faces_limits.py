@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 
+from mountnav.clock import utc_now
 from mountnav.sky.chain import icrs_to_apparent
-from mountnav.sky.coordinates import Apparent, utc_now
-from mountnav.sky.named import place_of_name
+from mountnav.sky.coordinates import Apparent
+from mountnav.sky.named import position_of_name
 from tests.faces.hands import EAST, FACES, hands
 from tests.faces.standing import OBSERVATORY, SITE, Standing, standing, up_now
 
@@ -29,7 +30,7 @@ max_altitude_deg = 85.0""",
 def sun() -> Apparent:
     """Of date; below the horizon at night, which is no better."""
     utc = utc_now()
-    return icrs_to_apparent(place_of_name("Sun", utc, SITE), utc)
+    return icrs_to_apparent(position_of_name("Sun", utc, SITE), utc)
 
 
 FORBIDDEN: Mapping[str, Any] = {

@@ -11,7 +11,7 @@ import pytest
 from drivers.fakes.bench import FakeOnTcp
 from drivers.fakes.faults import Fault
 from drivers.indi.codec.messages import State
-from mountnav.sky.coordinates import utc_now
+from mountnav.clock import utc_now
 from tests.faces.hands import hands
 from tests.faces.standing import Standing, fake_on_tcp, standing, until, up_now
 

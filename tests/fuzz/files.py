@@ -34,10 +34,10 @@ from mountnav.journal.upkeep import check
 from mountnav.pointing.model.model import PointingModel
 from mountnav.pointing.observation import PointingObservation, write_observations
 from mountnav.sky.coordinates import Icrs
-from tests.catalog import astap_files, siril_files, ucac4_zones, usno_b1_files
+from tests.catalog.readers import astap_files, siril_files, ucac4_zones, usno_b1_files
 from tests.journal.samples import look_of, note_of, slew_of
 
-INDEX_FILES = Path(__file__).parents[1] / "catalog" / "index_files"
+INDEX_FILES = Path(__file__).parents[1] / "catalog" / "readers" / "index_files"
 
 
 @cache

@@ -33,7 +33,7 @@ from drivers.indi.codec.state import Properties
 from drivers.indi.codec.xml_stream import ElementStream
 from drivers.registry import open_mount
 from drivers.wire.command import Command, Unreadable
-from mountnav.catalog.packed.header import decode_header as decode_packed
+from mountnav.catalog.packed.format import decode_header as decode_packed
 from mountnav.catalog.readers import open_reader
 from mountnav.errors import BadFrame, BadRequest, BadSettings, MountnavError
 from mountnav.identification.blind.file_format import Header, decode_header, encode_header
@@ -49,7 +49,7 @@ from mountnav.settings.observatory import Settings
 from mountnav.simulation.machine_file import MachineFile
 from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.simulation.sky_script import SkyScript
-from mountnav.sky import typed
+from mountnav.sky import typed_coordinates
 from mountnav.sky.coordinates import Site
 from tests.fuzz import files
 
@@ -324,10 +324,15 @@ def _alpaca_parameters(data: bytes) -> None:
 
 def _typed(data: bytes) -> None:
     text = data.decode("utf-8", "replace")
-    for read_it in (typed.read_target, typed.read_position, typed.read_ra_deg, typed.read_dec_deg):
+    for read_it in (
+        typed_coordinates.read_target,
+        typed_coordinates.read_position,
+        typed_coordinates.read_ra_deg,
+        typed_coordinates.read_dec_deg,
+    ):
         with _promised(BadRequest):
             match read_it(text):
-                case typed.TypedPosition(ra_deg=ra_deg, dec_deg=dec_deg):
+                case typed_coordinates.TypedPosition(ra_deg=ra_deg, dec_deg=dec_deg):
                     assert 0.0 <= ra_deg < 360.0
                     assert abs(dec_deg) <= 90.0
                 case float(one):

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from mountnav.clock import utc_now
 from mountnav.devices import MountReading, PierSide
 from mountnav.errors import BadRequest
 from mountnav.journal.observations import observation_of, observations
@@ -20,7 +21,7 @@ from mountnav.journal.sql_journal import SqlJournal, open_journal
 from mountnav.journal.upkeep import Thinning
 from mountnav.journal.wording import as_json, in_words
 from mountnav.journal.writer import Piece
-from mountnav.sky.coordinates import Apparent, Icrs, utc_now
+from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import displaced, separation_arcsec
 from tests.journal.samples import NIGHT, at, look_of, note_of, slew_of
 

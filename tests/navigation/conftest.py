@@ -14,6 +14,7 @@ from drivers.registry import open_mount
 from drivers.simulated.camera import SimulatedCamera
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.stars import Catalog
+from mountnav.clock import utc_now
 from mountnav.devices import Mount
 from mountnav.navigation.looking import Solve
 from mountnav.navigation.navigator import Navigator
@@ -21,7 +22,7 @@ from mountnav.navigation.policy import CenteringPolicy
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.sky.chain import hour_angle_to_icrs
-from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site
 from mountnav.solving.solve import SolveSettings
 
 SITE = Site(48.93, 22.27, 700.0)

@@ -11,7 +11,7 @@ import pytest
 
 from drivers.fakes.bench import FakeOnPty
 from drivers.registry import make_fake, open_mount
-from mountnav.clock import SystemClock
+from mountnav.clock import SystemClock, utc_now
 from mountnav.devices import ConnectReport
 from mountnav.errors import DeviceRefused, Refusal
 from mountnav.journal.memory import MemoryJournal
@@ -23,7 +23,7 @@ from mountnav.pointing.limits import Limits
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.chain import hour_angle_to_icrs
-from mountnav.sky.coordinates import Air, Apparent, HourAngle, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Air, Apparent, HourAngle, Icrs, Site
 from mountnav.sky.sphere import half_turn_deg
 from tests.drivers.alpaca import test_language as alpaca
 from tests.navigation.sync_rig import SITE, SyncRig, rigged

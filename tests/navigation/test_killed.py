@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 
 from benchmarks.killed import Kill, Received, compared, steps_of, tried
+from mountnav.clock import utc_now
 from mountnav.journal.records import CommandEnd, CommandRecord, Outcome, new_id
 from mountnav.journal.restart import Likely
-from mountnav.sky.coordinates import Icrs, utc_now
+from mountnav.sky.coordinates import Icrs
 
 # what is worst: written and not sent, on its way, done and not closed; of a slew and of a sync
 WORST = (

@@ -9,13 +9,14 @@ from itertools import count
 import pytest
 
 from mountnav.catalog.stars import Catalog
+from mountnav.clock import utc_now
 from mountnav.devices import SyncOutcome
 from mountnav.errors import BadFrame, Cancelled, MountMoved, OffsetImplausible, OutsideLimits
 from mountnav.frames import Frame, Hint
 from mountnav.navigation.recovering import MOST_LOOKS, agreement_arcsec
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.sky.chain import icrs_to_apparent
-from mountnav.sky.coordinates import Icrs, utc_now
+from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, separation_arcsec
 from mountnav.solution import Verdict
 from mountnav.solving.solve import SolveSettings, solve

@@ -17,7 +17,7 @@ from mountnav.mount import WentAnotherWay
 from mountnav.pointing.limits import Horizon, Limits
 from mountnav.simulation.mechanics import Machine
 from mountnav.sky.chain import icrs_to_apparent, icrs_to_observed
-from mountnav.sky.planets import place_of_body
+from mountnav.sky.planets import position_of_body
 from mountnav.sky.sphere import separation_arcsec
 from tests.navigation.test_checked_mount import AIR, SITE, Rig, run
 
@@ -393,7 +393,7 @@ def test_a_park_that_the_watch_orders_is_watched_itself(
 
     async def work(rig: Rig) -> None:
         await rig.mount.slew(rig.place(78.0, 20.0))
-        sun = place_of_body("sun", rig.clock.utc(), SITE)
+        sun = position_of_body("sun", rig.clock.utc(), SITE)
         # a park position at the far end of a way through the Sun
         rig.mechanics.park = lambda: rig.mechanics.slew(icrs_to_apparent(sun, rig.clock.utc()))  # type: ignore[method-assign,assignment]
         for _ in range(1200):

@@ -6,11 +6,11 @@ import asyncio
 
 import pytest
 
+from mountnav.clock import utc_now
 from mountnav.devices import Trusts
 from mountnav.errors import DeviceRefused, Refusal
 from mountnav.navigation.reports import CenterOutcome
 from mountnav.sky.chain import icrs_to_apparent
-from mountnav.sky.coordinates import utc_now
 from mountnav.sky.sphere import separation_arcsec
 from tests.navigation.conftest import MakeRig, Rig, up_now
 from tests.navigation.test_recovering import FindsAnywhere

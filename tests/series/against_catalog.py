@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.catalog.reading_depth import stars_round
-from mountnav.catalog.shelf import suited
+from mountnav.catalog.catalog_set import suited
+from mountnav.catalog.star_counts import stars_round
 from mountnav.catalog.stars import Catalog
 from mountnav.identification.plate import Plate
 from mountnav.identification.preliminary import Preliminary, find_shift

@@ -14,13 +14,13 @@ import pytest
 from astropy.coordinates import AltAz, EarthLocation, SkyCoord
 from astropy.time import Time
 
+from mountnav.clock import utc_now
 from mountnav.errors import BadSettings
 from mountnav.simulation.geometry import perfect_direction, true_direction
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.chain import apparent_to_icrs, icrs_to_apparent, sidereal_time_deg
-from mountnav.sky.coordinates import Air, Apparent, Icrs, Site, utc_now
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Apparent, Icrs, Site
 from mountnav.sky.sphere import offset_arcsec, separation_arcsec
-from mountnav.sky.turning import SIDEREAL_DEG_S
 
 NO_AIR = Air(0.0)
 NONE = PointingErrors()

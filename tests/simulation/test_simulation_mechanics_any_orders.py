@@ -12,9 +12,8 @@ from mountnav.devices import PierSide, TrackingRate
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.simulation.sky_clock import FastClock
 from mountnav.sky.chain import sidereal_time_deg
-from mountnav.sky.coordinates import Air, Apparent, Site
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Apparent, Site
 from mountnav.sky.sphere import separation_arcsec
-from mountnav.sky.turning import SIDEREAL_DEG_S
 
 SITE = Site(48.93, 22.27, 700.0)
 ERRORS = PointingErrors(

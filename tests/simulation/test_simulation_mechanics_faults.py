@@ -10,9 +10,8 @@ from mountnav.devices import TrackingRate
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.chain import apparent_to_icrs, icrs_to_apparent, sidereal_time_deg
-from mountnav.sky.coordinates import Air, Apparent, Site
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Apparent, Site
 from mountnav.sky.sphere import half_turn_deg, separation_arcsec
-from mountnav.sky.turning import SIDEREAL_DEG_S
 
 NO_AIR = Air(0.0)
 NONE = PointingErrors()

@@ -18,9 +18,8 @@ from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.simulation.posture import axes_at, flipped, side_for, side_of, within_reach
 from mountnav.sky.chain import apparent_to_icrs, sidereal_time_deg
-from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Apparent, Icrs, Site
 from mountnav.sky.sphere import offset_arcsec, separation_arcsec
-from mountnav.sky.turning import SIDEREAL_DEG_S
 
 NO_AIR = Air(0.0)
 NONE = PointingErrors()

@@ -16,9 +16,8 @@ from mountnav.simulation.machine import RATES_DEG_S, Machine
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.simulation.sky_clock import FastClock
 from mountnav.sky.chain import sidereal_time_deg
-from mountnav.sky.coordinates import Air, Apparent, Site
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Apparent, Site
 from mountnav.sky.sphere import half_turn_deg, separation_arcsec
-from mountnav.sky.turning import SIDEREAL_DEG_S
 
 NO_AIR = Air(0.0)
 NONE = PointingErrors()

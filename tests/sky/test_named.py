@@ -13,8 +13,8 @@ from mountnav.catalog.embedded import embedded_catalog
 from mountnav.errors import BadRequest
 from mountnav.sky.coordinates import Icrs, Site
 from mountnav.sky.iers import prepare
-from mountnav.sky.named import NamedObject, named_objects, object_of_name, place_of_name, search
-from mountnav.sky.planets import BODIES, place_of_body
+from mountnav.sky.named import NamedObject, named_objects, object_of_name, position_of_name, search
+from mountnav.sky.planets import BODIES, position_of_body
 from mountnav.sky.proper_motion import moved_to
 from mountnav.sky.sphere import separation_arcsec
 
@@ -77,7 +77,7 @@ def test_bodies_stand_where_astropy_has_them(name: str, utc: datetime) -> None:
         star = SkyCoord(ra=seen.ra, dec=seen.dec, frame=seen.frame.replicate_without_data()).icrs
     there = Icrs(float(star.ra.deg), float(star.dec.deg))
     # next to the Sun astropy bends the light of what stands before it too
-    assert separation_arcsec(there, place_of_body(name, utc, SITE)) < 0.5
+    assert separation_arcsec(there, position_of_body(name, utc, SITE)) < 0.5
 
 
 def test_proper_motion_is_astropys() -> None:
@@ -163,7 +163,7 @@ def test_names_are_found_as_people_type_them(typed: str, name: str) -> None:
 
 def test_an_unknown_name_is_refused_and_like_ones_are_told() -> None:
     with pytest.raises(BadRequest) as caught:
-        place_of_name("Betelgeu", datetime(2026, 11, 22, tzinfo=UTC), SITE)
+        position_of_name("Betelgeu", datetime(2026, 11, 22, tzinfo=UTC), SITE)
     assert "Betelgeuse" in (caught.value.advice or "")
     with pytest.raises(BadRequest):
         object_of_name("")

@@ -10,11 +10,11 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
+from mountnav.catalog.catalog_set import ENOUGH, CatalogSet, DrawnSky, suited
 from mountnav.catalog.combined import with_magnitudes
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.packed import PackedStore
-from mountnav.catalog.packed.header import decode_header
-from mountnav.catalog.shelf import ENOUGH, DrawnSky, Shelf, suited
+from mountnav.catalog.packed.format import decode_header
 from mountnav.catalog.stars import StarFlag, Stars
 from mountnav.errors import BadCatalog
 from mountnav.frames import Frame, Hint
@@ -48,8 +48,8 @@ def stores(sky: DeepSky, tmp_path_factory: pytest.TempPathFactory) -> dict[str, 
 
 
 @pytest.fixture(scope="module")
-def shelf(stores: dict[str, PackedStore]) -> Shelf:
-    return Shelf(embedded_catalog(), [stores["ucac4"], stores["gaia"]])
+def shelf(stores: dict[str, PackedStore]) -> CatalogSet:
+    return CatalogSet(embedded_catalog(), [stores["ucac4"], stores["gaia"]])
 
 
 def drawn(sky: DeepSky, optics: SimulatedOptics, exposure_s: float, center: Icrs = CENTER) -> Frame:
@@ -73,7 +73,7 @@ def test_a_narrow_frame_gets_the_most_precise_catalog(sky, shelf, preset, exposu
 
 def test_with_the_embedded_catalog_alone_the_field_is_too_narrow(sky):
     optics = PRESETS["vihorlat-vnt"]
-    shelf = Shelf(embedded_catalog())
+    shelf = CatalogSet(embedded_catalog())
     verdict = solve(drawn(sky, optics, 60.0), shelf, hint=hinted(optics))
     assert verdict.reason is Reason.CATALOG_TOO_SHALLOW
     assert str(verdict.reason) == "field too narrow for the installed catalogs"
@@ -127,7 +127,7 @@ def test_a_catalog_that_is_wrong_gives_way_to_the_next_one(sky, stores, tmp_path
     elsewhere = Icrs(152.0, 40.0)
     write_store(tmp_path / "off.mnc", sky.as_catalog("gaia"), [(elsewhere, 0.9)])
     wrong = Scrambled(PackedStore(tmp_path / "off.mnc"))
-    shelf = Shelf(embedded_catalog(), [wrong, stores["gaia"]])
+    shelf = CatalogSet(embedded_catalog(), [wrong, stores["gaia"]])
     choices = shelf.choices(BELIEVED, 0.054, epoch_yr=EPOCH_YR, radius_deg=0.25)
     assert choices[0].catalog is wrong
     verdict = solve(drawn(sky, optics, 30.0), shelf, hint=hinted(optics))
@@ -140,7 +140,7 @@ def test_a_catalog_that_is_wrong_gives_way_to_the_next_one(sky, stores, tmp_path
 
 def test_magnitudes_of_one_catalog_positions_of_another(sky, stores):
     optics = PRESETS["prompt-8"]
-    shelf = Shelf(embedded_catalog(), [stores["gaia"]], magnitudes=stores["usno-b1"])
+    shelf = CatalogSet(embedded_catalog(), [stores["gaia"]], magnitudes=stores["usno-b1"])
     frame = drawn(sky, optics, 30.0)
     mixed = solve(frame, shelf, hint=hinted(optics)).solution
     plain = solve(frame, stores["gaia"], hint=hinted(optics)).solution
@@ -196,7 +196,7 @@ def test_choices_are_ranked_by_stars_and_precision(shelf, stores):
     assert [one.catalog for one in unscaled[1:]] == [stores["gaia"], stores["ucac4"]]
     far = Icrs(200.0, 40.0)
     assert [one.catalog for one in shelf.choices(far, None, epoch_yr=EPOCH_YR)] == [embedded_catalog()]
-    alone = Shelf(embedded_catalog(), [stores["ucac4"], stores["gaia"]], use_indexed=False)
+    alone = CatalogSet(embedded_catalog(), [stores["ucac4"], stores["gaia"]], use_indexed=False)
     assert alone.choices(CENTER, None, epoch_yr=EPOCH_YR)[0].catalog is stores["gaia"]
 
 
@@ -237,7 +237,7 @@ def test_waiting_for_the_network_leaves_the_search_its_time(sky, stores):
     late = Late(stores["gaia"])
     optics = PRESETS["prompt-8"]
     settings = SolveSettings(budget_s=1.5, glance=False)
-    shelf = Shelf(embedded_catalog(), [], [late])
+    shelf = CatalogSet(embedded_catalog(), [], [late])
     verdict = solve(drawn(sky, optics, 30.0), shelf, hint=hinted(optics), settings=settings)
     assert late.asked > 1
     assert verdict.solution is not None
@@ -246,7 +246,7 @@ def test_waiting_for_the_network_leaves_the_search_its_time(sky, stores):
 
 def test_online_catalogs_are_asked_only_where_nothing_here_suffices(stores):
     online = Counting(stores["gaia"])
-    shelf = Shelf(embedded_catalog(), [], [online])
+    shelf = CatalogSet(embedded_catalog(), [], [online])
     assert shelf.choices(CENTER, 3.0, epoch_yr=EPOCH_YR)[0].catalog is embedded_catalog()
     assert online.asked == 0
     assert shelf.choices(CENTER, 0.05, epoch_yr=EPOCH_YR)[0].catalog is online
@@ -266,11 +266,11 @@ def test_a_process_that_starts_after_a_store_was_removed_does_without_it(stores,
     copy = tmp_path / "gaia.mnc"
     copy.write_bytes(stores["gaia"].path.read_bytes())
     gone = PackedStore(copy)
-    shelf = Shelf(embedded_catalog(), [stores["ucac4"], gone], [Counting(gone)], magnitudes=gone)
+    shelf = CatalogSet(embedded_catalog(), [stores["ucac4"], gone], [Counting(gone)], magnitudes=gone)
     kept = pickle.loads(pickle.dumps(shelf))
     assert [one.name for one in kept.at_hand] == [one.name for one in shelf.at_hand]
     assert kept.magnitudes.name == gone.name
-    sent = pickle.dumps(Shelf(embedded_catalog(), [stores["ucac4"], gone], magnitudes=gone))
+    sent = pickle.dumps(CatalogSet(embedded_catalog(), [stores["ucac4"], gone], magnitudes=gone))
     copy.unlink()
     left = pickle.loads(sent)
     assert [one.name for one in left.at_hand] == [stores["ucac4"].name, "Tycho-2"]
@@ -287,7 +287,7 @@ def test_a_store_that_proves_damaged_is_passed_over_and_told(sky, stores, tmp_pa
     path = tmp_path / "damaged.mnc"
     path.write_bytes(content)
     optics = PRESETS["prompt-8"]
-    shelf = Shelf(embedded_catalog(), [PackedStore(path), stores["ucac4"]])
+    shelf = CatalogSet(embedded_catalog(), [PackedStore(path), stores["ucac4"]])
     verdict = solve(drawn(sky, optics, 30.0), shelf, hint=hinted(optics))
     assert verdict.solution is not None
     assert verdict.solution.catalog == stores["ucac4"].name
@@ -296,7 +296,7 @@ def test_a_store_that_proves_damaged_is_passed_over_and_told(sky, stores, tmp_pa
     )
     assert f"{path}: at byte" in caplog.text
     with pytest.raises(BadCatalog, match="expected error classes"):
-        Shelf(embedded_catalog(), [PackedStore(path)] * 2, use_indexed=False).cone(
+        CatalogSet(embedded_catalog(), [PackedStore(path)] * 2, use_indexed=False).cone(
             CENTER, 0.2, epoch_yr=EPOCH_YR
         )
 
@@ -318,7 +318,7 @@ class Failing:
 
 
 def test_what_was_asked_in_vain_is_told_whether_the_frame_is_solved_or_not(sky):
-    shelf = Shelf(embedded_catalog(), [], [Failing()])
+    shelf = CatalogSet(embedded_catalog(), [], [Failing()])
     optics = PRESETS["vihorlat-vnt"]
     refused = solve(drawn(sky, optics, 60.0), shelf, hint=hinted(optics))
     assert refused.solution is None
@@ -341,7 +341,7 @@ class BrokenDeepDown(Counting):
 
 def test_damage_that_shows_in_the_search_costs_the_catalog_and_not_the_frame(sky, stores):
     optics = PRESETS["mayaki-azt-3"]
-    shelf = Shelf(embedded_catalog(), [BrokenDeepDown(stores["gaia"]), stores["ucac4"]])
+    shelf = CatalogSet(embedded_catalog(), [BrokenDeepDown(stores["gaia"]), stores["ucac4"]])
     verdict = solve(drawn(sky, optics, 30.0), shelf, hint=hinted(optics))
     assert verdict.solution is not None
     assert "UCAC4" in verdict.solution.catalog
@@ -355,7 +355,7 @@ def test_damage_that_shows_in_the_search_costs_the_catalog_and_not_the_frame(sky
 def test_a_store_that_holds_the_frame_but_not_the_middle_of_a_wide_hint_is_tried(sky, tmp_path):
     optics = PRESETS["mayaki-azt-3"]
     write_store(tmp_path / "small.mnc", sky.as_catalog("gaia"), [(CENTER, 0.5)])
-    shelf = Shelf(embedded_catalog(), [PackedStore(tmp_path / "small.mnc")])
+    shelf = CatalogSet(embedded_catalog(), [PackedStore(tmp_path / "small.mnc")])
     scale = optics.scale_arcsec_px
     off = Hint(Icrs(CENTER.ra_deg, CENTER.dec_deg + 1.5), 1.7, 0.97 * scale, 1.03 * scale)
     verdict = solve(drawn(sky, optics, 30.0), shelf, hint=off)
@@ -377,7 +377,7 @@ class Fetching(Counting):
 
 def test_the_solution_tells_that_its_stars_were_fetched_just_now(sky, stores):
     optics = PRESETS["mayaki-azt-3"]
-    shelf = Shelf(embedded_catalog(), [], [Fetching(stores["gaia"])])
+    shelf = CatalogSet(embedded_catalog(), [], [Fetching(stores["gaia"])])
     verdict = solve(drawn(sky, optics, 30.0), shelf, hint=hinted(optics))
     assert verdict.solution is not None
     assert "deep: 2 tiles fetched from example.org" in verdict.solution.catalog_steps
@@ -422,14 +422,14 @@ def test_what_was_ordered_is_used_or_the_frame_is_not_solved(sky, stores, sky_in
     if hint is None:
         frame = replace(frame, hint=Hint())
     settings = SolveSettings(index=sky_index)
-    ordered = Shelf(embedded_catalog(), [stores["gaia"]], use_indexed=False)
+    ordered = CatalogSet(embedded_catalog(), [stores["gaia"]], use_indexed=False)
     solved = solve(frame, ordered, hint=believed, settings=settings).solution
     assert solved is not None
     assert solved.catalog == stores["gaia"].name
     assert separation_arcsec(solved.center, CENTER) < 0.5
     # a catalog that holds nothing there: of the pole only
     write_store(tmp_path / "pole.mnc", sky.as_catalog("gaia"), [(Icrs(0.0, 90.0), 0.5)])
-    pole = Shelf(embedded_catalog(), [PackedStore(tmp_path / "pole.mnc")], use_indexed=False)
+    pole = CatalogSet(embedded_catalog(), [PackedStore(tmp_path / "pole.mnc")], use_indexed=False)
     refused = solve(frame, pole, hint=believed, settings=settings)
     assert refused.solution is None
     assert refused.reason is Reason.OTHER_CATALOG
@@ -445,7 +445,7 @@ def test_an_online_catalog_alone_is_asked_or_the_frame_is_not_solved(sky, stores
         frame = replace(frame, hint=Hint())
     settings = SolveSettings(index=sky_index)
     online = Fetching(stores["gaia"])
-    ordered = Shelf(embedded_catalog(), [], [online], use_indexed=False)
+    ordered = CatalogSet(embedded_catalog(), [], [online], use_indexed=False)
     assert ordered.at_hand == ()
     solved = solve(frame, ordered, hint=believed, settings=settings).solution
     assert solved is not None
@@ -454,7 +454,7 @@ def test_an_online_catalog_alone_is_asked_or_the_frame_is_not_solved(sky, stores
 
 
 def test_without_an_index_an_ordered_catalog_of_elsewhere_solves_nothing(sky, stores):
-    pole = Shelf(embedded_catalog(), [stores["gaia"]], use_indexed=False)
+    pole = CatalogSet(embedded_catalog(), [stores["gaia"]], use_indexed=False)
     far = Icrs(200.0, 40.0)
     frame = drawn(sky, WIDE, 5.0, far)
     assert solve(frame, pole, hint=hinted(WIDE, far)).solution is None

@@ -11,9 +11,9 @@ from pydantic import BaseModel, Field
 from api.orders.job_views import Finite
 from api.problems import responses
 from api.service import Service, TheService
-from mountnav.catalog.doctor.shelf import shelved
+from mountnav.catalog.catalog_set import CatalogSet
+from mountnav.catalog.doctor.diagnosis import named_catalogs
 from mountnav.catalog.packed import PackedStore
-from mountnav.catalog.shelf import Shelf
 
 router = APIRouter(prefix="/catalogs", tags=["service"])
 
@@ -40,9 +40,9 @@ async def list_catalogs(service: TheService) -> list[CatalogRecord]:
 
 def _records(service: Service) -> list[CatalogRecord]:
     records = []
-    for one in shelved(service.catalog):
+    for one in named_catalogs(service.catalog):
         if isinstance(one.catalog, PackedStore):
-            embedded = isinstance(service.catalog, Shelf) and one.catalog is service.catalog.indexed
+            embedded = isinstance(service.catalog, CatalogSet) and one.catalog is service.catalog.indexed
             _, faintest, commonest = one.catalog.magnitudes
             records.append(
                 CatalogRecord(

@@ -13,9 +13,16 @@ from api.http.doctor_record import DoctorRecord, doctor_record
 from api.problems import responses
 from api.service import TheService, TheTelescope
 from mountnav.catalog.doctor.cameras import camera_facts
-from mountnav.catalog.doctor.diagnosis import CameraFacts, Diagnosis, Shelved, diagnose, reach_of
-from mountnav.catalog.doctor.places import Reach
-from mountnav.catalog.doctor.shelf import julian_year_now, shelved
+from mountnav.catalog.doctor.counts import Reach
+from mountnav.catalog.doctor.diagnosis import (
+    CameraFacts,
+    Diagnosis,
+    NamedCatalog,
+    diagnose,
+    julian_year_now,
+    named_catalogs,
+    reach_of,
+)
 
 router = APIRouter(prefix="/telescopes", tags=["telescopes"])
 
@@ -31,7 +38,7 @@ class _Doctor:
     turn: asyncio.Lock = field(default_factory=asyncio.Lock)
 
     async def diagnosis(
-        self, camera: CameraFacts, reach: Reach, stores: tuple[Shelved, ...], epoch_yr: float
+        self, camera: CameraFacts, reach: Reach, stores: tuple[NamedCatalog, ...], epoch_yr: float
     ) -> Diagnosis:
         """Look it up, or count the stars in a thread."""
         key = (camera, reach, tuple((one.slug, one.catalog.name, id(one.catalog)) for one in stores))
@@ -63,5 +70,5 @@ async def doctor_telescope(
     one = next(one for one in settings.telescope if one.id == telescope.id)
     reach = reach_of(settings.site.latitude_deg, one.limits.min_altitude_deg)
     camera = await asyncio.to_thread(camera_facts, one)
-    found = await doctor.diagnosis(camera, reach, shelved(service.catalog), julian_year_now())
+    found = await doctor.diagnosis(camera, reach, named_catalogs(service.catalog), julian_year_now())
     return doctor_record(found, [online.name for online in settings.catalogs.online])

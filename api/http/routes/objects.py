@@ -10,8 +10,8 @@ from pydantic import BaseModel, Field
 from api.orders.results import Finite, Place, place
 from api.problems import responses
 from api.service import TheService
+from mountnav.clock import utc_now
 from mountnav.sky.chain import icrs_to_observed
-from mountnav.sky.coordinates import utc_now
 from mountnav.sky.named import search
 
 router = APIRouter(tags=["sky"])

@@ -14,9 +14,10 @@ from api.orders.job_views import Finite
 from api.pointing.looks import looks_of_journal
 from api.problems import responses
 from api.service import TheService, TheTelescope
+from mountnav.clock import utc_now
 from mountnav.pointing.drift.stretches import MOVED_ARCSEC, cut, looks_of
 from mountnav.pointing.observation import PointingObservation
-from mountnav.sky.coordinates import Site, utc_now
+from mountnav.sky.coordinates import Site
 
 router = APIRouter(prefix="/telescopes", tags=["pointing"])
 

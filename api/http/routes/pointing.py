@@ -13,10 +13,10 @@ from api.pointing.judgements import diagnosis_view, drift_view
 from api.pointing.looks import looks_of_journal
 from api.problems import responses
 from api.service import Service, TheService, TheTelescope
+from mountnav.clock import utc_now
 from mountnav.devices import ConnectReport
 from mountnav.pointing.model.in_force import ModelInForce
 from mountnav.pointing.model.model import PointingModel
-from mountnav.sky.coordinates import utc_now
 
 router = APIRouter(prefix="/telescopes", tags=["pointing"])
 

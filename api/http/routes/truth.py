@@ -11,8 +11,8 @@ from api.access.callers import Role
 from api.access.security import RoleRequired
 from api.problems import responses
 from api.service import TheService
+from mountnav.clock import utc_now, virtual_time
 from mountnav.sky.chain import icrs_to_observed
-from mountnav.sky.present import utc_now, virtual_time
 
 router = APIRouter(tags=["virtual observatory"])
 

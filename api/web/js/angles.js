@@ -1,6 +1,6 @@
 // Angles as people write and read them: typed coordinates in, sexagesimal out. Nothing is guessed silently.
 
-// The rules stand in mountnav/sky/typed.py, and tests/sky/typed_coordinates.json holds both to them.
+// The rules stand in mountnav/sky/typed_coordinates.py, and tests/sky/typed_coordinates.json holds both to them.
 const LONGEST_TEXT = 100;
 const LABEL = /\b(?:ra|dec|alpha|delta|icrs|j2000)\b *[:=]?|[αδ] *[:=]?/gi;
 const NUMBERLIKE = /^[0-9+\-.,; :°'"hmsd]*$/i;

@@ -14,9 +14,9 @@ from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
 
 from drivers.fakes.faults import LineOrder
+from mountnav.clock import real_s
 from mountnav.errors import DeviceError
 from mountnav.simulation.sky_clock import FastClock
-from mountnav.sky.present import real_s
 
 _BITS_PER_BYTE = 10.0
 """Start bit, eight data bits, stop bit."""

@@ -31,8 +31,7 @@ from drivers.lx200.codec.site_and_time import Writing, read_clock, read_site
 from drivers.wire.command import Command, Read, Unreadable
 from mountnav.devices import Direction, PierSide, TrackingRate
 from mountnav.errors import Refusal
-from mountnav.sky.coordinates import Site
-from mountnav.sky.turning import SIDEREAL_DEG_S
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Site
 
 FINE_STEP_ARCSEC = 0.0015
 LONGEST_PULSE_MS = 16399

@@ -14,11 +14,11 @@ from drivers.lx200.codec.angles import dec_from_text, dec_to_text, ra_from_text,
 from drivers.lx200.fake.dialect import FakeDialect
 from drivers.lx200.fake.site_and_time import Settings
 from drivers.wire.command import Unreadable
+from mountnav.clock import utc_now
 from mountnav.devices import PierSide, TrackingRate
 from mountnav.errors import Refusal
 from mountnav.simulation.mechanics import Direction, Mechanics
-from mountnav.sky.coordinates import Apparent, utc_now
-from mountnav.sky.turning import SIDEREAL_DEG_S
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent
 
 _STANDING = {
     "\x06": b"P",

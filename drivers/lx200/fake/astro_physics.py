@@ -13,7 +13,7 @@ from drivers.lx200.fake.base import from_the_horizon_up
 from drivers.lx200.fake.dialect import MATCHED, FakeDialect
 from mountnav.devices import PierSide, TrackingRate
 from mountnav.simulation.mechanics import Direction
-from mountnav.sky.turning import SIDEREAL_DEG_S
+from mountnav.sky.coordinates import SIDEREAL_DEG_S
 
 if TYPE_CHECKING:
     from drivers.lx200.fake.base import FakeLx200

@@ -27,6 +27,7 @@ from drivers.lx200.codec.site_and_time import date_from_text, hours_to_utc_from_
 from drivers.lx200.fake.dialect import FakeDialect, Speaker
 from drivers.lx200.fake.meade import GENERIC_FAKE
 from drivers.wire.command import Unreadable
+from mountnav.clock import utc_now
 from mountnav.devices import TrackingRate
 from mountnav.errors import Refusal
 from mountnav.simulation.mechanics import Direction, Mechanics
@@ -37,8 +38,7 @@ from mountnav.sky.chain import (
     observed_to_hour_angle,
     sidereal_time_deg,
 )
-from mountnav.sky.coordinates import Apparent, GeometricHourAngle, HourAngle, Observed, Site, utc_now
-from mountnav.sky.turning import SIDEREAL_DEG_S
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, GeometricHourAngle, HourAngle, Observed, Site
 
 _AZIMUTH = re.compile(r"(\d{1,3})[*:](\d{2})(?:[:'](\d{2})(?:\.\d)?)?")
 

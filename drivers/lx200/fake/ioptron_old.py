@@ -16,8 +16,7 @@ from drivers.lx200.codec.site_and_time import date_from_text, hours_to_utc_from_
 from drivers.lx200.fake.dialect import MATCHED, FakeDialect
 from mountnav.devices import PierSide, TrackingRate
 from mountnav.simulation.mechanics import Direction
-from mountnav.sky.coordinates import Site
-from mountnav.sky.turning import SIDEREAL_DEG_S
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Site
 
 if TYPE_CHECKING:
     from drivers.lx200.fake.base import FakeLx200

@@ -12,8 +12,9 @@ from collections.abc import Callable
 from drivers.lx200.codec.angles import ra_to_text
 from drivers.lx200.fake.base import FakeLx200, Horizon
 from drivers.lx200.fake.dialect import FakeDialect
+from mountnav.clock import utc_now
 from mountnav.devices import TrackingRate
-from mountnav.sky.coordinates import Apparent, Site, utc_now
+from mountnav.sky.coordinates import Apparent, Site
 
 _RATES = {"R": TrackingRate.SIDEREAL, "S": TrackingRate.SOLAR, "M": TrackingRate.LUNAR}
 _SYNC = re.compile(r"C[kN](\d{3}\.\d{3})([+-]\d{2}\.\d{3})")

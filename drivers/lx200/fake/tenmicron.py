@@ -16,12 +16,12 @@ from drivers.lx200.codec.tenmicron import ModelPoint, MountStatus
 from drivers.lx200.fake.dialect import FakeDialect
 from drivers.lx200.fake.site_and_time import Settings
 from drivers.wire.command import Unreadable
+from mountnav.clock import utc_now
 from mountnav.devices import PierSide, TrackingRate
 from mountnav.errors import Refusal
 from mountnav.simulation.mechanics import Direction, Mechanics
 from mountnav.sky.chain import apparent_to_icrs, icrs_to_observed, sidereal_time_deg
-from mountnav.sky.coordinates import Air, Apparent, utc_now
-from mountnav.sky.turning import SIDEREAL_DEG_S
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Apparent
 
 MOST_POINTS = 100
 FEWEST_POINTS = 3

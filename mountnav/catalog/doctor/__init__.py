@@ -1,18 +1,23 @@
 """Whether catalogs suffice for a camera, before the night; and what would help."""
 
-from mountnav.catalog.doctor.advice import advice_for
-from mountnav.catalog.doctor.counts import FrameSize
-from mountnav.catalog.doctor.diagnosis import Shelved, diagnose
-from mountnav.catalog.doctor.findings import CameraFacts, Check, Diagnosis, Verdict
-from mountnav.catalog.doctor.places import Reach, reach_of
+from mountnav.catalog.doctor.counts import FrameSize, Reach, reach_of
+from mountnav.catalog.doctor.diagnosis import (
+    CameraFacts,
+    Check,
+    Diagnosis,
+    NamedCatalog,
+    Verdict,
+    advice_for,
+    diagnose,
+)
 
 __all__ = [
     "CameraFacts",
     "Check",
     "Diagnosis",
     "FrameSize",
+    "NamedCatalog",
     "Reach",
-    "Shelved",
     "Verdict",
     "advice_for",
     "diagnose",

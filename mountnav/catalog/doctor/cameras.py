@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mountnav.catalog.doctor.counts import FrameSize
-from mountnav.catalog.doctor.findings import CameraFacts
+from mountnav.catalog.doctor.diagnosis import CameraFacts
 from mountnav.errors import BadFrame
 from mountnav.settings.alpaca_camera import AlpacaCameraSettings
 from mountnav.settings.observatory import (

@@ -1,4 +1,4 @@
-"""An import: parts of a catalog are read one by one and kept, then made one packed file that is checked."""
+"""Room on the disk for an import: known beforehand where records have a fixed size, else guessed."""
 
 from __future__ import annotations
 
@@ -10,25 +10,171 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal, Protocol, runtime_checkable
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mountnav import __version__
-from mountnav.catalog.importing.check import compare_with_source
-from mountnav.catalog.importing.lock import held
-from mountnav.catalog.importing.order import Imported, ImportOrder, ImportProgress
-from mountnav.catalog.importing.record import ImportRecord, stamp
-from mountnav.catalog.importing.selection import KnowsDeclinations
-from mountnav.catalog.importing.space import (
-    ADVICE,
-    ENOUGH_TO_GUESS_BY,
-    require_room,
-    shortage,
-    stars_in_files,
+from mountnav.catalog.importing.order import (
+    Imported,
+    ImportOrder,
+    ImportProgress,
+    ImportRecord,
+    KnowsDeclinations,
+    Selection,
+    rows_of,
+    stamp,
 )
-from mountnav.catalog.installed import catalog_path, unfinished_path
+from mountnav.catalog.installed import catalog_path, held, unfinished_path
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.packed.packing import CatalogColumns
 from mountnav.catalog.packed.spool import PackedFacts, Spool
 from mountnav.catalog.readers import Part, Reader, open_reader
+from mountnav.catalog.stars import StarFlag
 from mountnav.errors import BadCatalog, BadRequest, BadSettings
+from mountnav.sky.coordinates import Icrs
+
+BYTES_PER_STAR = 20
+"""Of the packed file: 18, and its share of the tables."""
+SPOOL_BYTES_PER_STAR = 41
+"""Of what is kept until the packed file is there (`mountnav.catalog.packed.spool`)."""
+SOURCE_BYTES_PER_STAR = {"ucac4": 78, "usno-b1": 80, "siril": 16}
+"""Catalogs whose stars can be counted by the size of their files [CATALOGS, Formats §3, §4, §6]."""
+ENOUGH_TO_GUESS_BY = 0.02
+"""Share of the source that must be in before the rest is guessed from it."""
+
+ADVICE = (
+    "free some room, name a folder on another disk with --folder, or import a part: --mag-limit, --cone, "
+    "--dec-range"
+)
+
+
+def needed_bytes(stars: float) -> int:
+    """How much an import of so many stars takes while it ends: what was kept, and the packed file."""
+    return int(stars * (BYTES_PER_STAR + SPOOL_BYTES_PER_STAR))
+
+
+def stars_in_files(kind: str, size_bytes: int) -> int | None:
+    """How many stars the files hold at most; None if their size doesn't tell."""
+    record = SOURCE_BYTES_PER_STAR.get(kind)
+    return None if record is None else size_bytes // record
+
+
+def require_room(folder: Path, stars: int, stars_in: int) -> None:
+    """Refuse what can't fit.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the import writes.
+    stars : int
+        How many there will be.
+    stars_in : int
+        How many of these are there already.
+
+    Raises
+    ------
+    BadSettings
+        Tells how much is needed and how much there is.
+    """
+    if (told := shortage(folder, stars, stars_in)) is not None:
+        raise BadSettings(f"there isn't room enough: {told}", device=str(folder), advice=ADVICE)
+
+
+def shortage(folder: Path, stars: float, stars_in: int) -> str | None:
+    """Compare what an import still needs with what is free.
+
+    Returns
+    -------
+    str or None
+        None if it fits.
+    """
+    needed = needed_bytes(stars) - stars_in * SPOOL_BYTES_PER_STAR
+    free = shutil.disk_usage(folder).free
+    if needed <= free:
+        return None
+    return f"{stars:,.0f} stars still need {needed / 1e9:.1f} GB, and {free / 1e9:.1f} GB are free"
+
+
+PARTS_READ = 12
+STARS_OF_A_PART = 12
+"""The two faintest and brightest, and others spread evenly over the first chunk."""
+_RADIUS_DEG = 0.01 / 3600.0
+"""Wide against the steps of the packed form (0.3 mas), narrow against the distance of any two stars."""
+_MAG_STEP = 0.0011
+_PM_STEP_MAS_YR = 0.11
+_COLOR_STEP = 0.0011
+
+
+def compare_with_source(
+    store: PackedStore, reader: Reader, parts: Sequence[Part], selection: Selection
+) -> int:
+    """Read some parts again and ask the packed file for their stars.
+
+    Parameters
+    ----------
+    store : PackedStore
+        The new file.
+    reader : Reader
+    parts : sequence of Part
+        All that went in.
+    selection : Selection
+        What of them.
+
+    Returns
+    -------
+    int
+        How many stars were compared.
+
+    Raises
+    ------
+    BadCatalog
+        One isn't there, or is another.
+    """
+    compared = 0
+    for number in np.unique(np.linspace(0, len(parts) - 1, min(PARTS_READ, len(parts))).astype(int)):
+        part = parts[int(number)]
+        for columns in reader.read(part):
+            stars = selection.of(columns)
+            if stars.ra_deg.size == 0:
+                continue
+            for row in _spread(stars.mag):
+                _compare(store, part, rows_of(stars, np.array([row])))
+                compared += 1
+            break  # the first chunk that holds something wanted is enough
+    return compared
+
+
+def _spread(mag: NDArray[np.float64]) -> list[int]:
+    evenly = np.linspace(0, mag.size - 1, min(STARS_OF_A_PART - 2, mag.size)).astype(int)
+    return sorted({int(row) for row in (*evenly, np.argmin(mag), np.argmax(mag))})
+
+
+def _compare(store: PackedStore, part: Part, star: CatalogColumns) -> None:
+    ra_deg, dec_deg, mag = float(star.ra_deg[0]), float(star.dec_deg[0]), float(star.mag[0])
+    found = store.cone(Icrs(ra_deg % 360.0, dec_deg), _RADIUS_DEG, epoch_yr=store.header.epoch_yr)
+    alike = _near(found.mag, mag, _MAG_STEP)
+    alike &= _near(found.pm_ra_cosdec_mas_yr, float(star.pm_ra_cosdec_mas_yr[0]), _PM_STEP_MAS_YR)
+    alike &= _near(found.pm_dec_mas_yr, float(star.pm_dec_mas_yr[0]), _PM_STEP_MAS_YR)
+    if star.flags is not None:
+        # the packed form says so of every star without a proper motion, whether its reader did or not
+        still = StarFlag.NO_PROPER_MOTION if np.isnan(star.pm_dec_mas_yr[0]) else 0
+        alike &= found.flags == star.flags[0] | still
+    if star.color_mag is not None:
+        alike &= _near(found.color_mag, float(star.color_mag[0]), _COLOR_STEP)
+    if not alike.any():
+        raise BadCatalog(
+            f"the star of magnitude {mag:.3f} at RA {ra_deg:.7f}°, Dec {dec_deg:.7f}° of {part.name} "
+            f"isn't in the file that was made of it ({len(found)} stars there, none like it)",
+            device=str(store.path),
+            advice="a fault of mountnav, or the source was changed meanwhile: import it again, and report it "
+            "if it stays",
+        )
+
+
+def _near(found: NDArray[np.float64], wanted: float, step: float) -> NDArray[np.bool_]:
+    alike: NDArray[np.bool_] = np.isnan(found) if np.isnan(wanted) else np.abs(found - wanted) <= step
+    return alike
+
 
 _LONGEST_TEXT = 1500
 """The header of a packed file has room for some 4000 bytes."""

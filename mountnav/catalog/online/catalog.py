@@ -1,31 +1,159 @@
-"""The catalog that asks the network: fresh cache, live, stale cache, and then whatever stands behind it.
-
-A cone is taken as a whole from one of them, never in parts from two catalogs. `Stars.steps` tells the way.
-"""
+"""The online catalog: fresh cache, live, stale cache, and then the catalog that stands behind it."""
 
 from __future__ import annotations
 
+import threading
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.catalog.online.at_hand import AtHand, look
 from mountnav.catalog.online.fetching import Fetched, fetch
-from mountnav.catalog.online.joining import joined
-from mountnav.catalog.online.question import limit_column
-from mountnav.catalog.online.refusals import NotAnswered
-from mountnav.catalog.online.rest import answered, failed, resting
+from mountnav.catalog.online.request import NotAnswered, limit_column
 from mountnav.catalog.online.source import OnlineSource
-from mountnav.catalog.online.telling import cached_text, fetched_text, tiles_text
-from mountnav.catalog.online.tile_cache import Record, TileCache
-from mountnav.catalog.online.tiles import Tile, axis_of, level_for, tiles_of
+from mountnav.catalog.online.tile_cache import (
+    CachedArea,
+    Record,
+    Tile,
+    TileCache,
+    axis_of,
+    cached_area,
+    level_for,
+    tiles_of,
+)
 from mountnav.catalog.stars import Catalog, Stars
 from mountnav.errors import BadRequest, StarsUnavailable
 from mountnav.sky.coordinates import Icrs
+
+FIRST_REST_S = 120.0
+LONGEST_REST_S = 900.0
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A source's last failure.
+
+    Attributes
+    ----------
+    why : str
+    until : float
+        By `time.monotonic`: when it may be asked again.
+    rest_s : float
+        How long it rests; the next failure in a row doubles it.
+    """
+
+    why: str
+    until: float
+    rest_s: float
+
+    @property
+    def left_s(self) -> float:
+        """How long it still rests."""
+        return max(self.until - time.monotonic(), 0.0)
+
+
+_failures: dict[str, Failure] = {}
+_lock = threading.Lock()
+
+
+def resting(key: str) -> Failure | None:
+    """The failure for which a source still rests; None if it may be asked.
+
+    Parameters
+    ----------
+    key : str
+        Which source; known in the whole process.
+    """
+    with _lock:
+        failure = _failures.get(key)
+    return failure if failure is not None and failure.left_s > 0.0 else None
+
+
+def failed(key: str, why: str) -> Failure:
+    """Let a source rest: two minutes, after each further failure twice as long, at most 15 minutes."""
+    with _lock:
+        before = _failures.get(key)
+        rest_s = FIRST_REST_S if before is None else min(2.0 * before.rest_s, LONGEST_REST_S)
+        failure = _failures[key] = Failure(why, time.monotonic() + rest_s, rest_s)
+    return failure
+
+
+def answered(key: str) -> None:
+    """The source works: forget its failures."""
+    with _lock:
+        _failures.pop(key, None)
+
+
+def joined(parts: Sequence[Stars], source: str) -> Stars | None:
+    """Put the stars of all tiles together, brightest first.
+
+    Parameters
+    ----------
+    parts : sequence of Stars
+        At one epoch, none empty; no star lies in two of them.
+    source : str
+        Name of the catalog.
+
+    Returns
+    -------
+    Stars or None
+        None if there are no parts.
+    """
+    if not parts:
+        return None
+
+    def all_of(what: str) -> NDArray[Any]:
+        return np.concatenate([getattr(part, what) for part in parts])
+
+    first = parts[0]
+    whole = Stars(
+        ra_deg=all_of("ra_deg"),
+        dec_deg=all_of("dec_deg"),
+        sigma_arcsec=all_of("sigma_arcsec"),
+        mag=all_of("mag"),
+        pm_ra_cosdec_mas_yr=all_of("pm_ra_cosdec_mas_yr"),
+        pm_dec_mas_yr=all_of("pm_dec_mas_yr"),
+        epoch_yr=first.epoch_yr,
+        band=first.band,
+        source=source,
+        color_mag=all_of("color_mag"),
+        flags=all_of("flags"),
+        color_name=first.color_name,
+    )
+    return whole.only(np.argsort(whole.mag, kind="stable"))
+
+
+def tiles_text(count: int) -> str:
+    """In words: "1 tile", "3 tiles"."""
+    return "1 tile" if count == 1 else f"{count} tiles"
+
+
+def fetched_text(came: Fetched, host: str) -> str:
+    """What was fetched from where; empty if nothing was."""
+    if not came.records:
+        return ""
+    split = f", {tiles_text(came.splits)} too full and split" if came.splits else ""
+    return f"{tiles_text(len(came.records))} fetched from {host}{split}"
+
+
+def cached_text(found: CachedArea, is_just_fetched: bool) -> str:
+    """Which tiles were taken from the cache, and of which age."""
+    today = datetime.now(UTC).date().isoformat()
+    parts = []
+    for records, what in ((found.stale, "stale "), (found.fresh, "")):
+        # a tile of today that was there before is not worth a word beside those that came just now
+        told = [record.date for record in records if not (is_just_fetched and record.date == today)]
+        if told:
+            days = min(told) if min(told) == max(told) else f"{min(told)} to {max(told)}"
+            tiles = tiles_text(len(told)).replace(" ", f" {what}", 1)
+            parts.append(f"{tiles} of {days} taken" if what else f"{tiles} from the cache of {days}")
+    return ", ".join(parts)
+
 
 Array = NDArray[np.float64]
 
@@ -271,8 +399,8 @@ class OnlineCatalog:
         moved_deg = FASTEST_ARCSEC_YR * min(abs(epoch_yr - since), 100.0) / 3600.0
         return axis_of(center.ra_deg, center.dec_deg), min(radius_deg + moved_deg, 180.0)
 
-    def _look(self, axis: Array, reach_deg: float, level: int, depth: float | None) -> AtHand:
-        return look(
+    def _look(self, axis: Array, reach_deg: float, level: int, depth: float | None) -> CachedArea:
+        return cached_area(
             self._cache,
             tiles_of(axis, reach_deg, level),
             mag_limit=depth,
@@ -280,7 +408,7 @@ class OnlineCatalog:
             max_age_days=self.source.max_age_days,
         )
 
-    def _why_not_asked(self, found: AtHand) -> str:
+    def _why_not_asked(self, found: CachedArea) -> str:
         if self.source.ask == "never":
             lacking = len(found.missing)
             what = f"{lacking} of {lacking + len(found.records)} tiles are not in the cache, and " * bool(

@@ -14,15 +14,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from mountnav.catalog.online.answer import columns_of
-from mountnav.catalog.online.getting import get, new_client
-from mountnav.catalog.online.question import MOST_ROWS, question
-from mountnav.catalog.online.refusals import NotAnswered, Overflow, SourceFailed, Unusable, quoted
-from mountnav.catalog.online.roles import roles_of
+from mountnav.catalog.online.answer import columns_of, roles_of
+from mountnav.catalog.online.request import (
+    MOST_ROWS,
+    NotAnswered,
+    Overflow,
+    SourceFailed,
+    Unusable,
+    get,
+    new_client,
+    question,
+    quoted,
+)
 from mountnav.catalog.online.source import OnlineSource
-from mountnav.catalog.online.stars_of import only, stars_of
-from mountnav.catalog.online.tile_cache import Record, TileCache, utc_text
-from mountnav.catalog.online.tiles import LARGEST_LEVEL, Tile
+from mountnav.catalog.online.stars import only, stars_of
+from mountnav.catalog.online.tile_cache import LARGEST_LEVEL, Record, Tile, TileCache, utc_text
 from mountnav.catalog.star_counts import density_deg2 as density_deg2_at
 from mountnav.errors import BadSettings
 

@@ -1,4 +1,4 @@
-"""What is asked online: a service, a table and what is to be known of its columns."""
+"""An online source: its service, its table, and the tables whose columns need no configuration."""
 
 from __future__ import annotations
 
@@ -6,11 +6,280 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Literal
 from urllib.parse import urlsplit
 
-from mountnav.catalog.online.known_tables import KnownTable, known_table, table_proper
+from mountnav.catalog.stars import StarFlag
 from mountnav.settings.catalogs import OnlineSettings
+
+
+@dataclass(frozen=True, slots=True)
+class FlagRule:
+    """Which value of a column is a warning.
+
+    Attributes
+    ----------
+    column : str
+    test : {"above", "below", "in", "has"}
+        "has": the text contains `value`.
+    value : float, tuple of float or str
+    flag : StarFlag
+    """
+
+    column: str
+    test: Literal["above", "below", "in", "has"]
+    value: float | tuple[float, ...] | str
+    flag: StarFlag
+
+
+@dataclass(frozen=True, slots=True)
+class KnownTable:
+    """What is known of a table.
+
+    Attributes
+    ----------
+    band, color_name : str
+    epoch_yr : float
+        Julian year of the positions.
+    faintest_mag : float
+        In `band`: hardly a star is fainter.
+    roles : mapping
+        Role to column names, the first that has a value counts. Beside those of
+        `mountnav.settings.catalogs.COLUMN_ROLES`: ``mag_other`` (another band), ``color_blue`` and
+        ``color_red`` (the color is their difference), ``e_total`` (error of both coordinates together).
+    may_lack : frozenset of str
+        Columns that a server needn't have; never asked for by TAP, where an unknown column is an error.
+    flags : tuple of FlagRule
+    limit_column : str
+        The column by which the server can be asked for bright stars only; empty if that would lose stars.
+    other_shift_mag : float
+        What is added to ``mag_other`` to bring it to `band` roughly.
+    sigma_mas, added_sigma_mas : float
+        Position error of a star whose row has none, and what is added (in quadrature) to those that have one.
+    no_error_mas : float
+        Errors from here on say that there is none.
+    sigma_pm_mas_yr, least_sigma_pm_mas_yr : float
+        Error of a proper motion that comes without one, and the least that is believed.
+    no_magnitude_mag : float
+        Stand-in for an unknown magnitude.
+    zero_motion_is_none : bool
+        A proper motion of exactly (0, 0) says that there is none.
+    is_tycho_photometry : bool
+        V and B-V are to be made of VT and BT [Tycho-2 ReadMe, note 7].
+    """
+
+    band: str
+    epoch_yr: float
+    faintest_mag: float
+    roles: Mapping[str, tuple[str, ...]]
+    color_name: str = ""
+    may_lack: frozenset[str] = frozenset()
+    flags: tuple[FlagRule, ...] = ()
+    limit_column: str = ""
+    other_shift_mag: float = 0.0
+    sigma_mas: float = 100.0
+    added_sigma_mas: float = 0.0
+    no_error_mas: float = float("inf")
+    sigma_pm_mas_yr: float = 5.0
+    least_sigma_pm_mas_yr: float = 0.0
+    no_magnitude_mag: float = 30.0
+    zero_motion_is_none: bool = False
+    is_tycho_photometry: bool = False
+    columns: tuple[str, ...] = field(init=False, default=())
+
+    def __post_init__(self) -> None:
+        wanted = [name for names in self.roles.values() for name in names]
+        wanted += [rule.column for rule in self.flags]
+        object.__setattr__(self, "columns", tuple(dict.fromkeys(wanted)))
+
+
+UCAC4 = KnownTable(
+    band="UCAC",
+    epoch_yr=2000.0,
+    faintest_mag=17.0,
+    color_name="B-V",
+    roles=MappingProxyType(
+        {
+            "ra": ("RAJ2000",),
+            "dec": ("DEJ2000",),
+            "e_total": ("ePos",),
+            "mean_epoch_ra": ("EpRA",),
+            "mean_epoch_dec": ("EpDE",),
+            "pm_ra": ("pmRA",),
+            "pm_dec": ("pmDE",),
+            "e_pm_ra": ("e_pmRA",),
+            "e_pm_dec": ("e_pmDE",),
+            "mag": ("a.mag", "f.mag"),
+            "mag_other": ("Vmag",),
+            "color_blue": ("Bmag",),
+            "color_red": ("Vmag",),
+        }
+    ),
+    flags=(
+        FlagRule("of", "in", (1.0,), StarFlag.OTHER_BAND),
+        FlagRule("of", "in", (2.0, 8.0, 9.0), StarFlag.DOUBTFUL),
+        FlagRule("db", "above", 0.0, StarFlag.DOUBLE),
+    ),
+    # as the reader of the zone files has it: median in CDS's sample of 1000 stars
+    other_shift_mag=-0.10,
+    no_magnitude_mag=20.0,
+    sigma_pm_mas_yr=10.0,
+    zero_motion_is_none=True,
+)
+"""CDS I/322A. Bright stars have no magnitude of the telescope's own: no column by which to limit."""
+
+USNO_B1 = KnownTable(
+    band="R",
+    epoch_yr=2000.0,
+    faintest_mag=21.5,
+    color_name="B-R",
+    roles=MappingProxyType(
+        {
+            "ra": ("RAJ2000",),
+            "dec": ("DEJ2000",),
+            "e_ra": ("e_RAJ2000",),
+            "e_dec": ("e_DEJ2000",),
+            "mean_epoch_ra": ("Epoch",),
+            "mean_epoch_dec": ("Epoch",),
+            "pm_ra": ("pmRA",),
+            "pm_dec": ("pmDE",),
+            "e_pm_ra": ("e_pmRA",),
+            "e_pm_dec": ("e_pmDE",),
+            "mag": ("R2mag", "R1mag"),
+            "mag_other": ("B2mag", "B1mag"),
+            "color_blue": ("B2mag", "B1mag"),
+            "color_red": ("R2mag", "R1mag"),
+        }
+    ),
+    flags=(
+        FlagRule("Ndet", "below", 2.0, StarFlag.DOUBTFUL),
+        FlagRule("Flags", "has", "s", StarFlag.DOUBTFUL),
+    ),
+    may_lack=frozenset({"Flags"}),
+    other_shift_mag=-0.9,
+    no_magnitude_mag=21.0,
+    least_sigma_pm_mas_yr=4.0,
+    sigma_mas=300.0,
+    # the ReadMe: "the estimated accuracies are 0.2arcsec for the positions at J2000"
+    added_sigma_mas=200.0,
+    no_error_mas=999.0,
+    sigma_pm_mas_yr=10.0,
+    zero_motion_is_none=True,
+)
+"""CDS I/284. Of the two red plates either may be missing: no column by which to limit."""
+
+TYCHO2 = KnownTable(
+    band="V",
+    epoch_yr=2000.0,
+    faintest_mag=13.0,
+    color_name="B-V",
+    roles=MappingProxyType(
+        {
+            # stars without a mean position stand where they were observed
+            "ra": ("RAmdeg", "RA(ICRS)"),
+            "dec": ("DEmdeg", "DE(ICRS)"),
+            "e_ra": ("e_RAmdeg",),
+            "e_dec": ("e_DEmdeg",),
+            "mean_epoch_ra": ("EpRAm",),
+            "mean_epoch_dec": ("EpDEm",),
+            "pm_ra": ("pmRA",),
+            "pm_dec": ("pmDE",),
+            "e_pm_ra": ("e_pmRA",),
+            "e_pm_dec": ("e_pmDE",),
+            "mag": ("VTmag",),
+            "color_blue": ("BTmag",),
+        }
+    ),
+    may_lack=frozenset({"RA(ICRS)", "DE(ICRS)"}),
+    flags=(FlagRule("pflag", "has", "P", StarFlag.DOUBLE),),
+    sigma_mas=100.0,
+    sigma_pm_mas_yr=3.0,
+    is_tycho_photometry=True,
+)
+"""CDS I/259, main table; the brightest stars are in its supplement."""
+
+GAIA_DR3 = KnownTable(
+    band="G",
+    epoch_yr=2016.0,
+    faintest_mag=21.5,
+    color_name="BP-RP",
+    roles=MappingProxyType(
+        {
+            "ra": ("RA_ICRS",),
+            "dec": ("DE_ICRS",),
+            "e_ra": ("e_RA_ICRS",),
+            "e_dec": ("e_DE_ICRS",),
+            "pm_ra": ("pmRA",),
+            "pm_dec": ("pmDE",),
+            "e_pm_ra": ("e_pmRA",),
+            "e_pm_dec": ("e_pmDE",),
+            "mag": ("Gmag",),
+            "color": ("BP-RP",),
+        }
+    ),
+    flags=(FlagRule("RUWE", "above", 1.4, StarFlag.DOUBLE),),
+    limit_column="Gmag",
+    sigma_mas=5.0,
+    sigma_pm_mas_yr=3.0,
+)
+"""CDS I/355."""
+
+GAIA_ARCHIVE = KnownTable(
+    band="G",
+    epoch_yr=2016.0,
+    faintest_mag=21.5,
+    color_name="BP-RP",
+    roles=MappingProxyType(
+        {
+            "ra": ("ra",),
+            "dec": ("dec",),
+            "e_ra": ("ra_error",),
+            "e_dec": ("dec_error",),
+            "pm_ra": ("pmra",),
+            "pm_dec": ("pmdec",),
+            "e_pm_ra": ("pmra_error",),
+            "e_pm_dec": ("pmdec_error",),
+            "mag": ("phot_g_mean_mag",),
+            "color": ("bp_rp",),
+        }
+    ),
+    flags=(FlagRule("ruwe", "above", 1.4, StarFlag.DOUBLE),),
+    limit_column="phot_g_mean_mag",
+    sigma_mas=5.0,
+    sigma_pm_mas_yr=3.0,
+)
+"""The Gaia archive's own table, of data release 3 (ref_epoch 2016.0)."""
+
+_BY_NAME = {
+    "I/322A": UCAC4,
+    "I/322A/out": UCAC4,
+    "I/284": USNO_B1,
+    "I/284/out": USNO_B1,
+    "I/259": TYCHO2,
+    "I/259/tyc2": TYCHO2,
+    "I/355": GAIA_DR3,
+    "I/355/gaiadr3": GAIA_DR3,
+    "gaiadr3.gaia_source": GAIA_ARCHIVE,
+}
+_WHOLE_NAME = {"I/322A": "I/322A/out", "I/284": "I/284/out", "I/259": "I/259/tyc2", "I/355": "I/355/gaiadr3"}
+
+
+def known_table(table: str) -> KnownTable | None:
+    """What is known of a table.
+
+    Parameters
+    ----------
+    table : str
+        Such as "I/355" or "I/355/gaiadr3".
+    """
+    return _BY_NAME.get(table)
+
+
+def table_proper(table: str) -> str:
+    """The table of a catalog: "I/355/gaiadr3" for "I/355"; others as they are."""
+    return _WHOLE_NAME.get(table, table)
+
 
 VIZIER_URL = "https://vizier.cds.unistra.fr"
 CACHE_FORMAT = 1

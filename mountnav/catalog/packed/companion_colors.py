@@ -33,7 +33,7 @@ from mountnav.parsing import json_of
 Array = NDArray[np.float64]
 Facts = dict[str, str | int | float]
 
-SUFFIX = ".colors"
+COLORS_SUFFIX = ".colors"
 MAGIC = b"MNAVCOLR"
 VERSION = 1
 UNKNOWN = 255
@@ -90,7 +90,7 @@ class CompanionColors:
         BadSettings
             They can't be read.
         """
-        path = catalog.with_suffix(SUFFIX)
+        path = catalog.with_suffix(COLORS_SUFFIX)
         try:
             with open_buffered(path) as file:
                 start = file.read(_PREAMBLE_BYTES + _LONGEST_HEADER_BYTES)
@@ -176,7 +176,7 @@ def write_companion(
     }
     text = _text(told | {"sha256": hashlib.sha256(_text(told)).hexdigest()})
     text += b" " * (-(_PREAMBLE_BYTES + len(text)) % _ALIGNMENT_BYTES)
-    path = catalog.with_suffix(SUFFIX)
+    path = catalog.with_suffix(COLORS_SUFFIX)
     part = path.with_name(path.name + ".part")
     with part.open("wb") as out:
         out.write(MAGIC + VERSION.to_bytes(4, "little") + len(text).to_bytes(4, "little") + text)

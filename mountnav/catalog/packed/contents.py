@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.catalog.packed.pixel_centers import TABLE_NSIDE, pixel_centers
+from mountnav.catalog.packed.pixels import TABLE_NSIDE, pixel_centers
 from mountnav.catalog.packed.store import PackedStore
 from mountnav.catalog.space_motion import places
 from mountnav.sky.coordinates import Icrs
@@ -18,8 +18,8 @@ SMALL_COUNT = 300_000
 """So many stars are looked at one by one."""
 LARGE_SHARE = 0.2
 """With less of the sky covered, most places on it would be looked at in vain."""
-PLACES = 48
-STARS_AT_A_PLACE = 1500
+SAMPLED_FIELDS = 48
+STARS_IN_A_FIELD = 1500
 _STEP = 19_427
 """No divisor of the number of pixels: steps of it go over the sky evenly, and reach every pixel at last."""
 
@@ -111,7 +111,7 @@ def _sample(store: PackedStore, share: float, epoch_yr: float) -> Sample:
     if len(store) <= SMALL_COUNT:
         found = [store.cone(Icrs(0.0, 90.0), 180.0, epoch_yr=epoch_yr)]
     else:
-        area_deg2 = STARS_AT_A_PLACE / (len(store) / (share * WHOLE_SKY_DEG2))
+        area_deg2 = STARS_IN_A_FIELD / (len(store) / (share * WHOLE_SKY_DEG2))
         radius_deg = math.sqrt(area_deg2 / math.pi)
         looked_at = _spread(store, radius_deg) if share > LARGE_SHARE else _bright(store)
         found = [store.cone(center, radius_deg, epoch_yr=epoch_yr) for center in looked_at]
@@ -131,10 +131,10 @@ def _bright(store: PackedStore) -> list[Icrs]:
     limit = brightest
     while True:
         stars = store.cone(Icrs(0.0, 90.0), 180.0, epoch_yr=store.header.epoch_yr, mag_limit=limit)
-        if len(stars) >= 4 * PLACES or limit >= faintest:
+        if len(stars) >= 4 * SAMPLED_FIELDS or limit >= faintest:
             break
         limit += 0.5
-    chosen = np.argsort(stars.ra_deg)[:: max(1, len(stars) // PLACES)][:PLACES]
+    chosen = np.argsort(stars.ra_deg)[:: max(1, len(stars) // SAMPLED_FIELDS)][:SAMPLED_FIELDS]
     return [Icrs(float(stars.ra_deg[row]), float(stars.dec_deg[row])) for row in chosen]
 
 
@@ -148,6 +148,6 @@ def _spread(store: PackedStore, radius_deg: float) -> list[Icrs]:
     for ra, dec in zip(ra_deg.tolist(), dec_deg.tolist(), strict=True):
         if store.covers(Icrs(ra, dec), radius_deg):
             found.append(Icrs(ra, dec))
-            if len(found) == PLACES:
+            if len(found) == SAMPLED_FIELDS:
                 break
     return found

@@ -25,10 +25,10 @@ from mountnav.catalog.packed.format import (
     STAR,
     TOP,
     Header,
+    decode_header,
     malformed,
 )
-from mountnav.catalog.packed.header import decode_header
-from mountnav.catalog.packed.pixel_choice import Runs
+from mountnav.catalog.packed.pixels import Runs
 from mountnav.errors import BadSettings
 from mountnav.files import open_buffered
 

@@ -14,7 +14,7 @@ from mountnav.catalog.malformed import malformed_at
 from mountnav.errors import BadCatalog
 from mountnav.files import open_plain
 from mountnav.reading.content import OnDisk
-from mountnav.reading.fits_cards import BLOCK_LENGTH, Cards, read_cards
+from mountnav.reading.fits_headers import BLOCK_LENGTH, Cards, read_cards
 
 Array = NDArray[np.float64]
 

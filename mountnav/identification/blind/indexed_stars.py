@@ -18,9 +18,9 @@ from mountnav.catalog.packed.format import (
     PREAMBLE_BYTES,
     RA_STEP_DEG,
     STAR,
+    decode_header,
     proper_motions,
 )
-from mountnav.catalog.packed.header import decode_header
 from mountnav.catalog.space_motion import motion_vectors, places, unit_vectors
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadSettings

@@ -19,7 +19,7 @@ from mountnav.errors import BadFrame, BadRequest
 from mountnav.files import open_plain
 from mountnav.measuring.calibration.facts import CameraFacts, Card, facts_from_header
 from mountnav.reading.content import OnDisk
-from mountnav.reading.fits_extensions import check_size, walk
+from mountnav.reading.fits_headers import check_size, walk
 from mountnav.reading.fits_images import unpacked_tiles
 from mountnav.reading.unpacking import check_ratio
 

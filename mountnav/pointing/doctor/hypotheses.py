@@ -22,8 +22,7 @@ from mountnav.pointing.doctor.priors import (
     ZERO_SIGMA_DEG,
     ZEROS,
 )
-from mountnav.sky.coordinates import Site
-from mountnav.sky.turning import SOLAR_TO_SIDEREAL
+from mountnav.sky.coordinates import SOLAR_TO_SIDEREAL, Site
 
 _TRIED = 3
 _UNKNOWN_DEG = (0.3, 5.0, 60.0)

@@ -14,8 +14,7 @@ from mountnav.pointing.doctor.facts import Array, Facts, from_altaz, wrapped
 from mountnav.pointing.doctor.findings import CERTAIN, Finding, Illness, Measured
 from mountnav.pointing.doctor.priors import CAMERA_TURNED, FALSE_SOLVE, MIRRORED, PIER_SIDE
 from mountnav.pointing.observation import PointingObservation
-from mountnav.sky.coordinates import Site
-from mountnav.sky.turning import SOLAR_TO_SIDEREAL
+from mountnav.sky.coordinates import SOLAR_TO_SIDEREAL, Site
 
 __all__ = ["BELOW_DEG", "SkyCheck", "check_sky"]
 

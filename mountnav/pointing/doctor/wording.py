@@ -15,8 +15,7 @@ from mountnav.pointing.doctor.findings import CERTAIN, Finding, Illness, Measure
 from mountnav.pointing.doctor.hypotheses import Shape, Turn, ZeroPoint
 from mountnav.pointing.doctor.priors import NAMED, SUSPICION
 from mountnav.pointing.doctor.sky_checks import SideCheck
-from mountnav.sky.coordinates import Site
-from mountnav.sky.turning import SIDEREAL_DEG_S, SOLAR_TO_SIDEREAL
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, SOLAR_TO_SIDEREAL, Site
 
 _NAMES: dict[Epoch, str] = {"apparent": "JNow (of date)", "icrs": "J2000"}
 _AXES = {"IH": "hour angle", "ID": "declination"}

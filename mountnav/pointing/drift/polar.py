@@ -13,8 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from mountnav.pointing.drift.values import PolarAlignment, PolarError, Stretch
-from mountnav.sky.coordinates import Site
-from mountnav.sky.turning import SIDEREAL_DEG_S
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Site
 
 RAD_H = math.radians(SIDEREAL_DEG_S * 3600.0)
 """How far the sky turns in an hour, rad."""

@@ -18,9 +18,8 @@ from mountnav.sky.chain import (
     icrs_to_apparent,
     icrs_to_hour_angle,
 )
-from mountnav.sky.coordinates import Apparent, HourAngle, Site
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, HourAngle, Site
 from mountnav.sky.sphere import Offset, half_turn_deg, offset_arcsec, separation_arcsec
-from mountnav.sky.turning import SIDEREAL_DEG_S
 
 MOVED_ARCSEC = 120.0
 """A reading that changes by more was moved; guiding and rounding change less."""

@@ -16,8 +16,7 @@ from mountnav.pointing.limits.directions import Floats, of_axes
 from mountnav.pointing.limits.postures import Standing
 from mountnav.pointing.limits.scene import Scene
 from mountnav.sky.chain import hour_angle_to_observed, icrs_to_hour_angle, icrs_to_observed
-from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site
-from mountnav.sky.turning import SIDEREAL_DEG_S
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, HourAngle, Icrs, Site
 
 if TYPE_CHECKING:
     from mountnav.pointing.limits.bounds import Limits

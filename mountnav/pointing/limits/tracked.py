@@ -13,8 +13,7 @@ from mountnav.pointing.limits.directions import Floats, of_axes
 from mountnav.pointing.limits.postures import Mounting, Standing, side_by_rule, standing_at
 from mountnav.pointing.limits.scene import Depths, Scene
 from mountnav.sky.chain import hour_angle_to_observed, icrs_to_hour_angle
-from mountnav.sky.coordinates import Air, HourAngle, Icrs
-from mountnav.sky.turning import SIDEREAL_DEG_S
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, HourAngle, Icrs
 
 _STEP_S = 60.0
 _DEEPER_DEG = 0.02

@@ -29,8 +29,16 @@ from mountnav.sky.chain import (
     icrs_to_hour_angle,
     observed_to_hour_angle,
 )
-from mountnav.sky.coordinates import Air, Apparent, GeometricHourAngle, HourAngle, Icrs, Observed, Site
-from mountnav.sky.turning import SIDEREAL_ARCSEC_S
+from mountnav.sky.coordinates import (
+    SIDEREAL_ARCSEC_S,
+    Air,
+    Apparent,
+    GeometricHourAngle,
+    HourAngle,
+    Icrs,
+    Observed,
+    Site,
+)
 
 Bools = NDArray[np.bool_]
 Numbers = NDArray[np.int64]

@@ -16,9 +16,9 @@ from fastapi import FastAPI
 
 from api.http.app import create_app
 from api.service import Service
+from mountnav.clock import in_virtual_time, utc_now
 from mountnav.settings.observatory import Settings
 from mountnav.simulation.sky_clock import FastClock
-from mountnav.sky.present import utc_now, virtual_present
 
 OBSERVATORY = """
 [service]
@@ -193,7 +193,7 @@ async def running(
     toml: str = OBSERVATORY, *, speed: float | None = None, headers: dict[str, str] | None = None
 ) -> AsyncIterator[Running]:
     """A service without a socket; what can be connected is. With a speed it lives in a time of its own."""
-    with nullcontext() if speed is None else virtual_present(FastClock(speed, utc_now())):
+    with nullcontext() if speed is None else in_virtual_time(FastClock(speed, utc_now())):
         async with _running(toml, headers) as found:
             yield found
 

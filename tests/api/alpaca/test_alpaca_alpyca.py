@@ -33,9 +33,9 @@ from alpaca.telescope import (
 
 from api.http.app import create_app
 from api.http.serving import bind, make_server
+from mountnav.clock import in_virtual_time, utc_now
 from mountnav.settings.observatory import Settings
 from mountnav.simulation.sky_clock import FastClock
-from mountnav.sky.present import utc_now, virtual_present
 from tests.api.alpaca.alpaca_observatory import OBSERVATORY, SPEED
 
 
@@ -45,7 +45,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     toml = OBSERVATORY.replace("discovery = false", "discovery_port = 0")
     with (
         pytest.MonkeyPatch.context() as patch,
-        virtual_present(FastClock(SPEED, utc_now())),
+        in_virtual_time(FastClock(SPEED, utc_now())),
         bind("127.0.0.1", 0) as listener,
     ):
         patch.setenv("MOUNTNAV_JOURNAL", str(tmp_path_factory.mktemp("alpyca") / "journal.sqlite"))

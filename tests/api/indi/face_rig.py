@@ -13,10 +13,11 @@ from api.service import Service, open_service
 from drivers.indi.codec import messages as orders
 from drivers.indi.codec.messages import Changed, Defined, Event, Reader, State
 from mountnav.catalog.embedded import embedded_catalog
+from mountnav.clock import utc_now
 from mountnav.settings.observatory import Settings
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_apparent
-from mountnav.sky.coordinates import Air, Apparent, HourAngle, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Air, Apparent, HourAngle, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 
 SITE = Site(47.0, 11.0, 600.0)

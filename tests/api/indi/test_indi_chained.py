@@ -16,8 +16,9 @@ from api.indi_server.server import IndiServer
 from api.service import Service
 from drivers.indi.codec import messages
 from drivers.registry import open_camera
+from mountnav.clock import utc_now
 from mountnav.sky.chain import apparent_to_icrs
-from mountnav.sky.coordinates import Apparent, utc_now
+from mountnav.sky.coordinates import Apparent
 from mountnav.sky.sphere import separation_arcsec
 from tests.api.indi.face_rig import (
     OBSERVATORY,

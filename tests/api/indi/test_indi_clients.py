@@ -12,7 +12,8 @@ from api.indi_server.server import IndiServer
 from api.service import Service
 from drivers.indi.codec import messages
 from drivers.indi.codec.messages import State
-from mountnav.sky.coordinates import Apparent, utc_now
+from mountnav.clock import utc_now
+from mountnav.sky.coordinates import Apparent
 from tests.api.indi.face_rig import (
     apart_arcsec,
     coordinates,

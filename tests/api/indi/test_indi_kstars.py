@@ -14,7 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from mountnav.sky.coordinates import Apparent, utc_now
+from mountnav.clock import utc_now
+from mountnav.sky.coordinates import Apparent
 from tests.api.indi.face_rig import apart_arcsec, indi_observatory, mechanics_of, until
 
 PROGRAMS = {"kstars": "kstars", "Xvfb": "xvfb", "dbus-daemon": "dbus-daemon", "dbus-send": "dbus-bin"}

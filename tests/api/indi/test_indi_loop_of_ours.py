@@ -14,9 +14,10 @@ from api.orders.vocabulary import SetParkOrder
 from api.service import Service
 from drivers.generic.mount import GenericMount
 from drivers.registry import open_mount
+from mountnav.clock import utc_now
 from mountnav.devices import Direction, Skill, SlewOutcome, SyncOutcome
 from mountnav.errors import DeviceRefused, Refusal
-from mountnav.sky.coordinates import Apparent, utc_now
+from mountnav.sky.coordinates import Apparent
 from tests.api.indi.face_rig import SITE, apart_arcsec, indi_observatory, mechanics_of, up_now
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.long]

@@ -18,7 +18,8 @@ from api.orders.vocabulary import SlewOrder, TrackingOrder
 from api.service import Service
 from drivers.indi.codec import messages
 from drivers.indi.codec.messages import Changed, Defined, Deleted, State
-from mountnav.sky.coordinates import Apparent, utc_now
+from mountnav.clock import utc_now
+from mountnav.sky.coordinates import Apparent
 from tests.api.indi.face_rig import (
     Raw,
     apart_arcsec,

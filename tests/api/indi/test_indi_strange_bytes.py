@@ -16,7 +16,7 @@ from api.orders.targets import ApparentTarget
 from api.orders.vocabulary import SlewOrder
 from api.service import Service
 from drivers.indi.codec.messages import State
-from mountnav.sky.coordinates import utc_now
+from mountnav.clock import utc_now
 from tests.api.indi.face_rig import (
     apart_arcsec,
     coordinates,

@@ -17,11 +17,12 @@ from api.service import Service
 from drivers.generic.mount import GenericMount
 from drivers.lx200.codec.angles import dec_from_text, dec_to_text, ra_from_text, ra_to_text
 from drivers.registry import open_mount
+from mountnav.clock import utc_now
 from mountnav.devices import SlewOutcome, SyncOutcome
 from mountnav.errors import BadSettings, DeviceRefused, Refusal
 from mountnav.settings.faces import Lx200ServerSettings, StellariumSettings
 from mountnav.sky.chain import apparent_to_icrs
-from mountnav.sky.coordinates import Apparent, utc_now
+from mountnav.sky.coordinates import Apparent
 from mountnav.sky.sphere import separation_arcsec
 from tests.api.indi.face_rig import SITE, apart_arcsec, mechanics_of, observatory, up_now
 

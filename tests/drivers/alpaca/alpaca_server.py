@@ -23,11 +23,12 @@ from urllib.parse import parse_qsl, urlsplit
 
 import numpy as np
 
+from mountnav.clock import utc_now
 from mountnav.devices import PierSide, TrackingRate
 from mountnav.errors import Refusal
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.chain import apparent_to_icrs, icrs_to_apparent
-from mountnav.sky.coordinates import Air, Apparent, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
 
 HERE = Site(49.6, 36.9, 140.0)
 _SIDES = {PierSide.EAST: 0, PierSide.WEST: 1, PierSide.UNKNOWN: -1}

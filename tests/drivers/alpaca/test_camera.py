@@ -14,6 +14,7 @@ import pytest
 
 from drivers.generic.camera import GenericCamera
 from drivers.registry import open_camera
+from mountnav.clock import utc_now
 from mountnav.errors import (
     BadFrame,
     BadRequest,
@@ -25,7 +26,6 @@ from mountnav.errors import (
     DeviceRefused,
     DeviceSilent,
 )
-from mountnav.sky.coordinates import utc_now
 from tests.drivers.alpaca.alpaca_server import AlpacaError, AlpacaServer, FakeCamera, Fault
 
 

@@ -12,6 +12,7 @@ import pytest
 from drivers.generic.link_supervisor import LinkState
 from drivers.generic.mount import GenericMount
 from drivers.registry import open_mount
+from mountnav.clock import utc_now
 from mountnav.devices import (
     Announces,
     Direction,
@@ -26,7 +27,7 @@ from mountnav.devices import (
 )
 from mountnav.errors import BadSettings, DeviceError, DeviceMissing, DeviceRefused, DeviceSilent, Refusal
 from mountnav.simulation.mechanics import Machine
-from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Apparent, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.testing.check_mount import check_mount
 from tests.drivers.alpaca.alpaca_server import (

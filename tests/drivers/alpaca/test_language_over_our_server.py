@@ -11,11 +11,12 @@ import pytest
 
 from drivers.generic.mount import GenericMount
 from drivers.registry import open_mount
+from mountnav.clock import utc_now
 from mountnav.devices import Skill, SlewOutcome, SyncOutcome
 from mountnav.errors import DeviceRefused
 from mountnav.settings.observatory import Settings
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_apparent
-from mountnav.sky.coordinates import Air, Apparent, HourAngle, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Air, Apparent, HourAngle, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 
 TOML = """

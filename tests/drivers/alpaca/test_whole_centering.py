@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from mountnav.catalog.embedded import embedded_catalog
+from mountnav.clock import utc_now
 from mountnav.settings.observatory import Settings
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.render import draw_frame
 from mountnav.sky.chain import apparent_to_icrs
-from mountnav.sky.coordinates import Air, Apparent, utc_now
+from mountnav.sky.coordinates import Air, Apparent
 from mountnav.sky.sphere import separation_arcsec
 from tests.drivers.alpaca.alpaca_server import HERE, AlpacaServer, FakeCamera, FakeTelescope
 

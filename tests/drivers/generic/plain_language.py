@@ -7,10 +7,11 @@ from datetime import datetime, timedelta
 
 from drivers.generic.language import Identity, Readout, Sent, Unskilled, Wanted
 from drivers.wire.wire_log import WireLog
+from mountnav.clock import utc_now
 from mountnav.devices import Direction, Epoch, Skill, TrackingRate
 from mountnav.errors import DeviceGarbled, DeviceMissing, DeviceRefused, DeviceSilent, Refusal
 from mountnav.simulation.mechanics import Mechanics
-from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Apparent, Icrs, Site
 
 
 class PlainLanguage(Unskilled):

@@ -16,6 +16,7 @@ from drivers.generic.link_supervisor import LinkState
 from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
 from drivers.generic.reading_filter import Believed
+from mountnav.clock import in_virtual_time, utc_now
 from mountnav.devices import (
     Announces,
     Direction,
@@ -30,8 +31,7 @@ from mountnav.devices import (
 from mountnav.errors import BadRequest, Busy, DeviceMissing, DeviceRefused, DeviceSilent, Refusal
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.simulation.sky_clock import FastClock
-from mountnav.sky.coordinates import Air, Apparent, Icrs, Site, utc_now
-from mountnav.sky.present import virtual_present
+from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.testing.check_mount import check_mount
 from tests.drivers.generic.plain_language import PlainLanguage
@@ -202,7 +202,7 @@ async def test_a_jump_without_an_order_takes_the_trust() -> None:
 @pytest.mark.parametrize(("speed", "counts"), [(1.0, False), (20.0, True)])
 def test_a_pause_of_the_machine_is_no_silence_under_a_fast_sky(speed: float, counts: bool) -> None:
     """What lasts seconds of the sky is a blink to us there: nobody was silent."""
-    with virtual_present(FastClock(speed, ticks=lambda: 0.0)):
+    with in_virtual_time(FastClock(speed, ticks=lambda: 0.0)):
         mount = GenericMount(plain(), timing=replace(QUICK, heartbeat_s=1.0, silence_s=1.2), site=HERE)
         tended = mount._tended
         before = Readout(Apparent(10.0, 20.0, utc_now()), utc_now(), slewing=False)

@@ -9,9 +9,10 @@ from dataclasses import replace
 import pytest
 
 from drivers.generic.mount import GenericMount
+from mountnav.clock import utc_now
 from mountnav.devices import Direction, SlewOutcome, SlewState
 from mountnav.errors import DeviceError, DeviceRefused, RefusedButDone
-from mountnav.sky.coordinates import Apparent, utc_now
+from mountnav.sky.coordinates import Apparent
 from tests.drivers.generic.plain_language import PlainLanguage
 from tests.drivers.generic.test_mount import QUICK, plain, rigged
 

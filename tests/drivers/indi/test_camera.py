@@ -16,8 +16,8 @@ from drivers.indi.codec import messages
 from drivers.indi.codec.exposure import Exposure
 from drivers.indi.codec.messages import Blob, Changed, State
 from drivers.registry import open_camera
+from mountnav.clock import utc_now
 from mountnav.errors import BadRequest, BadSettings, Busy, Cancelled, DeviceMissing, DeviceRefused
-from mountnav.sky.coordinates import utc_now
 from tests.drivers.indi.real_server import CCD, IndiServer
 
 

@@ -16,9 +16,10 @@ from drivers.indi.codec.answers import reason_of, refusal, slew_was_refused, was
 from drivers.indi.codec.messages import Changed, Reader, State
 from drivers.indi.codec.state import Property
 from drivers.registry import open_mount
+from mountnav.clock import utc_now
 from mountnav.devices import Direction, SlewOutcome, SlewState, SyncOutcome, TrackingRate
 from mountnav.errors import DeviceMissing, DeviceRefused, Refusal
-from mountnav.sky.coordinates import Apparent, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Apparent, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.testing.check_mount import check_mount
 from tests.drivers.indi.real_server import TELESCOPE, IndiServer

@@ -18,10 +18,11 @@ from drivers.generic.mount import GenericMount
 from drivers.indi.codec import messages
 from drivers.nexstar.fake import FakeNexstar
 from drivers.registry import open_mount
+from mountnav.clock import utc_now
 from mountnav.devices import Skill, SlewOutcome, SlewState, SyncOutcome
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.chain import sidereal_time_deg
-from mountnav.sky.coordinates import Air, Apparent, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 from tests.drivers.indi.real_server import IndiServer
 from tests.drivers.ioptron import german_fakes

@@ -13,11 +13,12 @@ from drivers.generic.mount import GenericMount
 from drivers.indi.codec import messages
 from drivers.lx200.fake.base import FakeLx200
 from drivers.registry import open_mount
+from mountnav.clock import utc_now
 from mountnav.devices import SlewOutcome, SyncOutcome
 from mountnav.errors import DeviceRefused, Refusal
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_apparent
-from mountnav.sky.coordinates import Air, Apparent, HourAngle, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Air, Apparent, HourAngle, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 from tests.drivers.indi.real_server import IndiServer
 

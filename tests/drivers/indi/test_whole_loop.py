@@ -10,11 +10,12 @@ import pytest
 
 from drivers.registry import open_camera, open_mount
 from mountnav.catalog.embedded import embedded_catalog
+from mountnav.clock import utc_now
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.reports import CenterOutcome
 from mountnav.sky.chain import hour_angle_to_icrs
-from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 from tests.drivers.indi.real_server import CCD, IndiServer
 from tests.drivers.indi.real_sky import GscSky, SkyUnderSyncs

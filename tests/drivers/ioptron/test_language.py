@@ -13,6 +13,7 @@ from drivers.generic.mount import GenericMount
 from drivers.ioptron.fake import FakeIoptron
 from drivers.ioptron.mount import ioptron_mount
 from drivers.registry import open_mount
+from mountnav.clock import utc_now
 from mountnav.devices import SlewOutcome, SyncOutcome
 from mountnav.errors import (
     BadRequest,
@@ -24,7 +25,7 @@ from mountnav.errors import (
     DeviceSilent,
     Refusal,
 )
-from mountnav.sky.coordinates import Apparent, Icrs, utc_now
+from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.testing.check_mount import check_mount
 from tests.drivers.ioptron.german_fakes import (

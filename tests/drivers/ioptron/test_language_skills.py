@@ -14,13 +14,13 @@ from drivers.ioptron.codec.values import MountState
 from drivers.ioptron.family import DIALECTS, MACHINE, fake_from
 from drivers.ioptron.mount import ioptron_language, ioptron_mount
 from drivers.registry import open_mount
+from mountnav.clock import utc_now
 from mountnav.devices import Direction, PierSide, Skill, SlewOutcome, TrackingRate
 from mountnav.errors import BadRequest, DeviceRefused, Refusal
 from mountnav.simulation.mechanics import RATES_DEG_S, Mechanics
 from mountnav.sky.chain import apparent_to_icrs
-from mountnav.sky.coordinates import Site, utc_now
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Site
 from mountnav.sky.sphere import separation_arcsec
-from mountnav.sky.turning import SIDEREAL_DEG_S
 from tests.drivers.ioptron.german_fakes import (
     HERE,
     PATIENCE,

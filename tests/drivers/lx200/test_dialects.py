@@ -19,10 +19,11 @@ from drivers.lx200.fake.base import FakeLx200
 from drivers.lx200.family import DIALECTS, fake_from
 from drivers.lx200.mount import lx200_mount
 from drivers.wire.exchange import Patience
+from mountnav.clock import utc_now
 from mountnav.devices import Direction, PierSide, Skill, SlewOutcome, TrackingRate
 from mountnav.errors import BadRequest, BadSettings, DeviceError, DeviceRefused, Refusal
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
-from mountnav.sky.coordinates import Air, Apparent, Site, utc_now
+from mountnav.sky.coordinates import Air, Apparent, Site
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.testing.check_mount import check_mount
 

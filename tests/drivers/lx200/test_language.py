@@ -18,11 +18,12 @@ from drivers.generic.options import Timing
 from drivers.lx200.fake.base import FakeLx200
 from drivers.lx200.mount import lx200_mount
 from drivers.wire.exchange import Patience
+from mountnav.clock import utc_now
 from mountnav.devices import Epoch, SlewOutcome, SyncOutcome
 from mountnav.errors import BadRequest, Busy, DeviceMissing, DeviceRefused, DeviceSilent
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.simulation.sky_clock import FastClock
-from mountnav.sky.coordinates import Air, Apparent, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.testing.check_mount import check_mount
 

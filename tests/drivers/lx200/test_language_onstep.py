@@ -10,9 +10,10 @@ import pytest
 
 from drivers.fakes.faults import Fault, RandomFaults
 from drivers.lx200.fake.onstep import OnStepSpeaker
+from mountnav.clock import utc_now
 from mountnav.devices import Direction, PierSide, SlewOutcome, SyncOutcome, TrackingRate
 from mountnav.errors import DeviceError, DeviceRefused, Refusal
-from mountnav.sky.coordinates import Apparent, utc_now
+from mountnav.sky.coordinates import Apparent
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.testing.check_mount import check_mount
 from tests.drivers.lx200.german_fakes import QUICK, SITE, beside, german, opened, switched_on

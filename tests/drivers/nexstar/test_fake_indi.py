@@ -12,10 +12,11 @@ from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.nexstar.codec import base
 from drivers.nexstar.fake import FakeNexstar
 from drivers.nexstar.family import fake_from
+from mountnav.clock import utc_now
 from mountnav.devices import PierSide
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.chain import sidereal_time_deg
-from mountnav.sky.coordinates import Air, Apparent, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 from tests.drivers.indi_process import running
 

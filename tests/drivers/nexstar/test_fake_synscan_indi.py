@@ -16,9 +16,10 @@ from drivers.nexstar.codec.handsets import Handset, Version
 from drivers.nexstar.codec.replies import pair_from_text
 from drivers.nexstar.fake import FakeNexstar
 from drivers.nexstar.faking_synscan import SYNC_REACH_DEG
+from mountnav.clock import utc_now
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.chain import apparent_to_icrs, sidereal_time_deg
-from mountnav.sky.coordinates import Air, Apparent, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 from tests.drivers.indi_process import Indi, running
 

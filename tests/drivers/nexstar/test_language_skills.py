@@ -20,11 +20,12 @@ from drivers.nexstar.family import DIALECTS, fake_from
 from drivers.nexstar.mount import nexstar_mount
 from drivers.nexstar.parking import Horizon
 from drivers.wire.exchange import Patience
+from mountnav.clock import utc_now
 from mountnav.devices import Direction, PierSide, Skill, SlewOutcome, TrackingRate
 from mountnav.errors import BadRequest, DeviceRefused, Refusal
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.chain import sidereal_time_deg
-from mountnav.sky.coordinates import Air, Apparent, Site, utc_now
+from mountnav.sky.coordinates import Air, Apparent, Site
 from mountnav.sky.sphere import separation_arcsec
 
 HERE = Site(49.6, 36.9)

@@ -19,11 +19,12 @@ from drivers.nexstar.faking_synscan import DIALECTS, SYNC_REACH_DEG, fake_from
 from drivers.nexstar.mount import nexstar_mount
 from drivers.nexstar.parking import Horizon
 from drivers.wire.exchange import Patience
+from mountnav.clock import utc_now
 from mountnav.devices import SlewOutcome, SyncOutcome
 from mountnav.errors import BadRequest, DeviceRefused, Refusal
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.chain import apparent_to_icrs, sidereal_time_deg
-from mountnav.sky.coordinates import Air, Apparent, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.testing.check_mount import check_mount
 

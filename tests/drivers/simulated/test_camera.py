@@ -10,10 +10,11 @@ import pytest
 
 from drivers.simulated.camera import SimulatedCamera
 from mountnav.catalog.stars import Stars
+from mountnav.clock import utc_now
 from mountnav.devices import Camera
 from mountnav.errors import BadRequest, Busy, Cancelled
 from mountnav.simulation.optics import SimulatedOptics
-from mountnav.sky.coordinates import Icrs, utc_now
+from mountnav.sky.coordinates import Icrs
 
 OPTICS = SimulatedOptics(120, 90, 5.0)
 PLACE = Icrs(30.0, 20.0)

@@ -8,12 +8,13 @@ import pytest
 
 from drivers.simulated.camera import SimulatedCamera
 from mountnav.catalog.embedded import embedded_catalog
+from mountnav.clock import utc_now
 from mountnav.devices import PierSide
 from mountnav.frames import Hint
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_apparent
-from mountnav.sky.coordinates import Air, HourAngle, Site, utc_now
+from mountnav.sky.coordinates import Air, HourAngle, Site
 from mountnav.solving.solve import solve
 
 SITE, AIR = Site(48.93, 22.27), Air()

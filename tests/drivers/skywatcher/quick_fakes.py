@@ -15,8 +15,9 @@ from drivers.skywatcher.axes import SkywatcherSettings, place_of
 from drivers.skywatcher.fake import BOARDS, FakeSkywatcher
 from drivers.skywatcher.mount import skywatcher_mount
 from drivers.wire.exchange import Patience
+from mountnav.clock import utc_now
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
-from mountnav.sky.coordinates import Air, Apparent, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 
 NORTH, SOUTH = Site(49.6, 36.9, 150.0), Site(-33.3, 149.1, 600.0)

@@ -31,9 +31,8 @@ from drivers.skywatcher.axes import (
 from drivers.skywatcher.codec import Axis, Board
 from mountnav.devices import PierSide
 from mountnav.errors import DeviceRefused, Refusal
-from mountnav.sky.coordinates import Apparent, Icrs, Site
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, Icrs, Site
 from mountnav.sky.sphere import half_turn_deg, separation_arcsec
-from mountnav.sky.turning import SIDEREAL_DEG_S
 
 HOURS = st.floats(-179.9, 180.0)
 DECS = st.floats(-89.9, 89.9)

@@ -11,8 +11,9 @@ from urllib.parse import urlsplit
 import pytest
 
 from drivers.skywatcher.codec import Axis
+from mountnav.clock import utc_now
 from mountnav.devices import PierSide
-from mountnav.sky.coordinates import Apparent, Site, utc_now
+from mountnav.sky.coordinates import Apparent, Site
 from mountnav.sky.sphere import separation_arcsec
 from tests.drivers.indi_process import Indi, running
 from tests.drivers.skywatcher.quick_fakes import NORTH, SOUTH, WIRES, apart_arcsec, at, commands, quick

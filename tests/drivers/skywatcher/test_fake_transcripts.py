@@ -12,7 +12,7 @@ from drivers.skywatcher import codec
 from drivers.skywatcher.axes import Gearing
 from drivers.skywatcher.codec import Axis, Board
 from drivers.skywatcher.fake import FakeBoard, FakeSkywatcher
-from mountnav.sky.turning import SIDEREAL_DEG_S
+from mountnav.sky.coordinates import SIDEREAL_DEG_S
 from tests.drivers.skywatcher.quick_fakes import german
 
 _START = datetime(2026, 11, 21, 7, 11, 30, tzinfo=UTC)

@@ -16,10 +16,10 @@ from drivers.skywatcher.codec import Axis, Board
 from drivers.skywatcher.fake import BOARDS
 from drivers.skywatcher.family import mount_from
 from drivers.skywatcher.mount import skywatcher_mount
+from mountnav.clock import utc_now
 from mountnav.devices import Direction, PierSide, SlewOutcome, SyncOutcome, TrackingRate
 from mountnav.errors import BadSettings, DeviceRefused, DeviceSilent, Refusal
-from mountnav.sky.coordinates import Apparent, Site, utc_now
-from mountnav.sky.turning import SIDEREAL_DEG_S
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, Site
 from mountnav.testing.check_mount import check_mount
 from tests.drivers.skywatcher.quick_fakes import (
     NORTH,

@@ -10,6 +10,7 @@ import typer
 from typer.testing import CliRunner
 
 from api.cli.cli_model import model_app
+from mountnav.clock import utc_now
 from mountnav.errors import BadRequest, MountnavError, Unknown
 from mountnav.pointing.model.model import PointingModel
 from mountnav.pointing.model.planning import read_run
@@ -19,7 +20,7 @@ from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.sky.chain import apparent_to_icrs, icrs_to_apparent, icrs_to_observed
-from mountnav.sky.coordinates import Air, Icrs, Site, utc_now
+from mountnav.sky.coordinates import Air, Icrs, Site
 from mountnav.sky.sphere import displaced
 from tests.pointing.model.test_model_in_force import TRUTH, Telescope
 

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mountnav.clock import utc_now
 from mountnav.devices import PierSide
 from mountnav.errors import BadRequest
 from mountnav.pointing.limits import Limits
@@ -23,7 +24,7 @@ from mountnav.pointing.model.planning import (
     way_deg,
 )
 from mountnav.pointing.observation import PointingObservation
-from mountnav.sky.coordinates import Icrs, Site, utc_now
+from mountnav.sky.coordinates import Icrs, Site
 
 SITE = Site(48.93, 22.27)
 

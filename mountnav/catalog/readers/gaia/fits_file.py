@@ -17,9 +17,16 @@ from mountnav.catalog.readers.fits_tables import (
     texts,
     whole_numbers,
 )
-from mountnav.catalog.readers.gaia.epochs import epoch_in_texts
-from mountnav.catalog.readers.gaia.quantities import QUANTITIES, found_columns, require_unit
-from mountnav.catalog.readers.gaia.tables import LARGEST_CHUNK, Block, Layout, Piece
+from mountnav.catalog.readers.gaia.tables import (
+    LARGEST_CHUNK,
+    QUANTITIES,
+    Block,
+    Layout,
+    Piece,
+    epoch_in_texts,
+    found_columns,
+    require_unit,
+)
 from mountnav.errors import BadCatalog
 
 _PIECE_BYTES = 256 * 2**20

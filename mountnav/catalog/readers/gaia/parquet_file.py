@@ -10,10 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.catalog.malformed import malformed_at
-from mountnav.catalog.readers.gaia.described import described_columns
-from mountnav.catalog.readers.gaia.epochs import epoch_in_texts
-from mountnav.catalog.readers.gaia.quantities import QUANTITIES, found_columns, require_unit
-from mountnav.catalog.readers.gaia.tables import LARGEST_CHUNK, Block, Layout, Piece
+from mountnav.catalog.readers.gaia.tables import (
+    LARGEST_CHUNK,
+    QUANTITIES,
+    Block,
+    Layout,
+    Piece,
+    described_columns,
+    epoch_in_texts,
+    found_columns,
+    require_unit,
+)
 from mountnav.errors import BadCatalog
 from mountnav.files import open_buffered
 

@@ -7,11 +7,15 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.catalog.packed.error_classes import error_curve
+from mountnav.catalog.packed.error_classes import error_curve, unknown_motion_mas_yr
 from mountnav.catalog.packed.packing import CatalogColumns
-from mountnav.catalog.readers.gaia.epochs import EARLIEST_YR, LATEST_YR, RELEASE_EPOCHS_YR, unknown_epoch
-from mountnav.catalog.readers.gaia.tables import Block
-from mountnav.catalog.readers.unknown_motion import unknown_motion_mas_yr
+from mountnav.catalog.readers.gaia.tables import (
+    EARLIEST_YR,
+    LATEST_YR,
+    RELEASE_EPOCHS_YR,
+    Block,
+    unknown_epoch,
+)
 from mountnav.catalog.space_motion import motion_vectors, motions_seen, places, unit_vectors
 from mountnav.catalog.stars import StarFlag
 

@@ -16,9 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.catalog.malformed import malformed_at
-from mountnav.catalog.readers.gaia.epochs import epoch_in_texts, epoch_of_label
-from mountnav.catalog.readers.gaia.quantities import QUANTITIES, found_columns, require_unit
-from mountnav.catalog.readers.gaia.tables import LARGEST_CHUNK, Block, Layout, Piece
+from mountnav.catalog.readers.gaia.tables import (
+    LARGEST_CHUNK,
+    QUANTITIES,
+    Block,
+    Layout,
+    Piece,
+    epoch_in_texts,
+    epoch_of_label,
+    found_columns,
+    require_unit,
+)
 from mountnav.errors import BadCatalog
 from mountnav.files import open_unpacked
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.catalog.readers.record_files import Records
+from mountnav.catalog.readers.zone_files import Records
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int64]

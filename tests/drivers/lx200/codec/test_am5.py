@@ -13,9 +13,10 @@ from drivers.lx200.codec import am5 as codec
 from drivers.lx200.codec.am5 import AM5, ParkState, Status
 from drivers.lx200.codec.base import Answer
 from drivers.wire.command import Command, Unreadable
+from mountnav.clock import utc_now
 from mountnav.devices import Direction, PierSide, SlewOutcome, SyncOutcome
 from mountnav.errors import DeviceRefused, Refusal
-from mountnav.sky.coordinates import Apparent, Site, utc_now
+from mountnav.sky.coordinates import Apparent, Site
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.testing.check_mount import check_mount
 from tests.drivers.lx200.german_fakes import SITE, beside, german, opened, switched_on

@@ -17,9 +17,10 @@ from drivers.lx200.codec.base import Answer
 from drivers.lx200.codec.tenmicron import ModelPoint, MountStatus
 from drivers.lx200.fake.tenmicron import point_from_text
 from drivers.wire.command import Command, Unreadable
+from mountnav.clock import utc_now
 from mountnav.devices import PierSide, SlewOutcome, SyncOutcome, TrackingRate
 from mountnav.errors import DeviceRefused, Refusal
-from mountnav.sky.coordinates import Apparent, utc_now
+from mountnav.sky.coordinates import Apparent
 from mountnav.sky.sphere import half_turn_deg, separation_arcsec
 from mountnav.testing.check_mount import check_mount
 from tests.drivers.lx200.german_fakes import SITE, beside, german, opened

@@ -10,9 +10,10 @@ import pytest
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.lx200.fake.base import FakeLx200
 from drivers.lx200.family import fake_from
+from mountnav.clock import utc_now
 from mountnav.devices import TrackingRate
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
-from mountnav.sky.coordinates import Air, Apparent, Site, utc_now
+from mountnav.sky.coordinates import Air, Apparent, Site
 from mountnav.sky.sphere import separation_arcsec
 from tests.drivers.indi_process import Indi, running
 
