@@ -22,9 +22,9 @@ from datetime import UTC, datetime
 from benchmarks.centerings import seed_of_the_day
 from drivers.simulated.behavior import MountBehavior
 from drivers.simulated.mount import SimulatedMount
+from mountnav.devices import for_mount
 from mountnav.errors import OutsideLimits
 from mountnav.mount import CheckedMount, WentAnotherWay
-from mountnav.navigation.kinds import for_mount
 from mountnav.navigation.slewing import PLANNED_ANEW
 from mountnav.pointing.limits import Limits
 from mountnav.simulation.machine import Machine

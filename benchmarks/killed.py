@@ -4,7 +4,7 @@ Run: python -m benchmarks.killed [--steps 1-200] [--anywhere 20] [--at-once 4] [
 
 A fake mount lives in this process, on a real serial line (pty). A child - the real navigator, the real
 driver, the real journal in a SQLite file - centers a target on it and is killed by SIGKILL at its n-th step
-(`mountnav.navigation.steps`, and each order as it goes onto the wire), or at a random moment (`--anywhere`).
+(`mountnav.mount.kill_points`, and each order as it goes onto the wire), or at a random moment (`--anywhere`).
 A second child takes the telescope up again, as a service does at its start, and orders nothing; a third one,
 after every fourth kill, centers the target. What the mount truly received is compared with what is written:
 nothing was sent that was not written first, nothing twice, each command is closed - with an outcome that is

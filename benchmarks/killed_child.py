@@ -18,9 +18,9 @@ from mountnav.clock import SystemClock
 from mountnav.errors import MountnavError
 from mountnav.journal.restart import take_up
 from mountnav.journal.sql_journal import open_journal
+from mountnav.mount.kill_points import watching_kill_points
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
-from mountnav.navigation.steps import listening
 from mountnav.navigation.sync_policy import SyncPolicy
 from mountnav.pointing.limits import Limits
 from mountnav.simulation.sky_script import SkyScript
@@ -91,7 +91,7 @@ def child(parent: Connection, plan: Plan) -> None:
         if named or len(reached) == plan.kill_at:
             os.kill(os.getpid(), signal.SIGKILL)
 
-    with listening(at_step):
+    with watching_kill_points(at_step):
         asyncio.run(_serve(parent, plan, at_step))
 
 

@@ -26,7 +26,7 @@ from drivers.skywatcher.language import SkywatcherLanguage
 from drivers.wire.exchange import Patience
 from drivers.wire.link import Link
 from drivers.wire.wire_log import WireLog
-from mountnav.navigation.kinds import from_mount
+from mountnav.devices import from_mount
 from mountnav.pointing.limits import Limits
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors, SyncBehavior
 from mountnav.simulation.sky_script import Cloud, Incident, SkyScript

@@ -20,7 +20,7 @@ from mountnav.errors import MountnavError
 from mountnav.files import open_plain, read_bytes, read_text
 from mountnav.identification.blind.index import BlindIndex
 from mountnav.measuring.calibration.raw_files import open_raw
-from mountnav.night.recorded import read_recording
+from mountnav.night.recording import read_recording
 from mountnav.pointing.limits.horizon import Horizon
 from mountnav.pointing.model.model import PointingModel
 from mountnav.pointing.model.planning import read_run

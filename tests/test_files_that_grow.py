@@ -10,7 +10,7 @@ import pytest
 
 from drivers.fakes.recording import profile_of, read_dialogue
 from mountnav.errors import BadRequest
-from mountnav.night.recorded import read_recording
+from mountnav.night.recording import read_recording
 from mountnav.parsing import toml_of
 from mountnav.pointing.limits.horizon import Horizon
 from mountnav.pointing.model.tpoint_file import read_observations_text

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from drivers.fakes.faults import read_faults
 from drivers.fakes.recording import read_dialogue
 from mountnav.errors import BadRequest, BadSettings, MountnavError
-from mountnav.night.recorded import read_recording
+from mountnav.night.recording import read_recording
 from mountnav.parsing import json_of, repeated, toml_of
 from mountnav.pointing.model.model import PointingModel
 from mountnav.pointing.observation import read_observations

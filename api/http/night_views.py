@@ -9,11 +9,9 @@ from pydantic import BaseModel, Field, model_validator
 
 from api.orders.job_views import Finite, OffsetView, Place
 from api.orders.targets import Body
-from mountnav.night.drifting import DriftSoFar
-from mountnav.night.events import Decision
+from mountnav.night.events import Decision, PlateSeen
 from mountnav.night.frames_in import FrameAnswer
-from mountnav.night.session import NightReport
-from mountnav.night.states import PlateSeen
+from mountnav.night.session import DriftSoFar, NightReport
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import Offset
 

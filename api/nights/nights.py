@@ -27,11 +27,10 @@ from mountnav.night.daylight import night_name, sun_altitude_deg
 from mountnav.night.events import Word
 from mountnav.night.frames_in import FrameAnswer, FramesIn, Receipt
 from mountnav.night.memory import remembered
-from mountnav.night.parking import MakeWay
+from mountnav.night.parking import NightTelescope, Preempt
 from mountnav.night.placing import BySeries, Placing
 from mountnav.night.recording import NightRecording
 from mountnav.night.session import Listen, NightSession
-from mountnav.night.telescope import NightTelescope
 from mountnav.reading import read_frame
 from mountnav.series.results import SeriesSettings
 from mountnav.settings.night import NightSettings
@@ -102,7 +101,7 @@ class NightParts:
     clock: Clock | None = None
     placing: Placing | None = None
     ready: Callable[[], Awaitable[object]] | None = None
-    make_way: MakeWay | None = None
+    make_way: Preempt | None = None
 
 
 class NightRunner:

@@ -12,10 +12,9 @@ from mountnav.journal.records import CommandRecord, Entry, EntryKind, Outcome
 from mountnav.journal.restart import acknowledge, take_up
 from mountnav.journal.sql_journal import SqlJournal
 from mountnav.mount import CheckedMount
-from mountnav.mount.agreement import ACCEPTED, ADVICE
-from mountnav.mount.last_seen import LastSeen, seen_of
-from mountnav.mount.side_proof import SIDE_PROVEN
-from mountnav.navigation.syncing import GuardedSync
+from mountnav.mount.pier_side import SIDE_PROVEN
+from mountnav.mount.trust import ACCEPTED, ADVICE, LastSeen, seen_of
+from mountnav.navigation.sync import GuardedSync
 from mountnav.tasks import fault_words
 
 _log = logging.getLogger(__name__)

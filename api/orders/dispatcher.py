@@ -22,7 +22,7 @@ from api.orders.watching import Watch
 from api.problems import Refused
 from mountnav.clock import utc_now
 from mountnav.errors import DeviceError, JournalFailed, MountnavError
-from mountnav.mount.written_orders import EVEN_UNWRITTEN
+from mountnav.mount.order_book import EVEN_UNWRITTEN
 from mountnav.navigation.navigator import Navigator
 from mountnav.tasks import waited_for
 

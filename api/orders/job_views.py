@@ -18,12 +18,12 @@ from api.problems import Problem
 from mountnav.devices import Epoch, SlewOutcome
 from mountnav.navigation.reports import (
     CenterReport,
+    CoordinateSyncReport,
     FirstLightReport,
     Look,
     RecoverReport,
     SlewReport,
     SyncReport,
-    ToldReport,
     Try,
 )
 from mountnav.sky.coordinates import Icrs
@@ -395,7 +395,7 @@ def result_view(report: object, *, epoch: Epoch | None = None, utc: datetime | N
                 read_back_mount=mounts(report.read_back),
                 read_back_miss_arcsec=report.read_back_miss_arcsec,
             )
-        case ToldReport():
+        case CoordinateSyncReport():
             return ToldView(
                 outcome=str(report.outcome),
                 told=place(report.place),

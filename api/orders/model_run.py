@@ -32,7 +32,7 @@ from mountnav.errors import (
     TargetNotReached,
 )
 from mountnav.journal.records import Entry, EntryKind, Journal
-from mountnav.navigation.looks_written import observation_of
+from mountnav.navigation.look import observation_of
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.reports import Look
 from mountnav.pointing.model.acceptance import Made

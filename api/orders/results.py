@@ -9,8 +9,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, BeforeValidator, Field, JsonValue
 
 from api.solver.solve_record import SolveRecord
-from mountnav.devices import Epoch
-from mountnav.navigation.kinds import for_mount
+from mountnav.devices import Epoch, for_mount
 from mountnav.sky.coordinates import Apparent, Icrs
 
 __all__ = [

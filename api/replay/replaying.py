@@ -28,7 +28,7 @@ from mountnav.errors import BadFrame, BadRequest, BadSettings, DeviceError
 from mountnav.frames import Frame, Hint
 from mountnav.navigation.navigator import sync_rules
 from mountnav.night.placing import BySeries, Placing
-from mountnav.night.recorded import Line, Recording, read_recording, reading_of
+from mountnav.night.recording import Line, Recording, read_recording, reading_of
 from mountnav.night.replaying import Replay, ReplayReport
 from mountnav.reading import read_frame
 from mountnav.series.results import SeriesSettings

@@ -13,9 +13,8 @@ from drivers.acceptance.report import Capabilities, Finding, StepResult
 from drivers.acceptance.trial import REFUSED, Trial, halt
 from drivers.generic.coordinates import apart_arcsec
 from mountnav.clock import utc_now
-from mountnav.devices import Direction, PierSide, Skill, SlewOutcome
+from mountnav.devices import Direction, PierSide, Skill, SlewOutcome, from_mount
 from mountnav.errors import MountnavError
-from mountnav.navigation.kinds import from_mount
 from mountnav.sky.coordinates import SIDEREAL_ARCSEC_S, Apparent, Icrs
 from mountnav.sky.sphere import half_turn_deg, offset_arcsec
 from mountnav.tasks import waited_for

@@ -11,9 +11,8 @@ from drivers.acceptance.report import Finding
 from drivers.generic.coordinates import apart_arcsec
 from drivers.generic.mount import GenericMount
 from mountnav.clock import utc_now
-from mountnav.devices import SlewOutcome
+from mountnav.devices import SlewOutcome, for_mount, from_mount
 from mountnav.errors import DeviceError, DeviceRefused, MountnavError
-from mountnav.navigation.kinds import for_mount, from_mount
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_hour_angle, icrs_to_observed
 from mountnav.sky.coordinates import Air, Apparent, HourAngle, Icrs, Site
 from mountnav.sky.sphere import displaced

@@ -6,8 +6,7 @@ from datetime import datetime
 
 from drivers.generic.language import Identity, Language, Readout
 from mountnav.clock import utc_now
-from mountnav.devices import ConnectReport
-from mountnav.navigation.kinds import from_mount
+from mountnav.devices import ConnectReport, from_mount
 from mountnav.sky.chain import icrs_to_observed
 from mountnav.sky.coordinates import Air, Icrs, Site
 from mountnav.sky.sphere import half_turn_deg, separation_arcsec

@@ -13,9 +13,8 @@ from contextlib import asynccontextmanager, suppress
 from drivers.generic.language import Readout
 from drivers.generic.session import Session
 from mountnav.clock import pause, utc_now
-from mountnav.devices import SlewState
+from mountnav.devices import SlewState, moved_arcsec
 from mountnav.errors import DeviceError, DeviceRefused, RefusedButDone
-from mountnav.navigation.sync_outcomes import moved_arcsec
 
 _LATELY_S = 2.0
 """A reading so old still tells how the mount stood before an order. Doubled, its drift hides more."""

@@ -17,9 +17,8 @@ from drivers.generic.link_supervisor import LinkSupervisor
 from drivers.generic.options import Timing
 from drivers.generic.reading_filter import HAND_DEG, HAND_DEG_S, Believed, ReadingFilter
 from mountnav.clock import real_s, utc_now
-from mountnav.devices import ConnectReport, PierSide, SlewState
+from mountnav.devices import ConnectReport, PierSide, SlewState, moved_arcsec
 from mountnav.errors import Busy, DeviceError, DeviceMissing, DeviceRefused, Refusal
-from mountnav.navigation.sync_outcomes import moved_arcsec
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 
 Listener = Callable[[str, Mapping[str, object]], None]

@@ -9,9 +9,8 @@ from drivers.generic.language import Readout
 from drivers.generic.refusals import Refusals
 from drivers.generic.session import LateSync, Session
 from mountnav.clock import pause, sky_s, utc_now
-from mountnav.devices import SyncOutcome, SyncResult
+from mountnav.devices import SyncOutcome, SyncResult, miss_arcsec, near_arcsec, unseen
 from mountnav.errors import Busy, DeviceMissing, DeviceRefused, Refusal
-from mountnav.navigation.sync_outcomes import miss_arcsec, near_arcsec, unseen
 from mountnav.sky.coordinates import Apparent, Icrs
 
 _LATE_FOR_S = 60.0

@@ -23,9 +23,12 @@ from mountnav.devices import (
     SyncOutcome,
     SyncResult,
     TrackingRate,
+    miss_arcsec,
+    moved_arcsec,
+    near_arcsec,
+    unseen,
 )
 from mountnav.errors import BadRequest, Busy, DeviceError, DeviceRefused, Refusal, RefusedButDone
-from mountnav.navigation.sync_outcomes import miss_arcsec, moved_arcsec, near_arcsec, unseen
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.posture import other_side
 from mountnav.sky.chain import apparent_to_icrs, icrs_to_apparent

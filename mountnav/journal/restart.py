@@ -10,10 +10,9 @@ from enum import StrEnum
 from typing import Protocol
 
 from mountnav.clock import utc_now
-from mountnav.devices import MountReading
+from mountnav.devices import MountReading, from_mount
 from mountnav.journal.reading import COMMAND, LOOK, JournalReader, Wanted
 from mountnav.journal.records import CommandEnd, CommandRecord, Entry, EntryKind, Journal, Outcome
-from mountnav.navigation.kinds import from_mount
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import separation_arcsec
 

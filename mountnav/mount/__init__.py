@@ -17,7 +17,7 @@ with its row (``written_orders``). ``standing`` and ``segments`` hold what is kn
 """
 
 from mountnav.mount.mount import CheckedMount
-from mountnav.mount.standing import Listener
+from mountnav.mount.mount_state import Listener
 from mountnav.mount.tracking_watch import WentAnotherWay
 
 __all__ = ["CheckedMount", "Listener", "WentAnotherWay"]

@@ -22,20 +22,14 @@ from mountnav.devices import (
     TrackingRate,
 )
 from mountnav.journal.records import CommandRecord, EntryKind, Journal, Order, Unwritten
-from mountnav.mount.admission import Admission
-from mountnav.mount.agreement import Agreement
-from mountnav.mount.brief_orders import BriefOrders
-from mountnav.mount.guarding import Guard
-from mountnav.mount.last_seen import LastSeen, Memory
-from mountnav.mount.motions import Motions
-from mountnav.mount.segments import SegmentListener
-from mountnav.mount.sending import Sender
-from mountnav.mount.side_proof import SIDE_PROVEN, SideProof
-from mountnav.mount.slew_plans import SlewPlans
-from mountnav.mount.standing import Listener, Standing
-from mountnav.mount.syncs import Syncs
+from mountnav.mount.limits_guard import LimitsGuard
+from mountnav.mount.mount_state import Listener, MountState, SegmentListener
+from mountnav.mount.order_book import OrderBook
+from mountnav.mount.orders import BriefOrders, MotionOrders, SlewPlanner, SyncOrders
+from mountnav.mount.pier_side import SIDE_PROVEN, SideProof
+from mountnav.mount.sending import Admission, Sender
 from mountnav.mount.tracking_watch import TrackingWatch
-from mountnav.mount.written_orders import OrderBook
+from mountnav.mount.trust import LastSeen, PositionMemory, SiteTimeAgreement
 from mountnav.pointing.limits import Limits, Mounting, Reached
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
 
@@ -72,19 +66,19 @@ class CheckedMount:
         self._clock = clock or SystemClock()
         self._rate: TrackingRate | None = None
         stated = getattr(mount, "sides_stated", False) is True
-        self._guard = guard = Guard(
+        self._guard = guard = LimitsGuard(
             limits, site, air, mounting, SideProof(stated=stated, tell=self._side_proven)
         )
         self._book = book = OrderBook(journal or Unwritten(), self._clock, telescope)
-        self._standing = standing = Standing(mount, book, self._clock)
+        self._standing = standing = MountState(mount, book, self._clock)
         self._sender = sender = Sender(mount, book, standing)
         self._watch = watch = TrackingWatch(self, guard, book, self._clock, standing.tell)
-        self._agreement = agreement = Agreement(mount, standing, book, guard)
+        self._agreement = agreement = SiteTimeAgreement(mount, standing, book, guard)
         self._admission = admission = Admission(mount, guard, standing, sender, self._clock, agreement)
-        self._plans = plans = SlewPlans(mount, guard, sender, book, self._clock)
-        self._motions = Motions(mount, guard, standing, sender, admission, plans, watch, self._clock)
-        self._syncs = Syncs(mount, guard, standing, sender, admission, self._clock)
-        self._memory = Memory(standing, guard, book, self._clock)
+        self._plans = plans = SlewPlanner(mount, guard, sender, book, self._clock)
+        self._motions = MotionOrders(mount, guard, standing, sender, admission, plans, watch, self._clock)
+        self._syncs = SyncOrders(mount, guard, standing, sender, admission, self._clock)
+        self._memory = PositionMemory(standing, guard, book, self._clock)
         self._limits = limits
         self._wider_deg = self._off_deg = 0.0
         standing.segments.listen(self._usual_again)

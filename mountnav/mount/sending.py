@@ -1,20 +1,34 @@
-"""Sending one order: written down, sent unless a stop has overtaken it, closed whatever becomes of it."""
+"""Sending one order: what stands before it, its row in the journal, the wire, and its end.
+
+`Admission` asks whether the mount is busy, able, parked, trusted; a refusal is written down. `Sender` writes
+the order down, sends it unless a stop has overtaken it, and closes it whatever becomes of it.
+"""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from typing import TypeVar
 
-from mountnav.devices import Mount, MountReading, PierSide
-from mountnav.errors import DeviceError, DeviceRefused, JournalFailed, MountnavError, OutsideLimits
+from mountnav.clock import Clock
+from mountnav.devices import Mount, MountReading, PierSide, Skilled, from_mount
+from mountnav.errors import (
+    Busy,
+    DeviceError,
+    DeviceRefused,
+    JournalFailed,
+    MountnavError,
+    OutsideLimits,
+    Refusal,
+)
 from mountnav.journal.records import EntryKind, Order, Outcome
-from mountnav.mount.standing import Standing
-from mountnav.mount.written_orders import OrderBook, Written, outcome_of, wire_count
-from mountnav.navigation.kinds import from_mount
-from mountnav.navigation.steps import step
+from mountnav.mount.kill_points import kill_point
+from mountnav.mount.limits_guard import LimitsGuard
+from mountnav.mount.mount_state import MountState
+from mountnav.mount.order_book import OrderBook, OrderRow, outcome_of, wire_count
+from mountnav.mount.trust import SiteTimeAgreement
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import separation_arcsec
 
@@ -26,7 +40,7 @@ class OvertakenError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Came:
+class OrderResult:
     """What an order that didn't raise has come to.
 
     Attributes
@@ -68,7 +82,7 @@ class Sender:
         How many stops were ordered.
     """
 
-    def __init__(self, mount: Mount, book: OrderBook, standing: Standing) -> None:
+    def __init__(self, mount: Mount, book: OrderBook, standing: MountState) -> None:
         self._mount = mount
         self._book = book
         self._standing = standing
@@ -101,7 +115,7 @@ class Sender:
         self,
         order: Order,
         send: Callable[[], Awaitable[T]],
-        came: Callable[[T], Came],
+        came: Callable[[T], OrderResult],
         *,
         stops: int,
         moves: bool,
@@ -153,14 +167,14 @@ class Sender:
         except BaseException as error:
             await self._failed(written, error, noted, moves=moves)
             raise
-        step(f"{order} sent")
+        kill_point(f"{order} sent")
         if moves:
             self._standing.moved()
         await self._close(written, came(result), place if reads else None, reads=reads)
         return result
 
     async def _close(
-        self, written: Written, came: Came, place: Apparent | Icrs | None, *, reads: bool
+        self, written: OrderRow, came: OrderResult, place: Apparent | Icrs | None, *, reads: bool
     ) -> None:
         after, miss, cancelled = came.after, came.miss_arcsec, False
         if came.new_segment:
@@ -180,7 +194,7 @@ class Sender:
             raise asyncio.CancelledError
 
     async def _failed(
-        self, written: Written, error: BaseException, noted: int | None, *, moves: bool
+        self, written: OrderRow, error: BaseException, noted: int | None, *, moves: bool
     ) -> None:
         """Close an order that raised: what it came to, as far as that is known."""
         order = written.record.order
@@ -193,7 +207,7 @@ class Sender:
             self._standing.moved()
         if order == "sync" and outcome in (Outcome.UNKNOWN, Outcome.REFUSED_BUT_DONE):
             self._standing.new_segment("a sync whose outcome isn't known")
-        step(f"{order} sent")
+        kill_point(f"{order} sent")
         detail = str(error) or "cancelled on the way: what became of it isn't known"
         try:
             await self._book.end(written, outcome, detail)
@@ -220,3 +234,132 @@ class Sender:
             facts |= {"at_ra_deg": before.place.ra_deg, "at_dec_deg": before.place.dec_deg}
             facts["at_utc"] = before.utc.isoformat()
         await self._book.note(EntryKind.REFUSAL, f"{order} refused", facts)
+
+
+class Admission:
+    """Lets orders to one mount pass, or refuses them.
+
+    Parameters
+    ----------
+    mount : Mount
+        Only asked for its name and its skills.
+    guard : Guard
+    standing : Standing
+    sender : Sender
+        Writes refusals down.
+    clock : Clock
+    agreement : Agreement
+        Of mount and settings: nothing is slewed without.
+
+    Attributes
+    ----------
+    job : str or None
+        The order that holds the mount.
+    """
+
+    def __init__(
+        self,
+        mount: Mount,
+        guard: LimitsGuard,
+        standing: MountState,
+        sender: Sender,
+        clock: Clock,
+        agreement: SiteTimeAgreement,
+    ) -> None:
+        self._agreement = agreement
+        self._mount = mount
+        self._guard = guard
+        self._standing = standing
+        self._sender = sender
+        self._clock = clock
+        self.job: Order | None = None
+
+    @asynccontextmanager
+    async def held(self, order: Order) -> AsyncIterator[None]:
+        """Hold the mount for one order to move; a second one is refused, a stop under way waited for."""
+        await self.require_free(order)
+        self.job = order
+        try:
+            yield
+        finally:
+            self.job = None
+
+    async def require_free(self, order: Order) -> None:
+        """Refuse an order while another one holds the mount, once no stop is under way. Raises `Busy`."""
+        await self._sender.settled()
+        if self.job is not None:
+            busy = self.busy()
+            await self._sender.refused(order, busy)
+            raise busy
+
+    def busy(self) -> Busy:
+        """What is said to an order while another one holds the mount."""
+        return Busy(f"a {self.job} is running", device=self._mount.name, advice="wait for it, or stop it")
+
+    async def skilled(self, order: Order) -> Skilled:
+        """Give the mount as one that has skills. Raises `DeviceRefused` if it has none."""
+        if isinstance(self._mount, Skilled):
+            return self._mount
+        raise await self.unsupported(order)
+
+    async def unsupported(self, order: Order) -> DeviceRefused:
+        """Write down that the mount can't do this, and give what is to be raised."""
+        refusal = DeviceRefused(f"it can't: {order}", device=self._mount.name, reason=Refusal.UNSUPPORTED)
+        await self._sender.refused(order, refusal)
+        return refusal
+
+    async def ready(
+        self,
+        order: Order,
+        *,
+        place: Apparent | Icrs | None = None,
+        needs_trust: bool = True,
+        parked_too: bool = False,
+    ) -> MountReading:
+        """Read the mount, and refuse to move one that is parked, lost, or by day.
+
+        Raises
+        ------
+        DeviceRefused, OutsideLimits, DeviceError
+        """
+        before = await self._standing.reading()
+        if self._standing.trusted:
+            self._guard.stood(before)
+        refusal = self.unfit(order, before, needs_trust=needs_trust, parked_too=parked_too)
+        if refusal is not None:
+            await self._sender.refused(order, refusal, before, place)
+            raise refusal
+        if order == "slew":
+            # to park and to go home is to go by its own axes: both stay possible, as do stop and recover
+            try:
+                await self._agreement.require(order)
+            except DeviceRefused as contradicted:
+                await self._sender.refused(order, contradicted, before, place)
+                raise
+        return before
+
+    def unfit(
+        self, order: Order, before: MountReading, *, needs_trust: bool = True, parked_too: bool = False
+    ) -> MountnavError | None:
+        """What speaks against moving the mount as it stands, as what is to be raised; None: nothing."""
+        if before.parked and not parked_too:
+            return DeviceRefused(
+                f"the {order} refused: it is parked",
+                device=self._mount.name,
+                advice="unpark it first",
+                reason=Refusal.PARKED,
+            )
+        if needs_trust and not self._standing.trusted:
+            return DeviceRefused(
+                f"the {order} refused: its position can't be trusted ({self._standing.why_untrusted})",
+                device=self._mount.name,
+                advice="order first light if it was just set up, else recover: both look at the sky; or "
+                "let it find its home",
+                reason=Refusal.UNTRUSTED,
+            )
+        if order == "home":
+            try:
+                self._guard.require_night(self._clock.utc())
+            except OutsideLimits as day:
+                return day
+        return None

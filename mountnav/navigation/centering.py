@@ -1,11 +1,13 @@
 """One centering: slew, look, correct, slew again, until the target is in the middle or something stops it.
 
-Each try is kept with its numbers. An end that is not the target's center has a name (`ends`), or is what the
-sky, the limits or a device said.
+It ends within its time; whatever its end, it is written down, and a mount out of time is stopped. A tube that
+looks at its target must hold still there, not only pass by.
 """
 
 from __future__ import annotations
 
+import asyncio
+import math
 from collections.abc import Awaitable, Callable
 
 from mountnav.devices import SyncOutcome
@@ -17,20 +19,121 @@ from mountnav.errors import (
     SyncElsewhere,
     TargetNotReached,
 )
+from mountnav.journal.records import EntryKind
+from mountnav.measuring.quality import StarImages
+from mountnav.mount.kill_points import kill_point
 from mountnav.navigation.correcting import Correcting
-from mountnav.navigation.ends import Ends
 from mountnav.navigation.equipment import Equipment
-from mountnav.navigation.flipping import crossing, side_note, side_of
-from mountnav.navigation.holding_still import LOOKED_AGAIN, agree, agreeing_looks, moved_arcsec, shows_rest
 from mountnav.navigation.policy import CenteringPolicy
-from mountnav.navigation.recovering import apart_arcsec, require_rightly_set
+from mountnav.navigation.recovering import apart_arcsec, recover, require_rightly_set
 from mountnav.navigation.reports import CenterOutcome, CenterReport, Correction, Look
-from mountnav.navigation.slewing import Slewing
-from mountnav.navigation.steps import step
-from mountnav.navigation.syncing import Occasion
-from mountnav.navigation.tries import Tries, tolerance_kept, try_facts
-from mountnav.sky.coordinates import Icrs
-from mountnav.sky.sphere import offset_arcsec
+from mountnav.navigation.slewing import Slewing, crossing, side_note, side_of
+from mountnav.navigation.sync import Occasion
+from mountnav.navigation.tries import StopRules, Tries, tolerance_kept, try_facts
+from mountnav.sky.coordinates import SIDEREAL_ARCSEC_S, Icrs
+from mountnav.sky.sphere import offset_arcsec, separation_arcsec
+
+__all__ = [
+    "Centering",
+    "LOOKED_AGAIN",
+    "agree",
+    "agreeing_looks",
+    "center_in_time",
+    "centering_facts",
+    "moved_arcsec",
+    "shows_rest",
+]
+
+
+LOOKED_AGAIN = 6
+"""So many more looks may be taken until it is seen to hold still: play of 600″ is taken up meanwhile."""
+_OF_DRIFT = 0.5
+"""Stars drawn out by less than this share of the sky's turn did not drift with it."""
+_OF_TOLERANCE = 0.1
+"""A tube whose stars are drawn out by so much of the tolerance in seconds may leave it in the next ones."""
+_SHOWS_S = 3.0
+"""Gusts swing a tube within some seconds: a shorter exposure shows a moment of that."""
+_SIGMA_OF_FWHM = 1.0 / 2.3548
+"""Of a Gaussian."""
+_AGREE = 0.2
+"""Looks that agree to so much of the tolerance show a tube that stays in it."""
+_SIGMAS, _OF_NOISE = 3.0, 0.5
+"""What looks scatter is allowed besides, but no more than this share: trailed ones scatter by anything."""
+
+
+def shows_rest(found: Look, tolerance_arcsec: float, exposure_s: float) -> bool:
+    """Whether a look shows by itself that the sky stood in the frame: its stars are round, and weren't else.
+
+    Parameters
+    ----------
+    found : Look
+    tolerance_arcsec : float
+    exposure_s : float
+        As it is usual: a shorter one was tried since the stars were drawn out.
+    """
+    trail_arcsec, took_s = _trail_arcsec(found), found.exposure_s
+    if trail_arcsec is None or took_s is None or took_s < max(_SHOWS_S, 0.9 * exposure_s):
+        return False
+    drift_arcsec = SIDEREAL_ARCSEC_S * math.cos(math.radians(found.seen.dec_deg)) * took_s
+    return trail_arcsec <= min(_OF_DRIFT * drift_arcsec, _OF_TOLERANCE * tolerance_arcsec)
+
+
+def _trail_arcsec(found: Look) -> float | None:
+    """How long the typical star is drawn out at most, by its two widths; None if that can't be told."""
+    quality = found.verdict.quality
+    if quality is None or quality.images in (StarImages.DEFOCUSED, StarImages.NONE):
+        return None
+    if quality.fwhm_px is None or quality.ellipticity is None:
+        return None
+    axes_ratio = max(1.0 - quality.ellipticity, 0.01)
+    # a trail of length L adds L² / 12 to the variance along it
+    trail_px = quality.fwhm_px * _SIGMA_OF_FWHM * math.sqrt(12.0 * (1.0 / axes_ratio - axes_ratio))
+    return trail_px * found.solution.scale_arcsec_px
+
+
+def agreeing_looks(found: Look, exposure_s: float, *, moved: bool) -> int:
+    """How many looks in a row must agree with the one before them until the tube is said to hold still.
+
+    Parameters
+    ----------
+    found : Look
+        The last one.
+    exposure_s : float
+        As it is usual.
+    moved : bool
+        Whether it was seen to move: it may stand at a turning point.
+    """
+    quality = found.verdict.quality
+    trailed = quality is not None and quality.images is StarImages.TRAILED
+    shortened = found.exposure_s is not None and found.exposure_s < 0.9 * exposure_s
+    if trailed or shortened:
+        # the optics may make such stars, or the mount track so; else it is chance that they agree
+        return 3
+    return 2 if moved else 1
+
+
+def agree(first: Look, again: Look, tolerance_arcsec: float) -> bool:
+    """Whether two looks at one place show the same sky, as near as it takes to stay within the tolerance.
+
+    Parameters
+    ----------
+    first, again : Look
+        One after the other, with no slew between.
+    tolerance_arcsec : float
+    """
+    trail_arcsec = _trail_arcsec(again)
+    if trail_arcsec is not None and trail_arcsec > tolerance_arcsec:
+        return False  # wherever its middle is
+    sigmas = [one.solution.center_sigma_arcsec for one in (first, again)]
+    noise = _SIGMAS * math.hypot(*(one if math.isfinite(one) else 0.0 for one in sigmas))
+    allowed_arcsec = _AGREE * tolerance_arcsec + min(noise, _OF_NOISE * tolerance_arcsec)
+    return moved_arcsec(first, again) <= allowed_arcsec
+
+
+def moved_arcsec(first: Look, again: Look) -> float:
+    """How far the sky moved in the frame from one look to the next."""
+    return separation_arcsec(first.seen, again.seen)
+
 
 MOST_RECOVERIES = 2
 """So often a mount may lose its position in one centering."""
@@ -82,7 +185,7 @@ class Centering:
         resolution = equipment.mount.resolution_arcsec
         self._tolerance, note = tolerance_kept(policy.tolerance_arcsec, resolution)
         self._note(note)
-        self._ends = Ends(equipment.name, policy, self.tries, self._tolerance)
+        self._ends = StopRules(equipment.name, policy, self.tries, self._tolerance)
         self._correcting = Correcting(equipment, slewing, target, policy, self._note, key)
         self._flipped = False
         self._recoveries = 0
@@ -102,7 +205,7 @@ class Centering:
         """
         clock, correcting, ends, tries = self._equipment.clock, self._correcting, self._ends, self.tries
         began_s = clock.monotonic_s()
-        step("centering begin")
+        kill_point("centering begin")
         if not self._equipment.trusted:
             await self._recovered()
         expected = expected_first = await correcting.expect()
@@ -236,7 +339,7 @@ class Centering:
                 reason=Refusal.UNTRUSTED,
             )
         await self._recover()
-        step("centering recovered")
+        kill_point("centering recovered")
 
     async def _slew(self) -> None:
         while True:
@@ -308,4 +411,63 @@ def centering_facts(
     return facts
 
 
-__all__ = ["Centering", "centering_facts"]
+async def center_in_time(
+    equipment: Equipment,
+    slewing: Slewing,
+    target: Icrs,
+    policy: CenteringPolicy,
+    *,
+    halt: Callable[[], Awaitable[None]],
+    planned_s: float | None,
+    key: str | None,
+) -> CenterReport:
+    """Center `target`; see `Centering`.
+
+    Parameters
+    ----------
+    equipment : Equipment
+    slewing : Slewing
+    target : Icrs
+    policy : CenteringPolicy
+    halt : callable
+        Stops the mount, when time has run out.
+    planned_s : float or None
+        How long the target is to be followed afterwards.
+    key : str or None
+        Its name.
+
+    Raises
+    ------
+    TargetNotReached
+        Also when time ran out (`NotReached.TIME`); the mount is stopped then.
+    OutsideLimits, NotSolved, OffsetImplausible, SyncRefused, MountMoved, Cancelled
+    DeviceError, JournalFailed
+    """
+
+    async def find() -> None:
+        await recover(equipment, policy)
+
+    run = Centering(equipment, slewing, target, policy, recover=find, planned_s=planned_s, key=key)
+    try:
+        async with asyncio.timeout(policy.timeout_s) as limit:
+            report = await run.run()
+    except TimeoutError:
+        if not limit.expired():
+            raise
+        await halt()
+        late = TargetNotReached(
+            f"not centered within {policy.timeout_s:.0f} s ({run.last_error}); the mount was stopped",
+            device=equipment.name,
+            advice="allow more time, or see what took it in the job's attempts",
+            reason=NotReached.TIME,
+        )
+        equipment.note_now(EntryKind.CENTERING, late.what, centering_facts(run, error=late))
+        raise late from None
+    except BaseException as error:
+        # also a cancelled one, which must not wait
+        words = f"not centered: {error or type(error).__name__}"
+        equipment.note_now(EntryKind.CENTERING, words, centering_facts(run, error=error))
+        raise
+    words = f"centered to {report.error_after_arcsec:.1f}″ in {len(report.tries)} tries"
+    await equipment.note(EntryKind.CENTERING, words, centering_facts(run, report=report))
+    return report

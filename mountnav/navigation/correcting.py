@@ -15,17 +15,23 @@ from mountnav.errors import (
     SyncRefused,
     TargetNotReached,
 )
-from mountnav.navigation.by_sight import TookElsewhere
+from mountnav.mount.kill_points import kill_point
 from mountnav.navigation.equipment import Equipment
-from mountnav.navigation.flipping import side_of
-from mountnav.navigation.polar_steering import ENOUGH_LOOKS, Hole, PolarSteering, steering_for
+from mountnav.navigation.look_retries import PersistentLook
 from mountnav.navigation.policy import Approach, CenteringPolicy, CorrectBy
 from mountnav.navigation.reports import Correction, Look
-from mountnav.navigation.slewing import Slewing
-from mountnav.navigation.steering import Followed, Sighting, sent_as_believed
-from mountnav.navigation.steps import step
-from mountnav.navigation.syncing import Occasion, SyncDecision
-from mountnav.navigation.unsolved import Persistent
+from mountnav.navigation.slewing import Slewing, side_of
+from mountnav.navigation.steering import (
+    ENOUGH_LOOKS,
+    Followed,
+    Hole,
+    PolarSteering,
+    Sighting,
+    sent_as_believed,
+    steering_for,
+)
+from mountnav.navigation.sync import Occasion, SyncDecision
+from mountnav.navigation.sync_transaction import TookElsewhere
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import Offset, separation_arcsec
 
@@ -126,7 +132,7 @@ class Correcting:
 
     async def slew(self) -> bool:
         """Send the mount to the aim; whether it changed sides: then the looks that follow begin anew."""
-        step("centering slew")
+        kill_point("centering slew")
         try:
             report = await self._slewing.slew(self._target, self.aim, approach=self._leg())
         except TargetNotReached as error:
@@ -158,12 +164,12 @@ class Correcting:
             await self._slewing.slew(place)
 
         policy = self._policy
-        persistent = Persistent(self._equipment, policy, policy.persistence, used="centering", go=go)
+        persistent = PersistentLook(self._equipment, policy, policy.persistence, used="centering", go=go)
         seen = await persistent.look()
         if seen.neighbor is not None:
             self.aim = seen.neighbor
             self._note("solved in a neighbor field, and corrected by that")
-        step("centering looked")
+        kill_point("centering looked")
         return seen.look
 
     def sighted(self, found: Look) -> Followed:
@@ -248,7 +254,7 @@ class Correcting:
 
         With a look besides, where the mount took another place than it was told, and that was seen.
         """
-        step("centering sync")
+        kill_point("centering sync")
         try:
             report = await self._equipment.guard.commit(
                 found, Occasion.CENTERING, target=self._key, look_again=self._look_again
@@ -270,7 +276,7 @@ class Correcting:
 
     async def _look_again(self) -> Look:
         plain = replace(self._policy.persistence, tactics=frozenset())
-        return (await Persistent(self._equipment, self._policy, plain, used="sync verified").look()).look
+        return (await PersistentLook(self._equipment, self._policy, plain, used="sync verified").look()).look
 
     async def zeroed_below_the_pole(self) -> Corrected | None:
         """Put the zero points right far below the pole, once: without them the hole is smaller.

@@ -15,9 +15,9 @@ from mountnav.journal.records import Entry, EntryKind, Journal
 from mountnav.mount import CheckedMount
 from mountnav.navigation.frames_seen import FramesSeen
 from mountnav.navigation.learned import Learned
-from mountnav.navigation.readings_kept import ReadingsKept
+from mountnav.navigation.reading_history import ReadingHistory
+from mountnav.navigation.sync import GuardedSync
 from mountnav.navigation.sync_policy import SyncPolicy
-from mountnav.navigation.syncing import GuardedSync
 from mountnav.pointing.limits import Limits, Mounting
 from mountnav.pointing.model.in_force import Pointing
 from mountnav.sky.coordinates import Air, Site
@@ -91,7 +91,7 @@ class Equipment:
     clock: Clock
     journal: Journal
     guard: GuardedSync
-    readings: ReadingsKept
+    readings: ReadingHistory
     listen: Listener
     apply_model: bool = True
     frames: FramesSeen = field(default_factory=FramesSeen)
@@ -148,7 +148,7 @@ def equipped(
         clock=clock,
         mounting=mounting,
     )
-    readings = ReadingsKept()
+    readings = ReadingHistory()
     checked.on_reading(readings.add)
     guard = GuardedSync(
         checked,

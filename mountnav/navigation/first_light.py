@@ -13,6 +13,7 @@ import contextlib
 import math
 from dataclasses import replace
 
+from mountnav.devices import from_mount
 from mountnav.errors import (
     NotReached,
     OffsetImplausible,
@@ -21,24 +22,22 @@ from mountnav.errors import (
     SyncRefused,
     TargetNotReached,
 )
+from mountnav.mount.kill_points import kill_point
 from mountnav.navigation.equipment import Equipment
-from mountnav.navigation.kinds import from_mount
-from mountnav.navigation.policy import CenteringPolicy
+from mountnav.navigation.look_retries import PersistentLook
+from mountnav.navigation.policy import CenteringPolicy, Tactic
 from mountnav.navigation.recovering import (
     FURTHEST_DEG,
-    Told,
+    RecoverySync,
     require_above_ground,
     require_rightly_set,
-    tell,
+    sync_or_count_by_sight,
     tracked,
     two_that_agree,
 )
 from mountnav.navigation.reports import FirstLightReport, Look
 from mountnav.navigation.slewing import Slewing
-from mountnav.navigation.steps import step
-from mountnav.navigation.syncing import Occasion
-from mountnav.navigation.tactics import Tactic
-from mountnav.navigation.unsolved import Persistent
+from mountnav.navigation.sync import Occasion
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_hour_angle, icrs_to_observed
 from mountnav.sky.coordinates import HourAngle, Icrs
 from mountnav.sky.sphere import Offset, displaced, offset_arcsec
@@ -114,8 +113,10 @@ class _FirstLight:
                     found = await self._moved_as_told(await self._to_a_good_place(first))
                     guard = equipment.guard
                     guard.learned.forget()
-                    step("first light: sync")
-                    told = await tell(equipment, self._policy, found, self._look, Occasion.FIRST_LIGHT)
+                    kill_point("first light: sync")
+                    told = await sync_or_count_by_sight(
+                        equipment, self._policy, found, self._look, Occasion.FIRST_LIGHT
+                    )
                     self._synced = True
             except BaseException:
                 if not was_trusted:
@@ -143,7 +144,7 @@ class _FirstLight:
         resting = replace(
             policy.persistence, tactics=policy.persistence.tactics - {Tactic.NEIGHBOR, Tactic.WIDER}
         )
-        looking = Persistent(
+        looking = PersistentLook(
             self._equipment, policy, resting, used="first light", anywhere=True, teaches=self._synced
         )
         self._looks += 1
@@ -174,7 +175,7 @@ class _FirstLight:
             "altitude_deg": altitude_deg,
         }
         equipment.listen("confirmed", facts)
-        step("first light: seen")
+        kill_point("first light: seen")
         return found
 
     # -- motions -------------------------------------------------------------------------------------
@@ -256,7 +257,7 @@ class _FirstLight:
                 refused = refused or error
                 continue
             looked = await self._look()
-            step("first light: stepped")
+            kill_point("first light: stepped")
             return looked
         assert refused is not None
         raise refused
@@ -279,7 +280,7 @@ class _FirstLight:
             ways = sorted(ways, key=lambda one: one * north)
         return [(0.0, one) for one in ways]
 
-    async def _verified(self, told: Told) -> Look:
+    async def _verified(self, told: RecoverySync) -> Look:
         """Two more looks, a small step apart: what was synced holds, and the camera's angle is learned.
 
         Raises

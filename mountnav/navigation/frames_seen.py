@@ -22,9 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.frames import Frame
-from mountnav.navigation.camera_identity import CameraIdentity
-from mountnav.navigation.confirming import apart_arcsec
-from mountnav.navigation.reports import Look
+from mountnav.navigation.reports import CameraIdentity, Look
+from mountnav.navigation.vetoes import apart_arcsec
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, offset_arcsec, separation_arcsec
 

@@ -16,8 +16,17 @@ from typing import Any
 from mountnav.devices import PierSide
 from mountnav.errors import BadSettings, SyncDoubt
 from mountnav.frames import Hint
-from mountnav.navigation.camera_normal import CameraRules, Normal, apart_deg, normal_of
-from mountnav.navigation.camera_samples import CameraSample, Mounting, sample_row, samples_of_rows, sound
+from mountnav.navigation.camera import (
+    CameraRules,
+    CameraSample,
+    Mounting,
+    Normal,
+    apart_deg,
+    normal_of,
+    sample_row,
+    samples_of_rows,
+    sound,
+)
 from mountnav.navigation.sync_policy import SyncPolicy
 
 _FORMAT = 1

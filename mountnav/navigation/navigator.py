@@ -8,23 +8,24 @@ from datetime import datetime
 
 from mountnav.catalog.stars import Catalog
 from mountnav.clock import Clock, SystemClock
-from mountnav.devices import Camera, Mount
-from mountnav.errors import NotReached, TargetNotReached
+from mountnav.devices import Camera, Mount, for_mount, from_mount
+from mountnav.errors import DeviceError, NotReached, TargetNotReached
 from mountnav.frames import Frame
 from mountnav.journal.records import Journal, Unwritten
-from mountnav.navigation.between_frames import WITHIN, By, Judged, correct, frame_look
-from mountnav.navigation.center_in_time import center_in_time
-from mountnav.navigation.equipment import Listener, Solve, equipped, in_thread
+from mountnav.mount import CheckedMount
+from mountnav.navigation.centering import center_in_time
+from mountnav.navigation.equipment import Equipment, Listener, Solve, equipped, in_thread
 from mountnav.navigation.first_light import first_light
-from mountnav.navigation.kinds import for_mount, from_mount
 from mountnav.navigation.learned import Learned
-from mountnav.navigation.looking import at_instant
-from mountnav.navigation.mount_orders import MountOrders
-from mountnav.navigation.one_at_a_time import OneAtATime
+from mountnav.navigation.look import at_instant
+from mountnav.navigation.look_retries import PersistentLook, cheap
+from mountnav.navigation.mount_orders import MountOrders, OneAtATime
+from mountnav.navigation.outside_frames import WITHIN, By, Judged, compare_frame, correct
 from mountnav.navigation.policy import CenteringPolicy, CorrectBy
 from mountnav.navigation.recovering import recover, require_away_from_pole
 from mountnav.navigation.reports import (
     CenterReport,
+    CoordinateSyncReport,
     Corrected,
     FirstLightReport,
     FrameLook,
@@ -33,19 +34,79 @@ from mountnav.navigation.reports import (
     SlewReport,
     SyncReport,
     TelescopeState,
-    ToldReport,
 )
 from mountnav.navigation.slewing import Slewing
-from mountnav.navigation.states import state_of
+from mountnav.navigation.sync import GuardedSync, Occasion
 from mountnav.navigation.sync_policy import SyncPolicy
-from mountnav.navigation.syncing import GuardedSync, Occasion
-from mountnav.navigation.unsolved import Persistent, cheap
 from mountnav.pointing.limits import Limits, Mounting
 from mountnav.pointing.model.in_force import NoModel, Pointing
+from mountnav.sky.chain import icrs_to_observed
 from mountnav.sky.coordinates import Air, Icrs, Site
 from mountnav.sky.sphere import displaced
 from mountnav.solution import Verdict
 from mountnav.solving.settings import SolveSettings
+
+__all__ = ["state_of"]
+
+
+async def state_of(
+    equipment: Equipment, *, activity: str, connected: bool, problem: str | None
+) -> TelescopeState:
+    """Where the telescope believes it points, and what it does. Never raises for device trouble.
+
+    Parameters
+    ----------
+    equipment : Equipment
+    activity : str
+    connected : bool
+        Whether its devices are open.
+    problem : str or None
+        What is known to be wrong.
+    """
+    mount = equipment.mount
+    known = TelescopeState(
+        equipment.name,
+        connected=False,
+        activity=activity,
+        reading=None,
+        icrs=None,
+        altitude_deg=None,
+        azimuth_deg=None,
+        problem=problem,
+        trusted=mount.trusted
+        if connected and (mount.told("trusted") is not None or not mount.trusted)
+        else None,
+        link=_told(mount, "link"),
+        slew_state=_told(mount, "slew_state"),
+    )
+    if not connected:
+        return known
+    try:
+        reading = await mount.reading()
+    except DeviceError as error:
+        return replace(known, problem=str(error))
+    icrs = from_mount(reading.place)
+    observed = icrs_to_observed(icrs, reading.utc, equipment.site, equipment.air)
+    return replace(
+        known,
+        connected=True,
+        reading=reading,
+        icrs=icrs,
+        altitude_deg=observed.alt_deg,
+        azimuth_deg=observed.az_deg,
+        link=_told(mount, "link"),
+    )
+
+
+def _trusted(mount: CheckedMount) -> bool | None:
+    """Whether its position counts; None of a mount that can't tell, as long as nothing speaks against it."""
+    return None if mount.trusted and mount.told("trusted") is None else mount.trusted
+
+
+def _told(mount: CheckedMount, what: str) -> str | None:
+    """Something that only some mounts tell."""
+    value = mount.told(what)
+    return None if value is None else str(value)
 
 
 class Navigator(MountOrders):
@@ -193,12 +254,12 @@ class Navigator(MountOrders):
         policy = self.policy
         persistence = policy.persistence if persistent else cheap(policy.persistence, policy.solve_retries)
         async with self._work.work("looking"):
-            looking = Persistent(self._equipment, policy, persistence, used="look")
+            looking = PersistentLook(self._equipment, policy, persistence, used="look")
             return (await looking.look(exposure_s)).look
 
     async def frame(self, frame: Frame, verdict: Verdict, *, used: str = "night") -> FrameLook:
         """Compare a frame that somebody else exposed with what the mount said round it. See `frame_look`."""
-        return await frame_look(self._equipment, self.policy, frame, verdict, used=used)
+        return await compare_frame(self._equipment, self.policy, frame, verdict, used=used)
 
     async def sync(self) -> SyncReport:
         """Look, and tell the mount where it truly points; read back whether it believed it.
@@ -215,14 +276,14 @@ class Navigator(MountOrders):
             await self.mount.require_unparked("sync")
 
             async def look() -> Look:
-                looking = Persistent(self._equipment, self.policy, self.policy.persistence, used="sync")
+                looking = PersistentLook(self._equipment, self.policy, self.policy.persistence, used="sync")
                 return (await looking.look()).look
 
             found = await look()
             require_away_from_pole(found, self.policy, device=self.name)
             return await self.guard.commit(found, Occasion.ORDERED, look_again=look)
 
-    async def sync_to(self, place: Icrs) -> ToldReport:
+    async def sync_to(self, place: Icrs) -> CoordinateSyncReport:
         """Tell the mount that it points at `place`, as somebody said: believed within bounds."""
         async with self._work.work("syncing"):
             return await self.guard.told.sync_to(place)

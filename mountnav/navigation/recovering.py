@@ -27,16 +27,15 @@ from mountnav.errors import (
     SyncRefused,
 )
 from mountnav.mount import CheckedMount
-from mountnav.navigation.by_sight import stays_lost, stood_still
-from mountnav.navigation.camera_samples import camera_sample
+from mountnav.mount.kill_points import kill_point
+from mountnav.navigation.camera import camera_sample
 from mountnav.navigation.equipment import Equipment
-from mountnav.navigation.flipping import side_of
-from mountnav.navigation.policy import CenteringPolicy
+from mountnav.navigation.look_retries import PersistentLook
+from mountnav.navigation.policy import CenteringPolicy, Tactic
 from mountnav.navigation.reports import Look, RecoverReport
-from mountnav.navigation.steps import step
-from mountnav.navigation.syncing import Occasion
-from mountnav.navigation.tactics import Tactic
-from mountnav.navigation.unsolved import Persistent
+from mountnav.navigation.slewing import side_of
+from mountnav.navigation.sync import Occasion
+from mountnav.navigation.sync_transaction import stays_lost, stood_still
 from mountnav.pointing.limits import Limits
 from mountnav.sky.chain import icrs_to_observed
 from mountnav.sky.coordinates import Air, Icrs, Site
@@ -91,7 +90,7 @@ async def _recover(equipment: Equipment, policy: CenteringPolicy, exposure_s: fl
     )
 
     async def look() -> Look:
-        looking = Persistent(equipment, policy, resting, used="recovery", anywhere=True)
+        looking = PersistentLook(equipment, policy, resting, used="recovery", anywhere=True)
         return (await looking.look(exposure_s)).look
 
     first, second, apart = await two_that_agree(equipment, policy, look)
@@ -112,8 +111,8 @@ async def _recover(equipment: Equipment, policy: CenteringPolicy, exposure_s: fl
             "believed_altitude_deg": believed.alt_deg,
         },
     )
-    step("recovery confirmed")
-    told = await tell(equipment, policy, second, look, Occasion.RECOVERY)
+    kill_point("recovery confirmed")
+    told = await sync_or_count_by_sight(equipment, policy, second, look, Occasion.RECOVERY)
     return RecoverReport(
         outcome=told.outcome,
         first=first,
@@ -128,7 +127,7 @@ async def _recover(equipment: Equipment, policy: CenteringPolicy, exposure_s: fl
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class RecoverySync:
     """What a lost mount made of being told where it points.
 
     Attributes
@@ -148,13 +147,13 @@ class Told:
     miss_arcsec: float
 
 
-async def tell(
+async def sync_or_count_by_sight(
     equipment: Equipment,
     policy: CenteringPolicy,
     found: Look,
     look: Callable[[], Awaitable[Look]],
     occasion: Occasion,
-) -> Told:
+) -> RecoverySync:
     """Tell a mount where it points; one that takes no syncs counts by sight, if it isn't too far off.
 
     Parameters
@@ -173,14 +172,14 @@ async def tell(
     """
     guard = equipment.guard
     if guard.prefers_offset and await guard.count_by_sight(found):
-        return Told(SyncOutcome.IGNORED, found, found.believed, found.offset.total_arcsec)
+        return RecoverySync(SyncOutcome.IGNORED, found, found.believed, found.offset.total_arcsec)
     try:
         done = await guard.commit(found, occasion)
     except (SyncIgnored, SyncElsewhere, DeviceRefused) as error:
         elsewhere = isinstance(error, SyncElsewhere)
         if not (elsewhere or guard.prefers_offset):
             raise
-        step("told, and not taken")
+        kill_point("told, and not taken")
         try:
             again = await look()
         except (SkyError, BadFrame, DeviceError) as unseen:
@@ -190,8 +189,8 @@ async def tell(
         if not stood_still(found, found.after, again, allowed) or not await guard.count_by_sight(again):
             raise stays_lost(error, again.offset.total_arcsec) from error
         outcome = SyncOutcome.ELSEWHERE if elsewhere else SyncOutcome.IGNORED
-        return Told(outcome, again, again.believed, again.offset.total_arcsec)
-    return Told(done.outcome, found, done.read_back, done.read_back_miss_arcsec)
+        return RecoverySync(outcome, again, again.believed, again.offset.total_arcsec)
+    return RecoverySync(done.outcome, found, done.read_back, done.read_back_miss_arcsec)
 
 
 async def two_that_agree(

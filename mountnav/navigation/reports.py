@@ -4,15 +4,221 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime
+from enum import StrEnum
 
 from mountnav.devices import MountReading, PierSide, SlewOutcome, SyncOutcome
-from mountnav.errors import SyncDoubt
-from mountnav.navigation.camera_identity import CameraIdentity
-from mountnav.navigation.center_reports import CenterOutcome, CenterReport, Correction, Crossing, Try
-from mountnav.navigation.readings_kept import Meanwhile
+from mountnav.errors import LimitKind, SyncDoubt
+from mountnav.frames import Frame
+from mountnav.navigation.reading_history import Meanwhile
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import Offset
 from mountnav.solution import Solution, Verdict
+
+__all__ = [
+    "CameraIdentity",
+    "CenterOutcome",
+    "CenterReport",
+    "CoordinateSyncReport",
+    "Corrected",
+    "Correction",
+    "Crossing",
+    "FirstLightReport",
+    "FrameLook",
+    "Look",
+    "OUTSIDE",
+    "RecoverReport",
+    "SlewReport",
+    "SyncReport",
+    "TelescopeState",
+    "Try",
+    "camera_of",
+]
+
+
+OUTSIDE = "a camera from outside"
+"""Name of the camera of a frame from outside that tells none."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraIdentity:
+    """A camera as its frames show it: by name, size and binning.
+
+    Attributes
+    ----------
+    name : str
+        As the frame's header says, or the camera that was asked for it.
+    width_px, height_px : int
+        Of its frames; a region read out alone is another camera, since its middle is another place.
+    binning : str
+        As "2x2"; empty where the header doesn't tell.
+    """
+
+    name: str
+    width_px: int
+    height_px: int
+    binning: str = ""
+
+    def __str__(self) -> str:
+        """For messages and the journal; also its key there."""
+        binned = f" binned {self.binning}" if self.binning else ""
+        return f"{self.name} {self.width_px}×{self.height_px}{binned}"
+
+
+def camera_of(frame: Frame, asked: str | None = None) -> CameraIdentity:
+    """The camera of a frame.
+
+    Parameters
+    ----------
+    frame : Frame
+    asked : str, optional
+        Name of the camera that was asked for it; None: it came from outside.
+    """
+    told = frame.header.get("INSTRUME")
+    name = str(told).strip() if isinstance(told, str) and told.strip() else asked or OUTSIDE
+    across, down = (_count(frame.header.get(key)) for key in ("XBINNING", "YBINNING"))
+    across, down = across or down, down or across
+    binning = f"{across}x{down}" if across and down else ""
+    return CameraIdentity(name, frame.width_px, frame.height_px, binning)
+
+
+def _count(value: object) -> int:
+    return int(value) if isinstance(value, int | float) and 0 < value < 100 else 0
+
+
+class CenterOutcome(StrEnum):
+    """How a centering ended."""
+
+    CENTERED = "centered"
+
+
+class Correction(StrEnum):
+    """What was done about a look of a centering."""
+
+    NONE = "none"
+    SYNC = "sync"
+    OFFSET = "offset"
+    MODEL = "model"
+
+
+@dataclass(frozen=True, slots=True)
+class Try:
+    """One look of a centering and what was done about it.
+
+    Attributes
+    ----------
+    number : int
+    seen : Icrs
+        Where the tube looked.
+    error_arcsec, east_arcsec, north_arcsec : float
+        Of the seen place from the target: before this try's correction.
+    pairs, rms_arcsec, false_probability : int, float, float
+        Of the solution.
+    synced : bool
+        Whether a sync was seen.
+    sync_outcome : SyncOutcome or None
+        None when no sync was sent.
+    slewed : bool
+    elapsed_s : float
+    after_arcsec : float or None
+        The error that the next look found; None when there was none.
+    expected_arcsec : float or None
+        How far off the tube was expected to look in this look, one sigma; None if nobody could tell.
+    sigma_arcsec : float
+        Of `error_arcsec`: the solve's, and what the mount moved during the exposure.
+    correction : Correction
+    why : str
+        What was decided, and by what numbers; for the last try, why it stopped.
+    followed : str
+        Whether the tube did what the try before asked.
+    approached : bool
+        Whether the slew ended with a leg from the fixed side.
+    look_id : str
+    """
+
+    number: int
+    seen: Icrs
+    error_arcsec: float
+    east_arcsec: float
+    north_arcsec: float
+    pairs: int
+    rms_arcsec: float
+    false_probability: float
+    synced: bool
+    sync_outcome: SyncOutcome | None
+    slewed: bool
+    elapsed_s: float
+    after_arcsec: float | None = None
+    expected_arcsec: float | None = None
+    sigma_arcsec: float = 0.0
+    correction: Correction = Correction.NONE
+    why: str = ""
+    followed: str = ""
+    approached: bool = False
+    look_id: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Crossing:
+    """A limit that a target will reach while it is tracked.
+
+    Attributes
+    ----------
+    utc : datetime
+    limit : LimitKind
+    words : str
+    """
+
+    utc: datetime
+    limit: LimitKind
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
+class CenterReport:
+    """A centering: the target, each try, error before and after.
+
+    `error_before_arcsec` is the distance of target and solved place after the first slew,
+    `error_after_arcsec` after the last one, `error_sigma_arcsec` its one-sigma.
+
+    Attributes
+    ----------
+    tolerance_arcsec : float
+        The one that was kept.
+    tolerance_asked_arcsec : float
+        The one that was asked for; smaller where the mount's steps don't allow it.
+    expected_error_arcsec : float or None
+        Before anything moved: how far off the tube was expected to look after the first slew, one sigma, from
+        the pointing model (or what a sync is worth at that distance) and the mount's steps.
+    side : PierSide
+        As the mount says, at the end.
+    side_seen : PierSide
+        By the solved rotation; unknown until enough was learned of the camera.
+    flipped : bool
+        Whether a slew of this centering changed sides.
+    crossing : Crossing or None
+        The first limit that tracking reaches within the planned time.
+    model_id : str or None
+        The pointing model that aimed.
+    notes : tuple of str
+        What an operator should know, in words with numbers.
+    """
+
+    outcome: CenterOutcome
+    target: Icrs
+    tries: tuple[Try, ...]
+    error_before_arcsec: float
+    error_after_arcsec: float
+    error_sigma_arcsec: float
+    tolerance_arcsec: float
+    elapsed_s: float
+    tolerance_asked_arcsec: float = 0.0
+    expected_error_arcsec: float | None = None
+    side: PierSide = PierSide.UNKNOWN
+    side_seen: PierSide = PierSide.UNKNOWN
+    flipped: bool = False
+    crossing: Crossing | None = None
+    model_id: str | None = None
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +316,7 @@ class SyncReport:
 
 
 @dataclass(frozen=True, slots=True)
-class ToldReport:
+class CoordinateSyncReport:
     """A sync on told coordinates.
 
     Attributes
@@ -261,21 +467,3 @@ class TelescopeState:
     trusted: bool | None = None
     link: str | None = None
     slew_state: str | None = None
-
-
-__all__ = [
-    "CenterOutcome",
-    "CenterReport",
-    "Corrected",
-    "Correction",
-    "Crossing",
-    "FirstLightReport",
-    "FrameLook",
-    "Look",
-    "RecoverReport",
-    "SlewReport",
-    "SyncReport",
-    "TelescopeState",
-    "ToldReport",
-    "Try",
-]

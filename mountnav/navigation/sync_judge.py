@@ -3,38 +3,84 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 
 from mountnav.clock import Clock
-from mountnav.devices import MountReading, PierSide
+from mountnav.devices import MountReading, PierSide, for_mount, from_mount
 from mountnav.errors import ModelRefused, SyncDoubt
 from mountnav.mount import CheckedMount
-from mountnav.navigation.camera_identity import CameraIdentity
-from mountnav.navigation.camera_samples import CameraSample, camera_sample
-from mountnav.navigation.confirming import to_be_confirmed
-from mountnav.navigation.doubts import (
+from mountnav.navigation.camera import CameraSample, camera_sample
+from mountnav.navigation.learned import Learned
+from mountnav.navigation.reports import CameraIdentity, Look
+from mountnav.navigation.sync_policy import SyncPolicy
+from mountnav.navigation.sync_trigger import Occasion, SyncDecision, decided
+from mountnav.navigation.vetoes import (
     AGAINST_THE_LOOK,
     Claim,
-    Doubts,
+    Counts,
     SyncContext,
+    Vetoes,
     claimed,
-    frame_doubts,
+    frame_vetoes,
     in_order,
-    place_doubts,
-    policy_doubts,
-    solution_doubts,
+    place_vetoes,
+    policy_vetoes,
+    solution_vetoes,
+    to_be_confirmed,
     without,
 )
-from mountnav.navigation.kinds import for_mount, from_mount
-from mountnav.navigation.learned import Learned
-from mountnav.navigation.reports import Look
-from mountnav.navigation.sync_counts import SyncCounts
-from mountnav.navigation.sync_occasions import Occasion, SyncDecision, decided
-from mountnav.navigation.sync_policy import SyncPolicy
 from mountnav.pointing.model.in_force import Expected, Pointing
 from mountnav.pointing.observation import PointingObservation
-from mountnav.sky.coordinates import Air, Site
+from mountnav.sky.coordinates import Air, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
+
+__all__ = ["Judge", "SyncCounts", "all_vetoes", "decide", "night_of", "side_of"]
+
+
+def night_of(utc: datetime, site: Site) -> str:
+    """The date on which the night began, by mean solar time of the site: 2026-11-21 until the next noon."""
+    local = utc.astimezone(UTC) + timedelta(hours=site.longitude_deg / 15.0 - 12.0)
+    return local.date().isoformat()
+
+
+@dataclass(frozen=True, slots=True)
+class _Counted:
+    night: str
+    target: str | None
+    place: Icrs
+
+
+class SyncCounts:
+    """Counts committed syncs of the present night.
+
+    Parameters
+    ----------
+    site : Site
+    same_target_deg : float
+        Targets without a name are told apart by their place.
+    """
+
+    def __init__(self, site: Site, same_target_deg: float) -> None:
+        self._site = site
+        self._same_target_deg = same_target_deg
+        self._counted: list[_Counted] = []
+
+    def add(self, utc: datetime, target: str | None, place: Icrs) -> None:
+        """Count one; those of other nights are forgotten."""
+        night = night_of(utc, self._site)
+        self._counted = [one for one in self._counted if one.night == night]
+        self._counted.append(_Counted(night, target, place))
+
+    def at(self, utc: datetime, target: str | None, place: Icrs) -> Counts:
+        """How many there were in the night of `utc`, and for a target."""
+        night = night_of(utc, self._site)
+        tonight = [one for one in self._counted if one.night == night]
+        return Counts(len(tonight), sum(self._same(one, target, place) for one in tonight))
+
+    def _same(self, one: _Counted, target: str | None, place: Icrs) -> bool:
+        if one.target is not None and target is not None:
+            return one.target == target
+        return separation_arcsec(one.place, place) <= self._same_target_deg * 3600.0
 
 
 @dataclass(slots=True)
@@ -135,9 +181,9 @@ class Judge:
         """Whether a look is synced on."""
         return decide(found, occasion, self.policy, context)
 
-    def doubts(self, found: Look, context: SyncContext) -> Doubts:
+    def doubts(self, found: Look, context: SyncContext) -> Vetoes:
         """All that stands against a look, the policy's rule left out."""
-        return all_doubts(found, self.policy, context)
+        return all_vetoes(found, self.policy, context)
 
     def no_good(self, found: Look) -> tuple[SyncDoubt, str] | None:
         """The gravest doubt about a look by itself, wherever the mount believes to be."""
@@ -156,7 +202,7 @@ class Judge:
         """Whether the mount still believes to be where it was when the frame was exposed."""
         since = separation_arcsec(from_mount(now.place), found.believed)
         allowed = self.policy.max_motion_arcsec + self.mount.resolution_arcsec
-        doubts: Doubts = {}
+        doubts: Vetoes = {}
         if now.slewing or not since <= allowed:
             doubts[SyncDoubt.MOVED] = (
                 f"the mount moved {since:.0f}″ between the frame and the sync (allowed {allowed:.0f}″)"
@@ -183,28 +229,25 @@ class Judge:
 
 def decide(found: Look, occasion: Occasion, policy: SyncPolicy, context: SyncContext) -> SyncDecision:
     """Whether a look is synced on: a function of its values, so that it can be judged again."""
-    doubts = all_doubts(found, policy, context)
+    doubts = all_vetoes(found, policy, context)
     if occasion.by_rule:
-        doubts |= policy_doubts(found, policy, context)
+        doubts |= policy_vetoes(found, policy, context)
         if not context.trusted:
             # one look must not make it count again
             doubts[SyncDoubt.NOT_EXPECTED] = "the mount's position doesn't count: it needs a recovery"
     return decided(without(doubts, occasion.not_asked), found)
 
 
-def all_doubts(found: Look, policy: SyncPolicy, context: SyncContext) -> Doubts:
+def all_vetoes(found: Look, policy: SyncPolicy, context: SyncContext) -> Vetoes:
     """All that stands against a look, the policy's rule left out."""
     return {
-        **frame_doubts(found, policy, context),
-        **solution_doubts(found, policy),
+        **frame_vetoes(found, policy, context),
+        **solution_vetoes(found, policy),
         **context.departures,
-        **place_doubts(claimed(found), policy, context),
+        **place_vetoes(claimed(found), policy, context),
     }
 
 
 def side_of(reading: MountReading) -> PierSide:
     """The side that a mount tells."""
     return reading.pier_side or PierSide.UNKNOWN
-
-
-__all__ = ["Judge", "all_doubts", "decide", "side_of"]

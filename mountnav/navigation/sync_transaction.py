@@ -1,31 +1,346 @@
-"""A sync from its sending to its end: read back, verified if asked for, taken back if it is contradicted."""
+"""A sync from its sending to its end: read back, verified if asked for, taken back if it is contradicted.
+
+If it can't be taken back, the mount's position counts no more, or by what the sky has shown.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from enum import StrEnum
 
-from mountnav.devices import MountReading, SyncOutcome
+from mountnav.clock import Clock
+from mountnav.devices import (
+    MountReading,
+    PierSide,
+    SyncOutcome,
+    SyncResult,
+    for_mount,
+    from_mount,
+    near_arcsec,
+)
 from mountnav.errors import (
     BadFrame,
     Cancelled,
     DeviceError,
+    DeviceRefused,
+    MountnavError,
     SkyError,
     SyncDoubt,
     SyncElsewhere,
     SyncIgnored,
     SyncRefused,
 )
-from mountnav.navigation.kinds import from_mount
+from mountnav.mount import CheckedMount
+from mountnav.mount.kill_points import kill_point
+from mountnav.navigation.camera import Normal
 from mountnav.navigation.reports import Look
-from mountnav.navigation.steps import step
-from mountnav.navigation.sync_facts import SyncEnd, read_back_facts
 from mountnav.navigation.sync_judge import Judge
-from mountnav.navigation.sync_read_back import ReadBack, send_sync, went_elsewhere
-from mountnav.navigation.undoing import UndoFailed, contradiction, turned_over, undo, undone
+from mountnav.navigation.sync_policy import SyncPolicy
+from mountnav.navigation.vetoes import SyncContext
+from mountnav.sky.chain import icrs_to_hour_angle
 from mountnav.sky.coordinates import Icrs
+from mountnav.sky.sphere import displaced, half_turn_deg, offset_arcsec, separation_arcsec
 from mountnav.tasks import waited_for
+
+__all__ = [
+    "Listener",
+    "LookAgain",
+    "ReadBack",
+    "SyncEnd",
+    "SyncTransaction",
+    "SyncUndone",
+    "TookElsewhere",
+    "UndoFailed",
+    "context_facts",
+    "contradiction",
+    "end_of",
+    "look_facts",
+    "number",
+    "place_facts",
+    "read_back_facts",
+    "send_sync",
+    "stays_lost",
+    "stood_still",
+    "turned_over",
+    "undo",
+    "undone",
+    "went_elsewhere",
+    "why_not_by_sight",
+]
+
+
+_EACH_S = 0.2
+LOST_S = 30.0
+"""A mount that is lost is read so long after a sync that doesn't show, s: without it nothing can be done; the
+slowest simulated ones take 25 s."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReadBack:
+    """A sync that was sent, and what the readings showed afterwards.
+
+    Attributes
+    ----------
+    outcome : SyncOutcome
+    reading : MountReading
+        The last one.
+    place : Icrs
+        Where it believes to be.
+    miss_arcsec : float
+        Between that and the place that was synced.
+    after_s : float
+        From the order to the last reading.
+    """
+
+    outcome: SyncOutcome
+    reading: MountReading
+    place: Icrs
+    miss_arcsec: float
+    after_s: float
+
+
+async def send_sync(
+    mount: CheckedMount,
+    place: Icrs,
+    way_arcsec: float,
+    policy: SyncPolicy,
+    clock: Clock,
+    *,
+    lost: bool = False,
+) -> ReadBack:
+    """Send a sync once, and read until it shows or the policy's time is over.
+
+    Parameters
+    ----------
+    mount : CheckedMount
+    place : Icrs
+    way_arcsec : float
+        How far the reading has to jump. A quarter of that is left to the mount, but no more than the policy's
+        bound; its own resolution always. So a small sync that was ignored is still recognized.
+    policy : SyncPolicy
+    clock : Clock
+    lost : bool
+        Whether the mount's position doesn't count: then it is read for `LOST_S` at least.
+
+    Returns
+    -------
+    ReadBack
+
+    Raises
+    ------
+    DeviceError, JournalFailed
+        As of the mount's sync.
+    """
+    near = near_arcsec(way_arcsec, mount.resolution_arcsec, policy.read_back_arcsec)
+    began = clock.monotonic_s()
+    result: SyncResult = await mount.sync(for_mount(place, mount.epoch, clock.utc()))
+    kill_point("sync transaction: answered")
+    outcome, reading = result.outcome, result.read_back
+    until_s = max(policy.read_back_s, LOST_S) if lost else policy.read_back_s
+    while True:
+        there = from_mount(reading.place)
+        miss, after_s = separation_arcsec(there, place), clock.monotonic_s() - began
+        if miss <= near:
+            seen = SyncOutcome.SEEN if outcome is SyncOutcome.SEEN else SyncOutcome.LATE
+            return ReadBack(seen, reading, there, miss, after_s)
+        if after_s >= until_s or (outcome is SyncOutcome.ELSEWHERE and after_s >= policy.read_back_s):
+            gone = outcome is SyncOutcome.ELSEWHERE
+            return ReadBack(outcome if gone else SyncOutcome.IGNORED, reading, there, miss, after_s)
+        if after_s > 1.0 and outcome.seen:
+            outcome = SyncOutcome.LATE
+        await clock.sleep(_EACH_S)
+        kill_point("sync transaction: reading back")
+        reading = await mount.reading()
+
+
+def went_elsewhere(miss_arcsec: float, device: str) -> SyncElsewhere:
+    """Tell what to raise for a sync that was taken for another place."""
+    return SyncElsewhere(
+        f"it took the sync for another place: it believes to be {miss_arcsec:.0f}″ from what was synced",
+        device=device,
+        advice="its position doesn't count: solve a frame and sync (recover; a centering begins with that). "
+        "If it does that again, set sync.rule to never, trust it, and let offsets do",
+    )
+
+
+class SyncEnd(StrEnum):
+    """How a sync transaction ended; `outcome` of the journal's rows of `EntryKind.SYNC`."""
+
+    COMMITTED = "committed"
+    REFUSED = "refused by the mount"
+    IGNORED = "ignored by the mount"
+    ELSEWHERE = "taken for another place"
+    BY_SIGHT = "not taken, counts by sight"
+    """A look has shown how far off it is."""
+    UNDONE = "undone"
+    UNDO_FAILED = "undo failed"
+    UNKNOWN = "unknown"
+    """It may have been carried out: the mount could not be asked."""
+    INTERRUPTED = "interrupted"
+    """The work was cancelled after the sync was sent."""
+
+
+def look_facts(found: Look, normal: Normal | None) -> dict[str, object]:
+    """What was seen and believed, and how the frame compares with those before it."""
+    solution = found.solution
+    return {
+        "look_id": found.look_id,
+        "seen": place_facts(found.seen),
+        "believed": place_facts(found.believed),
+        "offset_east_arcsec": found.offset.east_arcsec,
+        "offset_north_arcsec": found.offset.north_arcsec,
+        "offset_arcsec": found.offset.total_arcsec,
+        "mid_exposure_utc": found.mid_exposure_utc.isoformat(),
+        "pairs": solution.pairs,
+        "rms_arcsec": number(solution.rms_arcsec),
+        "sigma_arcsec": number(solution.center_sigma_arcsec),
+        "false_probability": number(solution.false_probability),
+        "mode": solution.mode,
+        "scale_arcsec_px": solution.scale_arcsec_px,
+        "rotation_deg": solution.rotation_deg,
+        "parity": solution.parity,
+        "usual_scale_arcsec_px": None if normal is None else normal.scale_arcsec_px,
+        "usual_camera_angle_deg": None if normal is None else normal.camera_angle_deg,
+    }
+
+
+def context_facts(context: SyncContext, policy: SyncPolicy) -> dict[str, object]:
+    """What was known besides."""
+    expected = context.expected
+    return {
+        "rule": str(policy.rule),
+        "syncs_tonight": context.counts.tonight,
+        "syncs_on_target": context.counts.on_target,
+        "modeled": context.modeled,
+        "expected_east_arcsec": None if expected is None else expected.offset.east_arcsec,
+        "expected_north_arcsec": None if expected is None else expected.offset.north_arcsec,
+        "expected_sigma_arcsec": None if expected is None else number(expected.sigma_arcsec),
+    }
+
+
+def read_back_facts(sent: ReadBack) -> dict[str, object]:
+    """What the mount's readings showed."""
+    return {
+        "seen_as": str(sent.outcome),
+        "read_back": place_facts(sent.place),
+        "read_back_miss_arcsec": sent.miss_arcsec,
+        "after_s": sent.after_s,
+    }
+
+
+def place_facts(place: Icrs) -> dict[str, float]:
+    """An ICRS place."""
+    return {"ra_deg": place.ra_deg, "dec_deg": place.dec_deg}
+
+
+def number(value: float) -> float | None:
+    """JSON knows no infinity."""
+    return value if math.isfinite(value) else None
+
+
+class SyncUndone(SyncRefused):
+    """A sync that was sent and seen, and then contradicted: the mount believes again what it did before."""
+
+    slug: str = "sync-undone"
+
+
+class UndoFailed(DeviceError):
+    """A sync was contradicted and could not be taken back: the mount's position counts no more."""
+
+    slug: str = "sync-undo-failed"
+
+
+def turned_over(before: MountReading, after: MountReading) -> str | None:
+    """Tell if the mount took a sync for the other posture: its next slew would go the wrong way round."""
+    sides = (before.pier_side, after.pier_side)
+    if any(side in (None, PierSide.UNKNOWN) for side in sides) or sides[0] is sides[1]:
+        return None
+    return f"the mount took the sync for the other side of the pier ({sides[0]} → {sides[1]})"
+
+
+def contradiction(
+    first: Look, again: Look, sent: ReadBack, policy: SyncPolicy, resolution_arcsec: float
+) -> str | None:
+    """Tell in words why a verifying look doesn't confirm a sync; None if it does.
+
+    Parameters
+    ----------
+    first : Look
+        That was synced on.
+    again : Look
+    sent : ReadBack
+    policy : SyncPolicy
+    resolution_arcsec : float
+        The mount's.
+    """
+    if again.look_id == first.look_id or again.mid_exposure_utc <= sent.reading.utc:
+        return "the verifying look was not taken after the sync"
+    allowed = policy.verify_arcsec + resolution_arcsec
+    off = again.offset.total_arcsec
+    if not off <= allowed:
+        return f"after the sync the tube looks {_angle(off)} from where the mount believes ({allowed:.0f}″)"
+    return None
+
+
+async def undo(
+    mount: CheckedMount, believed: Icrs, sent: ReadBack, policy: SyncPolicy, clock: Clock
+) -> ReadBack:
+    """Sync back to what the mount believed before a sync, what it has moved since included.
+
+    Parameters
+    ----------
+    mount : CheckedMount
+    believed : Icrs
+        Before the sync; a mount that tracks stays there, and a JNow mount is sent it as of now.
+    sent : ReadBack
+        Of the sync.
+    policy : SyncPolicy
+    clock : Clock
+
+    Raises
+    ------
+    UndoFailed
+        The mount doesn't believe it, or can't be asked.
+    """
+    kill_point("sync transaction: undo")
+    try:
+        now = from_mount((await mount.reading()).place)
+        motion = offset_arcsec(now, sent.place)
+        place = displaced(believed, motion.east_arcsec, motion.north_arcsec)
+        back = await send_sync(mount, place, separation_arcsec(now, place), policy, clock)
+    except MountnavError as error:
+        # also when it can't be written down, and so isn't sent
+        raise UndoFailed(
+            f"a sync that was contradicted could not be taken back: {error}",
+            device=mount.name,
+            advice="its position doesn't count: order a recovery before anything moves",
+        ) from error
+    if not back.outcome.seen:
+        raise UndoFailed(
+            f"a sync that was contradicted could not be taken back: the reading is {back.miss_arcsec:.0f}″ "
+            "from what the mount believed before",
+            device=mount.name,
+            advice="its position doesn't count: order a recovery before anything moves",
+        )
+    return back
+
+
+def undone(words: str, device: str, doubt: SyncDoubt = SyncDoubt.NOT_EXPECTED) -> SyncUndone:
+    """Tell what to raise after a sync was taken back."""
+    return SyncUndone(
+        f"the sync was taken back: {words}",
+        device=device,
+        advice="the mount believes what it did before; correct by offset, and look at the journal",
+        doubts=(doubt,),
+    )
+
+
+def _angle(arcsec: float) -> str:
+    return f"{arcsec / 3600.0:.1f}°" if arcsec >= 3600.0 else f"{arcsec:.0f}″"
+
 
 Listener = Callable[[str, dict[str, object]], None]
 LookAgain = Callable[[], Awaitable[Look]]
@@ -107,14 +422,14 @@ class SyncTransaction:
             return None, (SyncDoubt.WRONG_SIDE, words)
         if not self.judge.policy.verify or look_again is None:
             return None, None
-        step("sync transaction: to be verified")
+        kill_point("sync transaction: to be verified")
         try:
             again = await look_again()
         except (SkyError, BadFrame, DeviceError) as error:
             # that says nothing of the mount
             self.facts["unverified"] = True
             return None, (SyncDoubt.NOT_EXPECTED, f"it could not be verified: {error}")
-        step("sync transaction: looked again")
+        kill_point("sync transaction: looked again")
         no_good = self.judge.no_good(again)
         if no_good is not None:
             self.facts["unverified"] = True
@@ -166,4 +481,94 @@ def end_of(error: BaseException) -> SyncEnd:
     return SyncEnd.INTERRUPTED
 
 
-__all__ = ["Listener", "LookAgain", "SyncTransaction", "end_of"]
+class TookElsewhere(SyncElsewhere):
+    """The mount took another place than it was told, and counts all the same: a look has shown which.
+
+    Attributes
+    ----------
+    look : Look
+        The one that showed it.
+    """
+
+    def __init__(self, before: SyncElsewhere, look: Look) -> None:
+        super().__init__(
+            before.what,
+            device=before.device,
+            advice="its position counts by what was seen; corrections go by offset until noon, or until its "
+            "link is made anew",
+        )
+        self.look = look
+
+
+def stays_lost(error: DeviceError, off_arcsec: float) -> DeviceError:
+    """What to raise for a lost mount that took no sync, and is too far off to count by sight; with a way out.
+
+    Parameters
+    ----------
+    error : DeviceError
+        How its sync ended.
+    off_arcsec : float
+        How far off it was seen.
+    """
+    what = f"{error.what}; it looks {off_arcsec / 3600.0:.1f}° from where it believes to point"
+    advice = (
+        "a mount that takes no syncs can't be told where it points: align it at its own hand control, or "
+        "open its clutches and turn the tube by hand to where it believes to point; then say trust"
+    )
+    if isinstance(error, DeviceRefused):
+        return DeviceRefused(what, device=error.device, advice=advice, reason=error.reason)
+    return type(error)(what, device=error.device, advice=advice)
+
+
+def why_not_by_sight(judge: Judge, found: Look) -> str | None:
+    """Why a position can't count by a look, in words; None if it can.
+
+    Parameters
+    ----------
+    judge : Judge
+    found : Look
+        Another one agrees with it, and how a German mount stands is known.
+    """
+    if found.segment_id != judge.mount.segment_id:
+        return "its zero points have changed since the look"
+    no_good = judge.no_good(found)
+    if no_good is not None:
+        return no_good[1]
+    off_arcsec = off_at_most_arcsec(judge, found)
+    if off_arcsec <= judge.policy.max_arcsec:
+        return None
+    return (
+        f"its axes may be off by {off_arcsec / 3600.0:.1f}°, more than the "
+        f"{judge.policy.max_arcsec / 3600.0:.1f}° that are believed"
+    )
+
+
+def off_at_most_arcsec(judge: Judge, found: Look) -> float:
+    """How far off the tube may look anywhere in the sky, by what it was off at a look.
+
+    A pole that is off shows as an offset to the east; an axis that is off turns the sky by 1 / cos δ more.
+    """
+    utc = found.mid_exposure_utc
+    seen, believed = (
+        icrs_to_hour_angle(place, utc, judge.site, judge.air) for place in (found.seen, found.believed)
+    )
+    turned_deg = half_turn_deg(seen.ha_deg - believed.ha_deg)
+    axes_arcsec = 3600.0 * math.hypot(turned_deg, seen.dec_deg - believed.dec_deg)
+    return max(axes_arcsec, found.offset.total_arcsec)
+
+
+def stood_still(found: Look, before: MountReading, again: Look, allowed_arcsec: float) -> bool:
+    """Whether two looks show one place of the sky, and the mount believes in the same posture.
+
+    Parameters
+    ----------
+    found : Look
+        Before the sync.
+    before : MountReading
+        The last one before it.
+    again : Look
+        After it.
+    allowed_arcsec : float
+    """
+    apart = separation_arcsec(found.seen, again.seen)
+    return apart <= allowed_arcsec and turned_over(before, again.after) is None

@@ -1,16 +1,21 @@
-"""A night's state as JSON values, for the journal, and back: so that it goes on after a restart."""
+"""What a night writes down: its state, decisions and events, from which it goes on after a restart."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import logging
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
+from typing import Any, Protocol
 
-from mountnav.journal.records import Entry, EntryKind
-from mountnav.night.events import Act, Decision, Why
-from mountnav.night.states import Hold, NightState, Phase, PlateSeen
+from mountnav.clock import Clock
+from mountnav.errors import JournalFailed
+from mountnav.journal.records import Entry, EntryKind, Journal
+from mountnav.night.events import Act, Decision, Event, Hold, NightState, Phase, PlateSeen, Why
 from mountnav.sky.sphere import Offset
+
+__all__ = ["EventsKept", "STATE_EVERY"]
+
 
 USED_WRITTEN = 50
 STATE = "state"
@@ -206,3 +211,130 @@ def plate_of(record: Mapping[str, Any]) -> PlateSeen:
         int(record["parity"]),
         (int(width), int(height)),
     )
+
+
+_log = logging.getLogger(__name__)
+
+Listen = Callable[[str, dict[str, object]], None]
+
+
+class Recorder(Protocol):
+    """Who keeps what happens, for `mountnav replay`."""
+
+    def keep(self, kind: str, utc: datetime, facts: Mapping[str, object]) -> None:
+        """Keep one thing that came in, or was decided. Never raises."""
+        ...
+
+
+class Unrecorded:
+    """Keeps nothing."""
+
+    def keep(self, kind: str, utc: datetime, facts: Mapping[str, object]) -> None:
+        """Forget."""
+
+
+class NightNotes:
+    """Writes down what one telescope's nights decide.
+
+    Parameters
+    ----------
+    name : str
+        Of the telescope, in the journal.
+    journal : Journal
+    clock : Clock
+    listen : callable
+        Told of each decision.
+    """
+
+    def __init__(self, name: str, journal: Journal, clock: Clock, listen: Listen) -> None:
+        self._name = name
+        self._journal = journal
+        self._clock = clock
+        self._listen = listen
+
+    async def decided(self, decision: Decision, state: NightState, *, ended: str = "") -> bool:
+        """Tell of a decision and write it down; whether it is written."""
+        self._listen("night", _facts(decision, state))
+        return await self._written(self._entry(decision, state, ended=ended))
+
+    def decided_now(self, decision: Decision, state: NightState, *, ended: str) -> None:
+        """Leave a row, without waiting."""
+        self._journal.note_now(self._entry(decision, state, ended=ended))
+
+    async def note(self, kind: EntryKind, what: str, facts: Mapping[str, object] | None = None) -> bool:
+        """Write down anything else; whether it is written."""
+        return await self._written(Entry(self._clock.utc(), self._name, kind, what, dict(facts or {})))
+
+    def _entry(self, decision: Decision, state: NightState, *, ended: str = "") -> Entry:
+        facts = _facts(decision, state)
+        facts[STATE] = state_record(state)
+        if ended:
+            facts["outcome"] = ended
+        what = f"{decision.act}: {decision.why}" + (f" ({decision.text})" if decision.text else "")
+        return Entry(self._clock.utc(), self._name, EntryKind.NIGHT, what, facts)
+
+    async def _written(self, entry: Entry) -> bool:
+        try:
+            await self._journal.note(entry)
+        except JournalFailed as error:
+            _log.error("%s: %s", self._name, error)
+            return False
+        return True
+
+
+def _facts(decision: Decision, state: NightState) -> dict[str, Any]:
+    error = decision.error
+    return {
+        "act": str(decision.act),
+        "why": str(decision.why),
+        "text": decision.text,
+        FRAME: decision.frame_id,
+        "night_id": state.night_id,
+        "phase": str(state.phase),
+        "error_east_arcsec": None if error is None else error.east_arcsec,
+        "error_north_arcsec": None if error is None else error.north_arcsec,
+        **decision.facts,
+    }
+
+
+STATE_EVERY = 200
+"""So many events from one state to the next: after a line that was lost a replay goes on with the next state
+(at a tick every 5 s a quarter of an hour); a night of ticks alone gets some 50 of them."""
+
+
+class EventsKept:
+    """Numbers the events of one session, and keeps the state before the first and then now and again.
+
+    Parameters
+    ----------
+    recorder : Recorder
+    night_name : callable
+        Names the night of an instant: each has a recording of its own, which begins with the state.
+    """
+
+    def __init__(self, recorder: Recorder, night_name: Callable[[datetime], str]) -> None:
+        self._recorder = recorder
+        self._night_name = night_name
+        self._name = ""
+        self._number = 0
+        self._since_state = 0
+
+    def keep(self, state: NightState, event: Event, decisions: Sequence[Decision]) -> None:
+        """Keep an event.
+
+        Parameters
+        ----------
+        state : NightState
+            Before it.
+        event : Event
+        decisions : sequence of Decision
+            What was decided by it.
+        """
+        name = self._night_name(event.utc)
+        if name != self._name or self._since_state >= STATE_EVERY:
+            self._name, self._since_state = name, 0
+            self._recorder.keep("state", event.utc, {"number": self._number, "state": state})
+        facts = {"number": self._number, "event": event, "decisions": decisions}
+        self._recorder.keep("event", event.utc, facts)
+        self._number += 1
+        self._since_state += 1

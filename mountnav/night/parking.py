@@ -1,4 +1,7 @@
-"""The park that a night orders: past what holds the telescope, and again while what hinders may pass."""
+"""What a night needs of a telescope, and the park that it orders.
+
+The park goes past what holds the telescope, and is sent again while what hinders may pass.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +9,121 @@ import logging
 import math
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from datetime import datetime
+from typing import Literal, Protocol
 
 from mountnav.clock import Clock
-from mountnav.errors import Busy, DeviceMissing, DeviceSilent, JournalFailed, MountnavError
+from mountnav.devices import MountReading
+from mountnav.errors import Busy, DeviceMissing, DeviceSilent, JournalFailed, MountnavError, SyncDoubt
+from mountnav.frames import Frame
 from mountnav.journal.records import EntryKind, because
+from mountnav.navigation.reading_history import Meanwhile
+from mountnav.navigation.reports import Look
 from mountnav.night.events import Decision, Why
-from mountnav.night.memory import PARK_OVER, OwedPark
-from mountnav.night.noting import Listen, NightNotes
-from mountnav.night.telescope import NightTelescope
+from mountnav.night.memory import PARK_OVER, Listen, NightNotes, OwedPark
+from mountnav.sky.coordinates import Icrs
+from mountnav.solution import Verdict
+
+__all__ = ["NightParking", "Preempt"]
+
+
+By = Literal["sync", "offset", "model"]
+
+
+class FrameLooked(Protocol):
+    """A frame that somebody else exposed, compared with what the mount believed then."""
+
+    @property
+    def look(self) -> Look | None:
+        """None where it was not identified, or there are no readings round it."""
+        ...
+
+    @property
+    def doubts(self) -> tuple[SyncDoubt, ...]:
+        """Why it must not be used for a correction."""
+        ...
+
+    @property
+    def why(self) -> str:
+        """In words."""
+        ...
+
+    @property
+    def meanwhile(self) -> Meanwhile | None:
+        """What it was compared by, for recordings."""
+        ...
+
+
+class Corrected(Protocol):
+    """What came of a correction."""
+
+    @property
+    def outcome(self) -> str:
+        """In words."""
+        ...
+
+    @property
+    def moved_arcsec(self) -> float:
+        """How far the tube was sent; 0 when the mount was only told where it points."""
+        ...
+
+
+class Segmented(Protocol):
+    """A mount that tells when its zero points change."""
+
+    @property
+    def segment_id(self) -> str:
+        """Between two changes of them."""
+        ...
+
+
+class NightTelescope(Protocol):
+    """A telescope that a night may ask and correct."""
+
+    @property
+    def activity(self) -> str:
+        """What holds it: "idle", or what runs."""
+        ...
+
+    @property
+    def mount(self) -> Segmented:
+        """Its mount, as far as a night looks at it."""
+        ...
+
+    async def glance(self) -> MountReading:
+        """Read the mount once, whatever runs; kept for frames that come later. Raises `DeviceError`."""
+        ...
+
+    def believed(self, utc: datetime) -> Icrs | None:
+        """Where the mount believed to be then; None where no readings tell."""
+        ...
+
+    async def frame(self, frame: Frame, verdict: Verdict, *, used: str = "night") -> FrameLooked:
+        """Compare a frame with the readings round its exposure, and write the look down.
+
+        Raises `BadFrame`, `DeviceError`, `JournalFailed`.
+        """
+        ...
+
+    async def correct(
+        self,
+        look: Look,
+        *,
+        by: By,
+        target: Icrs | None,
+        key: str,
+        heard: Callable[[object], None] | None = None,
+    ) -> Corrected:
+        """Correct the mount by a look, guarded; `heard` is told what it is judged by, before it is done.
+
+        Raises `SyncRefused`, `Busy`, `OutsideLimits`, `DeviceError`.
+        """
+        ...
+
+    async def park(self) -> object:
+        """Park it, within its limits."""
+        ...
+
 
 _log = logging.getLogger(__name__)
 
@@ -22,7 +132,7 @@ PATIENCE_S = 3600.0
 """So long the morning's park waits for whoever works with the telescope; rain waits for nobody."""
 _PASSING = (Busy, DeviceMissing, DeviceSilent, JournalFailed)
 
-MakeWay = Callable[[], Awaitable[None]]
+Preempt = Callable[[], Awaitable[None]]
 """Ends what others do with a telescope, and stops it. Raises `DeviceError`."""
 
 
@@ -61,7 +171,7 @@ class NightParking:
         notes: NightNotes,
         listen: Listen,
         clock: Clock,
-        make_way: MakeWay | None = None,
+        make_way: Preempt | None = None,
     ) -> None:
         self._telescope = telescope
         self._name = name
@@ -147,6 +257,3 @@ class NightParking:
         """Written down, so that a service that starts anew doesn't park once more."""
         why = str(owed.why)
         await self._notes.note(EntryKind.NIGHT, f"{how}: {why}", {"act": PARK_OVER, "why": why})
-
-
-__all__ = ["MakeWay", "NightParking"]

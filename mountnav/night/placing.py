@@ -1,4 +1,7 @@
-"""Placing the frames of a night: the first of a field fully, the rest by their shift, in a thread."""
+"""Placing the frames of a night: the first of a field fully, the rest by their shift, in a thread.
+
+What the rules are given of a placed frame is made here as well.
+"""
 
 from __future__ import annotations
 
@@ -6,21 +9,28 @@ import asyncio
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from datetime import datetime
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Frame, Hint
-from mountnav.navigation.looking import Solve
+from mountnav.navigation.look import Solve
+from mountnav.navigation.reports import Look
+from mountnav.night.events import FrameSeen, PlateSeen
+from mountnav.night.frames_in import Arrived
+from mountnav.night.parking import FrameLooked
+from mountnav.night.rules import begun_utc
 from mountnav.series.results import FrameResult, Mode, SeriesSettings, Shift
 from mountnav.sky.coordinates import Icrs
-from mountnav.sky.sphere import separation_arcsec
+from mountnav.sky.sphere import Offset, offset_arcsec, separation_arcsec
 from mountnav.solution import Reason, Solution, Times, Verdict
 from mountnav.solving.settings import SolveSettings
 
 if TYPE_CHECKING:
     from mountnav.series.follow import SeriesFollower
+
 
 FIELDS_KEPT = 4
 FRAMES_PER_FOLLOWER = 100
@@ -222,3 +232,66 @@ def _apart_deg(one: Icrs, other: Icrs) -> float:
 
 def _half_a_frame_deg(frame: Frame, solution: Solution) -> float:
     return 0.5 * float(np.hypot(frame.width_px, frame.height_px)) * solution.scale_arcsec_px / 3600.0
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """A frame that was read, placed and compared."""
+
+    frame: Frame
+    placed: Placed
+    looked: FrameLooked
+
+    def event(self, arrived: Arrived, utc: datetime, *, moving: bool, segment: str) -> FrameSeen:
+        """What the rules are told at `utc`.
+
+        Parameters
+        ----------
+        arrived : Arrived
+        utc : datetime
+        moving : bool
+            Whether the telescope is at work.
+        segment : str
+            Of the mount.
+        """
+        solution = self.placed.verdict.solution
+        look = self.looked.look
+        error, sigma = _error(look, solution, arrived.target)
+        return FrameSeen(
+            utc=utc,
+            frame_id=arrived.frame_id,
+            arrived_utc=arrived.arrived_utc,
+            mid_utc=self.frame.mid_exposure_utc,
+            begun_utc=begun_utc(self.frame.mid_exposure_utc, self.frame.exposure_s),
+            held=arrived.held,
+            placed=solution is not None,
+            fully=self.placed.fully,
+            plate=None if solution is None else _plate(solution, self.frame),
+            error=error,
+            of_target=arrived.target is not None,
+            sigma_arcsec=sigma,
+            doubts=tuple(str(one) for one in self.looked.doubts),
+            moving=moving,
+            field=self.placed.field,
+            segment=segment,
+            detail=self.looked.why if solution is not None else _why_not(self.placed),
+        )
+
+
+def _error(look: Look | None, solution: Solution | None, target: Icrs | None) -> tuple[Offset | None, float]:
+    """What the telescope is off, and how well that is known."""
+    if look is None or solution is None:
+        return None, 0.0
+    error = look.offset if target is None else offset_arcsec(look.seen, target)
+    return error, solution.center_sigma_arcsec
+
+
+def _plate(solution: Solution, frame: Frame) -> PlateSeen:
+    size = frame.width_px, frame.height_px
+    return PlateSeen(solution.scale_arcsec_px, solution.rotation_deg, solution.parity, size)
+
+
+def _why_not(placed: Placed) -> str:
+    verdict = placed.verdict
+    reason = str(verdict.reason) if verdict.reason is not None else "not identified"
+    return f"{reason} ({verdict.detail})" if verdict.detail and verdict.detail != reason else reason

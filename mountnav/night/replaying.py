@@ -1,14 +1,9 @@
-"""A recorded night once more: each decision from the very values that it was made of, and what is otherwise.
-
-There is no mount, no clock and no order: events are given to the rules in their recorded order. What values
-can't tell again (the outcome of an order, what the journal remembered, what a camera's frames before prove)
-is taken as it was recorded. Decisions whose values are not all there are counted, not judged.
-"""
+"""A recorded night decided again: each decision from the values it was made of, and what differs."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
@@ -16,22 +11,18 @@ from typing import cast
 
 from mountnav.errors import SyncDoubt
 from mountnav.frames import Frame
-from mountnav.navigation.between_frames import By, Judged, forbids
-from mountnav.navigation.frame_compared import compared
+from mountnav.navigation.outside_frames import By, Judged, compared, forbids
 from mountnav.navigation.reports import Look
 from mountnav.navigation.sync_judge import decide as judge
-from mountnav.navigation.sync_occasions import Occasion
 from mountnav.navigation.sync_policy import SyncPolicy
-from mountnav.night.beliefs import Beliefs
-from mountnav.night.comparing import Judgement, Row, paired
+from mountnav.navigation.sync_trigger import Occasion
 from mountnav.night.daylight import night_name, sun_altitude_deg
-from mountnav.night.events import Act, CorrectionEnded, Decision, Event, FrameSeen, Tick
-from mountnav.night.frame_seen import Seen
+from mountnav.night.events import Act, CorrectionEnded, Decision, Event, FrameSeen, NightState, Tick, Why
 from mountnav.night.frames_in import Arrived
 from mountnav.night.memory import state_of as remembered_state
 from mountnav.night.memory import state_record
-from mountnav.night.placing import Placed, Placing, placed_by
-from mountnav.night.recorded import (
+from mountnav.night.placing import Placed, Placing, Seen, placed_by
+from mountnav.night.recording import (
     Json,
     Line,
     Recording,
@@ -41,10 +32,121 @@ from mountnav.night.recorded import (
     sync_of,
     verdict_of,
 )
-from mountnav.night.recorded_inputs import event_of, judged_of, meanwhile_of, state_of
+from mountnav.night.replay_inputs import Beliefs, event_of, judged_of, meanwhile_of, state_of
 from mountnav.night.rules import NightRules, decide
-from mountnav.night.states import NightState
 from mountnav.sky.coordinates import Site
+
+__all__ = ["Judgement", "Replay", "ReplayReport", "Row", "paired"]
+
+
+SAME_ARCSEC = 0.01
+"""Errors that differ by less are the same: the numbers go through a file, and are added up once more."""
+SAME_ANEW_ARCSEC = 1.0
+"""The same where the frame was identified anew, perhaps by another version."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One thing that was decided, then and now.
+
+    Attributes
+    ----------
+    utc : datetime
+    what : str
+        The frame's source, or "night".
+    recorded, replayed : str
+        "-" where nothing was.
+    same : bool
+    """
+
+    utc: datetime
+    what: str
+    recorded: str
+    replayed: str
+    same: bool
+
+
+@dataclass(slots=True)
+class Judgement:
+    """One decision of each, with what came of it if it was a correction.
+
+    Attributes
+    ----------
+    utc : datetime
+    source : str
+        Of the frame; empty for decisions about the night itself.
+    then, now : Decision or None
+    ended_then, ended_now : CorrectionEnded or None
+    anew : bool
+        Whether the frame was identified anew.
+    """
+
+    utc: datetime
+    source: str
+    then: Decision | None
+    now: Decision | None
+    ended_then: CorrectionEnded | None = None
+    ended_now: CorrectionEnded | None = None
+    anew: bool = False
+
+    @property
+    def row(self) -> Row:
+        """For people and programs."""
+        return Row(
+            self.utc,
+            Path(self.source).name or "night",
+            _told(self.then, self.ended_then),
+            _told(self.now, self.ended_now),
+            self._same(),
+        )
+
+    def _same(self) -> bool:
+        then, now = self.then, self.now
+        if then is None or now is None or (then.act, then.why) != (now.act, now.why):
+            return False
+        if (then.error is None) != (now.error is None):
+            return False
+        if then.error is not None and now.error is not None:
+            east = abs(then.error.east_arcsec - now.error.east_arcsec)
+            north = abs(then.error.north_arcsec - now.error.north_arcsec)
+            if max(east, north) > (SAME_ANEW_ARCSEC if self.anew else SAME_ARCSEC):
+                return False
+        if self.ended_then is None or self.ended_now is None:
+            # a recording that ends before the correction did can't tell
+            return self.ended_then is None
+        return (self.ended_then.outcome, self.ended_then.doubts) == (
+            self.ended_now.outcome,
+            self.ended_now.doubts,
+        )
+
+
+def paired(
+    then: Sequence[Decision], now: Sequence[Decision]
+) -> Iterator[tuple[Decision | None, Decision | None]]:
+    """The decisions of one event, like with like: an event has one of each kind at most, in their order."""
+    before, after = ({_kind(one): one for one in some} for some in (then, now))
+    for kind in {**before, **after}:
+        yield before.get(kind), after.get(kind)
+
+
+def _kind(decision: Decision) -> str:
+    return "frame" if decision.act in (Act.CORRECT, Act.LEAVE) else str(decision.act)
+
+
+def _told(decision: Decision | None, end: CorrectionEnded | None) -> str:
+    if decision is None:
+        return "-"
+    told = f"{decision.act}: {decision.why}"
+    if decision.why is Why.DOUBTED:
+        told += f": {decision.text}"
+    if decision.error is not None:
+        told += f" ({decision.error.east_arcsec:+.1f}″, {decision.error.north_arcsec:+.1f}″)"
+    if end is not None:
+        told += f"; {end.outcome}"
+        if end.doubts:
+            told += f" ({', '.join(end.doubts)})"
+    return told
+
 
 NEVER_LONGER_S = 3600.0
 """A pause in the recording is played no longer than this (s of the night)."""
@@ -440,6 +542,3 @@ def _arrived(record: Json) -> Arrived:
         target=icrs_or_none(record["target"]),
         pixels=bool(record["pixels"]),
     )
-
-
-__all__ = ["Replay", "ReplayReport"]

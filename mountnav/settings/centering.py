@@ -6,8 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from mountnav.navigation.policy import Approach, CenteringPolicy, CorrectBy
-from mountnav.navigation.tactics import Persistence, Tactic
+from mountnav.navigation.policy import Approach, CenteringPolicy, CorrectBy, Persistence, Tactic
 from mountnav.settings.section import Section
 
 

@@ -57,7 +57,7 @@ class SeenThrough:
 
 
 class SkySeen:
-    """A `mountnav.navigation.looking.Solve` for frames that carry their truth.
+    """A `mountnav.navigation.look.Solve` for frames that carry their truth.
 
     Parameters
     ----------

@@ -17,8 +17,8 @@ from api.orders.targets import AltAzTarget, IcrsTarget
 from api.orders.vocabulary import LookOrder, SlewOrder, SyncToOrder
 from api.problems import Refused
 from api.service import Service
+from mountnav.devices import from_mount
 from mountnav.errors import OutsideLimits, Unknown
-from mountnav.navigation.kinds import from_mount
 from mountnav.settings.observatory import Settings
 from mountnav.sky.sphere import separation_arcsec
 

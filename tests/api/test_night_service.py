@@ -13,7 +13,7 @@ import pytest
 from api.nights.safety_file import unsafe_by_file
 from api.replay.replaying import play
 from mountnav.clock import in_virtual_time
-from mountnav.night.recorded import read_recording
+from mountnav.night.recording import read_recording
 from mountnav.simulation.sky_clock import FastClock
 from tests.api.night_site import EVENING, NightSite, night_toml, served
 

@@ -16,11 +16,9 @@ from api.replay.recording_header import recording_header
 from api.replay.replaying import turns_of
 from mountnav.devices import MountReading
 from mountnav.errors import BadRequest, DeviceMissing
-from mountnav.night.events import Act, Decision, Tick, Why
-from mountnav.night.events_kept import EventsKept
-from mountnav.night.recorded import read_recording
-from mountnav.night.recording import VERSION, NightRecording
-from mountnav.night.states import NightState
+from mountnav.night.events import Act, Decision, NightState, Tick, Why
+from mountnav.night.memory import EventsKept
+from mountnav.night.recording import VERSION, NightRecording, read_recording
 from mountnav.settings.observatory import Settings
 from mountnav.sky.coordinates import Apparent
 from tests.api.night_site import night_toml

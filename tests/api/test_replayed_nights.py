@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from api.replay.replaying import play, shown
-from mountnav.night.recorded import read_recording
+from mountnav.night.recording import read_recording
 from tests.api.recorded_nights import ServedNight, Way, served_night
 
 pytestmark = pytest.mark.long

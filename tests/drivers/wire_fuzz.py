@@ -20,9 +20,17 @@ from drivers.generic.options import Timing
 from drivers.wire.exchange import Patience
 from drivers.wire.link import Link
 from drivers.wire.wire_log import WireLog
-from mountnav.devices import Direction, MountReading, Skill, SlewOutcome, SlewState, SyncOutcome, TrackingRate
+from mountnav.devices import (
+    FREE_ARCSEC,
+    Direction,
+    MountReading,
+    Skill,
+    SlewOutcome,
+    SlewState,
+    SyncOutcome,
+    TrackingRate,
+)
 from mountnav.errors import DeviceError, DeviceRefused, MountnavError, Refusal
-from mountnav.navigation.sync_outcomes import FREE_ARCSEC
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors, SyncBehavior
 from mountnav.sky.chain import apparent_to_icrs
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Site

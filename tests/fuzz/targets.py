@@ -38,7 +38,7 @@ from mountnav.catalog.readers import open_reader
 from mountnav.errors import BadFrame, BadRequest, BadSettings, MountnavError
 from mountnav.identification.blind.file_format import Header, decode_header, encode_header
 from mountnav.journal.reading import Mark
-from mountnav.night.recorded import read_recording
+from mountnav.night.recording import read_recording
 from mountnav.pointing.limits.horizon import Horizon
 from mountnav.pointing.model.model import PointingModel
 from mountnav.pointing.model.planning import read_run

@@ -16,15 +16,14 @@ from drivers.registry import make_fake
 from drivers.wire.exchange import Patience
 from drivers.wire.link import Link
 from drivers.wire.wire_log import WireLog
-from mountnav.devices import MountReading
+from mountnav.devices import MountReading, for_mount, from_mount
 from mountnav.journal.memory import MemoryJournal
 from mountnav.journal.records import Entry, EntryKind
 from mountnav.mount import CheckedMount
-from mountnav.navigation.kinds import for_mount, from_mount
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.reports import Look
+from mountnav.navigation.sync import GuardedSync
 from mountnav.navigation.sync_policy import SyncPolicy
-from mountnav.navigation.syncing import GuardedSync
 from mountnav.pointing.limits import Limits
 from mountnav.pointing.model.in_force import Expected, NoModel, Pointing
 from mountnav.pointing.observation import PointingObservation

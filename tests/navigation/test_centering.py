@@ -21,8 +21,8 @@ from mountnav.errors import (
     TargetNotReached,
 )
 from mountnav.frames import Frame
+from mountnav.navigation.policy import Persistence
 from mountnav.navigation.reports import CenterOutcome
-from mountnav.navigation.tactics import Persistence
 from mountnav.simulation.mechanics import PointingErrors
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import separation_arcsec

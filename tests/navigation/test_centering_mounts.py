@@ -15,9 +15,9 @@ from drivers.simulated.behavior import MountBehavior
 from mountnav.devices import PierSide, SyncOutcome
 from mountnav.errors import LimitKind, MountnavError, NotReached, OutsideLimits, TargetNotReached
 from mountnav.journal.records import EntryKind, Outcome
+from mountnav.mount.kill_points import watching_kill_points
 from mountnav.navigation.policy import Approach, CorrectBy
 from mountnav.navigation.reports import CenterReport, Correction
-from mountnav.navigation.steps import listening
 from mountnav.pointing.limits import Limits
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.sky_script import SkyScript
@@ -253,7 +253,7 @@ def steps_of_a_centering() -> list[str]:
 
     async def work(rig: VirtualRig) -> None:
         target = rig.up(-20.0, 30.0)
-        with listening(names.append):
+        with watching_kill_points(names.append):
             await rig.navigator.center(target)
 
     in_virtual_time(work)
@@ -277,7 +277,7 @@ def test_cancelled_at_any_step_the_mount_stands_and_nothing_is_lost() -> None:
                     running.cancel()
 
             running = asyncio.ensure_future(rig.navigator.center(target))
-            with listening(cancel):
+            with watching_kill_points(cancel):
                 try:
                     await running
                 except asyncio.CancelledError:

@@ -84,7 +84,7 @@ def test_a_frame_sent_twice_is_no_old_frame_but_one_with_another_time_is() -> No
         frame = await rig.navigator.camera.expose(5.0)
         from dataclasses import replace
 
-        from mountnav.navigation.camera_identity import camera_of
+        from mountnav.navigation.reports import camera_of
 
         seen, print_ = frames.of(camera_of(frame)), fingerprint(frame.pixels)
         assert not seen.repeats(frame, print_)

@@ -18,7 +18,7 @@ from mountnav.errors import BadSettings, SyncDoubt
 from mountnav.frames import Hint
 from mountnav.identification.plate import Plate
 from mountnav.identification.wcs import wcs_cards
-from mountnav.navigation.camera_samples import CameraSample, axis_angle_deg, distortion_px2
+from mountnav.navigation.camera import CameraSample, axis_angle_deg, distortion_px2
 from mountnav.navigation.learned import Learned, LessonKind
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics, PointingErrors

@@ -9,8 +9,14 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from mountnav.devices import PierSide
-from mountnav.navigation.polar_steering import PolarSteering, steering_for
-from mountnav.navigation.steering import Followed, Sighting, Steering, sent_as_believed
+from mountnav.navigation.steering import (
+    Followed,
+    PolarSteering,
+    Sighting,
+    Steering,
+    sent_as_believed,
+    steering_for,
+)
 from mountnav.simulation.geometry import true_direction
 from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.sky.chain import (

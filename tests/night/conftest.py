@@ -13,16 +13,16 @@ import pytest
 from drivers.simulated.mount import SimulatedMount
 from drivers.simulated.truth_camera import TruthCamera
 from mountnav.catalog.embedded import embedded_catalog
+from mountnav.devices import from_mount
 from mountnav.frames import Frame, Hint
 from mountnav.journal.memory import MemoryJournal
 from mountnav.journal.records import EntryKind, Journal
-from mountnav.navigation.kinds import from_mount
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.night.daylight import night_name, sun_altitude_deg
 from mountnav.night.frames_in import FrameAnswer, FramesIn
 from mountnav.night.memory import PARK_OVER, Remembered
-from mountnav.night.parking import MakeWay
+from mountnav.night.parking import Preempt
 from mountnav.night.placing import BySolve
 from mountnav.night.rules import NightRules
 from mountnav.night.session import NightSession, Recorder
@@ -118,7 +118,7 @@ def make_session(
     remembered: Remembered | None = None,
     recorder: Recorder | None = None,
     listen: Callable[[str, dict[str, object]], None] | None = None,
-    make_way: MakeWay | None = None,
+    make_way: Preempt | None = None,
 ) -> NightSession:
     def hint(near: Icrs | None) -> Hint:
         return Hint(center=near, radius_deg=2.0, scale_low_arcsec_px=1.9, scale_high_arcsec_px=2.1)
@@ -149,7 +149,7 @@ async def make_night(
     clock: VirtualClock | None = None,
     recorder: Recorder | None = None,
     journal: Callable[[MemoryJournal], Journal] = lambda journal: journal,
-    make_way: MakeWay | None = None,
+    make_way: Preempt | None = None,
 ) -> NightRig:
     clock = clock or VirtualClock(start)
     mechanics = Mechanics(SITE, AIR, errors, slew_rate_deg_s=10.0, clock=clock)

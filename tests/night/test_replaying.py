@@ -15,15 +15,19 @@ from mountnav.navigation.frames_seen import FramesSeen
 from mountnav.navigation.navigator import sync_rules
 from mountnav.navigation.sync_policy import SyncPolicy
 from mountnav.night.daylight import night_name
-from mountnav.night.events import FrameSeen, Tick, Word
-from mountnav.night.events_kept import STATE_EVERY, EventsKept
-from mountnav.night.memory import remembered
-from mountnav.night.recorded import Recording, read_recording
-from mountnav.night.recorded_inputs import event_of, state_of
-from mountnav.night.recording import VERSION, NightRecording, RecordedJournal, as_json
+from mountnav.night.events import FrameSeen, NightState, Tick, Word
+from mountnav.night.memory import STATE_EVERY, EventsKept, remembered
+from mountnav.night.recording import (
+    VERSION,
+    NightRecording,
+    RecordedJournal,
+    Recording,
+    as_json,
+    read_recording,
+)
+from mountnav.night.replay_inputs import event_of, state_of
 from mountnav.night.replaying import Replay, ReplayReport
 from mountnav.night.rules import NightRules, decide
-from mountnav.night.states import NightState
 from mountnav.simulation.mechanics import PointingErrors
 from mountnav.simulation.sky_script import Cloud, SkyScript
 from mountnav.simulation.virtual_time import VirtualClock
