@@ -9,7 +9,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.measuring.quality import SkyQuality
+from mountnav.measuring.measurements import SkyQuality
 from mountnav.sky.coordinates import Icrs
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from mountnav.errors import BadFrame, BadRequest
 from mountnav.frames import Frame
 from mountnav.measuring.calibration import Calibration, CalibrationPolicy, CalibrationReport
 from mountnav.measuring.calibration.building import build
-from mountnav.measuring.calibration.facts import Kind, assumptions
+from mountnav.measuring.calibration.camera_setup import Kind, assumptions
 from mountnav.measuring.calibration.masters import Master
 from mountnav.measuring.calibration.stacking import StackSettings
 from mountnav.reading import read_frame

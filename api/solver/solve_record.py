@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, Field
 
-from mountnav.measuring.quality import SkyQuality
+from mountnav.measuring.measurements import SkyQuality
 from mountnav.solution import ErrorBudget, Reason, Times, Verdict
 
 Answer = dict[str, Any]

@@ -13,7 +13,7 @@ from mountnav.identification.search import Reach, identify
 from mountnav.identification.selection import star_like
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.identification.verification import KEPT_SHARE, Identified, reach_of, sound, stars_of_frame
-from mountnav.measuring.glance import glance
+from mountnav.measuring.fast import measure_fast
 from mountnav.measuring.measurements import Measurements
 from mountnav.measuring.settings import MeasuringSettings
 
@@ -77,7 +77,7 @@ def identify_fast(
         The odds are those of the coarse list; the plate rests on the precise one.
     """
     began = time.monotonic()
-    look = glance(frame, settings=measuring)
+    look = measure_fast(frame, settings=measuring)
     looked_s = time.monotonic() - began
     if look is None:
         return FastResult(measure_s=looked_s, tried=reach.tried)

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrc
 
-from mountnav.measuring.light_patches import Patches
-from mountnav.measuring.light_path import REACH_PX
+from mountnav.measuring.segmentation import LightSegments
+from mountnav.measuring.star_trail import REACH_PX
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -163,7 +163,9 @@ def _median(of: Complex) -> complex:
     return complex(float(np.median(of.real)), float(np.median(of.imag)))
 
 
-def centers_of_light(patches: Patches, x_px: Array, y_px: Array, light: Array, center: complex) -> Centers:
+def centers_of_light(
+    patches: LightSegments, x_px: Array, y_px: Array, light: Array, center: complex
+) -> Centers:
     """Compare where a plate has its stars with the middle of the light that lies there.
 
     Parameters
@@ -282,7 +284,9 @@ class UnexplainedLight:
     many: bool
 
 
-def unexplained_light(patches: Patches, x_px: Array, y_px: Array, light: Array) -> UnexplainedLight | None:
+def unexplained_light(
+    patches: LightSegments, x_px: Array, y_px: Array, light: Array
+) -> UnexplainedLight | None:
     """Part the patches of light into those that a plate's stars explain and the others.
 
     Parameters
@@ -320,7 +324,7 @@ def unexplained_light(patches: Patches, x_px: Array, y_px: Array, light: Array) 
 
 
 def second_image(
-    patches: Patches,
+    patches: LightSegments,
     x_px: Array,
     y_px: Array,
     light: Array,

@@ -14,8 +14,7 @@ from mountnav.frames import Hint
 from mountnav.identification.full import Search
 from mountnav.identification.selection import star_like
 from mountnav.identification.settings import IdentificationSettings
-from mountnav.measuring.measurements import Measurements
-from mountnav.measuring.quality import StarImages
+from mountnav.measuring.measurements import Measurements, StarImages
 from mountnav.solution import Reason
 
 SURE_STARS = 8

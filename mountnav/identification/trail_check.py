@@ -28,17 +28,17 @@ from mountnav.identification.selection import star_like
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.identification.verification import KEPT_SHARE, Identified, reach_of, sound
 from mountnav.measuring.background import Image
-from mountnav.measuring.light_patches import Patches, light_patches
-from mountnav.measuring.light_path import (
+from mountnav.measuring.measurements import Flag, Measurements
+from mountnav.measuring.segmentation import LightSegments, segment_light
+from mountnav.measuring.star_trail import (
     FEW_STARS,
     REACH_PX,
-    LightPath,
+    StarTrail,
     brighter_image,
     in_bins,
-    light_path,
+    star_trail,
     tamed,
 )
-from mountnav.measuring.measurements import Flag, Measurements
 from mountnav.sky.coordinates import Icrs
 from mountnav.solution import Reason
 
@@ -119,7 +119,7 @@ class TrailCheck:
 
     found: Identified
     measurements: Measurements
-    path: LightPath | None
+    path: StarTrail | None
     points: bool
 
 
@@ -169,10 +169,10 @@ def check_trails(
     flux = measurements.flux[of_pairs]
     if x.size < FEW_STARS and sky is not None:
         others = _round_about(reference, stars, measurements, sky)
-    path = light_path(pixels, x, y, flux, clear, fwhm_px, others=others, plane=plane)
+    path = star_trail(pixels, x, y, flux, clear, fwhm_px, others=others, plane=plane)
     if path is None:
         return TrailCheck(found, measurements, None, points=True)
-    patches = light_patches(pixels, bins[0])
+    patches = segment_light(pixels, bins[0])
     field = _field(patches, reference, stars, measurements, drawn_out=path.drawn_out)
     why = field.contradicts(path, fwhm_px)
     if why:
@@ -210,7 +210,7 @@ def check_trails(
     return TrailCheck(replace(found, reference=reference), measurements, path, points=True)
 
 
-def _unfollowed_px2(path: LightPath) -> float:
+def _unfollowed_px2(path: StarTrail) -> float:
     """Error (squared, per coordinate) of a plate that stays while the center of light lies beside it.
 
     All sources of a frame are drawn out alike, so this error is common to them: it doesn't show in the
@@ -256,7 +256,7 @@ class _Field:
             return 0.0
         return 0.5 * self.motion.beside_px(common, drawn_out=drawn_out) ** 2
 
-    def contradicts(self, path: LightPath, fwhm_px: float) -> str:
+    def contradicts(self, path: StarTrail, fwhm_px: float) -> str:
         """Why the plate isn't that of the exposure's middle; empty if it may be."""
         second, motion = self.second, self.motion
         if second is not None:
@@ -312,7 +312,7 @@ class _Field:
 
 
 def _field(
-    patches: Patches, reference: Reference, stars: Stars, measurements: Measurements, *, drawn_out: bool
+    patches: LightSegments, reference: Reference, stars: Stars, measurements: Measurements, *, drawn_out: bool
 ) -> _Field:
     """Look at the patches of light all over the frame, identified or not."""
     width, height = measurements.width_px, measurements.height_px
@@ -341,7 +341,11 @@ def _field(
 
 
 def _second_field(
-    patches: Patches, reference: Reference, stars: Stars, measurements: Measurements, sky: StarsInCone | None
+    patches: LightSegments,
+    reference: Reference,
+    stars: Stars,
+    measurements: Measurements,
+    sky: StarsInCone | None,
 ) -> SecondField | None:
     """Look whether the light that isn't the identified stars' is that of another place's stars."""
     plate, shape = reference.plate, (measurements.height_px, measurements.width_px)
@@ -364,7 +368,7 @@ def _second_field(
 
 
 def _bright_strangers(
-    patches: Patches, reference: Reference, stars: Stars, measurements: Measurements
+    patches: LightSegments, reference: Reference, stars: Stars, measurements: Measurements
 ) -> str:
     """Why the bright light that is no star's forbids a plate on few stars; empty where it doesn't.
 
@@ -412,7 +416,7 @@ def _stars_about(
     return around.only(around.mag <= faintest_mag)
 
 
-def _in_path(path: LightPath, other: SecondField, half_px: float) -> bool:
+def _in_path(path: StarTrail, other: SecondField, half_px: float) -> bool:
     """Whether another place is so near, and turned so little, that the mean path has its light."""
     near = path.holds(other.offset_px.real, other.offset_px.imag)
     return near and abs(other.turn_rad) * half_px <= CORNER_PX
@@ -436,12 +440,12 @@ def _as_turned(found: Identified, field: _Field, why: str) -> Identified:
     return replace(found, reference=None, reason=Reason.TRAILED, detail=why, numbers=numbers)
 
 
-def _center_known(path: LightPath) -> bool:
+def _center_known(path: StarTrail) -> bool:
     """Whether the center of light is known well enough to be a place."""
     return not path.cut and path.sigma_px <= SURE_PX
 
 
-def plate_stays(path: LightPath, fwhm_px: float = 0.0) -> bool:
+def plate_stays(path: StarTrail, fwhm_px: float = 0.0) -> bool:
     """Whether the light lies where the plate has the stars, or evenly about them as spikes and halos do."""
     return _center_known(path) and path.off_px <= _moved_px(fwhm_px)
 
@@ -515,7 +519,7 @@ def _moved(
     reference: Reference,
     stars: Stars,
     measurements: Measurements,
-    path: LightPath,
+    path: StarTrail,
     elsewhere_px2: float,
     settings: IdentificationSettings,
 ) -> tuple[Reference, Measurements] | None:
@@ -543,7 +547,7 @@ def _not_its_middle(
     stars: Stars,
     pixels: NDArray[np.generic],
     fwhm_px: float,
-    path: LightPath,
+    path: StarTrail,
     sky: StarsInCone | None,
     plane: tuple[Image, Image],
 ) -> str:
@@ -564,7 +568,7 @@ def _not_its_middle(
         others = _round_about(reference, stars, measurements, sky)
     else:
         others = _expected(reference, stars, measurements)
-    again = light_path(pixels, x, y, measurements.flux[of_pairs], clear, fwhm_px, others=others, plane=plane)
+    again = star_trail(pixels, x, y, measurements.flux[of_pairs], clear, fwhm_px, others=others, plane=plane)
     if again is None or again.cut:
         return "seen from its middle it reaches farther than can be seen"
     sigma_px = min(SURE_PX, max(path.sigma_px, again.sigma_px))
@@ -582,7 +586,7 @@ def _shifted(plate: Plate, dx_px: float, dy_px: float) -> Plate:
     return replace(plate, xi=xi, eta=eta)
 
 
-def _refused(found: Identified, path: LightPath, why: str = "") -> Identified:
+def _refused(found: Identified, path: StarTrail, why: str = "") -> Identified:
     how_far = "more than can be seen" if path.cut else f"{path.extent_px:.0f} px from where they were found"
     detail = (
         f"the light of {path.stars} identified stars reaches {how_far} (a trail, a shaken tube, two "

@@ -1,4 +1,4 @@
-"""What isn't the sky, put together: which pixels and sources trails, spikes and charge spoil [S23 §0.3]."""
+"""What is not the sky: bad lines, cosmic rays, trails, spikes and bleeds in a frame [S23 §0.3]."""
 
 from __future__ import annotations
 
@@ -6,15 +6,199 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from mountnav.measuring.background import Image
-from mountnav.measuring.bleeds import Bleed, Blob, find_bleeds, find_blobs
 from mountnav.measuring.detection import Peaks, Smoothed
 from mountnav.measuring.measurements import Flag
-from mountnav.measuring.trail import Trail
-from mountnav.measuring.trails import find_trails
+from mountnav.measuring.saturation import Bleed, SaturatedPatch, find_bleeds, find_saturated_patches
+from mountnav.measuring.trails import Trail, find_trails
 
 Array = NDArray[np.float64]
+
+_LINE_SAMPLES = 160
+_LINE_OFFSET_SIGMA = 0.8
+
+
+def bad_lines(sky_free: Image, noise: float, axis: int) -> NDArray[np.intp]:
+    """Return the numbers of columns (axis 0) or rows (axis 1) whose level stands off from their neighbors'.
+
+    Parameters
+    ----------
+    sky_free : ndarray of float32, shape (height, width)
+    noise : float
+        Noise per pixel.
+    axis : int
+        Along which the medians are taken.
+
+    Returns
+    -------
+    ndarray of int
+    """
+    length = sky_free.shape[axis]
+    step = max(1, length // _LINE_SAMPLES)
+    sample = sky_free[::step] if axis == 0 else sky_free[:, ::step]
+    middle = _midmean(sample, axis)
+    off = np.abs(middle - ndimage.median_filter(middle, size=9, mode="nearest"))
+    # a median of n pixels is sure to 1.25 σ/√n: short lines need a larger offset
+    limit = max(_LINE_OFFSET_SIGMA, 8.0 / np.sqrt(length / step)) * noise
+    lines = np.flatnonzero(off > limit)
+    return lines if lines.size < 0.05 * middle.size else lines[:0]
+
+
+def _midmean(sample: Image, axis: int) -> Array:
+    """Mean of the middle half along an axis: as robust as wanted, and not stuck to whole numbers."""
+    quarter = sample.shape[axis] // 4
+    parted = np.partition(sample, (quarter, sample.shape[axis] - quarter - 1), axis=axis)
+    middle = slice(quarter, sample.shape[axis] - quarter)
+    return np.asarray((parted[middle] if axis == 0 else parted[:, middle]).mean(axis=axis), dtype=np.float64)
+
+
+def heal_lines(sky_free: Image, good: NDArray[np.bool_], lines: NDArray[np.intp], axis: int) -> None:
+    """Replace bad lines by the mean of the nearest good ones, in place, and mark their pixels as not good."""
+    bad = set(lines.tolist())
+    count = sky_free.shape[1 - axis]
+    for line in lines.tolist():
+        near = [
+            next((k for k in way if k not in bad), -1)
+            for way in (range(line - 1, -1, -1), range(line + 1, count))
+        ]
+        near = [k for k in near if k >= 0]
+        if axis == 0:
+            sky_free[:, line] = sky_free[:, near].mean(axis=1)
+            good[:, line] = False
+        else:
+            sky_free[line] = sky_free[near].mean(axis=0)
+            good[line] = False
+
+
+_HALF_PX = 5
+_CORE_PX = 2
+_SHARPEST = 0.7
+_ROOM = 0.03
+_MOST_SHARP = 0.9
+_SURE_SIGMA = 4.0
+_CLOSE_FWHM = 1.8
+_CLOSE_SHARE = 0.15
+_CLEAR = 0.08
+_ENOUGH = 30
+_USUAL_SIGMAS = 3.5
+
+
+def sharpest(fwhm_px: float) -> float:
+    """Return the largest share of a pixel's value by which a star may rise above its two neighbors' mean.
+
+    That of a star of 0.7 of the width, centered on the pixel: stars differ over a frame, and may be oval.
+    """
+    if fwhm_px <= 0.0:
+        return 1.0
+    return float(1.0 - np.exp(-4.0 * np.log(2.0) / (_SHARPEST * fwhm_px) ** 2) + _ROOM)
+
+
+def _usual(rise: NDArray[np.float32], value: NDArray[np.float32], scatter: Array) -> float:
+    """Return what share most of the frame's own clear sources stay below; 0 where they are too few."""
+    clear = (scatter < _CLEAR * value) & np.isfinite(rise)
+    share = rise[clear] / value[clear]
+    share = share[share < _MOST_SHARP]  # single hot pixels
+    if share.size < _ENOUGH:
+        return 0.0
+    middle = float(np.median(share))
+    # rays are above the middle: only the lower half tells how much stars differ
+    return middle + _USUAL_SIGMAS * 1.4826 * float(np.median(middle - share[share <= middle])) + _ROOM
+
+
+def find_cosmics(
+    sky_free: Image,
+    good: NDArray[np.bool_],
+    x_px: Array,
+    y_px: Array,
+    noise: Array,
+    fwhm_px: float,
+    gain_e_adu: float,
+) -> tuple[NDArray[np.bool_], NDArray[np.intp], NDArray[np.intp]]:
+    """Tell which sources are cosmic rays or hot pixels, and which pixels beside the other ones are.
+
+    Stars narrower than about 1.6 px can't be told from hot pixels by their shape: then nothing is found.
+
+    Parameters
+    ----------
+    sky_free : ndarray of float32, shape (height, width)
+    good : ndarray of bool, shape (height, width)
+    x_px, y_px, noise : ndarray, shape (n,)
+        Places of the sources, and the sky noise per pixel at them.
+    fwhm_px : float
+        The stars' width, along the narrow side; 0 if any edge may be a star's.
+    gain_e_adu : float
+        Electrons per ADU.
+
+    Returns
+    -------
+    struck : ndarray of bool, shape (n,)
+        The source's own top is too sharp for a star, or a bright ray is close to it.
+    rows, columns : ndarray of int
+        Pixels too sharp for a star that lie off the tops of the sources.
+    """
+    none = np.zeros(0, dtype=np.intp)
+    limit = sharpest(fwhm_px)  # a guess: the frame's own stars have the last word
+    height, width = sky_free.shape
+    if limit > _MOST_SHARP or x_px.size == 0 or min(height, width) < 2 * _HALF_PX + 3:
+        return np.zeros(x_px.size, dtype=bool), none, none
+    reach = _HALF_PX + 1
+    offset = np.arange(-reach, reach + 1)
+    rows = (
+        np.clip(np.rint(y_px).astype(int), reach, height - 1 - reach)[:, None, None] + offset[None, :, None]
+    )
+    columns = (
+        np.clip(np.rint(x_px).astype(int), reach, width - 1 - reach)[:, None, None] + offset[None, None, :]
+    )
+    stamps = sky_free[rows, columns]
+    usable = good[rows, columns]
+    inner = (slice(None), slice(1, -1), slice(1, -1))
+    values = stamps[inner]
+    sky2 = (1.5 * noise * noise)[:, None, None].astype(np.float32)
+    scatter = np.sqrt(sky2 + np.maximum(values, np.float32(0.0)) / np.float32(gain_e_adu))
+    # along rows and along columns, each by itself: a track that follows one is sharp across
+    rise = np.full(values.shape, -np.inf, dtype=np.float32)
+    spoilt = not usable.all()
+    for before, after in (
+        ((slice(None), slice(None, -2), slice(1, -1)), (slice(None), slice(2, None), slice(1, -1))),
+        ((slice(None), slice(1, -1), slice(None, -2)), (slice(None), slice(1, -1), slice(2, None))),
+    ):
+        fall = values - np.float32(0.5) * (stamps[before] + stamps[after])
+        if spoilt:
+            fall[~(usable[before] & usable[after] & usable[inner])] = -np.inf
+        np.maximum(rise, fall, out=rise)
+    core = slice(_HALF_PX - _CORE_PX, _HALF_PX + _CORE_PX + 1)
+    middle = np.where(usable[inner], values, -np.inf)[:, core, core].reshape(x_px.size, -1)
+    top = middle.argmax(axis=1)
+    side = 2 * _CORE_PX + 1
+    index = np.arange(x_px.size)
+    top_row, top_column = core.start + top // side, core.start + top % side
+    tops = (index, top_row, top_column)
+    limit = max(limit, _usual(rise[tops], values[tops], scatter[tops]))
+    sharp = (rise > limit * values + _SURE_SIGMA * scatter) & (values > 0)
+    # a ray's track: its top, or a pixel beside it, is too sharp
+    struck = np.zeros(x_px.size, dtype=bool)
+    for dy, dx in ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0)):
+        place = (index, top_row + dy, top_column + dx)
+        bright = values[place] > 0.5 * values[index, top_row, top_column]
+        struck |= sharp[place] & bright
+    which = np.flatnonzero(sharp.any(axis=(1, 2)))
+    sharp, values = sharp[which], values[which]
+    line = np.arange(2 * _HALF_PX + 1)
+    far = np.hypot(
+        line[None, :, None] - top_row[which, None, None], line[None, None, :] - top_column[which, None, None]
+    )
+    # a ray so near and so bright spoils the star even without its sharpest pixels
+    close = sharp & (far > 1.5) & (far < max(3.0, _CLOSE_FWHM * fwhm_px))
+    heights = values[np.arange(which.size), top_row[which], top_column[which]]
+    struck[which] |= (close & (values > _CLOSE_SHARE * heights[:, None, None])).any(axis=(1, 2))
+    # the rest of a track is less sharp than its ends
+    grown = ndimage.binary_dilation(sharp & (far > 1.5), structure=np.ones((1, 3, 3), dtype=bool))
+    beside = grown & (far > 1.5) & ~struck[which, None, None]
+    star, j, i = np.nonzero(beside)
+    return struck, rows[which[star], j + 1, 0], columns[which[star], 0, i + 1]
+
 
 _DROWNED = 3.0
 
@@ -33,7 +217,7 @@ class Artifacts:
         Satellites, planes, spikes of bright stars, and bad lines that weren't healed.
     """
 
-    blobs: list[Blob]
+    blobs: list[SaturatedPatch]
     bleeds: list[Bleed]
     trails: list[Trail]
 
@@ -120,5 +304,5 @@ def find_artifacts(
     -------
     Artifacts
     """
-    blobs = find_blobs(saturated, fwhm_px) if saturated.any() else []
+    blobs = find_saturated_patches(saturated, fwhm_px) if saturated.any() else []
     return Artifacts(blobs, find_bleeds(sky_free, blobs, noise, fwhm_px), find_trails(smoothed, fwhm_px))

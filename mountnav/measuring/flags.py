@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mountnav.measuring.artifacts import Artifacts
 from mountnav.measuring.measurements import Flag
-from mountnav.measuring.profile import Profiles
+from mountnav.measuring.psf_fitting import Profiles
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ _WIDE_FWHM_PX = 6.0
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class FlagContext:
     """What the judgement looks at besides the fits: noise, masks, the typical width and what isn't sky.
 
     ``noise`` and ``restless`` have shape (n,): the noise per pixel, and whether it is so far above that of
@@ -50,8 +50,8 @@ class Setting:
     struck: NDArray[np.bool_]
 
 
-def judge(
-    fits: Profiles, x_px: Array, y_px: Array, neighbor_px: Array, setting: Setting
+def flag_sources(
+    fits: Profiles, x_px: Array, y_px: Array, neighbor_px: Array, setting: FlagContext
 ) -> tuple[NDArray[np.int64], Array, Array]:
     """Flag each fit, and put those that ran away back to their peaks.
 

@@ -11,34 +11,17 @@ from scipy.spatial import KDTree
 
 from mountnav.errors import BadFrame
 from mountnav.frames import Frame
-from mountnav.measuring.artifacts import Artifacts, find_artifacts
+from mountnav.measuring.artifacts import Artifacts, bad_lines, find_artifacts, find_cosmics, heal_lines
 from mountnav.measuring.background import Background, Image, estimate_background, fine_structure
-from mountnav.measuring.bad_lines import bad_lines, heal_lines
-from mountnav.measuring.bleeds import Blob
-from mountnav.measuring.common_fit import fit_common
-from mountnav.measuring.common_image import (
-    CommonImage,
-    find_common_image,
-    smooth_alike,
-    without_sidelobes,
-)
-from mountnav.measuring.cosmics import find_cosmics
-from mountnav.measuring.detection import Peaks, Smoothed, find_peaks, smooth
-from mountnav.measuring.fitting import Fitted, fit_peaks, half_px, known_gain, nearest_other
-from mountnav.measuring.flags import Setting, judge
-from mountnav.measuring.measurements import Flag, Measurements
-from mountnav.measuring.quality import SkyQuality
-from mountnav.measuring.saturation import saturation_level
+from mountnav.measuring.detection import Peaks, Smoothed, find_peaks, smooth, typical_fwhm
+from mountnav.measuring.epsf import Epsf, find_epsf, fit_epsf, smooth_with_epsf, without_sidelobes
+from mountnav.measuring.flags import FlagContext, flag_sources
+from mountnav.measuring.frame_quality import ellipse_of, limiting_flux, matched_limit, psf_image, sky_quality
+from mountnav.measuring.measurements import Flag, Measurements, SkyQuality
+from mountnav.measuring.psf import FWHM_PER_SIGMA, PIXEL_FWHM2, ShapePrior
+from mountnav.measuring.psf_photometry import Fitted, fit_peaks, half_px, known_gain, nearest_other
+from mountnav.measuring.saturation import SaturatedPatch, saturation_level
 from mountnav.measuring.settings import MeasuringSettings
-from mountnav.measuring.star_shape import FWHM_PER_SIGMA, PIXEL_FWHM2, Shape
-from mountnav.measuring.summary import (
-    bell_image,
-    ellipse_of,
-    limiting_flux,
-    matched_limit,
-    summed_up,
-)
-from mountnav.measuring.width import typical_fwhm
 
 Array = NDArray[np.float64]
 
@@ -115,7 +98,7 @@ class _Search:
     radius_px: Array
     smoothing_px: float
     bin_px: int
-    common: CommonImage | None
+    common: Epsf | None
     structure: Background | None
 
 
@@ -166,12 +149,12 @@ def _search(
     sigma = settings.detection_sigma_px
     noise = float(np.median(background.noise))
     fwhm = typical_fwhm(image, saturated, peaks, noise)
-    common = find_common_image(image, saturated, peaks, noise)
+    common = find_epsf(image, saturated, peaks, noise)
     structure = None
     plain = smoothed if common is not None else None  # smeared along their streaks, stars would join to lines
     if common is not None:
         fwhm = common.fwhm_px
-        smoothed = smooth_alike(image, background, common, bin_px)
+        smoothed = smooth_with_epsf(image, background, common, bin_px)
         peaks = find_peaks(smoothed, settings.threshold_sigma, 2.0 * common.half_px)
         peaks = without_sidelobes(peaks, common)
     elif fwhm > _WIDE_FWHM_PX:
@@ -187,7 +170,7 @@ def _search(
     return _Search(peaks, fwhm, artifacts, smoothed.noise_ratio, radius, sigma, bin_px, common, structure)
 
 
-def _one_peak_each(peaks: Peaks, blobs: list[Blob], fwhm_px: float) -> tuple[Peaks, Array]:
+def _one_peak_each(peaks: Peaks, blobs: list[SaturatedPatch], fwhm_px: float) -> tuple[Peaks, Array]:
     """Let each saturated patch have one peak, at its place; return also the patch's radius at each peak."""
     x, y, height = peaks.x_px.copy(), peaks.y_px.copy(), peaks.height
     keep = np.ones(x.size, dtype=bool)
@@ -255,12 +238,12 @@ def _measured(
             image, clean, saturated, background, search.peaks, search.radius_px, search.fwhm_px, gain, most
         )
     else:
-        profiles, bell = fit_common(image, clean & ~saturated, x, y, noise, search.common, gain)
+        profiles, bell = fit_epsf(image, clean & ~saturated, x, y, noise, search.common, gain)
         fitted = Fitted(profiles, bell, None, np.arange(x.size), np.full(x.size, np.inf))
     fits, origin = fitted.profiles, fitted.origin
     x, y, noise, struck = x[origin], y[origin], noise[origin], struck[origin]
     neighbors = np.minimum(neighbors[origin], fitted.apart_px)
-    setting = Setting(
+    setting = FlagContext(
         noise=noise,
         restless=noise > _RESTLESS * np.percentile(background.noise, 25.0),
         knotty=_knotty(search.structure, float(np.median(background.noise)), x, y),
@@ -270,7 +253,7 @@ def _measured(
         artifacts=search.artifacts,
         struck=struck,
     )
-    flags, places_x, places_y = judge(fits, x, y, neighbors, setting)
+    flags, places_x, places_y = flag_sources(fits, x, y, neighbors, setting)
     error = search.noise_ratio
     flux_sigma = fits.flux_sigma * error
     least = _LEAST_FLUX_SIGMA if search.fwhm_px <= _WIDE_FWHM_PX else _LEAST_FLUX_SIGMA_WIDE
@@ -310,11 +293,11 @@ def _quality(
         limit = matched_limit(common.pixels, noise, search.noise_ratio)
         hollow = common.hollow
     else:
-        shape, hollow = fitted.shape or Shape.round(search.fwhm_px, fitted.bell), False
+        shape, hollow = fitted.shape or ShapePrior.round(search.fwhm_px, fitted.bell), False
         ellipse = ellipse_of(shape.p, shape.q, shape.r, fitted.bell.fwhm_per_width)
-        star = bell_image(shape.p, shape.q, shape.r, fitted.bell, 2 * half_px(search.fwhm_px))
+        star = psf_image(shape.p, shape.q, shape.r, fitted.bell, 2 * half_px(search.fwhm_px))
         limit = limiting_flux(star, noise, search.noise_ratio, search.smoothing_px, search.bin_px)
-    return summed_up(background, flags, saturated_share, ellipse, hollow=hollow, limit=limit)
+    return sky_quality(background, flags, saturated_share, ellipse, hollow=hollow, limit=limit)
 
 
 def _knotty(structure: Background | None, noise: float, x: Array, y: Array) -> NDArray[np.bool_]:

@@ -1,14 +1,119 @@
-"""Measurements: the sources found in one frame, as arrays side by side [S23 §0]."""
+"""What measuring a frame gives: Measurements, their flags, and SkyQuality of the frame [S23 §0]."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import IntFlag
+from dataclasses import dataclass, replace
+from enum import IntFlag, StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.measuring.quality import SkyQuality
+_FEWEST_PAIRS = 3
+_FAR_MAG = 0.05
+
+
+class StarImages(StrEnum):
+    """What the stars of a frame look like, by and large."""
+
+    WELL_SAMPLED = "well sampled"
+    UNDERSAMPLED = "undersampled"
+    DEFOCUSED = "defocused"
+    TRAILED = "trailed"
+    NONE = "none seen"
+
+
+@dataclass(frozen=True, slots=True)
+class SkyQuality:
+    """What a frame tells about the night. None means: can't be told.
+
+    Attributes
+    ----------
+    stars : int
+        Star-like sources measured; of a frame solved at a glance those that the glance saw, at most 200.
+    images : StarImages
+        What they look like.
+    fwhm_px, ellipticity, elongation_deg : float or None
+        Of the typical star; the major axis is counted from +x towards +y, in [-90, 90).
+    sky_adu, noise_adu : float
+        Median sky level (bias included) and its noise per pixel.
+    sky_gradient : float
+        Largest difference of the smooth sky level over the frame, in units of the noise.
+    limiting_flux_adu : float or None
+        Flux of a star of typical width that stands 5 σ above the smoothed sky, where detection sets in.
+    saturated_share : float
+        Share of saturated pixels.
+    fwhm_arcsec, zero_point_mag, limiting_mag, sky_mag_arcsec2 : float or None
+        Only of a solved frame: width on the sky, magnitude of a star of 1 ADU, the faintest magnitude,
+        surface brightness of the sky (None without a known bias level).
+    """
+
+    stars: int
+    images: StarImages
+    fwhm_px: float | None
+    ellipticity: float | None
+    elongation_deg: float | None
+    sky_adu: float
+    noise_adu: float
+    sky_gradient: float
+    limiting_flux_adu: float | None
+    saturated_share: float
+    fwhm_arcsec: float | None = None
+    zero_point_mag: float | None = None
+    limiting_mag: float | None = None
+    sky_mag_arcsec2: float | None = None
+
+
+def with_plate(
+    quality: SkyQuality,
+    *,
+    scale_arcsec_px: float,
+    mag: NDArray[np.float64],
+    flux: NDArray[np.float64],
+    bias_adu: float | None = None,
+) -> SkyQuality:
+    """Fill in what needs a solved frame.
+
+    Parameters
+    ----------
+    quality : SkyQuality
+        From `measure`.
+    scale_arcsec_px : float
+    mag, flux : ndarray, shape (n,)
+        Catalog magnitudes and fluxes (ADU) of identified, unsaturated stars; what isn't finite or positive
+        is passed over.
+    bias_adu : float, optional
+        Level of an unlit pixel; the sky's surface brightness can't be told without.
+
+    Returns
+    -------
+    SkyQuality
+        The zero point is that of the whole exposure: the magnitude of a star that gave 1 ADU in it.
+    """
+    mag, flux = np.asarray(mag, dtype=np.float64), np.asarray(flux, dtype=np.float64)
+    usable = np.isfinite(mag) & np.isfinite(flux) & (flux > 0)
+    fwhm = None if quality.fwhm_px is None else quality.fwhm_px * scale_arcsec_px
+    if usable.sum() < _FEWEST_PAIRS:
+        return replace(quality, fwhm_arcsec=fwhm)
+    zero_point = _clipped_median(mag[usable] + 2.5 * np.log10(flux[usable]))
+    limit = quality.limiting_flux_adu
+    sky = None if bias_adu is None else quality.sky_adu - bias_adu
+    return replace(
+        quality,
+        fwhm_arcsec=fwhm,
+        zero_point_mag=zero_point,
+        limiting_mag=None if limit is None or limit <= 0 else float(zero_point - 2.5 * np.log10(limit)),
+        sky_mag_arcsec2=None
+        if sky is None or sky <= 0
+        else float(zero_point - 2.5 * np.log10(sky / scale_arcsec_px**2)),
+    )
+
+
+def _clipped_median(values: NDArray[np.float64]) -> float:
+    """Median of what lies within three sigma of the median, sigma from the quartiles."""
+    low, middle, high = np.percentile(values, [25.0, 50.0, 75.0])
+    near = np.abs(values - middle) <= 3.0 * max(0.7413 * (high - low), _FAR_MAG)
+    return float(np.median(values[near]))
+
 
 Array = NDArray[np.float64]
 

@@ -1,9 +1,12 @@
-"""From what level on a pixel has stopped counting, told by a card or by the pile-up at the top."""
+"""Saturated pixels: from which level, the patches they form, and charge that bled from them [S23 §0.3]."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from mountnav.measuring.background import Image
 
@@ -52,3 +55,200 @@ def saturation_level(
     if near >= _PILE_PIXELS or exact >= _PILE_PIXELS_EXACT:
         level = min(level, top - margin)
     return level
+
+
+Array = NDArray[np.float64]
+
+_BLEED_RATIO = 3.0
+_BLOCK_PX = 6
+_TAIL_RATIO = 3.0
+_TAIL_SIGMA = 6.0
+_LEAST_BLOCKS = 2
+_GAP_BLOCKS = 1
+_MOST_STARS = 300
+
+
+@dataclass(frozen=True, slots=True)
+class SaturatedPatch:
+    """A connected patch of saturated pixels.
+
+    Attributes
+    ----------
+    x_px, y_px : float
+        Where its star is.
+    left, right, top, bottom : int
+        Its first and last columns and rows.
+    radius_px : float
+        Of the patch, across the line along which charge ran, if it did.
+    bleeds : bool
+        It is much longer than wide along a column or row.
+    """
+
+    x_px: float
+    y_px: float
+    left: int
+    right: int
+    top: int
+    bottom: int
+    radius_px: float
+    bleeds: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Bleed:
+    """A rectangle of pixels into which charge has run; the last columns and rows are part of it."""
+
+    left: int
+    right: int
+    top: int
+    bottom: int
+
+    def touches(self, x_px: Array, y_px: Array, margin_px: float) -> NDArray[np.bool_]:
+        """Tell which places, shape (n,), lie on it or within a margin of it."""
+        return np.asarray(
+            (x_px > self.left - margin_px)
+            & (x_px < self.right + margin_px)
+            & (y_px > self.top - margin_px)
+            & (y_px < self.bottom + margin_px)
+        )
+
+
+def find_saturated_patches(saturated: NDArray[np.bool_], fwhm_px: float) -> list[SaturatedPatch]:
+    """Find the connected patches of saturated pixels.
+
+    A patch much longer than wide along one axis bleeds; its star is where it is widest across that axis.
+
+    Parameters
+    ----------
+    saturated : ndarray of bool, shape (height, width)
+    fwhm_px : float
+
+    Returns
+    -------
+    list of Blob
+    """
+    blobs: list[SaturatedPatch] = []
+    lines = np.flatnonzero(saturated.any(axis=1))
+    if lines.size == 0:
+        return blobs
+    # only the lines that hold saturated pixels are labelled, a clear one between any two that don't touch
+    gap = np.r_[0, np.cumsum(np.minimum(np.diff(lines), 2))]
+    packed = np.zeros((int(gap[-1]) + 1, saturated.shape[1]), dtype=bool)
+    packed[gap] = saturated[lines]
+    line_at = np.zeros(packed.shape[0], dtype=np.intp)
+    line_at[gap] = lines
+    labels, _ = ndimage.label(packed, structure=np.ones((3, 3)))
+    for number, box in enumerate(ndimage.find_objects(labels), start=1):
+        patch = labels[box] == number
+        tall, wide = patch.shape
+        rows, columns = np.nonzero(patch)
+        x, y = float(columns.mean()), float(rows.mean())
+        thin = patch.sum() / max(tall, wide)  # mean width across the longer side
+        bleeds = max(tall, wide) > max(_BLEED_RATIO * thin, 3.0 * fwhm_px, 6.0)
+        radius = np.sqrt(patch.sum() / np.pi)
+        if bleeds:
+            across = patch.sum(axis=1 if tall >= wide else 0)
+            widest = np.flatnonzero(across >= 0.8 * across.max())
+            middle = float(widest.mean())
+            if tall >= wide:
+                line = patch[round(middle)]
+                x, y = float(np.flatnonzero(line).mean()) if line.any() else x, middle
+            else:
+                line = patch[:, round(middle)]
+                x, y = middle, float(np.flatnonzero(line).mean()) if line.any() else y
+            radius = 0.5 * float(across.max())
+        blobs.append(
+            SaturatedPatch(
+                x_px=x + box[1].start,
+                y_px=y + float(line_at[box[0].start]),
+                left=box[1].start,
+                right=box[1].stop - 1,
+                top=int(line_at[box[0].start]),
+                bottom=int(line_at[box[0].stop - 1]),
+                radius_px=float(radius),
+                bleeds=bool(bleeds),
+            )
+        )
+    return blobs
+
+
+def find_bleeds(sky_free: Image, blobs: list[SaturatedPatch], noise: float, fwhm_px: float) -> list[Bleed]:
+    """Follow the charge that ran over from saturated stars, also where it no longer saturates.
+
+    From each star the four ways along its column and row are followed in short blocks. A block belongs to a
+    tail when it is far brighter than the same distance along both ways across: halos and the spikes of a
+    spider look alike both ways, charge doesn't.
+
+    Parameters
+    ----------
+    sky_free : ndarray of float32, shape (height, width)
+    blobs : list of Blob
+    noise : float
+        Noise per pixel.
+    fwhm_px : float
+
+    Returns
+    -------
+    list of Bleed
+    """
+    found: list[Bleed] = []
+    largest = sorted(blobs, key=lambda blob: -(blob.right - blob.left + 1) * (blob.bottom - blob.top + 1))
+    for blob in largest[:_MOST_STARS]:
+        if blob.bleeds:
+            found.append(Bleed(blob.left, blob.right, blob.top, blob.bottom))
+        x, y = round(blob.x_px), round(blob.y_px)
+        half = int(np.clip(np.ceil(blob.radius_px), 1, 20))
+        ways = [_run(sky_free, x, y, half, step, upright) for upright in (True, False) for step in (1, -1)]
+        for k, way in enumerate(ways):
+            across = ways[2:] if k < 2 else ways[:2]
+            tail = _tail(way, across, noise, max(half, round(fwhm_px)))
+            if tail is None:
+                continue
+            first, last, low, high = tail
+            near, far = (first, last) if k % 2 == 0 else (-last, -first)
+            if k < 2:
+                found.append(Bleed(x + low, x + high, y + near, y + far))
+            else:
+                found.append(Bleed(x + near, x + far, y + low, y + high))
+    return found
+
+
+def _run(sky_free: Image, x: int, y: int, half: int, step: int, upright: bool) -> Array:
+    """Medians of blocks on the way from a star to the frame's edge, shape (blocks, 2 half + 5)."""
+    picture, a, b = (sky_free, y, x) if upright else (sky_free.T, x, y)
+    lines = picture[a::step] if step > 0 else picture[a::-1]
+    side = half + 2
+    columns = np.clip(np.arange(b - side, b + side + 1), 0, picture.shape[1] - 1)
+    blocks = lines.shape[0] // _BLOCK_PX
+    strip = lines[: blocks * _BLOCK_PX, columns]
+    return np.asarray(np.median(strip.reshape(blocks, _BLOCK_PX, columns.size), axis=1), dtype=np.float64)
+
+
+def _tail(way: Array, across: list[Array], noise: float, core_px: int) -> tuple[int, int, int, int] | None:
+    """First and last distance from the star, first and last offset across, of a tail; None without one."""
+    blocks = way.shape[0]
+    first = -(-core_px // _BLOCK_PX)
+    level = np.full(blocks, np.inf)
+    for other in across:
+        # the quieter way across is the star's own light; the other one may hold a neighbor
+        shared = min(blocks, other.shape[0])
+        level[:shared] = np.minimum(level[:shared], other[:shared].max(axis=1))
+    level[~np.isfinite(level)] = 0.0
+    limit = _TAIL_RATIO * np.maximum(level, 0.0) + _TAIL_SIGMA * 1.25 * noise / np.sqrt(_BLOCK_PX)
+    on = way > limit[:, None]
+    lit = on.any(axis=1)
+    last, gap = first - 1, 0
+    for k in range(first, blocks):
+        if lit[k]:
+            last, gap = k, 0
+        else:
+            gap += 1
+            if gap > _GAP_BLOCKS:
+                break
+    if last - first + 1 < _LEAST_BLOCKS:
+        return None
+    columns = np.flatnonzero(on[first : last + 1].mean(axis=0) > 0.3)
+    if columns.size == 0 or columns.size > 0.8 * way.shape[1] + 1:
+        return None
+    side = (way.shape[1] - 1) // 2
+    return first * _BLOCK_PX, (last + 1) * _BLOCK_PX, int(columns[0]) - side - 1, int(columns[-1]) - side + 1

@@ -20,7 +20,7 @@ from mountnav.errors import (
     TargetNotReached,
 )
 from mountnav.journal.records import EntryKind
-from mountnav.measuring.quality import StarImages
+from mountnav.measuring.measurements import StarImages
 from mountnav.mount.kill_points import kill_point
 from mountnav.navigation.correcting import Correcting
 from mountnav.navigation.equipment import Equipment

@@ -16,7 +16,7 @@ from mountnav.devices import Epoch, MountReading, PierSide, for_mount, from_moun
 from mountnav.errors import BadFrame, CameraStale, MountMoved, SyncDoubt
 from mountnav.frames import Frame, Hint
 from mountnav.journal.records import EntryKind, LookRecord, because, cause, new_id
-from mountnav.measuring.quality import SkyQuality
+from mountnav.measuring.measurements import SkyQuality
 from mountnav.mount.kill_points import kill_point
 from mountnav.navigation.equipment import Equipment, Listener, Solve, in_thread
 from mountnav.navigation.frames_seen import LAGS, Sight, fingerprint, takes_long

@@ -12,7 +12,7 @@ from enum import StrEnum
 from types import MappingProxyType
 
 from mountnav.errors import BadSettings
-from mountnav.measuring.quality import StarImages
+from mountnav.measuring.measurements import StarImages
 from mountnav.solution import Reason, Verdict
 
 __all__ = [

@@ -19,9 +19,9 @@ from mountnav.identification.preliminary import Preliminary
 from mountnav.identification.selection import all_finite
 from mountnav.identification.shift import mutual_pairs, sources_of
 from mountnav.identification.trail_check import MOVED_KEY, plate_stays
-from mountnav.measuring.light_path import light_path
 from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Flag, Measurements
+from mountnav.measuring.star_trail import star_trail
 from mountnav.reading import demosaiced, read_frame
 from mountnav.series.persistence import Persistence
 from mountnav.series.report import series_report
@@ -478,7 +478,7 @@ def _stand(m: Measurements, chosen: NDArray[np.int64], frame: Frame) -> bool:
         return True
     clear = (m.flags[chosen] & int(Flag.SATURATED | Flag.BLEED)) == 0
     fwhm_px = float(np.median(m.fwhm_px[chosen]))
-    path = light_path(frame.pixels, m.x_px[chosen], m.y_px[chosen], m.flux[chosen], clear, fwhm_px)
+    path = star_trail(frame.pixels, m.x_px[chosen], m.y_px[chosen], m.flux[chosen], clear, fwhm_px)
     return path is None or plate_stays(path)
 
 

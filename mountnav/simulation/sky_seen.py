@@ -15,7 +15,7 @@ import numpy as np
 
 from mountnav.clock import Clock
 from mountnav.frames import Frame, Hint
-from mountnav.measuring.quality import SkyQuality, StarImages
+from mountnav.measuring.measurements import SkyQuality, StarImages
 from mountnav.simulation.seeded_random import uniform
 from mountnav.simulation.sky_script import SkyScript
 from mountnav.simulation.truth_frame import FrameTruth, truth_of

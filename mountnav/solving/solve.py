@@ -23,8 +23,7 @@ from mountnav.identification.selection import star_like
 from mountnav.identification.trail_check import StarsInCone, TrailCheck, check_trails
 from mountnav.identification.verification import Identified
 from mountnav.identification.wcs import wcs_cards
-from mountnav.measuring.measurements import Flag, Measurements
-from mountnav.measuring.quality import SkyQuality, with_plate
+from mountnav.measuring.measurements import Flag, Measurements, SkyQuality, with_plate
 from mountnav.reading import demosaiced, read_frame
 from mountnav.sky.coordinates import Icrs
 from mountnav.solution import (

@@ -20,7 +20,7 @@ from api.solver.solve_record import (
 from api.solver.solve_settings import chosen_section, chosen_settings, solve_settings
 from mountnav.errors import BadRequest
 from mountnav.frames import Hint
-from mountnav.measuring.quality import SkyQuality, StarImages
+from mountnav.measuring.measurements import SkyQuality, StarImages
 from mountnav.sky.coordinates import Icrs
 from mountnav.solution import Reason, Solution, Times, Verdict
 from mountnav.solving.contradictions import contradictions_with

@@ -17,7 +17,7 @@ from mountnav.identification.field_rotation import (
     field_motion,
     second_image,
 )
-from mountnav.measuring.light_patches import light_patches
+from mountnav.measuring.segmentation import segment_light
 from mountnav.solving.solve import solve
 
 SIDE_PX = 800
@@ -120,7 +120,7 @@ def _frame(place: np.ndarray, light: np.ndarray) -> np.ndarray:
 
 
 def _centers(seen: np.ndarray, believed: np.ndarray, light: np.ndarray) -> Centers:
-    patches = light_patches(_frame(seen, light))
+    patches = segment_light(_frame(seen, light))
     return centers_of_light(patches, believed.real, believed.imag, light, CENTER)
 
 
@@ -170,7 +170,7 @@ def test_a_second_image_that_is_turned_is_found() -> None:
     turn, away = 0.06j, 35.0 + 12.0j
     again = place + away + turn * (place - CENTER)
     pixels = _frame(np.concatenate((place, again)), np.concatenate((light, 0.5 * light)))
-    found = second_image(light_patches(pixels), place.real, place.imag, light, CENTER, (SIDE_PX, SIDE_PX))
+    found = second_image(segment_light(pixels), place.real, place.imag, light, CENTER, (SIDE_PX, SIDE_PX))
     assert found is not None
     assert found.turn == pytest.approx(turn, abs=0.004)
     assert found.center_px == pytest.approx(away, abs=1.5)
@@ -183,13 +183,13 @@ def test_strangers_are_no_second_image() -> None:
         place, light = _stars(4)
         others, _ = _stars(seed)
         pixels = _frame(np.concatenate((place, others)), np.concatenate((light, light)))
-        patches = light_patches(pixels)
+        patches = segment_light(pixels)
         assert second_image(patches, place.real, place.imag, light, CENTER, (SIDE_PX, SIDE_PX)) is None
 
 
 def test_a_frame_without_light_tells_nothing() -> None:
     place, light = _stars(1)
-    patches = light_patches(np.full((SIDE_PX, SIDE_PX), 500.0))
+    patches = segment_light(np.full((SIDE_PX, SIDE_PX), 500.0))
     assert patches.x_px.size == 0
     assert centers_of_light(patches, place.real, place.imag, light, CENTER).off.size == 0
     assert second_image(patches, place.real, place.imag, light, CENTER, (SIDE_PX, SIDE_PX)) is None
@@ -199,6 +199,6 @@ def test_a_frame_with_missing_pixels_is_looked_at() -> None:
     place, light = _stars(1)
     pixels = _frame(place, light)
     pixels[300:340, :] = np.nan
-    motion = field_motion(centers_of_light(light_patches(pixels), place.real, place.imag, light, CENTER))
+    motion = field_motion(centers_of_light(segment_light(pixels), place.real, place.imag, light, CENTER))
     assert motion is not None
     assert not motion.differs

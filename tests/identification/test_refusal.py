@@ -9,8 +9,7 @@ from mountnav.catalog.embedded import embedded_catalog
 from mountnav.frames import Hint
 from mountnav.identification.search import identify
 from mountnav.identification.settings import IdentificationSettings
-from mountnav.measuring.measurements import Flag
-from mountnav.measuring.quality import SkyQuality, StarImages
+from mountnav.measuring.measurements import Flag, SkyQuality, StarImages
 from mountnav.sky.coordinates import Icrs
 from mountnav.solution import Reason
 from mountnav.solving.contradictions import contradictions_with

@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.trailed import RIGHT_PX, still, trial, ways
 from mountnav.catalog.embedded import embedded_catalog
-from mountnav.measuring.light_path import brighter_image, light_path
+from mountnav.measuring.star_trail import brighter_image, star_trail
 from mountnav.solution import Reason
 from mountnav.solving.solve import solve
 
@@ -94,7 +94,7 @@ def _frame_of_stars(offsets: list[tuple[float, float, float]]) -> tuple[np.ndarr
 
 def test_the_light_of_points_is_where_they_are() -> None:
     pixels, x, y = _frame_of_stars([(0.0, 0.0, 1.0)])
-    path = light_path(pixels, x, y, np.ones(x.size), np.ones(x.size, dtype=bool), 3.5)
+    path = star_trail(pixels, x, y, np.ones(x.size), np.ones(x.size, dtype=bool), 3.5)
     assert path is not None
     assert not path.far
     assert path.off_px < 0.1
@@ -105,7 +105,7 @@ def test_what_is_drawn_out_is_told_from_points() -> None:
     for length_px, drawn_out in ((0.0, False), (4.0, True), (9.0, True)):
         steps = np.linspace(-0.5, 0.5, 9) * length_px
         pixels, x, y = _frame_of_stars([(step, 0.5 * step, 1.0 / 9.0) for step in steps])
-        path = light_path(pixels, x, y, np.ones(x.size), np.ones(x.size, dtype=bool), 3.5)
+        path = star_trail(pixels, x, y, np.ones(x.size), np.ones(x.size, dtype=bool), 3.5)
         assert path is not None
         assert path.drawn_out == drawn_out, path
 
@@ -119,7 +119,7 @@ def test_what_is_in_the_center_of_light_is_no_halo_besides() -> None:
     for offsets in (trail, tail):
         pixels, x, y = _frame_of_stars(offsets)
         flux = np.full(x.size, 2000.0 * 2.0 * np.pi * 1.5**2)
-        path = light_path(pixels, x, y, flux, np.ones(x.size, dtype=bool), 3.5)
+        path = star_trail(pixels, x, y, flux, np.ones(x.size, dtype=bool), 3.5)
         assert path is not None
         assert path.drawn_out
         shares.append(path.halo_share)
@@ -129,7 +129,7 @@ def test_what_is_in_the_center_of_light_is_no_halo_besides() -> None:
 
 def test_where_the_stars_lie_in_their_bins_is_no_error_of_a_path() -> None:
     pixels, x, y = _frame_of_stars([(step, 0.5 * step, 1.0 / 37.0) for step in np.linspace(-9.0, 9.0, 37)])
-    path = light_path(pixels, x, y, np.ones(x.size), np.ones(x.size, dtype=bool), 3.5)
+    path = star_trail(pixels, x, y, np.ones(x.size), np.ones(x.size, dtype=bool), 3.5)
     assert path is not None
     assert path.far
     assert path.off_px < 0.1
@@ -153,7 +153,7 @@ def test_few_stars_tell_of_light_between_the_bins_and_from_beyond_the_edge() -> 
     pixels, x, y = _frame_of_stars([(0.0, 0.0, 0.06), (42.0, -250.0, 0.03)])
     # five of the stars whose other image lies in the frame; it would be beyond the edge for most others
     some = np.flatnonzero(y > 320)[:5]
-    none = light_path(pixels, x[some], y[some], np.ones(5), np.ones(5, dtype=bool), 3.5)
+    none = star_trail(pixels, x[some], y[some], np.ones(5), np.ones(5, dtype=bool), 3.5)
     assert none is not None
     assert none.far
     assert none.extent_px > 240
@@ -161,7 +161,7 @@ def test_few_stars_tell_of_light_between_the_bins_and_from_beyond_the_edge() -> 
 
 def test_the_light_of_two_exposures_lies_between_them() -> None:
     pixels, x, y = _frame_of_stars([(0.0, 0.0, 1.0), (60.0, -20.0, 0.5)])
-    path = light_path(pixels, x, y, np.ones(x.size), np.ones(x.size, dtype=bool), 3.5)
+    path = star_trail(pixels, x, y, np.ones(x.size), np.ones(x.size, dtype=bool), 3.5)
     assert path is not None
     assert path.far
     assert (path.dx_px, path.dy_px) == pytest.approx((20.0, -20.0 / 3.0), abs=3.0 * path.sigma_px)
@@ -200,7 +200,7 @@ def test_stars_that_lie_opposite_to_each_other_are_no_reflections_of_each_other(
 
 def test_too_few_stars_tell_nothing() -> None:
     pixels, x, y = _frame_of_stars([(0.0, 0.0, 1.0)])
-    assert light_path(pixels, x[:3], y[:3], np.ones(3), np.ones(3, dtype=bool), 3.5) is None
+    assert star_trail(pixels, x[:3], y[:3], np.ones(3), np.ones(3, dtype=bool), 3.5) is None
 
 
 @pytest.mark.first

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from painted import as_frame
 from scipy.spatial import KDTree
-from skies import exposed, field, stamped
-from spoiling import add_bleed, add_cosmics, add_hot_pixels
 
-from mountnav.measuring.bleeds import find_blobs
-from mountnav.measuring.cosmics import find_cosmics, sharpest
+from mountnav.measuring.artifacts import find_cosmics, sharpest
 from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Flag, Measurements
+from mountnav.measuring.saturation import find_saturated_patches
 from mountnav.measuring.settings import MeasuringSettings
+from tests.measuring.painted import as_frame
+from tests.measuring.skies import exposed, field, stamped
+from tests.measuring.spoiling import add_bleed, add_cosmics, add_hot_pixels
 
 SIZE = (700, 800)
 FLAT = np.full(SIZE, 100.0)
@@ -88,14 +88,14 @@ def test_blobs_are_the_patches_that_were_filled() -> None:
     full[14, 24] = True  # touches at a corner
     full[30:55, 60:62] = True
     full[16, 5] = True
-    blobs = find_blobs(full, 3.0)
+    blobs = find_saturated_patches(full, 3.0)
     assert [(b.left, b.right, b.top, b.bottom) for b in blobs] == [
         (20, 24, 10, 14),
         (5, 5, 16, 16),
         (60, 61, 30, 54),
     ]
     assert [b.bleeds for b in blobs] == [False, False, True]
-    assert find_blobs(np.zeros((20, 20), dtype=bool), 3.0) == []
+    assert find_saturated_patches(np.zeros((20, 20), dtype=bool), 3.0) == []
 
 
 @pytest.mark.parametrize("fwhm_px", [2.2, 3.0, 4.5])

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
-from spoiling import add_bleed, add_cosmics, add_hot_pixels, add_trail
 
 from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Flag, Measurements
 from mountnav.reading import read_frame
+from tests.measuring.spoiling import add_bleed, add_cosmics, add_hot_pixels, add_trail
 
 pytestmark = pytest.mark.shared
 

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from painted import Array, as_frame, painted, scattered, spots, star
 from scipy.spatial import KDTree
 
 from mountnav.measuring.measure import measure
-from mountnav.measuring.measurements import Flag
-from mountnav.measuring.quality import StarImages
+from mountnav.measuring.measurements import Flag, StarImages
+from tests.measuring.painted import Array, as_frame, painted, scattered, spots, star
 
 SIZE = (900, 900)
 TOP = 45_000.0

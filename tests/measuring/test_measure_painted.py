@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from painted import Array, as_frame, painted, scattered
 from scipy.spatial import KDTree
 
 from mountnav.errors import BadFrame
@@ -14,6 +13,7 @@ from mountnav.frames import Frame
 from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Flag, Measurements
 from mountnav.measuring.settings import MeasuringSettings
+from tests.measuring.painted import Array, as_frame, painted, scattered
 from tests.short_part import one_in
 
 

@@ -6,12 +6,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from painted import Array, as_frame, painted, scattered
 from scipy import ndimage
 from scipy.spatial import KDTree
 
 from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Flag
+from tests.measuring.painted import Array, as_frame, painted, scattered
 from tests.short_part import one_in
 
 SIZE = (800, 800)

@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from painted import as_frame
 from scipy.spatial import KDTree
-from skies import Array, exposed, field, stamped
-from spoiling import add_trail
 
 from mountnav.measuring.background import estimate_background
 from mountnav.measuring.detection import smooth
-from mountnav.measuring.lines import find_segments
 from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Flag
-from mountnav.measuring.trails import Trail, find_trails
+from mountnav.measuring.trails import Trail, find_line_segments, find_trails
+from tests.measuring.painted import as_frame
+from tests.measuring.skies import Array, exposed, field, stamped
+from tests.measuring.spoiling import add_trail
 from tests.short_part import one_in
 
 SIZE = (900, 1000)
@@ -206,7 +205,7 @@ def test_segments_lie_where_a_line_was_drawn(x0: int, x1: int, upright: bool, mi
     rows = np.arange(200)
     columns = np.rint(x0 + (x1 - x0) * rows / 199.0).astype(int)
     picture[rows, 199 - columns if mirrored else columns] += np.float32(2.5)
-    found = find_segments(picture if upright else picture.T, 30.0, 6.0)
+    found = find_line_segments(picture if upright else picture.T, 30.0, 6.0)
     assert found.x0.size > 0
     ends = [(found.x0[0], found.y0[0]), (found.x1[0], found.y1[0])]
     for x, y in ends if upright else [(b, a) for a, b in ends]:

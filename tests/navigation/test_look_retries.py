@@ -22,7 +22,7 @@ from mountnav.errors import (
 )
 from mountnav.frames import Frame, Hint
 from mountnav.journal.records import EntryKind
-from mountnav.measuring.quality import SkyQuality, StarImages
+from mountnav.measuring.measurements import SkyQuality, StarImages
 from mountnav.navigation.policy import (
     CHEAP,
     TACTICS,

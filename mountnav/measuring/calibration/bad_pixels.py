@@ -7,8 +7,8 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
+from mountnav.measuring.calibration.inspection import PHASES
 from mountnav.measuring.calibration.raw_files import FloatImage
-from mountnav.measuring.calibration.survey import PHASES
 
 Map = NDArray[np.uint8]
 
@@ -23,7 +23,7 @@ _NOISY_COLUMN_RATIO = 2.5
 MOST_BAD = 0.05
 
 
-class Bad(IntFlag):
+class BadPixel(IntFlag):
     """Why a pixel is bad."""
 
     HOT = 1
@@ -46,7 +46,7 @@ def mark_hot(bad: Map, dark: FloatImage, least_excess: float) -> None:
         middle = _median(cell)
         spread = 1.4826 * _median(np.abs(cell - middle))
         hot = ~(cell - middle < max(least_excess, _HOT_CELL_SIGMA * spread))
-        bad[rows, columns][hot] |= np.uint8(Bad.HOT)
+        bad[rows, columns][hot] |= np.uint8(BadPixel.HOT)
 
 
 def mark_dead(bad: Map, flat: FloatImage) -> None:
@@ -63,7 +63,7 @@ def mark_dead(bad: Map, flat: FloatImage) -> None:
             part = cell[row::2, column::2]
             middle = _median(part)
             off = ~((part > _LOW_RESPONSE * middle) & (part < _HIGH_RESPONSE * middle))
-            bad[rows, columns][row::2, column::2][off] |= np.uint8(Bad.DEAD)
+            bad[rows, columns][row::2, column::2][off] |= np.uint8(BadPixel.DEAD)
 
 
 def mark_noisy(bad: Map, scatter: FloatImage) -> None:
@@ -83,9 +83,9 @@ def mark_noisy(bad: Map, scatter: FloatImage) -> None:
     typical = _median(columns)
     if typical <= 0.0:
         return
-    bad[:, columns > _NOISY_COLUMN_RATIO * typical] |= np.uint8(Bad.NOISY)
+    bad[:, columns > _NOISY_COLUMN_RATIO * typical] |= np.uint8(BadPixel.NOISY)
     for rows, _ in _cells((scatter.shape[0], 1)):
-        bad[rows][np.asarray(scatter[rows]) > _NOISY_RATIO * typical] |= np.uint8(Bad.NOISY)
+        bad[rows][np.asarray(scatter[rows]) > _NOISY_RATIO * typical] |= np.uint8(BadPixel.NOISY)
 
 
 def heal(pixels: FloatImage, bad: NDArray[np.bool_], step_px: int) -> tuple[int, int]:

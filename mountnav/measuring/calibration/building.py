@@ -12,16 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.errors import BadRequest
-from mountnav.measuring.calibration.bad_pixels import MOST_BAD, Bad
-from mountnav.measuring.calibration.bias_and_dark import build_bias, build_darks
+from mountnav.measuring.calibration.bad_pixels import MOST_BAD, BadPixel
+from mountnav.measuring.calibration.bias_dark_flat import (
+    BuildContext,
+    build_bias,
+    build_darks,
+    build_flats,
+    build_from_lights,
+)
 from mountnav.measuring.calibration.calibration import masters_in
-from mountnav.measuring.calibration.facts import Kind, assuming, difference
-from mountnav.measuring.calibration.flats import build_flats, build_from_lights
+from mountnav.measuring.calibration.camera_setup import Kind, assuming, difference
+from mountnav.measuring.calibration.inspection import require_all_known
 from mountnav.measuring.calibration.masters import Master, MasterFacts
 from mountnav.measuring.calibration.raw_files import RawFile, listed_files, open_raw
 from mountnav.measuring.calibration.stacking import StackSettings
-from mountnav.measuring.calibration.survey import require_all_known
-from mountnav.measuring.calibration.workbench import Workbench
 
 _KINDS = (Kind.BIAS, Kind.DARK, Kind.FLAT, Kind.LIGHT)
 
@@ -71,7 +75,7 @@ def build(
     settings : StackSettings, optional
     assumed : mapping, optional
         Settings of the camera for frames whose headers don't tell them, see
-        `mountnav.measuring.calibration.facts.assumptions`.
+        `mountnav.measuring.calibration.camera_setup.assumptions`.
 
     Returns
     -------
@@ -106,7 +110,7 @@ def build(
     try:
         unpacked = scratch / "unpacked"
         unpacked.mkdir()
-        bench = Workbench(out, scratch, settings, masters_in(out))
+        bench = BuildContext(out, scratch, settings, masters_in(out))
         opened = {
             kind: [_with_assumed(open_raw(path, unpacked), assumed or {}) for path in paths]
             for kind, paths in listed.items()
@@ -152,7 +156,7 @@ def _require_one_camera(opened: dict[Kind, list[RawFile]]) -> None:
     require_all_known([files[0] for files in opened.values() if files])
 
 
-def _build_bad_pixels(bench: Workbench) -> None:
+def _build_bad_pixels(bench: BuildContext) -> None:
     if not bench.flags:
         return
     facts = bench.ready[0].facts
@@ -172,7 +176,7 @@ def _build_bad_pixels(bench: Workbench) -> None:
         bench.notes.append(f"{100 * share:.1f} % of the pixels look bad: no bad-pixel map is made")
         return
     plain = replace(facts, exposure_s=None, temperature_c=None, filter=None)
-    counts = {kind.name: int(np.count_nonzero(bad & np.uint8(kind))) for kind in Bad}
+    counts = {kind.name: int(np.count_nonzero(bad & np.uint8(kind))) for kind in BadPixel}
     bench.notes.append(
         f"bad pixels: {counts['HOT']} hot, {counts['DEAD']} dead, {counts['NOISY']} noisy"
         f" ({100 * share:.3f} %)"

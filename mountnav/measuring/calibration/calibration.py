@@ -1,4 +1,4 @@
-"""Masters go on a frame here: bias, dark, flat and bad pixels that fit it; what doesn't fit is told."""
+"""Calibration of a frame: bias, dark, flat and bad pixels that fit it; misfits are reported."""
 
 from __future__ import annotations
 
@@ -11,20 +11,96 @@ from numpy.typing import NDArray
 
 from mountnav.errors import BadRequest
 from mountnav.frames import Frame
-from mountnav.measuring.calibration.bad_pixels import HOT_SIGMA, Bad, heal
-from mountnav.measuring.calibration.facts import (
-    CameraFacts,
+from mountnav.measuring.calibration.bad_pixels import HOT_SIGMA, BadPixel, heal
+from mountnav.measuring.calibration.camera_setup import (
+    CameraSetup,
     Kind,
     difference,
-    facts_from_header,
     same_filter,
+    setup_from_header,
     steps_done,
     unknown_beside_known,
     zero_left_adu,
 )
 from mountnav.measuring.calibration.masters import Master, read_master
 from mountnav.measuring.calibration.raw_files import FloatImage
-from mountnav.measuring.calibration.saturated import full_level, keep_full
+from mountnav.measuring.saturation import saturation_level
+
+__all__ = ["Calibration", "CalibrationPolicy", "CalibrationReport", "masters_in"]
+
+
+_ROOM = 1.02
+_SAMPLE = 4_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class FullLevel:
+    """From what level a raw pixel is saturated; infinity if none is known."""
+
+    level_adu: float
+
+
+def full_level(frame: Frame) -> FullLevel:
+    """Find from what level on a raw frame's pixels count as saturated.
+
+    Parameters
+    ----------
+    frame : Frame
+        With its pixels untouched.
+
+    Returns
+    -------
+    Full
+    """
+    image = frame.pixels.astype(np.float32)
+    step = max(1, image.size // _SAMPLE)
+    sample = image.ravel()[::step]
+    sample = sample[np.isfinite(sample)]
+    if sample.size == 0:
+        return FullLevel(np.inf)
+    sky = float(np.median(sample))
+    noise = 1.4826 * float(np.median(np.abs(sample - sky)))
+    return FullLevel(saturation_level(frame.pixels, image, sky, max(noise, 0.3), frame.saturation_adu))
+
+
+def keep_full(
+    pixels: FloatImage, raw: NDArray[np.generic], full: FullLevel, bad: NDArray[np.bool_] | None = None
+) -> float | None:
+    """Lift pixels that were saturated above all that were not, in place.
+
+    A flat divides the full well by the response: a saturated pixel at the center would end below an
+    unsaturated one in a dark corner, and no single level could tell them apart.
+
+    Parameters
+    ----------
+    pixels : ndarray of float32, shape (height, width)
+        Calibrated.
+    raw : ndarray, shape (height, width)
+        The same before.
+    full : Full
+    bad : ndarray of bool, shape (height, width), optional
+        Pixels that tell nothing.
+
+    Returns
+    -------
+    float or None
+        The level from which pixels are saturated now; None if it wasn't known before.
+    """
+    if not np.isfinite(full.level_adu):
+        return None
+    saturated = np.asarray(raw, dtype=np.float32) >= full.level_adu
+    telling = np.isfinite(pixels) & ~saturated
+    if bad is not None:
+        saturated &= ~bad
+        telling &= ~bad
+    highest = float(pixels.max(where=telling, initial=1.0))
+    level = _ROOM * highest
+    if saturated.any():
+        # above the level by rounding at most: their height means nothing
+        pixels[saturated] = np.float32(level * 1.001)
+        return level
+    return max(level, float(full.level_adu))
+
 
 _BAND_ROWS = 128
 _LEAST_RESPONSE = 0.05
@@ -162,7 +238,7 @@ class Calibration:
 
     def bias_adu_of(self, frame: Frame) -> float | None:
         """Level of a pixel without light in this raw frame; None if no bias fits."""
-        bias = self._chosen(frame, facts_from_header(frame.header, frame.width_px, frame.height_px)).bias
+        bias = self._chosen(frame, setup_from_header(frame.header, frame.width_px, frame.height_px)).bias
         return None if bias is None else bias.level_adu
 
     def applied(self, frame: Frame) -> tuple[Frame, CalibrationReport]:
@@ -188,7 +264,7 @@ class Calibration:
         BadFrame
             A master can't be read.
         """
-        facts = facts_from_header(frame.header, frame.width_px, frame.height_px)
+        facts = setup_from_header(frame.header, frame.width_px, frame.height_px)
         if reason := _spoilt(frame):
             return frame, CalibrationReport(not_applied=(reason,))
         chosen = self._chosen(frame, facts)
@@ -254,7 +330,7 @@ class Calibration:
             header["EGAIN"] = round(gain, 4)
         return replace(frame, pixels=pixels, saturation_adu=saturation_adu, header=header), report
 
-    def _chosen(self, frame: Frame, facts: CameraFacts) -> _Chosen:
+    def _chosen(self, frame: Frame, facts: CameraSetup) -> _Chosen:
         done = steps_done(frame.header)
         not_applied: list[str] = []
         warnings: list[str] = []
@@ -306,7 +382,7 @@ class Calibration:
 
     def _dark(
         self,
-        facts: CameraFacts,
+        facts: CameraSetup,
         darks: Sequence[Master],
         bias_is_gone: bool,
         not_applied: list[str],
@@ -363,7 +439,7 @@ class Calibration:
         return best, exposure
 
     def _flat(
-        self, facts: CameraFacts, flats: Sequence[Master], not_applied: list[str], warnings: list[str]
+        self, facts: CameraSetup, flats: Sequence[Master], not_applied: list[str], warnings: list[str]
     ) -> Master | None:
         if not flats:
             return None
@@ -401,7 +477,7 @@ def _spoilt(frame: Frame) -> str | None:
         planes = frame.header.get("NAXIS3")
         if isinstance(planes, int) and planes > 1:
             return "the frame's colors were made already: raw frames are needed"
-        pattern = facts_from_header(frame.header, frame.width_px, frame.height_px).pattern
+        pattern = setup_from_header(frame.header, frame.width_px, frame.height_px).pattern
         if isinstance(bits, int) and bits > 0 and pattern is not None and "MNBIAS" not in frame.header:
             return "the frame's color mosaic was smoothed already: read it with raw=True"
     return None
@@ -435,8 +511,8 @@ def _bad_pixels(chosen: _Chosen, frame: Frame, pixels: FloatImage) -> NDArray[np
     if chosen.bad is None:
         return np.zeros(pixels.shape, dtype=bool)
     flags = chosen.bad.flags()
-    bad = np.asarray((flags & np.uint8(Bad.DEAD | Bad.NOISY)) != 0)
-    hot = np.asarray((flags & np.uint8(Bad.HOT)) != 0)
+    bad = np.asarray((flags & np.uint8(BadPixel.DEAD | BadPixel.NOISY)) != 0)
+    hot = np.asarray((flags & np.uint8(BadPixel.HOT)) != 0)
     if hot.any():
         dark = chosen.dark
         if dark is not None and dark.zero_free and dark.noise_adu is not None:
@@ -449,6 +525,3 @@ def _bad_pixels(chosen: _Chosen, frame: Frame, pixels: FloatImage) -> NDArray[np
             hot[y[still], x[still]] = False
         bad |= hot
     return bad
-
-
-__all__ = ["Calibration", "CalibrationPolicy", "CalibrationReport", "masters_in"]

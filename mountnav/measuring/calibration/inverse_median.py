@@ -11,8 +11,8 @@ from scipy import ndimage
 
 from mountnav.errors import BadFrame, BadRequest
 from mountnav.frames import Frame
+from mountnav.measuring.calibration.calibration import full_level, keep_full
 from mountnav.measuring.calibration.raw_files import FloatImage
-from mountnav.measuring.calibration.saturated import Full, full_level, keep_full
 
 Array = NDArray[np.float64]
 
@@ -418,7 +418,6 @@ def _splined(table: Array, places: Array) -> Array:
 
 __all__ = [
     "EvenedFrame",
-    "Full",
     "InverseMedian",
     "InverseMedianSettings",
     "Mesh",

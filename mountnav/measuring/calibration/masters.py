@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mountnav import __version__
 from mountnav.errors import BadFrame
-from mountnav.measuring.calibration.facts import CameraFacts, Card, Kind, difference, facts_from_header
+from mountnav.measuring.calibration.camera_setup import CameraSetup, Card, Kind, difference, setup_from_header
 from mountnav.measuring.calibration.raw_files import FloatImage
 
 _BLOCK_BYTES = 2880
@@ -59,7 +59,7 @@ class Master:
 
     path: Path
     kind: Kind
-    facts: CameraFacts
+    facts: CameraSetup
     frames: int
     zero_free: bool
     unit: str
@@ -114,7 +114,7 @@ class MasterFacts:
     """What a new master's header shall tell; see `Master` for the meaning."""
 
     kind: Kind
-    facts: CameraFacts
+    facts: CameraSetup
     files: tuple[str, ...]
     zero_free: bool
     unit: str
@@ -196,7 +196,7 @@ def read_master(path: Path) -> Master | None:
         return Master(
             path=path,
             kind=kind,
-            facts=facts_from_header(cards, width, height),
+            facts=setup_from_header(cards, width, height),
             frames=int(cards["NCOMBINE"]),
             zero_free=bool(cards["MNZEROFR"]),
             unit=str(cards["BUNIT"]),

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mountnav.errors import BadFrame, BadRequest
 from mountnav.files import open_plain
-from mountnav.measuring.calibration.facts import CameraFacts, Card, facts_from_header
+from mountnav.measuring.calibration.camera_setup import CameraSetup, Card, setup_from_header
 from mountnav.reading.content import OnDisk
 from mountnav.reading.fits_headers import check_size, walk
 from mountnav.reading.fits_images import unpacked_tiles
@@ -59,7 +59,7 @@ class RawFile:
     """
 
     path: Path
-    facts: CameraFacts
+    facts: CameraSetup
     header: dict[str, Card]
     full_adu: float
     data_path: Path
@@ -200,7 +200,7 @@ def _opened(path: Path, scratch: Path) -> RawFile:
         raise BadFrame(f"the image has only {width} × {height} pixels", device=path.name)
     return RawFile(
         path=path,
-        facts=facts_from_header(header, int(width), int(height)),
+        facts=setup_from_header(header, int(width), int(height)),
         header=header,
         full_adu=_full(header, bits, zero, scale),
         data_path=data_path,

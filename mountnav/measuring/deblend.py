@@ -1,0 +1,498 @@
+"""Deblending: each star fitted without its neighbors' light; unresolved doubles fitted as two [S23 §0.2]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from mountnav.measuring.background import Image
+from mountnav.measuring.cutouts import Cutouts, make_cutouts
+from mountnav.measuring.least_squares import Fit, Pixels, covariances, fit_psfs
+from mountnav.measuring.psf import Psf, Reals, ShapePrior
+from mountnav.measuring.psf_fitting import Profiles, fit_profiles, inverse_widths, light_on
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_SWEEPS = 5
+_SWEEP_ROUNDS = 4
+_LAST_SWEEP_ROUNDS = 7
+_SLACK = 0.1
+_CLEAR_SNR = 15.0
+_FEWEST_STARS = 5
+_REACH_HALVES = 2.5
+_LEAST_LIGHT = 0.5
+_CLOSE_FWHM = 2.2
+_CLOSE_SLACK = 0.01
+_PIXELS_AT_ONCE = 60_000
+
+
+def typical_shape(fits: Profiles, usable: NDArray[np.bool_], fwhm_px: float, bell: Psf) -> ShapePrior | None:
+    """Return the median shape of the clean bright fits; None where there are too few, or too unlike ones.
+
+    Parameters
+    ----------
+    fits : Profiles
+    usable : ndarray of bool, shape (n,)
+        Not saturated, not at the edge.
+    fwhm_px : float
+        About how wide the stars are.
+    bell : Bell
+
+    Returns
+    -------
+    Shape or None
+    """
+    width = np.sqrt(fits.minor_fwhm_px * fits.major_fwhm_px)
+    clean = usable & fits.converged & (fits.flux > _CLEAR_SNR * fits.flux_sigma) & (fits.misfit < 0.2)
+    clean &= (width > 0.6 * fwhm_px) & (width < 1.7 * fwhm_px)
+    if clean.sum() < _FEWEST_STARS:
+        return None
+    p, q, r = (float(np.median(w[clean])) for w in inverse_widths(fits, bell))
+    # medians one by one: of stars drawn out in many ways they may be no ellipse's
+    return ShapePrior(p, q, r, _SLACK) if p * r > q * q else None
+
+
+def deblend(
+    sky_free: Image,
+    good: NDArray[np.bool_],
+    fits: Profiles,
+    x_px: Array,
+    y_px: Array,
+    noise: Array,
+    half_px: int,
+    fixed: NDArray[np.bool_],
+    bell: Psf,
+    shape: ShapePrior,
+) -> tuple[Profiles, NDArray[np.bool_]]:
+    """Fit the stars that have others within their stamps anew, the others' light taken off, several times.
+
+    A blend's parts hardly tell their own shapes, so that of the typical star is expected of them.
+
+    Parameters
+    ----------
+    sky_free : ndarray of float32, shape (height, width)
+    good : ndarray of bool, shape (height, width)
+    fits : Profiles
+        Of each peak by itself.
+    x_px, y_px, noise : ndarray, shape (n,)
+        The peaks, and the noise per pixel at them.
+    half_px : int
+        Half side of a stamp.
+    fixed : ndarray of bool, shape (n,)
+        Stars to leave as they are (saturated ones); their light is taken off the others.
+    bell : Bell
+    shape : Shape
+        Of the typical star.
+
+    Returns
+    -------
+    fits : Profiles
+    anew : ndarray of bool, shape (n,)
+        Which were fitted anew.
+    """
+    pairs = _pairs(fits, x_px, y_px, noise, fixed, half_px, bell)
+    anew = np.zeros(x_px.size, dtype=bool)
+    if pairs.size == 0:
+        return fits, anew
+    anew[pairs[:, 0]] = True
+    fwhm = bell.fwhm_per_width * (shape.p * shape.r - shape.q**2) ** -0.25
+    apart = np.hypot(x_px[pairs[:, 0]] - x_px[pairs[:, 1]], y_px[pairs[:, 0]] - y_px[pairs[:, 1]])
+    slack = np.full(x_px.size, shape.slack)
+    slack[pairs[apart < _CLOSE_FWHM * fwhm, 0]] = _CLOSE_SLACK
+    columns = {name: getattr(fits, name).copy() for name in Profiles.__dataclass_fields__}
+    # at first close ones are expected to sit on their peaks: what each fit made of a blend is no good start
+    some = np.flatnonzero(anew & (slack == _CLOSE_SLACK))
+    columns["x_px"][some], columns["y_px"][some] = x_px[some], y_px[some]
+    columns["minor_fwhm_px"][some], columns["major_fwhm_px"][some] = fwhm, fwhm
+    for sweep in range(_SWEEPS):
+        rounds = _SWEEP_ROUNDS if sweep < _SWEEPS - 1 else _LAST_SWEEP_ROUNDS
+        now = Profiles(**columns)
+        # only close ones need many sweeps: the rest hardly move
+        late = sweep >= _SWEEPS - 2
+        parts = _handfuls(pairs if late else pairs[slack[pairs[:, 0]] == _CLOSE_SLACK], half_px)
+        results = [
+            _sweep(sky_free, good, now, part, x_px, y_px, noise, half_px, bell, shape, slack, rounds)
+            for part in parts
+        ]
+        for members, result in results:
+            for name, column in columns.items():
+                column[members] = getattr(result, name)
+    return Profiles(**columns), anew
+
+
+def _pairs(
+    fits: Profiles, x: Array, y: Array, noise: Array, fixed: NDArray[np.bool_], half_px: int, bell: Psf
+) -> NDArray[np.intp]:
+    """Pairs (star, disturber), sorted by star, of those near and bright enough to matter."""
+    if x.size < 2:
+        return np.zeros((0, 2), dtype=np.intp)
+    near = KDTree(np.stack([x, y], axis=1)).query_pairs(_REACH_HALVES * half_px, output_type="ndarray")
+    both = np.concatenate([near, near[:, ::-1]])
+    star, other = both[:, 0], both[:, 1]
+    real = (fits.flux > 3.0 * fits.flux_sigma) & (fits.amplitude > 0) & np.isfinite(fits.flux)
+    both = both[real[star] & real[other] & ~fixed[star]]
+    star, other = both[:, 0], both[:, 1]
+    # light of the disturber where it is brightest on the star's stamp
+    width = np.sqrt(fits.minor_fwhm_px * fits.major_fwhm_px)[other]
+    distance = np.maximum(np.hypot(x[star] - x[other], y[star] - y[other]) - half_px, 0.0)
+    light = fits.amplitude[other] * bell.of((distance * bell.fwhm_per_width / width) ** 2)[0]
+    both = both[light > _LEAST_LIGHT * noise[star]]
+    return np.asarray(both[np.argsort(both[:, 0], kind="stable")], dtype=np.intp)
+
+
+def _handfuls(pairs: NDArray[np.intp], half_px: int) -> list[NDArray[np.intp]]:
+    """Split the pairs between stars, so that each part fits the processor's cache."""
+    share = max(1, _PIXELS_AT_ONCE // (2 * half_px + 1) ** 2)
+    if pairs.size == 0:
+        return []
+    first = np.flatnonzero(np.r_[True, np.diff(pairs[:, 0]) > 0])
+    return np.split(pairs, first[share::share])
+
+
+def _sweep(
+    sky_free: Image,
+    good: NDArray[np.bool_],
+    fits: Profiles,
+    pairs: NDArray[np.intp],
+    x: Array,
+    y: Array,
+    noise: Array,
+    half_px: int,
+    bell: Psf,
+    shape: ShapePrior,
+    slack: Array,
+    rounds: int,
+) -> tuple[Indices, Profiles]:
+    """Fit the first of each pair anew, with the others' light as last fitted taken off."""
+    members, place = np.unique(pairs[:, 0], return_inverse=True)
+    stamps = make_cutouts(sky_free, good, x[members], y[members], noise[members], half_px)
+    light = light_on(fits, pairs[:, 1], stamps.x0[place], stamps.y0[place], stamps, bell)
+    first = np.flatnonzero(np.r_[True, np.diff(place) > 0])
+    light = np.add.reduceat(light, first, axis=0)
+    # the disturbers' photons are noise as well
+    stamps = replace(stamps, values=stamps.values - light, variance=bell.variance(stamps.variance, light))
+    start_x = np.clip(fits.x_px[members], stamps.x0 - half_px, stamps.x0 + half_px)
+    start_y = np.clip(fits.y_px[members], stamps.y0 - half_px, stamps.y0 + half_px)
+    width = float((shape.p * shape.r - shape.q**2) ** -0.25)
+    shape = replace(shape, slack=slack[members])
+    return members, fit_profiles(stamps, start_x, start_y, width, bell, shape=shape, rounds=rounds)
+
+
+Mask = NDArray[np.bool_]
+
+_CLEAR = 40.0
+_ODD_CHI2 = 1.5
+_LONG = 1.13
+_FAT = 1.25
+_NARROW = 0.8
+_MOST_SHARE = 0.3
+_MOST_TRIED = 100
+_ROUNDS = 15
+_LEAST_GAIN = 30.0
+_LEAST_PART = 0.5
+_LEAST_RATIO = 0.05
+_NEAREST_FWHM = 0.5
+_FARTHEST_FWHM = 2.2
+_STARTS = ((0.35, 1.0), (0.35, -1.0), (0.8, 1.0))
+_EXPLAINED = 0.9
+_HELD = 0.02
+_AT_ONCE = 60
+_STILL_PX = 1e-3
+_EVEN = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Doubles:
+    """Sources that turned out to be two; each array has shape (k,).
+
+    ``which`` are their indices; ``bright`` and ``faint`` the two stars as measured together.
+    """
+
+    which: NDArray[np.intp]
+    bright: Profiles
+    faint: Profiles
+
+
+def find_doubles(
+    sky_free: Image,
+    good: Mask,
+    fits: Profiles,
+    usable: Mask,
+    noise: Array,
+    half_px: int,
+    bell: Psf,
+    shape: ShapePrior,
+) -> Doubles | None:
+    """Try the sources that are too long, or fitted too badly, as two stars.
+
+    Where a large share of the stars is like that it is the optics' doing, and none is split.
+
+    Parameters
+    ----------
+    sky_free : ndarray of float32, shape (height, width)
+    good : ndarray of bool, shape (height, width)
+    fits : Profiles
+        Each source by itself.
+    usable : ndarray of bool, shape (n,)
+        Whole stars that stand clear of other peaks.
+    noise : ndarray, shape (n,)
+        Per pixel.
+    half_px : int
+        Half side of one star's stamp.
+    bell : Bell
+    shape : Shape
+        Of the typical star.
+
+    Returns
+    -------
+    Pairs or None
+    """
+    minor, major = _axes(bell, shape)
+    clear = usable & fits.converged & (fits.flux > _CLEAR * fits.flux_sigma)
+    clear &= fits.minor_fwhm_px > _NARROW * minor  # no hot pixels, no tracks
+    slack = 4.0 * fits.flux_sigma / np.maximum(np.abs(fits.flux), 1e-12)
+    long = (fits.major_fwhm_px > (_LONG + slack) * major) & (fits.minor_fwhm_px < _FAT * minor)
+    usual = float(np.median(fits.chi2[clear])) if clear.any() else 1.0
+    odd = clear & (long | (fits.chi2 > max(_ODD_CHI2, _ODD_CHI2 * usual)))
+    which = np.flatnonzero(odd)[:_MOST_TRIED]
+    if which.size == 0 or odd.sum() > max(1.0, _MOST_SHARE * clear.sum()):
+        return None
+    found = [
+        _tried(sky_free, good, fits, some, long, noise, half_px, bell, shape)
+        for some in np.split(which, np.arange(_AT_ONCE, which.size, _AT_ONCE))
+    ]
+    parts = [pair for pair in found if pair is not None]
+    if not parts:
+        return None
+    return Doubles(
+        np.concatenate([part.which for part in parts]),
+        _together([part.bright for part in parts]),
+        _together([part.faint for part in parts]),
+    )
+
+
+def _axes(bell: Psf, shape: ShapePrior) -> tuple[float, float]:
+    """FWHM of the typical star along its minor and major axis."""
+    mean, swing = 0.5 * (shape.p + shape.r), np.hypot(0.5 * (shape.p - shape.r), shape.q)
+    return float(bell.fwhm_per_width / np.sqrt(mean + swing)), float(
+        bell.fwhm_per_width / np.sqrt(mean - swing)
+    )
+
+
+def _together(parts: list[Profiles]) -> Profiles:
+    names = Profiles.__dataclass_fields__
+    return Profiles(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+
+def _tried(
+    sky_free: Image,
+    good: Mask,
+    fits: Profiles,
+    which: NDArray[np.intp],
+    long: Mask,
+    noise: Array,
+    half_px: int,
+    bell: Psf,
+    shape: ShapePrior,
+) -> Doubles | None:
+    minor, major = _axes(bell, shape)
+    x, y = fits.x_px[which], fits.y_px[which]
+    wide_px = half_px + int(np.ceil(np.sqrt(minor * major)))
+    stamps = make_cutouts(sky_free, good, x, y, noise[which], wide_px)
+    width = float(np.sqrt(minor * major)) / bell.fwhm_per_width
+    # held to the typical shape it stays on the brighter star, and leaves the other where it is
+    single = fit_psfs(stamps, x, y, width, bell, shape=replace(shape, slack=_HELD))
+    free = fit_psfs(stamps, x, y, width, bell)
+    weights: Reals = free.weights
+    alone = (weights * single.residual**2).sum(axis=1)
+    alone = np.minimum(alone, (weights * free.residual**2).sum(axis=1))
+    params, cost = _two(
+        stamps, single, weights, alone, fits, which, long[which], np.sqrt(minor * major), bell, shape
+    )
+    a1, x1, y1, a2, x2, y2, _ = params.T
+    apart = np.hypot(x1 - x2, y1 - y2) / np.sqrt(minor * major)
+    gained, freedom = alone - cost, stamps.good.sum(axis=1) - 7.0
+    ratio = np.minimum(a1, a2) / np.maximum(np.maximum(a1, a2), 1e-12)
+    sure = (gained > _LEAST_GAIN) & (gained > _LEAST_PART * (alone - freedom))
+    sure &= (ratio > _LEAST_RATIO) & (apart > _NEAREST_FWHM) & (apart < _FARTHEST_FWHM)
+    if not sure.any():
+        return None
+    # once more with the noise of both stars' own photons
+    weights = _weights_of(params, stamps, bell, shape)
+    params, _ = _descended(params, stamps, weights, bell, shape)
+    jacobian, _ = _linear(params, stamps, bell, shape)
+    normal = (jacobian * weights[:, None, :]) @ jacobian.transpose(0, 2, 1)
+    covariance = covariances(normal.astype(np.float64))
+    sigmas = np.sqrt(np.maximum(np.einsum("nii->ni", covariance), 0.0))[sure]
+    chi2 = (cost / np.maximum(freedom, 1.0))[sure]
+    params, x0, y0 = params[sure], stamps.x0[sure], stamps.y0[sure]
+    swapped = params[:, 3] > params[:, 0]
+    order = np.where(swapped[:, None], [3, 4, 5, 0, 1, 2, 6], [0, 1, 2, 3, 4, 5, 6])
+    params, sigmas = np.take_along_axis(params, order, axis=1), np.take_along_axis(sigmas, order, axis=1)
+    area = bell.volume / np.sqrt(shape.p * shape.r - shape.q**2)
+    angle = float(np.degrees(0.5 * np.arctan2(-2.0 * shape.q, shape.r - shape.p)))
+    ones = np.ones(params.shape[0])
+
+    def star(first: int) -> Profiles:
+        a, x, y = (params[:, first + i] for i in range(3))
+        return Profiles(
+            x_px=x0 + x,
+            y_px=y0 + y,
+            x_sigma_px=sigmas[:, first + 1],
+            y_sigma_px=sigmas[:, first + 2],
+            amplitude=a,
+            flux=a * area,
+            flux_sigma=sigmas[:, first] * area,
+            minor_fwhm_px=minor * ones,
+            major_fwhm_px=major * ones,
+            angle_deg=angle * ones,
+            misfit=fits.misfit[which[sure]] * np.sqrt(chi2 / np.maximum(fits.chi2[which[sure]], 1e-9)),
+            chi2=chi2,
+            converged=np.ones(params.shape[0], dtype=bool),
+        )
+
+    return Doubles(which[sure], star(0), star(3))
+
+
+def _two(
+    stamps: Cutouts,
+    single: Fit,
+    weights: Reals,
+    alone: Array,
+    fits: Profiles,
+    which: NDArray[np.intp],
+    long: Mask,
+    fwhm: float,
+    bell: Psf,
+    shape: ShapePrior,
+) -> tuple[Array, Array]:
+    """Fit two stars to each stamp from several starts along the long axis; return the best and its χ²."""
+    angle = np.radians(fits.angle_deg[which])
+    along_x, along_y = np.cos(angle), np.sin(angle)
+    excess = np.maximum(fits.major_fwhm_px[which] ** 2 - fwhm**2, 0.05 * fwhm**2) / (8.0 * np.log(2.0))
+    x, y = fits.x_px[which] - stamps.x0, fits.y_px[which] - stamps.y0
+    height = fits.amplitude[which]
+    best, lowest = np.zeros((which.size, 7)), np.full(which.size, np.inf)
+    todo = np.ones(which.size, dtype=bool)
+    # first guess: the second star is where the single one leaves most, held to the typical shape or not
+    u, v = stamps.dx - x[:, None], stamps.dy - y[:, None]
+    there = height[:, None] * bell.of(shape.p * u * u + 2.0 * shape.q * u * v + shape.r * v * v)[0]
+    for residual in (single.residual, stamps.values - there):
+        some = np.flatnonzero(todo)
+        if some.size == 0:
+            break
+        left = np.where(stamps.good[some], residual[some], 0.0) * np.sqrt(weights[some])
+        left[np.hypot(u[some], v[some]) < 0.8 * fwhm] = 0.0
+        most = left.argmax(axis=1)
+        rest = np.maximum(residual[some, most], 0.05 * height[some])
+        start = np.stack(
+            [height[some], x[some], y[some], rest, stamps.dx[most], stamps.dy[most], np.zeros(some.size)],
+            axis=1,
+        )
+        _improve(best, lowest, some, start, stamps, weights, bell, shape)
+        todo = alone - lowest < _EXPLAINED * (alone - stamps.good.sum(axis=1))
+    # else along the axis of those that are long
+    todo &= long
+    for ratio, sign in _STARTS:
+        some = np.flatnonzero(todo)
+        if some.size == 0:
+            break
+        # two points of this ratio have the variance ratio / (1 + ratio)² · distance²
+        distance = np.clip((1.0 + ratio) * np.sqrt(excess / ratio), 0.7 * fwhm, 1.8 * fwhm)
+        near, far = sign * distance * ratio / (1.0 + ratio), -sign * distance / (1.0 + ratio)
+        height = fits.amplitude[which] * fits.major_fwhm_px[which] / fwhm / (1.0 + ratio)
+        start = np.stack(
+            [
+                height,
+                x + near * along_x,
+                y + near * along_y,
+                ratio * height,
+                x + far * along_x,
+                y + far * along_y,
+                np.zeros_like(height),
+            ],
+            axis=1,
+        )[some]
+        _improve(best, lowest, some, start, stamps, weights, bell, shape)
+    return best, lowest
+
+
+def _improve(
+    best: Array,
+    lowest: Array,
+    some: NDArray[np.intp],
+    start: Array,
+    stamps: Cutouts,
+    weights: Reals,
+    bell: Psf,
+    shape: ShapePrior,
+) -> None:
+    """Fit some of the stamps from another start; keep, in place, what is better than before."""
+    part = replace(stamps, values=stamps.values[some], good=stamps.good[some])
+    params, cost = _descended(start, part, weights[some], bell, shape)
+    better = cost < lowest[some]
+    best[some[better]], lowest[some[better]] = params[better], cost[better]
+
+
+def _descended(
+    start: Array, stamps: Cutouts, weights: Reals, bell: Psf, shape: ShapePrior
+) -> tuple[Array, Array]:
+    """Damped Gauss-Newton over (height, x, y) of both stars and the sky."""
+    kept = start
+    damping = np.full(start.shape[0], 1e-2)
+    jacobian, residual = _linear(kept, stamps, bell, shape)
+    cost = (weights * residual**2).sum(axis=1)
+    for _ in range(_ROUNDS):
+        weighted = jacobian * weights[:, None, :]
+        normal = (weighted @ jacobian.transpose(0, 2, 1)).astype(np.float64)
+        diagonal = np.sqrt(np.maximum(np.einsum("nii->ni", normal), 1e-30))
+        scaled = normal / (diagonal[:, :, None] * diagonal[:, None, :])
+        scaled += (damping[:, None, None] + 1e-9) * np.eye(7)
+        gradient = (weighted @ residual[:, :, None])[:, :, 0].astype(np.float64) / diagonal
+        step = np.linalg.solve(scaled, gradient[:, :, None])[:, :, 0] / diagonal
+        places = [1, 2, 4, 5]
+        step[:, places] = np.clip(step[:, places], -1.0, 1.0)
+        trial = kept + step
+        trial[:, [0, 3]] = np.maximum(trial[:, [0, 3]], 0.1 * np.abs(kept[:, [0, 3]]))
+        trial_jacobian, trial_residual = _linear(trial, stamps, bell, shape)
+        trial_cost = (weights * trial_residual**2).sum(axis=1)
+        worse = ~(trial_cost <= cost * (1.0 + _EVEN))
+        damping = np.where(worse, damping * 8.0, damping * 0.2)
+        trial[worse], trial_cost[worse] = kept[worse], cost[worse]
+        trial_jacobian[worse], trial_residual[worse] = jacobian[worse], residual[worse]
+        kept, cost, jacobian, residual = trial, trial_cost, trial_jacobian, trial_residual
+        if (np.abs(step[:, places]).max(axis=1) < _STILL_PX).mean() > 0.95:
+            break
+    return kept, np.asarray(cost)
+
+
+def _weights_of(params: Array, stamps: Cutouts, bell: Psf, shape: ShapePrior) -> Reals:
+    jacobian, _ = _linear(params, stamps, bell, shape)
+    light = params[:, 0, None] * jacobian[:, 0] + params[:, 3, None] * jacobian[:, 3]
+    return np.asarray(stamps.good / bell.variance(stamps.variance, np.maximum(light, 0.0)), dtype=np.float32)
+
+
+def _linear(params: Array, stamps: Cutouts, bell: Psf, shape: ShapePrior) -> tuple[Pixels, Pixels]:
+    count, pixels = stamps.values.shape
+    jacobian = np.empty((count, 7, pixels), dtype=np.float32)
+    dx, dy = stamps.dx.astype(np.float32), stamps.dy.astype(np.float32)
+    small = params.astype(np.float32)
+    residual = stamps.values.astype(np.float32) - small[:, 6, None]
+    p, q, r = np.float32(shape.p), np.float32(shape.q), np.float32(shape.r)
+    for first in (0, 3):
+        height, x, y = (small[:, first + i, None] for i in range(3))
+        u, v = dx - x, dy - y
+        along_x, along_y = p * u + q * v, q * u + r * v
+        value, slope = bell.of(along_x * u + along_y * v)
+        slope = height * slope
+        jacobian[:, first] = value
+        np.multiply(slope, along_x, out=jacobian[:, first + 1])
+        np.multiply(slope, along_y, out=jacobian[:, first + 2])
+        residual -= height * value
+    jacobian[:, 6] = 1.0
+    residual[~stamps.good] = 0.0
+    return jacobian, residual

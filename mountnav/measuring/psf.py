@@ -1,0 +1,93 @@
+"""What a star looks like: the bell that all stars of a frame share, and the ellipse of one [S23 §0.2]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Reals = NDArray[np.floating[Any]]
+
+#: Full width at half maximum over sigma of a Gaussian.
+FWHM_PER_SIGMA = 2.0 * np.sqrt(2.0 * np.log(2.0))
+#: Squared FWHM that a pixel's own width adds to an image's: 8 ln 2 / 12.
+PIXEL_FWHM2 = 8.0 * np.log(2.0) / 12.0
+
+
+@dataclass(frozen=True, slots=True)
+class Psf:
+    """What all stars of a frame share: the fall of the wings, and how the pixels' noise grows with light.
+
+    The bell is (1 + wing Q / 2)^(-1 / wing), a Moffat function of exponent 1 / wing, and exp(-Q / 2) at
+    wing = 0, where Q is the squared distance in widths.
+
+    Attributes
+    ----------
+    wing : float
+        0 for a Gaussian, 0.3 for typical seeing.
+    gain_e_adu : float
+        Electrons per ADU.
+    misfit : float
+        Rms of what the model doesn't explain, as a share of the light in the pixel.
+    integrated : bool
+        Integrate over the pixels; for stars so narrow that their value at the pixel's center won't do.
+    """
+
+    wing: float = 0.0
+    gain_e_adu: float = 1.0
+    misfit: float = 0.0
+    integrated: bool = False
+
+    def of(self, q: Array) -> tuple[Array, Array]:
+        """Return the bell and -2 times its derivative at squared distances ``q``."""
+        if self.wing < 1e-3:
+            bell = np.exp(-0.5 * q)
+            return bell, bell
+        inner = 1.0 + (0.5 * self.wing) * q
+        bell = np.exp(np.log(inner) * (-1.0 / self.wing))
+        return bell, bell / inner
+
+    @property
+    def fwhm_per_width(self) -> float:
+        """Full width at half maximum over the width in Q."""
+        if self.wing < 1e-3:
+            return float(FWHM_PER_SIGMA)
+        return float(2.0 * np.sqrt(2.0 * (2.0**self.wing - 1.0) / self.wing))
+
+    @property
+    def volume(self) -> float:
+        """Integral of the bell of unit width."""
+        return float(2.0 * np.pi / (1.0 - self.wing))
+
+    def variance(self, sky_variance: Reals, light: Reals) -> Array:
+        """Return the variance of pixels that hold sky and some light of a star."""
+        light = np.maximum(light, 0.0)  # a fit may dip below the sky
+        return np.asarray(sky_variance + light / self.gain_e_adu + (self.misfit * light) ** 2)
+
+
+@dataclass(frozen=True, slots=True)
+class ShapePrior:
+    """The typical star's p, q, r, and how far a fit may stray from them: for stars that can't tell their own.
+
+    ``slack`` is the one-sigma share of p and r, and of their mean for q: one for all, or one each.
+    """
+
+    p: float
+    q: float
+    r: float
+    slack: float | Array
+
+    @classmethod
+    def round(cls, fwhm_px: float, bell: Psf) -> ShapePrior:
+        """A round star that looks so wide."""
+        inverse = (bell.fwhm_per_width / fwhm_px) ** 2
+        return cls(inverse, 0.0, inverse, 1.0)
+
+    def precision(self) -> Array:
+        """Inverse variances of p, q, r, shape (3,) or (n, 3)."""
+        scale = np.array([self.p, 0.5 * (self.p + self.r), self.r])
+        slack = np.asarray(self.slack, dtype=np.float64)
+        return np.asarray(1.0 / (slack[..., None] * scale) ** 2)

@@ -1,0 +1,337 @@
+"""The PSF of a frame learned from its bright stars, and fitted to one cutout a source [S23 §0.2]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mountnav.measuring.cutouts import Cutouts
+from mountnav.measuring.least_squares import PARAMETERS, ROUNDS, Fit, covariances, fit_psfs, seen_amplitude
+from mountnav.measuring.psf import Array, Psf, ShapePrior
+
+_WINGS = (0.0, 0.15, 0.3, 0.45)
+_MOST_WING = 0.5
+_PRIOR_WING = 0.1
+_FEWEST_FOR_PSF = 5
+_BINS = 14
+_LEAST_PER_BIN = 25
+_MEDIAN_CHI2 = 0.4549
+_SURE_GAIN = 4.0
+_UNLIKE = 2.0
+_SURE_MISFIT = 2.0
+_LAWFUL = 0.4
+_MOST_MISFIT = 0.1
+_OUTLIER = 3.0
+
+
+def learn_psf(
+    stamps: Cutouts,
+    x_px: Array,
+    y_px: Array,
+    width_px: float,
+    gain_e_adu: float,
+    *,
+    integrated: bool,
+    card: bool,
+) -> Psf:
+    """Find the wings, the gain and the misfit that the stamps of a frame's bright stars tell of.
+
+    The wing is the one whose fits leave the least χ². Then the squared residuals, freed from what the fit
+    took up itself (the leverage), are compared with the light in the pixel: sky noise at none, photons in
+    proportion, and what the profile doesn't explain as its square.
+
+    Parameters
+    ----------
+    stamps : Stamps
+        Of unsaturated stars well above the noise; some may be blends or worse.
+    x_px, y_px : ndarray, shape (n,)
+        Where to start, pixels of the frame.
+    width_px : float
+        A Gaussian's sigma to start from.
+    gain_e_adu : float
+        What else is known of the gain.
+    integrated : bool
+        Integrate over the pixels.
+    card : bool
+        The gain is from the header: only a clear contradiction overrules it.
+
+    Returns
+    -------
+    Bell
+    """
+    bell = Psf(0.0, gain_e_adu, 0.0, integrated)
+    if x_px.size < _FEWEST_FOR_PSF:
+        return bell
+    first = fit_psfs(stamps, x_px, y_px, width_px, bell)
+    alike = _alike(first, width_px)
+    if alike.sum() < _FEWEST_FOR_PSF:
+        return bell
+    stamps, x_px, y_px = _part(stamps, alike), x_px[alike], y_px[alike]
+    fits = [fit_psfs(stamps, x_px, y_px, width_px, replace(bell, wing=wing)) for wing in _WINGS]
+    # the same weights for all: a fatter bell must not win by believing in more noise
+    chi2 = np.stack([(fits[1].weights * fit.residual**2).sum(axis=1) for fit in fits])
+    best = chi2.min(axis=0)
+    # a blend's χ² says nothing of wings
+    usual = best <= _OUTLIER * np.median(best)
+    # each star by the logarithm of its own χ²: stars count alike however bright they are
+    unlikely = stamps.values.shape[1] * np.log(chi2[:, usual]).sum(axis=1)
+    wing = _lowest(unlikely + (np.array(_WINGS) / _PRIOR_WING) ** 2)
+    bell = replace(bell, wing=wing)
+    for _ in range(2):
+        fit = fit_psfs(stamps, x_px, y_px, width_px, bell)
+        bell = with_noise_law(bell, fit, stamps, gain_e_adu, card=card)
+    return bell
+
+
+def _alike(fit: Fit, width_px: float) -> NDArray[np.bool_]:
+    """Tell which fits are about as wide as the typical one: no hot pixels, no smudges."""
+    p, q, r = fit.params[:, 3], fit.params[:, 4], fit.params[:, 5]
+    width = np.maximum(p * r - q * q, 1e-12) ** -0.25
+    plausible = (width > 0.6 * width_px) & (width < 1.7 * width_px)
+    if not plausible.any():
+        return plausible
+    typical = float(np.median(width[plausible]))
+    return np.asarray((width > 0.75 * typical) & (width < 1.4 * typical))
+
+
+def _part(stamps: Cutouts, some: NDArray[np.bool_]) -> Cutouts:
+    return replace(
+        stamps,
+        values=stamps.values[some],
+        variance=stamps.variance[some],
+        good=stamps.good[some],
+        x0=stamps.x0[some],
+        y0=stamps.y0[some],
+    )
+
+
+def _lowest(total: Array) -> float:
+    """Where the parabola through the lowest value and its neighbors is lowest."""
+    wings = np.array(_WINGS)
+    i = int(np.clip(total.argmin(), 1, wings.size - 2))
+    before, here, after = total[i - 1 : i + 2]
+    bend = before - 2.0 * here + after
+    step = 0.5 * (before - after) / bend if bend > 0 else float(np.sign(before - after))
+    return float(np.clip(wings[i] + np.clip(step, -1.5, 1.5) * (wings[1] - wings[0]), 0.0, _MOST_WING))
+
+
+def with_noise_law(bell: Psf, fit: Fit, stamps: Cutouts, gain: float, *, card: bool) -> Psf:
+    """Learn gain and misfit from the residuals; what they can't tell stays."""
+    light = fit.params[:, 0, None] * fit.jacobian[:, 0]
+    covariance = covariances(fit.normal)
+    leverage = fit.weights * np.einsum(
+        "nip,nij,njp->np", fit.jacobian, covariance, fit.jacobian, optimize=True
+    )
+    use = stamps.good & (light > 0.3 * np.sqrt(stamps.variance)) & (leverage < 0.8)
+    if use.sum() < 4 * _LEAST_PER_BIN:
+        return bell
+    square = fit.residual[use] ** 2 / (1.0 - leverage[use])
+    light, sky = light[use], stamps.variance[use]
+    order = np.argsort(light)
+    parts = np.array_split(order, min(_BINS, order.size // _LEAST_PER_BIN))
+    # the median of χ² of one degree is 0.4549, and sure to about 1.9 times the root of 1 / n
+    level = np.array([np.median(square[part]) / _MEDIAN_CHI2 for part in parts])
+    sure = 1.9 * level / np.sqrt([part.size for part in parts])
+    middle = np.array([np.median(light[part]) for part in parts])
+    ground = np.array([np.median(sky[part]) for part in parts])
+    table = np.stack([middle, middle**2], axis=1) / sure[:, None]
+    right = (level - ground) / sure
+    if not (np.isfinite(table).all() and np.isfinite(right).all()):
+        return bell
+    per_photon, misfit2 = nonnegative_pair(table, right)
+    spread = np.linalg.pinv(table.T @ table)
+    clear = per_photon > _SURE_GAIN * np.sqrt(spread[0, 0])
+    # photons are a law for faint and bright pixels alike; wings that no bell fits are not
+    law = ground + per_photon * middle + misfit2 * middle**2
+    off = np.abs(np.log(level / np.maximum(law, 1e-30)))
+    clear &= float(np.percentile(off, 80.0)) < _LAWFUL
+    if clear and (not card or not 1.0 / _UNLIKE < per_photon * gain < _UNLIKE):
+        gain = 1.0 / per_photon
+    else:
+        misfit2 = float((table[:, 1] @ (right - table[:, 0] / gain)) / (table[:, 1] @ table[:, 1]))
+    if misfit2 < _SURE_MISFIT / np.sqrt(table[:, 1] @ table[:, 1]):
+        misfit2 = 0.0
+    return replace(bell, gain_e_adu=float(gain), misfit=float(min(np.sqrt(misfit2), _MOST_MISFIT)))
+
+
+def nonnegative_pair(table: Array, right: Array) -> tuple[float, float]:
+    """Least squares of two unknowns neither of which may be negative.
+
+    Two unknowns leave four cases, so that scipy.optimize, dear to import, isn't needed.
+
+    Parameters
+    ----------
+    table : ndarray, shape (n, 2)
+    right : ndarray, shape (n,)
+
+    Returns
+    -------
+    tuple of two floats
+        The same as `scipy.optimize.nnls` finds.
+    """
+    free = np.linalg.lstsq(table, right, rcond=None)[0]
+    if bool((free >= 0.0).all()):
+        return float(free[0]), float(free[1])
+    # the best lies on an edge: one unknown is zero, and the other one's parabola ends at zero
+    square, slope = (table**2).sum(axis=0), table.T @ right
+    alone = np.where((slope > 0.0) & (square > 0.0), slope / np.where(square > 0.0, square, 1.0), 0.0)
+    gain = alone * slope
+    return (float(alone[0]), 0.0) if gain[0] >= gain[1] else (0.0, float(alone[1]))
+
+
+_FAR_DRIFT_SIGMAS = 2.5
+
+
+@dataclass(frozen=True, slots=True)
+class Profiles:
+    """Fitted profiles, each array of shape (n,); lengths in pixels, flux in ADU.
+
+    ``minor_fwhm_px`` and ``major_fwhm_px`` are along the ellipse's axes, the pixels' own width included;
+    ``angle_deg`` is the major axis' direction from +x towards +y; ``misfit`` is the residuals' rms inside the
+    core over the amplitude, ``chi2`` the reduced one of the whole stamp; ``converged`` tells whether place
+    and shape are those of a star.
+    """
+
+    x_px: Array
+    y_px: Array
+    x_sigma_px: Array
+    y_sigma_px: Array
+    amplitude: Array
+    flux: Array
+    flux_sigma: Array
+    minor_fwhm_px: Array
+    major_fwhm_px: Array
+    angle_deg: Array
+    misfit: Array
+    chi2: Array
+    converged: NDArray[np.bool_]
+
+
+def fit_profiles(
+    stamps: Cutouts,
+    x_px: Array,
+    y_px: Array,
+    width_px: float,
+    bell: Psf,
+    *,
+    shape: ShapePrior | None = None,
+    rounds: int = ROUNDS,
+    height: Array | None = None,
+) -> Profiles:
+    """Fit amplitude, place, an elliptical width and a local sky to each stamp.
+
+    The model is a B(p u² + 2 q u v + r v²) + b with u, v relative to the place and B the frame's bell. All
+    stamps go through a damped Gauss-Newton iteration together. A pixel's variance is that of the sky plus
+    that of the star's own photons; with these weights the place's error is the Cramér-Rao bound of the
+    model, and the reported sigmas are its inverse information matrix. Saturated pixels are left out, so that
+    the wings alone place a saturated star.
+
+    Parameters
+    ----------
+    stamps : Stamps
+    x_px, y_px : ndarray, shape (n,)
+        Where to start, pixels of the frame.
+    width_px : float
+        Width to start from, pixels: a Gaussian's sigma.
+    bell : Bell
+    shape : Shape, optional
+        Known beforehand: for saturated stars and blends.
+    rounds : int, optional
+        At most so many.
+    height : ndarray, shape (n,), optional
+        Amplitudes to start from.
+
+    Returns
+    -------
+    Profiles
+    """
+    fit = fit_psfs(stamps, x_px, y_px, width_px, bell, shape=shape, rounds=rounds, height=height)
+    return _profiles(fit, stamps, float(stamps.dx.max()), width_px, bell)
+
+
+def _profiles(fit: Fit, stamps: Cutouts, half: float, sigma: float, bell: Psf) -> Profiles:
+    params, normal, residual, mask = fit.params, fit.normal, fit.residual, stamps.good
+    a, x, y, p, q, r, _ = params.T
+    covariance = covariances(normal)
+    # where nearly all pixels are masked the matrix is singular: such a fit knows nothing, and says so
+    diagonal = np.einsum("nii->ni", covariance)
+    known = (diagonal[:, :3] > 0.0).all(axis=1)
+    sigmas = np.where(known[:, None], np.sqrt(np.maximum(diagonal, 0.0)), half)
+    mean, swing = 0.5 * (p + r), np.hypot(0.5 * (p - r), q)
+    narrow = 1.0 / np.sqrt(mean + swing)
+    wide = 1.0 / np.sqrt(np.maximum(mean - swing, 1e-6))
+    area = bell.volume * narrow * wide
+    a = seen_amplitude(params) if bell.integrated else a
+    # flux = a · volume / √(pr − q²): its error takes the shape's covariance along
+    slope = np.zeros_like(params)
+    slope[:, 0] = area * a / np.maximum(params[:, 0], 1e-12)
+    excess = np.maximum(p * r - q * q, 1e-12)
+    slope[:, 3], slope[:, 5] = -0.5 * a * area * r / excess, -0.5 * a * area * p / excess
+    slope[:, 4] = a * area * q / excess
+    flux_variance = np.einsum("ni,nij,nj->n", slope, covariance, slope)
+    known &= flux_variance > 0.0
+    flux_sigma = np.where(known, np.sqrt(np.maximum(flux_variance, 0.0)), np.abs(a * area))
+    u, v = stamps.dx[None, :] - x[:, None], stamps.dy[None, :] - y[:, None]
+    core = mask & (p[:, None] * u * u + 2.0 * q[:, None] * u * v + r[:, None] * v * v < 4.0)
+    pixels = np.maximum(core.sum(axis=1), 1)
+    misfit = np.sqrt((residual**2 * core).sum(axis=1) / pixels) / np.maximum(a, 1e-12)
+    drift = np.hypot(x, y)
+    converged = (
+        (drift < max(_FAR_DRIFT_SIGMAS * sigma, 1.5)) & (a > 0) & known & np.isfinite(sigmas).all(axis=1)
+    )
+    return Profiles(
+        x_px=stamps.x0 + x,
+        y_px=stamps.y0 + y,
+        x_sigma_px=sigmas[:, 1],
+        y_sigma_px=sigmas[:, 2],
+        amplitude=a,
+        flux=a * area,
+        flux_sigma=flux_sigma,
+        minor_fwhm_px=bell.fwhm_per_width * narrow,
+        major_fwhm_px=bell.fwhm_per_width * wide,
+        # the model's Q grows fastest along the minor axis; the major one is square to it
+        angle_deg=np.degrees(0.5 * np.arctan2(-2.0 * q, r - p)),
+        misfit=misfit,
+        chi2=(fit.weights * residual**2).sum(axis=1) / np.maximum(mask.sum(axis=1) - PARAMETERS, 1.0),
+        converged=np.asarray(converged),
+    )
+
+
+def inverse_widths(fits: Profiles, bell: Psf) -> tuple[Array, Array, Array]:
+    """Return p, q, r of Q = p u² + 2 q u v + r v², each of shape (n,)."""
+    angle = np.radians(fits.angle_deg)
+    along, across = ((bell.fwhm_per_width / w) ** 2 for w in (fits.major_fwhm_px, fits.minor_fwhm_px))
+    cos, sin = np.cos(angle), np.sin(angle)
+    return (
+        along * cos * cos + across * sin * sin,
+        (along - across) * sin * cos,
+        along * sin * sin + across * cos * cos,
+    )
+
+
+def light_on(
+    fits: Profiles, which: NDArray[np.intp], x0: Array, y0: Array, stamps: Cutouts, bell: Psf
+) -> Array:
+    """Light of fitted stars on stamps of the same form as others, shape (len(which), pixels).
+
+    Parameters
+    ----------
+    fits : Profiles
+    which : ndarray of int, shape (k,)
+        Whose light.
+    x0, y0 : ndarray, shape (k,)
+        Center pixel of the stamp that it falls on.
+    stamps : Stamps
+        For the form alone.
+    bell : Bell
+
+    Returns
+    -------
+    ndarray
+    """
+    u = x0[:, None] + stamps.dx - fits.x_px[which, None]
+    v = y0[:, None] + stamps.dy - fits.y_px[which, None]
+    p, q, r = (w[which, None] for w in inverse_widths(fits, bell))
+    return np.asarray(fits.amplitude[which, None] * bell.of(p * u * u + 2.0 * q * u * v + r * v * v)[0])
