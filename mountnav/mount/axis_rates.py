@@ -14,7 +14,7 @@ from mountnav.pointing.limits.scene import Scene
 from mountnav.pointing.limits.ways import LATE_START_DEG, Trouble, strays_deg, trouble_on
 from mountnav.sky.sphere import half_turn_deg
 
-__all__ = ["Braking", "HEARD_AFTER_S"]
+__all__ = ["HEARD_AFTER_S", "Braking"]
 
 
 _MOVES_DEG = 0.3

@@ -36,4 +36,4 @@ def watching_kill_points(listener: Callable[[str], None]) -> Iterator[None]:
         _listener = before
 
 
-__all__ = ["watching_kill_points", "kill_point"]
+__all__ = ["kill_point", "watching_kill_points"]

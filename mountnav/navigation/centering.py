@@ -34,8 +34,8 @@ from mountnav.sky.coordinates import SIDEREAL_ARCSEC_S, Icrs
 from mountnav.sky.sphere import offset_arcsec, separation_arcsec
 
 __all__ = [
-    "Centering",
     "LOOKED_AGAIN",
+    "Centering",
     "agree",
     "agreeing_looks",
     "center_in_time",

@@ -37,10 +37,10 @@ from mountnav.sky.sphere import offset_arcsec
 from mountnav.solution import Verdict
 
 __all__ = [
-    "By",
-    "Judged",
     "NOT_READ",
     "WITHIN",
+    "By",
+    "Judged",
     "compare_frame",
     "compared",
     "correct",

@@ -16,12 +16,12 @@ from mountnav.measuring.measurements import StarImages
 from mountnav.solution import Reason, Verdict
 
 __all__ = [
-    "Approach",
     "CHEAP",
+    "TACTICS",
+    "Approach",
     "CenteringPolicy",
     "CorrectBy",
     "Persistence",
-    "TACTICS",
     "Tactic",
     "Trouble",
     "next_tactic",

@@ -15,6 +15,7 @@ from mountnav.sky.sphere import Offset
 from mountnav.solution import Solution, Verdict
 
 __all__ = [
+    "OUTSIDE",
     "CameraIdentity",
     "CenterOutcome",
     "CenterReport",
@@ -25,7 +26,6 @@ __all__ = [
     "FirstLightReport",
     "FrameLook",
     "Look",
-    "OUTSIDE",
     "RecoverReport",
     "SlewReport",
     "SyncReport",

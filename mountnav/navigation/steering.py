@@ -21,9 +21,9 @@ from mountnav.sky.coordinates import GeometricHourAngle, Icrs, Site
 from mountnav.sky.sphere import displaced, half_turn_deg, offset_arcsec, separation_arcsec
 
 __all__ = [
+    "POLAR_DEC_DEG",
     "Followed",
     "Hole",
-    "POLAR_DEC_DEG",
     "PolarSteering",
     "Sighting",
     "Steering",

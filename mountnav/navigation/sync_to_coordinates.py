@@ -393,4 +393,4 @@ def _number(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-__all__ = ["Seen", "CoordinateSyncs", "CoordinateSyncTotals"]
+__all__ = ["CoordinateSyncTotals", "CoordinateSyncs", "Seen"]

@@ -14,7 +14,7 @@ from mountnav.journal.records import Entry, EntryKind, Journal
 from mountnav.night.events import Act, Decision, Event, Hold, NightState, Phase, PlateSeen, Why
 from mountnav.sky.sphere import Offset
 
-__all__ = ["EventsKept", "STATE_EVERY"]
+__all__ = ["STATE_EVERY", "EventsKept"]
 
 
 USED_WRITTEN = 50
