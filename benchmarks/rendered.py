@@ -17,9 +17,9 @@ import numpy as np
 from benchmarks.frames import Known, rendered, shared_folder
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.stars import Catalog
-from mountnav.identification.wcs import places_at_pixels
 from mountnav.reading import read_frame
 from mountnav.sky.sphere import separation_arcsec
+from mountnav.sky.wcs import places_at_pixels
 from mountnav.solution import Verdict
 from mountnav.solving.solve import SolveSettings, solve
 

@@ -26,12 +26,12 @@ from mountnav.identification.accuracy import (
     fit_factor,
     pooled,
 )
-from mountnav.identification.wcs import places_at_pixels
 from mountnav.simulation.catalog_errors import ErringCatalog
 from mountnav.simulation.optics import SimulatedOptics, optics_preset
 from mountnav.simulation.render import draw_frame, julian_year
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, gnomonic_inverse, separation_arcsec
+from mountnav.sky.wcs import places_at_pixels
 from mountnav.solution import Solution
 from mountnav.solving.solve import solve
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mountnav.measuring.measurements import SkyQuality
 from mountnav.sky.coordinates import Icrs
+from mountnav.sky.wcs import icrs_at_pixel
 
 Array = NDArray[np.float64]
 
@@ -227,8 +228,6 @@ class Solution:
 
     def icrs_at(self, x_px: float, y_px: float) -> Icrs:
         """The place at a pixel (0-based), through the WCS: never read CRVAL as the center."""
-        from mountnav.identification.wcs import icrs_at_pixel
-
         return icrs_at_pixel(self.wcs, x_px, y_px)
 
 

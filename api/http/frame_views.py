@@ -15,9 +15,9 @@ from api.orders.job import Job
 from api.orders.job_views import Finite, Place
 from mountnav.clock import utc_now
 from mountnav.errors import BadRequest
-from mountnav.identification.wcs import icrs_at_pixel
 from mountnav.sky.coordinates import Air, Icrs, Site
 from mountnav.sky.sphere import gnomonic, offset_arcsec
+from mountnav.sky.wcs import icrs_at_pixel
 from mountnav.solution import Solution
 
 _STARS_AT_MOST = 400

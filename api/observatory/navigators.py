@@ -14,7 +14,6 @@ from mountnav.navigation.learned import Learned
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.pointing.limits import Limits
-from mountnav.pointing.model.loading import pointing_of
 from mountnav.settings.observatory import Settings, SimulatedCameraSettings, TelescopeSettings
 
 _OF_THE_SUN = ("sun_cone_deg", "daylight")
@@ -69,8 +68,7 @@ def make_navigator(
         sync=one.sync.policy,
         journal=journal,
         clock=clock,
-        pointing=pointing_of(
-            one.model,
+        pointing=one.model.pointing(
             site=settings.site.site,
             air=settings.air.air,
             mounting=mounting,

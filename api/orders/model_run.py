@@ -36,7 +36,6 @@ from mountnav.navigation.look import observation_of
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.reports import Look
 from mountnav.pointing.model.acceptance import Made
-from mountnav.pointing.model.loading import pointing_of
 from mountnav.pointing.model.mechanical import Conversion, Mechanical, mechanical
 from mountnav.pointing.model.model import PointingModel
 from mountnav.pointing.model.planning import Part, RunPoint
@@ -210,8 +209,7 @@ async def _in_force(
     await asyncio.to_thread(model.save, file)
     before = navigator.pointing.model_id
     navigator.pointing = await asyncio.to_thread(
-        pointing_of,
-        one.model,
+        one.model.pointing,
         site=settings.site.site,
         air=settings.air.air,
         mounting=one.mount.mounting,

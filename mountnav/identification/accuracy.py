@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from mountnav.errors import BadRequest
 from mountnav.identification.photometry import NOT_COMPARABLE, fit_photometry
-from mountnav.identification.wcs import places_at_pixels
 from mountnav.measuring.measurements import Flag
+from mountnav.sky.wcs import places_at_pixels
 from mountnav.solution import IdentifiedPairs, Solution
 
 Array = NDArray[np.float64]

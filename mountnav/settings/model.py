@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
 
+from mountnav.errors import BadRequest, BadSettings
 from mountnav.settings.section import Section
+
+if TYPE_CHECKING:
+    from mountnav.pointing.model.in_force import Pointing
+    from mountnav.sky.coordinates import Air, Site
 
 
 class ModelSettings(Section):
@@ -63,3 +68,47 @@ class ModelSettings(Section):
         if self.kind is not None:
             return self.kind
         return "altaz" if mounting == "altaz" else "equatorial"
+
+    def pointing(
+        self, *, site: Site, air: Air, mounting: str | None = None, resolution_arcsec: float = 0.0
+    ) -> Pointing:
+        """Load the model that is named here; without one, what single syncs are worth.
+
+        Raises
+        ------
+        BadSettings
+            The file can't be read, or holds no model.
+        ModelRefused
+            The model was made for another site, or for readings with another refraction.
+        """
+        # a settings file is read, and complained of, without the mathematics of models
+        from mountnav.pointing.model.in_force import ModelInForce, NoModel
+        from mountnav.pointing.model.model import PointingModel
+
+        if self.file is None:
+            return NoModel(self.unseen_sigma_arcsec)
+        try:
+            model = PointingModel.load(self.file)
+        except BadRequest as cause:
+            raise BadSettings(
+                cause.what,
+                device="model.file",
+                advice="make one with `mountnav model fit`, or remove model.file",
+            ) from cause
+        wanted = self.kind_of(mounting)
+        if (self.kind is not None or mounting is not None) and model.kind != wanted:
+            raise BadSettings(
+                f"{self.file} is an {model.kind} model, the mount is {wanted}",
+                device="model.file",
+                advice="choose another file, or put mount.mounting (or model.kind) right",
+            )
+        return ModelInForce(
+            model,
+            site=site,
+            air=air,
+            does_refraction=self.does_refraction,
+            mounting=mounting,
+            resolution_arcsec=resolution_arcsec,
+            unseen_sigma_arcsec=self.unseen_sigma_arcsec,
+            wander_arcsec=self.wander_arcsec,
+        )

@@ -13,10 +13,10 @@ from PIL import Image
 from api.http.frame_views import pixel_of
 from api.observatory.last_frame import LARGEST_PX, preview_of
 from mountnav.clock import utc_now
-from mountnav.identification.wcs import icrs_at_pixel
 from mountnav.sky.chain import icrs_to_apparent, icrs_to_observed, sidereal_time_deg
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import offset_arcsec, separation_arcsec
+from mountnav.sky.wcs import icrs_at_pixel
 from tests.browser.watched_service import Served
 
 

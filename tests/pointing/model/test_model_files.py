@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from mountnav.errors import BadRequest, BadSettings, ModelRefused
 from mountnav.pointing.model.fit import fit
 from mountnav.pointing.model.in_force import ModelInForce, NoModel
-from mountnav.pointing.model.loading import pointing_of
 from mountnav.pointing.model.model import PointingModel, model_of
 from mountnav.pointing.model.tpoint_file import (
     model_from,
@@ -78,15 +77,15 @@ def test_the_settings_name_it(tmp_path):
     path = tmp_path / "east.json"
     a_model().save(path)
     site, air = Site(48.93, 22.27), Air(930.0)
-    assert isinstance(pointing_of(ModelSettings(), site=site, air=air), NoModel)
-    there = pointing_of(ModelSettings(file=path), site=site, air=air, mounting="german")
+    assert isinstance(ModelSettings().pointing(site=site, air=air), NoModel)
+    there = ModelSettings(file=path).pointing(site=site, air=air, mounting="german")
     assert isinstance(there, ModelInForce)
     with pytest.raises(BadSettings, match=r"can't be read.*mountnav model fit"):
-        pointing_of(ModelSettings(file=tmp_path / "none"), site=site, air=air)
+        ModelSettings(file=tmp_path / "none").pointing(site=site, air=air)
     with pytest.raises(BadSettings, match="equatorial model, the mount is altaz"):
-        pointing_of(ModelSettings(file=path), site=site, air=air, mounting="altaz")
+        ModelSettings(file=path).pointing(site=site, air=air, mounting="altaz")
     with pytest.raises(ModelRefused, match="latitude"):
-        pointing_of(ModelSettings(file=path), site=Site(10.0, 0.0), air=air)
+        ModelSettings(file=path).pointing(site=Site(10.0, 0.0), air=air)
 
 
 def test_pmfit_file_round_trip(shared):
