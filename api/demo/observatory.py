@@ -18,7 +18,8 @@ from mountnav.settings.demo import DemoSettings
 from mountnav.settings.faces import IndiServerSettings, Lx200ServerSettings, StellariumSettings
 from mountnav.settings.journal import JournalSettings
 from mountnav.settings.night import NightSettings
-from mountnav.settings.observatory import MountErrorSettings, Settings
+from mountnav.settings.observatory import Settings
+from mountnav.settings.telescope import MountErrorSettings
 
 TELESCOPE = "demo"
 Mounting = Literal["fork", "german"]

@@ -30,7 +30,7 @@ from api.service import Service
 from drivers.indi.codec.messages import Ordered, State
 from mountnav.clock import utc_now
 from mountnav.errors import MountnavError
-from mountnav.settings.observatory import TelescopeSettings
+from mountnav.settings.telescope import TelescopeSettings
 from mountnav.tasks import Died, begun, fault_words
 
 _TIME_TOLD_EVERY = timedelta(seconds=30)

@@ -34,7 +34,8 @@ from mountnav.night.session import Listen, NightSession
 from mountnav.reading import read_frame
 from mountnav.series.results import SeriesSettings
 from mountnav.settings.night import NightSettings
-from mountnav.settings.observatory import Settings, TelescopeSettings
+from mountnav.settings.observatory import Settings
+from mountnav.settings.telescope import TelescopeSettings
 from mountnav.sky.coordinates import Icrs, Site
 from mountnav.solving.settings import SolveSettings
 from mountnav.tasks import fault_words, waited_for

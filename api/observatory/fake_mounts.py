@@ -6,7 +6,8 @@ from drivers.fakes.bench import FakeOnPty
 from drivers.fakes.bench.thread import InFastTime
 from drivers.registry import fake_machine, make_fake
 from mountnav.clock import seconds, utc_now, virtual_time
-from mountnav.settings.observatory import MountErrorSettings, Settings, TelescopeSettings
+from mountnav.settings.observatory import Settings
+from mountnav.settings.telescope import MountErrorSettings, TelescopeSettings
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.pointing_errors import PointingErrors

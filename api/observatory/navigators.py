@@ -14,7 +14,8 @@ from mountnav.navigation.learned import Learned
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.pointing.limits import Limits
-from mountnav.settings.observatory import Settings, SimulatedCameraSettings, TelescopeSettings
+from mountnav.settings.observatory import Settings
+from mountnav.settings.telescope import SimulatedCameraSettings, TelescopeSettings
 
 _OF_THE_SUN = ("sun_cone_deg", "daylight")
 

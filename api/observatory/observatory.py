@@ -36,12 +36,12 @@ from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.reports import TelescopeState
 from mountnav.night.daylight import night_name
 from mountnav.night.recording import NightRecording, RecordedJournal
-from mountnav.settings.alpaca_camera import AlpacaCameraSettings
 from mountnav.settings.explained import line_of
-from mountnav.settings.observatory import (
+from mountnav.settings.observatory import Settings
+from mountnav.settings.telescope import (
+    AlpacaCameraSettings,
     FolderCameraSettings,
     IndiCameraSettings,
-    Settings,
     SimulatedCameraSettings,
     TelescopeSettings,
 )

@@ -41,7 +41,8 @@ from mountnav.pointing.model.model import PointingModel
 from mountnav.pointing.model.planning import Part, RunPoint
 from mountnav.pointing.model.terms import term
 from mountnav.pointing.observation import PointingObservation
-from mountnav.settings.observatory import Settings, TelescopeSettings
+from mountnav.settings.observatory import Settings
+from mountnav.settings.telescope import TelescopeSettings
 
 _MISSED = (BadFrame, DeviceRefused, MountMoved, NotSolved, OutsideLimits, TargetNotReached)
 """What costs one point; anything else ends the run."""

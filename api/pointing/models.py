@@ -44,7 +44,8 @@ from mountnav.pointing.model.tpoint_file import (
 )
 from mountnav.pointing.observation import PointingObservation, read_observations
 from mountnav.settings.model import ModelSettings
-from mountnav.settings.observatory import Settings, TelescopeSettings
+from mountnav.settings.observatory import Settings
+from mountnav.settings.telescope import TelescopeSettings
 from mountnav.sky.chain import observed_to_icrs
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Observed, Site
 

@@ -6,7 +6,8 @@ from datetime import UTC, datetime
 from typing import Any
 
 from mountnav import __version__
-from mountnav.settings.observatory import Settings, TelescopeSettings
+from mountnav.settings.observatory import Settings
+from mountnav.settings.telescope import TelescopeSettings
 
 
 def recording_header(one: TelescopeSettings, settings: Settings) -> dict[str, Any]:

@@ -32,7 +32,8 @@ from mountnav.night.recording import Line, Recording, read_recording, reading_of
 from mountnav.night.replaying import Replay, ReplayReport
 from mountnav.reading import read_frame
 from mountnav.series.results import SeriesSettings
-from mountnav.settings.observatory import Settings, TelescopeSettings
+from mountnav.settings.observatory import Settings
+from mountnav.settings.telescope import TelescopeSettings
 from mountnav.simulation.virtual_time import VirtualClock, for_all_modules, run_virtually
 from mountnav.sky.coordinates import Icrs
 

@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 from mountnav.settings.section import Section
 
 if TYPE_CHECKING:
-    from mountnav.settings.observatory import TelescopeSettings
+    from mountnav.settings.telescope import TelescopeSettings
 
 _FIRST = datetime(1990, 1, 1, tzinfo=UTC)
 _LAST = datetime(2060, 1, 1, tzinfo=UTC)

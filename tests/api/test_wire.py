@@ -17,7 +17,7 @@ from drivers.fakes.bench import FakeOnPty
 from drivers.registry import fake_dialects, make_fake
 from mountnav.clock import utc_now
 from mountnav.errors import BadRequest, BadSettings, DeviceMissing
-from mountnav.settings.observatory import FAKES
+from mountnav.settings.telescope import FAKES
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Site
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from mountnav.catalog.doctor.cameras import camera_facts
-from mountnav.settings.observatory import FolderCameraSettings, Settings, SimulatedCameraSettings
+from mountnav.settings.observatory import Settings
+from mountnav.settings.telescope import FolderCameraSettings, SimulatedCameraSettings
 from mountnav.simulation.optics import optics_preset
 from tests.conftest import ROOT
 

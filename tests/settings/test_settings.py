@@ -13,8 +13,9 @@ from mountnav.errors import BadSettings
 from mountnav.identification.settings import IdentificationSettings, PreliminarySettings
 from mountnav.measuring.settings import MeasuringSettings
 from mountnav.settings.explained import line_of
-from mountnav.settings.observatory import FolderCameraSettings, Settings, SimulatedCameraSettings
+from mountnav.settings.observatory import Settings
 from mountnav.settings.solving import _RANGES
+from mountnav.settings.telescope import FolderCameraSettings, SimulatedCameraSettings
 
 GOOD = """\
 [site]

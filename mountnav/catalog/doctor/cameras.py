@@ -9,8 +9,8 @@ from pathlib import Path
 from mountnav.catalog.doctor.counts import FrameSize
 from mountnav.catalog.doctor.diagnosis import CameraFacts
 from mountnav.errors import BadFrame
-from mountnav.settings.alpaca_camera import AlpacaCameraSettings
-from mountnav.settings.observatory import (
+from mountnav.settings.telescope import (
+    AlpacaCameraSettings,
     FolderCameraSettings,
     IndiCameraSettings,
     SimulatedCameraSettings,

@@ -10,7 +10,7 @@ import pytest
 from astropy.io import fits
 
 from mountnav.catalog.doctor.cameras import camera_facts, estimated_depth_mag, simulated_depth_mag
-from mountnav.settings.observatory import SimulatedCameraSettings, TelescopeSettings
+from mountnav.settings.telescope import SimulatedCameraSettings, TelescopeSettings
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.render import draw_frame
 
