@@ -12,7 +12,6 @@ from pathlib import Path
 
 from sqlalchemy import URL, Connection, delete, insert, or_, select, update
 
-from mountnav import __version__
 from mountnav.clock import utc_now
 from mountnav.errors import JournalDamaged, JournalFailed
 from mountnav.journal.audit_and_leases import AuditRow, LeaseRow, audit_values, lease_statement
@@ -35,6 +34,7 @@ from mountnav.journal.tables import audit, command, entry, lease, look, run
 from mountnav.journal.upgrading import upgrade
 from mountnav.journal.upkeep import Thinning, require_sound, require_whole
 from mountnav.journal.writer import Fsync, Piece, Statements, Trouble, Writer
+from mountnav.version import version
 
 _log = logging.getLogger(__name__)
 
@@ -184,7 +184,7 @@ class SqlJournal:
         JournalFailed
             It isn't written; with `kept` it will be.
         """
-        text = platform.node(), os.getpid(), __version__
+        text = platform.node(), os.getpid(), version()
         begun = begin_run(self.run_id, *text, settings_text, utc_now())
         self._now_or_raise(Piece(begun, durable=True, kept=kept))
 

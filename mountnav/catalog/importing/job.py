@@ -13,7 +13,6 @@ from typing import Literal, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav import __version__
 from mountnav.catalog.importing.order import (
     Imported,
     ImportOrder,
@@ -32,6 +31,7 @@ from mountnav.catalog.readers import Part, Reader, open_reader
 from mountnav.catalog.stars import StarFlag
 from mountnav.errors import BadCatalog, BadRequest, BadSettings
 from mountnav.sky.coordinates import Icrs
+from mountnav.version import version
 
 BYTES_PER_STAR = 20
 """Of the packed file: 18, and its share of the tables."""
@@ -304,7 +304,7 @@ class _Import:
             made_from=_shortened(f"{order.kind}: {reader.made_from}")
             + (f"; {selection}" if selection else ""),
         )
-        record = ImportRecord.of(__version__, order.kind, selection, reader.made_from, self._parts)
+        record = ImportRecord.of(version(), order.kind, selection, reader.made_from, self._parts)
         earlier = ImportRecord.read(self._unfinished)
         folder = self._unfinished / "spool"
         spool = Spool.open(folder, facts)

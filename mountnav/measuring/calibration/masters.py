@@ -11,10 +11,10 @@ import numpy as np
 from astropy.io import fits
 from numpy.typing import NDArray
 
-from mountnav import __version__
 from mountnav.errors import BadFrame
 from mountnav.measuring.calibration.camera_setup import CameraSetup, Card, Kind, difference, setup_from_header
 from mountnav.measuring.calibration.raw_files import FloatImage
+from mountnav.version import version
 
 _BLOCK_BYTES = 2880
 _COPY_BYTES = 1 << 22
@@ -279,7 +279,7 @@ def _header(about: MasterFacts) -> fits.Header:
         ("INSTRUME", facts.instrument, ""),
         ("XORGSUBF", facts.left_px, ""),
         ("YORGSUBF", facts.top_px, ""),
-        ("CREATOR", f"mountnav {__version__}", ""),
+        ("CREATOR", f"mountnav {version()}", ""),
     ]
     if facts.pattern:
         name, *shifts = facts.pattern.split("+")

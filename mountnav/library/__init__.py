@@ -1,0 +1,1 @@
+"""The library for notebooks and scripts: `import mountnav as mn`. Astropy's types in and out."""
