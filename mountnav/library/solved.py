@@ -127,17 +127,19 @@ def _index_of_the_sky() -> BlindIndex:
     from mountnav.catalog.embedded import embedded_catalog
     from mountnav.identification.blind.cache import cached_index
 
-    told = False
+    shown = -1
 
     def progress(share: float) -> None:
-        nonlocal told
-        told = True
+        nonlocal shown
+        if round(100 * share) == shown:
+            return
+        shown = round(100 * share)
         done = round(share * _BAR_STEPS)
         bar = "#" * done + "." * (_BAR_STEPS - done)
         print(f"\rbuilding the index of the sky, once: [{bar}] {share:4.0%}", end="", file=sys.stderr)
 
     index = cached_index(embedded_catalog(), progress=progress)
-    if told:
+    if shown >= 0:
         print(file=sys.stderr)
     return index
 
