@@ -272,7 +272,7 @@ class SolvedFrame:
                 pairs.x_px, pairs.y_px, factor * dx, factor * dy,
                 angles="xy", scale_units="xy", scale=1.0, color="C1", width=0.003,
             )  # fmt: skip
-        axes.set_title(f"{self.frame.source}: {self._told()}", fontsize=9)
+        axes.set_title(f"{self.frame.source}\n{self._told()}", fontsize=8)
         axes.set_xlabel(f"x (px); arrows: residuals, median {np.median(length[used]):.2f} px")
         axes.set_ylabel("y (px)")
         return axes
