@@ -7,7 +7,7 @@ PYTEST_WORKERS ?= $(shell expr 3 \* $$(getconf _NPROCESSORS_ONLN 2>/dev/null || 
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help demo test check format lock clean
+.PHONY: help demo test check format lock release clean
 
 .DEFAULT_GOAL := help
 
@@ -17,6 +17,7 @@ help:
 	@echo "make check   lint, types and import contracts only"
 	@echo "make format  let ruff format the code"
 	@echo "make lock    resolve the dependencies anew into requirements.lock"
+	@echo "make release wheel, sdist and SBOM of a tagged version in dist/, checked (docs/release.md)"
 
 # The stamp stands for: environment made, locked dependencies in it, mountnav installed editable.
 $(VENV)/.set-up: requirements.lock pyproject.toml
@@ -51,6 +52,22 @@ format: $(VENV)/.set-up
 lock: $(VENV)/.set-up
 	$(BIN)/uv pip compile pyproject.toml --group dev --universal --python-version 3.11 --generate-hashes \
 		--upgrade --no-emit-index-url --no-annotate --no-header --output-file requirements.lock
+
+# What goes out is built from the tag alone, checked as an index shows it, and run once from an empty environment.
+release: $(VENV)/.set-up
+	@version=$$($(BIN)/python -c 'import tomllib; print(tomllib.load(open("pyproject.toml", "rb"))["project"]["version"])'); \
+		test "$$(git describe --tags --exact-match 2>/dev/null)" = "v$$version" || \
+		{ echo "HEAD is not tagged v$$version: tag it, or put the version in pyproject.toml right"; exit 1; }; \
+		test -z "$$(git status --porcelain)" || { echo "There are changes that are not committed"; exit 1; }; \
+		set -e; rm -rf dist build/release; \
+		$(PYTHON) -m venv build/release; \
+		build/release/bin/python -m pip install --quiet --disable-pip-version-check build cyclonedx-bom twine; \
+		build/release/bin/python -m build --outdir dist .; \
+		build/release/bin/twine check --strict dist/*; \
+		build/release/bin/cyclonedx-py requirements requirements.lock --of JSON -o dist/mountnav-$$version.sbom.json; \
+		$(PYTHON) -m venv build/release/empty; \
+		build/release/empty/bin/python -m pip install --quiet --disable-pip-version-check dist/*.whl; \
+		build/release/empty/bin/mountnav --version; ls -l dist
 
 clean:
 	rm -rf $(VENV) dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis .cache
