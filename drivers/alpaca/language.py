@@ -17,6 +17,7 @@ from drivers.alpaca.codec.base import PARKED, AlpacaRefused, Malformed, Paramete
 from drivers.alpaca.device import AlpacaDevice, Found
 from drivers.alpaca.readings import Looking
 from drivers.generic.language import Identity, Readout, Sent, Unskilled, Wanted
+from drivers.generic.options import Timing
 from drivers.wire.wire_log import WireLog
 from mountnav.clock import utc_now
 from mountnav.devices import Direction, Epoch, PierSide, Skill, TrackingRate
@@ -524,3 +525,15 @@ def _guide_rate(value: object) -> float:
     if rate_deg_s == 0.0:
         raise Malformed("a guide rate of 0")
     return rate_deg_s
+
+
+TIMING = Timing(
+    start_grace_s=4.0,
+    rest_s=2.5,
+    sync_wait_s=6.0,
+    late_s=3.5,
+    heartbeat_s=1.0,
+    silence_s=3.0,
+    lost_after_s=9.0,
+)
+"""Servers answer from what they read up to a second ago, and those far away take up to two seconds for it."""

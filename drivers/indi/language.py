@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 from drivers.generic.language import Identity, Readout, Sent, Unskilled, Wanted
+from drivers.generic.options import Timing
 from drivers.indi.codec import messages, state
 from drivers.indi.codec import messages as orders
 from drivers.indi.codec.answers import (
@@ -485,3 +486,7 @@ class IndiLanguage(Unskilled):
             self._looking.be_restless()
             if event.name in COORDINATES.values():
                 self._aiming.forget()
+
+
+TIMING = Timing(start_grace_s=4.0, rest_s=2.5, sync_wait_s=6.0, late_s=3.5)
+"""A driver looks at its mount once a second, and two looks make a reading that is believed."""

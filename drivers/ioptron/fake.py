@@ -15,6 +15,7 @@ from datetime import datetime, timedelta
 
 from drivers.fakes.faults import Fault
 from drivers.fakes.wire_fake import WireFake
+from drivers.family import Fakes
 from drivers.ioptron.codec import greeting, v2, values
 from drivers.ioptron.codec.frames import Order, order_from_text
 from drivers.ioptron.codec.values import (
@@ -29,6 +30,7 @@ from drivers.ioptron.codec.values import (
 from drivers.wire.command import Unreadable
 from mountnav import devices
 from mountnav.clock import utc_now
+from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.posture import axes_at, other_side
 from mountnav.sky.chain import apparent_to_hour_angle, hour_angle_to_observed, observed_to_hour_angle
@@ -548,3 +550,37 @@ class FakeIoptron(WireFake):
         elif name == "RT":
             self.mechanics.rate = rate
         return True
+
+
+MACHINE = Machine(
+    mounting="german",
+    slew_rate_deg_s=4.0,
+    acceleration_deg_s2=2.0,
+    meridian_limits_deg=(10.0, 10.0),
+    lowest_altitude_deg=0.0,
+    home_sensor=True,
+    starts_at="home",
+    tracks_at_start=False,
+)
+"""A GEM45: after power-up it takes the place where it stands for its home, and doesn't track."""
+
+
+def make_fake(
+    dialect: str,
+    mechanics: Mechanics,
+    *,
+    faults: Iterable[Fault] = (),
+    clock: Callable[[], datetime] = utc_now,
+    monotonic: Callable[[], float] = time.monotonic,
+) -> FakeIoptron:
+    """Make a fake of a command set of `FAKES`."""
+    return FakeIoptron(mechanics, dialect=dialect, faults=faults, clock=clock, monotonic=monotonic)
+
+
+FAKES = Fakes(
+    dialects=("v3", "v2"),
+    make=make_fake,
+    moves=(b":MS", b":CM", b":MP1", b":MH", b":MSH"),
+    stops=(b":Q#",),
+    machine=MACHINE,
+)

@@ -13,10 +13,11 @@ from datetime import datetime
 
 from drivers.fakes.faults import Fault
 from drivers.fakes.wire_fake import WireFake
+from drivers.family import Fakes
 from drivers.skywatcher.axes import Gearing
 from drivers.skywatcher.codec import LARGEST, POSITION_ZERO, Axis, Board, MotorStatus, number, number_text
 from mountnav.clock import utc_now
-from mountnav.simulation.mechanics import AxisName, Mechanics
+from mountnav.simulation.mechanics import AxisName, Machine, Mechanics
 from mountnav.sky.coordinates import SIDEREAL_DEG_S
 
 
@@ -323,3 +324,24 @@ class FakeSkywatcher(WireFake):
         super().reboot()
         for motor in self.motors.values():
             motor.boot()
+
+
+def _make(
+    dialect: str,
+    mechanics: Mechanics,
+    *,
+    faults: Iterable[Fault],
+    clock: Callable[[], datetime],
+    monotonic: Callable[[], float],
+) -> FakeSkywatcher:
+    return FakeSkywatcher(mechanics, board=BOARDS[dialect], faults=faults, clock=clock, monotonic=monotonic)
+
+
+FAKES = Fakes(
+    dialects=tuple(BOARDS),
+    make=_make,
+    # syncs never reach the wire
+    moves=(b":J",),
+    stops=(b":K", b":L"),
+    machine=Machine(mounting="german", starts_at="home", tracks_at_start=False),
+)

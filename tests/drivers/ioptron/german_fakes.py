@@ -10,8 +10,7 @@ from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.fakes.faults import Fault
 from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
-from drivers.ioptron.fake import FakeIoptron
-from drivers.ioptron.family import MACHINE
+from drivers.ioptron.fake import MACHINE, FakeIoptron
 from drivers.ioptron.mount import ioptron_mount
 from drivers.wire.exchange import Patience
 from mountnav.clock import utc_now

@@ -12,7 +12,7 @@ from drivers.fakes.faults import Fault
 from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
 from drivers.lx200.fake.base import FakeLx200
-from drivers.lx200.family import fake_from
+from drivers.lx200.fake.dialects import make_fake
 from drivers.lx200.mount import lx200_mount
 from drivers.wire.exchange import Patience
 from mountnav.clock import utc_now
@@ -37,7 +37,7 @@ MACHINE = Machine(mounting="german", slew_rate_deg_s=60.0, acceleration_deg_s2=2
 def german(dialect: str, *, faults: Sequence[Fault] = (), **machine: Any) -> FakeLx200:
     """A fake over a German mount; fields of its `Machine` may be given."""
     mechanics = Mechanics(SITE, Air(), PointingErrors(), machine=replace(MACHINE, **machine))
-    return fake_from(dialect, mechanics, faults)
+    return make_fake(dialect, mechanics, faults=faults)
 
 
 def switched_on(dialect: str, **machine: Any) -> FakeLx200:
