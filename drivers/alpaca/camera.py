@@ -33,9 +33,14 @@ from mountnav.reading.fits_headers import Value
 from mountnav.tasks import begun
 
 _LARGEST_SIDE_PX = 1 << 17
+"""Larger sensor sides are refused as nonsense. Chosen by hand, far above any sensor."""
 _LARGEST_PIXEL_UM = 1000.0
+"""Larger pixels are refused as nonsense. Chosen by hand, far above any sensor."""
 _LARGEST_ADU = 2.0**53
+"""The largest whole number that a double holds exactly: larger saturation values can't be compared with
+pixels."""
 _LONGEST_S = 1e6
+"""The longest exposure of a camera that tells none, or an infinite one: eleven days. Chosen by hand."""
 _STEP_PX, _NEAR_PX = 8, 16
 """Some chips are read out in steps: their drivers refuse other sizes, or round them down."""
 _SENSORS = {0: "", 1: "", 2: "RGGB"}
@@ -225,10 +230,18 @@ def scale_arcsec_px(chip: Chip, field: Field, focal_length_mm: float | None) -> 
 
 
 _BUSY = (1, 2, 3, 4)
+"""Camera states in which an exposure can't begin: waiting, exposing, reading, downloading [Alpaca
+CameraState]."""
 _EXPOSING = (1, 2)
+"""Camera states in which the image can't be there: waiting, exposing [Alpaca CameraState]."""
 _IN_ERROR = 5
+"""The camera state of an exposure that failed [Alpaca CameraState]."""
 _IDLE_WITHIN_S = 5.0
+"""How long an exposure that still runs may take to end before a new one is refused as another program's.
+Chosen by hand, the same as for INDI."""
 _START_S = 30.0
+"""How long, beyond the exposure, a server may take to answer the order to expose: old drivers answer when
+it is over. Chosen by hand, the same as for INDI."""
 _SLOWEST_PX_S = 0.25e6
 """A server that speaks JSON over a slow network sends some bytes for each pixel."""
 

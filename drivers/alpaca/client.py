@@ -171,6 +171,7 @@ async def answered(
 
 
 _NO_ACCESS = (401, 403)
+"""HTTP states that mean a wrong or missing password."""
 _LATER = (408, 429)
 """What a busy server says; all else between 400 and 499 is a no."""
 _UNKNOWN = ": whether it was taken up is not known"
@@ -241,6 +242,7 @@ def require_known(one: DeviceRefused) -> None:
 
 _BROKEN = (httpx.RemoteProtocolError, httpx.ReadError, httpx.WriteError, httpx.CloseError)
 _LOGGED_BYTES = 2000
+"""Longer answers are noted in the wire log by their length only. Chosen by hand: `devicestate` fits."""
 
 
 class AlpacaClient:

@@ -17,7 +17,9 @@ T = TypeVar("T")
 _CONNECTS_ASYNC = 4
 """From this version on an interface has Connect and Connecting [Alpaca §4]."""
 _GLANCE_S = 0.2
+"""Pause between questions whether it has connected. Chosen by hand."""
 _NEWEST = 100
+"""Interface versions above this are refused as nonsense; there were 4 in 2026. Chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ from drivers.wire.wire_log import WireLog
 from mountnav.parsing import json_of
 
 PORT = 32227
+"""UDP port on which Alpaca servers answer [Alpaca §6]."""
 _QUESTION = b"alpacadiscovery1"
 _EVERYBODY = ("255.255.255.255", "127.0.0.1")
 

@@ -156,6 +156,8 @@ class Moving:
 _HEIGHTS_M = (-1000.0, 20_000.0)
 """What the height of a site may be, m: an answer beyond is none."""
 _FASTEST_PULSE_DEG_S = 0.1
+"""Faster guide rates are nonsense, perhaps arcseconds told for degrees: 24 times sidereal. Chosen by
+hand."""
 _PROBED = ("utcdate", "sitelatitude")
 _RETURNS_AT_ONCE = 4
 """From this version of the interface on park and home begin, where older ones may take their whole time."""

@@ -176,9 +176,17 @@ def _only(on: str, one: Property) -> Mapping[str, bool]:
 
 
 _NO_FILE_S = 5.0
+"""How long a file may still come after the driver said that the exposure ended badly. Chosen by hand;
+halved, a file that is only slow to be packed is missed, doubled, a failure is reported later."""
 _IDLE_WITHIN_S = 5.0
+"""How long an exposure that still runs may take to end before a new one is refused as another program's.
+Chosen by hand."""
 _GLANCE_S = 0.2
+"""How often we check what comes true without a message (see `Exposure.settle`). Chosen by hand: little
+work, and no frame waits noticeably longer."""
 _START_S = 30.0
+"""How long, beyond the exposure, a driver may take to say that it has begun: some answer only when the
+exposure is over. Chosen by hand; too short reports a slow driver as silent."""
 
 
 class IndiCameraLanguage:

@@ -20,20 +20,28 @@ from drivers.indi.codec import messages as orders
 from drivers.indi.codec.messages import Defined, Event, PingAnswered, Pinged
 from drivers.indi.codec.state import Properties, Property
 from drivers.indi.codec.xml_stream import Malformed
+from drivers.indi.family import PORT
 from drivers.wire.wire_log import WireLog
 from mountnav.clock import utc_now
 from mountnav.errors import DeviceMissing
 from mountnav.tasks import begun, fault_words
 
-PORT = 7624
 _AT_ONCE_BYTES = 1 << 18
+"""Bytes taken from the socket at once. Chosen by hand: an image comes in few reads, and memory stays
+small."""
 _MOST_UNSENT_BYTES = 1 << 20
+"""Bytes that may wait to be sent before the server counts as stuck. Our orders are a few hundred bytes
+each, so this is thousands of orders that it has not taken. Chosen by hand."""
 _MOST_PROPERTIES = 5000
 """Of all devices that a connection hears of; a large observatory has a tenth."""
 _MOST_PROPERTIES_BYTES = 1 << 24
 """Of all of them together; those of a large observatory take some hundred kB."""
 _WORDS_KEPT = 200
+"""How many messages of drivers are kept for explaining a refusal. Chosen by hand: a refusal's words come
+within a few messages of it."""
 _INTRODUCTION_S = 0.5
+"""How long a server has to list its devices when we ask only for advice in an error message. Chosen by
+hand; doubled, the error is shown later, halved, the list may be incomplete."""
 _RETELL_S = 1.0
 """After a broken message all properties are told anew, and no sooner than after so long once more, in
 seconds, doubled each time that the answer holds one as well: a driver with one broken definition would be

@@ -18,6 +18,8 @@ from drivers.indi.codec.state import Property
 from mountnav.errors import DeviceMissing, DeviceRefused, DeviceSilent, Refusal
 
 _INTRODUCTION_S = 2.0
+"""How long a driver has to define its CONNECTION property after the server was asked. Chosen by hand; one
+that starts with the server needs longer, and is then found at the next try to connect."""
 _ECHO_S = 2.0
 """A driver that answers without having echoed the order is asked once more after so long, in seconds, and
 believed then: some echo nothing. Real drivers echo within 0.1 s, and while they wait for their mount they

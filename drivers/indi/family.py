@@ -14,9 +14,8 @@ if TYPE_CHECKING:
     from drivers.indi.device import IndiDevice
     from mountnav.sky.coordinates import Site
 
-_PORT = 7624
-"""What `indiserver` listens on if it isn't told otherwise [INDI white paper 1.7]."""
-
+PORT = 7624
+"""What `indiserver` listens on if nothing else is said."""
 _MOUNT_OPTIONS = ("connect", "resolution_arcsec", "connect_s", "server_silent_s")
 _CAMERA_OPTIONS = (
     "connect",
@@ -75,7 +74,7 @@ def _device(url: MountUrl, own: Mapping[str, str], deadline_s: float) -> IndiDev
     silent_s = number_of(own, "server_silent_s", 1.9)
     pulse = Pulse(ping_s=min(0.4, silent_s / 4.0), silent_s=silent_s)
     client = IndiClient(
-        place.hostname or "localhost", place.port or _PORT, url.device, log=WireLog(), pulse=pulse
+        place.hostname or "localhost", place.port or PORT, url.device, log=WireLog(), pulse=pulse
     )
     return IndiDevice(client, url.device, deadline_s=deadline_s, connect_s=number_of(own, "connect_s", 30.0))
 
@@ -98,5 +97,5 @@ FAMILY = Family(
     open_mount=_open_mount,
     open_camera=_open_camera,
     read_url=_read_url,
-    usual_port=_PORT,
+    usual_port=PORT,
 )

@@ -32,9 +32,16 @@ from mountnav.sky.coordinates import Apparent, Icrs, Site
 
 _SWITCH = "ON_COORD_SET"
 _SYNCED_ARCSEC = 30.0
+"""A sync that was answered counts as taken when the driver reports a place so near to it. Chosen by hand:
+above a second of time in right ascension (15), to which some drivers round."""
 _SECOND_LEG_ARCSEC = 20.0
+"""A mount that rests farther than this from its target is sent once more: some drivers forget how far the
+sky turned on the way. Chosen by hand; halved, mounts that round to a second of time are sent in vain."""
 _LONGEST_LEG_ARCSEC = 3600.0
+"""Farther than this it did not miss its target but stopped for another reason: it is not sent again. Chosen
+by hand: one degree, what the sky turns in four minutes."""
 _MOST_LEGS = 2
+"""How many times it is sent again for one slew. Chosen by hand: one order mostly suffices."""
 
 
 class Aiming:

@@ -20,7 +20,11 @@ from mountnav.devices import Epoch
 from mountnav.errors import DeviceGarbled, DeviceSilent
 
 _RESTLESS_S = 20.0
+"""For how long after an order or a doubtful reading the mount counts as moving, so that each reading waits
+for the driver's next look at it. Chosen by hand; doubled, readings stay slow for longer."""
 _NONSENSE_S = 5.0
+"""How long a place that makes no sense is asked for again before it is an error. Chosen by hand: several
+polls of a driver that polls once a second."""
 
 
 class Looking:

@@ -85,6 +85,8 @@ def site_of(status: Status) -> Site:
 
 
 _NEAR_MERIDIAN_DEG = 1.0
+"""So near to the hour angle where it flips the side after a slew is not foretold. Chosen by hand: what the
+sky turns in four minutes, more than a slew takes."""
 
 
 async def why_not(talk: Talk, place: Apparent | Icrs, status: Status) -> DeviceRefused:

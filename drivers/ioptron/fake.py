@@ -51,6 +51,7 @@ _SIDES = {
 }
 _FIRMWARE = b"210105210105#"
 _HOURS_MS = 3_600_000
+"""Milliseconds in an hour of right ascension."""
 
 
 @dataclass(slots=True)
@@ -241,6 +242,7 @@ class Teller:
 
 
 _LONGEST_COMMAND = 40
+"""Bytes without a `#` that are kept for a command still to come; the longest command has less."""
 # the last one is the greatest that the model has [IOPTRON310 :SRn]
 _ARROW_RATES = (1.0, 2.0, 8.0, 16.0, 64.0, 128.0, 256.0, 512.0, math.inf)
 _ARROWS: dict[str, dict[str, devices.Direction]] = {
@@ -272,6 +274,8 @@ _PULSES = {
 _RATES = {wire: rate for rate, wire in RATES.items()}
 _MODELS = {"v3": "0043", "v2": "0060"}
 _AT_POLE_DEG = 0.01
+"""A park position so near to the pole is the home position: the side of the pier means nothing there.
+Chosen by hand."""
 
 
 class FakeIoptron(WireFake):

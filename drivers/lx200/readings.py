@@ -23,6 +23,7 @@ from mountnav.sky.coordinates import Apparent, Icrs
 
 T = TypeVar("T")
 _SHORT_ARCSEC = 15.0
+"""Right ascensions with a coarser step than this come in the short format."""
 _NAMELESS = (
     "it tells no name, so it is given the few words that any clone has; if it knows more, name its dialect "
     "in the URL (?dialect=...)"

@@ -20,6 +20,8 @@ from mountnav.errors import DeviceGarbled, DeviceSilent
 
 T = TypeVar("T")
 _MOST_TRIES = 4
+"""How many further answers are compared until two in a row are alike. Chosen by hand; halved, a bad line
+fails where it still could be used."""
 
 
 class Asking:

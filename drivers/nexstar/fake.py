@@ -55,6 +55,7 @@ from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Apparent, HourAngle, I
 from mountnav.sky.sphere import half_turn_deg, separation_arcsec
 
 _NO_AIR = Air(pressure_hpa=0.0)
+"""The hand control's altitude knows no refraction."""
 
 
 def believed_horizon(mechanics: Mechanics) -> tuple[float, float]:
@@ -96,6 +97,7 @@ def _belief_beyond_encoders(mechanics: Mechanics, now: Apparent, encoders: AxisA
 
 
 _GUIDE_RATE = 0x80
+"""Half the sidereal rate, in 256ths [NexStar P 0x47]: what a fake guides at until it is set otherwise."""
 _RATES = {SIDEREAL: TrackingRate.SIDEREAL, SOLAR: TrackingRate.SOLAR, LUNAR: TrackingRate.LUNAR}
 # of the nine keys of the hand control; where a mount is slower, its own limit holds
 _FIXED_RATES_DEG_S = (
@@ -217,6 +219,7 @@ _LENGTHS = {
 
 
 _STANDS_ARCSEC = 1.0
+"""A fake that is so near to its target stands there. Chosen by hand."""
 
 
 class FakeNexstar(WireFake):

@@ -38,8 +38,13 @@ from mountnav.errors import DeviceRefused, Refusal
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 
 _SLOWEST_KEY = 1
+"""Number of the slowest rate of the hand control's keys: it guides mounts whose motors time no pulses
+[NexStar P 0x24]."""
 _LOOK_S = 0.05
+"""Pause between questions whether a pulse still runs. Chosen by hand."""
 _LONGER_S = 1.0
+"""A pulse that runs for so much longer than ordered is ended. Chosen by hand; halved, a slow line looks
+like it."""
 
 
 class Guiding:

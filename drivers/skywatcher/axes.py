@@ -25,7 +25,9 @@ RATES_DEG_S = {
     TrackingRate.LUNAR: 14.511415 / 3600.0,
     TrackingRate.SOLAR: 15.0 / 3600.0,
 }
+"""How fast the first axis follows the stars, the Moon, the Sun."""
 _HEQ5_SLOW_TIMER = (Board(1, 6, 1), 64935, 64640)
+"""Board, the timer frequency that it tells, and the true one [INDI eqmod]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +136,7 @@ def altitude_deg(angles: HourAngle, site: Site) -> float:
 
 
 HOME_SECOND_DEG = 90.0
+"""How the second axis stands at home, where the tube looks at the pole: a quarter turn from the equator."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,6 +156,8 @@ class Turns:
 
 
 HOME = Turns(0.0, HOME_SECOND_DEG)
+"""Counterweight down, tube at the pole: how a German mount is set up, and where the counts begin at
+power-up."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,10 @@ from drivers.wire.command import Command, Read, Unreadable
 from mountnav.errors import Refusal
 
 POSITION_ZERO = 0x800000
+"""The count that a board gives an axis at power-up: the middle of its 24 bits, so that both ways are free
+[SKYWATCHER :j]."""
 LARGEST = 0xFFFFFF
+"""Numbers have 24 bits on this wire [SKYWATCHER]."""
 _HEX6 = re.compile(r"[0-9A-F]{6}")
 
 
@@ -150,7 +153,9 @@ MODELS = {
     0x82: "114GT",
     0x90: "Dobsonian",
 }
+"""Names of mounts by the last byte of the board's answer [SKYWATCHER :e, INDI eqmod]."""
 NOT_EQUATORIAL = frozenset({0x80, 0x81, 0x82, 0x90})
+"""Models of that list that stand in azimuth and altitude."""
 
 
 def read_board(text: str) -> Board:
@@ -218,6 +223,8 @@ def ratio(text: str) -> int:
 T = TypeVar("T")
 _END = b"\r"
 _LONGEST = 8
+"""A reply without its end after so many bytes is damaged: the longest ones are `=`, six digits and a
+carriage return."""
 
 
 def _whole(buffer: bytes) -> tuple[bytes, str, int] | None:

@@ -71,6 +71,8 @@ BOARDS = {
 
 
 _FASTEST_DEG_S = 1000.0 * SIDEREAL_DEG_S
+"""A fake's motor turns no faster, whatever its step period. Chosen by hand, above the 800 times sidereal of
+real mounts."""
 
 
 class FakeMotor:
@@ -181,7 +183,10 @@ class FakeMotor:
 
 
 _LONGEST = 16
+"""Bytes without a carriage return that are kept for a command still to come. Commands have at most ten."""
 _WORM_TEETH = 180
+"""Teeth of the worm wheel: the fakes' answer to `:s` is the counts of one. An EQ6 has 180; the same for all
+fakes."""
 # how many hex digits follow each command that it knows
 _LENGTHS = {
     **dict.fromkeys("abcdefghijmsDFJKL", 0),

@@ -35,7 +35,10 @@ from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, Icrs
 from mountnav.sky.sphere import separation_arcsec
 
 _SYNC_FREE_DEG = 5.0
+"""A sync may turn the hour angle axis by so much, and `_SYNC_STRETCH` times its miss on the sky. Beyond
+that the place is so near the pole that it tells too little of that axis. Chosen by hand."""
 _SYNC_STRETCH = 3.0
+"""See `_SYNC_FREE_DEG`: 3 is a declination of about 70°. Doubled, a sync 10° from the pole is taken."""
 
 
 class SkywatcherLanguage(SkywatcherReading):

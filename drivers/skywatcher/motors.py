@@ -24,14 +24,27 @@ from mountnav.errors import DeviceError, DeviceRefused, Refusal
 from mountnav.tasks import waited_for
 
 _BETWEEN_STOPS_S = 0.03
+"""Pause between the stops of both motors: a board spoils its answers when two commands reach it in one
+write. Chosen by hand, above the 17 ms in which real boards answer."""
 _USUAL_RATIO = 16
 """Steps at once in the high speed range, of a board that doesn't tell them [SKYWATCHER :g]."""
 _GLANCE_S = 0.05
+"""Pause between questions whether a motor still runs. Chosen by hand."""
 _HALT_S = 8.0
+"""A motor that runs on for so long after it was ordered to stop is reported as one that does not obey.
+Chosen by hand: more than the longest ramp (`_HARD_AFTER_S`) and what a hard stop takes."""
 _HARD_AFTER_S = 5.0
+"""A motor that still runs so long after the order to slow down is stopped hard. Chosen by hand: by the
+numbers of an HEQ5 Pro its ramp from full speed takes 1.5 s."""
 _HARD_AFTER_STOPS = 8
+"""From this repetition of a stop on it is a hard one. Chosen by hand; halved, a mount with a slow ramp is
+stopped with a jolt."""
 _FAST_FROM_DEG = 0.8
+"""Gotos farther than this run in the high speed range. Chosen by hand; shorter ones are over before the
+ramp is."""
 _FAST_BRAKE, _SLOW_BRAKE = 3200, 200
+"""Counts before its target at which a goto slows down, in the high and in the low speed range; a tenth of
+the way at most. The numbers are those of INDI's driver [INDI eqmod]."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,8 +32,14 @@ _SKILLS = frozenset(
     }
 )
 _THERE_DEG = 0.01
+"""Axes so near to the park or home position are there. Chosen by hand: above what a goto leaves over, far
+below what matters to a parked tube."""
 _FASTER = 3.0
+"""A count is taken for another axis's answer if the axis can't have come there at this many times its goto
+speed. Chosen by hand: mounts differ from the speed that the settings say."""
 _SAME_RATE = 0.003
+"""A motor found running tracks at one of our rates if it differs from that by less than this part. Chosen
+by hand: the Sun's and the stars' rate differ by 0.0027, so the nearest of them is taken first."""
 
 
 class SkywatcherReading(SerialLanguage):

@@ -23,12 +23,22 @@ Aim = Callable[[datetime], Turns]
 """How the axes shall stand at an instant."""
 
 _LEG_S = 0.3
+"""What starting and ending a goto takes beyond its ramps, in seconds. Chosen by hand; what is wrong with it
+is made up by the trim."""
 _NEW_LEG_DEG = 0.25
+"""Farther than this from its target it is sent by another goto; nearer, running faster or slower makes it
+up. Chosen by hand; doubled, the trim takes too long."""
 _LONGEST_TRIM_S = 6.0
+"""How long one trim runs at most before the place is looked at again. Chosen by hand."""
 _TRIM_S = 1.2
+"""How long a trim should take: its rate follows from that, within the two limits below. Chosen by hand."""
 _FASTEST_TRIM, _SLOWEST_TRIM = 8.0, 0.2
+"""Limits of how much faster or slower than tracking a trim runs, in times sidereal. Chosen by hand: still
+in the low speed range, and enough to gain anything."""
 _MOST_LEGS = 5
+"""Gotos for one slew at most. Chosen by hand: two or three suffice; it ends a slew that never arrives."""
 _MOST_TRIMS = 8
+"""Trims for one slew at most. Chosen by hand, for the same reason."""
 
 
 class Steering:

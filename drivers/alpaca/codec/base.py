@@ -49,6 +49,7 @@ class DeviceAddress:
         return f"{self.server}/api/v1/{self.kind}/{self.number}/{member}"
 
 
+# error numbers [Alpaca §3]; those from FIRST_OF_DRIVER on are each driver's own
 NOT_IMPLEMENTED = 0x400
 INVALID_VALUE = 0x401
 VALUE_NOT_SET = 0x402
@@ -139,11 +140,14 @@ def refusal(what: str, number: int, words: str, device: str) -> AlpacaRefused:
 Parameter = str | int | float | bool
 Parameters = Mapping[str, Parameter]
 _EXCERPT = 120
+"""Characters of a server's words that are quoted in a message. Chosen by hand: about one line of a
+terminal."""
 _LONGEST_TEXT = 1000
 """Characters kept of a device's own words: names and versions have some 50."""
 EARLIEST, LATEST = datetime(1900, 1, 1, tzinfo=UTC), datetime(2200, 1, 1, tzinfo=UTC)
 """Instants that are one: sums with those beyond them leave the calendar."""
 _LARGEST_ID = 0xFFFFFFFF
+"""ClientTransactionID is a 32-bit unsigned number [Alpaca §1]."""
 
 
 class Malformed(ValueError):

@@ -25,7 +25,10 @@ _TYPES: dict[int, np.dtype[np.generic]] = {
     8: np.dtype("<u2"),
     9: np.dtype("<u4"),
 }
+"""Element types of ImageBytes by their numbers [Alpaca ImageArrayElementTypes]."""
 _MOST_PIXELS = 1 << 31
+"""Images of more pixels are refused before memory is taken for them. Chosen by hand: far above any
+sensor."""
 
 Pixels = NDArray[np.generic]
 
@@ -125,6 +128,8 @@ def _narrowed(image: Pixels) -> Pixels:
 
 _CLOCK = TimeSource("the camera's clock", "the camera tells no time", "the camera's is")
 _MOST_SNAPPED = 2.0
+"""A camera that knows certain exposure times only takes the nearest: by at most this factor, or the image
+is not ours. Chosen by hand, for steps of factor two."""
 
 
 @dataclass(frozen=True, slots=True)

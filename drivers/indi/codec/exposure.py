@@ -74,8 +74,15 @@ def _inflated(packed: bytes | bytearray, size: int) -> bytes:
 
 
 _SOONEST = 0.9
+"""The part of the exposure time after which a file can be its own. Below 1, because a driver's clock and
+the way of a message differ from ours. Chosen by hand; lower takes the file of an earlier exposure for
+ours."""
 _LATER_S = 0.5
+"""How long a better file is awaited after the driver said that the exposure is done, when one has come that
+may be an earlier exposure's. Chosen by hand."""
 _UNSAID_S = 10.0
+"""The same for a driver that never says that it is done, counted from when the exposure should be over.
+Chosen by hand; it delays the frames of such drivers only."""
 _HEADER = TimeSource("its header", "its header tells no time", "its header is")
 
 

@@ -172,8 +172,13 @@ class Properties:
 Get = Callable[[str], Property | None]
 COORDINATES: dict[Epoch, str] = {"apparent": "EQUATORIAL_EOD_COORD", "icrs": "EQUATORIAL_COORD"}
 LONGEST_POLL_S = 2.0
+"""A driver's polling period is not taken for longer than this, or readings of a mount that polls once a
+minute would never be confirmed. Chosen by hand."""
 USUAL_POLL_S = 1.0
+"""The polling period of a driver that does not tell it: INDI's default, 1000 ms."""
 _FARTHEST_DEC_DEG = 95.0
+"""Declinations beyond this are nonsense. More than 90, since a driver may extrapolate over the pole; chosen
+by hand."""
 
 
 def skills(get: Get) -> frozenset[Skill]:

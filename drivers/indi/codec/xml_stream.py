@@ -23,11 +23,13 @@ step takes twice as long."""
 MOST_ATTRIBUTES = 64
 """Of a tag; INDI's own have at most ten."""
 MOST_MESSAGE_BYTES = 1 << 30
+"""Of a message with its files: an image of 800 MB in base64. Chosen by hand, to bound our memory."""
 MOST_PLAIN_BYTES = 1 << 20
 """Of a message, its files' contents left out. A long list of switches has some 20,000."""
 MOST_ELEMENTS = 2000
 """In a message. All are made a value of in one go, some 3 us each: doubled, a loop's longest turn doubles."""
 MOST_DEPTH = 8
+"""Of elements in one another; INDI's own messages have two levels. Chosen by hand."""
 PART_WORK = 16_384
 """Units of `ElementStream.work` in a part: about a millisecond. Doubled, a stop waits longer for its turn."""
 _STEP_WORK = 64
@@ -37,9 +39,11 @@ _COPIED_BYTES = 32
 _GATHERED_BYTES = 65_536
 """Small pieces of text are joined when they are so many bytes. Doubled, a copy in one turn takes longer."""
 _KEPT_TEXT_BYTES = 96
+"""So much of each text of a message is kept as it came, for a recording. Chosen by hand."""
 _KEPT_RAW_BYTES = 16_384
 """So much of a message is kept as it came, to be recorded; only files' contents make one longer."""
 _EXCERPT_BYTES = 80
+"""So much of what is malformed is quoted in a log. Chosen by hand: one line."""
 
 _VECTORS = [
     verb + kind for verb in ("def", "set", "new") for kind in ("Text", "Number", "Switch", "Light", "BLOB")
@@ -62,6 +66,7 @@ _TURNS = {b"": re.compile(rb"[<>'\"]"), b"'": re.compile(rb"[<']"), b'"': re.com
 """Where a tag goes on otherwise, by the quote that is open."""
 _BEGINS_MESSAGE = re.compile(rb"<(" + rb"|".join(sorted(name.encode() for name in MESSAGES)) + rb")[\s/>]")
 _LONGEST_BEGINNING = max(map(len, MESSAGES)) + 2
+"""So many bytes tell whether a message begins: its name, the bracket before and a byte after."""
 _REFERENCE = re.compile(r"&(?:(amp|lt|gt|quot|apos)|#(\d{1,7})|#[xX]([0-9a-fA-F]{1,6}));", re.ASCII)
 _NAMED = {"amp": "&", "lt": "<", "gt": ">", "quot": '"', "apos": "'"}
 

@@ -25,7 +25,9 @@ from drivers.wire.command import Command, Unreadable
 STEP_ARCSEC = 0.015
 """A millisecond of time."""
 _MS_DEG = 240_000
+"""Right ascensions are milliseconds of time on this wire: so many a degree [IOPTRON v2]."""
 _DAY_MS = 86_400_000
+"""A whole turn in the same unit."""
 
 _STATUS = re.compile(rb"([+-][0-9]{6})([0-9]{6})([0-2])([0-7])([0-4])([1-9])([1-3])([01])")
 _POINTING = re.compile(rb"([+-][0-9]{8})([0-9]{8})")
@@ -142,6 +144,7 @@ def clock_to_text(clock: MountClock) -> bytes:
 
 
 _LONGEST_PULSE_MS = 32_767
+"""The longest guide pulse that the set takes [IOPTRON25 :MnXXXXX]."""
 
 STATUS: Command[Status] = Command(b":GLS#", "site and status", signed_text((19,), status_from_text))
 POINTING: Command[Pointing] = Command(b":GEC#", "where it points", signed_text((17,), pointing_from_text))

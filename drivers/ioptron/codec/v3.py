@@ -36,6 +36,7 @@ from drivers.ioptron.codec.values import (
 from drivers.wire.command import Command
 
 _LONGEST_PULSE_MS = 99_999
+"""A guide pulse has five digits [IOPTRON310 :ZS :ZQ]."""
 # `:ZS` RA+, `:ZQ` RA-, `:ZE` Dec+, `:ZC` Dec- [IOPTRON310]: S is not south, E not east
 _PULSES: dict[Heading, bytes] = {"n": b"ZE", "s": b"ZC", "e": b"ZS", "w": b"ZQ"}
 

@@ -14,10 +14,15 @@ from enum import IntEnum
 from drivers.wire.command import Unreadable
 
 STEP_ARCSEC = 0.01
+"""The step of all angles on this wire [IOPTRON]."""
 _STEPS_DEG = 360_000
+"""Such steps in a degree."""
 _TURN = 360 * _STEPS_DEG
+"""Such steps in a whole turn."""
 _J2000_UTC = datetime(2000, 1, 1, 12, tzinfo=UTC)
+"""The clock counts milliseconds since J2000, in UTC [IOPTRON :GUT]."""
 _MS = timedelta(milliseconds=1)
+"""The unit of that count."""
 
 # [0-9] and not \d: the fields are ASCII alone
 _STATUS = re.compile(rb"([+-][0-9]{8})([0-9]{8})([0-2])([0-7])([0-4])([1-9])([1-3])([01])")

@@ -26,6 +26,7 @@ from mountnav.devices import Direction, PierSide, TrackingRate
 from mountnav.errors import Refusal
 
 LONGEST_PULSE_MS = 3000
+"""Longer pulses are sent in pieces [ZWO :Mg]."""
 _FLAGS = frozenset("nNLHSsTt")
 _STATUS = re.compile(r"([a-zA-Z]*)(\d*)")
 _SIDES = {b"E": PierSide.EAST, b"W": PierSide.WEST, b"N": PierSide.UNKNOWN}
@@ -45,6 +46,7 @@ REFUSALS: Mapping[int, tuple[str, Refusal]] = {
     12: ("a sync too far from where it believes to point", Refusal.LIMIT),
     13: ("above the altitude limit", Refusal.LIMIT),
 }
+"""What the number of an ``eN#`` means, and which reason that is [ZWO error codes]."""
 
 
 class ParkState(IntEnum):

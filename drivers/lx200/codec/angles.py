@@ -8,9 +8,13 @@ from dataclasses import dataclass
 from drivers.wire.command import Unreadable
 
 RA_LONG_STEP_ARCSEC = 15.0
+"""A second of time."""
 RA_SHORT_STEP_ARCSEC = 90.0
+"""A tenth of a minute of time."""
 DEC_LONG_STEP_ARCSEC = 1.0
+"""An arcsecond."""
 DEC_SHORT_STEP_ARCSEC = 60.0
+"""An arcminute."""
 
 # 0xDF is the degree sign of old Meade displays, 0xB0 that of Latin-1 [LX200 :GD#]
 _SEPARATOR = rb"[*:\xdf\xb0]"

@@ -15,7 +15,10 @@ from mountnav.errors import Refusal
 
 T = TypeVar("T")
 _LONGEST_TEXT = 80
+"""A reply without `#` after so many bytes is damaged. Chosen by hand, above the longest reply (10micron's
+reading in one line)."""
 BAR = 0x7F
+"""The character of which old Meade displays draw distance bars [LX200 :D#]."""
 _COORDINATE = re.compile(r"[+-]?\d{2,3}\D\d{2}([:.'].*)?")
 
 

@@ -33,6 +33,7 @@ _SLEW_CODES = {
     "7": Refusal.PARKED,
 }
 _ALIGNED = 1
+"""The bit of status 99 that says that the mount was aligned [GEMINI native]."""
 
 
 def checksum(said: bytes) -> int:

@@ -34,8 +34,11 @@ from mountnav.errors import Refusal
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Site
 
 FINE_STEP_ARCSEC = 0.0015
+"""Right ascensions have four decimals of a second of time."""
 LONGEST_PULSE_MS = 16399
+"""Longer pulses are sent in pieces [ONSTEP :Mg]."""
 _FASTEST_PULSE = 8.0
+"""Faster guide rates, in times sidereal, are taken for a damaged answer. Chosen by hand."""
 _FLAGS = frozenset("nNpIPFeHhBSGgrst(OkwvuzaR/,~;^")
 _PARK = "pIPF"
 _PIER = {"o": PierSide.UNKNOWN, "T": PierSide.EAST, "W": PierSide.WEST}
@@ -404,6 +407,7 @@ _WRITING = Writing(
     latitude=lambda deg: degrees_to_fine_text(deg, 2),
     longitude=_west_positive,
 )
+"""How OnStep is given time and site."""
 
 
 def _is_onstep(handshake: Handshake) -> bool:

@@ -26,8 +26,11 @@ from mountnav.devices import Direction, PierSide, TrackingRate
 from mountnav.errors import Refusal
 
 RA_STEP_ARCSEC = 0.15
+"""Right ascensions have two decimals of a second of time in ultra precision."""
 LONGEST_PULSE_MS = 9999
+"""A pulse has four digits [10MICRON :Mg]."""
 _JD_OF_1970 = 2440587.5
+"""Julian Date of 1970-01-01T00:00 UTC."""
 # 1970 to 2100: clocks that were never set, too
 _DAYS = range(2440588, 2488070)
 # more fields may follow in later versions [10MICRON :Ginfo#]
@@ -357,6 +360,7 @@ def add_to_model(point: ModelPoint) -> Command[int | None]:
 
 
 _FIRST_WITH_INFO = (2, 14, 9)
+"""The first firmware with the reading in one line [10MICRON :Ginfo]."""
 
 
 def _as_state(status: MountStatus, side: PierSide | None, *, slewing: bool = False) -> State:
@@ -427,6 +431,7 @@ _WRITING = Writing(
     latitude=lambda deg: degrees_to_fine_text(deg, 1),
     longitude=lambda deg: degrees_to_fine_text(-deg, 1, digits=3),
 )
+"""How a 10micron is given its site."""
 
 TENMICRON = Dialect(
     name="10micron",

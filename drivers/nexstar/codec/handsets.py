@@ -62,6 +62,7 @@ _CELESTRON = {
     25: "Astro Fi",
 }
 _CELESTRON_GERMAN = frozenset({5, 6, 13, 14, 20, 23, 24})
+"""Celestron's model numbers of German mounts [NexStar m]."""
 # [INDI synscandriver, readModel]
 _SYNSCAN = {
     0: "EQ6",
@@ -75,6 +76,7 @@ _SYNSCAN = {
     165: "AZ-GTi",
 }
 _SYNSCAN_ALTAZ_FROM = 128
+"""SynScan's model numbers from here on are altazimuth mounts [NexStar m]."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -105,6 +105,7 @@ ECHOES = b"ghijklmnopqrstuvwxyz"
 """Letters for echoes: no other answer begins with one of them."""
 
 _END = 0x23
+"""The `#` that ends every answer, and may stand in a packed one as well [NexStar]."""
 
 
 def _past_owed(buffer: bytes, start: int) -> int:
