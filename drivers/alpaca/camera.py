@@ -117,7 +117,7 @@ async def read_chip(device: AlpacaDevice) -> Chip:
     async def known(member: str, low: float, high: float) -> float | None:
         # what is nice to have may be missing, or be nonsense
         try:
-            told = await device.asking.get(member)
+            told = await device.client.get(member)
             return base.number(told, low, high)
         except (AlpacaRefused, Malformed):
             return None
@@ -183,7 +183,7 @@ async def _set(device: AlpacaDevice, member: str, said: str, value: int) -> bool
     """Set a whole number unless it is so; see it set."""
     if await _whole(device, member) == value:
         return False
-    await device.asking.put(member, {said: value})
+    await device.client.put(member, {said: value})
     now = await _whole(device, member)
     if now != value:
         raise DeviceRefused(f"took {said} = {value}, and has {now}", device=device.address)
@@ -196,12 +196,12 @@ async def _set_side(device: AlpacaDevice, member: str, said: str, value: int, do
     if before == value:
         return value
     try:
-        await device.asking.put(member, {said: value})
+        await device.client.put(member, {said: value})
     except AlpacaRefused as refused:
         rounded = value - value % _STEP_PX
         if refused.number != INVALID_VALUE or rounded in (0, value):
             raise
-        await device.asking.put(member, {said: rounded})
+        await device.client.put(member, {said: rounded})
     now = await _whole(device, member)
     if not max(1, value - _NEAR_PX) <= now <= value:
         raise DeviceRefused(f"took {said} = {value}, and has {now}", device=device.address)
@@ -281,12 +281,12 @@ class AlpacaCameraLanguage:
     @property
     def log(self) -> WireLog:
         """All that was asked and answered lately; images are abbreviated."""
-        return self._device.asking.log
+        return self._device.client.log
 
     @property
     def usable(self) -> bool:
         """Whether its server could be reached, and its driver was connected, whenever it was asked."""
-        return self._device.asking.usable and self._chip is not None
+        return self._device.client.usable and self._chip is not None
 
     async def open(self) -> None:
         """Connect, and have the whole chip read out.
@@ -305,14 +305,14 @@ class AlpacaCameraLanguage:
             await self._set_up(chip)
             self._chip = chip
         except BaseException:
-            await self._device.asking.close()
+            await self._device.client.close()
             raise
 
     async def close(self) -> None:
         """Release the connection; the camera stays connected, for others."""
         for one in [*self._aborting]:
             await one
-        await self._device.asking.close()
+        await self._device.client.close()
 
     async def set_up(self) -> None:
         """Have the whole chip read out, with the binning, gain and offset that are wanted."""
@@ -335,13 +335,13 @@ class AlpacaCameraLanguage:
         member = None if chip is None else "abortexposure" if chip.can_abort else "stopexposure"
         if chip is None or member is None or not (chip.can_abort or chip.can_stop):
             return
-        aborting = begun(self._send(member), "alpaca-abortexposure", died=self._device.asking.died)
+        aborting = begun(self._send(member), "alpaca-abortexposure", died=self._device.client.died)
         self._aborting.add(aborting)
         aborting.add_done_callback(self._aborting.discard)
 
     async def _send(self, member: str) -> None:
         try:
-            await self._device.asking.put_past_all(member)
+            await self._device.client.put_past_all(member)
         except DeviceError as failure:
             self.log.note("event", meaning=f"the exposure could not be aborted: {failure.what}")
 
@@ -383,8 +383,8 @@ class AlpacaCameraLanguage:
         before, ordered, ordered_s = await self._told(), utc_now(), loop.time()
         shot.require_wanted()
         # some old drivers answer when the exposure is over
-        deadline_s = exposure_s + max(_START_S, self._device.asking.deadline_s)
-        await self._device.asking.put(
+        deadline_s = exposure_s + max(_START_S, self._device.client.deadline_s)
+        await self._device.client.put(
             "startexposure", {"Duration": exposure_s, "Light": True}, deadline_s=deadline_s
         )
         exposure = Exposure(exposure_s, ordered, utc_now(), before)
@@ -447,10 +447,10 @@ class AlpacaCameraLanguage:
     async def _told(self) -> Told:
         start = duration_s = None
         with suppress(AlpacaRefused, Malformed):
-            start = base.instant(await self._device.asking.get("lastexposurestarttime"))
+            start = base.instant(await self._device.client.get("lastexposurestarttime"))
         with suppress(AlpacaRefused, Malformed):
             duration_s = base.number(
-                await self._device.asking.get("lastexposureduration"), 0.0, _LONGEST_TOLD_S
+                await self._device.client.get("lastexposureduration"), 0.0, _LONGEST_TOLD_S
             )
         return Told(start, duration_s)
 
@@ -460,7 +460,7 @@ class AlpacaCameraLanguage:
         until_s = loop.time() + deadline_s
         while True:
             try:
-                image = self._device.asking.image(deadline_s=until_s - loop.time())
+                image = self._device.client.image(deadline_s=until_s - loop.time())
                 pixels = (await shot.outlast(image)).pixels
                 break
             except DeviceSilent:

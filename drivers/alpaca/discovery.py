@@ -67,14 +67,14 @@ async def servers(
 
 
 async def _devices(address: str) -> tuple[str, ...]:
-    asking = AlpacaClient(
+    client = AlpacaClient(
         DeviceAddress(f"http://{address}", "telescope", 0), log=WireLog(kept=10), deadline_s=2.0
     )
-    await asking.open()
+    await client.open()
     try:
-        return tuple(await asking.described())
+        return tuple(await client.described())
     finally:
-        await asking.close()
+        await client.close()
 
 
 class Heard(asyncio.DatagramProtocol):

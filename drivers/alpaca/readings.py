@@ -10,7 +10,7 @@ from datetime import datetime, timedelta
 from typing import Any
 
 from drivers.alpaca.client import understood
-from drivers.alpaca.codec import base, claims
+from drivers.alpaca.codec import base, telescope_state
 from drivers.alpaca.codec.base import AlpacaRefused, Malformed
 from drivers.alpaca.device import AlpacaDevice
 from drivers.generic.language import Readout
@@ -25,7 +25,7 @@ _TELLS_STATE = 4
 """From this version of the interface on it has DeviceState [Alpaca §4]."""
 
 
-class Looking:
+class MountReader:
     """Makes the readouts of one telescope.
 
     Parameters
@@ -62,7 +62,7 @@ class Looking:
         """Take note that an order to move has failed, unless a later one went out."""
         if order == self._orders and not self._failed:
             self._failed = words
-            self._device.asking.log.note("event", meaning=f"the motion failed: {words}")
+            self._device.client.log.note("event", meaning=f"the motion failed: {words}")
 
     async def readout(self) -> Readout:
         """Ask where it is and what it does.
@@ -79,17 +79,17 @@ class Looking:
         # all at once: one after the other, over a slow line, they would tell of times that lie seconds apart
         (state, utc, span), slewing = await both(self._placed(), self._slewing())
         try:
-            place = claims.place(state["rightascension"], state["declination"], self.epoch, utc)
-            by_state = claims.maybe_truth(state, "slewing")
+            place = telescope_state.place(state["rightascension"], state["declination"], self.epoch, utc)
+            by_state = telescope_state.maybe_truth(state, "slewing")
             return Readout(
                 place,
                 utc,
                 span_s=span.total_seconds(),
                 slewing=slewing if by_state is None or slewing is None else slewing or by_state,
-                tracking=claims.maybe_truth(state, "tracking"),
-                parked=claims.maybe_truth(state, "atpark"),
-                at_home=claims.maybe_truth(state, "athome"),
-                pier_side=claims.pier_side(state.get("sideofpier")),
+                tracking=telescope_state.maybe_truth(state, "tracking"),
+                parked=telescope_state.maybe_truth(state, "atpark"),
+                at_home=telescope_state.maybe_truth(state, "athome"),
+                pier_side=telescope_state.pier_side(state.get("sideofpier")),
                 failed=self._failed,
             )
         except Malformed as fault:
@@ -138,7 +138,7 @@ class Looking:
 
     async def _read(self, member: str) -> object:
         try:
-            return await self._device.asking.get(member)
+            return await self._device.client.get(member)
         except AlpacaRefused as refused:
             raise self._unread(refused) from refused
 
@@ -146,7 +146,7 @@ class Looking:
         if member not in self.implemented:
             return None
         try:
-            return await self._device.asking.get(member)
+            return await self._device.client.get(member)
         except AlpacaRefused:
             # it has it, and can't tell just now
             return None

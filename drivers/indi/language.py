@@ -1,6 +1,6 @@
 """A mount behind INDI, as a language: which properties make an order, and which one tells that it was heard.
 
-Readings stand in `looking`, coordinates and the switch that gives them their meaning in `aiming`.
+Readings stand in `readings`; coordinates are given by `CoordinateOrders`, with the switch that says what they mean.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from drivers.indi.codec.answers import (
 from drivers.indi.codec.messages import Event, Ordered
 from drivers.indi.codec.state import COORDINATES, Property
 from drivers.indi.device import IndiDevice
-from drivers.indi.readings import Looking
+from drivers.indi.readings import MountReader
 from drivers.wire.wire_log import WireLog
 from mountnav.clock import utc_now
 from mountnav.devices import Direction, Epoch, Skill, TrackingRate
@@ -44,19 +44,19 @@ _MOST_LEGS = 2
 """How many times it is sent again for one slew. Chosen by hand: one order mostly suffices."""
 
 
-class Aiming:
+class CoordinateOrders:
     """Gives coordinates to one device.
 
     Parameters
     ----------
     device : IndiDevice
-    looking : Looking
+    reader : MountReader
         Of the same device.
     """
 
-    def __init__(self, device: IndiDevice, looking: Looking) -> None:
+    def __init__(self, device: IndiDevice, reader: MountReader) -> None:
         self._device = device
-        self._looking = looking
+        self._reader = reader
         self._place: Apparent | Icrs | None = None
         self._legs = 0
         self._sync_left = False
@@ -91,7 +91,7 @@ class Aiming:
 
     async def next_leg(self, place: Apparent | Icrs, wanted: Wanted) -> bool:
         """Once more, if it rests near its place: some drivers forget the turn of the sky on the way."""
-        name, get = COORDINATES[self._looking.epoch], self._device.get
+        name, get = COORDINATES[self._reader.epoch], self._device.get
         if self._legs == 0 or state.tracking(get) is False or state.parked(get):
             return False
         if not _SECOND_LEG_ARCSEC < state.apart_arcsec(get(name), place) < _LONGEST_LEG_ARCSEC:
@@ -113,11 +113,11 @@ class Aiming:
                 self._sync_left = False
 
     async def _order(self, mode: str, place: Apparent | Icrs, wanted: Wanted) -> Sent:
-        name = COORDINATES[self._looking.epoch]
+        name = COORDINATES[self._reader.epoch]
         await self._select(mode)
         if not wanted():
             return Sent(wire=False)
-        self._looking.be_restless()
+        self._reader.be_restless()
         self._place = place
         coordinates = {"RA": (place.ra_deg / 15.0) % 24.0, "DEC": place.dec_deg}
         messages = [self._turn(mode), orders.new_numbers(self._device.name, name, coordinates)]
@@ -139,7 +139,7 @@ class Aiming:
                 raise refusal("the sync", heard, address)
             return Sent()
         if was_turned(mode, name, heard):
-            self._looking.doubt()
+            self._reader.doubt()
             return Sent(
                 lost=DeviceGarbled(
                     f"another program turned {_SWITCH} while coordinates were sent: maybe they were synced",
@@ -227,9 +227,9 @@ class IndiLanguage(Unskilled):
         self._why = "its INDI driver has no such property"
         self._device = device
         self._habits = habits or IndiHabits()
-        self._looking = Looking(device)
-        self._looking.epoch = self._habits.epoch or "apparent"
-        self._aiming = Aiming(device, self._looking)
+        self._reader = MountReader(device)
+        self._reader.epoch = self._habits.epoch or "apparent"
+        self._orders = CoordinateOrders(device, self._reader)
         self._homed = False
         device.client.listen(self._on_event)
 
@@ -253,12 +253,12 @@ class IndiLanguage(Unskilled):
     @property
     def epoch(self) -> Epoch:
         """Kind of coordinates it is used with; known after `open` unless it is set."""
-        return self._looking.epoch
+        return self._reader.epoch
 
     @property
     def usual_epoch(self) -> Epoch:
         """As found: a driver converts by itself."""
-        return self._looking.epoch
+        return self._reader.epoch
 
     @property
     def resolution_arcsec(self) -> float:
@@ -297,15 +297,15 @@ class IndiLanguage(Unskilled):
         names = (COORDINATES[habits.epoch],) if habits.epoch else tuple(COORDINATES.values())
         ours = await device.bring_up(may_connect=habits.may_connect, needed=names)
         found: Epoch = "apparent" if device.get(COORDINATES["apparent"]) else "icrs"
-        self._looking.epoch = habits.epoch or found
-        self._looking.begin(unread=ours)
+        self._reader.epoch = habits.epoch or found
+        self._reader.begin(unread=ours)
         self._homed = False
         problems = []
         if ours:
             problems.append("it was not connected: we connected it")
-        if self._aiming.sync_is_selected:
+        if self._orders.sync_is_selected:
             problems.append("SYNC is selected on the server: a slew from another program would be a sync")
-        await self._aiming.begin()
+        await self._orders.begin()
         return Identity(f"{device.name} ({device.driver})", tuple(problems))
 
     async def close(self) -> None:
@@ -319,8 +319,8 @@ class IndiLanguage(Unskilled):
     # -- readings --------------------------------------------------------------------------------
 
     async def readout(self) -> Readout:
-        """Have the driver tell the place anew; see `Looking.readout`."""
-        return await self._looking.readout(homed=self._homed)
+        """Have the driver tell the place anew; see `MountReader.readout`."""
+        return await self._reader.readout(homed=self._homed)
 
     # -- orders ----------------------------------------------------------------------------------
 
@@ -328,22 +328,22 @@ class IndiLanguage(Unskilled):
         """Order a slew: TRACK selected and seen, then TRACK and the coordinates in one write."""
         self._require_unparked("the slew")
         self._homed = False
-        return await self._aiming.slew(place, wanted)
+        return await self._orders.slew(place, wanted)
 
     async def next_leg(self, place: Apparent | Icrs, wanted: Wanted) -> bool:
         """Once more, if it rests near its place: some drivers forget the turn of the sky on the way."""
-        return await self._aiming.next_leg(place, wanted)
+        return await self._orders.next_leg(place, wanted)
 
     async def send_sync(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
         """Order a sync; whatever comes of it, SYNC doesn't stay selected."""
         self._require_unparked("the sync")
-        if not self._aiming.can_sync:
+        if not self._orders.can_sync:
             raise self._unsupported("sync")
-        return await self._aiming.sync(place, wanted)
+        return await self._orders.sync(place, wanted)
 
     async def send_stop(self, again: int) -> None:
         """Abort all motion; tracking stays as it was [INDI Telescope: abort restores what it did before]."""
-        self._looking.be_restless()
+        self._reader.be_restless()
         self._device.client.send(
             messages.new_switches(self._device.name, "TELESCOPE_ABORT_MOTION", {"ABORT": True})
         )
@@ -425,7 +425,7 @@ class IndiLanguage(Unskilled):
         """Order something that takes a while."""
         if self._device.get(name) is None:
             raise self._unsupported(what)
-        self._looking.be_restless()
+        self._reader.be_restless()
         try:
             heard = await self._device.ordered(
                 messages.new_switches(self._device.name, name, switches), asking=name, echo=name
@@ -490,9 +490,9 @@ class IndiLanguage(Unskilled):
         """Notice when somebody else orders something: the server passes it on to us."""
         if isinstance(event, Ordered) and event.device == self._device.name and event.name in _MOVERS:
             self.log.note("event", meaning=f"another program ordered {event.name}")
-            self._looking.be_restless()
+            self._reader.be_restless()
             if event.name in COORDINATES.values():
-                self._aiming.forget()
+                self._orders.forget()
 
 
 TIMING = Timing(start_grace_s=4.0, rest_s=2.5, sync_wait_s=6.0, late_s=3.5)

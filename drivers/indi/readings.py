@@ -27,7 +27,7 @@ _NONSENSE_S = 5.0
 polls of a driver that polls once a second."""
 
 
-class Looking:
+class MountReader:
     """Makes the readouts of one device.
 
     Parameters

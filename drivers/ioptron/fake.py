@@ -105,7 +105,7 @@ class Memory:
         self.by_hand = self.ordered = False
 
 
-class Teller:
+class FakeReports:
     """Answers questions.
 
     Parameters
@@ -323,7 +323,7 @@ class FakeIoptron(WireFake):
             park=Horizontal(abs(latitude_deg), 0.0 if latitude_deg >= 0.0 else 180.0),
             northern=latitude_deg >= 0.0,
         )
-        self._teller = Teller(mechanics, self._memory, dialect)
+        self._teller = FakeReports(mechanics, self._memory, dialect)
         self._model = greeting.model(self._memory.model, dialect)
 
     def status(self) -> Status:

@@ -15,7 +15,7 @@ from drivers.generic.language import Identity, Readout, Sent, Wanted
 from drivers.generic.serial_language import SerialLanguage
 from drivers.lx200.codec.base import Answer
 from drivers.lx200.codec.dialect import Dialect, Nudge, Order
-from drivers.lx200.readings import Lx200Look
+from drivers.lx200.readings import Lx200Reader
 from drivers.wire.command import Command
 from drivers.wire.link import Link
 from mountnav.clock import pause, real_s
@@ -85,8 +85,8 @@ class Lx200Language(SerialLanguage):
 
     def __init__(self, link: Link, dialect: Dialect | None = None, *, epoch: Epoch | None = None) -> None:
         super().__init__(link)
-        self._look = Lx200Look(link, dialect)
-        self._ask = self._look.ask
+        self._reader = Lx200Reader(link, dialect)
+        self._ask = self._reader.ask
         self._wanted_epoch = epoch
         self._target = asyncio.Lock()
 
@@ -101,9 +101,9 @@ class Lx200Language(SerialLanguage):
         RuntimeError
             Before.
         """
-        if self._look.dialect is None:
+        if self._reader.dialect is None:
             raise RuntimeError("no dialect before the handshake")
-        return self._look.dialect
+        return self._reader.dialect
 
     @property
     def epoch(self) -> Epoch:
@@ -113,29 +113,29 @@ class Lx200Language(SerialLanguage):
     @property
     def usual_epoch(self) -> Epoch:
         """The dialect's; Meade's, and that of all clones we know, is the equinox of date."""
-        return "apparent" if self._look.dialect is None else self._look.dialect.epoch
+        return "apparent" if self._reader.dialect is None else self._reader.dialect.epoch
 
     @property
     def resolution_arcsec(self) -> float:
         """Coarsest step of a place as read or written: 15 in the long format, 90 in the short one."""
-        written = 15.0 if self._look.dialect is None else self._look.dialect.step_arcsec
-        return max(self._look.step_arcsec, written)
+        written = 15.0 if self._reader.dialect is None else self._reader.dialect.step_arcsec
+        return max(self._reader.step_arcsec, written)
 
     @property
     def skills(self) -> frozenset[Skill]:
         """What the dialect's words allow."""
-        return frozenset() if self._look.dialect is None else self._look.dialect.skills
+        return frozenset() if self._reader.dialect is None else self._reader.dialect.skills
 
     @property
     def guide_rates_deg_s(self) -> tuple[float, float] | None:
         """The same on both axes, where the dialect asks for it."""
-        rate_deg_s = self._look.guide_rate_deg_s
+        rate_deg_s = self._reader.guide_rate_deg_s
         return None if rate_deg_s is None else (rate_deg_s, rate_deg_s)
 
     @property
     def silent_refusals(self) -> bool:
         """The dialect's."""
-        return self._look.dialect is not None and self._look.dialect.silent_refusals
+        return self._reader.dialect is not None and self._reader.dialect.silent_refusals
 
     # -- the link ----------------------------------------------------------------------------------
 
@@ -151,20 +151,20 @@ class Lx200Language(SerialLanguage):
         DeviceSilent, DeviceGarbled
             If nothing on it speaks LX200.
         """
-        return await self._greeted(self._look.identify)
+        return await self._greeted(self._reader.identify)
 
     async def readout(self) -> Readout:
-        """Place, state, and evidence of a power-up; see `Lx200Look.readout`."""
-        return await self._look.readout(self.epoch)
+        """Place, state, and evidence of a power-up; see `Lx200Reader.readout`."""
+        return await self._reader.readout(self.epoch)
 
     # -- orders ------------------------------------------------------------------------------------
 
     async def send_slew(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
         """Set the target, then slew there, once."""
-        self._look.parking_over()
+        self._reader.parking_over()
         async with self._target:
             await self._aim(place)
-            if not (self.dialect.tracks_before_slew and self._look.rests):
+            if not (self.dialect.tracks_before_slew and self._reader.rests):
                 return await self._once((self.dialect.slew,), "the slew", wanted)
             return await self._tracking_then_slew(wanted)
 
@@ -190,10 +190,10 @@ class Lx200Language(SerialLanguage):
     async def _aim(self, place: Apparent | Icrs) -> None:
         dialect = self.dialect
         await self._order(
-            dialect.set_ra(place.ra_deg, self._look.short), f"a right ascension of {place.ra_deg:.5f}°"
+            dialect.set_ra(place.ra_deg, self._reader.short), f"a right ascension of {place.ra_deg:.5f}°"
         )
         await self._order(
-            dialect.set_dec(place.dec_deg, self._look.short), f"a declination of {place.dec_deg:.5f}°"
+            dialect.set_dec(place.dec_deg, self._reader.short), f"a declination of {place.dec_deg:.5f}°"
         )
 
     async def _order(self, order: Order, what: str) -> None:
@@ -220,7 +220,7 @@ class Lx200Language(SerialLanguage):
     async def send_stop(self, again: int) -> None:
         """Stop all motion, past every other exchange."""
         dialect = self.dialect
-        self._look.parking_over()
+        self._reader.parking_over()
         await self._link.send_now(*dialect.stop)
         if again == 0:
             for order in dialect.after_stop:
@@ -230,7 +230,7 @@ class Lx200Language(SerialLanguage):
         """Order parking."""
         sent = await self._once(self._words(self.dialect.park, "park"), "parking", wanted)
         if sent.wire:
-            self._look.parking_ordered()
+            self._reader.parking_ordered()
         return sent
 
     async def send_unpark(self) -> None:
@@ -242,11 +242,11 @@ class Lx200Language(SerialLanguage):
             # some say no where there is nothing to unpark
             if (await self.readout()).parked is not False:
                 raise
-        self._look.parking_over()
+        self._reader.parking_over()
 
     async def send_home(self, wanted: Wanted) -> Sent:
         """Order homing."""
-        self._look.parking_over()
+        self._reader.parking_over()
         return await self._once(self._words(self.dialect.home, "go home"), "homing", wanted)
 
     async def send_set_park(self) -> None:
@@ -302,7 +302,7 @@ class Lx200Language(SerialLanguage):
     async def read_clock(self) -> datetime | None:
         """Its clock now, aware UTC."""
         dialect = self.dialect
-        if dialect.read_clock is None or not self._look.ready:
+        if dialect.read_clock is None or not self._reader.ready:
             return None
         return await dialect.read_clock(self._ask)
 
@@ -313,12 +313,12 @@ class Lx200Language(SerialLanguage):
             raise self._unsupported("take a time")
         for order in dialect.write_clock(utc):
             await self._order(order, f"the {order.meaning}")
-        self._look.clock_was_set()
+        self._reader.clock_was_set()
 
     async def read_site(self) -> Site | None:
         """Where it believes to stand."""
         dialect = self.dialect
-        if dialect.read_site is None or not self._look.ready:
+        if dialect.read_site is None or not self._reader.ready:
             return None
         return await dialect.read_site(self._ask)
 

@@ -12,7 +12,7 @@ from typing import TypeVar
 from drivers.generic.language import Identity, Readout
 from drivers.generic.serial_language import OptionalQuestions
 from drivers.lx200.codec import base
-from drivers.lx200.codec.dialect import Dialect, Handshake, Spot, State
+from drivers.lx200.codec.dialect import Dialect, Handshake, Pointing, State
 from drivers.lx200.dialects import recognized, weak
 from drivers.wire.command import Command
 from drivers.wire.link import Link
@@ -30,7 +30,7 @@ _NAMELESS = (
 )
 
 
-class _Asking:
+class _Questions:
     """Puts questions over a link; see `drivers.lx200.codec.dialect.Ask`."""
 
     def __init__(self, link: Link) -> None:
@@ -51,7 +51,7 @@ class _Asking:
         await self._link.ask(base.ALIGNMENT if self.has_letter else base.GET_RA)
 
 
-class Lx200Look:
+class Lx200Reader:
     """The questions of one link, in their order, and what their answers showed.
 
     Parameters
@@ -64,7 +64,7 @@ class Lx200Look:
     def __init__(self, link: Link, named: Dialect | None) -> None:
         self._link = link
         self._named = named
-        self.ask = _Asking(link)
+        self.ask = _Questions(link)
         """Puts one question; see `drivers.wire.link.Link.ask`."""
         self.dialect: Dialect | None = named
         self.step_arcsec = _SHORT_ARCSEC
@@ -167,7 +167,7 @@ class Lx200Look:
             )
         return dialect
 
-    async def _refined(self, dialect: Dialect, spot: Spot) -> Dialect:
+    async def _refined(self, dialect: Dialect, spot: Pointing) -> Dialect:
         """Ask all that the mount may lack, and leave out what it does lack."""
         lacks = self.ask.refining.lacks
         dialect = dialect.without(dialect, lacks)
@@ -224,7 +224,7 @@ class Lx200Look:
             doubtful=doubtful,
         )
 
-    async def _state_of(self, spot: Spot, dialect: Dialect) -> State:
+    async def _state_of(self, spot: Pointing, dialect: Dialect) -> State:
         if spot.state is not None:
             return spot.state
         return await dialect.state(self.ask) if dialect.state else State()

@@ -24,7 +24,7 @@ _MOST_TRIES = 4
 fails where it still could be used."""
 
 
-class Asking:
+class HandsetExchange:
     """Questions and orders over a link.
 
     Parameters
@@ -115,7 +115,7 @@ class Ask(Protocol):
         ...
 
 
-class Maybe(Protocol):
+class AskOptional(Protocol):
     """Ask what may be missing."""
 
     async def __call__(self, command: Command[T]) -> T | None:
@@ -144,7 +144,7 @@ class Greeting:
     known: bool = False
 
 
-async def greet(ask: Ask, maybe: Maybe, before: Handset) -> Greeting:
+async def greet(ask: Ask, maybe: AskOptional, before: Handset) -> Greeting:
     """Ask for version, kind, model, motors and the form of a place.
 
     Boards that may be absent are not asked: the hand control passes the question on, and never answers.

@@ -301,7 +301,7 @@ class Offsets:
         return sight(self.true_turns(counted), self._latitude_deg)
 
 
-class Standing:
+class AxisCounts:
     """How the axes stand.
 
     Parameters

@@ -86,7 +86,7 @@ class SkywatcherLanguage(SkywatcherReading):
         if not wanted():
             return Sent(wire=False)
         # before anything moves: whether the board can count so far
-        self._standing.counts(aim(utc_now()))
+        self._axis_counts.counts(aim(utc_now()))
         self._drop_tasks()
         self._parking = self._parked = False
         stops, starts = self._motors.stops, self._motors.starts
@@ -113,9 +113,9 @@ class SkywatcherLanguage(SkywatcherReading):
         await self._motors.energize()
         self._energized = True
         before = (await self._motors.count(Axis.DECLINATION)).value
-        await self._motors.order(codec.set_position(Axis.DECLINATION, before + self._standing.quarter))
+        await self._motors.order(codec.set_position(Axis.DECLINATION, before + self._axis_counts.quarter))
         after = (await self._motors.count(Axis.DECLINATION)).value
-        self._standing.second_moved(before, after)
+        self._axis_counts.second_moved(before, after)
         self._motors.forget()
         self.log.note("event", meaning="motors energized, the declination axis counted as EQMod does")
 
@@ -145,8 +145,8 @@ class SkywatcherLanguage(SkywatcherReading):
         if not wanted():
             return Sent(wire=False)
         angles = hour_angle_of(place, first.utc, self._site)
-        offsets = self._standing.offsets
-        counted = self._standing.counted(first.value, second.value)
+        offsets = self._axis_counts.offsets
+        counted = self._axis_counts.counted(first.value, second.value)
         seen = offsets.sight(counted)
         shift = offsets.shift(counted, angles.ha_deg, angles.dec_deg)
         here, there = Icrs(seen.ha_deg, seen.dec_deg), Icrs(angles.ha_deg, angles.dec_deg)

@@ -8,7 +8,7 @@ from collections.abc import Coroutine
 from drivers.generic.language import Identity, Readout
 from drivers.generic.serial_language import SerialLanguage
 from drivers.skywatcher import codec
-from drivers.skywatcher.axes import HOME, RATES_DEG_S, SkywatcherSettings, Standing, Turns, place_of, sight
+from drivers.skywatcher.axes import HOME, RATES_DEG_S, AxisCounts, SkywatcherSettings, Turns, place_of, sight
 from drivers.skywatcher.codec import NOT_EQUATORIAL, Axis, MotorStatus
 from drivers.skywatcher.motors import Count, Motors
 from drivers.skywatcher.steering import Steering
@@ -58,8 +58,8 @@ class SkywatcherReading(SerialLanguage):
         self._site = site
         self._settings = settings or SkywatcherSettings()
         self._motors = Motors(link, _FASTER * self._settings.goto_deg_s)
-        self._standing = Standing(site.latitude_deg)
-        self._steering = Steering(self._motors, self._standing, site.latitude_deg, self._settings)
+        self._axis_counts = AxisCounts(site.latitude_deg)
+        self._steering = Steering(self._motors, self._axis_counts, site.latitude_deg, self._settings)
         self._energized = False
         self._zero_known = False
         self._rate: TrackingRate | None = None
@@ -113,7 +113,7 @@ class SkywatcherReading(SerialLanguage):
             raise DeviceRefused(
                 f"{board.text} is no equatorial mount", device=self.device, reason=Refusal.UNSUPPORTED
             )
-        self._standing.geared(motors.gears)
+        self._axis_counts.geared(motors.gears)
         for axis in Axis:
             await motors.count(axis)
         status = {axis: await motors.status(axis) for axis in Axis}
@@ -123,7 +123,7 @@ class SkywatcherReading(SerialLanguage):
             self._power_up_seen()
         elif not self._energized:
             self._energized = True
-            self._standing.begin_as_eqmod()
+            self._axis_counts.begin_as_eqmod()
             problems.append(
                 "its motors are energized already, by whom is not known: the counts are taken as EQMod sets "
                 "them (declination axis on the equator: 0x800000); the position doesn't count before a sync"
@@ -157,7 +157,7 @@ class SkywatcherReading(SerialLanguage):
         self._energized = self._zero_known = False
         self._rate = self._side = None
         self._parking = self._parked = False
-        self._standing.begin_at_home()
+        self._axis_counts.begin_at_home()
 
     async def close(self) -> None:
         """Release the link; motors that run go on."""
@@ -196,7 +196,7 @@ class SkywatcherReading(SerialLanguage):
                 (Axis.DECLINATION, second, declination),
             )
         ]
-        turns = self._standing.turns(first.value, second.value)
+        turns = self._axis_counts.turns(first.value, second.value)
         seen = sight(turns, self._site.latitude_deg)
         tracking = self._follows(hour_angle)
         resting = not hour_angle.running and not declination.running
@@ -230,7 +230,7 @@ class SkywatcherReading(SerialLanguage):
 
     async def _turns(self) -> Turns:
         first, second = await self._counts()
-        return self._standing.turns(first.value, second.value)
+        return self._axis_counts.turns(first.value, second.value)
 
 
 def _near(turns: Turns, other: Turns) -> bool:

@@ -14,7 +14,7 @@ Heading = Literal["n", "s", "e", "w"]
 
 
 @dataclass(frozen=True, slots=True)
-class Words:
+class CommandSet:
     """The words of one command set.
 
     Attributes

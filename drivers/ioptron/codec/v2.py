@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from datetime import UTC, datetime, timedelta
 
-from drivers.ioptron.codec.command_set import Heading, Words
+from drivers.ioptron.codec.command_set import CommandSet, Heading
 from drivers.ioptron.codec.frames import nothing, order, signed_text
 from drivers.ioptron.codec.v3 import set_dec, set_hemisphere, set_offset, set_summer_time
 from drivers.ioptron.codec.values import (
@@ -199,7 +199,7 @@ def _set_site(latitude_deg: float, longitude_deg: float) -> tuple[Command[bool],
     return set_latitude(latitude_deg), set_longitude(longitude_deg), set_hemisphere(latitude_deg >= 0.0)
 
 
-V2 = Words(
+V2 = CommandSet(
     name="v2",
     step_arcsec=STEP_ARCSEC,
     status=STATUS,

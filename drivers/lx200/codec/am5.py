@@ -19,7 +19,7 @@ from enum import IntEnum
 from drivers.lx200.codec import base
 from drivers.lx200.codec.angles import dec_to_text, ra_to_text
 from drivers.lx200.codec.base import Answer, of_text, quiet, text
-from drivers.lx200.codec.dialect import Ask, Dialect, Handshake, Lacks, Spot, State
+from drivers.lx200.codec.dialect import Ask, Dialect, Handshake, Lacks, Pointing, State
 from drivers.lx200.codec.site_and_time import Writing, read_clock, read_site
 from drivers.wire.command import Command, Read, Unreadable
 from mountnav.devices import Direction, PierSide, TrackingRate
@@ -204,8 +204,8 @@ _FIRST_WITH_PARK = (1, 1, 9)
 """The firmware that parks [AM5]; older ones home, and tell no state of parking."""
 
 
-async def _place(ask: Ask) -> Spot:
-    return Spot(await ask(base.GET_RA), await ask(base.GET_DEC))
+async def _place(ask: Ask) -> Pointing:
+    return Pointing(await ask(base.GET_RA), await ask(base.GET_DEC))
 
 
 async def _old_state(ask: Ask) -> State:

@@ -70,7 +70,7 @@ class State:
 
 
 @dataclass(frozen=True, slots=True)
-class Spot:
+class Pointing:
     """A place as read; `state` when the same answer told it."""
 
     ra: WireAngle
@@ -103,7 +103,7 @@ class Dialect:
         In words, for reports.
     recognizes : callable (Handshake) -> bool
         The first dialect of the registry that says True is spoken.
-    place : callable (Ask) -> awaitable Spot
+    place : callable (Ask) -> awaitable Pointing
         Asks for the place; nothing else, so that its instant is known.
     state : callable (Ask) -> awaitable State, optional
         Asks for the rest, where `place` didn't tell it; with `Ask.known`, since firmware may lack any of it.
@@ -171,7 +171,7 @@ class Dialect:
     name: str
     caption: str
     recognizes: Callable[[Handshake], bool]
-    place: Callable[[Ask], Awaitable[Spot]]
+    place: Callable[[Ask], Awaitable[Pointing]]
     set_ra: Callable[[float, bool], Command[bool]]
     set_dec: Callable[[float, bool], Command[bool]]
     slew: Command[Answer]

@@ -25,7 +25,7 @@ from drivers.lx200.codec.angles import (
     ra_to_fine_text,
 )
 from drivers.lx200.codec.base import Answer, coded, nothing, of_text, text, words_but_no_place, yes_or_no
-from drivers.lx200.codec.dialect import Ask, Dialect, Handshake, Lacks, Spot, State
+from drivers.lx200.codec.dialect import Ask, Dialect, Handshake, Lacks, Pointing, State
 from drivers.lx200.codec.meade import BASIC
 from drivers.lx200.codec.site_and_time import Writing, read_clock, read_site
 from drivers.wire.command import Command, Read, Unreadable
@@ -320,11 +320,13 @@ GET_FINE_LATITUDE: Command[float] = Command(
 GET_FINE_LONGITUDE: Command[float] = Command(b":GgH#", "longitude", of_text(longitude_from_text))
 
 
-async def _place(ask: Ask) -> Spot:
+async def _place(ask: Ask) -> Pointing:
     ra = await ask.known(GET_FINE_RA)
     dec = await ask.known(GET_FINE_DEC)
     # the coarse words are those of any LX200: without them there is no place
-    return Spot(await ask(base.GET_RA) if ra is None else ra, await ask(base.GET_DEC) if dec is None else dec)
+    return Pointing(
+        await ask(base.GET_RA) if ra is None else ra, await ask(base.GET_DEC) if dec is None else dec
+    )
 
 
 async def _status(ask: Ask) -> Status | None:

@@ -19,7 +19,7 @@ from enum import IntEnum
 from drivers.lx200.codec import base
 from drivers.lx200.codec.angles import WireAngle, degrees_to_fine_text, ra_to_fine_text
 from drivers.lx200.codec.base import Answer, nothing, of_text, quiet, taken, text, words_but_no_place
-from drivers.lx200.codec.dialect import Ask, Dialect, Handshake, Lacks, Order, Spot, State
+from drivers.lx200.codec.dialect import Ask, Dialect, Handshake, Lacks, Order, Pointing, State
 from drivers.lx200.codec.site_and_time import Writing, read_site
 from drivers.wire.command import Command, Read, Unreadable
 from mountnav.devices import Direction, PierSide, TrackingRate
@@ -372,15 +372,15 @@ def _as_state(status: MountStatus, side: PierSide | None, *, slewing: bool = Fal
     )
 
 
-async def _one_line(ask: Ask) -> Spot:
+async def _one_line(ask: Ask) -> Pointing:
     info = await ask.known(INFO)
     if info is None:
         return await _place(ask)
-    return Spot(info.ra, info.dec, _as_state(info.status, info.pier_side, slewing=info.slewing))
+    return Pointing(info.ra, info.dec, _as_state(info.status, info.pier_side, slewing=info.slewing))
 
 
-async def _place(ask: Ask) -> Spot:
-    return Spot(await ask(base.GET_RA), await ask(base.GET_DEC))
+async def _place(ask: Ask) -> Pointing:
+    return Pointing(await ask(base.GET_RA), await ask(base.GET_DEC))
 
 
 async def _state(ask: Ask) -> State:
