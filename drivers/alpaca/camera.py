@@ -40,7 +40,7 @@ _LARGEST_ADU = 2.0**53
 """The largest whole number that a double holds exactly: larger saturation values can't be compared with
 pixels."""
 _LONGEST_S = 1e6
-"""The longest exposure of a camera that tells none, or an infinite one: eleven days. Chosen by hand."""
+"""The longest exposure of a camera that reports none, or an infinite one: eleven days. Chosen by hand."""
 _STEP_PX, _NEAR_PX = 8, 16
 """Some chips are read out in steps: their drivers refuse other sizes, or round them down."""
 _SENSORS = {0: "", 1: "", 2: "RGGB"}
@@ -109,7 +109,7 @@ async def read_chip(device: AlpacaDevice) -> Chip:
     Raises
     ------
     DeviceRefused
-        If it doesn't tell its size: it is no camera.
+        If it doesn't say its size: it is no camera.
     DeviceSilent, DeviceGarbled, DeviceMissing
         If its answers don't come or make no sense.
     """
@@ -296,7 +296,7 @@ class AlpacaCameraLanguage:
         DeviceMissing, DeviceSilent, DeviceGarbled
             If there is no server, no such camera, or it can't be connected.
         DeviceRefused
-            If it is not connected and may not be told to, or won't be set as the configuration says.
+            If it is not connected and may not be ordered to, or won't be set as the configuration says.
         """
         self._chip = None
         try:
@@ -427,7 +427,7 @@ class AlpacaCameraLanguage:
             await shot.pause(self._habits.poll_s)
 
     async def _ready_image(self, exposure: Exposure, shot: Shot) -> tuple[Told, datetime] | None:
-        """Ask once whether the image is ready; tell what the camera tells of it."""
+        """Ask once whether the image is ready; return what the camera reports of it."""
         ready = await self._device.value("imageready", base.truth)
         came = utc_now()
         failed = not ready and await self._state() == _IN_ERROR

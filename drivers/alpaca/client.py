@@ -42,7 +42,7 @@ __all__ = ["MOST_ANSWER_BYTES", "MOST_IMAGE_BYTES", "answered"]
 
 
 _KEPT = 8
-"""A look at a telescope without DeviceState asks seven questions at once; fewer are opened anew each time."""
+"""A reading of a telescope without DeviceState asks seven questions at once; with fewer, some reconnect."""
 
 
 class Connections:
@@ -147,7 +147,7 @@ async def answered(
     httpx.TransportError
         The connection can't be made, or broke.
     """
-    # whoever packs all the same is read, too: some proxies do
+    # an answer packed all the same is read, too: some proxies pack
     asked = {"Accept-Encoding": "identity"} | dict(headers or {})
     async with client.stream(method, url, headers=asked, data=said) as response:
         packing = response.headers.get("content-encoding", "").strip().lower()
@@ -304,7 +304,7 @@ class AlpacaClient:
             await connections.close()
 
     async def lost(self) -> str:
-        """Wait until it is lost, and tell why."""
+        """Wait until it is lost, and return why."""
         while self._why_lost is None:
             await self._news.wait()
         return self._why_lost
@@ -317,7 +317,7 @@ class AlpacaClient:
             self._news.set()
 
     def died(self, fault: Exception) -> None:
-        """A task of ours that spoke with it hit a fault: what it was told is not known."""
+        """A task of ours that spoke with it hit a fault: what was said on it is not known."""
         self.lose(fault_words(fault))
 
     # -- questions -------------------------------------------------------------------------------
@@ -367,7 +367,7 @@ class AlpacaClient:
         return told
 
     async def described(self) -> list[str]:
-        """What devices the server has, in words; empty if it doesn't tell."""
+        """What devices the server has, in words; empty if it doesn't say."""
         try:
             url = f"{self.where.server}/management/v1/configureddevices"
             response = await self._question(url, "configureddevices", self.deadline_s)

@@ -45,7 +45,7 @@ class Found:
 
 
 class AlpacaDevice:
-    """A device on a server; what it is asked and told beyond its connection is its users' business.
+    """A device on a server; what it is asked and ordered beyond its connection is its users' business.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class AlpacaDevice:
         Parameters
         ----------
         may_connect : bool
-            Whether a device that is not connected may be told to.
+            Whether a device that is not connected may be ordered to.
 
         Raises
         ------
@@ -101,7 +101,7 @@ class AlpacaDevice:
         return Found(name, driver, version, ours)
 
     async def _version(self) -> int:
-        """Of the interface; 0 where an old driver doesn't tell before it is connected."""
+        """Of the interface; 0 where an old driver doesn't say before it is connected."""
         try:
             return await self.value("interfaceversion", lambda value: base.integer(value, 1, _NEWEST))
         except AlpacaRefused as refused:

@@ -30,7 +30,7 @@ class AlpacaServer:
     address : str
         ``host:port`` of its HTTP.
     devices : tuple of str
-        ``telescope/0 (name)``; empty if it doesn't tell.
+        ``telescope/0 (name)``; empty if it doesn't say.
     """
 
     address: str

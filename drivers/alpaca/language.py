@@ -96,7 +96,7 @@ class Moving:
         except DeviceError as failure:
             if isinstance(failure, AlpacaRefused):
                 self._reader.fail(number, failure.words or failure.what)
-            # of any other the readings tell what came of it
+            # of any other the readings show what came of it
             self._client.log.note("event", meaning=f"{member}: {failure.what}")
             return failure
         return None
@@ -134,7 +134,7 @@ class Moving:
         except AlpacaRefused as refused:
             if refused.unsupported:
                 raise
-            # a parked one has nothing to stop; of any other the readings tell, and it is told again
+            # a parked one has nothing to stop; of any other the readings show it, and it is sent again
             if refused.number != PARKED:
                 self._client.log.note("event", meaning=f"the stop was refused: {refused.words}")
 
@@ -156,7 +156,7 @@ class Moving:
 _HEIGHTS_M = (-1000.0, 20_000.0)
 """What the height of a site may be, m: an answer beyond is none."""
 _FASTEST_PULSE_DEG_S = 0.1
-"""Faster guide rates are nonsense, perhaps arcseconds told for degrees: 24 times sidereal. Chosen by
+"""Faster guide rates are nonsense, perhaps arcseconds instead of degrees: 24 times sidereal. Chosen by
 hand."""
 _PROBED = ("utcdate", "sitelatitude")
 _RETURNS_AT_ONCE = 4
@@ -172,11 +172,11 @@ class AlpacaHabits:
     epoch : {"apparent", "icrs"} or None
         Which coordinates it speaks; None believes its EquatorialSystem, and refuses one we don't speak.
     may_connect : bool
-        Whether a device that is not connected may be told to connect.
+        Whether a device that is not connected may be ordered to connect.
     finds_home : bool
         Whether its home is found by a sensor, so that its position counts afterwards.
     resolution_arcsec : float
-        Coarsest step of the mount: Alpaca doesn't tell.
+        Coarsest step of the mount: Alpaca doesn't say.
     """
 
     epoch: Epoch | None = None
@@ -239,7 +239,7 @@ class AlpacaLanguage(Unskilled):
 
     @property
     def usual_epoch(self) -> Epoch:
-        """As found; where the settings say otherwise than the telescope, `open` tells."""
+        """As found; where the settings say otherwise than the telescope, `open` reports it."""
         return self._reader.epoch
 
     @property
@@ -254,7 +254,7 @@ class AlpacaLanguage(Unskilled):
 
     @property
     def tracking_rates(self) -> frozenset[TrackingRate]:
-        """At which rates it can be told to follow."""
+        """At which rates it can be ordered to track."""
         if not self._can.get("cansettracking"):
             return frozenset()
         told = frozenset(rate for rate, number in telescope_state.RATES.items() if number in self._rates)
@@ -352,7 +352,7 @@ class AlpacaLanguage(Unskilled):
         await self._client.close()
 
     async def lost(self) -> str:
-        """Wait until the server can't be reached or its driver says it is not connected, and tell why."""
+        """Wait until the server can't be reached or its driver says it is not connected, and return why."""
         return await self._client.lost()
 
     # -- readings --------------------------------------------------------------------------------
@@ -441,7 +441,7 @@ class AlpacaLanguage(Unskilled):
         return Sent()
 
     async def guiding(self) -> bool | None:
-        """Whether a pulse still runs; None where it doesn't tell [ASCOM IsPulseGuiding]."""
+        """Whether a pulse still runs; None where it doesn't say [ASCOM IsPulseGuiding]."""
         return await self._device.maybe("ispulseguiding", base.truth)
 
     async def _tracks(self) -> bool:
@@ -479,7 +479,7 @@ class AlpacaLanguage(Unskilled):
         await self._client.put("utcdate", {"UTCDate": base.said_instant(utc)})
 
     async def read_site(self) -> Site | None:
-        """Where it believes to stand; None where it was never told."""
+        """Where it believes to stand; None where that was never set."""
         if "sitelatitude" not in self._reader.implemented:
             return None
         device = self._device
@@ -503,7 +503,7 @@ class AlpacaLanguage(Unskilled):
         return Site(latitude_deg, (longitude_deg + 180.0) % 360.0 - 180.0, height_m)
 
     async def write_site(self, site: Site) -> None:
-        """Set its site; one that keeps no height is told none."""
+        """Set its site; one that keeps no height is given none."""
         await self._client.put("sitelatitude", {"SiteLatitude": site.latitude_deg})
         longitude_deg = (site.longitude_deg + 180.0) % 360.0 - 180.0
         await self._client.put("sitelongitude", {"SiteLongitude": longitude_deg})
@@ -520,7 +520,7 @@ class AlpacaLanguage(Unskilled):
         try:
             return await self._device.value("destinationsideofpier", telescope_state.pier_side, said)
         except AlpacaRefused:
-            # out of its range or in a state where it can't tell
+            # out of its range or in a state where it can't say
             return None
 
 

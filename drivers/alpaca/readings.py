@@ -1,7 +1,8 @@
 """Readings of a telescope: its state in one question where it can, and the failure of a motion kept.
 
-A motion that fails on its way is told in one place only: the next question for Slewing raises [Alpaca §5].
-Whoever happens to ask hears it, and perhaps nobody after; so it is kept for the one that follows the motion.
+A motion that fails on its way is reported in one place only: the next question for Slewing raises [Alpaca
+§5]. Any question for it may get that answer, and none after it may; so it is kept for the one that follows
+the motion.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class MountReader:
         self._failed = ""
 
     async def begin(self, version: int, members: tuple[str, ...]) -> None:
-        """See which members can be read: the device is up anew."""
+        """See which members can be read: the device is up again."""
         self._failed, self._orders = "", self._orders + 1
         asked = [*_STATES, "slewing", *members]
         if version >= _TELLS_STATE:
@@ -76,7 +77,7 @@ class MountReader:
         DeviceMissing
             If the server is gone or its driver is not connected.
         """
-        # all at once: one after the other, over a slow line, they would tell of times that lie seconds apart
+        # all at once: one after the other, over a slow line, they would be of times that lie seconds apart
         (state, utc, span), slewing = await both(self._placed(), self._slewing())
         try:
             place = telescope_state.place(state["rightascension"], state["declination"], self.epoch, utc)
@@ -148,7 +149,7 @@ class MountReader:
         try:
             return await self._device.client.get(member)
         except AlpacaRefused:
-            # it has it, and can't tell just now
+            # it has it, and can't say just now
             return None
 
     def _unread(self, refused: AlpacaRefused) -> DeviceSilent:

@@ -88,7 +88,7 @@ async def set_up(device: IndiDevice, habits: CameraHabits) -> list[str]:
             done.append(what)
     if habits.mount is not None:
         done += await _listening(device, habits.mount)
-        # of the mount nothing else is told to us
+        # of the mount we get nothing else
         device.client.send(messages.get_properties(habits.mount, "TELESCOPE_INFO"))
     if habits.binning is not None:
         done += await _binned(device, habits.of_chip("BINNING"), habits.binning)
@@ -239,7 +239,7 @@ class IndiCameraLanguage:
         DeviceMissing, DeviceSilent
             If there is no server, no such device, or its driver can't connect.
         DeviceRefused
-            If it is not connected and may not be told to, is no camera, or keeps its files to itself.
+            If it is not connected and may not be ordered to, is no camera, or keeps its files to itself.
         """
         device, habits = self._device, self._habits
         try:

@@ -1,7 +1,7 @@
 """One device behind a connection: introduced, connected, and given orders whose effect is seen.
 
 INDI has no answers, so each order is followed by a question, in one write: a driver takes up one message
-after the other, and when it tells the property asked for, all that it has to say to the order was heard.
+after the other, and when it reports the property asked for, all that it has to say to the order was heard.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class IndiDevice:
         return 0.0 if self._asked_s is None else asyncio.get_running_loop().time() - self._asked_s
 
     async def lost(self) -> str:
-        """Wait until the connection or the device on it is lost, and tell why."""
+        """Wait until the connection or the device on it is lost, and return why."""
         try:
             while self.usable:
                 await self.client.until(lambda: self._gone is not None, 3600.0)
@@ -101,7 +101,7 @@ class IndiDevice:
         Parameters
         ----------
         may_connect : bool
-            Whether a device that is not connected may be told to.
+            Whether a device that is not connected may be ordered to.
         needed : tuple of str
             It is up when one of these properties is there.
 
@@ -134,7 +134,7 @@ class IndiDevice:
                 advice="is it the right device?",
                 reason=Refusal.UNSUPPORTED,
             )
-        # definitions come in one go: when this is told again, all of them are there
+        # definitions come in one go: when this is sent again, all of them are there
         await self.told("CONNECTION")
         return ours
 
@@ -183,7 +183,7 @@ class IndiDevice:
     # -- orders ----------------------------------------------------------------------------------
 
     async def told(self, name: str, *, deadline_s: float | None = None) -> Property:
-        """Have its driver tell a property anew.
+        """Have its driver send a property again.
 
         Raises
         ------
@@ -210,7 +210,7 @@ class IndiDevice:
             A property that the device has.
         echo : str
             The property that its driver sets, be it to what it was, when it has taken up the orders: an
-            answer that comes before is somebody else's. Empty if any answer will do.
+            answer that comes before belongs to another question. Empty if any answer will do.
         deadline_s : float, optional
             Instead of its own.
 
@@ -249,7 +249,7 @@ class IndiDevice:
         return heard
 
     async def _answered(self, answer: _Answer, deadline_s: float) -> bool:
-        """Wait for an answer, and tell whether it came in time."""
+        """Wait for an answer, and return whether it came in time."""
         loop, until = asyncio.get_running_loop(), self.client.until
         deadline_at_s = loop.time() + deadline_s
 
@@ -299,7 +299,7 @@ class IndiDevice:
         if isinstance(event, Deleted) and event.name in ("", "CONNECTION"):
             self._gone = "its driver is gone"
         elif (
-            # a driver that was started again defines it anew
+            # a driver that was started again defines it again
             isinstance(event, Changed | Defined)
             and event.name == "CONNECTION"
             and now is not None
@@ -327,7 +327,7 @@ class _Answer:
         self.asking = asking
         self.echo = echo
         self.told = False
-        """Whether the property was told since, be it to us or to others."""
+        """Whether the property was sent since, be it to us or to others."""
         self._heard = heard
         self._seen = 0
         self._echoed = not echo

@@ -1,6 +1,7 @@
-"""A mount behind INDI, as a language: which properties make an order, and which one tells that it was heard.
+"""A mount behind INDI, as a language: which properties make an order, and which one shows that it arrived.
 
-Readings stand in `readings`; coordinates are given by `CoordinateOrders`, with the switch that says what they mean.
+Readings stand in `readings`; coordinates are given by `CoordinateOrders`, with the switch that says what
+they mean.
 """
 
 from __future__ import annotations
@@ -74,14 +75,14 @@ class CoordinateOrders:
         return switch is not None and switch.on("SYNC") is True
 
     async def begin(self) -> None:
-        """Forget what was: the device is up anew. A SYNC that the broken link left selected is undone."""
+        """Forget what was: the device is up again. A SYNC that the broken link left selected is undone."""
         left, self._sync_left = self._sync_left, False
         self.forget()
         if left and self.sync_is_selected:
             await self._select(self._moving_mode())
 
     def forget(self) -> None:
-        """Somebody else gives the coordinates now."""
+        """Another program gives the coordinates now."""
         self._place, self._legs = None, 0
 
     async def slew(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
@@ -202,9 +203,9 @@ class IndiHabits:
     epoch : {"apparent", "icrs"} or None
         Which coordinates to use; None takes those of date if the device has them, else J2000.
     may_connect : bool
-        Whether a device that is not connected may be told to connect.
+        Whether a device that is not connected may be ordered to connect.
     resolution_arcsec : float
-        Coarsest step of the mount: INDI doesn't tell.
+        Coarsest step of the mount: INDI doesn't say.
     """
 
     epoch: Epoch | None = None
@@ -218,7 +219,7 @@ class IndiLanguage(Unskilled):
     Parameters
     ----------
     device : IndiDevice
-        Of the mount; its connection hears of that device alone.
+        Of the mount; its connection is about that device alone.
     habits : IndiHabits
     """
 
@@ -289,7 +290,7 @@ class IndiLanguage(Unskilled):
         DeviceMissing
             If there is no server, no such device, or its driver can't connect.
         DeviceRefused
-            If it is not connected and may not be told to, or is no mount.
+            If it is not connected and may not be ordered to, or is no mount.
         DeviceSilent
             If its driver doesn't answer.
         """
@@ -313,13 +314,13 @@ class IndiLanguage(Unskilled):
         await self._device.client.close()
 
     async def lost(self) -> str:
-        """Wait until the server, the driver or its connection to the mount is gone, and tell why."""
+        """Wait until the server, the driver or its connection to the mount is gone, and return why."""
         return await self._device.lost()
 
     # -- readings --------------------------------------------------------------------------------
 
     async def readout(self) -> Readout:
-        """Have the driver tell the place anew; see `MountReader.readout`."""
+        """Have the driver send the place again; see `MountReader.readout`."""
         return await self._reader.readout(homed=self._homed)
 
     # -- orders ----------------------------------------------------------------------------------
@@ -380,7 +381,7 @@ class IndiLanguage(Unskilled):
 
     @property
     def tracking_rates(self) -> frozenset[TrackingRate]:
-        """At which rates it can be told to follow."""
+        """At which rates it can be ordered to track."""
         modes = self._device.get("TELESCOPE_TRACK_MODE")
         if modes is None:
             can = self._device.get("TELESCOPE_TRACK_STATE") is not None
@@ -449,7 +450,7 @@ class IndiLanguage(Unskilled):
     # -- clock and site --------------------------------------------------------------------------
 
     async def read_clock(self) -> datetime | None:
-        """Its clock, if its driver ever told it unasked."""
+        """Its clock, if its driver ever sent it unasked."""
         return state.clock(self._device.get, utc_now())
 
     async def write_clock(self, utc: datetime) -> None:
@@ -465,7 +466,7 @@ class IndiLanguage(Unskilled):
         )
 
     async def read_site(self) -> Site | None:
-        """Where its driver believes to stand; None where it was never told."""
+        """Where its driver believes to stand; None where that was never set."""
         return state.site(self._device.get)
 
     async def write_site(self, site: Site) -> None:
@@ -487,7 +488,7 @@ class IndiLanguage(Unskilled):
     # -- others ----------------------------------------------------------------------------------
 
     def _on_event(self, event: Event, now: Property | None) -> None:
-        """Notice when somebody else orders something: the server passes it on to us."""
+        """Notice when another program orders something: the server passes it on to us."""
         if isinstance(event, Ordered) and event.device == self._device.name and event.name in _MOVERS:
             self.log.note("event", meaning=f"another program ordered {event.name}")
             self._reader.be_restless()

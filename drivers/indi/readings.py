@@ -1,6 +1,6 @@
-"""Readings of a mount behind INDI: the place told anew, and no driver's look at the mount counted twice.
+"""Readings of a mount behind INDI: the place asked for again, and no poll of a driver counted twice.
 
-A driver reads its mount once in a while and tells what has changed; asked, it tells what it read last. So
+A driver reads its mount once in a while and reports what has changed; asked, it reports what it read last. So
 while the mount may be moving a reading waits for the driver's next look: two readings are two looks.
 """
 
@@ -49,7 +49,7 @@ class MountReader:
         return state.poll_s(self._device.get)
 
     def begin(self, *, unread: bool) -> None:
-        """Forget what was: the device is up anew; `unread` if its driver has just been connected."""
+        """Forget what was: the device is up again; `unread` if its driver has just been connected."""
         self._unread, self._last_look_s = unread, -math.inf
         self.be_restless()
 
@@ -62,7 +62,7 @@ class MountReader:
         self._doubted = True
 
     async def readout(self, *, homed: bool) -> Readout:
-        """Have the driver tell the place anew, and what it claims of the rest.
+        """Have the driver send the place again, and what it claims of the rest.
 
         Parameters
         ----------
@@ -90,7 +90,7 @@ class MountReader:
             place = state.place(now, self.epoch, utc)
             if place is not None:
                 break
-            # nonsense is never told, but it may pass
+            # nonsense is never passed on, but it may pass
             self._doubted = True
             self.be_restless()
             if loop.time() > until_s:

@@ -121,16 +121,16 @@ async def destination_side(
 
 
 def _hour_angle(place: Apparent | Icrs, site: Site) -> GeometricHourAngle:
-    """Hour angle now, as a mount reckons it that knows no refraction."""
+    """Hour angle now, as a mount computes it that knows no refraction."""
     if isinstance(place, Icrs):
         place = icrs_to_apparent(place, utc_now())
     return apparent_to_hour_angle(Apparent(place.ra_deg, place.dec_deg, utc_now()), site)
 
 
 async def read_clock(exchange: IoptronExchange) -> datetime | None:
-    """Its clock, aware UTC, corrected for the way; None where it tells none.
+    """Its clock, aware UTC, corrected for the way; None where it reports none.
 
-    The v2 set tells local time, zone and summer time apart: reckoned back.
+    The v2 set has local time, zone and summer time apart: converted.
     """
     before = utc_now()
     clock = await exchange.known(exchange.words.clock)

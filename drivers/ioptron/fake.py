@@ -206,7 +206,7 @@ class FakeReports:
         return apparent_to_hour_angle(place, mechanics.believed_site)
 
     def horizontal(self) -> Horizontal:
-        """Altitude and azimuth as it reckons them."""
+        """Altitude and azimuth as it computes them."""
         angle = self._hour_angle()
         seen = hour_angle_to_observed(
             HourAngle(angle.ha_deg, angle.dec_deg, angle.utc), self._mechanics.believed_site
@@ -327,7 +327,7 @@ class FakeIoptron(WireFake):
         self._model = greeting.model(self._memory.model, dialect)
 
     def status(self) -> Status:
-        """What it tells of itself now: site and state."""
+        """What it reports of itself now: site and state."""
         return self._teller.status()
 
     # -- the wire --------------------------------------------------------------------------------

@@ -120,7 +120,7 @@ class IoptronLanguage(SerialLanguage):
     # -- the link ----------------------------------------------------------------------------------
 
     async def open(self) -> Identity:
-        """Open the link, ask who is there, and tell the command set by the answer to `:GLS#`.
+        """Open the link, ask who is there, and find the command set by the answer to `:GLS#`.
 
         Raises
         ------
@@ -323,7 +323,7 @@ class IoptronLanguage(SerialLanguage):
 
     @property
     def tracking_rates(self) -> frozenset[devices.TrackingRate]:
-        """At which rates it can be told to follow."""
+        """At which rates it can be ordered to track."""
         return frozenset(rate for rate in _RATES if rate is not devices.TrackingRate.CUSTOM)
 
     async def send_tracking(self, on: bool, rate: devices.TrackingRate) -> None:

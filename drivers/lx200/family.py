@@ -42,7 +42,7 @@ async def _probe(exchange: Exchange) -> str:
     from drivers.lx200.codec import base
 
     product = ""
-    # a true classic keeps silent: a readable place tells it as well
+    # a true classic keeps silent: a readable place shows it as well
     with contextlib.suppress(DeviceSilent, DeviceGarbled):
         product = await exchange.ask(base.PRODUCT)
     await exchange.ask(base.GET_RA)

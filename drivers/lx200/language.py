@@ -207,7 +207,7 @@ class Lx200Language(SerialLanguage):
         return DeviceRefused(f"refused {what}: {words}", device=self.device, reason=reason)
 
     async def _once(self, orders: tuple[Order, ...], what: str, wanted: Wanted) -> Sent:
-        """Send orders once, unless a stop has come; a lost answer is told, not asked for again."""
+        """Send orders once, unless a stop has come; a lost answer is reported, not asked for again."""
         for number, order in enumerate(orders):
             if not wanted():
                 return Sent(wire=number > 0)
@@ -256,7 +256,7 @@ class Lx200Language(SerialLanguage):
 
     @property
     def tracking_rates(self) -> frozenset[TrackingRate]:
-        """At which rates it can be told to follow."""
+        """At which rates it can be ordered to track."""
         sidereal = {TrackingRate.SIDEREAL} if self.dialect.tracking_on else set()
         return frozenset(self.dialect.rates) | sidereal
 

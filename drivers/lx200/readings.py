@@ -71,7 +71,7 @@ class Lx200Reader:
         self.rests = False
         """Whether it was last seen neither tracking nor at its home."""
         self.guide_rate_deg_s: float | None = None
-        """Of a pulse, as it told at opening."""
+        """Of a pulse, as it said at opening."""
         self._known: Handshake | None = None
         self._troubles = 0
         self._look_for_power_up = True
@@ -91,11 +91,11 @@ class Lx200Reader:
         return self._boot is None
 
     def parking_ordered(self) -> None:
-        """It is told to park: where it can't say so, it is parked when it has come to rest."""
+        """It was ordered to park: where it can't say so, it is parked when it has come to rest."""
         self._parking = "ordered"
 
     def parking_over(self) -> None:
-        """It was told to move otherwise."""
+        """It was ordered to move otherwise."""
         self._parking = None
 
     def clock_was_set(self) -> None:
@@ -110,13 +110,13 @@ class Lx200Reader:
         Raises
         ------
         DeviceSilent, DeviceGarbled
-            If it tells no place, or no greeting that can be believed.
+            If it reports no place, or no greeting that can be believed.
         """
         self.ask.has_letter = False
         self.ask.refining.begin()
         handshake = await self._handshake()
         if handshake.product is None and self._known is not None:
-            # it told its name before: on a bad line that counts more than a silence now
+            # it gave its name before: on a bad line that counts more than a silence now
             handshake = self._known
         dialect = self._named or await self._proven(handshake)
         if handshake.product is not None:
@@ -179,7 +179,7 @@ class Lx200Reader:
             await dialect.fresh(self.ask)
         dialect = dialect.without(dialect, lacks)
         if dialect.read_guide_rate is not None:
-            # one that doesn't tell is guided all the same
+            # one that doesn't say is guided all the same
             self.guide_rate_deg_s = await dialect.read_guide_rate(self.ask)
         if dialect.read_clock is not None and await dialect.read_clock(self.ask) is None:
             dialect = replace(dialect, read_clock=None)

@@ -156,7 +156,7 @@ async def greet(ask: Ask, maybe: AskOptional, before: Handset) -> Greeting:
     maybe : callable
         What it may lack: None then.
     before : Handset
-        Who answered last time: what an answer lost now would have told of it still counts.
+        Who answered last time: what an answer lost now would have said of it still counts.
 
     Raises
     ------
@@ -166,7 +166,7 @@ async def greet(ask: Ask, maybe: AskOptional, before: Handset) -> Greeting:
     handset = Handset(await ask(base.VERSION))
     if handset.version == before.version and handset.synscan == before.synscan:
         handset = before
-    # the kind is told by all StarSense, whose versions begin anew, and by NexStar 5.28 and later [INDI]
+    # the kind is reported by all StarSense, whose versions begin again, and by NexStar 5.28 and later [INDI]
     asked_kind = not handset.synscan and (handset.quarter_zones or handset.version.major < 2)
     if handset.variant is None and asked_kind:
         handset = replace(handset, variant=await maybe(base.VARIANT))

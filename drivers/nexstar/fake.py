@@ -1,7 +1,7 @@
 """The other end of a hand control's cable, over the mechanics of a telescope that points wrong.
 
 It answers as the hand control of an AVX did in the recorded dialogues: every order with ``#``, carried out or
-not, an absent board with silence. A SynScan differs in how it tells its version, in its tracking modes, in
+not, an absent board with silence. A SynScan differs in how it reports its version, in its tracking modes, in
 what it passes on to its motors, and in speaking J2000. It does no I/O: `drivers.fakes.bench` puts it on a
 wire.
 """
@@ -207,7 +207,7 @@ class FakeMotors:
 AVX = Handset(Version(5, 31), 0x11, 20, Version(7, 11))
 """As in the recorded dialogues."""
 
-# a command's first byte tells how long it is [NexStar table]
+# a command's first byte says how long it is [NexStar table]
 _LENGTHS = {
     **dict.fromkeys(b"VvmeEzZLJMtphwiu", 1),
     **dict.fromkeys(b"KT", 2),

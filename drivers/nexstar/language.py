@@ -101,7 +101,7 @@ class Guiding:
     async def by_key(self, axis: Axis, sign: int, duration_s: float, wanted: Wanted) -> Sent:
         """Press the slowest key for so long, and let go of it in every case [NexStar P 0x24, 0x25].
 
-        Both go past everything else, or the moment would last as long as somebody else's question.
+        Both go past everything else, or the moment would last as long as another question.
         """
         if not wanted():
             return Sent(wire=False)
@@ -126,7 +126,7 @@ class NexstarLanguage(SerialLanguage):
     ----------
     link : Link
     epoch : {"apparent", "icrs"}
-        Kind of coordinates it is taken to speak; no answer tells which. Usual: JNow for Celestron, J2000 for
+        Kind of coordinates it is taken to speak; no answer says which. Usual: JNow for Celestron, J2000 for
         SynScan.
     park : Horizon, optional
         Where it parks, as its own `z` counts; there is no usual place for all mounts [INDI SetDefaultPark].
@@ -258,7 +258,7 @@ class NexstarLanguage(SerialLanguage):
         if mode:
             self._mode = mode
         if not aligned:
-            # switched on anew: whatever it was told is gone
+            # switched on again: whatever was set is gone
             self._rate = None
         parked = await self._parked(slewing, mode, aligned)
         ra_deg, dec_deg = pair.first_deg, pair.second_deg
@@ -364,7 +364,7 @@ class NexstarLanguage(SerialLanguage):
 
     @property
     def tracking_rates(self) -> frozenset[TrackingRate]:
-        """At which rates it can be told to follow."""
+        """At which rates it can be ordered to track."""
         if self.handset.has_rates and self._usual_mode() in _EQUATORIAL:
             return frozenset(_RATES)
         return frozenset({TrackingRate.SIDEREAL})

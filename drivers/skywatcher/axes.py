@@ -27,7 +27,7 @@ RATES_DEG_S = {
 }
 """How fast the first axis follows the stars, the Moon, the Sun."""
 _HEQ5_SLOW_TIMER = (Board(1, 6, 1), 64935, 64640)
-"""Board, the timer frequency that it tells, and the true one [INDI eqmod]."""
+"""Board, the timer frequency that it reports, and the true one [INDI eqmod]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ class Gearing:
 
 
 def true_timer_hz(board: Board, told_hz: int) -> int:
-    """Put right what one firmware tells wrong: the HEQ5 of 1.06 drifts 4″ a minute by it [INDI eqmod]."""
+    """Put right what one firmware reports wrong: the HEQ5 of 1.06 drifts 4″ a minute by it [INDI eqmod]."""
     known, told, true = _HEQ5_SLOW_TIMER
     return true if board == known and told_hz == told else told_hz
 

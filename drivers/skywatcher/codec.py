@@ -45,7 +45,7 @@ class Nack:
 
     @property
     def reason(self) -> Refusal:
-        """Why, as far as the code tells."""
+        """Why, as far as the code says."""
         return _NACKS.get(self.code, ("", Refusal.OTHER))[1]
 
 
@@ -77,7 +77,7 @@ class MotorStatus:
     running : bool
         It turns; also while it slows down after a stop.
     blocked : bool
-        It can't turn (only boards that drive direct current motors tell).
+        It can't turn (only boards that drive direct current motors report it).
     initialized : bool
         It was energized since power-up: False is the sign of a power-up.
     level : bool
@@ -426,5 +426,5 @@ def hand_guide_rate(axis: Axis, step: int) -> Command[Nack | None]:
 
 
 def urgent(command: Command[Nack | None]) -> Command[None]:
-    """Make a command whose answer is left to whoever reads next."""
+    """Make a command whose answer is left to the next reader."""
     return Command(command.sent, command.meaning, lambda _buffer, _final: Read(None, 0))

@@ -51,13 +51,13 @@ def _both(counts: int, timer_hz: int, ratio: int) -> dict[Axis, Gearing]:
 
 
 BOARDS = {
-    # numbers, speeds and firmware as an owner's HEQ5 Pro told them; an EQ6 counts alike [INDI eqmod]
+    # numbers, speeds and firmware as an owner's HEQ5 Pro reported them; an EQ6 counts alike [INDI eqmod]
     "eq6": FakeBoard(Board(2, 4, 0x00), _both(9_024_000, 64_935, 16)),
     "heq5": FakeBoard(Board(2, 4, 0x01), _both(9_024_000, 64_935, 16)),
     # counts from an owner's log, features from another's notes; timer and firmware are not checked
     "eq8": FakeBoard(Board(3, 0, 0x04), _both(11_136_000, 16_000_000, 16), "076000"),
     "az-eq6": FakeBoard(Board(3, 0, 0x05), _both(9_216_000, 16_000_000, 32), "0B3000"),
-    # counts and timer as an owner's told them: the axes differ; ratio and features are not checked
+    # counts and timer as an owner's reported them: the axes differ; ratio and features are not checked
     "star-adventurer-gti": FakeBoard(
         Board(3, 0x30, 0x0C),
         {
@@ -96,7 +96,7 @@ class FakeMotor:
         self.boot()
 
     def boot(self) -> None:
-        """Begin anew: wherever it stands is the zero of its counts."""
+        """Begin again: wherever it stands is the zero of its counts."""
         self.initialized = False
         self.goto = self.fast = self.backward = self._under_way = False
         self.increment, self.brake = 0, 0

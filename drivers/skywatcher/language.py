@@ -1,8 +1,8 @@
 """A Sky-Watcher motor controller as a `drivers.generic.language.Language`: goto, tracking and sync are ours.
 
-The controller counts steps and knows no sky, no clock, no site and no limits; the sky is reckoned here from
+The controller counts steps and knows no sky, no clock, no site and no limits; the sky is computed here from
 our site and our clock. Connecting asks only: the motors are energized by the first order that moves them. If
-this program dies the motors go on as they were told last: the controller has no watchdog.
+this program dies the motors go on as they were ordered last: the controller has no watchdog.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from mountnav.sky.sphere import separation_arcsec
 
 _SYNC_FREE_DEG = 5.0
 """A sync may turn the hour angle axis by so much, and `_SYNC_STRETCH` times its miss on the sky. Beyond
-that the place is so near the pole that it tells too little of that axis. Chosen by hand."""
+that the place is so near the pole that it says too little of that axis. Chosen by hand."""
 _SYNC_STRETCH = 3.0
 """See `_SYNC_FREE_DEG`: 3 is a declination of about 70°. Doubled, a sync 10° from the pole is taken."""
 
@@ -97,7 +97,7 @@ class SkywatcherLanguage(SkywatcherReading):
 
         await self._energize()
         started, lost = await self._steering.set_out(aim, still)
-        # a stop that came meanwhile has the last word: whoever follows this sends another one
+        # a stop that came meanwhile has the last word: what follows this order sends another one
         return Sent(wire=started or wanted(), lost=lost)
 
     def _while_no_stop(self, wanted: Wanted) -> Callable[[], bool]:
@@ -106,7 +106,7 @@ class SkywatcherLanguage(SkywatcherReading):
 
     async def _energize(self) -> None:
         """Before the first motion since power-up; see `drivers.skywatcher.axes`."""
-        # whoever lets it move trusts the position
+        # an order to move means that the position is trusted
         self._zero_known = True
         if self._energized:
             return
@@ -138,7 +138,7 @@ class SkywatcherLanguage(SkywatcherReading):
         Raises
         ------
         DeviceRefused
-            Near the pole, when the place tells next to nothing of the hour angle axis.
+            Near the pole, when the place says next to nothing of the hour angle axis.
         """
         place = _apparent(place)
         first, second = await self._counts()
@@ -193,7 +193,7 @@ class SkywatcherLanguage(SkywatcherReading):
 
     @property
     def tracking_rates(self) -> frozenset[TrackingRate]:
-        """At which rates it can be told to follow."""
+        """At which rates it can be ordered to track."""
         return frozenset(RATES_DEG_S)
 
     async def send_tracking(self, on: bool, rate: TrackingRate) -> None:

@@ -27,7 +27,7 @@ _BETWEEN_STOPS_S = 0.03
 """Pause between the stops of both motors: a board spoils its answers when two commands reach it in one
 write. Chosen by hand, above the 17 ms in which real boards answer."""
 _USUAL_RATIO = 16
-"""Steps at once in the high speed range, of a board that doesn't tell them [SKYWATCHER :g]."""
+"""Steps at once in the high speed range, of a board that doesn't say them [SKYWATCHER :g]."""
 _GLANCE_S = 0.05
 """Pause between questions whether a motor still runs. Chosen by hand."""
 _HALT_S = 8.0
@@ -81,7 +81,7 @@ class Motors:
     stops : int
         Stops that were sent.
     starts : int
-        How often one was told to start.
+        How often one was ordered to start.
     """
 
     def __init__(self, link: Link, fastest_deg_s: float) -> None:
@@ -103,7 +103,7 @@ class Motors:
         for axis in Axis:
             counts = await ask(codec.counts_per_turn(axis))
             timer_hz = true_timer_hz(board, await ask(codec.timer_hz(axis)))
-            # only what runs fast when it is found is reckoned with it: gotos are the board's own
+            # only what runs fast when it is found is counted with it: gotos are the board's own
             ratio = await self.refining.known(codec.fast_ratio(axis))
             gears[axis] = Gearing(counts, timer_hz, ratio or _USUAL_RATIO)
         self.gears = gears
@@ -121,7 +121,7 @@ class Motors:
     async def at_rest(self) -> None:
         """Wait until both motors rest."""
         for axis in Axis:
-            while (await self.status(axis)).running:  # the board doesn't tell by itself
+            while (await self.status(axis)).running:  # the board doesn't say by itself
                 await pause(_GLANCE_S)
 
     async def count(self, axis: Axis) -> Count:

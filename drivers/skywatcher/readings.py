@@ -72,7 +72,7 @@ class SkywatcherReading(SerialLanguage):
 
     @property
     def epoch(self) -> Epoch:
-        """Apparent: the place is reckoned here."""
+        """Apparent: the place is computed here."""
         return "apparent"
 
     @property
@@ -171,7 +171,7 @@ class SkywatcherReading(SerialLanguage):
         self._tasks[what] = begun(work, f"skywatcher-{what}", died=self._died)
 
     def _died(self, fault: Exception) -> None:
-        """What was to stop a motor or to set it going again is gone: the link ends, and is opened anew."""
+        """What was to stop a motor or to set it going again is gone: the link ends, and is opened again."""
         self._link.lose(fault_words(fault))
 
     def _drop_tasks(self) -> None:
@@ -222,7 +222,7 @@ class SkywatcherReading(SerialLanguage):
         if self._parking and there:
             self._parking, self._parked = False, True
         elif self._parked and not there:
-            # somebody else has moved it
+            # something else has moved it
             self._parked = False
 
     async def _counts(self) -> tuple[Count, Count]:

@@ -64,7 +64,7 @@ class Steering:
         self._legs = self._trims = 0
 
     async def set_out(self, aim: Aim, wanted: Callable[[], bool]) -> tuple[bool, DeviceError | None]:
-        """Send both axes on their way; tell whether a motor was started, and what went wrong after that."""
+        """Send both axes on their way; return whether a motor was started, and what went wrong after that."""
         self._legs, self._trims = 1, 0
         return await self._leg(aim, wanted)
 
@@ -91,7 +91,7 @@ class Steering:
         return started, None
 
     async def refine(self, aim: Aim, rate_deg_s: float, wanted: Callable[[], bool]) -> bool:
-        """At rest: do the next thing that brings it nearer, and tell whether there was one."""
+        """At rest: do the next thing that brings it nearer, and return whether there was one."""
         motors, axis_counts = self._motors, self._axis_counts
         first_axis = await motors.status(Axis.HOUR_ANGLE)
         second = await motors.count(Axis.DECLINATION)
@@ -122,7 +122,7 @@ class Steering:
         return moved
 
     def is_tracking(self, running: bool, goto: bool, fast: bool, backward: bool) -> bool:
-        """Whether a first motor that runs so follows the sky, as far as its status tells."""
+        """Whether a first motor that runs so follows the sky, as far as its status says."""
         return running and not goto and not fast and backward is (self._sign < 0)
 
     async def track(self, rate_deg_s: float, wanted: Callable[[], bool]) -> bool:

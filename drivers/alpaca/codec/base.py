@@ -113,7 +113,7 @@ class AlpacaRefused(DeviceRefused):
 
 
 def reason_of(number: int, words: str) -> Refusal:
-    """Which refusal a number and its words mean, as far as they tell."""
+    """Which refusal a number and its words mean, as far as they say."""
     known = _NUMBERS.get(number)
     if known is not None:
         return known

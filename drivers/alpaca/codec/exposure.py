@@ -134,7 +134,7 @@ is not ours. Chosen by hand, for steps of factor two."""
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What a camera tells of its last exposure.
+    """What a camera reports of its last exposure.
 
     Attributes
     ----------
@@ -159,7 +159,7 @@ class Exposure:
     accepted : datetime
         When it was answered.
     before : Told
-        What the camera told of the exposure before this one.
+        What the camera reported of the exposure before this one.
     """
 
     exposure_s: float
@@ -168,7 +168,7 @@ class Exposure:
     before: Told = Told()
 
     def is_new(self, told: Told) -> bool:
-        """Whether the camera tells a beginning that it did not tell before."""
+        """Whether the camera reports a beginning that it did not report before."""
         return told.start is not None and told.start != self.before.start
 
     def is_of_another(
@@ -179,7 +179,7 @@ class Exposure:
         *,
         clocks_agree: bool = False,
     ) -> bool:
-        """Whether the image that is ready is of an earlier exposure, or of somebody else's.
+        """Whether the image that is ready is of an earlier exposure, or of another program's.
 
         Parameters
         ----------

@@ -90,7 +90,7 @@ def skills(can: Mapping[str, bool], implemented: frozenset[str], *, finds_home: 
     implemented : frozenset of str
         Members that can be read.
     finds_home : bool
-        Whether its home is found by a sensor: Alpaca doesn't tell, so the configuration must.
+        Whether its home is found by a sensor: Alpaca doesn't say, so the configuration must.
     """
     there = {
         Skill.PARK: can.get("canpark", False),

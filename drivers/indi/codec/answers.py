@@ -39,7 +39,7 @@ def spoken(events: Sequence[Event]) -> str:
 
 
 def reason_of(words: str) -> Refusal:
-    """Which refusal a driver's words mean, as far as they tell."""
+    """Which refusal a driver's words mean, as far as they say."""
     return next((reason for pattern, reason in _REASONS if pattern.search(words)), Refusal.OTHER)
 
 
@@ -85,13 +85,13 @@ def was_refused(name: str, heard: Sequence[Event]) -> bool:
 
 
 def slew_was_refused(name: str, heard: Sequence[Event]) -> bool:
-    """Whether coordinates were refused: Ok is told of them at every poll, so only Busy is a sign."""
+    """Whether coordinates were refused: Ok is sent of them at every poll, so only Busy is a sign."""
     states = states_of(name, heard)
     return State.ALERT in states or (is_loud(heard) and State.BUSY not in states)
 
 
 def was_turned(mode: str, name: str, heard: Sequence[Event]) -> bool:
-    """Whether ON_COORD_SET was turned by somebody else before a driver took up our coordinates.
+    """Whether ON_COORD_SET was changed by another program before a driver took up our coordinates.
 
     Parameters
     ----------

@@ -119,7 +119,7 @@ class Exposure:
     early_s : float
         When.
     doubtful : bool
-        The file that counts may be another's: its header must tell a time that fits.
+        The file that counts may be another's: its header must have a time that fits.
     dropped : list of str
         Why files were dropped.
     files : list of (Blob, datetime)
@@ -173,7 +173,7 @@ class Exposure:
         return at_s >= self.ordered_s + _SOONEST * self.exposure_s
 
     def take_files(self, event: Changed, utc: datetime, at_s: float) -> str | None:
-        """Take in the files of a message; tell why one was dropped."""
+        """Take in the files of a message; return why one was dropped."""
         dropped = None
         for blob in event.values.values():
             if not isinstance(blob, Blob) or blob.is_empty:
@@ -201,7 +201,7 @@ class Exposure:
             self.early = None
 
     def is_of_another(self, told_s: float | None) -> bool:
-        """Whether the exposure that a file's header tells is not the one that was ordered."""
+        """Whether the exposure that a file's header reports is not the one that was ordered."""
         return lasted_otherwise(told_s, self.exposure_s)
 
     def middle(self, by_header: datetime | None, came: datetime, tolerance_s: float) -> tuple[datetime, str]:

@@ -109,7 +109,7 @@ class Defined:
 
 @dataclass(frozen=True, slots=True)
 class Changed:
-    """A property has changed; elements that are not told stay, and so does the state if it is None."""
+    """A property has changed; elements that are not sent stay, and so does the state if it is None."""
 
     device: str
     name: str
@@ -347,7 +347,7 @@ BlobMode = Literal["Never", "Also", "Only"]
 
 
 def get_properties(device: str = "", name: str = "") -> bytes:
-    """Ask for all properties, those of a device, or one; the driver defines them anew, with its values."""
+    """Ask for all properties, those of a device, or one; the driver defines them again, with its values."""
     return _alone("getProperties", {"version": VERSION, "device": device, "name": name})
 
 

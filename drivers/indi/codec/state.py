@@ -18,7 +18,7 @@ _EACH_BYTES = 300
 
 @dataclass(frozen=True, slots=True)
 class Property:
-    """One property as it was last told.
+    """One property as its driver last sent it.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class Property:
     values : dict
         By element.
     told : datetime
-        When it was last told, our clock, aware UTC.
+        When its driver last sent it, our clock, aware UTC.
     told_s : float
         The same, monotonic.
     count : int
@@ -76,7 +76,7 @@ class Property:
 
 @dataclass(slots=True)
 class Properties:
-    """The properties of all devices that a connection hears of."""
+    """The properties of all devices that a connection receives news of."""
 
     _by_device: dict[str, dict[str, Property]] = field(default_factory=dict)
     count: int = 0
@@ -106,7 +106,7 @@ class Properties:
         self._properties = self.size_bytes = 0
 
     def take(self, event: Event, utc: datetime, at_s: float) -> Property | None:
-        """Take what was told in, and return the property it is about if it is there now."""
+        """Take what was sent, and return the property it is about if it is there now."""
         match event:
             case Defined(device=device, name=name):
                 self.count += 1
@@ -175,7 +175,7 @@ LONGEST_POLL_S = 2.0
 """A driver's polling period is not taken for longer than this, or readings of a mount that polls once a
 minute would never be confirmed. Chosen by hand."""
 USUAL_POLL_S = 1.0
-"""The polling period of a driver that does not tell it: INDI's default, 1000 ms."""
+"""The polling period of a driver that does not say it: INDI's default, 1000 ms."""
 _FARTHEST_DEC_DEG = 95.0
 """Declinations beyond this are nonsense. More than 90, since a driver may extrapolate over the pole; chosen
 by hand."""
@@ -266,7 +266,7 @@ def parked(get: Get) -> bool | None:
 
 
 def at_home(get: Get, homed: bool) -> bool | None:
-    """Whether it is at home: only at the end of a homing does a driver tell, and its Ok stays for ever.
+    """Whether it is at home: only at the end of a homing does a driver say so, and its Ok stays for ever.
 
     Parameters
     ----------
@@ -301,7 +301,7 @@ def poll_s(get: Get) -> float:
 
 
 def clock(get: Get, now: datetime) -> datetime | None:
-    """Its clock now, if its driver ever told it unasked: what it tells when asked may be hours old."""
+    """Its clock now, if its driver ever sent it unasked: what it sends when asked may be hours old."""
     time = get("TIME_UTC")
     if time is None or time.pushed is None or time.state is State.ALERT:
         return None
@@ -321,6 +321,6 @@ def site(get: Get) -> Site | None:
     if latitude_deg is None or longitude_deg is None or not abs(latitude_deg) <= 90.0:
         return None
     if (latitude_deg, longitude_deg) == (0.0, 0.0) and told.state is State.IDLE:
-        # never told
+        # never sent
         return None
     return Site(latitude_deg, half_turn_deg(longitude_deg), told.number("ELEV") or 0.0)

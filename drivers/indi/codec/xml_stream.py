@@ -3,7 +3,7 @@
 INDI's stream is no XML document: it has no root, never ends, and one lost byte must not end it. Therefore no
 XML library reads it, but this: elements, attributes, text, comments and declarations, nothing else. There are
 no document types, so no entities but the five of XML and numbered characters. After something broken nothing
-counts until the next element that INDI knows begins, and that something was lost is told once.
+counts until the next element that INDI knows begins, and that something was lost is reported once.
 
 The result doesn't depend on where the stream is cut. Each byte is looked at a fixed number of times, however
 it is cut: where a tag that isn't whole yet was read to is remembered. What one message, one tag and one
@@ -66,7 +66,7 @@ _TURNS = {b"": re.compile(rb"[<>'\"]"), b"'": re.compile(rb"[<']"), b'"': re.com
 """Where a tag goes on otherwise, by the quote that is open."""
 _BEGINS_MESSAGE = re.compile(rb"<(" + rb"|".join(sorted(name.encode() for name in MESSAGES)) + rb")[\s/>]")
 _LONGEST_BEGINNING = max(map(len, MESSAGES)) + 2
-"""So many bytes tell whether a message begins: its name, the bracket before and a byte after."""
+"""So many bytes show whether a message begins: its name, the bracket before and a byte after."""
 _REFERENCE = re.compile(r"&(?:(amp|lt|gt|quot|apos)|#(\d{1,7})|#[xX]([0-9a-fA-F]{1,6}));", re.ASCII)
 _NAMED = {"amp": "&", "lt": "<", "gt": ">", "quot": '"', "apos": "'"}
 
@@ -108,7 +108,7 @@ class Malformed:
     excerpt : bytes
         Where it was broken.
     device : str or None
-        Which device it names, "" for none; None where that can't be told.
+        Which device it names, "" for none; None where that can't be known.
     """
 
     why: str
@@ -175,7 +175,7 @@ class ElementStream:
         return [one for part in self.parts(data) for one in part]
 
     def parts(self, data: bytes) -> Iterator[list[Element | Malformed]]:
-        """Take bytes, and yield what they complete: after each part somebody else may have a turn."""
+        """Take bytes, and yield what they complete: after each part other tasks may have a turn."""
         self._buffer += data
         begun = self.work
         while self._step():

@@ -28,7 +28,7 @@ class CommandSet:
     pointing : Command
         Where it points.
     has_pier_side : bool
-        Whether `pointing` tells the side of the pier.
+        Whether `pointing` reports the side of the pier.
     clock : Command
     clock_step_s : float
         By how much its reading may be behind.

@@ -37,7 +37,7 @@ def model(buffer: bytes, final: bool) -> Read[str] | None:
 
 
 def text(lengths: tuple[int, ...], understand: Callable[[bytes], T]) -> Reader[T]:
-    """Read one of these numbers of characters and a `#`; understanding is told nothing of another length."""
+    """Read one of these numbers of characters and a `#`; text of another length is not passed on."""
     longest = max(lengths)
     wanted = " or ".join(str(length) for length in lengths)
 

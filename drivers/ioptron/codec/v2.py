@@ -86,7 +86,7 @@ def status_to_text(status: Status) -> bytes:
 
 
 def flags_to_text(status: Status) -> bytes:
-    """Write the six digits that end `:GLS#`; older firmware tells them alone, as `:GAS#`."""
+    """Write the six digits that end `:GLS#`; older firmware reports them alone, as `:GAS#`."""
     return b"%d%d%d%d%d%d" % (
         status.gps,
         status.state,
@@ -100,7 +100,7 @@ def flags_to_text(status: Status) -> bytes:
 def pointing_from_text(text: bytes) -> Pointing:
     """Read `:GEC#`'s 17 characters; raises `Unreadable` where they don't match wholly and in range.
 
-    They tell neither the side of the pier nor the counterweight's place.
+    They have neither the side of the pier nor the counterweight's place.
     """
     match = _POINTING.fullmatch(text)
     if match is None:
@@ -212,7 +212,7 @@ V2 = CommandSet(
     set_dec=set_dec,
     pulse=pulse,
     longest_pulse_ms=_LONGEST_PULSE_MS,
-    # it keeps local time: its zone is set to UTC, so that nobody reckons twice
+    # it keeps local time: its zone is set to UTC, so that it isn't converted twice
     before_clock=(set_offset(0), set_summer_time(False)),
     set_clock=_set_clock,
     set_site=_set_site,

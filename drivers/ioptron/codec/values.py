@@ -118,7 +118,7 @@ class MountClock:
     utc : datetime
         Aware UTC, to the millisecond.
     offset_min : int
-        Local standard time minus UTC; summer time is told apart from it.
+        Local standard time minus UTC; summer time is given apart from it.
     summer_time : bool
         Whether an hour is added to local time.
     """
@@ -321,7 +321,7 @@ def meridian_from_text(text: bytes) -> tuple[bool, int]:
 
 
 def firmware_from_text(text: bytes) -> str:
-    """Read two dates in digits; one that isn't there is told by x's [INDI ieqpro]."""
+    """Read two dates in digits; one that isn't there is written as x's [INDI ieqpro]."""
     half = len(text) // 2
     dates = text[:half], text[half:]
     if any(re.fullmatch(rb"[0-9]+|x+", date) is None for date in dates):

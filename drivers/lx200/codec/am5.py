@@ -5,7 +5,7 @@ What matters of its behavior [ZWO]:
 - switched on it believes to be at its home, and refuses gotos until time and site are set;
 - `:hC#` goes to the mechanical zero and latches nothing; `:hP#` parks (firmware from 1.1.9), and only `:Spu#`
   releases that; older firmware knows no park and is parked by going home (`dialect=am5-old` for one that
-  tells no version);
+  reports no version);
 - places are read and written to whole seconds: 15″ in right ascension.
 """
 
@@ -60,7 +60,7 @@ class ParkState(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """What `:GU#` tells.
+    """What `:GU#` reports.
 
     Attributes
     ----------
@@ -201,7 +201,7 @@ def pulse(direction: Direction, duration_ms: int) -> Command[None]:
 
 
 _FIRST_WITH_PARK = (1, 1, 9)
-"""The firmware that parks [AM5]; older ones home, and tell no state of parking."""
+"""The firmware that parks [AM5]; older ones home, and report no state of parking."""
 
 
 async def _place(ask: Ask) -> Pointing:
@@ -237,7 +237,7 @@ async def _woke_up(ask: Ask) -> bool:
 
 
 def _for_firmware(dialect: Dialect, handshake: Handshake) -> Dialect:
-    """Older firmware has no park; one that doesn't tell its version is asked."""
+    """Older firmware has no park; one that doesn't report its version is asked."""
     numbers = tuple(int(part) for part in re.findall(r"\d+", handshake.firmware or ""))
     return _with_old_park(dialect) if numbers and numbers < _FIRST_WITH_PARK else dialect
 

@@ -31,7 +31,7 @@ class Answer:
     refusal : str or None
         None when it was taken up, else the mount's own words.
     reason : Refusal
-        As far as the words tell.
+        As far as the words say.
     """
 
     refusal: str | None = None
@@ -112,7 +112,7 @@ _PARKED = re.compile(r"park", re.IGNORECASE)
 
 
 class Alignment(StrEnum):
-    """How the mount stands, as its ACK answer tells [LX200 0x06]."""
+    """How the mount stands, as its ACK answer reports [LX200 0x06]."""
 
     POLAR = "polar"
     ALTAZ = "altaz"

@@ -59,7 +59,7 @@ class Handshake:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """What the mount tells of itself besides its place; None where it can't."""
+    """What the mount reports of itself besides its place; None where it can't."""
 
     slewing: bool | None = None
     tracking: bool | None = None
@@ -71,7 +71,7 @@ class State:
 
 @dataclass(frozen=True, slots=True)
 class Pointing:
-    """A place as read; `state` when the same answer told it."""
+    """A place as read; `state` when the same answer held it."""
 
     ra: WireAngle
     dec: WireAngle
@@ -106,7 +106,7 @@ class Dialect:
     place : callable (Ask) -> awaitable Pointing
         Asks for the place; nothing else, so that its instant is known.
     state : callable (Ask) -> awaitable State, optional
-        Asks for the rest, where `place` didn't tell it; with `Ask.known`, since firmware may lack any of it.
+        Asks for the rest, where `place` didn't read it; with `Ask.known`, since firmware may lack any of it.
     asked_sometimes : tuple of Command
         Questions that `state` asks in some states only: put once at opening, to know whether they exist.
     set_ra, set_dec : callable (deg, short) -> Command of bool
@@ -135,7 +135,7 @@ class Dialect:
     finds_home : bool
         Whether `home` ends at a sensor.
     parks_unread : bool
-        Whether `state` can't tell a parked mount: then parked is what was ordered and seen to come to rest.
+        Whether `state` doesn't show a parked mount: then parked is what was ordered to park and came to rest.
     tells_pier_side : bool
         Whether `state` (or `place`) does.
     pulse : callable (Direction, milliseconds) -> Order, optional

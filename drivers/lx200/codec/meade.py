@@ -120,7 +120,7 @@ LX200GPS = replace(
     ),
     state=_gps_state,
     without=_without_alignment,
-    # it starts anew, from the place it was parked at [LX200 :I#]
+    # it starts again, from the place it was parked at [LX200 :I#]
     unpark=(base.quiet(b":I#", "start anew", repeatable=False),),
     pulse=base.guide_pulse,
     fitted=lambda dialect, handshake: dialect,

@@ -1,4 +1,4 @@
-"""OnStep and OnStepX: an LX200 that tells all of itself in one word, refuses with reasons, and reads finely.
+"""OnStep and OnStepX: an LX200 with its whole status in one word, refusals with reasons, and fine angles.
 
 What matters of its behavior [ONSTEP]:
 
@@ -6,7 +6,7 @@ What matters of its behavior [ONSTEP]:
 - a parked one keeps its position when it is switched off; a sync on the other side of the pier is refused;
 - `:MS#` during a goto is refused *and* ends that goto; so is `:hC#`;
 - `:hF#` declares the present place to be the home: never sent;
-- `:MN#` flips: in the codec, sent by nobody unless asked.
+- `:MN#` flips: in the codec, sent only when asked for.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ REFUSALS: Mapping[str, tuple[str, Refusal]] = {
 }
 """What a digit of `:MS#`, or of `E` and a digit of `:CM#`, says [ONSTEP :MS#]."""
 
-# what :GE# tells of the last command; the ten from 15 on are the digits of :MS# [ONSTEP CommandError]
+# what :GE# reports of the last command; the ten from 15 on are the digits of :MS# [ONSTEP CommandError]
 _LAST_ERRORS: Mapping[int, tuple[str, Refusal]] = {
     8: ("not parked or at home", Refusal.OTHER),
     9: ("parked, or its date and time are not set", Refusal.PARKED),
@@ -91,7 +91,7 @@ PROBLEMS: Mapping[int, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """All that `:GU#` or `:Gu#` tells that matters here.
+    """All that `:GU#` or `:Gu#` reports that matters here.
 
     Attributes
     ----------
@@ -385,7 +385,7 @@ async def _guide_rate_deg_s(ask: Ask) -> float | None:
 
 
 def _without(dialect: Dialect, lacks: Lacks) -> Dialect:
-    """What reads coarsely is written coarsely; what doesn't tell its status tells no side and no park."""
+    """What reads coarsely is written coarsely; what has no status has no side and no park."""
     if lacks(GET_FINE_RA, GET_FINE_DEC):
         dialect = replace(dialect, set_ra=base.set_ra, set_dec=base.set_dec, step_arcsec=BASIC.step_arcsec)
     if lacks(STATUS):

@@ -1,4 +1,4 @@
-"""A ZWO AM5 on the other end of the cable, as its protocol document tells; no real one was listened to.
+"""A ZWO AM5 on the other end of the cable, as its protocol document says; no real one was recorded.
 
 What it is taken to do: a goto before time and site were set is refused (`e7`), a sync across the meridian too
 (`e9`); a park latches, home doesn't [ZWO].

@@ -393,7 +393,7 @@ _ROUNDING_DEG = 1.0 / 60.0
 def from_the_horizon_up(fake: FakeLx200) -> bytes | None:
     """Answer ``:MS#`` to a target at altitude 0, written in arcminutes; None where the classic's words do.
 
-    INDI's drivers park there when they were never told of a site.
+    INDI's drivers park there when no site was ever set.
     """
     target = fake.target()
     if target is None or fake.refusal(target) is not Refusal.BELOW_HORIZON:

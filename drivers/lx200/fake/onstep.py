@@ -132,7 +132,7 @@ def bits(status: Status, mounting: str, move_rate: int) -> bytes:
 LOWEST_DEG = -10.0
 """Its horizon limit where the machine has none [ONSTEP LIMIT_ALTITUDE_MIN]."""
 OK, IS_PARKED, PARK_FAILED, NOT_PARKED = 0, 9, 10, 11
-"""Numbers of OnStep's command errors, as `:GE#` tells them [ONSTEP CommandError]."""
+"""Numbers of OnStep's command errors, as `:GE#` reports them [ONSTEP CommandError]."""
 SLEW_ERROR = 14
 """The codes after it are the digits of `:MS#` [ONSTEP CommandError]."""
 _BELOW, _PARKED, _IN_GOTO, _LIMIT, _IN_MOTION, _UNSPECIFIED = (
@@ -178,7 +178,7 @@ class OnStepMotion:
             self.going = self.moved = False
 
     def status(self) -> Status:
-        """Look at it, as `:GU#` would tell."""
+        """Look at it, as `:GU#` would say."""
         mechanics = self._mechanics
         side = mechanics.pier_side()
         # at home there is no side, and a fork's is east [ONSTEP Mount::update]
@@ -340,7 +340,7 @@ _RATE_NAMES = {"G": 2, "C": 5, "M": 6, "F": 7, "S": 8}
 """Which number of `:Rn#` the letters choose [ONSTEP]."""
 _PULSE_RATE_DEG_S = 0.5 * SIDEREAL_DEG_S
 """What `_PULSE_RATE` stands for."""
-# what :GE# tells of orders that were done, and of values that make no sense [ONSTEP CommandError]
+# what :GE# reports of orders that were done, and of values that make no sense [ONSTEP CommandError]
 _YES, _OUT_OF_RANGE = 25, 4
 
 

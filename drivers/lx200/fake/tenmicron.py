@@ -147,7 +147,7 @@ _RATES = {
 }
 _HZ = {TrackingRate.SIDEREAL: b"60.2#", TrackingRate.LUNAR: b"57.9#", TrackingRate.SOLAR: b"60.0#"}
 _NO_AIR = Air(pressure_hpa=0.0)
-"""Positions without refraction, as the mount tells them when refraction is off."""
+"""Positions without refraction, as the mount reports them when refraction is off."""
 _GUIDE_RATE_DEG_S = 0.5 * SIDEREAL_DEG_S
 """Half sidereal, what the fake's pulses move at. Chosen by hand: the mount's setting is its owner's."""
 _MOVE_RATES = {"G": 0.5, "C": 64.0, "M": 600.0, "S": 1200.0}
@@ -272,7 +272,7 @@ class TenMicronSpeaker:
     # -- state -----------------------------------------------------------------------------------
 
     def status(self) -> MountStatus:
-        """What it does, as `:Gstat#` tells."""
+        """What it does, as `:Gstat#` reports."""
         mechanics = self.mechanics
         if mechanics.parked:
             return MountStatus.PARKED

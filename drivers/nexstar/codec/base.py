@@ -56,7 +56,7 @@ def _unanswered(sent: bytes, meaning: str) -> Command[None]:
 STOP = _unanswered(b"M" + _HALT, "stop")
 """Goto cancelled and both axes halted in one piece."""
 SYNSCAN_STOP = _unanswered(b"MM" + _HALT, "stop")
-"""A SynScan wants to be told twice [INDI synscan]."""
+"""A SynScan wants the stop twice [INDI synscan]."""
 
 
 def press(axis: Axis, rate: int) -> Command[None]:

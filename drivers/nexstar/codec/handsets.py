@@ -106,7 +106,7 @@ class Handset:
 
     @property
     def starsense(self) -> bool:
-        """A StarSense: its versions begin anew at 1.0, with all that a NexStar 5 has but for a few words."""
+        """A StarSense: its versions begin again at 1.0, with all that a NexStar 5 has but for a few words."""
         return self.variant == STARSENSE
 
     @property
@@ -168,7 +168,7 @@ class Handset:
 
     @property
     def mirrors_pier_side(self) -> bool:
-        """Whether it tells the wrong side in the south: up to 5.24, no StarSense [INDI celestrongps]."""
+        """Whether it reports the wrong side in the south: up to 5.24, no StarSense [INDI celestrongps]."""
         return not self.synscan and not self.starsense and self.version <= Version(5, 24)
 
     @property

@@ -96,7 +96,7 @@ def time_from_bytes(packed: bytes) -> WireTime:
 
 
 def fine_time_from_bytes(packed: bytes) -> WireTime:
-    """Time whose zone is told in quarters of an hour [NexStar i]; raises as `time_from_bytes` does."""
+    """Time whose zone is given in quarters of an hour [NexStar i]; raises as `time_from_bytes` does."""
     return _time(packed, 4)
 
 
