@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def _open_mount(url: MountUrl, name: str | None, site: Site | None) -> GenericMount:
     from drivers.generic.options import read_options
     from drivers.ioptron.codec.greeting import COMMAND_SETS
-    from drivers.ioptron.mount import BAUD, ioptron_language
+    from drivers.ioptron.language import BAUD, ioptron_language
 
     options = read_options(url.options, "ioptron", baud=BAUD, timeout_s=5.0, dialects=COMMAND_SETS)
     language = ioptron_language(

@@ -6,6 +6,7 @@ order then shows in the readings.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from datetime import datetime
 
 from drivers.generic.language import Identity, Readout, Sent, Wanted
@@ -17,7 +18,10 @@ from drivers.ioptron.codec.greeting import COMMAND_SETS, GREETING, Model, model
 from drivers.ioptron.codec.values import MountState, PierSide, Status, TrackingRate
 from drivers.ioptron.exchange import IoptronExchange, destination_side, site_of, why_not
 from drivers.wire.command import Command
+from drivers.wire.exchange import Patience
+from drivers.wire.line import ByteLine, ControlLines, SerialLine
 from drivers.wire.link import Link
+from drivers.wire.wire_log import WireLog
 from mountnav import devices
 from mountnav.clock import utc_now
 from mountnav.devices import Direction, Epoch, Skill
@@ -406,3 +410,38 @@ class IoptronLanguage(SerialLanguage):
             raise self._exchange.no(
                 f"can't {what}: a {self._model.name} has no such command", Refusal.UNSUPPORTED
             )
+
+
+BAUD = 115_200
+"""Of v3 mounts; hand controllers 8407 and 8408, and most v2 mounts, speak at 9600 [IOPTRON, INDI ieqpro]."""
+
+
+def ioptron_language(
+    line: str | Callable[[], ByteLine],
+    *,
+    baud: int = BAUD,
+    control: ControlLines | None = None,
+    epoch: Epoch = "apparent",
+    dialect: str | None = None,
+    patience: Patience | None = None,
+) -> IoptronLanguage:
+    """Make the language over a line of its own; nothing is opened yet.
+
+    Parameters
+    ----------
+    line : str or callable
+        Address for a `SerialLine`, or a function that makes a `ByteLine`.
+    baud : int
+        Speed of a serial port.
+    control : ControlLines, optional
+        Of a serial port.
+    epoch : {"apparent", "icrs"}
+        Kind of coordinates it is taken to speak.
+    dialect : {"v2", "v3"}, optional
+        Its command set; found out by default.
+    patience : Patience, optional
+        For one question.
+    """
+    log = WireLog()
+    made = SerialLine(line, baud=baud, log=log, control=control) if isinstance(line, str) else line()
+    return IoptronLanguage(Link(made, patience or Patience(), log), epoch=epoch, dialect=dialect)

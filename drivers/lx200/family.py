@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def _open_mount(url: MountUrl, name: str | None, site: Site | None) -> GenericMount:
     from drivers.generic.options import read_options
-    from drivers.lx200.mount import lx200_language
+    from drivers.lx200.language import lx200_language
 
     options = read_options(url.options, "lx200", baud=9600, timeout_s=5.0, dialects=_dialect_names())
     language = lx200_language(

@@ -31,7 +31,7 @@ def _open_synscan(url: MountUrl, name: str | None, site: Site | None) -> Generic
 
 def _open(url: MountUrl, name: str | None, site: Site | None, driver: str, epoch: Epoch) -> GenericMount:
     from drivers.generic.options import read_options
-    from drivers.nexstar.mount import nexstar_language, patience_of
+    from drivers.nexstar.language import nexstar_language, patience_of
 
     options = read_options(url.options, driver, baud=9600, timeout_s=8.0, epoch=epoch, own=_PARK)
     language = nexstar_language(

@@ -28,7 +28,7 @@ _RANGES = {
 
 def _open_mount(url: MountUrl, name: str | None, site: Site | None) -> GenericMount:
     from drivers.generic.options import read_options
-    from drivers.skywatcher.mount import BAUD, PATIENCE, skywatcher_language
+    from drivers.skywatcher.language import BAUD, PATIENCE, skywatcher_language
     from drivers.wire.exchange import Patience
 
     options = read_options(url.options, "skywatcher", baud=BAUD, timeout_s=PATIENCE.deadline_s, own=_RANGES)

@@ -13,7 +13,7 @@ from drivers.fakes.bench import FakeOnPty
 from drivers.generic.mount import GenericMount
 from drivers.ioptron.codec.values import MountState
 from drivers.ioptron.fake import FAKES, MACHINE, make_fake
-from drivers.ioptron.mount import ioptron_language, ioptron_mount
+from drivers.ioptron.language import ioptron_language
 from drivers.registry import open_mount
 from mountnav.clock import utc_now
 from mountnav.devices import Direction, PierSide, Skill, SlewOutcome, TrackingRate
@@ -33,6 +33,7 @@ from tests.drivers.ioptron.german_fakes import (
     mechanics_of,
     opened,
 )
+from tests.drivers.mounts import ioptron_mount
 
 FAST_DEG_S = 300.0
 BOTH = pytest.mark.parametrize("dialect", ["v3", "v2"])

@@ -13,11 +13,11 @@ from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
 from drivers.lx200.fake.base import FakeLx200
 from drivers.lx200.fake.dialects import make_fake
-from drivers.lx200.mount import lx200_mount
 from drivers.wire.exchange import Patience
 from mountnav.clock import utc_now
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Apparent, Site
+from tests.drivers.mounts import lx200_mount
 
 SITE = Site(49.6, 36.9)
 PATIENCE = Patience(deadline_s=3.0, try_s=0.5, quiet_s=0.05)

@@ -18,7 +18,6 @@ from drivers.lx200.codec.dialect import Handshake
 from drivers.lx200.dialects import dialect_named, names, recognized
 from drivers.lx200.fake.base import FakeLx200
 from drivers.lx200.fake.dialects import make_fake
-from drivers.lx200.mount import lx200_mount
 from drivers.registry import fake_dialects
 from drivers.wire.exchange import Patience
 from mountnav.clock import utc_now
@@ -28,6 +27,7 @@ from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Apparent, Site
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.testing.check_mount import check_mount
+from tests.drivers.mounts import lx200_mount
 
 HERE = Site(49.6, 36.9)
 PATIENCE = Patience(deadline_s=2.0, try_s=0.4, quiet_s=0.05)

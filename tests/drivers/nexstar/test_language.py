@@ -18,7 +18,6 @@ from drivers.nexstar.codec import base
 from drivers.nexstar.codec.handsets import Handset, Version
 from drivers.nexstar.fake import FakeNexstar
 from drivers.nexstar.family import NEXSTAR, SYNSCAN
-from drivers.nexstar.mount import nexstar_mount
 from drivers.nexstar.parking import Horizon
 from drivers.registry import MountUrl
 from drivers.wire.exchange import Patience
@@ -30,6 +29,7 @@ from mountnav.sky.chain import apparent_to_icrs, sidereal_time_deg
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.testing.check_mount import check_mount
+from tests.drivers.mounts import nexstar_mount
 
 HERE = Site(49.6, 36.9)
 PATIENCE = Patience(deadline_s=2.0, try_s=0.25, quiet_s=0.02)

@@ -17,7 +17,6 @@ from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
 from drivers.nexstar.codec.handsets import STARSENSE, Handset, Tracking, Version
 from drivers.nexstar.fake import AVX, CELESTRON_FAKES, FakeNexstar, make_fake
-from drivers.nexstar.mount import nexstar_mount
 from drivers.nexstar.parking import Horizon
 from drivers.wire.exchange import Patience
 from mountnav.clock import utc_now
@@ -27,6 +26,7 @@ from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.chain import sidereal_time_deg
 from mountnav.sky.coordinates import Air, Apparent, Site
 from mountnav.sky.sphere import separation_arcsec
+from tests.drivers.mounts import nexstar_mount
 
 HERE = Site(49.6, 36.9)
 SOUTH = Site(-33.9, 151.2)

@@ -15,12 +15,12 @@ from drivers.registry import MountUrl
 from drivers.skywatcher.codec import Axis, Board
 from drivers.skywatcher.fake import BOARDS
 from drivers.skywatcher.family import FAMILY
-from drivers.skywatcher.mount import skywatcher_mount
 from mountnav.clock import utc_now
 from mountnav.devices import Direction, PierSide, SlewOutcome, SyncOutcome, TrackingRate
 from mountnav.errors import BadSettings, DeviceRefused, DeviceSilent, Refusal
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, Site
 from mountnav.testing.check_mount import check_mount
+from tests.drivers.mounts import skywatcher_mount
 from tests.drivers.skywatcher.quick_fakes import (
     NORTH,
     PATIENCE,
