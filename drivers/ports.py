@@ -142,7 +142,9 @@ async def probe(address: str, asked: Iterable[Family] | None = None) -> Probed:
 def probes(asked: Iterable[Family] | None = None) -> list[tuple[str, Probe]]:
     """List names and probes of families (all our own if None), in the order in which they must be asked."""
     found = [
-        (one.name, one.probe) for one in (families() if asked is None else asked) if one.probe is not None
+        (family.name, family.probe)
+        for family in (families() if asked is None else asked)
+        if family.probe is not None
     ]
     return sorted(found, key=lambda named: named[1].turn)
 

@@ -310,8 +310,8 @@ class AlpacaCameraLanguage:
 
     async def close(self) -> None:
         """Release the connection; the camera stays connected, for others."""
-        for one in [*self._aborting]:
-            await one
+        for abort in [*self._aborting]:
+            await abort
         await self._device.client.close()
 
     async def set_up(self) -> None:

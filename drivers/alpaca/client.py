@@ -82,8 +82,8 @@ class Connections:
 
     async def close(self) -> None:
         """Release all."""
-        for one in (self.looks, self.orders, self.stops):
-            await one.aclose()
+        for client in (self.looks, self.orders, self.stops):
+            await client.aclose()
 
 
 def _trusted(where: DeviceAddress) -> ssl.SSLContext:
@@ -375,7 +375,8 @@ class AlpacaClient:
             if not isinstance(value, list):
                 return []
             return [
-                f"{one['DeviceType'].lower()}/{one['DeviceNumber']} ({one['DeviceName']})" for one in value
+                f"{entry['DeviceType'].lower()}/{entry['DeviceNumber']} ({entry['DeviceName']})"
+                for entry in value
             ]
         except (DeviceError, Malformed, TypeError, KeyError, AttributeError):
             return []

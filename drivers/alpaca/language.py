@@ -146,11 +146,11 @@ class Moving:
     async def end(self) -> None:
         """Wait for no answer any more."""
         running = [*self._orders, *self._stops]
-        for one in running:
-            one.cancel()
-        for one in running:
+        for task in running:
+            task.cancel()
+        for task in running:
             with contextlib.suppress(asyncio.CancelledError, Exception):
-                await one
+                await task
 
 
 _HEIGHTS_M = (-1000.0, 20_000.0)
@@ -326,7 +326,7 @@ class AlpacaLanguage(Unskilled):
         told = await device.maybe("trackingrates", lambda value: value)
         if not isinstance(told, list) or not await device.has("trackingrate"):
             return frozenset()
-        return frozenset(one for one in told if type(one) is int)
+        return frozenset(rate for rate in told if type(rate) is int)
 
     async def _guide_rates_of(self, device: AlpacaDevice) -> tuple[float, float] | None:
         try:

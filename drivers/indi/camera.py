@@ -134,7 +134,7 @@ async def _whole(device: IndiDevice, habits: CameraHabits) -> list[str]:
     await device.ordered(messages.new_numbers(device.name, name, wanted), asking=name, echo=name)
     now = device.get(name)
     if now is None or not _is_whole(now, width_px, height_px):
-        part = [] if now is None else [now.number(one) for one in ("X", "Y", "WIDTH", "HEIGHT")]
+        part = [] if now is None else [now.number(element) for element in ("X", "Y", "WIDTH", "HEIGHT")]
         raise DeviceRefused(
             f"reads out {part} of its chip, and not all {width_px:.0f} × {height_px:.0f} pixels",
             device=device.address,

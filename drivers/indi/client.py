@@ -231,7 +231,7 @@ class IndiClient:
 
     def said_since(self, count: int, device: str) -> list[str]:
         """What a device's driver said after so many messages."""
-        return [one.text for one in self.words if one.count > count and one.device == device]
+        return [words.text for words in self.words if words.count > count and words.device == device]
 
     # -- hearing ---------------------------------------------------------------------------------
 

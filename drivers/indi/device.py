@@ -340,10 +340,10 @@ class _Answer:
     def came(self) -> bool:
         """Look at what was heard since the last look: a driver may say thousands of things meanwhile."""
         fresh, self._seen = self._heard[self._seen :], len(self._heard)
-        for one in fresh:
-            if isinstance(one, Changed) and one.name == self.echo:
+        for event in fresh:
+            if isinstance(event, Changed) and event.name == self.echo:
                 self._echoed = True
-            elif isinstance(one, Defined) and one.name == self.asking:
+            elif isinstance(event, Defined) and event.name == self.asking:
                 self.told = True
                 self._came = self._came or self._echoed
         return self._came

@@ -420,7 +420,7 @@ class IndiLanguage(Unskilled):
     async def guiding(self) -> bool | None:
         """Whether a pulse still runs: its property is busy until then; None where there is none."""
         pulses = [self._device.get(name) for name, _, _ in _PULSES.values()]
-        return any(one is not None and one.state == "Busy" for one in pulses) if any(pulses) else None
+        return any(pulse is not None and pulse.state == "Busy" for pulse in pulses) if any(pulses) else None
 
     async def _switch(self, name: str, switches: dict[str, bool], what: str) -> Sent:
         """Order something that takes a while."""

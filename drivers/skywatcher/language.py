@@ -279,7 +279,7 @@ class SkywatcherLanguage(SkywatcherReading):
         """Signed rate of the second axis that raises the declination."""
         turns = await self._turns()
         little = Turns(turns.first_deg, turns.second_deg + 1e-4)
-        here, there = (sight(one, self._site.latitude_deg) for one in (turns, little))
+        here, there = (sight(posture, self._site.latitude_deg) for posture in (turns, little))
         return math.copysign(rate_deg_s, there.dec_deg - here.dec_deg)
 
     # -- park, home ------------------------------------------------------------------------------

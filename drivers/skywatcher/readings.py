@@ -119,7 +119,7 @@ class SkywatcherReading(SerialLanguage):
         status = {axis: await motors.status(axis) for axis in Axis}
         self._rate = None
         problems = [await self._running(axis, status[axis]) for axis in Axis if status[axis].running]
-        if not all(one.initialized for one in status.values()):
+        if not all(motor.initialized for motor in status.values()):
             self._power_up_seen()
         elif not self._energized:
             self._energized = True
@@ -128,7 +128,7 @@ class SkywatcherReading(SerialLanguage):
                 "its motors are energized already, by whom is not known: the counts are taken as EQMod sets "
                 "them (declination axis on the equator: 0x800000); the position doesn't count before a sync"
             )
-        if self._parked and any(one.running for one in status.values()):
+        if self._parked and any(motor.running for motor in status.values()):
             self._parked = False
         gear = motors.gears[Axis.HOUR_ANGLE]
         text = f"{board.text}, {gear.counts} counts per turn ({gear.step_arcsec:.2f}″)"

@@ -322,10 +322,10 @@ def named_values(value: object) -> dict[str, Any]:
     if not isinstance(value, list):
         raise Malformed(f"{value!r:.80} where a device's state belongs")
     state = {}
-    for one in value:
-        if not isinstance(one, dict) or not isinstance(one.get("Name"), str):
-            raise Malformed(f"{one!r:.80} in a device's state")
-        state[one["Name"].lower()] = one.get("Value")
+    for member in value:
+        if not isinstance(member, dict) or not isinstance(member.get("Name"), str):
+            raise Malformed(f"{member!r:.80} in a device's state")
+        state[member["Name"].lower()] = member.get("Value")
     return state
 
 

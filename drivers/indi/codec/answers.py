@@ -10,7 +10,7 @@ import re
 from collections.abc import Sequence
 
 from drivers.generic.refusal_words import ADVICE, OF_HORIZON, OF_LIMITS, OF_PARKING
-from drivers.indi.codec.messages import Changed, Event, State
+from drivers.indi.codec.messages import Changed, Event, State, message_of
 from mountnav.errors import DeviceRefused, Refusal
 
 _REASONS = (
@@ -33,7 +33,7 @@ def plain(words: str) -> str:
 
 def spoken(events: Sequence[Event]) -> str:
     """What was said among events: errors and warnings if there are some, else all of it."""
-    texts = [text for one in events if (text := getattr(one, "message", ""))]
+    texts = [text for event in events if (text := message_of(event))]
     loud = [text for text in texts if text.startswith(_LOUD)]
     return "; ".join(dict.fromkeys(map(plain, loud or texts)))
 
@@ -68,13 +68,15 @@ def parked_refusal(what: str, device: str) -> DeviceRefused:
 def states_of(name: str, heard: Sequence[Event]) -> list[State]:
     """The states that a property was set to."""
     return [
-        one.state for one in heard if isinstance(one, Changed) and one.name == name and one.state is not None
+        event.state
+        for event in heard
+        if isinstance(event, Changed) and event.name == name and event.state is not None
     ]
 
 
 def is_loud(heard: Sequence[Event]) -> bool:
     """Whether an error or a warning was said."""
-    return any(getattr(one, "message", "").startswith(_LOUD) for one in heard)
+    return any(message_of(event).startswith(_LOUD) for event in heard)
 
 
 def was_refused(name: str, heard: Sequence[Event]) -> bool:
@@ -103,14 +105,14 @@ def was_turned(mode: str, name: str, heard: Sequence[Event]) -> bool:
         Since we set it, in order.
     """
     ours = True
-    for one in heard:
-        if not isinstance(one, Changed):
+    for event in heard:
+        if not isinstance(event, Changed):
             continue
-        if one.name == "ON_COORD_SET":
-            ours = one.values.get(mode) is True
-        elif one.name == name:
+        if event.name == "ON_COORD_SET":
+            ours = event.values.get(mode) is True
+        elif event.name == name:
             if not ours:
                 return True
-            if one.state is State.BUSY:
+            if event.state is State.BUSY:
                 return False
     return False

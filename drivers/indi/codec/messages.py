@@ -177,6 +177,11 @@ class Other:
 Event = Defined | Changed | Ordered | Deleted | Said | Pinged | PingAnswered | Other | Malformed
 
 
+def message_of(event: Event) -> str:
+    """What a driver says in words with an event; empty if nothing."""
+    return event.message if isinstance(event, Defined | Changed | Deleted | Said) else ""
+
+
 class Reader:
     """Bytes in, events out.
 
@@ -196,7 +201,7 @@ class Reader:
     def parts(self, data: bytes) -> Iterator[list[Event]]:
         """Take bytes, and yield what they complete; see `ElementStream.parts`."""
         for part in self._stream.parts(data):
-            yield [one if isinstance(one, Malformed) else event_of(one) for one in part]
+            yield [found if isinstance(found, Malformed) else event_of(found) for found in part]
 
 
 class _Nonsense(ValueError):

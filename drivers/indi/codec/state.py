@@ -136,7 +136,7 @@ class Properties:
                     values=before.values
                     if event.kind == "BLOB"
                     else before.values
-                    | {one: to for one, to in event.values.items() if one in before.values},
+                    | {name: value for name, value in event.values.items() if name in before.values},
                     told=utc,
                     told_s=at_s,
                     count=self.count,
@@ -161,10 +161,10 @@ class Properties:
         """Forget one, or with an empty name the whole device."""
         own = self._by_device.get(device, {})
         for gone in [name] if name else list(own):
-            one = own.pop(gone, None)
-            if one is not None:
+            forgotten = own.pop(gone, None)
+            if forgotten is not None:
                 self._properties -= 1
-                self.size_bytes -= one.size_bytes
+                self.size_bytes -= forgotten.size_bytes
         if not own:
             self._by_device.pop(device, None)
 
@@ -247,10 +247,10 @@ def is_real(coordinates: Property | None) -> bool:
 def slewing(coordinates: Property, get: Get) -> bool:
     """Whether it moves by an order: to coordinates, to park, home, or as long as a button is held."""
     orders = (coordinates, get("TELESCOPE_PARK"), get("TELESCOPE_HOME"))
-    if any(one is not None and one.state is State.BUSY for one in orders):
+    if any(order is not None and order.state is State.BUSY for order in orders):
         return True
     buttons = (get("TELESCOPE_MOTION_NS"), get("TELESCOPE_MOTION_WE"))
-    return any(one is not None and True in one.values.values() for one in buttons)
+    return any(button is not None and True in button.values.values() for button in buttons)
 
 
 def tracking(get: Get) -> bool | None:

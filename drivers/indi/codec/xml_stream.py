@@ -172,7 +172,7 @@ class ElementStream:
 
     def feed(self, data: bytes) -> list[Element | Malformed]:
         """Take bytes, and return what they complete."""
-        return [one for part in self.parts(data) for one in part]
+        return [found for part in self.parts(data) for found in part]
 
     def parts(self, data: bytes) -> Iterator[list[Element | Malformed]]:
         """Take bytes, and yield what they complete: after each part other tasks may have a turn."""
