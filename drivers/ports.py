@@ -57,7 +57,6 @@ class Probed:
 
     Attributes
     ----------
-    address : str
     family : str
         As in a mount's URL; empty if nothing known answered.
     baud : int or None

@@ -74,7 +74,6 @@ class Chip:
         Of the whole chip, not binned.
     pixel_um : float or None
         Not binned.
-    max_adu : float or None
     shortest_s, longest_s : float
         Exposures that it takes.
     pattern : str
@@ -255,10 +254,8 @@ class AlpacaCameraLanguage:
 
     Parameters
     ----------
-    device : AlpacaDevice
     name : str, optional
         For messages; the device's address by default.
-    habits : CameraHabits
     """
 
     def __init__(

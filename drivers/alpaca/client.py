@@ -48,10 +48,6 @@ _KEPT = 8
 class Connections:
     """Three sets of connections, so that no kind waits for another.
 
-    Parameters
-    ----------
-    where : Where
-
     Raises
     ------
     DeviceMissing
@@ -128,8 +124,6 @@ async def answered(
 
     Parameters
     ----------
-    client : httpx.AsyncClient
-    method, url : str
     most_bytes : int
         What the body may have, unpacked.
     headers, said : mapping, optional
@@ -250,8 +244,6 @@ class AlpacaClient:
 
     Parameters
     ----------
-    where : Where
-    log : WireLog
     deadline_s : float
         For each question and order.
     """

@@ -49,7 +49,6 @@ class AlpacaDevice:
 
     Parameters
     ----------
-    client : AlpacaClient
     connect_s : float
         For its driver to connect to the hardware.
     """

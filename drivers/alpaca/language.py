@@ -37,7 +37,6 @@ class Moving:
 
     Parameters
     ----------
-    client : AlpacaClient
     reader : MountReader
         Keeps what failed.
     longest_s : float
@@ -56,8 +55,6 @@ class Moving:
 
         Parameters
         ----------
-        member : str
-        parameters : mapping
         at_once : bool
             Whether it answers when the motion begins; else it may answer at its end.
 
@@ -190,8 +187,6 @@ class AlpacaLanguage(Unskilled):
 
     Parameters
     ----------
-    device : AlpacaDevice
-    habits : AlpacaHabits
     longest_order_s : float
         For orders of old drivers that answer only when the motion is over.
     """

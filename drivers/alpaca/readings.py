@@ -27,12 +27,7 @@ _TELLS_STATE = 4
 
 
 class MountReader:
-    """Makes the readouts of one telescope.
-
-    Parameters
-    ----------
-    device : AlpacaDevice
-    """
+    """Makes the readouts of one telescope."""
 
     def __init__(self, device: AlpacaDevice) -> None:
         self._device = device

@@ -61,7 +61,6 @@ async def set_up(device: IndiDevice, habits: CameraHabits) -> list[str]:
     ----------
     device : IndiDevice
         Of the camera, up.
-    habits : CameraHabits
 
     Raises
     ------
@@ -198,7 +197,6 @@ class IndiCameraLanguage:
         Of the camera, on a connection of its own.
     name : str, optional
         For messages; the device's address by default.
-    habits : CameraHabits
     """
 
     def __init__(

@@ -83,12 +83,8 @@ class IndiClient:
 
     Parameters
     ----------
-    host : str
-    port : int
     device : str
         About which device; empty for all.
-    log : WireLog
-    pulse : Pulse
     """
 
     def __init__(

@@ -31,7 +31,6 @@ class IndiDevice:
 
     Parameters
     ----------
-    client : IndiClient
     name : str
         Of the device, as the server has it.
     deadline_s : float
@@ -205,7 +204,6 @@ class IndiDevice:
 
         Parameters
         ----------
-        messages : bytes
         asking : str
             A property that the device has.
         echo : str

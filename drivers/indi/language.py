@@ -50,7 +50,6 @@ class CoordinateOrders:
 
     Parameters
     ----------
-    device : IndiDevice
     reader : MountReader
         Of the same device.
     """
@@ -220,7 +219,6 @@ class IndiLanguage(Unskilled):
     ----------
     device : IndiDevice
         Of the mount; its connection is about that device alone.
-    habits : IndiHabits
     """
 
     def __init__(self, device: IndiDevice, habits: IndiHabits | None = None) -> None:

@@ -28,12 +28,7 @@ polls of a driver that polls once a second."""
 
 
 class MountReader:
-    """Makes the readouts of one device.
-
-    Parameters
-    ----------
-    device : IndiDevice
-    """
+    """Makes the readouts of one device."""
 
     def __init__(self, device: IndiDevice) -> None:
         self._device = device

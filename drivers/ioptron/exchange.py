@@ -26,8 +26,6 @@ class IoptronExchange:
 
     Parameters
     ----------
-    link : Link
-    words : Words
     model : Model
         Who answers; `words` and `model` are put right by the greeting.
     """

@@ -62,16 +62,8 @@ class Memory:
     ----------
     model : str
         Four digits.
-    altitude_limit_deg : int
-    target_ra_deg, target_dec_deg : float
-    park : Horizontal
-    arrow_speed : int
     guide_rates, meridian, custom_rate : bytes
         As they stand on the wire.
-    offset_min : int
-    summer_time : bool
-    northern : bool
-    time_source : int
     arrows : set of str
         Directions in which an arrow key is held.
     by_hand : bool
@@ -110,8 +102,6 @@ class FakeReports:
 
     Parameters
     ----------
-    mechanics : Mechanics
-    memory : Memory
     dialect : {"v3", "v2"}
     """
 

@@ -50,7 +50,6 @@ class IoptronLanguage(SerialLanguage):
 
     Parameters
     ----------
-    link : Link
     epoch : {"apparent", "icrs"}
         Kind of coordinates it is set to speak.
     dialect : {"v2", "v3"}, optional

@@ -80,7 +80,6 @@ class Lx200Language(SerialLanguage):
 
     Parameters
     ----------
-    link : Link
     dialect : Dialect, optional
         Instead of the one that the handshake shows.
     epoch : {"apparent", "icrs"}, optional

@@ -56,7 +56,6 @@ class Lx200Reader:
 
     Parameters
     ----------
-    link : Link
     named : Dialect or None
         The dialect that was chosen for it; None to find it by its handshake.
     """

@@ -25,12 +25,7 @@ fails where it still could be used."""
 
 
 class HandsetExchange:
-    """Questions and orders over a link.
-
-    Parameters
-    ----------
-    link : Link
-    """
+    """Questions and orders over a link."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
@@ -129,7 +124,6 @@ class Greeting:
 
     Attributes
     ----------
-    handset : Handset
     short : bool
         Whether places come in four digits only.
     pulse_percent : int

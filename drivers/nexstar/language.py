@@ -127,7 +127,6 @@ class NexstarLanguage(SerialLanguage):
 
     Parameters
     ----------
-    link : Link
     epoch : {"apparent", "icrs"}
         Kind of coordinates it is taken to speak; no answer says which. Usual: JNow for Celestron, J2000 for
         SynScan.

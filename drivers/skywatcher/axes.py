@@ -214,11 +214,9 @@ def side_for(
 
     Parameters
     ----------
-    ha_deg, dec_deg : float
     present : PierSide
         It is kept when the counterweight would rise above the horizontal by no more than `past_deg`: a place
         just past the meridian needs no flip.
-    latitude_deg, past_deg : float
     """
     if rise_deg(turns_at(ha_deg, dec_deg, present, latitude_deg)) <= past_deg:
         return present

@@ -27,8 +27,6 @@ class FakeBoard:
 
     Attributes
     ----------
-    board : Board
-    gears : dict of Axis to Gearing
     features : str or None
         Answer to ``:q``; None on old boards, which don't know it.
     goto_deg_s, slow_goto_deg_s, acceleration_deg_s2 : float
@@ -80,8 +78,6 @@ class FakeMotor:
 
     Parameters
     ----------
-    axis : Axis
-    board : FakeBoard
     mechanics : Mechanics
         German.
     """

@@ -350,7 +350,6 @@ def skywatcher_language(
         Of a serial port.
     patience : Patience
         For one question.
-    settings : SkywatcherSettings, optional
 
     Raises
     ------

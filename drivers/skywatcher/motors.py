@@ -53,7 +53,6 @@ class Count:
 
     Attributes
     ----------
-    value : int
     utc : datetime
         In the middle between question and answer.
     span_s : float
@@ -70,7 +69,6 @@ class Motors:
 
     Parameters
     ----------
-    link : Link
     fastest_deg_s : float
         A count that an axis can't have come to at this rate is doubted.
 

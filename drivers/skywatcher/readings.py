@@ -47,10 +47,8 @@ class SkywatcherReading(SerialLanguage):
 
     Parameters
     ----------
-    link : Link
     site : Site
         Where the mount stands: without it there is no sky for it.
-    settings : SkywatcherSettings, optional
     """
 
     def __init__(self, link: Link, site: Site, settings: SkywatcherSettings | None = None) -> None:

@@ -46,11 +46,8 @@ class Steering:
 
     Parameters
     ----------
-    motors : Motors
-    axis_counts : AxisCounts
     latitude_deg : float
         Of the site.
-    settings : SkywatcherSettings
     """
 
     def __init__(

@@ -164,7 +164,6 @@ class Answer:
         None where there is none.
     error_number : int
         0 for none; without the upper half in which COM drivers wrap it.
-    error_message : str
     """
 
     value: object
@@ -194,7 +193,6 @@ def read_answer(body: bytes, content_type: str, transaction_id: int) -> Answer:
 
     Parameters
     ----------
-    body : bytes
     content_type : str
         As the answer's header says.
     transaction_id : int

@@ -140,7 +140,6 @@ class Told:
     ----------
     start : datetime or None
         By its own clock, aware UTC.
-    duration_s : float or None
     """
 
     start: datetime | None = None
@@ -153,7 +152,6 @@ class Exposure:
 
     Attributes
     ----------
-    exposure_s : float
     ordered : datetime
         When the order went out.
     accepted : datetime
@@ -183,10 +181,8 @@ class Exposure:
 
         Parameters
         ----------
-        told : Told
         came : datetime, optional
             When it was seen to be ready, by our clock; without it times are not compared.
-        tolerance_s : float
         clocks_agree : bool
             Whether the camera's clock agreed with ours lately.
         """
@@ -211,7 +207,6 @@ class Exposure:
 
         Parameters
         ----------
-        told : Told
         came : datetime
             When the image was seen to be ready, by our clock.
         tolerance_s : float

@@ -92,7 +92,6 @@ class Exposure:
 
     Attributes
     ----------
-    exposure_s : float
     ordered : datetime
         When, by our clock.
     ordered_s : float
@@ -110,7 +109,6 @@ class Exposure:
         small computer many seconds.
     done_s : float
         When it was first heard to be.
-    failed : bool
     overtaken : bool
         Another program ordered an exposure meanwhile: its driver has dropped this one.
     early : (Blob, datetime) or None
@@ -219,7 +217,6 @@ class Exposure:
             Mid-exposure.
         came : datetime
             When the file arrived, by our clock.
-        tolerance_s : float
         clocks_agree : bool
             Whether the clock of its computer agreed with ours lately.
         """

@@ -79,17 +79,13 @@ class Defined:
 
     Attributes
     ----------
-    device, name : str
     kind : {"Text", "Number", "Switch", "Light", "BLOB"}
-    state : State
     perm : str
         "ro", "wo", "rw"; lights have none.
     rule : str
         Of switches: "OneOfMany", "AtMostOne", "AnyOfMany".
-    label, group : str
     values : dict
         By element; BLOBs have none yet.
-    message : str
     raw : bytes
         As it came, abbreviated.
     """

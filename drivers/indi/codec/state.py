@@ -22,11 +22,9 @@ class Property:
 
     Attributes
     ----------
-    device, name : str
     kind : {"Text", "Number", "Switch", "Light", "BLOB"}
     state : State
         The driver's claim.
-    perm, rule : str
     values : dict
         By element.
     told : datetime
@@ -270,7 +268,6 @@ def at_home(get: Get, homed: bool) -> bool | None:
 
     Parameters
     ----------
-    get : callable
     homed : bool
         Whether homing was the last order to move.
     """

@@ -77,11 +77,8 @@ class Element:
 
     Attributes
     ----------
-    tag : str
-    attributes : dict
     pieces : tuple of bytes
         What stands directly in it, in the pieces it came in: a large file is not copied here.
-    children : tuple of Element
     raw : bytes
         As it came, long texts abbreviated; empty for children.
     """
@@ -104,7 +101,6 @@ class Malformed:
 
     Attributes
     ----------
-    why : str
     excerpt : bytes
         Where it was broken.
     device : str or None

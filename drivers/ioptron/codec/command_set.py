@@ -29,7 +29,6 @@ class CommandSet:
         Where it points.
     has_pier_side : bool
         Whether `pointing` reports the side of the pier.
-    clock : Command
     clock_step_s : float
         By how much its reading may be behind.
     slew : Command
@@ -38,7 +37,6 @@ class CommandSet:
         Take a target's degrees.
     pulse : callable
         ``pulse(heading, duration_ms)``.
-    longest_pulse_ms : int
     before_clock : tuple of Command
         Said before a clock is set.
     set_clock : callable

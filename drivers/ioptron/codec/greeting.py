@@ -94,7 +94,6 @@ class Model:
         Empty for an unknown one.
     searches_home : bool
         It has sensors at its home position.
-    parks : bool
     equatorial : bool
         Alt-azimuth mounts neither guide nor take a sync by right ascension and declination.
     """

@@ -71,8 +71,6 @@ class Status:
         The mount's site; east and north positive.
     gps : int
         0 no module, 1 no data, 2 data.
-    state : MountState
-    rate : TrackingRate
     arrow_speed : int
         1..9, the speed of motion by arrow keys.
     time_source : int

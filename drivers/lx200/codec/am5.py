@@ -64,10 +64,8 @@ class Status:
 
     Attributes
     ----------
-    tracking, slewing, at_home : bool
     equatorial : bool
         Or else set up as an altazimuth.
-    low_voltage, stalled, guiding : bool
     """
 
     tracking: bool

@@ -129,7 +129,6 @@ class Dialect:
         Whether a slew leaves a mount that doesn't track as it was: then tracking is switched on before.
     tracking_on, tracking_off : tuple of Order
         Empty where it can't.
-    rates : mapping of TrackingRate to Order
     park, unpark, home, set_park : tuple of Order
         Empty where it can't. Each is sent once.
     finds_home : bool

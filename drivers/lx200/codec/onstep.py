@@ -97,11 +97,8 @@ class Status:
     ----------
     tracking, slewing : bool
         `slewing` is a goto, also to park or home [ONSTEP :GU# N].
-    parked, parking, park_failed : bool
-    at_home, homing : bool
     guiding : bool
         A pulse or a motion at guide rate.
-    pier_side : PierSide
     rate : TrackingRate
         Sidereal where no letter says otherwise.
     error : int

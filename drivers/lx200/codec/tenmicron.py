@@ -91,12 +91,8 @@ class Info:
     ----------
     ra, dec : WireAngle
         Of date.
-    pier_side : PierSide
-    azimuth_deg, altitude_deg : float
     utc : datetime
         Its clock.
-    status : MountStatus
-    slewing : bool
     """
 
     ra: WireAngle

@@ -44,12 +44,7 @@ _AZIMUTH = re.compile(r"(\d{1,3})[*:](\d{2})(?:[:'](\d{2})(?:\.\d)?)?")
 
 
 class Horizon:
-    """Words in altitude and azimuth, by the mount's own clock and site; azimuths from north through east.
-
-    Parameters
-    ----------
-    mechanics : Mechanics
-    """
+    """Words in altitude and azimuth, by the mount's own clock and site; azimuths from north through east."""
 
     def __init__(self, mechanics: Mechanics) -> None:
         self._mechanics = mechanics

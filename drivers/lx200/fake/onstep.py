@@ -143,14 +143,8 @@ _BELOW, _PARKED, _IN_GOTO, _LIMIT, _IN_MOTION, _UNSPECIFIED = (
 class OnStepMotion:
     """Its orders to move, and its state.
 
-    Parameters
-    ----------
-    mechanics : Mechanics
-    settings : Settings
-
     Attributes
     ----------
-    target_ra_deg, target_dec_deg : float
     going : bool
         A goto runs, also to park or home.
     moved : bool

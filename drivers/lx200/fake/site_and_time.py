@@ -16,10 +16,6 @@ _DATE_FORMS = {r"\d\d/\d\d/\d\d": "%m/%d/%y", r"\d\d/\d\d/\d{4}": "%m/%d/%Y", r"
 class Settings:
     """The site and the time that are set in the mount; the mechanics keep both.
 
-    Parameters
-    ----------
-    mechanics : Mechanics
-
     Attributes
     ----------
     hours_to_utc : float

@@ -85,7 +85,6 @@ class Handset:
 
     Attributes
     ----------
-    version : Version
     variant : int or None
         ``0x11`` NexStar, ``0x13`` StarSense; None where it was not asked.
     model : int or None
