@@ -86,11 +86,15 @@ def family(name: str) -> Family:
         module, _, value = _FAMILIES[name].partition(":")
         own: Family = getattr(importlib.import_module(module), value)
         return own
-    # packages are asked only for what isn't ours: reading what is installed takes longer than all else here
     for entry in entry_points(group=GROUP, name=name):
         found = entry.load()
         return found if isinstance(found, Family) else Family(name=name, open_mount=_with_site(found))
     raise KeyError(name)
+
+
+def _is_known(name: str) -> bool:
+    # packages are asked only for what isn't ours: reading what is installed takes longer than all else here
+    return name in _FAMILIES or name in drivers()
 
 
 def _with_site(make: Callable[..., Any]) -> Callable[..., Any]:
@@ -133,10 +137,9 @@ def read_url(url: str) -> MountUrl:
     if port == 0:
         raise wrong("names port 0", "ports are from 1 to 65535")
     driver, _, transport = parts.scheme.partition("+")
-    try:
-        spoken = family(driver)
-    except KeyError:
-        raise wrong("names no known driver", _known_drivers(driver, transport, parts)) from None
+    if not _is_known(driver):
+        raise wrong("names no known driver", _known_drivers(driver, transport, parts))
+    spoken = family(driver)
     split = UrlParts(
         shown=shown,
         driver=driver,
@@ -242,10 +245,7 @@ def fake_protocols() -> list[str]:
 
 def fakes(protocol: str) -> Fakes:
     """Return the fakes of a protocol. Raises `BadRequest` if there are none."""
-    try:
-        found = family(protocol).fakes
-    except KeyError:
-        found = None
+    found = family(protocol).fakes if _is_known(protocol) else None
     if found is None:
         raise BadRequest(
             f"there is no fake that speaks {protocol}", advice=f"there is: {', '.join(fake_protocols())}"
