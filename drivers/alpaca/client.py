@@ -4,6 +4,9 @@
 - An order goes out once, over a connection of its own, so that it never meets one that has just been closed.
   An answer that doesn't come leaves its outcome unknown, and the error says so.
 - A stop has a connection of its own, beside all others.
+
+A server may send without end, and 1 MB of gzip unpacks to 1 GB: neither may take the memory, nor
+keep the loop from a stop.
 """
 
 from __future__ import annotations

@@ -1,6 +1,9 @@
 """An Alpaca telescope, as a language: which members make a reading or an order, and what their answers mean.
 
 Readings stand in `readings`, bringing it up in `device`, HTTP in `client`.
+
+An order goes out once. Old drivers answer some of them only when the motion is over: then the answer is
+awaited in the background, and an error in it is kept for the reading that follows the motion.
 """
 
 from __future__ import annotations

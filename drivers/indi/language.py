@@ -2,6 +2,11 @@
 
 Readings stand in `readings`; coordinates are given by `CoordinateOrders`, with the switch that says what
 they mean.
+
+What an order to the coordinates means depends on a switch of its own (ON_COORD_SET) that every client of the
+server can turn. So it is set and seen before each order, set again in the same write as the coordinates, and
+never left on SYNC. If another program changed it in between, the order's outcome is not known, and that is
+reported.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""How an iOptron mount is asked and ordered, and what we compute for one that does not say it."""
+"""How an iOptron mount is asked and ordered, and what we compute for one that does not say it.
+
+A bare `1` says nothing of its question, and each stop is answered by one. So every order is preceded by a
+question whose answer is a text: when that has come, no older `1` is on its way.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Questions to a hand control: which one it is, and no answer taken for that of another question."""
+"""Questions to a hand control: which one it is, and no answer taken for that of another question.
+
+All answers that were owed have come when a letter comes back that was not used just before [NexStar K].
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,23 @@
-"""From the sky to the counts of a German mount's two axes and back, at our site by our clock; no I/O."""
+"""From the sky to the counts of a German mount's two axes and back, at our site by our clock; no I/O.
+
+A motor makes one step every `period` ticks of the board's timer, in the high speed range as many more as its
+ratio says [SKYWATCHER :I :g]: rate = timer · 360° / (counts per turn · period). Gotos don't obey the period;
+the board ramps them by itself (measured by an owner of an HEQ5: 3.5°/s, 2.2°/s²).
+
+The axes are counted as *turns*, in degrees, as EQMod counts them [INDI eqmod]: the first is 0 with the
+counterweight down and grows towards forward counts, the second is 90 with the tube along the polar axis.
+Below 90 the tube hangs on one side of the pier, above 90 on the other. In the north the first axis runs
+forward with the sky, in the south backward. Home is (0, 90) everywhere.
+
+The controller has no sync. The difference between where the counts say the axes stand and where the sky says
+they do is kept here, per side, because the errors of a German mount change over with the side. A side without
+a sync of its own takes that of the other one: most of it is where the counting began.
+
+A board that was just switched on counts both axes from 0x800000 wherever they stand; they are taken to stand
+at home, the tube along the polar axis and the counterweight down. When we energize the motors the second axis
+is set a quarter of a turn on, as EQMod does: from then on 0x800000 is the declination axis on the equator for
+every program that reads the counts, for us after a restart too.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,15 @@
-"""Sky-Watcher motor controller commands, their values and the readers of their replies; no I/O."""
+"""Sky-Watcher motor controller commands, their values and the readers of their replies; no I/O.
+
+Numbers of 24 bits are hex with their bytes swapped: 0x123456 travels as ``563412``; positions are counted
+from 0x800000 [SKYWATCHER]. A ratio of 8 bits is plain hex. Status is three digits of flags [SKYWATCHER :f].
+
+``:`` command axis data CR is answered ``=`` data CR or ``!`` code CR. Replies don't say what they answer, and
+many are of one length, so a reader asks for the exact length and leaves the rest to the exchange (and, for
+positions, to what an axis can have reached).
+
+A board that got a question damaged says ``!1`` or ``!3``: that is no answer of the mount and is asked again.
+All commands but ``:J`` may be sent twice: they set registers, and only ``:J`` starts a motor.
+"""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ _HALT_S = 8.0
 Chosen by hand: more than the longest ramp (`_HARD_AFTER_S`) and what a hard stop takes."""
 _HARD_AFTER_S = 5.0
 """A motor that still runs so long after the order to slow down is stopped hard. Chosen by hand: by the
-numbers of an HEQ5 Pro its ramp from full speed takes 1.5 s."""
+numbers of an HEQ5 Pro its ramp from full speed takes 1.6 s."""
 _HARD_AFTER_STOPS = 8
 """From this repetition of a stop on it is a hard one. Chosen by hand; halved, a mount with a slow ramp is
 stopped with a jolt."""

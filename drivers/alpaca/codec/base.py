@@ -1,4 +1,8 @@
-"""Alpaca's addresses, forms, envelopes, values and error numbers; no I/O [Alpaca]."""
+"""Alpaca's addresses, forms, envelopes, values and error numbers; no I/O [Alpaca].
+
+Whatever does not match fully is `Malformed`: a page of a proxy, the answer to another question, a NaN, a
+number where a truth value belongs. None of it is ever taken for a place [Alpaca §2].
+"""
 
 from __future__ import annotations
 

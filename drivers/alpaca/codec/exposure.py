@@ -1,4 +1,8 @@
-"""One Alpaca exposure: its image into an array, when its middle was; no I/O [Alpaca §7]."""
+"""One Alpaca exposure: its image into an array, when its middle was; no I/O [Alpaca §7].
+
+Both hold a picture as [X][Y] or [X][Y][plane], the last index running fastest. Arrays here have rows first:
+shape (height, width), or (planes, height, width).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,18 @@
-"""One exposure behind INDI: its file unwrapped, which file is its own, its middle; no I/O."""
+"""One exposure behind INDI: its file unwrapped, which file is its own, its middle; no I/O.
+
+".z" is zlib's own format [INDI white paper, appendix]; ".fz" is a tile-compressed FITS file, which is read as
+such and stays as it is. Drivers send such a file in a buffer that is longer than it: `length` says how long.
+
+INDI doesn't say which exposure a file belongs to. A file counts as the one that was asked for when it came
+after the driver had begun, not before its exposure could be over, has the exposure that was ordered in its
+header, and not the time of an earlier file.
+
+What a driver says of its exposure may come late, out of order, or not at all: some expose before they say
+that they begin, some say it when the file is already there, some only say that they are done. So a file that
+came early by what we heard, but not by when we ordered it, is kept, and counts when no other comes: soon
+after its driver said that it is done, or long after it should have been. If it came before its driver said
+that it began, it counts only with a time in its header that fits.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""INDI's messages, read from the wire and written to it [INDI white paper 1.7]; no I/O, no clock."""
+"""INDI's messages, read from the wire and written to it [INDI white paper 1.7]; no I/O, no clock.
+
+Bytes in, events out. A message that is whole and makes no sense becomes `Malformed` like one that is broken:
+a change may be lost with it, and the client asks for the properties again, unless it names another
+device, or none.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,11 @@
-"""What the drivers behind a server say: properties with their latest values, and readings from them."""
+"""What the drivers behind a server say: properties with their latest values, and readings from them.
+
+Claims, not truths: "Ok" says that a driver is content, not that a mount has arrived. What is not defined is
+not there: a property that was set before it was defined, or after it was deleted, is passed over, for drivers
+carry out orders to deleted properties too; so is an element that its property doesn't have.
+
+Functions of the device's properties, each None where the driver has no such property or doesn't know.
+"""
 
 from __future__ import annotations
 

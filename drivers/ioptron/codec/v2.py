@@ -1,4 +1,11 @@
-"""The iOptron words and values of the v2 set where they differ from v3; no wire, no clock."""
+"""The iOptron words and values of the v2 set where they differ from v3; no wire, no clock.
+
+Declinations are hundredths of an arcsecond as in v3; right ascensions are milliseconds of time, site angles
+whole arcseconds, and the clock has local time [IOPTRON25, INDI ieqdriverbase].
+
+After what is quoted of iOptron's "RS-232 Command Language", version 2.5 [IOPTRON25], and what INDI's
+`indi_ieq_telescope` says and expects [INDI ieqdriverbase]. The document itself was not available.
+"""
 
 from __future__ import annotations
 

@@ -7,6 +7,9 @@ What matters of its behavior [ZWO]:
   releases that; older firmware knows no park and is parked by going home (`dialect=am5-old` for one that
   reports no version);
 - places are read and written to whole seconds: 15″ in right ascension.
+
+From ZWO's protocol document 2.1 as public drivers quote it [ZWO], and INDI's driver; no real mount was seen.
+Orders answer one bare character, or ``eN#`` [ZWO error codes].
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""Sexagesimal text and degrees as the LX200 wire writes them: pure, exact, full match or nothing."""
+"""Sexagesimal text and degrees as the LX200 wire writes them: pure, exact, full match or nothing.
+
+Rounding is done once, on the whole angle in the wire's smallest step, so that 59.99 s carries into the
+minute and 23:59:59.9 wraps to 00:00:00. A text that does not match wholly, or is out of range, is no angle.
+"""
 
 from __future__ import annotations
 

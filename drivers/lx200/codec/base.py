@@ -1,4 +1,13 @@
-"""The LX200 words that most dialects share: each command's bytes and the reader of its reply."""
+"""The LX200 words that most dialects share: each command's bytes and the reader of its reply.
+
+Nothing in a reply says where it ends [LX200 link and framing], so every command owns its reader. What goes
+wrong on a real cable, and how reading copes:
+
+- a reply comes in pieces: a reader says None until it is whole;
+- a reply is cut, or a bit flips: whatever does not match wholly and within its range is `Unreadable`;
+- a late reply comes after the next question: declinations need their sign, so no right ascension is one;
+- a reply is longer than any can be: `Unreadable`, rather than waiting for a `#` that never comes.
+"""
 
 from __future__ import annotations
 

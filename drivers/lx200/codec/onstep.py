@@ -7,6 +7,9 @@ What matters of its behavior [ONSTEP]:
 - `:MS#` during a goto is refused *and* ends that goto; so is `:hC#`;
 - `:hF#` declares the present place to be the home: never sent;
 - `:MN#` flips: in the codec, sent only when asked for.
+
+Facts from the firmware's own source, OnStep 4.24 and OnStepX 10.28 [ONSTEP], and from the recorded dialogue
+of INDI's driver. Answers by number are one bare character, texts end with `#`.
 """
 
 from __future__ import annotations

@@ -6,6 +6,11 @@ What matters of its behavior [10MICRON]:
 - `:CM#` shifts the whole pointing (or adds a star to its model, as its `:CMCFG` was set: never set here);
 - parking, unparking and tracking have no answers: what came of them shows in the status;
 - `:hF#` is not sent: only mounts with home sensors know it.
+
+From the protocol document, versions 2.13.2 and 2.14.11 [10MICRON], and INDI's driver. A lone `#` before a
+command is nothing; single characters come without `#`, texts end with it.
+
+This is the right way to feed its model; a sync only shifts it. Nothing here was tried on a real mount.
 """
 
 from __future__ import annotations
