@@ -197,11 +197,6 @@ class Features:
         """Whether it has sensors that mark its home."""
         return bool(self.flags & 0x04)
 
-    @property
-    def wifi(self) -> bool:
-        """Whether it has a network of its own."""
-        return bool(self.flags & 0x8000)
-
 
 def read_features(text: str) -> Features:
     """Read six digits of flags. Raises `Unreadable`."""
@@ -357,11 +352,6 @@ def position(axis: Axis) -> Command[int]:
 def step_period(axis: Axis) -> Command[int]:
     """Ask for the step period in force, in ticks of the timer [SKYWATCHER :i]."""
     return _ask("i", axis, "step period", number)
-
-
-def goto_target(axis: Axis) -> Command[int]:
-    """Ask for the count a goto runs to [SKYWATCHER :h]."""
-    return _ask("h", axis, "goto target", number)
 
 
 def worm_counts(axis: Axis) -> Command[int]:

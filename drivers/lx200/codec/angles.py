@@ -94,7 +94,9 @@ def dec_from_text(text: bytes) -> WireAngle:
     size_deg = (int(match[2]) * 3600 + int(match[3]) * 60 + seconds) / 3600.0
     if size_deg > 90.0:
         raise Unreadable(f"{text!r} is out of range for a declination")
-    step_arcsec = DEC_SHORT_STEP_ARCSEC if match[4] is None else 1.0 / 10 ** len(match[5] or b"")
+    step_arcsec = (
+        DEC_SHORT_STEP_ARCSEC if match[4] is None else DEC_LONG_STEP_ARCSEC / 10 ** len(match[5] or b"")
+    )
     return WireAngle(-size_deg if match[1] == b"-" else size_deg, step_arcsec)
 
 

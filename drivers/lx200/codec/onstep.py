@@ -6,7 +6,7 @@ What matters of its behavior [ONSTEP]:
 - a parked one keeps its position when it is switched off; a sync on the other side of the pier is refused;
 - `:MS#` during a goto is refused *and* ends that goto; so is `:hC#`;
 - `:hF#` declares the present place to be the home: never sent;
-- `:MN#` flips: in the codec, sent only when asked for.
+- `:MN#` flips: never sent.
 
 Facts from the firmware's own source, OnStep 4.24 and OnStepX 10.28 [ONSTEP], and from the recorded dialogue
 of INDI's driver. Answers by number are one bare character, texts end with `#`.
@@ -269,9 +269,6 @@ DESTINATION_SIDE: Command[PierSide] = Command(b":MD#", "destination pier side", 
 GUIDE_RATE_DEG_S: Command[float] = Command(b":GX90#", "pulse guide rate", of_text(guide_rate_from_text))
 CLOCK_UNSET: Command[bool] = Command(b":GX89#", "whether date and time are missing", yes_or_no)
 SLEW: Command[Answer] = Command(b":MS#", "slew to target", coded(REFUSALS), False)
-FLIP: Command[Answer] = Command(b":MN#", "flip to the other side", coded(REFUSALS), False)
-FLIP_EAST: Command[Answer] = Command(b":MNe#", "flip to the east side", coded(REFUSALS), False)
-FLIP_WEST: Command[Answer] = Command(b":MNw#", "flip to the west side", coded(REFUSALS), False)
 SYNC: Command[Answer] = Command(b":CM#", "sync to target", _sync_answer, False)
 TRACKING_ON = _order(b"Te", "tracking on")
 TRACKING_OFF = _order(b"Td", "tracking off")

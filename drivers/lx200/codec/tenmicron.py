@@ -210,12 +210,6 @@ def _sync_answer(wire: bytes) -> Answer:
     return Answer()
 
 
-def _hash_after_bit(wire: bytes) -> bool:
-    if wire not in (b"0", b"1"):
-        raise Unreadable(f"{wire!r} is neither 0 nor 1")
-    return wire == b"1"
-
-
 ULTRA_PRECISION: Command[None] = quiet(b"#:U2#", "ultra precision")
 INFO: Command[Info] = Command(b":Ginfo#", "reading", of_text(info_from_text))
 STATUS: Command[MountStatus] = Command(b":Gstat#", "status", of_text(_status_from_text))
@@ -228,18 +222,11 @@ PARK: Command[None] = quiet(b":KA#", "park", repeatable=False)
 UNPARK: Command[None] = quiet(b":PO#", "unpark", repeatable=False)
 TRACKING_ON: Command[None] = quiet(b":AP#", "tracking on")
 TRACKING_OFF: Command[None] = quiet(b":AL#", "tracking off")
-FLIP: Command[bool] = taken(b":FLIP#", "flip to the other side", repeatable=False)
-GET_UNATTENDED_FLIP: Command[bool] = Command(b":Guaf#", "unattended flip", of_text(_hash_after_bit))
 RATES: Mapping[TrackingRate, Command[None]] = {
     TrackingRate.SIDEREAL: quiet(b":TQ#", "sidereal rate"),
     TrackingRate.LUNAR: quiet(b":TL#", "lunar rate"),
     TrackingRate.SOLAR: quiet(b":TSOLAR#", "solar rate"),
 }
-
-
-def set_unattended_flip(on: bool) -> Command[None]:
-    """Allow it to flip by itself, or not; off after power-up [10MICRON :Suaf#]."""
-    return quiet(b":Suaf%d#" % on, "unattended flip")
 
 
 def set_ra(ra_deg: float, short: bool = False) -> Command[bool]:
