@@ -10,8 +10,9 @@ from datetime import datetime
 from multiprocessing.connection import Connection
 from typing import Any, cast
 
+from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
-from drivers.lx200.mount import lx200_mount
+from drivers.lx200.language import lx200_language
 from drivers.simulated.truth_camera import TruthCamera
 from mountnav.catalog.stars import Catalog
 from mountnav.clock import SystemClock
@@ -98,7 +99,7 @@ def child(parent: Connection, plan: Plan) -> None:
 async def _serve(parent: Connection, plan: Plan, at_step: Any) -> None:
     clock = SystemClock()
     journal = await asyncio.to_thread(open_journal, plan.database)
-    mount = lx200_mount(plan.address, timing=TIMING)
+    mount = GenericMount(lx200_language(plan.address), timing=TIMING)
 
     def on_wire(entry: Any) -> None:
         for order, name in _ON_WIRE.items():

@@ -7,32 +7,24 @@ alone.
 
 from __future__ import annotations
 
-import importlib
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 
 from serial.tools import list_ports
 
+from drivers.family import Family, Probe
+from drivers.registry import families
+from drivers.wire.exchange import Exchange, Patience
 from drivers.wire.line import SerialLine
 from mountnav.errors import DeviceError, DeviceMissing
 
 _STABLE = Path("/dev/serial/by-id")
 _PROCESSES = Path("/proc")
 
-PROBING = (
-    "drivers.nexstar.family",
-    "drivers.skywatcher.family",
-    "drivers.lx200.family",
-    "drivers.ioptron.family",
-)
-"""What is asked, in this order: each has ``BAUDS`` and ``async probe(line) -> str | None``.
-
-Hand controls come first: they obey single letters, so that the others' greetings would mean orders to them
-(the M of ``:MountInfo#`` cancels a goto, its I begins to set the clock).
-"""
+_QUIET_S = 0.1
+"""A line that has been silent for so long is asked; chosen: a few bytes at 9600 baud, twice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +57,6 @@ class Probed:
 
     Attributes
     ----------
-    address : str
     family : str
         As in a mount's URL; empty if nothing known answered.
     baud : int or None
@@ -123,51 +114,49 @@ def holders(device: str) -> tuple[str, ...]:
     return tuple(sorted(found))
 
 
-async def probe(address: str, modules: Iterable[str] = PROBING) -> Probed:
+async def probe(address: str, asked: Iterable[Family] | None = None) -> Probed:
     """Ask on a line who is there.
 
     Parameters
     ----------
     address : str
         Device path or ``socket://host:port``.
-    modules : iterable of str
-        As `PROBING` describes.
+    asked : iterable of Family, optional
+        Whose probes are tried; of all our own families by default.
     """
     held_by = () if "://" in address else holders(address)
     if held_by:
         return Probed(address, "", None, f"not asked: held by {', '.join(held_by)}")
-    for dotted in modules:
-        module = _probing(dotted)
-        if module is None:
-            continue
-        for baud in (None,) if "://" in address else module.BAUDS:
+    for family, how in probes(asked):
+        for baud in (None,) if "://" in address else how.bauds:
             try:
-                answer = await _asked(address, baud, module)
+                answer = await _answer(address, baud, how)
             except DeviceMissing as missing:
                 return Probed(address, "", baud, missing.what)
             if answer is not None:
-                return Probed(address, dotted.split(".")[1], baud, answer)
+                return Probed(address, family, baud, answer)
     return Probed(address, "", None, "nothing that is known here answers")
 
 
-def _probing(dotted: str) -> ModuleType | None:
-    try:
-        return importlib.import_module(dotted)
-    except ModuleNotFoundError as cause:
-        if cause.name is not None and dotted.startswith(cause.name):
-            return None
-        raise
+def probes(asked: Iterable[Family] | None = None) -> list[tuple[str, Probe]]:
+    """List names and probes of families (all our own if None), in the order in which they must be asked."""
+    found = [
+        (family.name, family.probe)
+        for family in (families() if asked is None else asked)
+        if family.probe is not None
+    ]
+    return sorted(found, key=lambda named: named[1].turn)
 
 
-async def _asked(address: str, baud: int | None, module: ModuleType) -> str | None:
+async def _answer(address: str, baud: int | None, how: Probe) -> str | None:
+    """What a family's questions are answered on a line, in words; None if nothing it understands."""
     line = SerialLine(address) if baud is None else SerialLine(address, baud=baud)
     await line.open()
     try:
-        answer: str | None = await module.probe(line)
+        return await how.ask(Exchange(line, Patience(how.deadline_s, how.try_s, _QUIET_S)))
     except DeviceMissing:
         raise
     except DeviceError:
         return None
     finally:
         await line.close()
-    return answer

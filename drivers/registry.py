@@ -5,90 +5,106 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+import time
+from collections.abc import Callable, Iterable, Iterator
 from datetime import datetime
 from difflib import get_close_matches
 from importlib.metadata import entry_points
-from typing import Any, Protocol, cast
+from typing import TYPE_CHECKING, Any
 from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
 
-from drivers.fakes.faults import Fault
-from drivers.fakes.wire_fake import WireFake
+from drivers.family import Fakes, Family, MountUrl, UrlParts
+from mountnav.clock import utc_now
 from mountnav.devices import Camera, Mount
 from mountnav.errors import BadRequest, BadSettings
 from mountnav.parsing import repeated
-from mountnav.simulation.mechanics import Machine, Mechanics
 from mountnav.sky.coordinates import Site
 
+if TYPE_CHECKING:
+    from drivers.fakes.faults import Fault
+    from drivers.fakes.wire_fake import WireFake
+    from mountnav.simulation.mechanics import Machine, Mechanics
+
+__all__ = [
+    "GROUP",
+    "MountUrl",
+    "drivers",
+    "fake_dialects",
+    "fake_machine",
+    "fake_protocols",
+    "fakes",
+    "families",
+    "family",
+    "make_fake",
+    "open_camera",
+    "open_mount",
+    "read_url",
+]
+
 GROUP = "mountnav.mounts"
-_OWN = {
-    "alpaca": "drivers.alpaca.family:mount_from",
-    "indi": "drivers.indi.family:mount_from",
-    "ioptron": "drivers.ioptron.family:mount_from",
-    "lx200": "drivers.lx200.family:mount_from",
-    "nexstar": "drivers.nexstar.family:mount_from",
-    "skywatcher": "drivers.skywatcher.family:mount_from",
-    "synscan": "drivers.nexstar.family:synscan_from",
+"""Entry points of other packages: each is a `Family`, or a function that makes a mount of a `MountUrl`."""
+
+_FAMILIES = {
+    "lx200": "drivers.lx200.family:FAMILY",
+    "nexstar": "drivers.nexstar.family:NEXSTAR",
+    "synscan": "drivers.nexstar.family:SYNSCAN",
+    "ioptron": "drivers.ioptron.family:FAMILY",
+    "skywatcher": "drivers.skywatcher.family:FAMILY",
+    "indi": "drivers.indi.family:FAMILY",
+    "alpaca": "drivers.alpaca.family:FAMILY",
 }
-_CAMERAS = {"alpaca": "drivers.alpaca.family:camera_from", "indi": "drivers.indi.family:camera_from"}
-_SERVERS = {"indi": 7624}
-"""Drivers that talk to a server by its host, naming a device there; the port if none is given."""
-_WEB = {"http": 11111, "https": 443}
-"""Drivers' servers that speak HTTP have these ports if none is given."""
-_DATAGRAMS = ("skywatcher",)
-_PORTS = {"lx200": 9999, "nexstar": 2000, "synscan": 11882, "ioptron": 8899, "skywatcher": 11880}
-"""Ports that are usual for these families' network adapters: for advice only."""
-_MAKERS = {
-    "meade": "lx200",
-    "autostar": "lx200",
-    "losmandy": "lx200",
-    "zwo": "lx200",
-    "am3": "lx200",
-    "tenmicron": "lx200",
-    "astrophysics": "lx200",
-    "celestron": "nexstar",
-    "eqmod": "skywatcher",
-    "eqdir": "skywatcher",
-    "ascom": "alpaca",
-}
-"""What people call a driver by."""
+"""Our own drivers: the name that a URL says, and where its record is. Fakes are listed in this order."""
+
 _EXAMPLE = (
     "lx200+serial:///dev/ttyUSB0?baud=9600, nexstar+tcp://host:port, indi://host:7624/Telescope%20Simulator "
     "or alpaca+http://host:11111/telescope/0"
 )
 
 
-@dataclass(frozen=True, slots=True)
-class MountUrl:
-    """A device's URL, taken apart.
-
-    Attributes
-    ----------
-    driver : str
-        Which driver.
-    line : str
-        What a line opens: a device path, ``socket://host:port`` or ``udp://host:port``; of a server
-        ``host:port``, of one that speaks HTTP ``http://host:port``.
-    options : mapping of str to str
-        What stood after ``?``.
-    device : str
-        Of a server: which of its devices.
-    user, password : str
-        Of a server that speaks HTTP and wants to know who we are.
-    """
-
-    driver: str
-    line: str
-    options: Mapping[str, str]
-    device: str = ""
-    user: str = ""
-    password: str = field(default="", repr=False)
+# -- families --------------------------------------------------------------------------------------
 
 
 def drivers() -> list[str]:
     """List the drivers that a URL may name: our own and those other packages offer."""
-    return sorted({*_OWN, *(entry.name for entry in entry_points(group=GROUP))})
+    return sorted({*_FAMILIES, *(entry.name for entry in entry_points(group=GROUP))})
+
+
+def families() -> Iterator[Family]:
+    """Go through the records of our own families."""
+    return (family(name) for name in _FAMILIES)
+
+
+def family(name: str) -> Family:
+    """Return the record of a driver, our own or another package's.
+
+    Raises
+    ------
+    KeyError
+        If there is none of that name.
+    """
+    if name in _FAMILIES:
+        module, _, value = _FAMILIES[name].partition(":")
+        own: Family = getattr(importlib.import_module(module), value)
+        return own
+    for entry in entry_points(group=GROUP, name=name):
+        found = entry.load()
+        return found if isinstance(found, Family) else Family(name=name, open_mount=_with_site(found))
+    raise KeyError(name)
+
+
+def _is_known(name: str) -> bool:
+    # packages are asked only for what isn't ours: reading what is installed takes longer than all else here
+    return name in _FAMILIES or name in drivers()
+
+
+def _with_site(make: Callable[..., Any]) -> Callable[..., Any]:
+    """Drivers of others may not want to know where we stand."""
+    if len(inspect.signature(make).parameters) < 3:
+        return lambda url, name, _site: make(url, name)
+    return make
+
+
+# -- URLs ------------------------------------------------------------------------------------------
 
 
 def read_url(url: str) -> MountUrl:
@@ -99,7 +115,7 @@ def read_url(url: str) -> MountUrl:
     BadSettings
         If it is none; the advice is the form that was probably meant.
     """
-    shown = _without_password(url)
+    shown = re.sub(r"(?<=://)[^/]*@", "…@", url)
 
     def wrong(what: str, advice: str) -> BadSettings:
         return BadSettings(f"mount URL {shown!r} {what}", advice=advice)
@@ -120,34 +136,23 @@ def read_url(url: str) -> MountUrl:
         raise wrong("has a # in it", "write %23 for a # in a name")
     if port == 0:
         raise wrong("names port 0", "ports are from 1 to 65535")
-    options = dict(pairs)
     driver, _, transport = parts.scheme.partition("+")
-    # packages are asked only for what isn't ours: reading what is installed takes longer than all else here
-    if driver not in _OWN and driver not in drivers():
+    if not _is_known(driver):
         raise wrong("names no known driver", _known_drivers(driver, transport, parts))
-    host = f"[{parts.hostname}]" if parts.hostname and ":" in parts.hostname else parts.hostname
-    if driver == "alpaca":
-        return _alpaca_url(url, transport, host, port, options)
-    if "@" in parts.netloc:
-        raise wrong("has a user or a password in it", f"{driver} takes none: leave out what stands before @")
-    bare = parts.path in ("", "/")
-    if driver in _SERVERS:
-        usual = _SERVERS[driver]
-        if not transport and host and not bare:
-            return MountUrl(driver, f"{host}:{port or usual}", options, unquote(parts.path.lstrip("/")))
-        device = parts.path if not bare else "/Telescope%20Simulator"
-        raise wrong(
-            "names no device of a server", f"write {driver}://{host or 'host'}:{port or usual}{device}"
-        )
-    if transport == "serial" and not parts.netloc and not bare:
-        return MountUrl(driver, parts.path, options)
-    datagrams = transport == "udp" and driver in _DATAGRAMS
-    if (transport in ("tcp", "socket") or datagrams) and host and port and bare:
-        of_ports = sorted({"dtr", "rts"} & set(options))
-        if of_ports:
-            raise wrong(f"says {', '.join(of_ports)}", "that is of serial ports: leave it out")
-        return MountUrl(driver, f"{'udp' if datagrams else 'socket'}://{host}:{port}", options)
-    raise wrong(*_no_line(driver, transport, parts))
+    spoken = family(driver)
+    split = UrlParts(
+        shown=shown,
+        driver=driver,
+        transport=transport,
+        address=parts.netloc,
+        host=f"[{parts.hostname}]" if parts.hostname and ":" in parts.hostname else parts.hostname,
+        port=port,
+        path=parts.path,
+        options=dict(pairs),
+        user=unquote(parts.username or ""),
+        password=unquote(parts.password or ""),
+    )
+    return spoken.read_url(split, spoken)
 
 
 def _guessed(url: str) -> str:
@@ -170,55 +175,18 @@ def _known_drivers(driver: str, transport: str, parts: SplitResult) -> str:
             "the service alone starts fake mounts by their URL: start `mountnav fake-mount` and name its port"
         )
     rest = f"{parts.netloc}{parts.path}"
-    # by its name, as the drivers: this room knows which there are, and they don't know each other
-    if driver in _loaded("drivers.lx200.dialects:names")():
-        named = f"lx200+{transport or 'serial'}://{rest}?dialect={driver}"
-        return f"it is a dialect of lx200: write {named}; {known}"
-    meant = _MAKERS.get(driver) or next(iter(get_close_matches(driver, drivers(), n=1)), None)
+    own = list(families())
+    for one in own:
+        if driver in one.dialect_names():
+            named = f"{one.name}+{transport or 'serial'}://{rest}?dialect={driver}"
+            return f"it is a dialect of {one.name}: write {named}; {known}"
+    called = {word: one.name for one in own for word in one.also_called}
+    meant = called.get(driver) or next(iter(get_close_matches(driver, drivers(), n=1)), None)
     plus = f"+{transport}" if transport else ""
     return f"did you mean {meant}{plus}://{rest}? {known}" if meant else known
 
 
-def _no_line(driver: str, transport: str, parts: SplitResult) -> tuple[str, str]:
-    """What is wrong with a URL that names no line, and what to write."""
-    path, bare, host = parts.path, parts.path in ("", "/"), parts.netloc
-    lines = f"known for {driver}: serial, socket, tcp{', udp' * (driver in _DATAGRAMS)}"
-    if transport == "serial" and host:
-        slashes = f"write three slashes: {driver}+serial:///{host}{path}; {lines}"
-        return "names a host instead of a serial port", slashes
-    if transport == "serial":
-        return "names no serial port", f"write {driver}+serial:///dev/ttyUSB0; `mountnav ports` lists them"
-    if transport in ("tcp", "socket") or (transport == "udp" and driver in _DATAGRAMS):
-        usual = _PORTS.get(driver, 4030) if transport != "udp" else 11880
-        if parts.hostname is None:
-            return "names no host", f"write {driver}+{transport}://192.168.0.20:{parts.port or usual}"
-        if not bare:
-            return "has a path after its host", f"write {driver}+{transport}://{host}"
-        # the port is wanted: which one differs between mounts
-        return "names no port of its host", f"write {driver}+{transport}://{host}:{usual}, or the port it has"
-    meant = f"{driver}+tcp://{host or 'host:port'}" if host else f"{driver}+serial://{path or '/dev/ttyUSB0'}"
-    if not transport:
-        return "doesn't say over which line", f"write {meant}; {lines}"
-    return f"names the line {transport}", f"{lines}; write {meant}"
-
-
-def _alpaca_url(
-    url: str, transport: str, host: str | None, port: int | None, options: Mapping[str, str]
-) -> MountUrl:
-    parts = urlsplit(url)
-    if transport in _WEB and host and re.fullmatch(r"/(telescope|camera)/[0-9]{1,9}", parts.path):
-        line = f"{transport}://{host}:{port or _WEB[transport]}"
-        user, password = unquote(parts.username or ""), unquote(parts.password or "")
-        return MountUrl("alpaca", line, options, parts.path[1:], user, password)
-    raise BadSettings(
-        f"URL {_without_password(url)!r} names no device of an Alpaca server",
-        advice="for example alpaca+http://host:11111/telescope/0, alpaca+https://user:password@host/camera/0",
-    )
-
-
-def _without_password(url: str) -> str:
-    """For messages."""
-    return re.sub(r"(?<=://)[^/]*@", "…@", url)
+# -- devices ---------------------------------------------------------------------------------------
 
 
 def open_mount(url: str, *, name: str | None = None, site: Site | None = None) -> Mount:
@@ -241,8 +209,7 @@ def open_mount(url: str, *, name: str | None = None, site: Site | None = None) -
         If the URL or an option makes no sense; the advice tells what does.
     """
     parts = read_url(url)
-    made: Mount = _factory(parts.driver)(parts, name, site)
-    return made
+    return family(parts.driver).open_mount(parts, name, site)
 
 
 def open_camera(url: str, *, name: str | None = None) -> Camera:
@@ -261,71 +228,41 @@ def open_camera(url: str, *, name: str | None = None) -> Camera:
         If the URL or an option makes no sense.
     """
     parts = read_url(url)
-    if parts.driver not in _CAMERAS:
-        raise BadSettings(f"{parts.driver} has no cameras", advice=f"known: {', '.join(_CAMERAS)}")
-    made: Camera = _loaded(_CAMERAS[parts.driver])(parts, name)
-    return made
+    make = family(parts.driver).open_camera
+    if make is None:
+        known = sorted(one.name for one in families() if one.open_camera is not None)
+        raise BadSettings(f"{parts.driver} has no cameras", advice=f"known: {', '.join(known)}")
+    return make(parts, name)
 
 
-def _factory(driver: str) -> Callable[..., Any]:
-    if driver in _OWN:
-        make = _loaded(_OWN[driver])
-    else:
-        (entry,) = (entry for entry in entry_points(group=GROUP) if entry.name == driver)
-        make = entry.load()
-    # drivers of others may not want to know where we stand
-    if len(inspect.signature(make).parameters) < 3:
-        return lambda url, name, _site: make(url, name)
-    return make
-
-
-def _loaded(dotted: str) -> Callable[..., Any]:
-    module, _, function = dotted.partition(":")
-    found: Callable[..., Any] = getattr(importlib.import_module(module), function)
-    return found
-
-
-_FAKES = {
-    "lx200": "drivers.lx200.family",
-    "nexstar": "drivers.nexstar.family",
-    "synscan": "drivers.nexstar.faking_synscan",
-    "ioptron": "drivers.ioptron.family",
-    "skywatcher": "drivers.skywatcher.family",
-}
-
-
-class Faking(Protocol):
-    """What the module `faking` of a family offers."""
-
-    DIALECTS: tuple[str, ...]
-    """What its fakes can speak; the first is usual. A `MACHINE` beside it tells how such mounts are built."""
-
-    def fake_from(
-        self,
-        dialect: str | None,
-        mechanics: Mechanics,
-        faults: Iterable[Fault],
-        clock: Callable[[], datetime],
-        monotonic: Callable[[], float],
-    ) -> WireFake:
-        """Make a fake."""
-        ...
+# -- fakes -----------------------------------------------------------------------------------------
 
 
 def fake_protocols() -> list[str]:
-    """Protocols that fakes speak."""
-    return list(_FAKES)
+    """Protocols that our fakes speak."""
+    return [one.name for one in families() if one.fakes is not None]
+
+
+def fakes(protocol: str) -> Fakes:
+    """Return the fakes of a protocol. Raises `BadRequest` if there are none."""
+    found = family(protocol).fakes if _is_known(protocol) else None
+    if found is None:
+        raise BadRequest(
+            f"there is no fake that speaks {protocol}", advice=f"there is: {', '.join(fake_protocols())}"
+        )
+    return found()
 
 
 def fake_dialects(protocol: str) -> tuple[str, ...]:
     """List the dialects of a protocol, the usual one first. Raises `BadRequest` if there is no such."""
-    return _faking(protocol).DIALECTS
+    return fakes(protocol).dialects
 
 
 def fake_machine(protocol: str) -> Machine:
     """How mounts of a protocol are usually built, as far as their family says. Raises `BadRequest`."""
-    built: Machine = getattr(_faking(protocol), "MACHINE", Machine())
-    return built
+    from mountnav.simulation.mechanics import Machine
+
+    return fakes(protocol).machine or Machine()
 
 
 def make_fake(
@@ -334,17 +271,17 @@ def make_fake(
     mechanics: Mechanics,
     *,
     faults: Iterable[Fault] = (),
-    clock: Callable[[], datetime],
-    monotonic: Callable[[], float],
+    clock: Callable[[], datetime] = utc_now,
+    monotonic: Callable[[], float] = time.monotonic,
 ) -> WireFake:
     """Make a fake.
 
     Parameters
     ----------
     protocol : str
-        See `protocols`.
+        See `fake_protocols`; another package's family can be named, too.
     dialect : str or None
-        See `dialects`; the usual one if None.
+        See `fake_dialects`; the usual one if None.
     mechanics : Mechanics
         What moves behind it.
     faults : iterable of Fault
@@ -356,16 +293,12 @@ def make_fake(
     BadRequest
         If there is no such protocol or dialect; with what there is.
     """
-    faking = _faking(protocol)
-    if dialect is not None and dialect not in faking.DIALECTS:
+    spoken = fakes(protocol)
+    if dialect is not None and dialect not in spoken.dialects:
         raise BadRequest(
             f"no fake speaks the {protocol} dialect {dialect}",
-            advice=f"there is: {', '.join(faking.DIALECTS)}",
+            advice=f"there is: {', '.join(spoken.dialects)}",
         )
-    return faking.fake_from(dialect, mechanics, faults, clock, monotonic)
-
-
-def _faking(protocol: str) -> Faking:
-    if protocol not in _FAKES:
-        raise BadRequest(f"there is no fake that speaks {protocol}", advice=f"there is: {', '.join(_FAKES)}")
-    return cast("Faking", importlib.import_module(_FAKES[protocol]))
+    return spoken.make(
+        dialect or spoken.dialects[0], mechanics, faults=faults, clock=clock, monotonic=monotonic
+    )

@@ -33,9 +33,14 @@ from mountnav.reading.fits_headers import Value
 from mountnav.tasks import begun
 
 _LARGEST_SIDE_PX = 1 << 17
+"""Larger sensor sides are refused as nonsense. Chosen by hand, far above any sensor."""
 _LARGEST_PIXEL_UM = 1000.0
+"""Larger pixels are refused as nonsense. Chosen by hand, far above any sensor."""
 _LARGEST_ADU = 2.0**53
+"""The largest whole number that a double holds exactly: larger saturation values can't be compared with
+pixels."""
 _LONGEST_S = 1e6
+"""The longest exposure of a camera that reports none, or an infinite one: eleven days. Chosen by hand."""
 _STEP_PX, _NEAR_PX = 8, 16
 """Some chips are read out in steps: their drivers refuse other sizes, or round them down."""
 _SENSORS = {0: "", 1: "", 2: "RGGB"}
@@ -69,7 +74,6 @@ class Chip:
         Of the whole chip, not binned.
     pixel_um : float or None
         Not binned.
-    max_adu : float or None
     shortest_s, longest_s : float
         Exposures that it takes.
     pattern : str
@@ -104,7 +108,7 @@ async def read_chip(device: AlpacaDevice) -> Chip:
     Raises
     ------
     DeviceRefused
-        If it doesn't tell its size: it is no camera.
+        If it doesn't say its size: it is no camera.
     DeviceSilent, DeviceGarbled, DeviceMissing
         If its answers don't come or make no sense.
     """
@@ -112,7 +116,7 @@ async def read_chip(device: AlpacaDevice) -> Chip:
     async def known(member: str, low: float, high: float) -> float | None:
         # what is nice to have may be missing, or be nonsense
         try:
-            told = await device.asking.get(member)
+            told = await device.client.get(member)
             return base.number(told, low, high)
         except (AlpacaRefused, Malformed):
             return None
@@ -178,7 +182,7 @@ async def _set(device: AlpacaDevice, member: str, said: str, value: int) -> bool
     """Set a whole number unless it is so; see it set."""
     if await _whole(device, member) == value:
         return False
-    await device.asking.put(member, {said: value})
+    await device.client.put(member, {said: value})
     now = await _whole(device, member)
     if now != value:
         raise DeviceRefused(f"took {said} = {value}, and has {now}", device=device.address)
@@ -191,12 +195,12 @@ async def _set_side(device: AlpacaDevice, member: str, said: str, value: int, do
     if before == value:
         return value
     try:
-        await device.asking.put(member, {said: value})
+        await device.client.put(member, {said: value})
     except AlpacaRefused as refused:
         rounded = value - value % _STEP_PX
         if refused.number != INVALID_VALUE or rounded in (0, value):
             raise
-        await device.asking.put(member, {said: rounded})
+        await device.client.put(member, {said: rounded})
     now = await _whole(device, member)
     if not max(1, value - _NEAR_PX) <= now <= value:
         raise DeviceRefused(f"took {said} = {value}, and has {now}", device=device.address)
@@ -225,10 +229,18 @@ def scale_arcsec_px(chip: Chip, field: Field, focal_length_mm: float | None) -> 
 
 
 _BUSY = (1, 2, 3, 4)
+"""Camera states in which an exposure can't begin: waiting, exposing, reading, downloading [Alpaca
+CameraState]."""
 _EXPOSING = (1, 2)
+"""Camera states in which the image can't be there: waiting, exposing [Alpaca CameraState]."""
 _IN_ERROR = 5
+"""The camera state of an exposure that failed [Alpaca CameraState]."""
 _IDLE_WITHIN_S = 5.0
+"""How long an exposure that still runs may take to end before a new one is refused as another program's.
+Chosen by hand, the same as for INDI."""
 _START_S = 30.0
+"""How long, beyond the exposure, a server may take to answer the order to expose: old drivers answer when
+it is over. Chosen by hand, the same as for INDI."""
 _SLOWEST_PX_S = 0.25e6
 """A server that speaks JSON over a slow network sends some bytes for each pixel."""
 
@@ -242,10 +254,8 @@ class AlpacaCameraLanguage:
 
     Parameters
     ----------
-    device : AlpacaDevice
     name : str, optional
         For messages; the device's address by default.
-    habits : CameraHabits
     """
 
     def __init__(
@@ -268,12 +278,12 @@ class AlpacaCameraLanguage:
     @property
     def log(self) -> WireLog:
         """All that was asked and answered lately; images are abbreviated."""
-        return self._device.asking.log
+        return self._device.client.log
 
     @property
     def usable(self) -> bool:
         """Whether its server could be reached, and its driver was connected, whenever it was asked."""
-        return self._device.asking.usable and self._chip is not None
+        return self._device.client.usable and self._chip is not None
 
     async def open(self) -> None:
         """Connect, and have the whole chip read out.
@@ -283,7 +293,7 @@ class AlpacaCameraLanguage:
         DeviceMissing, DeviceSilent, DeviceGarbled
             If there is no server, no such camera, or it can't be connected.
         DeviceRefused
-            If it is not connected and may not be told to, or won't be set as the configuration says.
+            If it is not connected and may not be ordered to, or won't be set as the configuration says.
         """
         self._chip = None
         try:
@@ -292,14 +302,14 @@ class AlpacaCameraLanguage:
             await self._set_up(chip)
             self._chip = chip
         except BaseException:
-            await self._device.asking.close()
+            await self._device.client.close()
             raise
 
     async def close(self) -> None:
         """Release the connection; the camera stays connected, for others."""
-        for one in [*self._aborting]:
-            await one
-        await self._device.asking.close()
+        for abort in [*self._aborting]:
+            await abort
+        await self._device.client.close()
 
     async def set_up(self) -> None:
         """Have the whole chip read out, with the binning, gain and offset that are wanted."""
@@ -322,13 +332,13 @@ class AlpacaCameraLanguage:
         member = None if chip is None else "abortexposure" if chip.can_abort else "stopexposure"
         if chip is None or member is None or not (chip.can_abort or chip.can_stop):
             return
-        aborting = begun(self._send(member), "alpaca-abortexposure", died=self._device.asking.died)
+        aborting = begun(self._send(member), "alpaca-abortexposure", died=self._device.client.died)
         self._aborting.add(aborting)
         aborting.add_done_callback(self._aborting.discard)
 
     async def _send(self, member: str) -> None:
         try:
-            await self._device.asking.put_past_all(member)
+            await self._device.client.put_past_all(member)
         except DeviceError as failure:
             self.log.note("event", meaning=f"the exposure could not be aborted: {failure.what}")
 
@@ -370,8 +380,8 @@ class AlpacaCameraLanguage:
         before, ordered, ordered_s = await self._told(), utc_now(), loop.time()
         shot.require_wanted()
         # some old drivers answer when the exposure is over
-        deadline_s = exposure_s + max(_START_S, self._device.asking.deadline_s)
-        await self._device.asking.put(
+        deadline_s = exposure_s + max(_START_S, self._device.client.deadline_s)
+        await self._device.client.put(
             "startexposure", {"Duration": exposure_s, "Light": True}, deadline_s=deadline_s
         )
         exposure = Exposure(exposure_s, ordered, utc_now(), before)
@@ -414,7 +424,7 @@ class AlpacaCameraLanguage:
             await shot.pause(self._habits.poll_s)
 
     async def _ready_image(self, exposure: Exposure, shot: Shot) -> tuple[Told, datetime] | None:
-        """Ask once whether the image is ready; tell what the camera tells of it."""
+        """Ask once whether the image is ready; return what the camera reports of it."""
         ready = await self._device.value("imageready", base.truth)
         came = utc_now()
         failed = not ready and await self._state() == _IN_ERROR
@@ -434,10 +444,10 @@ class AlpacaCameraLanguage:
     async def _told(self) -> Told:
         start = duration_s = None
         with suppress(AlpacaRefused, Malformed):
-            start = base.instant(await self._device.asking.get("lastexposurestarttime"))
+            start = base.instant(await self._device.client.get("lastexposurestarttime"))
         with suppress(AlpacaRefused, Malformed):
             duration_s = base.number(
-                await self._device.asking.get("lastexposureduration"), 0.0, _LONGEST_TOLD_S
+                await self._device.client.get("lastexposureduration"), 0.0, _LONGEST_TOLD_S
             )
         return Told(start, duration_s)
 
@@ -447,7 +457,7 @@ class AlpacaCameraLanguage:
         until_s = loop.time() + deadline_s
         while True:
             try:
-                image = self._device.asking.image(deadline_s=until_s - loop.time())
+                image = self._device.client.image(deadline_s=until_s - loop.time())
                 pixels = (await shot.outlast(image)).pixels
                 break
             except DeviceSilent:

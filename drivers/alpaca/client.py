@@ -4,6 +4,9 @@
 - An order goes out once, over a connection of its own, so that it never meets one that has just been closed.
   An answer that doesn't come leaves its outcome unknown, and the error says so.
 - A stop has a connection of its own, beside all others.
+
+A server may send without end, and 1 MB of gzip unpacks to 1 GB: neither may take the memory, nor
+keep the loop from a stop.
 """
 
 from __future__ import annotations
@@ -42,15 +45,11 @@ __all__ = ["MOST_ANSWER_BYTES", "MOST_IMAGE_BYTES", "answered"]
 
 
 _KEPT = 8
-"""A look at a telescope without DeviceState asks seven questions at once; fewer are opened anew each time."""
+"""A reading of a telescope without DeviceState asks seven questions at once; with fewer, some reconnect."""
 
 
 class Connections:
     """Three sets of connections, so that no kind waits for another.
-
-    Parameters
-    ----------
-    where : Where
 
     Raises
     ------
@@ -82,8 +81,8 @@ class Connections:
 
     async def close(self) -> None:
         """Release all."""
-        for one in (self.looks, self.orders, self.stops):
-            await one.aclose()
+        for client in (self.looks, self.orders, self.stops):
+            await client.aclose()
 
 
 def _trusted(where: DeviceAddress) -> ssl.SSLContext:
@@ -128,8 +127,6 @@ async def answered(
 
     Parameters
     ----------
-    client : httpx.AsyncClient
-    method, url : str
     most_bytes : int
         What the body may have, unpacked.
     headers, said : mapping, optional
@@ -147,7 +144,7 @@ async def answered(
     httpx.TransportError
         The connection can't be made, or broke.
     """
-    # whoever packs all the same is read, too: some proxies do
+    # an answer packed all the same is read, too: some proxies pack
     asked = {"Accept-Encoding": "identity"} | dict(headers or {})
     async with client.stream(method, url, headers=asked, data=said) as response:
         packing = response.headers.get("content-encoding", "").strip().lower()
@@ -171,6 +168,7 @@ async def answered(
 
 
 _NO_ACCESS = (401, 403)
+"""HTTP states that mean a wrong or missing password."""
 _LATER = (408, 429)
 """What a busy server says; all else between 400 and 499 is a no."""
 _UNKNOWN = ": whether it was taken up is not known"
@@ -241,6 +239,7 @@ def require_known(one: DeviceRefused) -> None:
 
 _BROKEN = (httpx.RemoteProtocolError, httpx.ReadError, httpx.WriteError, httpx.CloseError)
 _LOGGED_BYTES = 2000
+"""Longer answers are noted in the wire log by their length only. Chosen by hand: `devicestate` fits."""
 
 
 class AlpacaClient:
@@ -248,8 +247,6 @@ class AlpacaClient:
 
     Parameters
     ----------
-    where : Where
-    log : WireLog
     deadline_s : float
         For each question and order.
     """
@@ -302,7 +299,7 @@ class AlpacaClient:
             await connections.close()
 
     async def lost(self) -> str:
-        """Wait until it is lost, and tell why."""
+        """Wait until it is lost, and return why."""
         while self._why_lost is None:
             await self._news.wait()
         return self._why_lost
@@ -315,7 +312,7 @@ class AlpacaClient:
             self._news.set()
 
     def died(self, fault: Exception) -> None:
-        """A task of ours that spoke with it hit a fault: what it was told is not known."""
+        """A task of ours that spoke with it hit a fault: what was said on it is not known."""
         self.lose(fault_words(fault))
 
     # -- questions -------------------------------------------------------------------------------
@@ -365,7 +362,7 @@ class AlpacaClient:
         return told
 
     async def described(self) -> list[str]:
-        """What devices the server has, in words; empty if it doesn't tell."""
+        """What devices the server has, in words; empty if it doesn't say."""
         try:
             url = f"{self.where.server}/management/v1/configureddevices"
             response = await self._question(url, "configureddevices", self.deadline_s)
@@ -373,7 +370,8 @@ class AlpacaClient:
             if not isinstance(value, list):
                 return []
             return [
-                f"{one['DeviceType'].lower()}/{one['DeviceNumber']} ({one['DeviceName']})" for one in value
+                f"{entry['DeviceType'].lower()}/{entry['DeviceNumber']} ({entry['DeviceName']})"
+                for entry in value
             ]
         except (DeviceError, Malformed, TypeError, KeyError, AttributeError):
             return []

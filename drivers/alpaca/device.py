@@ -17,7 +17,9 @@ T = TypeVar("T")
 _CONNECTS_ASYNC = 4
 """From this version on an interface has Connect and Connecting [Alpaca §4]."""
 _GLANCE_S = 0.2
+"""Pause between questions whether it has connected. Chosen by hand."""
 _NEWEST = 100
+"""Interface versions above this are refused as nonsense; there were 4 in 2026. Chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,23 +45,22 @@ class Found:
 
 
 class AlpacaDevice:
-    """A device on a server; what it is asked and told beyond its connection is its users' business.
+    """A device on a server; what it is asked and ordered beyond its connection is its users' business.
 
     Parameters
     ----------
-    asking : Asking
     connect_s : float
         For its driver to connect to the hardware.
     """
 
-    def __init__(self, asking: AlpacaClient, *, connect_s: float = 30.0) -> None:
-        self.asking = asking
+    def __init__(self, client: AlpacaClient, *, connect_s: float = 30.0) -> None:
+        self.client = client
         self._connect_s = connect_s
 
     @property
     def address(self) -> str:
         """Server and device, for messages."""
-        return self.asking.address
+        return self.client.address
 
     async def bring_up(self, *, may_connect: bool) -> Found:
         """Find the device and have its driver connect unless it is. Moves and sets nothing.
@@ -67,7 +68,7 @@ class AlpacaDevice:
         Parameters
         ----------
         may_connect : bool
-            Whether a device that is not connected may be told to.
+            Whether a device that is not connected may be ordered to.
 
         Raises
         ------
@@ -78,7 +79,7 @@ class AlpacaDevice:
         DeviceSilent, DeviceGarbled
             If its answers don't come or make no sense.
         """
-        await self.asking.open()
+        await self.client.open()
         version = await self._version()
         ours = False
         if not await self.value("connected", base.truth):
@@ -90,7 +91,7 @@ class AlpacaDevice:
                 )
             await self._connect(version or 1)
             ours = True
-        self.asking.connected = True
+        self.client.connected = True
         version = version or await self._version() or 1
         words = await self.asked_all(("name", "driverinfo", "driverversion"), base.text)
         name = words.get("name") or "unnamed"
@@ -99,7 +100,7 @@ class AlpacaDevice:
         return Found(name, driver, version, ours)
 
     async def _version(self) -> int:
-        """Of the interface; 0 where an old driver doesn't tell before it is connected."""
+        """Of the interface; 0 where an old driver doesn't say before it is connected."""
         try:
             return await self.value("interfaceversion", lambda value: base.integer(value, 1, _NEWEST))
         except AlpacaRefused as refused:
@@ -109,8 +110,8 @@ class AlpacaDevice:
                 # members of the first version were not numbered yet
                 require_known(refused)
                 return 1
-            there = ", ".join(await self.asking.described()) or "it doesn't tell which"
-            where = self.asking.where
+            there = ", ".join(await self.client.described()) or "it doesn't tell which"
+            where = self.client.where
             raise DeviceMissing(
                 f"the server has no {where.kind} {where.number} ({refused.words})",
                 device=self.address,
@@ -122,12 +123,12 @@ class AlpacaDevice:
         until_s = loop.time() + self._connect_s
         try:
             if not (version >= _CONNECTS_ASYNC and await self._told_to_connect()):
-                await self.asking.put("connected", {"Connected": True}, deadline_s=self._connect_s)
+                await self.client.put("connected", {"Connected": True}, deadline_s=self._connect_s)
         except AlpacaRefused as refused:
             raise self._not_connecting(refused.words) from refused
         except (DeviceSilent, DeviceGarbled):
             # it may connect all the same: seen below
-            self.asking.log.note("event", meaning="no good answer to the order to connect")
+            self.client.log.note("event", meaning="no good answer to the order to connect")
         while True:
             try:
                 busy = version >= _CONNECTS_ASYNC and await self.maybe("connecting", base.truth)
@@ -141,7 +142,7 @@ class AlpacaDevice:
 
     async def _told_to_connect(self) -> bool:
         try:
-            await self.asking.put("connect")
+            await self.client.put("connect")
         except AlpacaRefused as refused:
             require_known(refused)
             return False
@@ -160,7 +161,7 @@ class AlpacaDevice:
         self, member: str, read: Callable[[object], T], parameters: Parameters | None = None
     ) -> T:
         """Ask for a value and read it. Raises as `Asking.get`, and `DeviceGarbled` if it is none."""
-        told = await self.asking.get(member, parameters)
+        told = await self.client.get(member, parameters)
         try:
             return read(told)
         except Malformed as fault:
@@ -185,7 +186,7 @@ class AlpacaDevice:
     async def has(self, member: str, parameters: Parameters | None = None) -> bool:
         """Whether a member can be read; one that has no value just now counts."""
         try:
-            await self.asking.get(member, parameters)
+            await self.client.get(member, parameters)
         except AlpacaRefused as refused:
             return not refused.unsupported
         return True

@@ -16,6 +16,7 @@ from drivers.wire.wire_log import WireLog
 from mountnav.parsing import json_of
 
 PORT = 32227
+"""UDP port on which Alpaca servers answer [Alpaca §6]."""
 _QUESTION = b"alpacadiscovery1"
 _EVERYBODY = ("255.255.255.255", "127.0.0.1")
 
@@ -29,7 +30,7 @@ class AlpacaServer:
     address : str
         ``host:port`` of its HTTP.
     devices : tuple of str
-        ``telescope/0 (name)``; empty if it doesn't tell.
+        ``telescope/0 (name)``; empty if it doesn't say.
     """
 
     address: str
@@ -66,14 +67,14 @@ async def servers(
 
 
 async def _devices(address: str) -> tuple[str, ...]:
-    asking = AlpacaClient(
+    client = AlpacaClient(
         DeviceAddress(f"http://{address}", "telescope", 0), log=WireLog(kept=10), deadline_s=2.0
     )
-    await asking.open()
+    await client.open()
     try:
-        return tuple(await asking.described())
+        return tuple(await client.described())
     finally:
-        await asking.close()
+        await client.close()
 
 
 class Heard(asyncio.DatagramProtocol):

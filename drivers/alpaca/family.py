@@ -1,37 +1,24 @@
-"""Telescopes and cameras of an Alpaca server from the options of their URLs."""
+"""The family of what an Alpaca server serves: how such a telescope or camera is opened."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from drivers.alpaca.camera import AlpacaCameraLanguage, CameraHabits
-from drivers.alpaca.client import AlpacaClient
-from drivers.alpaca.codec.base import DeviceAddress
-from drivers.alpaca.device import AlpacaDevice
-from drivers.alpaca.language import AlpacaHabits, AlpacaLanguage
-from drivers.generic.camera import GenericCamera
-from drivers.generic.options import Timing, maybe_number_of, number_of, read_options, require_known, yes_of
-from drivers.wire.wire_log import WireLog
+from drivers.family import Family, MountUrl, UrlParts
 from mountnav.errors import BadSettings
 
 if TYPE_CHECKING:
+    from drivers.alpaca.device import AlpacaDevice
+    from drivers.generic.camera import GenericCamera
     from drivers.generic.mount import GenericMount
-    from drivers.registry import MountUrl
     from mountnav.sky.coordinates import Site
 
-TIMING = Timing(
-    start_grace_s=4.0,
-    rest_s=2.5,
-    sync_wait_s=6.0,
-    late_s=3.5,
-    heartbeat_s=1.0,
-    silence_s=3.0,
-    lost_after_s=9.0,
-)
-"""Servers answer from what they read up to a second ago, and those far away take up to two seconds for it."""
-MOUNT_OPTIONS = ("connect", "connect_s", "ca", "finds_home", "resolution_arcsec")
-CAMERA_OPTIONS = (
+_PORTS = {"http": 11111, "https": 443}
+"""Where a server is looked for if its URL names no port: what ASCOM Remote listens on, and HTTPS's own."""
+_MOUNT_OPTIONS = ("connect", "connect_s", "ca", "finds_home", "resolution_arcsec")
+_CAMERA_OPTIONS = (
     "connect",
     "connect_s",
     "ca",
@@ -46,16 +33,12 @@ CAMERA_OPTIONS = (
 )
 
 
-def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> GenericMount:
-    """Make the mount; nothing is opened yet.
+def _open_mount(url: MountUrl, name: str | None, site: Site | None) -> GenericMount:
+    from drivers.alpaca.language import TIMING, AlpacaHabits, AlpacaLanguage
+    from drivers.generic.options import number_of, read_options, yes_of
 
-    Raises
-    ------
-    BadSettings
-        If the URL names no telescope, an option is unknown or its value makes no sense.
-    """
     _require_kind(url, "telescope")
-    options = read_options(url.options, "alpaca", baud=9600, timeout_s=5.0, timing=TIMING, own=MOUNT_OPTIONS)
+    options = read_options(url.options, "alpaca", baud=9600, timeout_s=5.0, timing=TIMING, own=_MOUNT_OPTIONS)
     own = options.own
     habits = AlpacaHabits(
         epoch=options.epoch if "epoch" in url.options else None,
@@ -69,17 +52,14 @@ def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> Gen
     return options.mount(language, name=name, site=site)
 
 
-def camera_from(url: MountUrl, name: str | None) -> GenericCamera:
-    """Make the camera; nothing is opened yet.
+def _open_camera(url: MountUrl, name: str | None) -> GenericCamera:
+    from drivers.alpaca.camera import AlpacaCameraLanguage, CameraHabits
+    from drivers.generic.camera import GenericCamera
+    from drivers.generic.options import maybe_number_of, number_of, require_known, yes_of
 
-    Raises
-    ------
-    BadSettings
-        If the URL names no camera, an option is unknown or its value makes no sense.
-    """
     _require_kind(url, "camera")
     own = url.options
-    require_known(own, CAMERA_OPTIONS, "an alpaca camera")
+    require_known(own, _CAMERA_OPTIONS, "an alpaca camera")
     habits = CameraHabits(
         may_connect=yes_of(own, "connect", default=True),
         binning=round(number_of(own, "binning", 1.0)) if "binning" in own else None,
@@ -100,8 +80,39 @@ def _require_kind(url: MountUrl, kind: str) -> None:
 
 
 def _device(url: MountUrl, own: Mapping[str, str], deadline_s: float) -> AlpacaDevice:
+    from drivers.alpaca.client import AlpacaClient
+    from drivers.alpaca.codec.base import DeviceAddress
+    from drivers.alpaca.device import AlpacaDevice
+    from drivers.generic.options import number_of
+    from drivers.wire.wire_log import WireLog
+
     kind, _, number = url.device.partition("/")
     where = DeviceAddress(url.line, kind, int(number), url.user, url.password, own.get("ca"))
     return AlpacaDevice(
         AlpacaClient(where, log=WireLog(), deadline_s=deadline_s), connect_s=number_of(own, "connect_s", 30.0)
     )
+
+
+def _read_url(parts: UrlParts, family: Family) -> MountUrl:
+    """Read ``alpaca+http://user:password@host:port/telescope/0``; user, password and port may be left out."""
+    if (
+        parts.transport in _PORTS
+        and parts.host
+        and re.fullmatch(r"/(telescope|camera)/[0-9]{1,9}", parts.path)
+    ):
+        line = f"{parts.transport}://{parts.host}:{parts.port or _PORTS[parts.transport]}"
+        return MountUrl(family.name, line, parts.options, parts.path[1:], parts.user, parts.password)
+    raise BadSettings(
+        f"URL {parts.shown!r} names no device of an Alpaca server",
+        advice="for example alpaca+http://host:11111/telescope/0, alpaca+https://user:password@host/camera/0",
+    )
+
+
+FAMILY = Family(
+    name="alpaca",
+    open_mount=_open_mount,
+    open_camera=_open_camera,
+    read_url=_read_url,
+    usual_port=_PORTS["http"],
+    also_called=("ascom",),
+)

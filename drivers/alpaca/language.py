@@ -1,6 +1,9 @@
 """An Alpaca telescope, as a language: which members make a reading or an order, and what their answers mean.
 
-Readings stand in `looking`, bringing it up in `device`, HTTP in `asking`.
+Readings stand in `readings`, bringing it up in `device`, HTTP in `client`.
+
+An order goes out once. Old drivers answer some of them only when the motion is over: then the answer is
+awaited in the background, and an error in it is kept for the reading that follows the motion.
 """
 
 from __future__ import annotations
@@ -12,11 +15,12 @@ from datetime import datetime
 from typing import TypeVar
 
 from drivers.alpaca.client import AlpacaClient, require_known
-from drivers.alpaca.codec import base, claims
+from drivers.alpaca.codec import base, telescope_state
 from drivers.alpaca.codec.base import PARKED, AlpacaRefused, Malformed, Parameters, reason_of
 from drivers.alpaca.device import AlpacaDevice, Found
-from drivers.alpaca.readings import Looking
+from drivers.alpaca.readings import MountReader
 from drivers.generic.language import Identity, Readout, Sent, Unskilled, Wanted
+from drivers.generic.options import Timing
 from drivers.wire.wire_log import WireLog
 from mountnav.clock import utc_now
 from mountnav.devices import Direction, Epoch, PierSide, Skill, TrackingRate
@@ -36,16 +40,15 @@ class Moving:
 
     Parameters
     ----------
-    asking : Asking
-    looking : Looking
+    reader : MountReader
         Keeps what failed.
     longest_s : float
         For an answer that comes at the end of the motion.
     """
 
-    def __init__(self, asking: AlpacaClient, looking: Looking, longest_s: float) -> None:
-        self._asking = asking
-        self._looking = looking
+    def __init__(self, client: AlpacaClient, reader: MountReader, longest_s: float) -> None:
+        self._client = client
+        self._reader = reader
         self._longest_s = longest_s
         self._orders: set[asyncio.Task[DeviceError | None]] = set()
         self._stops: set[asyncio.Task[None]] = set()
@@ -55,8 +58,6 @@ class Moving:
 
         Parameters
         ----------
-        member : str
-        parameters : mapping
         at_once : bool
             Whether it answers when the motion begins; else it may answer at its end.
 
@@ -67,15 +68,15 @@ class Moving:
         DeviceMissing
             If it can't have reached it.
         """
-        number = self._looking.ordered()
+        number = self._reader.ordered()
         if at_once:
             try:
-                await self._asking.put(member, parameters)
+                await self._client.put(member, parameters)
             except (DeviceSilent, DeviceGarbled) as failure:
                 return Sent(lost=failure)
             return Sent()
         sending = begun(
-            self._to_its_end(member, parameters, number), f"alpaca-{member}", died=self._asking.died
+            self._to_its_end(member, parameters, number), f"alpaca-{member}", died=self._client.died
         )
         self._orders.add(sending)
         sending.add_done_callback(self._orders.discard)
@@ -91,12 +92,12 @@ class Moving:
 
     async def _to_its_end(self, member: str, parameters: Parameters, number: int) -> DeviceError | None:
         try:
-            await self._asking.put(member, parameters, deadline_s=self._longest_s)
+            await self._client.put(member, parameters, deadline_s=self._longest_s)
         except DeviceError as failure:
             if isinstance(failure, AlpacaRefused):
-                self._looking.fail(number, failure.words or failure.what)
-            # of any other the readings tell what came of it
-            self._asking.log.note("event", meaning=f"{member}: {failure.what}")
+                self._reader.fail(number, failure.words or failure.what)
+            # of any other the readings show what came of it
+            self._client.log.note("event", meaning=f"{member}: {failure.what}")
             return failure
         return None
 
@@ -123,38 +124,40 @@ class Moving:
         """What an ended order came to; one that ended with its connections is no cancellation of ours."""
         if ended.cancelled():
             raise DeviceMissing(
-                "the connection was closed meanwhile", device=self._asking.address, advice="connect again"
+                "the connection was closed meanwhile", device=self._client.address, advice="connect again"
             )
         return ended.result()
 
     async def _abort(self) -> None:
         try:
-            await self._asking.put_past_all("abortslew")
+            await self._client.put_past_all("abortslew")
         except AlpacaRefused as refused:
             if refused.unsupported:
                 raise
-            # a parked one has nothing to stop; of any other the readings tell, and it is told again
+            # a parked one has nothing to stop; of any other the readings show it, and it is sent again
             if refused.number != PARKED:
-                self._asking.log.note("event", meaning=f"the stop was refused: {refused.words}")
+                self._client.log.note("event", meaning=f"the stop was refused: {refused.words}")
 
     def _stop_failed(self, fault: Exception) -> None:
-        self._asking.log.note("event", meaning=f"a stop failed: {fault}")
+        self._client.log.note("event", meaning=f"a stop failed: {fault}")
         if not isinstance(fault, DeviceError):
-            self._asking.died(fault)
+            self._client.died(fault)
 
     async def end(self) -> None:
         """Wait for no answer any more."""
         running = [*self._orders, *self._stops]
-        for one in running:
-            one.cancel()
-        for one in running:
+        for task in running:
+            task.cancel()
+        for task in running:
             with contextlib.suppress(asyncio.CancelledError, Exception):
-                await one
+                await task
 
 
 _HEIGHTS_M = (-1000.0, 20_000.0)
 """What the height of a site may be, m: an answer beyond is none."""
 _FASTEST_PULSE_DEG_S = 0.1
+"""Faster guide rates are nonsense, perhaps arcseconds instead of degrees: 24 times sidereal. Chosen by
+hand."""
 _PROBED = ("utcdate", "sitelatitude")
 _RETURNS_AT_ONCE = 4
 """From this version of the interface on park and home begin, where older ones may take their whole time."""
@@ -169,11 +172,11 @@ class AlpacaHabits:
     epoch : {"apparent", "icrs"} or None
         Which coordinates it speaks; None believes its EquatorialSystem, and refuses one we don't speak.
     may_connect : bool
-        Whether a device that is not connected may be told to connect.
+        Whether a device that is not connected may be ordered to connect.
     finds_home : bool
         Whether its home is found by a sensor, so that its position counts afterwards.
     resolution_arcsec : float
-        Coarsest step of the mount: Alpaca doesn't tell.
+        Coarsest step of the mount: Alpaca doesn't say.
     """
 
     epoch: Epoch | None = None
@@ -187,8 +190,6 @@ class AlpacaLanguage(Unskilled):
 
     Parameters
     ----------
-    device : AlpacaDevice
-    habits : AlpacaHabits
     longest_order_s : float
         For orders of old drivers that answer only when the motion is over.
     """
@@ -200,9 +201,9 @@ class AlpacaLanguage(Unskilled):
         self._why = "its driver says that it can't"
         self._device = device
         self._habits = habits or AlpacaHabits()
-        self._looking = Looking(device)
-        self._looking.epoch = self._habits.epoch or "apparent"
-        self._moving = Moving(device.asking, self._looking, longest_order_s)
+        self._reader = MountReader(device)
+        self._reader.epoch = self._habits.epoch or "apparent"
+        self._moving = Moving(device.client, self._reader, longest_order_s)
         self._can: dict[str, bool] = {}
         self._rates: frozenset[int] = frozenset()
         self._guide_rates_deg_s: tuple[float, float] | None = None
@@ -211,8 +212,8 @@ class AlpacaLanguage(Unskilled):
     # -- what it is ------------------------------------------------------------------------------
 
     @property
-    def _asking(self) -> AlpacaClient:
-        return self._device.asking
+    def _client(self) -> AlpacaClient:
+        return self._device.client
 
     @property
     def device(self) -> str:
@@ -222,22 +223,22 @@ class AlpacaLanguage(Unskilled):
     @property
     def log(self) -> WireLog:
         """All that was asked and answered lately."""
-        return self._asking.log
+        return self._client.log
 
     @property
     def usable(self) -> bool:
         """Whether its server could be reached, and its driver was connected, whenever it was asked."""
-        return self._asking.usable
+        return self._client.usable
 
     @property
     def epoch(self) -> Epoch:
         """Kind of coordinates it speaks; known after `open` unless it is set."""
-        return self._looking.epoch
+        return self._reader.epoch
 
     @property
     def usual_epoch(self) -> Epoch:
-        """As found; where the settings say otherwise than the telescope, `open` tells."""
-        return self._looking.epoch
+        """As found; where the settings say otherwise than the telescope, `open` reports it."""
+        return self._reader.epoch
 
     @property
     def resolution_arcsec(self) -> float:
@@ -247,14 +248,14 @@ class AlpacaLanguage(Unskilled):
     @property
     def skills(self) -> frozenset[Skill]:
         """By what it says it can, and what was seen to be implemented."""
-        return claims.skills(self._can, self._looking.implemented, finds_home=self._habits.finds_home)
+        return telescope_state.skills(self._can, self._reader.implemented, finds_home=self._habits.finds_home)
 
     @property
     def tracking_rates(self) -> frozenset[TrackingRate]:
-        """At which rates it can be told to follow."""
+        """At which rates it can be ordered to track."""
         if not self._can.get("cansettracking"):
             return frozenset()
-        told = frozenset(rate for rate, number in claims.RATES.items() if number in self._rates)
+        told = frozenset(rate for rate, number in telescope_state.RATES.items() if number in self._rates)
         return told or frozenset({TrackingRate.SIDEREAL})
 
     @property
@@ -264,7 +265,7 @@ class AlpacaLanguage(Unskilled):
 
     def unanswered_s(self) -> float:
         """Since when the oldest question waits."""
-        return self._asking.unanswered_s()
+        return self._client.unanswered_s()
 
     # -- the link --------------------------------------------------------------------------------
 
@@ -287,11 +288,11 @@ class AlpacaLanguage(Unskilled):
         if found.connected_by_us:
             problems.append("it was not connected: we connected it")
         system = await device.maybe("equatorialsystem", lambda value: base.integer(value, 0, 99))
-        self._looking.epoch = self._epoch_of(system, problems)
-        self._can = await device.asked_all(claims.CAN, base.truth)
+        self._reader.epoch = self._epoch_of(system, problems)
+        self._can = await device.asked_all(telescope_state.CAN, base.truth)
         if not (self._can.get("canslewasync") or self._can.get("canslew")):
             problems.append("it says that it can't slew")
-        await self._looking.begin(found.version, _PROBED)
+        await self._reader.begin(found.version, _PROBED)
         self._rates = await self._rates_of(device)
         self._guide_rates_deg_s = await self._guide_rates_of(device)
         await self._see_what_else_it_has()
@@ -299,12 +300,14 @@ class AlpacaLanguage(Unskilled):
         return Identity(self._identity(found, system), tuple(problems))
 
     def _identity(self, found: Found, system: int | None) -> str:
-        spoken = claims.SYSTEMS.get(-1 if system is None else system, "unknown")
+        spoken = telescope_state.SYSTEMS.get(-1 if system is None else system, "unknown")
         return f"{found.name} ({found.driver}; ITelescopeV{found.version}, {spoken} coordinates)"
 
     def _epoch_of(self, system: int | None, problems: list[str]) -> Epoch:
-        told = None if system is None else claims.EPOCHS.get(system)
-        spoken = "doesn't say which" if system is None else f"says {claims.SYSTEMS.get(system, system)}"
+        told = None if system is None else telescope_state.EPOCHS.get(system)
+        spoken = (
+            "doesn't say which" if system is None else f"says {telescope_state.SYSTEMS.get(system, system)}"
+        )
         wanted = self._habits.epoch
         if wanted is None and told is None:
             raise DeviceRefused(
@@ -321,7 +324,7 @@ class AlpacaLanguage(Unskilled):
         told = await device.maybe("trackingrates", lambda value: value)
         if not isinstance(told, list) or not await device.has("trackingrate"):
             return frozenset()
-        return frozenset(one for one in told if type(one) is int)
+        return frozenset(rate for rate in told if type(rate) is int)
 
     async def _guide_rates_of(self, device: AlpacaDevice) -> tuple[float, float] | None:
         try:
@@ -336,25 +339,25 @@ class AlpacaLanguage(Unskilled):
         more = set()
         if len(self._rates) > 1:
             more.add("trackingrates")
-        here = claims.said_place((await self._looking.readout()).place)
+        here = telescope_state.said_place((await self._reader.readout()).place)
         if await self._device.has("destinationsideofpier", here):
             more.add("destinationsideofpier")
-        self._looking.implemented |= more
+        self._reader.implemented |= more
 
     async def close(self) -> None:
         """Release the connections; the telescope stays connected, for others."""
         await self._moving.end()
-        await self._asking.close()
+        await self._client.close()
 
     async def lost(self) -> str:
-        """Wait until the server can't be reached or its driver says it is not connected, and tell why."""
-        return await self._asking.lost()
+        """Wait until the server can't be reached or its driver says it is not connected, and return why."""
+        return await self._client.lost()
 
     # -- readings --------------------------------------------------------------------------------
 
     async def readout(self) -> Readout:
-        """Ask where it is and what it does; see `Looking.readout`."""
-        return await self._looking.readout()
+        """Ask where it is and what it does; see `MountReader.readout`."""
+        return await self._reader.readout()
 
     # -- orders ----------------------------------------------------------------------------------
 
@@ -366,11 +369,11 @@ class AlpacaLanguage(Unskilled):
         if not await self._tracks() and self._can.get("cansettracking"):
             if not wanted():
                 return Sent(wire=False)
-            await self._asking.put("tracking", {"Tracking": True})
+            await self._client.put("tracking", {"Tracking": True})
         if not wanted():
             return Sent(wire=False)
         member = "slewtocoordinatesasync" if at_once else "slewtocoordinates"
-        return await self._moving.order(member, claims.said_place(place), at_once=at_once)
+        return await self._moving.order(member, telescope_state.said_place(place), at_once=at_once)
 
     async def send_sync(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
         """Order a sync."""
@@ -379,7 +382,7 @@ class AlpacaLanguage(Unskilled):
         if not wanted():
             return Sent(wire=False)
         try:
-            await self._asking.put("synctocoordinates", claims.said_place(place))
+            await self._client.put("synctocoordinates", telescope_state.said_place(place))
         except (DeviceSilent, DeviceGarbled) as failure:
             return Sent(lost=failure)
         except AlpacaRefused as refused:
@@ -406,37 +409,37 @@ class AlpacaLanguage(Unskilled):
 
     async def send_unpark(self) -> None:
         """Order unparking."""
-        await self._asking.put("unpark")
+        await self._client.put("unpark")
 
     async def send_set_park(self) -> None:
         """Take the present place for the park position."""
-        await self._asking.put("setpark")
+        await self._client.put("setpark")
 
     async def send_tracking(self, on: bool, rate: TrackingRate) -> None:
         """Order tracking, the rate first."""
         if on and self._rates:
-            wanted = claims.RATES.get(rate)
+            wanted = telescope_state.RATES.get(rate)
             if wanted is None or wanted not in self._rates:
                 raise self._unsupported(f"track at the {rate} rate")
             if await self._device.value("trackingrate", base.integer) != wanted:
-                await self._asking.put("trackingrate", {"TrackingRate": wanted})
+                await self._client.put("trackingrate", {"TrackingRate": wanted})
         if Skill.TRACK in self.skills:
-            await self._asking.put("tracking", {"Tracking": on})
+            await self._client.put("tracking", {"Tracking": on})
 
     async def send_guide(self, direction: Direction, duration_s: float, wanted: Wanted) -> Sent:
         """Order a pulse, which the mount times; old drivers answer when it is over."""
         if not wanted():
             return Sent(wire=False)
-        deadline_s = self._asking.deadline_s + duration_s
-        pulse = {"Direction": claims.PULSES[direction], "Duration": round(1000.0 * duration_s)}
+        deadline_s = self._client.deadline_s + duration_s
+        pulse = {"Direction": telescope_state.PULSES[direction], "Duration": round(1000.0 * duration_s)}
         try:
-            await self._asking.put("pulseguide", pulse, deadline_s=deadline_s)
+            await self._client.put("pulseguide", pulse, deadline_s=deadline_s)
         except (DeviceSilent, DeviceGarbled) as failure:
             return Sent(lost=failure)
         return Sent()
 
     async def guiding(self) -> bool | None:
-        """Whether a pulse still runs; None where it doesn't tell [ASCOM IsPulseGuiding]."""
+        """Whether a pulse still runs; None where it doesn't say [ASCOM IsPulseGuiding]."""
         return await self._device.maybe("ispulseguiding", base.truth)
 
     async def _tracks(self) -> bool:
@@ -456,7 +459,7 @@ class AlpacaLanguage(Unskilled):
 
     async def read_clock(self) -> datetime | None:
         """Its clock, taken for the middle between question and answer."""
-        if "utcdate" not in self._looking.implemented:
+        if "utcdate" not in self._reader.implemented:
             return None
         before = utc_now()
         try:
@@ -471,11 +474,11 @@ class AlpacaLanguage(Unskilled):
 
     async def write_clock(self, utc: datetime) -> None:
         """Set its clock."""
-        await self._asking.put("utcdate", {"UTCDate": base.said_instant(utc)})
+        await self._client.put("utcdate", {"UTCDate": base.said_instant(utc)})
 
     async def read_site(self) -> Site | None:
-        """Where it believes to stand; None where it was never told."""
-        if "sitelatitude" not in self._looking.implemented:
+        """Where it believes to stand; None where that was never set."""
+        if "sitelatitude" not in self._reader.implemented:
             return None
         device = self._device
         try:
@@ -498,24 +501,24 @@ class AlpacaLanguage(Unskilled):
         return Site(latitude_deg, (longitude_deg + 180.0) % 360.0 - 180.0, height_m)
 
     async def write_site(self, site: Site) -> None:
-        """Set its site; one that keeps no height is told none."""
-        await self._asking.put("sitelatitude", {"SiteLatitude": site.latitude_deg})
+        """Set its site; one that keeps no height is given none."""
+        await self._client.put("sitelatitude", {"SiteLatitude": site.latitude_deg})
         longitude_deg = (site.longitude_deg + 180.0) % 360.0 - 180.0
-        await self._asking.put("sitelongitude", {"SiteLongitude": longitude_deg})
+        await self._client.put("sitelongitude", {"SiteLongitude": longitude_deg})
         try:
-            await self._asking.put("siteelevation", {"SiteElevation": site.height_m})
+            await self._client.put("siteelevation", {"SiteElevation": site.height_m})
         except AlpacaRefused as refused:
             require_known(refused)
 
     async def destination_side(self, place: Apparent | Icrs) -> PierSide | None:
         """On which side it would look at a place."""
-        if "destinationsideofpier" not in self._looking.implemented:
+        if "destinationsideofpier" not in self._reader.implemented:
             return None
-        said = claims.said_place(place)
+        said = telescope_state.said_place(place)
         try:
-            return await self._device.value("destinationsideofpier", claims.pier_side, said)
+            return await self._device.value("destinationsideofpier", telescope_state.pier_side, said)
         except AlpacaRefused:
-            # out of its range or in a state where it can't tell
+            # out of its range or in a state where it can't say
             return None
 
 
@@ -524,3 +527,15 @@ def _guide_rate(value: object) -> float:
     if rate_deg_s == 0.0:
         raise Malformed("a guide rate of 0")
     return rate_deg_s
+
+
+TIMING = Timing(
+    start_grace_s=4.0,
+    rest_s=2.5,
+    sync_wait_s=6.0,
+    late_s=3.5,
+    heartbeat_s=1.0,
+    silence_s=3.0,
+    lost_after_s=9.0,
+)
+"""Servers answer from what they read up to a second ago, and those far away take up to two seconds for it."""

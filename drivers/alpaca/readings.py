@@ -1,7 +1,8 @@
 """Readings of a telescope: its state in one question where it can, and the failure of a motion kept.
 
-A motion that fails on its way is told in one place only: the next question for Slewing raises [Alpaca §5].
-Whoever happens to ask hears it, and perhaps nobody after; so it is kept for the one that follows the motion.
+A motion that fails on its way is reported in one place only: the next question for Slewing raises [Alpaca
+§5]. Any question for it may get that answer, and none after it may; so it is kept for the one that follows
+the motion.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from datetime import datetime, timedelta
 from typing import Any
 
 from drivers.alpaca.client import understood
-from drivers.alpaca.codec import base, claims
+from drivers.alpaca.codec import base, telescope_state
 from drivers.alpaca.codec.base import AlpacaRefused, Malformed
 from drivers.alpaca.device import AlpacaDevice
 from drivers.generic.language import Readout
@@ -25,13 +26,8 @@ _TELLS_STATE = 4
 """From this version of the interface on it has DeviceState [Alpaca §4]."""
 
 
-class Looking:
-    """Makes the readouts of one telescope.
-
-    Parameters
-    ----------
-    device : AlpacaDevice
-    """
+class MountReader:
+    """Makes the readouts of one telescope."""
 
     def __init__(self, device: AlpacaDevice) -> None:
         self._device = device
@@ -43,7 +39,7 @@ class Looking:
         self._failed = ""
 
     async def begin(self, version: int, members: tuple[str, ...]) -> None:
-        """See which members can be read: the device is up anew."""
+        """See which members can be read: the device is up again."""
         self._failed, self._orders = "", self._orders + 1
         asked = [*_STATES, "slewing", *members]
         if version >= _TELLS_STATE:
@@ -62,7 +58,7 @@ class Looking:
         """Take note that an order to move has failed, unless a later one went out."""
         if order == self._orders and not self._failed:
             self._failed = words
-            self._device.asking.log.note("event", meaning=f"the motion failed: {words}")
+            self._device.client.log.note("event", meaning=f"the motion failed: {words}")
 
     async def readout(self) -> Readout:
         """Ask where it is and what it does.
@@ -76,20 +72,20 @@ class Looking:
         DeviceMissing
             If the server is gone or its driver is not connected.
         """
-        # all at once: one after the other, over a slow line, they would tell of times that lie seconds apart
+        # all at once: one after the other, over a slow line, they would be of times that lie seconds apart
         (state, utc, span), slewing = await both(self._placed(), self._slewing())
         try:
-            place = claims.place(state["rightascension"], state["declination"], self.epoch, utc)
-            by_state = claims.maybe_truth(state, "slewing")
+            place = telescope_state.place(state["rightascension"], state["declination"], self.epoch, utc)
+            by_state = telescope_state.maybe_truth(state, "slewing")
             return Readout(
                 place,
                 utc,
                 span_s=span.total_seconds(),
                 slewing=slewing if by_state is None or slewing is None else slewing or by_state,
-                tracking=claims.maybe_truth(state, "tracking"),
-                parked=claims.maybe_truth(state, "atpark"),
-                at_home=claims.maybe_truth(state, "athome"),
-                pier_side=claims.pier_side(state.get("sideofpier")),
+                tracking=telescope_state.maybe_truth(state, "tracking"),
+                parked=telescope_state.maybe_truth(state, "atpark"),
+                at_home=telescope_state.maybe_truth(state, "athome"),
+                pier_side=telescope_state.pier_side(state.get("sideofpier")),
                 failed=self._failed,
             )
         except Malformed as fault:
@@ -138,7 +134,7 @@ class Looking:
 
     async def _read(self, member: str) -> object:
         try:
-            return await self._device.asking.get(member)
+            return await self._device.client.get(member)
         except AlpacaRefused as refused:
             raise self._unread(refused) from refused
 
@@ -146,9 +142,9 @@ class Looking:
         if member not in self.implemented:
             return None
         try:
-            return await self._device.asking.get(member)
+            return await self._device.client.get(member)
         except AlpacaRefused:
-            # it has it, and can't tell just now
+            # it has it, and can't say just now
             return None
 
     def _unread(self, refused: AlpacaRefused) -> DeviceSilent:

@@ -61,7 +61,6 @@ async def set_up(device: IndiDevice, habits: CameraHabits) -> list[str]:
     ----------
     device : IndiDevice
         Of the camera, up.
-    habits : CameraHabits
 
     Raises
     ------
@@ -88,7 +87,7 @@ async def set_up(device: IndiDevice, habits: CameraHabits) -> list[str]:
             done.append(what)
     if habits.mount is not None:
         done += await _listening(device, habits.mount)
-        # of the mount nothing else is told to us
+        # of the mount we get nothing else
         device.client.send(messages.get_properties(habits.mount, "TELESCOPE_INFO"))
     if habits.binning is not None:
         done += await _binned(device, habits.of_chip("BINNING"), habits.binning)
@@ -134,7 +133,7 @@ async def _whole(device: IndiDevice, habits: CameraHabits) -> list[str]:
     await device.ordered(messages.new_numbers(device.name, name, wanted), asking=name, echo=name)
     now = device.get(name)
     if now is None or not _is_whole(now, width_px, height_px):
-        part = [] if now is None else [now.number(one) for one in ("X", "Y", "WIDTH", "HEIGHT")]
+        part = [] if now is None else [now.number(element) for element in ("X", "Y", "WIDTH", "HEIGHT")]
         raise DeviceRefused(
             f"reads out {part} of its chip, and not all {width_px:.0f} × {height_px:.0f} pixels",
             device=device.address,
@@ -176,9 +175,17 @@ def _only(on: str, one: Property) -> Mapping[str, bool]:
 
 
 _NO_FILE_S = 5.0
+"""How long a file may still come after the driver said that the exposure ended badly. Chosen by hand;
+halved, a file that is only slow to be packed is missed, doubled, a failure is reported later."""
 _IDLE_WITHIN_S = 5.0
+"""How long an exposure that still runs may take to end before a new one is refused as another program's.
+Chosen by hand."""
 _GLANCE_S = 0.2
+"""How often we check what comes true without a message (see `Exposure.settle`). Chosen by hand: little
+work, and no frame waits noticeably longer."""
 _START_S = 30.0
+"""How long, beyond the exposure, a driver may take to say that it has begun: some answer only when the
+exposure is over. Chosen by hand; too short reports a slow driver as silent."""
 
 
 class IndiCameraLanguage:
@@ -190,7 +197,6 @@ class IndiCameraLanguage:
         Of the camera, on a connection of its own.
     name : str, optional
         For messages; the device's address by default.
-    habits : CameraHabits
     """
 
     def __init__(
@@ -231,7 +237,7 @@ class IndiCameraLanguage:
         DeviceMissing, DeviceSilent
             If there is no server, no such device, or its driver can't connect.
         DeviceRefused
-            If it is not connected and may not be told to, is no camera, or keeps its files to itself.
+            If it is not connected and may not be ordered to, is no camera, or keeps its files to itself.
         """
         device, habits = self._device, self._habits
         try:

@@ -1,4 +1,4 @@
-"""One connection to an `indiserver`: hears everything about its devices, and knows at once when it is dead.
+"""One connection to an `indiserver`: gets everything about its devices, and knows at once when it is dead.
 
 A closed connection shows by itself. A server that hangs, or a network that swallows, shows by its silence:
 it is pinged whenever nothing has come for a moment [indiserver answers pingRequest since 1.9.8, without any
@@ -20,22 +20,30 @@ from drivers.indi.codec import messages as orders
 from drivers.indi.codec.messages import Defined, Event, PingAnswered, Pinged
 from drivers.indi.codec.state import Properties, Property
 from drivers.indi.codec.xml_stream import Malformed
+from drivers.indi.family import PORT
 from drivers.wire.wire_log import WireLog
 from mountnav.clock import utc_now
 from mountnav.errors import DeviceMissing
 from mountnav.tasks import begun, fault_words
 
-PORT = 7624
 _AT_ONCE_BYTES = 1 << 18
+"""Bytes taken from the socket at once. Chosen by hand: an image comes in few reads, and memory stays
+small."""
 _MOST_UNSENT_BYTES = 1 << 20
+"""Bytes that may wait to be sent before the server counts as stuck. Our orders are a few hundred bytes
+each, so this is thousands of orders that it has not taken. Chosen by hand."""
 _MOST_PROPERTIES = 5000
-"""Of all devices that a connection hears of; a large observatory has a tenth."""
+"""Of all devices that a connection receives news of; a large observatory has a tenth."""
 _MOST_PROPERTIES_BYTES = 1 << 24
 """Of all of them together; those of a large observatory take some hundred kB."""
 _WORDS_KEPT = 200
+"""How many messages of drivers are kept for explaining a refusal. Chosen by hand: a refusal's words come
+within a few messages of it."""
 _INTRODUCTION_S = 0.5
+"""How long a server has to list its devices when we ask only for advice in an error message. Chosen by
+hand; doubled, the error is shown later, halved, the list may be incomplete."""
 _RETELL_S = 1.0
-"""After a broken message all properties are told anew, and no sooner than after so long once more, in
+"""After a broken message all properties are asked for again, and no sooner than after so long once more, in
 seconds, doubled each time that the answer holds one as well: a driver with one broken definition would be
 asked without end. Twice as long leaves a change that was lost unknown for 1 s more."""
 _LONGEST_RETELL_S = 64.0
@@ -75,12 +83,8 @@ class IndiClient:
 
     Parameters
     ----------
-    host : str
-    port : int
     device : str
-        Of which device to hear; empty for all.
-    log : WireLog
-    pulse : Pulse
+        About which device; empty for all.
     """
 
     def __init__(
@@ -118,7 +122,7 @@ class IndiClient:
         self._listeners.append(listener)
 
     async def open(self) -> None:
-        """Connect, anew if it is open, and ask for the properties.
+        """Connect, again if it is open, and ask for the properties.
 
         Raises
         ------
@@ -154,7 +158,7 @@ class IndiClient:
         for task in tasks:
             task.cancel()
         for task in tasks:
-            # a fault of its own was told when it came
+            # a fault of its own was reported when it came
             with contextlib.suppress(asyncio.CancelledError, Exception):
                 await task
         writer, self._writer = self._writer, None
@@ -164,7 +168,7 @@ class IndiClient:
                 await writer.wait_closed()
 
     async def lost(self) -> str:
-        """Wait until the open connection is lost, and tell why."""
+        """Wait until the open connection is lost, and return why."""
         while self._why_lost is None:
             await self._news.wait()
         return self._why_lost
@@ -190,7 +194,7 @@ class IndiClient:
             self._lose("it takes nothing any more")
 
     async def until(self, true: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait until something is true of what was heard; tell whether it came true in time.
+        """Wait until something is true of what was heard; return whether it came true in time.
 
         Raises
         ------
@@ -212,7 +216,7 @@ class IndiClient:
         return True
 
     async def devices_there(self) -> list[str]:
-        """Ask the server for its devices, on another connection: this one hears of its own alone."""
+        """Ask the server for its devices, on another connection: this one is about its own alone."""
         other = IndiClient(self._host, self._port, log=WireLog(kept=1), pulse=self._pulse)
         await other.open()
         try:
@@ -223,7 +227,7 @@ class IndiClient:
 
     def said_since(self, count: int, device: str) -> list[str]:
         """What a device's driver said after so many messages."""
-        return [one.text for one in self.words if one.count > count and one.device == device]
+        return [words.text for words in self.words if words.count > count and words.device == device]
 
     # -- hearing ---------------------------------------------------------------------------------
 
@@ -278,7 +282,7 @@ class IndiClient:
             listener(event, now)
 
     def _have_retold(self) -> None:
-        """Have everything told anew if a change may have been lost, and it is time."""
+        """Have everything sent again if a change may have been lost, and it is time."""
         if self.usable and self._retelling.due(asyncio.get_running_loop().time()):
             self.send(orders.get_properties(self._device))
 
@@ -325,7 +329,7 @@ class IndiClient:
 
 
 class _Retelling:
-    """When everything has to be told anew, because a change may have been lost."""
+    """When everything has to be sent again, because a change may have been lost."""
 
     def __init__(self) -> None:
         self._wanted = False

@@ -1,7 +1,7 @@
 """One device behind a connection: introduced, connected, and given orders whose effect is seen.
 
 INDI has no answers, so each order is followed by a question, in one write: a driver takes up one message
-after the other, and when it tells the property asked for, all that it has to say to the order was heard.
+after the other, and when it reports the property asked for, all that it has to say to the order was heard.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from drivers.indi.codec.state import Property
 from mountnav.errors import DeviceMissing, DeviceRefused, DeviceSilent, Refusal
 
 _INTRODUCTION_S = 2.0
+"""How long a driver has to define its CONNECTION property after the server was asked. Chosen by hand; one
+that starts with the server needs longer, and is then found at the next try to connect."""
 _ECHO_S = 2.0
 """A driver that answers without having echoed the order is asked once more after so long, in seconds, and
 believed then: some echo nothing. Real drivers echo within 0.1 s, and while they wait for their mount they
@@ -29,7 +31,6 @@ class IndiDevice:
 
     Parameters
     ----------
-    client : IndiClient
     name : str
         Of the device, as the server has it.
     deadline_s : float
@@ -68,7 +69,7 @@ class IndiDevice:
         return 0.0 if self._asked_s is None else asyncio.get_running_loop().time() - self._asked_s
 
     async def lost(self) -> str:
-        """Wait until the connection or the device on it is lost, and tell why."""
+        """Wait until the connection or the device on it is lost, and return why."""
         try:
             while self.usable:
                 await self.client.until(lambda: self._gone is not None, 3600.0)
@@ -99,7 +100,7 @@ class IndiDevice:
         Parameters
         ----------
         may_connect : bool
-            Whether a device that is not connected may be told to.
+            Whether a device that is not connected may be ordered to.
         needed : tuple of str
             It is up when one of these properties is there.
 
@@ -132,7 +133,7 @@ class IndiDevice:
                 advice="is it the right device?",
                 reason=Refusal.UNSUPPORTED,
             )
-        # definitions come in one go: when this is told again, all of them are there
+        # definitions come in one go: when this is sent again, all of them are there
         await self.told("CONNECTION")
         return ours
 
@@ -181,7 +182,7 @@ class IndiDevice:
     # -- orders ----------------------------------------------------------------------------------
 
     async def told(self, name: str, *, deadline_s: float | None = None) -> Property:
-        """Have its driver tell a property anew.
+        """Have its driver send a property again.
 
         Raises
         ------
@@ -203,12 +204,11 @@ class IndiDevice:
 
         Parameters
         ----------
-        messages : bytes
         asking : str
             A property that the device has.
         echo : str
             The property that its driver sets, be it to what it was, when it has taken up the orders: an
-            answer that comes before is somebody else's. Empty if any answer will do.
+            answer that comes before belongs to another question. Empty if any answer will do.
         deadline_s : float, optional
             Instead of its own.
 
@@ -247,7 +247,7 @@ class IndiDevice:
         return heard
 
     async def _answered(self, answer: _Answer, deadline_s: float) -> bool:
-        """Wait for an answer, and tell whether it came in time."""
+        """Wait for an answer, and return whether it came in time."""
         loop, until = asyncio.get_running_loop(), self.client.until
         deadline_at_s = loop.time() + deadline_s
 
@@ -297,7 +297,7 @@ class IndiDevice:
         if isinstance(event, Deleted) and event.name in ("", "CONNECTION"):
             self._gone = "its driver is gone"
         elif (
-            # a driver that was started again defines it anew
+            # a driver that was started again defines it again
             isinstance(event, Changed | Defined)
             and event.name == "CONNECTION"
             and now is not None
@@ -325,7 +325,7 @@ class _Answer:
         self.asking = asking
         self.echo = echo
         self.told = False
-        """Whether the property was told since, be it to us or to others."""
+        """Whether the property was sent since, be it to us or to others."""
         self._heard = heard
         self._seen = 0
         self._echoed = not echo
@@ -338,10 +338,10 @@ class _Answer:
     def came(self) -> bool:
         """Look at what was heard since the last look: a driver may say thousands of things meanwhile."""
         fresh, self._seen = self._heard[self._seen :], len(self._heard)
-        for one in fresh:
-            if isinstance(one, Changed) and one.name == self.echo:
+        for event in fresh:
+            if isinstance(event, Changed) and event.name == self.echo:
                 self._echoed = True
-            elif isinstance(one, Defined) and one.name == self.asking:
+            elif isinstance(event, Defined) and event.name == self.asking:
                 self.told = True
                 self._came = self._came or self._echoed
         return self._came

@@ -1,28 +1,23 @@
-"""Mounts and cameras of an `indiserver` from the options of their URLs."""
+"""The family of what an `indiserver` serves: how such a mount or camera is opened."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
-from urllib.parse import urlsplit
+from urllib.parse import unquote, urlsplit
 
-from drivers.generic.camera import GenericCamera
-from drivers.generic.options import Timing, maybe_number_of, number_of, read_options, require_known, yes_of
-from drivers.indi.camera import CameraHabits, IndiCameraLanguage
-from drivers.indi.client import PORT, IndiClient, Pulse
-from drivers.indi.device import IndiDevice
-from drivers.indi.language import IndiHabits, IndiLanguage
-from drivers.wire.wire_log import WireLog
+from drivers.family import Family, MountUrl, UrlParts
 
 if TYPE_CHECKING:
+    from drivers.generic.camera import GenericCamera
     from drivers.generic.mount import GenericMount
-    from drivers.registry import MountUrl
+    from drivers.indi.device import IndiDevice
     from mountnav.sky.coordinates import Site
 
-TIMING = Timing(start_grace_s=4.0, rest_s=2.5, sync_wait_s=6.0, late_s=3.5)
-"""A driver looks at its mount once a second, and two looks make a reading that is believed."""
-MOUNT_OPTIONS = ("connect", "resolution_arcsec", "connect_s", "server_silent_s")
-CAMERA_OPTIONS = (
+PORT = 7624
+"""What `indiserver` listens on if nothing else is said."""
+_MOUNT_OPTIONS = ("connect", "resolution_arcsec", "connect_s", "server_silent_s")
+_CAMERA_OPTIONS = (
     "connect",
     "connect_s",
     "timeout_s",
@@ -35,15 +30,11 @@ CAMERA_OPTIONS = (
 )
 
 
-def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> GenericMount:
-    """Make the mount; nothing is opened yet.
+def _open_mount(url: MountUrl, name: str | None, site: Site | None) -> GenericMount:
+    from drivers.generic.options import number_of, read_options, yes_of
+    from drivers.indi.language import TIMING, IndiHabits, IndiLanguage
 
-    Raises
-    ------
-    BadSettings
-        If an option is unknown or its value makes no sense.
-    """
-    options = read_options(url.options, "indi", baud=9600, timeout_s=8.0, timing=TIMING, own=MOUNT_OPTIONS)
+    options = read_options(url.options, "indi", baud=9600, timeout_s=8.0, timing=TIMING, own=_MOUNT_OPTIONS)
     own = options.own
     device = _device(url, own, options.timeout_s)
     habits = IndiHabits(
@@ -54,16 +45,13 @@ def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> Gen
     return options.mount(IndiLanguage(device, habits), name=name, site=site)
 
 
-def camera_from(url: MountUrl, name: str | None) -> GenericCamera:
-    """Make the camera; nothing is opened yet.
+def _open_camera(url: MountUrl, name: str | None) -> GenericCamera:
+    from drivers.generic.camera import GenericCamera
+    from drivers.generic.options import maybe_number_of, number_of, require_known, yes_of
+    from drivers.indi.camera import CameraHabits, IndiCameraLanguage
 
-    Raises
-    ------
-    BadSettings
-        If an option is unknown or its value makes no sense.
-    """
     own = url.options
-    require_known(own, CAMERA_OPTIONS, "an indi camera")
+    require_known(own, _CAMERA_OPTIONS, "an indi camera")
     habits = CameraHabits(
         may_connect=yes_of(own, "connect", default=True),
         mount=own.get("mount"),
@@ -77,6 +65,11 @@ def camera_from(url: MountUrl, name: str | None) -> GenericCamera:
 
 
 def _device(url: MountUrl, own: Mapping[str, str], deadline_s: float) -> IndiDevice:
+    from drivers.generic.options import number_of
+    from drivers.indi.client import IndiClient, Pulse
+    from drivers.indi.device import IndiDevice
+    from drivers.wire.wire_log import WireLog
+
     place = urlsplit(f"//{url.line}")
     silent_s = number_of(own, "server_silent_s", 1.9)
     pulse = Pulse(ping_s=min(0.4, silent_s / 4.0), silent_s=silent_s)
@@ -84,3 +77,25 @@ def _device(url: MountUrl, own: Mapping[str, str], deadline_s: float) -> IndiDev
         place.hostname or "localhost", place.port or PORT, url.device, log=WireLog(), pulse=pulse
     )
     return IndiDevice(client, url.device, deadline_s=deadline_s, connect_s=number_of(own, "connect_s", 30.0))
+
+
+def _read_url(parts: UrlParts, family: Family) -> MountUrl:
+    """Read ``indi://host:port/device``; the port may be left out."""
+    parts.require_no_user()
+    port = parts.port or family.usual_port
+    if not parts.transport and parts.host and not parts.bare:
+        device = unquote(parts.path.lstrip("/"))
+        return MountUrl(parts.driver, f"{parts.host}:{port}", parts.options, device)
+    device = parts.path if not parts.bare else "/Telescope%20Simulator"
+    raise parts.wrong(
+        "names no device of a server", f"write {parts.driver}://{parts.host or 'host'}:{port}{device}"
+    )
+
+
+FAMILY = Family(
+    name="indi",
+    open_mount=_open_mount,
+    open_camera=_open_camera,
+    read_url=_read_url,
+    usual_port=PORT,
+)

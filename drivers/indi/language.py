@@ -1,6 +1,12 @@
-"""A mount behind INDI, as a language: which properties make an order, and which one tells that it was heard.
+"""A mount behind INDI, as a language: which properties make an order, and which one shows that it arrived.
 
-Readings stand in `looking`, coordinates and the switch that gives them their meaning in `aiming`.
+Readings stand in `readings`; coordinates are given by `CoordinateOrders`, with the switch that says what
+they mean.
+
+What an order to the coordinates means depends on a switch of its own (ON_COORD_SET) that every client of the
+server can turn. So it is set and seen before each order, set again in the same write as the coordinates, and
+never left on SYNC. If another program changed it in between, the order's outcome is not known, and that is
+reported.
 """
 
 from __future__ import annotations
@@ -9,6 +15,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 from drivers.generic.language import Identity, Readout, Sent, Unskilled, Wanted
+from drivers.generic.options import Timing
 from drivers.indi.codec import messages, state
 from drivers.indi.codec import messages as orders
 from drivers.indi.codec.answers import (
@@ -22,7 +29,7 @@ from drivers.indi.codec.answers import (
 from drivers.indi.codec.messages import Event, Ordered
 from drivers.indi.codec.state import COORDINATES, Property
 from drivers.indi.device import IndiDevice
-from drivers.indi.readings import Looking
+from drivers.indi.readings import MountReader
 from drivers.wire.wire_log import WireLog
 from mountnav.clock import utc_now
 from mountnav.devices import Direction, Epoch, Skill, TrackingRate
@@ -31,24 +38,30 @@ from mountnav.sky.coordinates import Apparent, Icrs, Site
 
 _SWITCH = "ON_COORD_SET"
 _SYNCED_ARCSEC = 30.0
+"""A sync that was answered counts as taken when the driver reports a place so near to it. Chosen by hand:
+above a second of time in right ascension (15), to which some drivers round."""
 _SECOND_LEG_ARCSEC = 20.0
+"""A mount that rests farther than this from its target is sent once more: some drivers forget how far the
+sky turned on the way. Chosen by hand; halved, mounts that round to a second of time are sent in vain."""
 _LONGEST_LEG_ARCSEC = 3600.0
+"""Farther than this it did not miss its target but stopped for another reason: it is not sent again. Chosen
+by hand: one degree, what the sky turns in four minutes."""
 _MOST_LEGS = 2
+"""How many times it is sent again for one slew. Chosen by hand: one order mostly suffices."""
 
 
-class Aiming:
+class CoordinateOrders:
     """Gives coordinates to one device.
 
     Parameters
     ----------
-    device : IndiDevice
-    looking : Looking
+    reader : MountReader
         Of the same device.
     """
 
-    def __init__(self, device: IndiDevice, looking: Looking) -> None:
+    def __init__(self, device: IndiDevice, reader: MountReader) -> None:
         self._device = device
-        self._looking = looking
+        self._reader = reader
         self._place: Apparent | Icrs | None = None
         self._legs = 0
         self._sync_left = False
@@ -66,14 +79,14 @@ class Aiming:
         return switch is not None and switch.on("SYNC") is True
 
     async def begin(self) -> None:
-        """Forget what was: the device is up anew. A SYNC that the broken link left selected is undone."""
+        """Forget what was: the device is up again. A SYNC that the broken link left selected is undone."""
         left, self._sync_left = self._sync_left, False
         self.forget()
         if left and self.sync_is_selected:
             await self._select(self._moving_mode())
 
     def forget(self) -> None:
-        """Somebody else gives the coordinates now."""
+        """Another program gives the coordinates now."""
         self._place, self._legs = None, 0
 
     async def slew(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
@@ -83,7 +96,7 @@ class Aiming:
 
     async def next_leg(self, place: Apparent | Icrs, wanted: Wanted) -> bool:
         """Once more, if it rests near its place: some drivers forget the turn of the sky on the way."""
-        name, get = COORDINATES[self._looking.epoch], self._device.get
+        name, get = COORDINATES[self._reader.epoch], self._device.get
         if self._legs == 0 or state.tracking(get) is False or state.parked(get):
             return False
         if not _SECOND_LEG_ARCSEC < state.apart_arcsec(get(name), place) < _LONGEST_LEG_ARCSEC:
@@ -105,11 +118,11 @@ class Aiming:
                 self._sync_left = False
 
     async def _order(self, mode: str, place: Apparent | Icrs, wanted: Wanted) -> Sent:
-        name = COORDINATES[self._looking.epoch]
+        name = COORDINATES[self._reader.epoch]
         await self._select(mode)
         if not wanted():
             return Sent(wire=False)
-        self._looking.be_restless()
+        self._reader.be_restless()
         self._place = place
         coordinates = {"RA": (place.ra_deg / 15.0) % 24.0, "DEC": place.dec_deg}
         messages = [self._turn(mode), orders.new_numbers(self._device.name, name, coordinates)]
@@ -131,7 +144,7 @@ class Aiming:
                 raise refusal("the sync", heard, address)
             return Sent()
         if was_turned(mode, name, heard):
-            self._looking.doubt()
+            self._reader.doubt()
             return Sent(
                 lost=DeviceGarbled(
                     f"another program turned {_SWITCH} while coordinates were sent: maybe they were synced",
@@ -194,9 +207,9 @@ class IndiHabits:
     epoch : {"apparent", "icrs"} or None
         Which coordinates to use; None takes those of date if the device has them, else J2000.
     may_connect : bool
-        Whether a device that is not connected may be told to connect.
+        Whether a device that is not connected may be ordered to connect.
     resolution_arcsec : float
-        Coarsest step of the mount: INDI doesn't tell.
+        Coarsest step of the mount: INDI doesn't say.
     """
 
     epoch: Epoch | None = None
@@ -210,8 +223,7 @@ class IndiLanguage(Unskilled):
     Parameters
     ----------
     device : IndiDevice
-        Of the mount; its connection hears of that device alone.
-    habits : IndiHabits
+        Of the mount; its connection is about that device alone.
     """
 
     def __init__(self, device: IndiDevice, habits: IndiHabits | None = None) -> None:
@@ -219,9 +231,9 @@ class IndiLanguage(Unskilled):
         self._why = "its INDI driver has no such property"
         self._device = device
         self._habits = habits or IndiHabits()
-        self._looking = Looking(device)
-        self._looking.epoch = self._habits.epoch or "apparent"
-        self._aiming = Aiming(device, self._looking)
+        self._reader = MountReader(device)
+        self._reader.epoch = self._habits.epoch or "apparent"
+        self._orders = CoordinateOrders(device, self._reader)
         self._homed = False
         device.client.listen(self._on_event)
 
@@ -245,12 +257,12 @@ class IndiLanguage(Unskilled):
     @property
     def epoch(self) -> Epoch:
         """Kind of coordinates it is used with; known after `open` unless it is set."""
-        return self._looking.epoch
+        return self._reader.epoch
 
     @property
     def usual_epoch(self) -> Epoch:
         """As found: a driver converts by itself."""
-        return self._looking.epoch
+        return self._reader.epoch
 
     @property
     def resolution_arcsec(self) -> float:
@@ -281,7 +293,7 @@ class IndiLanguage(Unskilled):
         DeviceMissing
             If there is no server, no such device, or its driver can't connect.
         DeviceRefused
-            If it is not connected and may not be told to, or is no mount.
+            If it is not connected and may not be ordered to, or is no mount.
         DeviceSilent
             If its driver doesn't answer.
         """
@@ -289,15 +301,15 @@ class IndiLanguage(Unskilled):
         names = (COORDINATES[habits.epoch],) if habits.epoch else tuple(COORDINATES.values())
         ours = await device.bring_up(may_connect=habits.may_connect, needed=names)
         found: Epoch = "apparent" if device.get(COORDINATES["apparent"]) else "icrs"
-        self._looking.epoch = habits.epoch or found
-        self._looking.begin(unread=ours)
+        self._reader.epoch = habits.epoch or found
+        self._reader.begin(unread=ours)
         self._homed = False
         problems = []
         if ours:
             problems.append("it was not connected: we connected it")
-        if self._aiming.sync_is_selected:
+        if self._orders.sync_is_selected:
             problems.append("SYNC is selected on the server: a slew from another program would be a sync")
-        await self._aiming.begin()
+        await self._orders.begin()
         return Identity(f"{device.name} ({device.driver})", tuple(problems))
 
     async def close(self) -> None:
@@ -305,14 +317,14 @@ class IndiLanguage(Unskilled):
         await self._device.client.close()
 
     async def lost(self) -> str:
-        """Wait until the server, the driver or its connection to the mount is gone, and tell why."""
+        """Wait until the server, the driver or its connection to the mount is gone, and return why."""
         return await self._device.lost()
 
     # -- readings --------------------------------------------------------------------------------
 
     async def readout(self) -> Readout:
-        """Have the driver tell the place anew; see `Looking.readout`."""
-        return await self._looking.readout(homed=self._homed)
+        """Have the driver send the place again; see `MountReader.readout`."""
+        return await self._reader.readout(homed=self._homed)
 
     # -- orders ----------------------------------------------------------------------------------
 
@@ -320,22 +332,22 @@ class IndiLanguage(Unskilled):
         """Order a slew: TRACK selected and seen, then TRACK and the coordinates in one write."""
         self._require_unparked("the slew")
         self._homed = False
-        return await self._aiming.slew(place, wanted)
+        return await self._orders.slew(place, wanted)
 
     async def next_leg(self, place: Apparent | Icrs, wanted: Wanted) -> bool:
         """Once more, if it rests near its place: some drivers forget the turn of the sky on the way."""
-        return await self._aiming.next_leg(place, wanted)
+        return await self._orders.next_leg(place, wanted)
 
     async def send_sync(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
         """Order a sync; whatever comes of it, SYNC doesn't stay selected."""
         self._require_unparked("the sync")
-        if not self._aiming.can_sync:
+        if not self._orders.can_sync:
             raise self._unsupported("sync")
-        return await self._aiming.sync(place, wanted)
+        return await self._orders.sync(place, wanted)
 
     async def send_stop(self, again: int) -> None:
         """Abort all motion; tracking stays as it was [INDI Telescope: abort restores what it did before]."""
-        self._looking.be_restless()
+        self._reader.be_restless()
         self._device.client.send(
             messages.new_switches(self._device.name, "TELESCOPE_ABORT_MOTION", {"ABORT": True})
         )
@@ -372,7 +384,7 @@ class IndiLanguage(Unskilled):
 
     @property
     def tracking_rates(self) -> frozenset[TrackingRate]:
-        """At which rates it can be told to follow."""
+        """At which rates it can be ordered to track."""
         modes = self._device.get("TELESCOPE_TRACK_MODE")
         if modes is None:
             can = self._device.get("TELESCOPE_TRACK_STATE") is not None
@@ -411,13 +423,13 @@ class IndiLanguage(Unskilled):
     async def guiding(self) -> bool | None:
         """Whether a pulse still runs: its property is busy until then; None where there is none."""
         pulses = [self._device.get(name) for name, _, _ in _PULSES.values()]
-        return any(one is not None and one.state == "Busy" for one in pulses) if any(pulses) else None
+        return any(pulse is not None and pulse.state == "Busy" for pulse in pulses) if any(pulses) else None
 
     async def _switch(self, name: str, switches: dict[str, bool], what: str) -> Sent:
         """Order something that takes a while."""
         if self._device.get(name) is None:
             raise self._unsupported(what)
-        self._looking.be_restless()
+        self._reader.be_restless()
         try:
             heard = await self._device.ordered(
                 messages.new_switches(self._device.name, name, switches), asking=name, echo=name
@@ -441,7 +453,7 @@ class IndiLanguage(Unskilled):
     # -- clock and site --------------------------------------------------------------------------
 
     async def read_clock(self) -> datetime | None:
-        """Its clock, if its driver ever told it unasked."""
+        """Its clock, if its driver ever sent it unasked."""
         return state.clock(self._device.get, utc_now())
 
     async def write_clock(self, utc: datetime) -> None:
@@ -457,7 +469,7 @@ class IndiLanguage(Unskilled):
         )
 
     async def read_site(self) -> Site | None:
-        """Where its driver believes to stand; None where it was never told."""
+        """Where its driver believes to stand; None where that was never set."""
         return state.site(self._device.get)
 
     async def write_site(self, site: Site) -> None:
@@ -479,9 +491,13 @@ class IndiLanguage(Unskilled):
     # -- others ----------------------------------------------------------------------------------
 
     def _on_event(self, event: Event, now: Property | None) -> None:
-        """Notice when somebody else orders something: the server passes it on to us."""
+        """Notice when another program orders something: the server passes it on to us."""
         if isinstance(event, Ordered) and event.device == self._device.name and event.name in _MOVERS:
             self.log.note("event", meaning=f"another program ordered {event.name}")
-            self._looking.be_restless()
+            self._reader.be_restless()
             if event.name in COORDINATES.values():
-                self._aiming.forget()
+                self._orders.forget()
+
+
+TIMING = Timing(start_grace_s=4.0, rest_s=2.5, sync_wait_s=6.0, late_s=3.5)
+"""A driver looks at its mount once a second, and two looks make a reading that is believed."""

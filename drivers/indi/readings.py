@@ -1,6 +1,6 @@
-"""Readings of a mount behind INDI: the place told anew, and no driver's look at the mount counted twice.
+"""Readings of a mount behind INDI: the place asked for again, and no poll of a driver counted twice.
 
-A driver reads its mount once in a while and tells what has changed; asked, it tells what it read last. So
+A driver reads its mount once in a while and reports what has changed; asked, it reports what it read last. So
 while the mount may be moving a reading waits for the driver's next look: two readings are two looks.
 """
 
@@ -20,16 +20,15 @@ from mountnav.devices import Epoch
 from mountnav.errors import DeviceGarbled, DeviceSilent
 
 _RESTLESS_S = 20.0
+"""For how long after an order or a doubtful reading the mount counts as moving, so that each reading waits
+for the driver's next look at it. Chosen by hand; doubled, readings stay slow for longer."""
 _NONSENSE_S = 5.0
+"""How long a place that makes no sense is asked for again before it is an error. Chosen by hand: several
+polls of a driver that polls once a second."""
 
 
-class Looking:
-    """Makes the readouts of one device.
-
-    Parameters
-    ----------
-    device : IndiDevice
-    """
+class MountReader:
+    """Makes the readouts of one device."""
 
     def __init__(self, device: IndiDevice) -> None:
         self._device = device
@@ -45,7 +44,7 @@ class Looking:
         return state.poll_s(self._device.get)
 
     def begin(self, *, unread: bool) -> None:
-        """Forget what was: the device is up anew; `unread` if its driver has just been connected."""
+        """Forget what was: the device is up again; `unread` if its driver has just been connected."""
         self._unread, self._last_look_s = unread, -math.inf
         self.be_restless()
 
@@ -58,7 +57,7 @@ class Looking:
         self._doubted = True
 
     async def readout(self, *, homed: bool) -> Readout:
-        """Have the driver tell the place anew, and what it claims of the rest.
+        """Have the driver send the place again, and what it claims of the rest.
 
         Parameters
         ----------
@@ -86,7 +85,7 @@ class Looking:
             place = state.place(now, self.epoch, utc)
             if place is not None:
                 break
-            # nonsense is never told, but it may pass
+            # nonsense is never passed on, but it may pass
             self._doubted = True
             self.be_restless()
             if loop.time() > until_s:

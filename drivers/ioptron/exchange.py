@@ -1,4 +1,8 @@
-"""How an iOptron mount is asked and ordered, and what we compute for one that does not say it."""
+"""How an iOptron mount is asked and ordered, and what we compute for one that does not say it.
+
+A bare `1` says nothing of its question, and each stop is answered by one. So every order is preceded by a
+question whose answer is a text: when that has come, no older `1` is on its way.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,7 @@ from typing import TypeVar
 
 from drivers.generic.serial_language import OptionalQuestions
 from drivers.ioptron.codec import v3
-from drivers.ioptron.codec.command_set import Words
+from drivers.ioptron.codec.command_set import CommandSet
 from drivers.ioptron.codec.greeting import GREETING, Model
 from drivers.ioptron.codec.values import MountState, Status
 from drivers.wire.command import Command
@@ -21,18 +25,16 @@ from mountnav.sky.coordinates import Apparent, GeometricHourAngle, HourAngle, Ic
 T = TypeVar("T")
 
 
-class Talk:
+class IoptronExchange:
     """A link, and the words that are spoken on it.
 
     Parameters
     ----------
-    link : Link
-    words : Words
     model : Model
         Who answers; `words` and `model` are put right by the greeting.
     """
 
-    def __init__(self, link: Link, words: Words, model: Model) -> None:
+    def __init__(self, link: Link, words: CommandSet, model: Model) -> None:
         self.link = link
         self.words = words
         self.model = model
@@ -85,31 +87,35 @@ def site_of(status: Status) -> Site:
 
 
 _NEAR_MERIDIAN_DEG = 1.0
+"""So near to the hour angle where it flips the side after a slew is not foretold. Chosen by hand: what the
+sky turns in four minutes, more than a slew takes."""
 
 
-async def why_not(talk: Talk, place: Apparent | Icrs, status: Status) -> DeviceRefused:
+async def why_not(exchange: IoptronExchange, place: Apparent | Icrs, status: Status) -> DeviceRefused:
     """Tell why a slew was answered 0, as far as its altitude limit does [IOPTRON310 :MS1# :GAL#]."""
-    limit_deg = await talk.known(v3.ALTITUDE_LIMIT)
+    limit_deg = await exchange.known(v3.ALTITUDE_LIMIT)
     site = site_of(status)
     angle = _hour_angle(place, site)
     seen = hour_angle_to_observed(HourAngle(angle.ha_deg, angle.dec_deg, angle.utc), site)
     if limit_deg is not None and seen.alt_deg < limit_deg:
-        return talk.no(
+        return exchange.no(
             f"refused the slew: the place is {seen.alt_deg:.1f}° high, its limit is {limit_deg}°",
             Refusal.BELOW_HORIZON,
             "wait until it has risen, or lower the mount's altitude limit",
         )
-    return talk.no(
+    return exchange.no(
         "refused the slew: 0", Refusal.LIMIT, "below its altitude limit, or beyond a mechanical one"
     )
 
 
-async def destination_side(talk: Talk, place: Apparent | Icrs, flips_past_deg: float) -> PierSide | None:
+async def destination_side(
+    exchange: IoptronExchange, place: Apparent | Icrs, flips_past_deg: float
+) -> PierSide | None:
     """On which side `:MS1#` ends: its normal posture looks west from the east side.
 
     None near the meridian, where it depends on what it does there and where it comes from.
     """
-    ha_deg = _hour_angle(place, site_of(await talk.ask(talk.words.status))).ha_deg
+    ha_deg = _hour_angle(place, site_of(await exchange.ask(exchange.words.status))).ha_deg
     near_deg = flips_past_deg + _NEAR_MERIDIAN_DEG
     if not near_deg < abs(ha_deg) < 180.0 - near_deg:
         return None
@@ -117,38 +123,38 @@ async def destination_side(talk: Talk, place: Apparent | Icrs, flips_past_deg: f
 
 
 def _hour_angle(place: Apparent | Icrs, site: Site) -> GeometricHourAngle:
-    """Hour angle now, as a mount reckons it that knows no refraction."""
+    """Hour angle now, as a mount computes it that knows no refraction."""
     if isinstance(place, Icrs):
         place = icrs_to_apparent(place, utc_now())
     return apparent_to_hour_angle(Apparent(place.ra_deg, place.dec_deg, utc_now()), site)
 
 
-async def read_clock(talk: Talk) -> datetime | None:
-    """Its clock, aware UTC, corrected for the way; None where it tells none.
+async def read_clock(exchange: IoptronExchange) -> datetime | None:
+    """Its clock, aware UTC, corrected for the way; None where it reports none.
 
-    The v2 set tells local time, zone and summer time apart: reckoned back.
+    The v2 set has local time, zone and summer time apart: converted.
     """
     before = utc_now()
-    clock = await talk.known(talk.words.clock)
+    clock = await exchange.known(exchange.words.clock)
     if clock is None:
         return None
     way = (utc_now() - before) / 2
-    return clock.utc + timedelta(seconds=0.5 * talk.words.clock_step_s) + way
+    return clock.utc + timedelta(seconds=0.5 * exchange.words.clock_step_s) + way
 
 
-async def write_clock(talk: Talk, utc: datetime) -> None:
+async def write_clock(exchange: IoptronExchange, utc: datetime) -> None:
     """Set its clock; with the v2 set its zone as well, to UTC. Raises `DeviceRefused`."""
     ahead = utc - utc_now()
-    await talk.settled("setting the clock", moves=False)
-    for command in talk.words.before_clock:
-        await talk.obeyed(command)
-    for command in talk.words.set_clock(utc_now() + ahead):
-        await talk.obeyed(command)
+    await exchange.settled("setting the clock", moves=False)
+    for command in exchange.words.before_clock:
+        await exchange.obeyed(command)
+    for command in exchange.words.set_clock(utc_now() + ahead):
+        await exchange.obeyed(command)
 
 
-async def write_site(talk: Talk, site: Site) -> None:
+async def write_site(exchange: IoptronExchange, site: Site) -> None:
     """Tell it where it stands, and on which hemisphere. Raises `DeviceRefused`."""
-    await talk.settled("setting the site", moves=False)
+    await exchange.settled("setting the site", moves=False)
     longitude_deg = (site.longitude_deg + 180.0) % 360.0 - 180.0
-    for command in talk.words.set_site(site.latitude_deg, longitude_deg):
-        await talk.obeyed(command)
+    for command in exchange.words.set_site(site.latitude_deg, longitude_deg):
+        await exchange.obeyed(command)

@@ -15,6 +15,7 @@ from datetime import datetime, timedelta
 
 from drivers.fakes.faults import Fault
 from drivers.fakes.wire_fake import WireFake
+from drivers.family import Fakes
 from drivers.ioptron.codec import greeting, v2, values
 from drivers.ioptron.codec.frames import Order, order_from_text
 from drivers.ioptron.codec.values import (
@@ -29,6 +30,7 @@ from drivers.ioptron.codec.values import (
 from drivers.wire.command import Unreadable
 from mountnav import devices
 from mountnav.clock import utc_now
+from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.posture import axes_at, other_side
 from mountnav.sky.chain import apparent_to_hour_angle, hour_angle_to_observed, observed_to_hour_angle
@@ -49,6 +51,7 @@ _SIDES = {
 }
 _FIRMWARE = b"210105210105#"
 _HOURS_MS = 3_600_000
+"""Milliseconds in an hour of right ascension."""
 
 
 @dataclass(slots=True)
@@ -59,16 +62,8 @@ class Memory:
     ----------
     model : str
         Four digits.
-    altitude_limit_deg : int
-    target_ra_deg, target_dec_deg : float
-    park : Horizontal
-    arrow_speed : int
     guide_rates, meridian, custom_rate : bytes
         As they stand on the wire.
-    offset_min : int
-    summer_time : bool
-    northern : bool
-    time_source : int
     arrows : set of str
         Directions in which an arrow key is held.
     by_hand : bool
@@ -102,13 +97,11 @@ class Memory:
         self.by_hand = self.ordered = False
 
 
-class Teller:
+class FakeReports:
     """Answers questions.
 
     Parameters
     ----------
-    mechanics : Mechanics
-    memory : Memory
     dialect : {"v3", "v2"}
     """
 
@@ -203,7 +196,7 @@ class Teller:
         return apparent_to_hour_angle(place, mechanics.believed_site)
 
     def horizontal(self) -> Horizontal:
-        """Altitude and azimuth as it reckons them."""
+        """Altitude and azimuth as it computes them."""
         angle = self._hour_angle()
         seen = hour_angle_to_observed(
             HourAngle(angle.ha_deg, angle.dec_deg, angle.utc), self._mechanics.believed_site
@@ -239,6 +232,7 @@ class Teller:
 
 
 _LONGEST_COMMAND = 40
+"""Bytes without a `#` that are kept for a command still to come; the longest command has less."""
 # the last one is the greatest that the model has [IOPTRON310 :SRn]
 _ARROW_RATES = (1.0, 2.0, 8.0, 16.0, 64.0, 128.0, 256.0, 512.0, math.inf)
 _ARROWS: dict[str, dict[str, devices.Direction]] = {
@@ -270,6 +264,8 @@ _PULSES = {
 _RATES = {wire: rate for rate, wire in RATES.items()}
 _MODELS = {"v3": "0043", "v2": "0060"}
 _AT_POLE_DEG = 0.01
+"""A park position so near to the pole is the home position: the side of the pier means nothing there.
+Chosen by hand."""
 
 
 class FakeIoptron(WireFake):
@@ -317,11 +313,11 @@ class FakeIoptron(WireFake):
             park=Horizontal(abs(latitude_deg), 0.0 if latitude_deg >= 0.0 else 180.0),
             northern=latitude_deg >= 0.0,
         )
-        self._teller = Teller(mechanics, self._memory, dialect)
+        self._teller = FakeReports(mechanics, self._memory, dialect)
         self._model = greeting.model(self._memory.model, dialect)
 
     def status(self) -> Status:
-        """What it tells of itself now: site and state."""
+        """What it reports of itself now: site and state."""
         return self._teller.status()
 
     # -- the wire --------------------------------------------------------------------------------
@@ -548,3 +544,37 @@ class FakeIoptron(WireFake):
         elif name == "RT":
             self.mechanics.rate = rate
         return True
+
+
+MACHINE = Machine(
+    mounting="german",
+    slew_rate_deg_s=4.0,
+    acceleration_deg_s2=2.0,
+    meridian_limits_deg=(10.0, 10.0),
+    lowest_altitude_deg=0.0,
+    home_sensor=True,
+    starts_at="home",
+    tracks_at_start=False,
+)
+"""A GEM45: after power-up it takes the place where it stands for its home, and doesn't track."""
+
+
+def make_fake(
+    dialect: str,
+    mechanics: Mechanics,
+    *,
+    faults: Iterable[Fault] = (),
+    clock: Callable[[], datetime] = utc_now,
+    monotonic: Callable[[], float] = time.monotonic,
+) -> FakeIoptron:
+    """Make a fake of a command set of `FAKES`."""
+    return FakeIoptron(mechanics, dialect=dialect, faults=faults, clock=clock, monotonic=monotonic)
+
+
+FAKES = Fakes(
+    dialects=("v3", "v2"),
+    make=make_fake,
+    moves=(b":MS", b":CM", b":MP1", b":MH", b":MSH"),
+    stops=(b":Q#",),
+    machine=MACHINE,
+)

@@ -6,18 +6,22 @@ order then shows in the readings.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from datetime import datetime
 
 from drivers.generic.language import Identity, Readout, Sent, Wanted
 from drivers.generic.serial_language import SerialLanguage
 from drivers.ioptron import exchange
 from drivers.ioptron.codec import v3
-from drivers.ioptron.codec.command_set import Words
+from drivers.ioptron.codec.command_set import CommandSet
 from drivers.ioptron.codec.greeting import COMMAND_SETS, GREETING, Model, model
 from drivers.ioptron.codec.values import MountState, PierSide, Status, TrackingRate
-from drivers.ioptron.exchange import Talk, destination_side, site_of, why_not
+from drivers.ioptron.exchange import IoptronExchange, destination_side, site_of, why_not
 from drivers.wire.command import Command
+from drivers.wire.exchange import Patience
+from drivers.wire.line import ByteLine, ControlLines, SerialLine
 from drivers.wire.link import Link
+from drivers.wire.wire_log import WireLog
 from mountnav import devices
 from mountnav.clock import utc_now
 from mountnav.devices import Direction, Epoch, Skill
@@ -46,7 +50,6 @@ class IoptronLanguage(SerialLanguage):
 
     Parameters
     ----------
-    link : Link
     epoch : {"apparent", "icrs"}
         Kind of coordinates it is set to speak.
     dialect : {"v2", "v3"}, optional
@@ -58,7 +61,7 @@ class IoptronLanguage(SerialLanguage):
         self._epoch = epoch
         self._dialect = dialect
         words = COMMAND_SETS[dialect or "v3"]
-        self._talk = Talk(link, words, model("", words.name))
+        self._exchange = IoptronExchange(link, words, model("", words.name))
         self._home_ordered = False
         self._rests_at_home = False
         self._flips_past_deg = 0
@@ -82,12 +85,12 @@ class IoptronLanguage(SerialLanguage):
         return self._words.step_arcsec
 
     @property
-    def _words(self) -> Words:
-        return self._talk.words
+    def _words(self) -> CommandSet:
+        return self._exchange.words
 
     @property
     def _model(self) -> Model:
-        return self._talk.model
+        return self._exchange.model
 
     @property
     def dialect(self) -> str:
@@ -120,7 +123,7 @@ class IoptronLanguage(SerialLanguage):
     # -- the link ----------------------------------------------------------------------------------
 
     async def open(self) -> Identity:
-        """Open the link, ask who is there, and tell the command set by the answer to `:GLS#`.
+        """Open the link, ask who is there, and find the command set by the answer to `:GLS#`.
 
         Raises
         ------
@@ -141,16 +144,16 @@ class IoptronLanguage(SerialLanguage):
 
     async def _identify(self) -> Identity:
         self._home_ordered = self._rests_at_home = False
-        self._talk.refining.begin()
+        self._exchange.refining.begin()
         # each session begins with it [IOPTRON310 Initialization]
-        number = await self._talk.known(v3.MODEL) or ""
-        words = await self._talk.ask(GREETING)
-        self._talk.words = words
-        status = await self._talk.ask(self._words.status)
-        await self._talk.ask(self._words.pointing)
-        self._talk.model = model(number, words.name)
-        firmware = await self._talk.known(v3.FIRMWARE)
-        meridian = await self._talk.known(v3.MERIDIAN) if self._model.equatorial else None
+        number = await self._exchange.known(v3.MODEL) or ""
+        words = await self._exchange.ask(GREETING)
+        self._exchange.words = words
+        status = await self._exchange.ask(self._words.status)
+        await self._exchange.ask(self._words.pointing)
+        self._exchange.model = model(number, words.name)
+        firmware = await self._exchange.known(v3.FIRMWARE)
+        meridian = await self._exchange.known(v3.MERIDIAN) if self._model.equatorial else None
         self._flips_past_deg = meridian[1] if meridian is not None else 0
         told = f"iOptron {self._model.name or 'mount'} ({number or 'it tells no model'})"
         text = f"{told}, command set {self._words.name}"
@@ -158,8 +161,8 @@ class IoptronLanguage(SerialLanguage):
             text += f", firmware {firmware}"
         if meridian is not None:
             text += f", {'flips' if meridian[0] else 'stops'} {meridian[1]}° past the meridian"
-        self._tells_time = await exchange.read_clock(self._talk) is not None
-        return Identity(text, (*self._problems(status), *self._talk.refining.notes))
+        self._tells_time = await exchange.read_clock(self._exchange) is not None
+        return Identity(text, (*self._problems(status), *self._exchange.refining.notes))
 
     def _problems(self, status: Status) -> tuple[str, ...]:
         problems = []
@@ -182,9 +185,9 @@ class IoptronLanguage(SerialLanguage):
         """
         troubles = self._link.troubles
         before = utc_now()
-        pointing = await self._talk.ask(self._words.pointing)
+        pointing = await self._exchange.ask(self._words.pointing)
         after = utc_now()
-        status = await self._talk.ask(self._words.status)
+        status = await self._exchange.ask(self._words.status)
         utc = before + (after - before) / 2
         ra_deg, dec_deg = pointing.ra_deg, pointing.dec_deg
         state = status.state
@@ -220,14 +223,14 @@ class IoptronLanguage(SerialLanguage):
         DeviceRefused
             When it is parked or says 0: below its altitude limit, or beyond a mechanical one.
         """
-        status = await self._talk.settled("the slew")
+        status = await self._exchange.settled("the slew")
         await self._aim(place, wanted)
         if not wanted():
             return Sent(wire=False)
         self._home_ordered = False
-        taken, lost = await self._talk.told(self._words.slew)
+        taken, lost = await self._exchange.told(self._words.slew)
         if taken is False and wanted():
-            raise await why_not(self._talk, place, status)
+            raise await why_not(self._exchange, place, status)
         # after a stop the answer may have been the stop's: what became of it shows in the readings
         return Sent(lost=lost)
 
@@ -240,16 +243,16 @@ class IoptronLanguage(SerialLanguage):
             When it slews, is parked, is an alt-azimuth mount, or says 0.
         """
         if not self._model.equatorial:
-            raise self._talk.no(
+            raise self._exchange.no(
                 "can't sync: alt-azimuth models take altitude and azimuth for it", Refusal.UNSUPPORTED
             )
-        status = await self._talk.settled("the sync")
+        status = await self._exchange.settled("the sync")
         if status.state in _SLEWING:
-            raise self._talk.no("the sync refused: it slews", Refusal.BUSY, "wait until it has arrived")
+            raise self._exchange.no("the sync refused: it slews", Refusal.BUSY, "wait until it has arrived")
         await self._aim(place, wanted)
         if not wanted():
             return Sent(wire=False)
-        taken, lost = await self._talk.told(v3.SYNC)
+        taken, lost = await self._exchange.told(v3.SYNC)
         if not wanted():
             lost = lost or DeviceGarbled(
                 "the answer to the sync may be that of a stop",
@@ -257,7 +260,7 @@ class IoptronLanguage(SerialLanguage):
                 advice="read the place back",
             )
         elif taken is False:
-            raise self._talk.no("refused the sync: 0", Refusal.OTHER)
+            raise self._exchange.no("refused the sync: 0", Refusal.OTHER)
         return Sent(lost=lost)
 
     async def send_stop(self, again: int) -> None:
@@ -276,7 +279,7 @@ class IoptronLanguage(SerialLanguage):
             When the model can't, or says 0.
         """
         self._need(Skill.PARK, "park")
-        status = await self._talk.settled("parking", moves=False)
+        status = await self._exchange.settled("parking", moves=False)
         if status.state is MountState.PARKED:
             return Sent()
         return await self._sent_once(v3.PARK, "to park", wanted)
@@ -284,8 +287,8 @@ class IoptronLanguage(SerialLanguage):
     async def send_unpark(self) -> None:
         """Order unparking; without effect on an unparked mount. Raises `DeviceRefused`."""
         self._need(Skill.UNPARK, "unpark")
-        await self._talk.settled("unparking", moves=False)
-        await self._talk.obeyed(v3.UNPARK, "to unpark")
+        await self._exchange.settled("unparking", moves=False)
+        await self._exchange.obeyed(v3.UNPARK, "to unpark")
         # it may have been parked there
         self._rests_at_home = True
 
@@ -297,7 +300,7 @@ class IoptronLanguage(SerialLanguage):
         DeviceRefused
             When it is parked or says 0.
         """
-        await self._talk.settled("going home")
+        await self._exchange.settled("going home")
         searches = self._model.searches_home
         sent = await self._sent_once(v3.FIND_HOME if searches else v3.HOME, "to go home", wanted)
         self._home_ordered = sent.wire
@@ -306,9 +309,9 @@ class IoptronLanguage(SerialLanguage):
     async def _sent_once(self, command: Command[bool], what: str, wanted: Wanted) -> Sent:
         if not wanted():
             return Sent(wire=False)
-        taken, lost = await self._talk.told(command)
+        taken, lost = await self._exchange.told(command)
         if taken is False and wanted():
-            raise self._talk.no(f"refused {what}: 0", Refusal.OTHER)
+            raise self._exchange.no(f"refused {what}: 0", Refusal.OTHER)
         return Sent(lost=lost)
 
     async def _aim(self, place: Apparent | Icrs, wanted: Wanted) -> None:
@@ -316,22 +319,22 @@ class IoptronLanguage(SerialLanguage):
             (self._words.set_ra(place.ra_deg), f"a right ascension of {place.ra_deg:.5f}°"),
             (self._words.set_dec(place.dec_deg), f"a declination of {place.dec_deg:.5f}°"),
         ):
-            if not await self._talk.ask(command) and wanted():
-                raise self._talk.no(f"refused {what}: 0", Refusal.OTHER)
+            if not await self._exchange.ask(command) and wanted():
+                raise self._exchange.no(f"refused {what}: 0", Refusal.OTHER)
 
     # -- tracking, guiding, park position ----------------------------------------------------------
 
     @property
     def tracking_rates(self) -> frozenset[devices.TrackingRate]:
-        """At which rates it can be told to follow."""
+        """At which rates it can be ordered to track."""
         return frozenset(rate for rate in _RATES if rate is not devices.TrackingRate.CUSTOM)
 
     async def send_tracking(self, on: bool, rate: devices.TrackingRate) -> None:
         """Order the rate, and tracking. Raises `DeviceRefused`."""
-        await self._talk.settled("switching tracking", moves=on)
+        await self._exchange.settled("switching tracking", moves=on)
         if on:
-            await self._talk.obeyed(v3.set_rate(_RATES[rate]), f"the {rate} rate")
-        await self._talk.obeyed(v3.set_tracking(on), "to switch tracking")
+            await self._exchange.obeyed(v3.set_rate(_RATES[rate]), f"the {rate} rate")
+        await self._exchange.obeyed(v3.set_tracking(on), "to switch tracking")
 
     async def send_guide(self, direction: Direction, duration_s: float, wanted: Wanted) -> Sent:
         """Order guide pulses, which the mount times itself and doesn't answer.
@@ -342,23 +345,23 @@ class IoptronLanguage(SerialLanguage):
             When it is parked or slews, or is an alt-azimuth mount.
         """
         self._need(Skill.GUIDE, "guide")
-        status = await self._talk.settled("guiding")
+        status = await self._exchange.settled("guiding")
         if status.state in _SLEWING:
-            raise self._talk.no("guiding refused: it slews", Refusal.BUSY, "wait until it has arrived")
+            raise self._exchange.no("guiding refused: it slews", Refusal.BUSY, "wait until it has arrived")
         if not wanted():
             return Sent(wire=False)
         duration_ms = round(duration_s * 1000.0)
         if duration_ms > self._words.longest_pulse_ms:
-            raise self._talk.no(
+            raise self._exchange.no(
                 f"can't guide for {duration_s} s: at most {self._words.longest_pulse_ms / 1000.0} s",
                 Refusal.UNSUPPORTED,
             )
-        await self._talk.ask(self._words.pulse(direction.value, duration_ms))
+        await self._exchange.ask(self._words.pulse(direction.value, duration_ms))
         return Sent()
 
     async def guiding(self) -> bool | None:
         """Whether a pulse still runs [IOPTRON310 :GLS# system status 3]."""
-        return (await self._talk.ask(self._words.status)).state is MountState.GUIDING
+        return (await self._exchange.ask(self._words.status)).state is MountState.GUIDING
 
     async def send_set_park(self) -> None:
         """Tell it the present altitude and azimuth for the park position.
@@ -369,40 +372,75 @@ class IoptronLanguage(SerialLanguage):
             When it looks below the horizon: the protocol has no word for that.
         """
         self._need(Skill.SET_PARK, "set a park position")
-        place = await self._talk.ask(v3.HORIZONTAL)
+        place = await self._exchange.ask(v3.HORIZONTAL)
         if place.alt_deg < 0.0:
-            raise self._talk.no(
+            raise self._exchange.no(
                 f"can't set a park position {place.alt_deg:.2f}° below the horizon", Refusal.BELOW_HORIZON
             )
-        await self._talk.obeyed(v3.set_park_altitude(place.alt_deg), "the park altitude")
-        await self._talk.obeyed(v3.set_park_azimuth(place.az_deg), "the park azimuth")
+        await self._exchange.obeyed(v3.set_park_altitude(place.alt_deg), "the park altitude")
+        await self._exchange.obeyed(v3.set_park_azimuth(place.az_deg), "the park azimuth")
 
     # -- clock, site and sides ---------------------------------------------------------------------
 
     async def read_clock(self) -> datetime | None:
         """Its clock, aware UTC, corrected for the way."""
-        return await exchange.read_clock(self._talk)
+        return await exchange.read_clock(self._exchange)
 
     async def write_clock(self, utc: datetime) -> None:
         """Set its clock. Raises `DeviceRefused`."""
-        await exchange.write_clock(self._talk, utc)
+        await exchange.write_clock(self._exchange, utc)
 
     async def read_site(self) -> Site | None:
         """Where it believes to stand."""
-        return site_of(await self._talk.ask(self._words.status))
+        return site_of(await self._exchange.ask(self._words.status))
 
     async def write_site(self, site: Site) -> None:
         """Tell it where it stands. Raises `DeviceRefused`."""
-        await exchange.write_site(self._talk, site)
+        await exchange.write_site(self._exchange, site)
 
     async def destination_side(self, place: Apparent | Icrs) -> devices.PierSide | None:
         """On which side it would look at a place; None near the meridian, and where it has no sides."""
         if Skill.DESTINATION_SIDE not in self.skills:
             return None
-        return await destination_side(self._talk, place, self._flips_past_deg)
+        return await destination_side(self._exchange, place, self._flips_past_deg)
 
     def _need(self, skill: Skill, what: str) -> None:
         if skill not in self.skills:
-            raise self._talk.no(
+            raise self._exchange.no(
                 f"can't {what}: a {self._model.name} has no such command", Refusal.UNSUPPORTED
             )
+
+
+BAUD = 115_200
+"""Of v3 mounts; hand controllers 8407 and 8408, and most v2 mounts, speak at 9600 [IOPTRON, INDI ieqpro]."""
+
+
+def ioptron_language(
+    line: str | Callable[[], ByteLine],
+    *,
+    baud: int = BAUD,
+    control: ControlLines | None = None,
+    epoch: Epoch = "apparent",
+    dialect: str | None = None,
+    patience: Patience | None = None,
+) -> IoptronLanguage:
+    """Make the language over a line of its own; nothing is opened yet.
+
+    Parameters
+    ----------
+    line : str or callable
+        Address for a `SerialLine`, or a function that makes a `ByteLine`.
+    baud : int
+        Speed of a serial port.
+    control : ControlLines, optional
+        Of a serial port.
+    epoch : {"apparent", "icrs"}
+        Kind of coordinates it is taken to speak.
+    dialect : {"v2", "v3"}, optional
+        Its command set; found out by default.
+    patience : Patience, optional
+        For one question.
+    """
+    log = WireLog()
+    made = SerialLine(line, baud=baud, log=log, control=control) if isinstance(line, str) else line()
+    return IoptronLanguage(Link(made, patience or Patience(), log), epoch=epoch, dialect=dialect)

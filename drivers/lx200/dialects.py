@@ -7,7 +7,7 @@ import importlib
 from drivers.lx200.codec.dialect import Dialect, Handshake
 from mountnav.errors import BadSettings
 
-# the most telling first; the last recognizes anything
+# the most specific first; the last recognizes anything
 _WHERE = {
     "onstep": "drivers.lx200.codec.onstep:ONSTEP",
     "10micron": "drivers.lx200.codec.tenmicron:TENMICRON",

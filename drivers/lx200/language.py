@@ -15,9 +15,13 @@ from drivers.generic.language import Identity, Readout, Sent, Wanted
 from drivers.generic.serial_language import SerialLanguage
 from drivers.lx200.codec.base import Answer
 from drivers.lx200.codec.dialect import Dialect, Nudge, Order
-from drivers.lx200.readings import Lx200Look
+from drivers.lx200.dialects import dialect_named
+from drivers.lx200.readings import Lx200Reader
 from drivers.wire.command import Command
+from drivers.wire.exchange import Patience
+from drivers.wire.line import ByteLine, ControlLines, SerialLine
 from drivers.wire.link import Link
+from drivers.wire.wire_log import WireLog
 from mountnav.clock import pause, real_s
 from mountnav.devices import Direction, Epoch, PierSide, Skill, TrackingRate
 from mountnav.errors import DeviceError, DeviceGarbled, DeviceRefused, DeviceSilent, Refusal
@@ -76,7 +80,6 @@ class Lx200Language(SerialLanguage):
 
     Parameters
     ----------
-    link : Link
     dialect : Dialect, optional
         Instead of the one that the handshake shows.
     epoch : {"apparent", "icrs"}, optional
@@ -85,8 +88,8 @@ class Lx200Language(SerialLanguage):
 
     def __init__(self, link: Link, dialect: Dialect | None = None, *, epoch: Epoch | None = None) -> None:
         super().__init__(link)
-        self._look = Lx200Look(link, dialect)
-        self._ask = self._look.ask
+        self._reader = Lx200Reader(link, dialect)
+        self._ask = self._reader.ask
         self._wanted_epoch = epoch
         self._target = asyncio.Lock()
 
@@ -101,9 +104,9 @@ class Lx200Language(SerialLanguage):
         RuntimeError
             Before.
         """
-        if self._look.dialect is None:
+        if self._reader.dialect is None:
             raise RuntimeError("no dialect before the handshake")
-        return self._look.dialect
+        return self._reader.dialect
 
     @property
     def epoch(self) -> Epoch:
@@ -113,29 +116,29 @@ class Lx200Language(SerialLanguage):
     @property
     def usual_epoch(self) -> Epoch:
         """The dialect's; Meade's, and that of all clones we know, is the equinox of date."""
-        return "apparent" if self._look.dialect is None else self._look.dialect.epoch
+        return "apparent" if self._reader.dialect is None else self._reader.dialect.epoch
 
     @property
     def resolution_arcsec(self) -> float:
         """Coarsest step of a place as read or written: 15 in the long format, 90 in the short one."""
-        written = 15.0 if self._look.dialect is None else self._look.dialect.step_arcsec
-        return max(self._look.step_arcsec, written)
+        written = 15.0 if self._reader.dialect is None else self._reader.dialect.step_arcsec
+        return max(self._reader.step_arcsec, written)
 
     @property
     def skills(self) -> frozenset[Skill]:
         """What the dialect's words allow."""
-        return frozenset() if self._look.dialect is None else self._look.dialect.skills
+        return frozenset() if self._reader.dialect is None else self._reader.dialect.skills
 
     @property
     def guide_rates_deg_s(self) -> tuple[float, float] | None:
         """The same on both axes, where the dialect asks for it."""
-        rate_deg_s = self._look.guide_rate_deg_s
+        rate_deg_s = self._reader.guide_rate_deg_s
         return None if rate_deg_s is None else (rate_deg_s, rate_deg_s)
 
     @property
     def silent_refusals(self) -> bool:
         """The dialect's."""
-        return self._look.dialect is not None and self._look.dialect.silent_refusals
+        return self._reader.dialect is not None and self._reader.dialect.silent_refusals
 
     # -- the link ----------------------------------------------------------------------------------
 
@@ -151,20 +154,20 @@ class Lx200Language(SerialLanguage):
         DeviceSilent, DeviceGarbled
             If nothing on it speaks LX200.
         """
-        return await self._greeted(self._look.identify)
+        return await self._greeted(self._reader.identify)
 
     async def readout(self) -> Readout:
-        """Place, state, and evidence of a power-up; see `Lx200Look.readout`."""
-        return await self._look.readout(self.epoch)
+        """Place, state, and evidence of a power-up; see `Lx200Reader.readout`."""
+        return await self._reader.readout(self.epoch)
 
     # -- orders ------------------------------------------------------------------------------------
 
     async def send_slew(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
         """Set the target, then slew there, once."""
-        self._look.parking_over()
+        self._reader.parking_over()
         async with self._target:
             await self._aim(place)
-            if not (self.dialect.tracks_before_slew and self._look.rests):
+            if not (self.dialect.tracks_before_slew and self._reader.rests):
                 return await self._once((self.dialect.slew,), "the slew", wanted)
             return await self._tracking_then_slew(wanted)
 
@@ -190,10 +193,10 @@ class Lx200Language(SerialLanguage):
     async def _aim(self, place: Apparent | Icrs) -> None:
         dialect = self.dialect
         await self._order(
-            dialect.set_ra(place.ra_deg, self._look.short), f"a right ascension of {place.ra_deg:.5f}°"
+            dialect.set_ra(place.ra_deg, self._reader.short), f"a right ascension of {place.ra_deg:.5f}°"
         )
         await self._order(
-            dialect.set_dec(place.dec_deg, self._look.short), f"a declination of {place.dec_deg:.5f}°"
+            dialect.set_dec(place.dec_deg, self._reader.short), f"a declination of {place.dec_deg:.5f}°"
         )
 
     async def _order(self, order: Order, what: str) -> None:
@@ -207,7 +210,7 @@ class Lx200Language(SerialLanguage):
         return DeviceRefused(f"refused {what}: {words}", device=self.device, reason=reason)
 
     async def _once(self, orders: tuple[Order, ...], what: str, wanted: Wanted) -> Sent:
-        """Send orders once, unless a stop has come; a lost answer is told, not asked for again."""
+        """Send orders once, unless a stop has come; a lost answer is reported, not asked for again."""
         for number, order in enumerate(orders):
             if not wanted():
                 return Sent(wire=number > 0)
@@ -220,7 +223,7 @@ class Lx200Language(SerialLanguage):
     async def send_stop(self, again: int) -> None:
         """Stop all motion, past every other exchange."""
         dialect = self.dialect
-        self._look.parking_over()
+        self._reader.parking_over()
         await self._link.send_now(*dialect.stop)
         if again == 0:
             for order in dialect.after_stop:
@@ -230,7 +233,7 @@ class Lx200Language(SerialLanguage):
         """Order parking."""
         sent = await self._once(self._words(self.dialect.park, "park"), "parking", wanted)
         if sent.wire:
-            self._look.parking_ordered()
+            self._reader.parking_ordered()
         return sent
 
     async def send_unpark(self) -> None:
@@ -242,11 +245,11 @@ class Lx200Language(SerialLanguage):
             # some say no where there is nothing to unpark
             if (await self.readout()).parked is not False:
                 raise
-        self._look.parking_over()
+        self._reader.parking_over()
 
     async def send_home(self, wanted: Wanted) -> Sent:
         """Order homing."""
-        self._look.parking_over()
+        self._reader.parking_over()
         return await self._once(self._words(self.dialect.home, "go home"), "homing", wanted)
 
     async def send_set_park(self) -> None:
@@ -256,7 +259,7 @@ class Lx200Language(SerialLanguage):
 
     @property
     def tracking_rates(self) -> frozenset[TrackingRate]:
-        """At which rates it can be told to follow."""
+        """At which rates it can be ordered to track."""
         sidereal = {TrackingRate.SIDEREAL} if self.dialect.tracking_on else set()
         return frozenset(self.dialect.rates) | sidereal
 
@@ -302,7 +305,7 @@ class Lx200Language(SerialLanguage):
     async def read_clock(self) -> datetime | None:
         """Its clock now, aware UTC."""
         dialect = self.dialect
-        if dialect.read_clock is None or not self._look.ready:
+        if dialect.read_clock is None or not self._reader.ready:
             return None
         return await dialect.read_clock(self._ask)
 
@@ -313,12 +316,12 @@ class Lx200Language(SerialLanguage):
             raise self._unsupported("take a time")
         for order in dialect.write_clock(utc):
             await self._order(order, f"the {order.meaning}")
-        self._look.clock_was_set()
+        self._reader.clock_was_set()
 
     async def read_site(self) -> Site | None:
         """Where it believes to stand."""
         dialect = self.dialect
-        if dialect.read_site is None or not self._look.ready:
+        if dialect.read_site is None or not self._reader.ready:
             return None
         return await dialect.read_site(self._ask)
 
@@ -338,3 +341,42 @@ class Lx200Language(SerialLanguage):
         async with self._target:
             await self._aim(place)
             return await dialect.destination_side(self._ask)
+
+
+def lx200_language(
+    line: str | Callable[[WireLog], ByteLine],
+    *,
+    baud: int = 9600,
+    control: ControlLines | None = None,
+    patience: Patience | None = None,
+    dialect: str | None = None,
+    epoch: Epoch | None = None,
+) -> Lx200Language:
+    """Make the language alone, over a line that is not opened yet.
+
+    Parameters
+    ----------
+    line : str or callable
+        Address for a `SerialLine`, or a function that makes a `ByteLine` with the log given.
+    baud : int
+        Speed of a serial port.
+    control : ControlLines, optional
+        Of a serial port.
+    patience : Patience, optional
+        For one question.
+    dialect : str, optional
+        Instead of the one that the handshake shows.
+    epoch : {"apparent", "icrs"}, optional
+        Kind of coordinates; the dialect's by default.
+
+    Raises
+    ------
+    BadSettings
+        If there is no such dialect.
+    """
+    log = WireLog()
+    opened: ByteLine = (
+        SerialLine(line, baud=baud, log=log, control=control) if isinstance(line, str) else line(log)
+    )
+    spoken = None if dialect is None else dialect_named(dialect)
+    return Lx200Language(Link(opened, patience or Patience(), log), spoken, epoch=epoch)

@@ -12,7 +12,7 @@ from typing import TypeVar
 from drivers.generic.language import Identity, Readout
 from drivers.generic.serial_language import OptionalQuestions
 from drivers.lx200.codec import base
-from drivers.lx200.codec.dialect import Dialect, Handshake, Spot, State
+from drivers.lx200.codec.dialect import Dialect, Handshake, Pointing, State
 from drivers.lx200.dialects import recognized, weak
 from drivers.wire.command import Command
 from drivers.wire.link import Link
@@ -23,13 +23,14 @@ from mountnav.sky.coordinates import Apparent, Icrs
 
 T = TypeVar("T")
 _SHORT_ARCSEC = 15.0
+"""Right ascensions with a coarser step than this come in the short format."""
 _NAMELESS = (
     "it tells no name, so it is given the few words that any clone has; if it knows more, name its dialect "
     "in the URL (?dialect=...)"
 )
 
 
-class _Asking:
+class _Questions:
     """Puts questions over a link; see `drivers.lx200.codec.dialect.Ask`."""
 
     def __init__(self, link: Link) -> None:
@@ -50,12 +51,11 @@ class _Asking:
         await self._link.ask(base.ALIGNMENT if self.has_letter else base.GET_RA)
 
 
-class Lx200Look:
+class Lx200Reader:
     """The questions of one link, in their order, and what their answers showed.
 
     Parameters
     ----------
-    link : Link
     named : Dialect or None
         The dialect that was chosen for it; None to find it by its handshake.
     """
@@ -63,14 +63,14 @@ class Lx200Look:
     def __init__(self, link: Link, named: Dialect | None) -> None:
         self._link = link
         self._named = named
-        self.ask = _Asking(link)
+        self.ask = _Questions(link)
         """Puts one question; see `drivers.wire.link.Link.ask`."""
         self.dialect: Dialect | None = named
         self.step_arcsec = _SHORT_ARCSEC
         self.rests = False
         """Whether it was last seen neither tracking nor at its home."""
         self.guide_rate_deg_s: float | None = None
-        """Of a pulse, as it told at opening."""
+        """Of a pulse, as it said at opening."""
         self._known: Handshake | None = None
         self._troubles = 0
         self._look_for_power_up = True
@@ -90,11 +90,11 @@ class Lx200Look:
         return self._boot is None
 
     def parking_ordered(self) -> None:
-        """It is told to park: where it can't say so, it is parked when it has come to rest."""
+        """It was ordered to park: where it can't say so, it is parked when it has come to rest."""
         self._parking = "ordered"
 
     def parking_over(self) -> None:
-        """It was told to move otherwise."""
+        """It was ordered to move otherwise."""
         self._parking = None
 
     def clock_was_set(self) -> None:
@@ -109,13 +109,13 @@ class Lx200Look:
         Raises
         ------
         DeviceSilent, DeviceGarbled
-            If it tells no place, or no greeting that can be believed.
+            If it reports no place, or no greeting that can be believed.
         """
         self.ask.has_letter = False
         self.ask.refining.begin()
         handshake = await self._handshake()
         if handshake.product is None and self._known is not None:
-            # it told its name before: on a bad line that counts more than a silence now
+            # it gave its name before: on a bad line that counts more than a silence now
             handshake = self._known
         dialect = self._named or await self._proven(handshake)
         if handshake.product is not None:
@@ -166,7 +166,7 @@ class Lx200Look:
             )
         return dialect
 
-    async def _refined(self, dialect: Dialect, spot: Spot) -> Dialect:
+    async def _refined(self, dialect: Dialect, spot: Pointing) -> Dialect:
         """Ask all that the mount may lack, and leave out what it does lack."""
         lacks = self.ask.refining.lacks
         dialect = dialect.without(dialect, lacks)
@@ -178,7 +178,7 @@ class Lx200Look:
             await dialect.fresh(self.ask)
         dialect = dialect.without(dialect, lacks)
         if dialect.read_guide_rate is not None:
-            # one that doesn't tell is guided all the same
+            # one that doesn't say is guided all the same
             self.guide_rate_deg_s = await dialect.read_guide_rate(self.ask)
         if dialect.read_clock is not None and await dialect.read_clock(self.ask) is None:
             dialect = replace(dialect, read_clock=None)
@@ -223,7 +223,7 @@ class Lx200Look:
             doubtful=doubtful,
         )
 
-    async def _state_of(self, spot: Spot, dialect: Dialect) -> State:
+    async def _state_of(self, spot: Pointing, dialect: Dialect) -> State:
         if spot.state is not None:
             return spot.state
         return await dialect.state(self.ask) if dialect.state else State()

@@ -1,4 +1,7 @@
-"""Questions to a hand control: which one it is, and no answer taken for that of another question."""
+"""Questions to a hand control: which one it is, and no answer taken for that of another question.
+
+All answers that were owed have come when a letter comes back that was not used just before [NexStar K].
+"""
 
 from __future__ import annotations
 
@@ -20,15 +23,12 @@ from mountnav.errors import DeviceGarbled, DeviceSilent
 
 T = TypeVar("T")
 _MOST_TRIES = 4
+"""How many further answers are compared until two in a row are alike. Chosen by hand; halved, a bad line
+fails where it still could be used."""
 
 
-class Asking:
-    """Questions and orders over a link.
-
-    Parameters
-    ----------
-    link : Link
-    """
+class HandsetExchange:
+    """Questions and orders over a link."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
@@ -113,7 +113,7 @@ class Ask(Protocol):
         ...
 
 
-class Maybe(Protocol):
+class AskOptional(Protocol):
     """Ask what may be missing."""
 
     async def __call__(self, command: Command[T]) -> T | None:
@@ -127,7 +127,6 @@ class Greeting:
 
     Attributes
     ----------
-    handset : Handset
     short : bool
         Whether places come in four digits only.
     pulse_percent : int
@@ -142,7 +141,7 @@ class Greeting:
     known: bool = False
 
 
-async def greet(ask: Ask, maybe: Maybe, before: Handset) -> Greeting:
+async def greet(ask: Ask, maybe: AskOptional, before: Handset) -> Greeting:
     """Ask for version, kind, model, motors and the form of a place.
 
     Boards that may be absent are not asked: the hand control passes the question on, and never answers.
@@ -154,7 +153,7 @@ async def greet(ask: Ask, maybe: Maybe, before: Handset) -> Greeting:
     maybe : callable
         What it may lack: None then.
     before : Handset
-        Who answered last time: what an answer lost now would have told of it still counts.
+        Who answered last time: what an answer lost now would have said of it still counts.
 
     Raises
     ------
@@ -164,7 +163,7 @@ async def greet(ask: Ask, maybe: Maybe, before: Handset) -> Greeting:
     handset = Handset(await ask(base.VERSION))
     if handset.version == before.version and handset.synscan == before.synscan:
         handset = before
-    # the kind is told by all StarSense, whose versions begin anew, and by NexStar 5.28 and later [INDI]
+    # the kind is reported by all StarSense, whose versions begin again, and by NexStar 5.28 and later [INDI]
     asked_kind = not handset.synscan and (handset.quarter_zones or handset.version.major < 2)
     if handset.variant is None and asked_kind:
         handset = replace(handset, variant=await maybe(base.VARIANT))

@@ -1,7 +1,7 @@
 """The other end of a hand control's cable, over the mechanics of a telescope that points wrong.
 
 It answers as the hand control of an AVX did in the recorded dialogues: every order with ``#``, carried out or
-not, an absent board with silence. A SynScan differs in how it tells its version, in its tracking modes, in
+not, an absent board with silence. A SynScan differs in how it reports its version, in its tracking modes, in
 what it passes on to its motors, and in speaking J2000. It does no I/O: `drivers.fakes.bench` puts it on a
 wire.
 """
@@ -15,7 +15,8 @@ from datetime import UTC, datetime, timedelta
 
 from drivers.fakes.faults import Fault
 from drivers.fakes.wire_fake import WireFake
-from drivers.nexstar.codec.handsets import Handset, Tracking, Version
+from drivers.family import Fakes
+from drivers.nexstar.codec.handsets import STARSENSE, Handset, Tracking, Version
 from drivers.nexstar.codec.passthrough import (
     LUNAR,
     SIDEREAL,
@@ -39,7 +40,7 @@ from drivers.nexstar.codec.site_and_time import (
 from drivers.wire.command import Unreadable
 from mountnav.clock import utc_now
 from mountnav.devices import Epoch, PierSide, TrackingRate
-from mountnav.simulation.machine import AxisAngles
+from mountnav.simulation.machine import AxisAngles, Machine
 from mountnav.simulation.mechanics import Direction, Mechanics
 from mountnav.simulation.posture import axes_at, turned_near
 from mountnav.sky.chain import (
@@ -54,6 +55,7 @@ from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Apparent, HourAngle, I
 from mountnav.sky.sphere import half_turn_deg, separation_arcsec
 
 _NO_AIR = Air(pressure_hpa=0.0)
+"""The hand control's altitude knows no refraction."""
 
 
 def believed_horizon(mechanics: Mechanics) -> tuple[float, float]:
@@ -95,6 +97,7 @@ def _belief_beyond_encoders(mechanics: Mechanics, now: Apparent, encoders: AxisA
 
 
 _GUIDE_RATE = 0x80
+"""Half the sidereal rate, in 256ths [NexStar P 0x47]: what a fake guides at until it is set otherwise."""
 _RATES = {SIDEREAL: TrackingRate.SIDEREAL, SOLAR: TrackingRate.SOLAR, LUNAR: TrackingRate.LUNAR}
 # of the nine keys of the hand control; where a mount is slower, its own limit holds
 _FIXED_RATES_DEG_S = (
@@ -204,7 +207,7 @@ class FakeMotors:
 AVX = Handset(Version(5, 31), 0x11, 20, Version(7, 11))
 """As in the recorded dialogues."""
 
-# a command's first byte tells how long it is [NexStar table]
+# a command's first byte says how long it is [NexStar table]
 _LENGTHS = {
     **dict.fromkeys(b"VvmeEzZLJMtphwiu", 1),
     **dict.fromkeys(b"KT", 2),
@@ -216,6 +219,7 @@ _LENGTHS = {
 
 
 _STANDS_ARCSEC = 1.0
+"""A fake that is so near to its target stands there. Chosen by hand."""
 
 
 class FakeNexstar(WireFake):
@@ -476,3 +480,54 @@ class FakeNexstar(WireFake):
     def _set_time(self, given: WireTime) -> None:
         self._zone_h, self._daylight_saving = given.zone_h, given.daylight_saving
         self.mechanics.set_believed_utc(given.utc.replace(tzinfo=UTC))
+
+
+_CELESTRON = {
+    "nexstar": AVX,
+    # a CGEM before version 5: whole-hour zones, sync and pier side
+    "nexstar-4": Handset(Version(4, 21), None, 14, Version(6, 17)),
+    # the first hand controls: four digits, no sync, no clock, no pulses
+    "nexstar-old": Handset(Version(1, 2)),
+    "starsense": Handset(Version(1, 20), STARSENSE, 23, Version(7, 13)),
+}
+_SYNSCAN = {
+    "synscan": Handset(Version(4, 39, 5, synscan=True), None, 1),
+    # before syncs and sides of the pier
+    "synscan-old": Handset(Version(3, 36, 0, synscan=True), None, 0),
+}
+SYNC_REACH_DEG = 6.5
+"""A SynScan takes no sync further from its model: 6 to 7 degrees [Sky-Watcher's engineer, INDI #614]."""
+
+
+def make_fake(
+    dialect: str,
+    mechanics: Mechanics,
+    *,
+    faults: Iterable[Fault] = (),
+    clock: Callable[[], datetime] = utc_now,
+    monotonic: Callable[[], float] = time.monotonic,
+) -> FakeNexstar:
+    """Make a fake of a dialect of `CELESTRON_FAKES` or `SYNSCAN_FAKES`."""
+    if dialect in _CELESTRON:
+        handset, reach_deg = _CELESTRON[dialect], None
+    else:
+        handset, reach_deg = _SYNSCAN[dialect], SYNC_REACH_DEG
+    return FakeNexstar(
+        mechanics,
+        handset=handset,
+        sync_reach_deg=reach_deg,
+        faults=faults,
+        clock=clock,
+        monotonic=monotonic,
+    )
+
+
+CELESTRON_FAKES = Fakes(
+    dialects=tuple(_CELESTRON),
+    make=make_fake,
+    # goto, sync, guide pulse
+    moves=(b"r", b"R", b"b", b"B", b"s", b"S", b"P\x03\x10\x26", b"P\x03\x11\x26"),
+    stops=(b"M",),
+    machine=Machine(mounting="german"),
+)
+SYNSCAN_FAKES = replace(CELESTRON_FAKES, dialects=tuple(_SYNSCAN))

@@ -3,49 +3,36 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
-from datetime import datetime
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from drivers.fakes.faults import Fault
-from drivers.generic.mount import GenericMount
-from drivers.generic.options import read_options
-from drivers.nexstar.codec import base
-from drivers.nexstar.codec.handsets import STARSENSE, Handset, Version
-from drivers.nexstar.fake import AVX, FakeNexstar
-from drivers.nexstar.mount import nexstar_language, patience_of
-from drivers.nexstar.parking import Horizon
-from drivers.wire.exchange import Exchange, Patience
-from drivers.wire.line import ByteLine
-from mountnav.devices import Epoch
-from mountnav.errors import BadRequest, BadSettings, DeviceGarbled, DeviceSilent
-from mountnav.simulation.mechanics import Machine, Mechanics
-from mountnav.sky.coordinates import Site
+from drivers.family import Fakes, Family, MountUrl, Probe
+from mountnav.errors import BadSettings
 
 if TYPE_CHECKING:
-    from drivers.registry import MountUrl
-
+    from drivers.generic.mount import GenericMount
+    from drivers.nexstar.parking import Horizon
+    from drivers.wire.exchange import Exchange
+    from mountnav.devices import Epoch
+    from mountnav.sky.coordinates import Site
 
 _PARK = ("park_az_deg", "park_alt_deg")
 
 
-def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> GenericMount:
-    """Make a mount behind a Celestron hand control (NexStar, StarSense); nothing is opened yet.
-
-    Raises
-    ------
-    BadSettings
-        If an option is unknown or its value makes no sense.
-    """
-    return _mount(url, name, site, "nexstar", "apparent")
+def _open_celestron(url: MountUrl, name: str | None, site: Site | None) -> GenericMount:
+    """Make a mount behind a Celestron hand control (NexStar, StarSense), which speaks the equinox of date."""
+    return _open(url, name, site, "nexstar", "apparent")
 
 
-def synscan_from(url: MountUrl, name: str | None, site: Site | None = None) -> GenericMount:
-    """Make a mount behind a SynScan hand control, which speaks J2000; raises as `mount_from` does."""
-    return _mount(url, name, site, "synscan", "icrs")
+def _open_synscan(url: MountUrl, name: str | None, site: Site | None) -> GenericMount:
+    """Make a mount behind a Sky-Watcher hand control, which speaks J2000."""
+    return _open(url, name, site, "synscan", "icrs")
 
 
-def _mount(url: MountUrl, name: str | None, site: Site | None, driver: str, epoch: Epoch) -> GenericMount:
+def _open(url: MountUrl, name: str | None, site: Site | None, driver: str, epoch: Epoch) -> GenericMount:
+    from drivers.generic.options import read_options
+    from drivers.nexstar.language import nexstar_language, patience_of
+
     options = read_options(url.options, driver, baud=9600, timeout_s=8.0, epoch=epoch, own=_PARK)
     language = nexstar_language(
         url.line,
@@ -59,6 +46,8 @@ def _mount(url: MountUrl, name: str | None, site: Site | None, driver: str, epoc
 
 
 def _park(options: Mapping[str, str]) -> Horizon | None:
+    from drivers.nexstar.parking import Horizon
+
     if not options:
         return None
     az_deg, alt_deg = (_angle(option, options.get(option)) for option in _PARK)
@@ -79,60 +68,37 @@ def _angle(option: str, text: str | None) -> float:
     return value
 
 
-BAUDS = (9600,)
+async def _probe(exchange: Exchange) -> str:
+    """Ask for an echo and a version."""
+    from drivers.nexstar.codec import base
 
-_PATIENCE = Patience(deadline_s=2.5, try_s=1.2, quiet_s=0.1)
-_LETTER = b"x"
-
-
-async def probe(line: ByteLine) -> str | None:
-    """Ask an opened line for an echo and a version; what answers in words, or None.
-
-    Raises
-    ------
-    DeviceMissing
-        If the line is lost.
-    """
-    exchange = Exchange(line, _PATIENCE)
-    try:
-        await exchange.ask(base.echo(_LETTER))
-        version = await exchange.ask(base.VERSION)
-    except (DeviceSilent, DeviceGarbled):
-        return None
+    await exchange.ask(base.echo(b"x"))
+    version = await exchange.ask(base.VERSION)
     maker = "SynScan" if version.synscan else "NexStar"
     return f"{maker} hand control {version}"
 
 
-_HANDSETS = {
-    "nexstar": AVX,
-    # a CGEM before version 5: whole-hour zones, sync and pier side
-    "nexstar-4": Handset(Version(4, 21), None, 14, Version(6, 17)),
-    # the first hand controls: four digits, no sync, no clock, no pulses
-    "nexstar-old": Handset(Version(1, 2)),
-    "starsense": Handset(Version(1, 20), STARSENSE, 23, Version(7, 13)),
-}
-DIALECTS: tuple[str, ...] = tuple(_HANDSETS)
-MOVES: tuple[bytes, ...] = (b"r", b"R", b"b", b"B", b"s", b"S", b"P\x03\x10\x26", b"P\x03\x11\x26")
-"""Beginnings of commands that are sent once for each order: goto, sync, guide pulse."""
-STOPS: tuple[bytes, ...] = (b"M",)
-MACHINE = Machine(mounting="german")
+def _celestron_fakes() -> Fakes:
+    from drivers.nexstar.fake import CELESTRON_FAKES
+
+    return CELESTRON_FAKES
 
 
-def fake_from(
-    dialect: str | None,
-    mechanics: Mechanics,
-    faults: Iterable[Fault],
-    clock: Callable[[], datetime],
-    monotonic: Callable[[], float],
-) -> FakeNexstar:
-    """Make the fake of a dialect; the first of `DIALECTS` if None.
+def _synscan_fakes() -> Fakes:
+    from drivers.nexstar.fake import SYNSCAN_FAKES
 
-    Raises
-    ------
-    BadRequest
-        If there is no such dialect.
-    """
-    handset = _HANDSETS.get(dialect or DIALECTS[0])
-    if handset is None:
-        raise BadRequest(f"there is no NexStar dialect {dialect}", advice=f"known: {', '.join(DIALECTS)}")
-    return FakeNexstar(mechanics, handset=handset, faults=faults, clock=clock, monotonic=monotonic)
+    return SYNSCAN_FAKES
+
+
+NEXSTAR = Family(
+    name="nexstar",
+    open_mount=_open_celestron,
+    usual_port=2000,
+    also_called=("celestron",),
+    # the times are chosen: two tries each, since a byte may be lost on a line that was just opened
+    probe=Probe(turn=1, bauds=(9600,), deadline_s=2.5, try_s=1.2, ask=_probe),
+    fakes=_celestron_fakes,
+)
+
+SYNSCAN = Family(name="synscan", open_mount=_open_synscan, usual_port=11882, fakes=_synscan_fakes)
+"""Sky-Watcher's hand controls speak the same words; the probe of `NEXSTAR` finds them, too."""

@@ -28,18 +28,26 @@ from drivers.nexstar.codec.passthrough import (
 )
 from drivers.nexstar.codec.replies import LONG_STEP_ARCSEC, SHORT_STEP_ARCSEC, WirePair
 from drivers.nexstar.codec.site_and_time import clock_of, goes_on, site_of, time_for, wire_site
-from drivers.nexstar.exchange import Ask, Asking, Greeting, greet
+from drivers.nexstar.exchange import Ask, Greeting, HandsetExchange, greet
 from drivers.nexstar.parking import Horizon, Parking
 from drivers.wire.command import Command
+from drivers.wire.exchange import Patience
+from drivers.wire.line import ByteLine, ControlLines, SerialLine
 from drivers.wire.link import Link
+from drivers.wire.wire_log import WireLog
 from mountnav.clock import pause, utc_now
 from mountnav.devices import Direction, Epoch, PierSide, Skill, TrackingRate
 from mountnav.errors import DeviceRefused, Refusal
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 
 _SLOWEST_KEY = 1
+"""Number of the slowest rate of the hand control's keys: it guides mounts whose motors time no pulses
+[NexStar P 0x24]."""
 _LOOK_S = 0.05
+"""Pause between questions whether a pulse still runs. Chosen by hand."""
 _LONGER_S = 1.0
+"""A pulse that runs for so much longer than ordered is ended. Chosen by hand; halved, a slow line looks
+like it."""
 
 
 class Guiding:
@@ -96,7 +104,7 @@ class Guiding:
     async def by_key(self, axis: Axis, sign: int, duration_s: float, wanted: Wanted) -> Sent:
         """Press the slowest key for so long, and let go of it in every case [NexStar P 0x24, 0x25].
 
-        Both go past everything else, or the moment would last as long as somebody else's question.
+        Both go past everything else, or the moment would last as long as another question.
         """
         if not wanted():
             return Sent(wire=False)
@@ -119,9 +127,8 @@ class NexstarLanguage(SerialLanguage):
 
     Parameters
     ----------
-    link : Link
     epoch : {"apparent", "icrs"}
-        Kind of coordinates it is taken to speak; no answer tells which. Usual: JNow for Celestron, J2000 for
+        Kind of coordinates it is taken to speak; no answer says which. Usual: JNow for Celestron, J2000 for
         SynScan.
     park : Horizon, optional
         Where it parks, as its own `z` counts; there is no usual place for all mounts [INDI SetDefaultPark].
@@ -130,7 +137,7 @@ class NexstarLanguage(SerialLanguage):
     def __init__(self, link: Link, *, epoch: Epoch = "apparent", park: Horizon | None = None) -> None:
         super().__init__(link)
         self._why = "this hand control has no such command"
-        self._asking = Asking(link)
+        self._exchange = HandsetExchange(link)
         self._epoch = epoch
         self._greeting = Greeting(Handset(Version(0, 0)), short=False)
         self._parking = Parking(park)
@@ -179,14 +186,14 @@ class NexstarLanguage(SerialLanguage):
             skills.add(Skill.PARK)
         if handset.keeps_time:
             skills |= {Skill.SET_CLOCK, Skill.SET_SITE}
-            lacks = self._asking.refining.lacks
+            lacks = self._exchange.refining.lacks
             if not lacks(base.GET_FINE_TIME if handset.quarter_zones else base.GET_TIME):
                 skills.add(Skill.CLOCK)
             if not lacks(base.GET_SITE):
                 skills.add(Skill.SITE)
         if handset.has_rates:
             skills.add(Skill.TRACKING_RATES)
-        if handset.tells_pier_side and not self._asking.refining.lacks(base.PIER_SIDE):
+        if handset.tells_pier_side and not self._exchange.refining.lacks(base.PIER_SIDE):
             skills.add(Skill.PIER_SIDE)
         return frozenset(skills)
 
@@ -210,23 +217,23 @@ class NexstarLanguage(SerialLanguage):
         return await self._greeted(self._identify)
 
     async def _identify(self) -> Identity:
-        self._asking.opened()
+        self._exchange.opened()
         self._rate = None
-        await self._asking.step()
-        self._greeting = await greet(self._asking.agreed, self._asking.agreed_if_known, self.handset)
+        await self._exchange.step()
+        self._greeting = await greet(self._exchange.agreed, self._exchange.agreed_if_known, self.handset)
         handset, problems = self.handset, []
         await self.read_site()
         await self.read_clock()
         await self._place()
         await self._state()
-        aligned, doubt = await self._asking.asked_if_known(base.ALIGNED), ""
+        aligned, doubt = await self._exchange.asked_if_known(base.ALIGNED), ""
         if aligned is None:
             doubt = "it doesn't tell whether it is aligned"
         elif not aligned:
             problems.append("it is not aligned: it goes nowhere until that is done at its hand control")
         if not handset.knows_sync:
             problems.append(f"its hand control {handset.version} knows no sync")
-        return Identity(handset.text, (*problems, *self._asking.refining.notes), doubt)
+        return Identity(handset.text, (*problems, *self._exchange.refining.notes), doubt)
 
     # -- readings ----------------------------------------------------------------------------------
 
@@ -239,21 +246,21 @@ class NexstarLanguage(SerialLanguage):
             If there is no answer, none that makes sense, or no link.
         """
         handset = self.handset
-        await self._asking.back_in_step()
+        await self._exchange.back_in_step()
         troubles, before = self._link.troubles, utc_now()
         pair = await self._place()
         span = utc_now() - before
         utc = before + span / 2
         slewing, mode, letter = await self._state()
         # one that can't say so is taken as aligned, as it was before hand controls could
-        aligned = await self._asking.asked_if_known(base.ALIGNED) is not False
+        aligned = await self._exchange.asked_if_known(base.ALIGNED) is not False
         if letter is not None:
             mirrored = handset.mirrors_pier_side and self._latitude_deg < 0.0
             self._pier_side = side_of(letter, pair.second_deg, mirrored=mirrored)
         if mode:
             self._mode = mode
         if not aligned:
-            # switched on anew: whatever it was told is gone
+            # switched on again: whatever was set is gone
             self._rate = None
         parked = await self._parked(slewing, mode, aligned)
         ra_deg, dec_deg = pair.first_deg, pair.second_deg
@@ -274,7 +281,7 @@ class NexstarLanguage(SerialLanguage):
 
     async def _state(self) -> tuple[bool | None, Tracking | None, str | None]:
         """Whether it slews, how it tracks, its pier side's letter; None for what it lacks."""
-        handset, known = self.handset, self._asking.asked_if_known
+        handset, known = self.handset, self._exchange.asked_if_known
         slewing = await known(base.SLEWING)
         mode = await known(base.get_tracking(handset)) if handset.tells_tracking else None
         letter = await known(base.PIER_SIDE) if handset.tells_pier_side else None
@@ -289,12 +296,14 @@ class NexstarLanguage(SerialLanguage):
         if aligned and not slewing:
             there = parking.near(await self._horizon())
             if parking.under_way and there and mode is not Tracking.OFF:
-                await self._asking.asked(base.set_tracking(self.handset.number(Tracking.OFF)))
+                await self._exchange.asked(base.set_tracking(self.handset.number(Tracking.OFF)))
                 mode = Tracking.OFF
         return parking.seen(there=there, resting=not slewing, tracking=mode not in (None, Tracking.OFF))
 
     async def _horizon(self) -> Horizon:
-        pair = await self._asking.asked(base.GET_HORIZON_SHORT if self._greeting.short else base.GET_HORIZON)
+        pair = await self._exchange.asked(
+            base.GET_HORIZON_SHORT if self._greeting.short else base.GET_HORIZON
+        )
         return Horizon(pair.first_deg, pair.second_deg)
 
     # -- orders ------------------------------------------------------------------------------------
@@ -305,11 +314,11 @@ class NexstarLanguage(SerialLanguage):
         if self._parking.parked:
             raise DeviceRefused("the slew refused: it is parked", device=self.device, reason=Refusal.PARKED)
         if self.handset.tells_tracking and wanted():
-            tracking = await self._asking.asked_if_known(base.get_tracking(self.handset))
+            tracking = await self._exchange.asked_if_known(base.get_tracking(self.handset))
             if tracking is Tracking.OFF and wanted():
-                await self._asking.asked(base.set_tracking(self.handset.number(self._usual_mode())))
+                await self._exchange.asked(base.set_tracking(self.handset.number(self._usual_mode())))
         short = self._greeting.short
-        return await self._asking.once(base.slew(place.ra_deg, place.dec_deg, short=short), wanted)
+        return await self._exchange.once(base.slew(place.ra_deg, place.dec_deg, short=short), wanted)
 
     async def send_sync(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
         """Order a sync [NexStar s, S]; whole: half of one keeps the hand control waiting [INDI #473]."""
@@ -322,7 +331,7 @@ class NexstarLanguage(SerialLanguage):
             )
         await self._require_alignment("the sync")
         short = self._greeting.short
-        return await self._asking.once(base.sync(place.ra_deg, place.dec_deg, short=short), wanted)
+        return await self._exchange.once(base.sync(place.ra_deg, place.dec_deg, short=short), wanted)
 
     async def send_stop(self, again: int) -> None:
         """Cancel the goto and halt both axes, past everything; tracking goes on as it was."""
@@ -342,10 +351,10 @@ class NexstarLanguage(SerialLanguage):
         await self._require_alignment("parking")
         if not wanted():
             return Sent(wire=False)
-        await self._asking.asked(base.set_tracking(self.handset.number(Tracking.OFF)))
+        await self._exchange.asked(base.set_tracking(self.handset.number(Tracking.OFF)))
         self._parking.began()
         short = self._greeting.short
-        return await self._asking.once(base.slew_horizon(place.az_deg, place.alt_deg, short=short), wanted)
+        return await self._exchange.once(base.slew_horizon(place.az_deg, place.alt_deg, short=short), wanted)
 
     async def send_unpark(self) -> None:
         """Take it as not parked; tracking stays off until a slew or `send_tracking`."""
@@ -357,7 +366,7 @@ class NexstarLanguage(SerialLanguage):
 
     @property
     def tracking_rates(self) -> frozenset[TrackingRate]:
-        """At which rates it can be told to follow."""
+        """At which rates it can be ordered to track."""
         if self.handset.has_rates and self._usual_mode() in _EQUATORIAL:
             return frozenset(_RATES)
         return frozenset({TrackingRate.SIDEREAL})
@@ -366,7 +375,7 @@ class NexstarLanguage(SerialLanguage):
         """Order tracking in the mode it had, or its hemisphere's [NexStar T], and its rate [NexStar P]."""
         handset = self.handset
         if not on:
-            await self._asking.asked(base.set_tracking(handset.number(Tracking.OFF)))
+            await self._exchange.asked(base.set_tracking(handset.number(Tracking.OFF)))
             return
         mode, number = self._usual_mode(), _RATES.get(rate)
         has_rates = handset.has_rates and mode in _EQUATORIAL
@@ -374,10 +383,10 @@ class NexstarLanguage(SerialLanguage):
             raise self._unsupported(f"track at the {rate} rate")
         if self._parking.parked:
             raise DeviceRefused("tracking refused: it is parked", device=self.device, reason=Refusal.PARKED)
-        await self._asking.asked(base.set_tracking(handset.number(mode)))
+        await self._exchange.asked(base.set_tracking(handset.number(mode)))
         if has_rates and rate is not self._rate:
             south = mode is Tracking.EQUATORIAL_SOUTH
-            await self._asking.asked(base.set_tracking_rate(number, south=south))
+            await self._exchange.asked(base.set_tracking_rate(number, south=south))
             self._rate = rate
 
     async def send_guide(self, direction: Direction, duration_s: float, wanted: Wanted) -> Sent:
@@ -385,7 +394,7 @@ class NexstarLanguage(SerialLanguage):
         if self._parking.parked:
             raise DeviceRefused("the pulse refused: it is parked", device=self.device, reason=Refusal.PARKED)
         guiding = Guiding(
-            self._asking.asked, self._asking.once, self._link.send_now, self._greeting.pulse_percent
+            self._exchange.asked, self._exchange.once, self._link.send_now, self._greeting.pulse_percent
         )
         axis, sign = motor_for(direction, self._pier_side, self._mode)
         if self.handset.times_pulses:
@@ -396,7 +405,7 @@ class NexstarLanguage(SerialLanguage):
         return self._mode or self.handset.usual_mode(self._latitude_deg)
 
     async def _require_alignment(self, what: str) -> None:
-        if await self._asking.asked_if_known(base.ALIGNED) is False:
+        if await self._exchange.asked_if_known(base.ALIGNED) is False:
             raise DeviceRefused(
                 f"{what} refused: it is not aligned",
                 device=self.device,
@@ -411,11 +420,11 @@ class NexstarLanguage(SerialLanguage):
         if not self.handset.keeps_time:
             return None
         command = base.GET_FINE_TIME if self.handset.quarter_zones else base.GET_TIME
-        earlier = await self._asking.agreed_if_known(command, alike=goes_on)
+        earlier = await self._exchange.agreed_if_known(command, alike=goes_on)
         if earlier is None:
             return None
         before = utc_now()
-        shown = await self._asking.asked(command)
+        shown = await self._exchange.asked(command)
         way = utc_now() - before
         # a flipped bit now: the one before was seen twice
         return clock_of(shown, way) if goes_on(earlier, shown) else clock_of(earlier, way)
@@ -430,7 +439,7 @@ class NexstarLanguage(SerialLanguage):
         """Where it believes to stand [NexStar w]."""
         if not self.handset.keeps_time:
             return None
-        wire = await self._asking.agreed_if_known(base.GET_SITE)
+        wire = await self._exchange.agreed_if_known(base.GET_SITE)
         if wire is None:
             return None
         site = site_of(wire)
@@ -446,7 +455,7 @@ class NexstarLanguage(SerialLanguage):
     async def _require_no_alignment(self, what: str) -> None:
         if not self.handset.keeps_time:
             raise self._unsupported(f"take {what}")
-        if await self._asking.asked_if_known(base.ALIGNED):
+        if await self._exchange.asked_if_known(base.ALIGNED):
             raise DeviceRefused(
                 f"won't be given {what}: its alignment was made with the one it has",
                 device=self.device,
@@ -454,6 +463,42 @@ class NexstarLanguage(SerialLanguage):
             )
 
     async def _sent_whole(self, order: Command[None]) -> None:
-        sent = await self._asking.once(order, lambda: True)
+        sent = await self._exchange.once(order, lambda: True)
         if sent.lost is not None:
             raise sent.lost
+
+
+def patience_of(timeout_s: float) -> Patience:
+    """Return the times of one question: two tries, since an answer may be held back for 3.5 s [NexStar]."""
+    return Patience(deadline_s=timeout_s, try_s=0.45 * timeout_s)
+
+
+def nexstar_language(
+    line: str | Callable[[], ByteLine],
+    *,
+    baud: int = 9600,
+    control: ControlLines | None = None,
+    epoch: Epoch = "apparent",
+    patience: Patience | None = None,
+    park: Horizon | None = None,
+) -> NexstarLanguage:
+    """Make the language over a line of its own; nothing is opened yet.
+
+    Parameters
+    ----------
+    line : str or callable
+        Address for a `SerialLine`, or a function that makes a `ByteLine`.
+    baud : int
+        Speed of a serial port.
+    control : ControlLines, optional
+        Of a serial port.
+    epoch : {"apparent", "icrs"}
+        Kind of coordinates: JNow for Celestron, J2000 for SynScan.
+    patience : Patience, optional
+        For one question.
+    park : Horizon, optional
+        Where it parks.
+    """
+    log = WireLog()
+    made = SerialLine(line, baud=baud, log=log, control=control) if isinstance(line, str) else line()
+    return NexstarLanguage(Link(made, patience or patience_of(8.0), log), epoch=epoch, park=park)

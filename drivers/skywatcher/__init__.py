@@ -1,1 +1,1 @@
-"""Sky-Watcher motor controllers (EQMod, EQDIR, Wi-Fi): they know counts; the sky is reckoned here."""
+"""Sky-Watcher motor controllers (EQMod, EQDIR, Wi-Fi): they know counts; the sky is computed here."""

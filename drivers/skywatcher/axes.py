@@ -1,4 +1,23 @@
-"""From the sky to the counts of a German mount's two axes and back, at our site by our clock; no I/O."""
+"""From the sky to the counts of a German mount's two axes and back, at our site by our clock; no I/O.
+
+A motor makes one step every `period` ticks of the board's timer, in the high speed range as many more as its
+ratio says [SKYWATCHER :I :g]: rate = timer · 360° / (counts per turn · period). Gotos don't obey the period;
+the board ramps them by itself (measured by an owner of an HEQ5: 3.5°/s, 2.2°/s²).
+
+The axes are counted as *turns*, in degrees, as EQMod counts them [INDI eqmod]: the first is 0 with the
+counterweight down and grows towards forward counts, the second is 90 with the tube along the polar axis.
+Below 90 the tube hangs on one side of the pier, above 90 on the other. In the north the first axis runs
+forward with the sky, in the south backward. Home is (0, 90) everywhere.
+
+The controller has no sync. The difference between where the counts say the axes stand and where the sky says
+they do is kept here, per side, because the errors of a German mount change over with the side. A side without
+a sync of its own takes that of the other one: most of it is where the counting began.
+
+A board that was just switched on counts both axes from 0x800000 wherever they stand; they are taken to stand
+at home, the tube along the polar axis and the counterweight down. When we energize the motors the second axis
+is set a quarter of a turn on, as EQMod does: from then on 0x800000 is the declination axis on the equator for
+every program that reads the counts, for us after a restart too.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +44,9 @@ RATES_DEG_S = {
     TrackingRate.LUNAR: 14.511415 / 3600.0,
     TrackingRate.SOLAR: 15.0 / 3600.0,
 }
+"""How fast the first axis follows the stars, the Moon, the Sun."""
 _HEQ5_SLOW_TIMER = (Board(1, 6, 1), 64935, 64640)
+"""Board, the timer frequency that it reports, and the true one [INDI eqmod]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +90,7 @@ class Gearing:
 
 
 def true_timer_hz(board: Board, told_hz: int) -> int:
-    """Put right what one firmware tells wrong: the HEQ5 of 1.06 drifts 4″ a minute by it [INDI eqmod]."""
+    """Put right what one firmware reports wrong: the HEQ5 of 1.06 drifts 4″ a minute by it [INDI eqmod]."""
     known, told, true = _HEQ5_SLOW_TIMER
     return true if board == known and told_hz == told else told_hz
 
@@ -134,6 +155,7 @@ def altitude_deg(angles: HourAngle, site: Site) -> float:
 
 
 HOME_SECOND_DEG = 90.0
+"""How the second axis stands at home, where the tube looks at the pole: a quarter turn from the equator."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,6 +175,8 @@ class Turns:
 
 
 HOME = Turns(0.0, HOME_SECOND_DEG)
+"""Counterweight down, tube at the pole: how a German mount is set up, and where the counts begin at
+power-up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,11 +233,9 @@ def side_for(
 
     Parameters
     ----------
-    ha_deg, dec_deg : float
     present : PierSide
         It is kept when the counterweight would rise above the horizontal by no more than `past_deg`: a place
         just past the meridian needs no flip.
-    latitude_deg, past_deg : float
     """
     if rise_deg(turns_at(ha_deg, dec_deg, present, latitude_deg)) <= past_deg:
         return present
@@ -296,7 +318,7 @@ class Offsets:
         return sight(self.true_turns(counted), self._latitude_deg)
 
 
-class Standing:
+class AxisCounts:
     """How the axes stand.
 
     Parameters

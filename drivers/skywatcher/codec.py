@@ -1,4 +1,15 @@
-"""Sky-Watcher motor controller commands, their values and the readers of their replies; no I/O."""
+"""Sky-Watcher motor controller commands, their values and the readers of their replies; no I/O.
+
+Numbers of 24 bits are hex with their bytes swapped: 0x123456 travels as ``563412``; positions are counted
+from 0x800000 [SKYWATCHER]. A ratio of 8 bits is plain hex. Status is three digits of flags [SKYWATCHER :f].
+
+``:`` command axis data CR is answered ``=`` data CR or ``!`` code CR. Replies don't say what they answer, and
+many are of one length, so a reader asks for the exact length and leaves the rest to the exchange (and, for
+positions, to what an axis can have reached).
+
+A board that got a question damaged says ``!1`` or ``!3``: that is no answer of the mount and is asked again.
+All commands but ``:J`` may be sent twice: they set registers, and only ``:J`` starts a motor.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +23,10 @@ from drivers.wire.command import Command, Read, Unreadable
 from mountnav.errors import Refusal
 
 POSITION_ZERO = 0x800000
+"""The count that a board gives an axis at power-up: the middle of its 24 bits, so that both ways are free
+[SKYWATCHER :j]."""
 LARGEST = 0xFFFFFF
+"""Numbers have 24 bits on this wire [SKYWATCHER]."""
 _HEX6 = re.compile(r"[0-9A-F]{6}")
 
 
@@ -42,7 +56,7 @@ class Nack:
 
     @property
     def reason(self) -> Refusal:
-        """Why, as far as the code tells."""
+        """Why, as far as the code says."""
         return _NACKS.get(self.code, ("", Refusal.OTHER))[1]
 
 
@@ -74,7 +88,7 @@ class MotorStatus:
     running : bool
         It turns; also while it slows down after a stop.
     blocked : bool
-        It can't turn (only boards that drive direct current motors tell).
+        It can't turn (only boards that drive direct current motors report it).
     initialized : bool
         It was energized since power-up: False is the sign of a power-up.
     level : bool
@@ -150,7 +164,9 @@ MODELS = {
     0x82: "114GT",
     0x90: "Dobsonian",
 }
+"""Names of mounts by the last byte of the board's answer [SKYWATCHER :e, INDI eqmod]."""
 NOT_EQUATORIAL = frozenset({0x80, 0x81, 0x82, 0x90})
+"""Models of that list that stand in azimuth and altitude."""
 
 
 def read_board(text: str) -> Board:
@@ -180,11 +196,6 @@ class Features:
     def home_sensors(self) -> bool:
         """Whether it has sensors that mark its home."""
         return bool(self.flags & 0x04)
-
-    @property
-    def wifi(self) -> bool:
-        """Whether it has a network of its own."""
-        return bool(self.flags & 0x8000)
 
 
 def read_features(text: str) -> Features:
@@ -218,6 +229,8 @@ def ratio(text: str) -> int:
 T = TypeVar("T")
 _END = b"\r"
 _LONGEST = 8
+"""A reply without its end after so many bytes is damaged: the longest ones are `=`, six digits and a
+carriage return."""
 
 
 def _whole(buffer: bytes) -> tuple[bytes, str, int] | None:
@@ -341,11 +354,6 @@ def step_period(axis: Axis) -> Command[int]:
     return _ask("i", axis, "step period", number)
 
 
-def goto_target(axis: Axis) -> Command[int]:
-    """Ask for the count a goto runs to [SKYWATCHER :h]."""
-    return _ask("h", axis, "goto target", number)
-
-
 def worm_counts(axis: Axis) -> Command[int]:
     """Ask how many counts make one turn of the worm [SKYWATCHER :s]."""
     return _ask("s", axis, "counts per turn of the worm", number)
@@ -419,5 +427,5 @@ def hand_guide_rate(axis: Axis, step: int) -> Command[Nack | None]:
 
 
 def urgent(command: Command[Nack | None]) -> Command[None]:
-    """Make a command whose answer is left to whoever reads next."""
+    """Make a command whose answer is left to the next reader."""
     return Command(command.sent, command.meaning, lambda _buffer, _final: Read(None, 0))

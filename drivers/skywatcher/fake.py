@@ -13,10 +13,11 @@ from datetime import datetime
 
 from drivers.fakes.faults import Fault
 from drivers.fakes.wire_fake import WireFake
+from drivers.family import Fakes
 from drivers.skywatcher.axes import Gearing
 from drivers.skywatcher.codec import LARGEST, POSITION_ZERO, Axis, Board, MotorStatus, number, number_text
 from mountnav.clock import utc_now
-from mountnav.simulation.mechanics import AxisName, Mechanics
+from mountnav.simulation.mechanics import AxisName, Machine, Mechanics
 from mountnav.sky.coordinates import SIDEREAL_DEG_S
 
 
@@ -26,8 +27,6 @@ class FakeBoard:
 
     Attributes
     ----------
-    board : Board
-    gears : dict of Axis to Gearing
     features : str or None
         Answer to ``:q``; None on old boards, which don't know it.
     goto_deg_s, slow_goto_deg_s, acceleration_deg_s2 : float
@@ -50,13 +49,13 @@ def _both(counts: int, timer_hz: int, ratio: int) -> dict[Axis, Gearing]:
 
 
 BOARDS = {
-    # numbers, speeds and firmware as an owner's HEQ5 Pro told them; an EQ6 counts alike [INDI eqmod]
+    # numbers, speeds and firmware as an owner's HEQ5 Pro reported them; an EQ6 counts alike [INDI eqmod]
     "eq6": FakeBoard(Board(2, 4, 0x00), _both(9_024_000, 64_935, 16)),
     "heq5": FakeBoard(Board(2, 4, 0x01), _both(9_024_000, 64_935, 16)),
     # counts from an owner's log, features from another's notes; timer and firmware are not checked
     "eq8": FakeBoard(Board(3, 0, 0x04), _both(11_136_000, 16_000_000, 16), "076000"),
     "az-eq6": FakeBoard(Board(3, 0, 0x05), _both(9_216_000, 16_000_000, 32), "0B3000"),
-    # counts and timer as an owner's told them: the axes differ; ratio and features are not checked
+    # counts and timer as an owner's reported them: the axes differ; ratio and features are not checked
     "star-adventurer-gti": FakeBoard(
         Board(3, 0x30, 0x0C),
         {
@@ -70,6 +69,8 @@ BOARDS = {
 
 
 _FASTEST_DEG_S = 1000.0 * SIDEREAL_DEG_S
+"""A fake's motor turns no faster, whatever its step period. Chosen by hand, above the 800 times sidereal of
+real mounts."""
 
 
 class FakeMotor:
@@ -77,8 +78,6 @@ class FakeMotor:
 
     Parameters
     ----------
-    axis : Axis
-    board : FakeBoard
     mechanics : Mechanics
         German.
     """
@@ -93,7 +92,7 @@ class FakeMotor:
         self.boot()
 
     def boot(self) -> None:
-        """Begin anew: wherever it stands is the zero of its counts."""
+        """Begin again: wherever it stands is the zero of its counts."""
         self.initialized = False
         self.goto = self.fast = self.backward = self._under_way = False
         self.increment, self.brake = 0, 0
@@ -180,7 +179,10 @@ class FakeMotor:
 
 
 _LONGEST = 16
+"""Bytes without a carriage return that are kept for a command still to come. Commands have at most ten."""
 _WORM_TEETH = 180
+"""Teeth of the worm wheel: the fakes' answer to `:s` is the counts of one. An EQ6 has 180; the same for all
+fakes."""
 # how many hex digits follow each command that it knows
 _LENGTHS = {
     **dict.fromkeys("abcdefghijmsDFJKL", 0),
@@ -323,3 +325,24 @@ class FakeSkywatcher(WireFake):
         super().reboot()
         for motor in self.motors.values():
             motor.boot()
+
+
+def _make(
+    dialect: str,
+    mechanics: Mechanics,
+    *,
+    faults: Iterable[Fault],
+    clock: Callable[[], datetime],
+    monotonic: Callable[[], float],
+) -> FakeSkywatcher:
+    return FakeSkywatcher(mechanics, board=BOARDS[dialect], faults=faults, clock=clock, monotonic=monotonic)
+
+
+FAKES = Fakes(
+    dialects=tuple(BOARDS),
+    make=_make,
+    # syncs never reach the wire
+    moves=(b":J",),
+    stops=(b":K", b":L"),
+    machine=Machine(mounting="german", starts_at="home", tracks_at_start=False),
+)

@@ -3,27 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
-from datetime import datetime
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from drivers.fakes.faults import Fault
-from drivers.generic.mount import GenericMount
-from drivers.generic.options import read_options
-from drivers.skywatcher import codec
-from drivers.skywatcher.axes import SkywatcherSettings
-from drivers.skywatcher.codec import Axis
-from drivers.skywatcher.fake import BOARDS, FakeSkywatcher
-from drivers.skywatcher.mount import BAUD, PATIENCE, skywatcher_language
-from drivers.wire.exchange import Exchange, Patience
-from drivers.wire.line import ByteLine
-from mountnav.errors import BadRequest, BadSettings, DeviceGarbled, DeviceSilent
-from mountnav.simulation.mechanics import Machine, Mechanics
-from mountnav.sky.coordinates import Site
+from drivers.family import Fakes, Family, MountUrl, Probe
+from mountnav.errors import BadSettings
 
 if TYPE_CHECKING:
-    from drivers.registry import MountUrl
-
+    from drivers.generic.mount import GenericMount
+    from drivers.skywatcher.axes import SkywatcherSettings
+    from drivers.wire.exchange import Exchange
+    from mountnav.sky.coordinates import Site
 
 _RANGES = {
     "past_meridian_deg": (0.0, 30.0),
@@ -33,16 +23,14 @@ _RANGES = {
     "goto_deg_s": (0.1, 30.0),
     "goto_deg_s2": (0.1, 60.0),
 }
+"""What the own options of its URL may be: the smallest and the largest value of each."""
 
 
-def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> GenericMount:
-    """Make the mount; nothing is opened yet.
+def _open_mount(url: MountUrl, name: str | None, site: Site | None) -> GenericMount:
+    from drivers.generic.options import read_options
+    from drivers.skywatcher.language import BAUD, PATIENCE, skywatcher_language
+    from drivers.wire.exchange import Patience
 
-    Raises
-    ------
-    BadSettings
-        If there is no site, an option is unknown, or its value makes no sense.
-    """
     options = read_options(url.options, "skywatcher", baud=BAUD, timeout_s=PATIENCE.deadline_s, own=_RANGES)
     if options.epoch != "apparent":
         raise BadSettings(
@@ -65,6 +53,8 @@ def mount_from(url: MountUrl, name: str | None, site: Site | None = None) -> Gen
 
 
 def _settings(options: Mapping[str, str], *, settle_s: float) -> SkywatcherSettings:
+    from drivers.skywatcher.axes import SkywatcherSettings
+
     values: dict[str, float] = {}
     for option, text in options.items():
         low, high = _RANGES[option]
@@ -78,53 +68,29 @@ def _settings(options: Mapping[str, str], *, settle_s: float) -> SkywatcherSetti
     return SkywatcherSettings(settle_s=settle_s, **values)
 
 
-BAUDS = (9600, 115_200)
-"""EQDIR cables; mounts with a USB socket."""
+async def _probe(exchange: Exchange) -> str:
+    """Ask for the board and its counts per turn."""
+    from drivers.skywatcher import codec
 
-_PATIENCE = Patience(deadline_s=0.6, try_s=0.6, quiet_s=0.1)
-
-
-async def probe(line: ByteLine) -> str | None:
-    """Ask an opened line for its board and its counts per turn; what answers in words, or None.
-
-    Raises
-    ------
-    DeviceMissing
-        If the line is lost.
-    """
-    exchange = Exchange(line, _PATIENCE)
-    try:
-        board = await exchange.ask(codec.board())
-        await exchange.ask(codec.counts_per_turn(Axis.HOUR_ANGLE))
-    except (DeviceSilent, DeviceGarbled):
-        return None
+    board = await exchange.ask(codec.board())
+    await exchange.ask(codec.counts_per_turn(codec.Axis.HOUR_ANGLE))
     return f"{board.text} (motor controller)"
 
 
-MACHINE = Machine(mounting="german", starts_at="home", tracks_at_start=False)
-"""How the mechanics behind such a fake are built at the least."""
-DIALECTS: tuple[str, ...] = tuple(BOARDS)
-MOVES: tuple[bytes, ...] = (b":J",)
-"""Beginnings of commands that start a motion; syncs never reach the wire."""
-STOPS: tuple[bytes, ...] = (b":K", b":L")
-"""Beginnings of commands that stop one."""
+def _fakes() -> Fakes:
+    from drivers.skywatcher.fake import FAKES
+
+    return FAKES
 
 
-def fake_from(
-    dialect: str | None,
-    mechanics: Mechanics,
-    faults: Iterable[Fault],
-    clock: Callable[[], datetime],
-    monotonic: Callable[[], float],
-) -> FakeSkywatcher:
-    """Make a fake; `mechanics` should be built like `MACHINE`.
-
-    Raises
-    ------
-    BadRequest
-        If there is no such dialect.
-    """
-    board = BOARDS.get(dialect or DIALECTS[0])
-    if board is None:
-        raise BadRequest(f"no Sky-Watcher mount {dialect!r}", advice=f"one of {', '.join(DIALECTS)}")
-    return FakeSkywatcher(mechanics, board=board, faults=faults, clock=clock, monotonic=monotonic)
+FAMILY = Family(
+    name="skywatcher",
+    open_mount=_open_mount,
+    # Sky-Watcher's WiFi adapters, which speak UDP
+    usual_port=11880,
+    takes_datagrams=True,
+    also_called=("eqmod", "eqdir"),
+    # EQDIR cables; mounts with a USB socket
+    probe=Probe(turn=2, bauds=(9600, 115_200), deadline_s=0.6, try_s=0.6, ask=_probe),
+    fakes=_fakes,
+)

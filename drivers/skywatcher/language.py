@@ -1,8 +1,8 @@
 """A Sky-Watcher motor controller as a `drivers.generic.language.Language`: goto, tracking and sync are ours.
 
-The controller counts steps and knows no sky, no clock, no site and no limits; the sky is reckoned here from
+The controller counts steps and knows no sky, no clock, no site and no limits; the sky is computed here from
 our site and our clock. Connecting asks only: the motors are energized by the first order that moves them. If
-this program dies the motors go on as they were told last: the controller has no watchdog.
+this program dies the motors go on as they were ordered last: the controller has no watchdog.
 """
 
 from __future__ import annotations
@@ -11,12 +11,14 @@ import contextlib
 import math
 from collections.abc import Callable
 from datetime import datetime
+from urllib.parse import urlsplit
 
 from drivers.generic.language import Sent, Wanted
 from drivers.skywatcher import codec
 from drivers.skywatcher.axes import (
     HOME,
     RATES_DEG_S,
+    SkywatcherSettings,
     Turns,
     altitude_deg,
     hour_angle_of,
@@ -28,14 +30,21 @@ from drivers.skywatcher.axes import (
 from drivers.skywatcher.codec import Axis
 from drivers.skywatcher.readings import SkywatcherReading
 from drivers.skywatcher.steering import Aim
+from drivers.wire.exchange import Patience
+from drivers.wire.line import ByteLine, ControlLines, SerialLine, UdpLine
+from drivers.wire.link import Link
+from drivers.wire.wire_log import WireLog
 from mountnav.clock import pause, utc_now
 from mountnav.devices import Direction, PierSide, TrackingRate
-from mountnav.errors import BadRequest, DeviceError, DeviceRefused, Refusal
-from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, Icrs
+from mountnav.errors import BadRequest, BadSettings, DeviceError, DeviceRefused, Refusal
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 
 _SYNC_FREE_DEG = 5.0
+"""A sync may turn the hour angle axis by so much, and `_SYNC_STRETCH` times its miss on the sky. Beyond
+that the place is so near the pole that it says too little of that axis. Chosen by hand."""
 _SYNC_STRETCH = 3.0
+"""See `_SYNC_FREE_DEG`: 3 is a declination of about 70°. Doubled, a sync 10° from the pole is taken."""
 
 
 class SkywatcherLanguage(SkywatcherReading):
@@ -83,7 +92,7 @@ class SkywatcherLanguage(SkywatcherReading):
         if not wanted():
             return Sent(wire=False)
         # before anything moves: whether the board can count so far
-        self._standing.counts(aim(utc_now()))
+        self._axis_counts.counts(aim(utc_now()))
         self._drop_tasks()
         self._parking = self._parked = False
         stops, starts = self._motors.stops, self._motors.starts
@@ -94,7 +103,7 @@ class SkywatcherLanguage(SkywatcherReading):
 
         await self._energize()
         started, lost = await self._steering.set_out(aim, still)
-        # a stop that came meanwhile has the last word: whoever follows this sends another one
+        # a stop that came meanwhile has the last word: what follows this order sends another one
         return Sent(wire=started or wanted(), lost=lost)
 
     def _while_no_stop(self, wanted: Wanted) -> Callable[[], bool]:
@@ -103,16 +112,16 @@ class SkywatcherLanguage(SkywatcherReading):
 
     async def _energize(self) -> None:
         """Before the first motion since power-up; see `drivers.skywatcher.axes`."""
-        # whoever lets it move trusts the position
+        # an order to move means that the position is trusted
         self._zero_known = True
         if self._energized:
             return
         await self._motors.energize()
         self._energized = True
         before = (await self._motors.count(Axis.DECLINATION)).value
-        await self._motors.order(codec.set_position(Axis.DECLINATION, before + self._standing.quarter))
+        await self._motors.order(codec.set_position(Axis.DECLINATION, before + self._axis_counts.quarter))
         after = (await self._motors.count(Axis.DECLINATION)).value
-        self._standing.second_moved(before, after)
+        self._axis_counts.second_moved(before, after)
         self._motors.forget()
         self.log.note("event", meaning="motors energized, the declination axis counted as EQMod does")
 
@@ -135,15 +144,15 @@ class SkywatcherLanguage(SkywatcherReading):
         Raises
         ------
         DeviceRefused
-            Near the pole, when the place tells next to nothing of the hour angle axis.
+            Near the pole, when the place says next to nothing of the hour angle axis.
         """
         place = _apparent(place)
         first, second = await self._counts()
         if not wanted():
             return Sent(wire=False)
         angles = hour_angle_of(place, first.utc, self._site)
-        offsets = self._standing.offsets
-        counted = self._standing.counted(first.value, second.value)
+        offsets = self._axis_counts.offsets
+        counted = self._axis_counts.counted(first.value, second.value)
         seen = offsets.sight(counted)
         shift = offsets.shift(counted, angles.ha_deg, angles.dec_deg)
         here, there = Icrs(seen.ha_deg, seen.dec_deg), Icrs(angles.ha_deg, angles.dec_deg)
@@ -190,7 +199,7 @@ class SkywatcherLanguage(SkywatcherReading):
 
     @property
     def tracking_rates(self) -> frozenset[TrackingRate]:
-        """At which rates it can be told to follow."""
+        """At which rates it can be ordered to track."""
         return frozenset(RATES_DEG_S)
 
     async def send_tracking(self, on: bool, rate: TrackingRate) -> None:
@@ -270,7 +279,7 @@ class SkywatcherLanguage(SkywatcherReading):
         """Signed rate of the second axis that raises the declination."""
         turns = await self._turns()
         little = Turns(turns.first_deg, turns.second_deg + 1e-4)
-        here, there = (sight(one, self._site.latitude_deg) for one in (turns, little))
+        here, there = (sight(posture, self._site.latitude_deg) for posture in (turns, little))
         return math.copysign(rate_deg_s, there.dec_deg - here.dec_deg)
 
     # -- park, home ------------------------------------------------------------------------------
@@ -309,3 +318,59 @@ def _apparent(place: Apparent | Icrs) -> Apparent:
     if isinstance(place, Apparent):
         return place
     raise BadRequest("an astrometric place given to a mount that is reckoned in apparent ones")
+
+
+BAUD = 9600
+"""Of EQDIR cables; mounts with a USB socket speak at 115200 [SKYWATCHER]."""
+
+PATIENCE = Patience(deadline_s=3.0, try_s=0.8, quiet_s=0.05)
+"""A real board answers within 17 ms (an owner's 2000 exchanges); datagrams are lost now and then."""
+
+
+def skywatcher_language(
+    line: str | Callable[[], ByteLine],
+    site: Site | None,
+    *,
+    baud: int = BAUD,
+    control: ControlLines | None = None,
+    patience: Patience = PATIENCE,
+    settings: SkywatcherSettings | None = None,
+) -> SkywatcherLanguage:
+    """Make the language over a line of its own; nothing is opened yet.
+
+    Parameters
+    ----------
+    line : str or callable
+        Device path, ``socket://host:port`` or ``udp://host:port``, or a function that makes a `ByteLine`.
+    site : Site
+        Where the mount stands.
+    baud : int
+        Speed of a serial port.
+    control : ControlLines, optional
+        Of a serial port.
+    patience : Patience
+        For one question.
+
+    Raises
+    ------
+    BadSettings
+        Without a site: the controller knows no sky, so we must know where it stands.
+    """
+    if site is None:
+        raise BadSettings(
+            "a Sky-Watcher motor controller knows no sky: its mount can't be driven without a site",
+            advice="set latitude and longitude of the telescope",
+        )
+    log = WireLog()
+    return SkywatcherLanguage(Link(_line(line, baud, log, control), patience, log), site, settings)
+
+
+def _line(
+    line: str | Callable[[], ByteLine], baud: int, log: WireLog, control: ControlLines | None
+) -> ByteLine:
+    if not isinstance(line, str):
+        return line()
+    parts = urlsplit(line)
+    if parts.scheme == "udp" and parts.hostname and parts.port:
+        return UdpLine(parts.hostname, parts.port, log=log)
+    return SerialLine(line, baud=baud, log=log, control=control)

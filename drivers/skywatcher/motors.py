@@ -24,14 +24,27 @@ from mountnav.errors import DeviceError, DeviceRefused, Refusal
 from mountnav.tasks import waited_for
 
 _BETWEEN_STOPS_S = 0.03
+"""Pause between the stops of both motors: a board spoils its answers when two commands reach it in one
+write. Chosen by hand, above the 17 ms in which real boards answer."""
 _USUAL_RATIO = 16
-"""Steps at once in the high speed range, of a board that doesn't tell them [SKYWATCHER :g]."""
+"""Steps at once in the high speed range, of a board that doesn't say them [SKYWATCHER :g]."""
 _GLANCE_S = 0.05
+"""Pause between questions whether a motor still runs. Chosen by hand."""
 _HALT_S = 8.0
+"""A motor that runs on for so long after it was ordered to stop is reported as one that does not obey.
+Chosen by hand: more than the longest ramp (`_HARD_AFTER_S`) and what a hard stop takes."""
 _HARD_AFTER_S = 5.0
+"""A motor that still runs so long after the order to slow down is stopped hard. Chosen by hand: by the
+numbers of an HEQ5 Pro its ramp from full speed takes 1.6 s."""
 _HARD_AFTER_STOPS = 8
+"""From this repetition of a stop on it is a hard one. Chosen by hand; halved, a mount with a slow ramp is
+stopped with a jolt."""
 _FAST_FROM_DEG = 0.8
+"""Gotos farther than this run in the high speed range. Chosen by hand; shorter ones are over before the
+ramp is."""
 _FAST_BRAKE, _SLOW_BRAKE = 3200, 200
+"""Counts before its target at which a goto slows down, in the high and in the low speed range; a tenth of
+the way at most. The numbers are those of INDI's driver [INDI eqmod]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +53,6 @@ class Count:
 
     Attributes
     ----------
-    value : int
     utc : datetime
         In the middle between question and answer.
     span_s : float
@@ -57,7 +69,6 @@ class Motors:
 
     Parameters
     ----------
-    link : Link
     fastest_deg_s : float
         A count that an axis can't have come to at this rate is doubted.
 
@@ -68,7 +79,7 @@ class Motors:
     stops : int
         Stops that were sent.
     starts : int
-        How often one was told to start.
+        How often one was ordered to start.
     """
 
     def __init__(self, link: Link, fastest_deg_s: float) -> None:
@@ -90,7 +101,7 @@ class Motors:
         for axis in Axis:
             counts = await ask(codec.counts_per_turn(axis))
             timer_hz = true_timer_hz(board, await ask(codec.timer_hz(axis)))
-            # only what runs fast when it is found is reckoned with it: gotos are the board's own
+            # only what runs fast when it is found is counted with it: gotos are the board's own
             ratio = await self.refining.known(codec.fast_ratio(axis))
             gears[axis] = Gearing(counts, timer_hz, ratio or _USUAL_RATIO)
         self.gears = gears
@@ -108,7 +119,7 @@ class Motors:
     async def at_rest(self) -> None:
         """Wait until both motors rest."""
         for axis in Axis:
-            while (await self.status(axis)).running:  # the board doesn't tell by itself
+            while (await self.status(axis)).running:  # the board doesn't say by itself
                 await pause(_GLANCE_S)
 
     async def count(self, axis: Axis) -> Count:

@@ -8,7 +8,7 @@ from collections.abc import Coroutine
 from drivers.generic.language import Identity, Readout
 from drivers.generic.serial_language import SerialLanguage
 from drivers.skywatcher import codec
-from drivers.skywatcher.axes import HOME, RATES_DEG_S, SkywatcherSettings, Standing, Turns, place_of, sight
+from drivers.skywatcher.axes import HOME, RATES_DEG_S, AxisCounts, SkywatcherSettings, Turns, place_of, sight
 from drivers.skywatcher.codec import NOT_EQUATORIAL, Axis, MotorStatus
 from drivers.skywatcher.motors import Count, Motors
 from drivers.skywatcher.steering import Steering
@@ -32,8 +32,14 @@ _SKILLS = frozenset(
     }
 )
 _THERE_DEG = 0.01
+"""Axes so near to the park or home position are there. Chosen by hand: above what a goto leaves over, far
+below what matters to a parked tube."""
 _FASTER = 3.0
+"""A count is taken for another axis's answer if the axis can't have come there at this many times its goto
+speed. Chosen by hand: mounts differ from the speed that the settings say."""
 _SAME_RATE = 0.003
+"""A motor found running tracks at one of our rates if it differs from that by less than this part. Chosen
+by hand: the Sun's and the stars' rate differ by 0.0027, so the nearest of them is taken first."""
 
 
 class SkywatcherReading(SerialLanguage):
@@ -41,10 +47,8 @@ class SkywatcherReading(SerialLanguage):
 
     Parameters
     ----------
-    link : Link
     site : Site
         Where the mount stands: without it there is no sky for it.
-    settings : SkywatcherSettings, optional
     """
 
     def __init__(self, link: Link, site: Site, settings: SkywatcherSettings | None = None) -> None:
@@ -52,8 +56,8 @@ class SkywatcherReading(SerialLanguage):
         self._site = site
         self._settings = settings or SkywatcherSettings()
         self._motors = Motors(link, _FASTER * self._settings.goto_deg_s)
-        self._standing = Standing(site.latitude_deg)
-        self._steering = Steering(self._motors, self._standing, site.latitude_deg, self._settings)
+        self._axis_counts = AxisCounts(site.latitude_deg)
+        self._steering = Steering(self._motors, self._axis_counts, site.latitude_deg, self._settings)
         self._energized = False
         self._zero_known = False
         self._rate: TrackingRate | None = None
@@ -66,7 +70,7 @@ class SkywatcherReading(SerialLanguage):
 
     @property
     def epoch(self) -> Epoch:
-        """Apparent: the place is reckoned here."""
+        """Apparent: the place is computed here."""
         return "apparent"
 
     @property
@@ -107,22 +111,22 @@ class SkywatcherReading(SerialLanguage):
             raise DeviceRefused(
                 f"{board.text} is no equatorial mount", device=self.device, reason=Refusal.UNSUPPORTED
             )
-        self._standing.geared(motors.gears)
+        self._axis_counts.geared(motors.gears)
         for axis in Axis:
             await motors.count(axis)
         status = {axis: await motors.status(axis) for axis in Axis}
         self._rate = None
         problems = [await self._running(axis, status[axis]) for axis in Axis if status[axis].running]
-        if not all(one.initialized for one in status.values()):
+        if not all(motor.initialized for motor in status.values()):
             self._power_up_seen()
         elif not self._energized:
             self._energized = True
-            self._standing.begin_as_eqmod()
+            self._axis_counts.begin_as_eqmod()
             problems.append(
                 "its motors are energized already, by whom is not known: the counts are taken as EQMod sets "
                 "them (declination axis on the equator: 0x800000); the position doesn't count before a sync"
             )
-        if self._parked and any(one.running for one in status.values()):
+        if self._parked and any(motor.running for motor in status.values()):
             self._parked = False
         gear = motors.gears[Axis.HOUR_ANGLE]
         text = f"{board.text}, {gear.counts} counts per turn ({gear.step_arcsec:.2f}″)"
@@ -151,7 +155,7 @@ class SkywatcherReading(SerialLanguage):
         self._energized = self._zero_known = False
         self._rate = self._side = None
         self._parking = self._parked = False
-        self._standing.begin_at_home()
+        self._axis_counts.begin_at_home()
 
     async def close(self) -> None:
         """Release the link; motors that run go on."""
@@ -165,7 +169,7 @@ class SkywatcherReading(SerialLanguage):
         self._tasks[what] = begun(work, f"skywatcher-{what}", died=self._died)
 
     def _died(self, fault: Exception) -> None:
-        """What was to stop a motor or to set it going again is gone: the link ends, and is opened anew."""
+        """What was to stop a motor or to set it going again is gone: the link ends, and is opened again."""
         self._link.lose(fault_words(fault))
 
     def _drop_tasks(self) -> None:
@@ -190,7 +194,7 @@ class SkywatcherReading(SerialLanguage):
                 (Axis.DECLINATION, second, declination),
             )
         ]
-        turns = self._standing.turns(first.value, second.value)
+        turns = self._axis_counts.turns(first.value, second.value)
         seen = sight(turns, self._site.latitude_deg)
         tracking = self._follows(hour_angle)
         resting = not hour_angle.running and not declination.running
@@ -216,7 +220,7 @@ class SkywatcherReading(SerialLanguage):
         if self._parking and there:
             self._parking, self._parked = False, True
         elif self._parked and not there:
-            # somebody else has moved it
+            # something else has moved it
             self._parked = False
 
     async def _counts(self) -> tuple[Count, Count]:
@@ -224,7 +228,7 @@ class SkywatcherReading(SerialLanguage):
 
     async def _turns(self) -> Turns:
         first, second = await self._counts()
-        return self._standing.turns(first.value, second.value)
+        return self._axis_counts.turns(first.value, second.value)
 
 
 def _near(turns: Turns, other: Turns) -> bool:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from datetime import datetime, timedelta
 
 from drivers.skywatcher import codec
-from drivers.skywatcher.axes import SkywatcherSettings, Standing, Turns, goto_s, sky_sign
+from drivers.skywatcher.axes import AxisCounts, SkywatcherSettings, Turns, goto_s, sky_sign
 from drivers.skywatcher.codec import Axis
 from drivers.skywatcher.motors import Motors
 from mountnav.clock import utc_now
@@ -23,12 +23,22 @@ Aim = Callable[[datetime], Turns]
 """How the axes shall stand at an instant."""
 
 _LEG_S = 0.3
+"""What starting and ending a goto takes beyond its ramps, in seconds. Chosen by hand; what is wrong with it
+is made up by the trim."""
 _NEW_LEG_DEG = 0.25
+"""Farther than this from its target it is sent by another goto; nearer, running faster or slower makes it
+up. Chosen by hand; doubled, the trim takes too long."""
 _LONGEST_TRIM_S = 6.0
+"""How long one trim runs at most before the place is looked at again. Chosen by hand."""
 _TRIM_S = 1.2
+"""How long a trim should take: its rate follows from that, within the two limits below. Chosen by hand."""
 _FASTEST_TRIM, _SLOWEST_TRIM = 8.0, 0.2
+"""Limits of how much faster or slower than tracking a trim runs, in times sidereal. Chosen by hand: still
+in the low speed range, and enough to gain anything."""
 _MOST_LEGS = 5
+"""Gotos for one slew at most. Chosen by hand: two or three suffice; it ends a slew that never arrives."""
 _MOST_TRIMS = 8
+"""Trims for one slew at most. Chosen by hand, for the same reason."""
 
 
 class Steering:
@@ -36,25 +46,22 @@ class Steering:
 
     Parameters
     ----------
-    motors : Motors
-    standing : Standing
     latitude_deg : float
         Of the site.
-    settings : SkywatcherSettings
     """
 
     def __init__(
-        self, motors: Motors, standing: Standing, latitude_deg: float, settings: SkywatcherSettings
+        self, motors: Motors, axis_counts: AxisCounts, latitude_deg: float, settings: SkywatcherSettings
     ) -> None:
         self._motors = motors
-        self._standing = standing
+        self._axis_counts = axis_counts
         self._sign = sky_sign(latitude_deg)
         self._near_deg = settings.near_arcsec / 3600.0
         self._goto = settings.goto_deg_s, settings.goto_deg_s2
         self._legs = self._trims = 0
 
     async def set_out(self, aim: Aim, wanted: Callable[[], bool]) -> tuple[bool, DeviceError | None]:
-        """Send both axes on their way; tell whether a motor was started, and what went wrong after that."""
+        """Send both axes on their way; return whether a motor was started, and what went wrong after that."""
         self._legs, self._trims = 1, 0
         return await self._leg(aim, wanted)
 
@@ -65,11 +72,11 @@ class Steering:
                 return False, None
         first = (await motors.count(Axis.HOUR_ANGLE)).value
         second = (await motors.count(Axis.DECLINATION)).value
-        now = self._standing.turns(first, second)
+        now = self._axis_counts.turns(first, second)
         way = aim(utc_now()).minus(now)
         # the target of the hour angle axis goes on meanwhile: that changes the way by next to nothing
         there_s = max(goto_s(way.first_deg, *self._goto), goto_s(way.second_deg, *self._goto)) + _LEG_S
-        goal = self._standing.counts(aim(utc_now() + timedelta(seconds=there_s)))
+        goal = self._axis_counts.counts(aim(utc_now() + timedelta(seconds=there_s)))
         started = False
         try:
             started = await motors.goto(Axis.DECLINATION, goal[1], wanted)
@@ -81,13 +88,13 @@ class Steering:
         return started, None
 
     async def refine(self, aim: Aim, rate_deg_s: float, wanted: Callable[[], bool]) -> bool:
-        """At rest: do the next thing that brings it nearer, and tell whether there was one."""
-        motors, standing = self._motors, self._standing
+        """At rest: do the next thing that brings it nearer, and return whether there was one."""
+        motors, axis_counts = self._motors, self._axis_counts
         first_axis = await motors.status(Axis.HOUR_ANGLE)
         second = await motors.count(Axis.DECLINATION)
         first = await motors.sharp_count(Axis.HOUR_ANGLE)
         goal = aim(first.utc)
-        way = goal.minus(standing.turns(first.value, second.value))
+        way = goal.minus(axis_counts.turns(first.value, second.value))
         # near the pole a wide angle of the first axis is little on the sky
         first_near_deg = self._near_deg / max(abs(math.cos(math.radians(goal.second_deg))), 1e-4)
         far = abs(way.first_deg) > max(_NEW_LEG_DEG, first_near_deg) or abs(way.second_deg) > _NEW_LEG_DEG
@@ -95,9 +102,9 @@ class Steering:
             self._legs += 1
             return (await self._leg(aim, wanted))[0]
         moved = False
-        second_near_deg = max(self._near_deg / 2.0, 1.5 / 3600.0 * standing.second_gear.step_arcsec)
+        second_near_deg = max(self._near_deg / 2.0, 1.5 / 3600.0 * axis_counts.second_gear.step_arcsec)
         if abs(way.second_deg) > second_near_deg and self._trims < _MOST_TRIMS:
-            _, count = standing.counts(goal)
+            _, count = axis_counts.counts(goal)
             if await motors.halt(Axis.DECLINATION, wanted):
                 moved = await motors.goto(Axis.DECLINATION, count, wanted)
         if not self.is_tracking(first_axis.running, first_axis.goto, first_axis.fast, first_axis.backward):
@@ -112,7 +119,7 @@ class Steering:
         return moved
 
     def is_tracking(self, running: bool, goto: bool, fast: bool, backward: bool) -> bool:
-        """Whether a first motor that runs so follows the sky, as far as its status tells."""
+        """Whether a first motor that runs so follows the sky, as far as its status says."""
         return running and not goto and not fast and backward is (self._sign < 0)
 
     async def track(self, rate_deg_s: float, wanted: Callable[[], bool]) -> bool:

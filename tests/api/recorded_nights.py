@@ -21,7 +21,7 @@ from api.indi_server.server import IndiServer
 from api.service import Service
 from drivers.fakes.bench import FakeOnPty
 from drivers.indi.codec import messages
-from drivers.lx200.family import fake_from
+from drivers.lx200.fake.dialects import make_fake
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.clock import in_virtual_time, real_s, utc_now
 from mountnav.settings.observatory import Settings
@@ -249,7 +249,7 @@ async def _behind_indiserver(home: Path) -> AsyncIterator[tuple[Mechanics, str]]
     machine = Machine(mounting="fork", slew_rate_deg_s=45.0, acceleration_deg_s2=200.0)
     mechanics = Mechanics(SITE, Air(), ERRORS, machine=machine)
     server = RealIndiServer(("indi_lx200_OnStep",), home)
-    with FakeOnPty(fake_from("onstep", mechanics)) as bench:
+    with FakeOnPty(make_fake("onstep", mechanics)) as bench:
         await server.start()
         try:
             await _told_its_line(server, bench.address)

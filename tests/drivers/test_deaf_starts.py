@@ -9,9 +9,9 @@ import pytest
 from drivers.fakes.bench import FakeOnTcp
 from drivers.fakes.faults import Fault
 from drivers.generic.mount import GenericMount
-from drivers.nexstar.mount import patience_of
+from drivers.nexstar.language import patience_of
 from drivers.registry import make_fake, open_mount
-from drivers.skywatcher.mount import PATIENCE
+from drivers.skywatcher.language import PATIENCE
 from drivers.wire.exchange import Patience
 from drivers.wire.link import Link
 from mountnav.clock import utc_now

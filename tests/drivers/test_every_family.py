@@ -6,7 +6,6 @@ import asyncio
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from drivers.fakes.wire_fake import WireFake
 from drivers.generic.link_supervisor import LinkState
 from drivers.generic.mount import GenericMount
 from drivers.lx200.dialects import names
-from drivers.registry import fake_dialects, fake_protocols, make_fake, open_mount
+from drivers.registry import fake_dialects, fake_machine, fake_protocols, fakes, make_fake, open_mount
 from drivers.wire.wire_log import WireEntry
 from mountnav.clock import utc_now
 from mountnav.devices import SlewOutcome, SlewState, SyncOutcome
@@ -47,20 +46,8 @@ ON_WIRE_S = 0.1 * SILENT_S
 """A stop that waits for no answer is on the wire in a tenth of that: it takes a millisecond or two."""
 
 
-def faking_of(protocol: str) -> Any:
-    """The module that makes the family's fake."""
-    family = "nexstar.faking_synscan" if protocol == "synscan" else f"{protocol}.family"
-    return import_module(f"drivers.{family}")
-
-
-def stops_of(protocol: str) -> tuple[bytes, ...]:
-    """How the family's orders to stop begin."""
-    return tuple(faking_of(protocol).STOPS)
-
-
 def fake_of(protocol: str, dialect: str) -> WireFake:
-    faking = import_module(f"drivers.{protocol}.family") if protocol != "synscan" else None
-    machine: Machine = getattr(faking, "MACHINE", None) or Machine()
+    machine = Machine() if protocol == "synscan" else fake_machine(protocol)
     mechanics = Mechanics(
         HERE,
         Air(),
@@ -179,7 +166,7 @@ async def test_connecting_orders_nothing(protocol: str, dialect: str) -> None:
     assert abs((fake.mechanics.believed_utc() - utc_now() - believed).total_seconds()) < 0.01
     assert fake.mechanics.believed_site == fake.mechanics.site
     assert not [
-        said for said in fake.heard if said.startswith((*faking_of(protocol).MOVES, *stops_of(protocol)))
+        said for said in fake.heard if said.startswith((*fakes(protocol).moves, *fakes(protocol).stops))
     ]
 
 
@@ -192,7 +179,7 @@ async def test_a_stop_is_on_the_wire_at_once(protocol: str, dialect: str) -> Non
         most_s = ON_WIRE_S * slowness()
         await rig.mount.stop()
         first = rig.sent(noted)
-        assert first.data.startswith(stops_of(protocol))
+        assert first.data.startswith(fakes(protocol).stops)
         assert first.t_s - asked_s < most_s
         assert await slew is SlewOutcome.STOPPED
         assert not rig.fake.mechanics.slewing()
@@ -213,7 +200,7 @@ async def test_a_stop_gets_through_silence_and_floods(protocol: str, dialect: st
         stop = asyncio.create_task(rig.mount.stop())
         await rig.until(lambda: not rig.fake.mechanics.slewing())
         first = rig.sent(noted)
-        assert first.data.startswith(stops_of(protocol))
+        assert first.data.startswith(fakes(protocol).stops)
         assert first.t_s - asked_s < most_s
         (stopped, end) = await asyncio.gather(stop, slew, return_exceptions=True)
         # it rests; whether that could be read, and what the slew came to, depends on the noise

@@ -16,14 +16,14 @@ from typer.testing import CliRunner
 from api.cli.cli_ports import ports
 from api.cli.ports import run
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
-from drivers.ports import PROBING, holders, probe, serial_ports
-from drivers.registry import make_fake
+from drivers.ports import holders, probe, probes, serial_ports
+from drivers.registry import family, make_fake
 from mountnav.clock import utc_now
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Site
 from tests.drivers.ioptron.german_fakes import fake_of
 
-IOPTRON = ("drivers.ioptron.family", "drivers.no_such_family.probing")
+IOPTRON = (family("ioptron"),)
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,7 @@ async def test_what_is_unknown_or_not_there_is_told() -> None:
     missing = await probe("/dev/no-such-port", IOPTRON)
     assert (missing.family, "can't be opened" in missing.answer) == ("", True)
     with FakeOnPty(fake_of()) as bench:
-        assert (await probe(bench.address, IOPTRON[1:])).answer == "nothing that is known here answers"
+        assert (await probe(bench.address, ())).answer == "nothing that is known here answers"
 
 
 def test_a_port_that_another_program_holds_is_not_opened() -> None:
@@ -104,7 +104,10 @@ def test_the_machines_ports_are_listed() -> None:
     for port in serial_ports():
         assert port.device.startswith("/dev/")
         assert set(port.names) <= {str(entry) for entry in Path("/dev/serial/by-id").glob("*")}
-    assert PROBING[0] == "drivers.nexstar.family"
+
+
+def test_hand_controls_are_asked_first() -> None:
+    assert [name for name, _ in probes()] == ["nexstar", "skywatcher", "lx200", "ioptron"]
 
 
 def test_the_command_tells_what_answers_and_its_address() -> None:

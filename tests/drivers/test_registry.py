@@ -1,6 +1,9 @@
-"""URLs to mounts."""
+"""URLs to mounts, names to fakes."""
 
 from __future__ import annotations
+
+import subprocess
+import sys
 
 import pytest
 
@@ -44,3 +47,52 @@ def test_yes_and_no_are_the_same_words_for_every_option(word: str, meant: bool) 
     assert yes_of({"connect": word}, "connect", default=not meant) is meant
     with pytest.raises(BadSettings, match="neither yes nor no"):
         yes_of({"connect": "maybe"}, "connect", default=True)
+
+
+def test_records_are_read_without_what_they_open() -> None:
+    code = (
+        "import sys; from drivers.registry import fake_protocols, families, read_url\n"
+        "names = [one.name for one in families()]\n"
+        "read_url('alpaca+http://host/telescope/0'); read_url('skywatcher+udp://host:11880')\n"
+        "print(*names); print(*fake_protocols())\n"
+        "print(*(set(sys.modules) & {'asyncio', 'serial', 'httpx', 'mountnav.simulation'}))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    names, fakes, heavy = done.stdout.split("\n")[:3]
+    assert names == "lx200 nexstar synscan ioptron skywatcher indi alpaca"
+    assert fakes == "lx200 nexstar synscan ioptron skywatcher"
+    assert heavy == ""
+
+
+@pytest.mark.parametrize(
+    ("url", "line", "device"),
+    [
+        ("skywatcher+udp://host:11880", "udp://host:11880", ""),
+        ("indi://host/Telescope%20Simulator", "host:7624", "Telescope Simulator"),
+        ("alpaca+http://host/telescope/0", "http://host:11111", "telescope/0"),
+        ("alpaca+https://host/camera/1", "https://host:443", "camera/1"),
+    ],
+)
+def test_each_family_reads_its_own_urls(url: str, line: str, device: str) -> None:
+    read = read_url(url)
+    assert (read.line, read.device) == (line, device)
+
+
+@pytest.mark.parametrize(
+    ("url", "told"),
+    [
+        ("meade+serial:///dev/ttyUSB0", r"did you mean lx200\+serial:///dev/ttyUSB0\?"),
+        ("eqmod+serial:///dev/ttyUSB0", r"did you mean skywatcher\+serial:///dev/ttyUSB0\?"),
+        ("onstep+tcp://host:9999", r"a dialect of lx200: write lx200\+tcp://host:9999\?dialect=onstep"),
+        ("nexstar+tcp://host", r"nexstar\+tcp://host:2000, or the port it has"),
+        ("skywatcher+udp://host", r"skywatcher\+udp://host:11880, or the port it has"),
+        ("lx200+udp://host:9999", "known for lx200: serial, socket, tcp; write"),
+        ("indi://host", "indi://host:7624/Telescope%20Simulator"),
+        ("indi://me@host/Scope", "indi takes none: leave out what stands before @"),
+        ("alpaca+http://me:secret@host/dome/0", r"URL 'alpaca\+http://…@host/dome/0' names no device"),
+    ],
+)
+def test_what_a_family_tells_of_itself_is_in_the_advice(url: str, told: str) -> None:
+    with pytest.raises(BadSettings, match=told) as refused:
+        read_url(url)
+    assert "secret" not in str(refused.value)

@@ -11,7 +11,7 @@ import pytest
 from drivers.alpaca.client import AlpacaClient
 from drivers.alpaca.codec.base import DeviceAddress
 from drivers.alpaca.language import Moving
-from drivers.alpaca.readings import Looking
+from drivers.alpaca.readings import MountReader
 from drivers.generic.link_supervisor import LinkState
 from drivers.indi.client import IndiClient
 from drivers.indi.codec import messages
@@ -81,8 +81,8 @@ async def test_an_alpaca_order_in_the_background_that_dies_ends_the_link(
     asking = AlpacaClient(DeviceAddress("http://127.0.0.1:1", "telescope", 0), log=WireLog(kept=10))
     await asking.open()
     monkeypatch.setattr(asking, member, died)
-    moving = Moving(asking, Looking.__new__(Looking), 10.0)
-    monkeypatch.setattr(moving, "_looking", type("Kept", (), {"ordered": lambda self: 1})())
+    moving = Moving(asking, MountReader.__new__(MountReader), 10.0)
+    monkeypatch.setattr(moving, "_reader", type("Kept", (), {"ordered": lambda self: 1})())
     with pytest.raises(ValueError, match="4300"):
         await (moving.order("park", {}, at_once=False) if order else moving.stop())
     await asyncio.sleep(0)

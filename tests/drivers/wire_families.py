@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import replace
 from typing import Any
 
@@ -10,12 +9,11 @@ from drivers.ioptron.language import IoptronLanguage
 from drivers.lx200.dialects import dialect_named
 from drivers.lx200.language import Lx200Language
 from drivers.nexstar.language import NexstarLanguage
-from drivers.registry import fake_machine
+from drivers.registry import fake_machine, fakes
 from drivers.skywatcher.language import SkywatcherLanguage
 from mountnav.simulation.mechanics import Machine
 from tests.drivers.wire_fuzz import HERE, Family
 
-_FAKING = {"synscan": "drivers.nexstar.faking_synscan"}
 _MOTORS = Machine(mounting="german", starts_at="home", tracks_at_start=False)
 
 
@@ -25,10 +23,8 @@ def _aligned(fake: Any) -> None:
 
 def family(protocol: str, dialect: str | None = None) -> Family:
     """A family as the fuzz takes it; the dialect is the fake's, the driver finds it out."""
-    faking = importlib.import_module(_FAKING.get(protocol, f"drivers.{protocol}.family"))
-    made = Family(
-        protocol, dialect, Lx200Language, faking.MOVES, faking.STOPS, machine=fake_machine(protocol)
-    )
+    other = fakes(protocol)
+    made = Family(protocol, dialect, Lx200Language, other.moves, other.stops, machine=fake_machine(protocol))
     match protocol:
         case "nexstar":
             return replace(made, language=NexstarLanguage, recover=_aligned)

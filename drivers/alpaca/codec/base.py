@@ -1,4 +1,8 @@
-"""Alpaca's addresses, forms, envelopes, values and error numbers; no I/O [Alpaca]."""
+"""Alpaca's addresses, forms, envelopes, values and error numbers; no I/O [Alpaca].
+
+Whatever does not match fully is `Malformed`: a page of a proxy, the answer to another question, a NaN, a
+number where a truth value belongs. None of it is ever taken for a place [Alpaca §2].
+"""
 
 from __future__ import annotations
 
@@ -49,6 +53,7 @@ class DeviceAddress:
         return f"{self.server}/api/v1/{self.kind}/{self.number}/{member}"
 
 
+# error numbers [Alpaca §3]; those from FIRST_OF_DRIVER on are each driver's own
 NOT_IMPLEMENTED = 0x400
 INVALID_VALUE = 0x401
 VALUE_NOT_SET = 0x402
@@ -112,7 +117,7 @@ class AlpacaRefused(DeviceRefused):
 
 
 def reason_of(number: int, words: str) -> Refusal:
-    """Which refusal a number and its words mean, as far as they tell."""
+    """Which refusal a number and its words mean, as far as they say."""
     known = _NUMBERS.get(number)
     if known is not None:
         return known
@@ -139,11 +144,14 @@ def refusal(what: str, number: int, words: str, device: str) -> AlpacaRefused:
 Parameter = str | int | float | bool
 Parameters = Mapping[str, Parameter]
 _EXCERPT = 120
+"""Characters of a server's words that are quoted in a message. Chosen by hand: about one line of a
+terminal."""
 _LONGEST_TEXT = 1000
 """Characters kept of a device's own words: names and versions have some 50."""
 EARLIEST, LATEST = datetime(1900, 1, 1, tzinfo=UTC), datetime(2200, 1, 1, tzinfo=UTC)
 """Instants that are one: sums with those beyond them leave the calendar."""
 _LARGEST_ID = 0xFFFFFFFF
+"""ClientTransactionID is a 32-bit unsigned number [Alpaca §1]."""
 
 
 class Malformed(ValueError):
@@ -160,7 +168,6 @@ class Answer:
         None where there is none.
     error_number : int
         0 for none; without the upper half in which COM drivers wrap it.
-    error_message : str
     """
 
     value: object
@@ -190,7 +197,6 @@ def read_answer(body: bytes, content_type: str, transaction_id: int) -> Answer:
 
     Parameters
     ----------
-    body : bytes
     content_type : str
         As the answer's header says.
     transaction_id : int
@@ -318,10 +324,10 @@ def named_values(value: object) -> dict[str, Any]:
     if not isinstance(value, list):
         raise Malformed(f"{value!r:.80} where a device's state belongs")
     state = {}
-    for one in value:
-        if not isinstance(one, dict) or not isinstance(one.get("Name"), str):
-            raise Malformed(f"{one!r:.80} in a device's state")
-        state[one["Name"].lower()] = one.get("Value")
+    for member in value:
+        if not isinstance(member, dict) or not isinstance(member.get("Name"), str):
+            raise Malformed(f"{member!r:.80} in a device's state")
+        state[member["Name"].lower()] = member.get("Value")
     return state
 
 

@@ -1,4 +1,8 @@
-"""One Alpaca exposure: its image into an array, when its middle was; no I/O [Alpaca §7]."""
+"""One Alpaca exposure: its image into an array, when its middle was; no I/O [Alpaca §7].
+
+Both hold a picture as [X][Y] or [X][Y][plane], the last index running fastest. Arrays here have rows first:
+shape (height, width), or (planes, height, width).
+"""
 
 from __future__ import annotations
 
@@ -25,7 +29,10 @@ _TYPES: dict[int, np.dtype[np.generic]] = {
     8: np.dtype("<u2"),
     9: np.dtype("<u4"),
 }
+"""Element types of ImageBytes by their numbers [Alpaca ImageArrayElementTypes]."""
 _MOST_PIXELS = 1 << 31
+"""Images of more pixels are refused before memory is taken for them. Chosen by hand: far above any
+sensor."""
 
 Pixels = NDArray[np.generic]
 
@@ -125,17 +132,18 @@ def _narrowed(image: Pixels) -> Pixels:
 
 _CLOCK = TimeSource("the camera's clock", "the camera tells no time", "the camera's is")
 _MOST_SNAPPED = 2.0
+"""A camera that knows certain exposure times only takes the nearest: by at most this factor, or the image
+is not ours. Chosen by hand, for steps of factor two."""
 
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What a camera tells of its last exposure.
+    """What a camera reports of its last exposure.
 
     Attributes
     ----------
     start : datetime or None
         By its own clock, aware UTC.
-    duration_s : float or None
     """
 
     start: datetime | None = None
@@ -148,13 +156,12 @@ class Exposure:
 
     Attributes
     ----------
-    exposure_s : float
     ordered : datetime
         When the order went out.
     accepted : datetime
         When it was answered.
     before : Told
-        What the camera told of the exposure before this one.
+        What the camera reported of the exposure before this one.
     """
 
     exposure_s: float
@@ -163,7 +170,7 @@ class Exposure:
     before: Told = Told()
 
     def is_new(self, told: Told) -> bool:
-        """Whether the camera tells a beginning that it did not tell before."""
+        """Whether the camera reports a beginning that it did not report before."""
         return told.start is not None and told.start != self.before.start
 
     def is_of_another(
@@ -174,14 +181,12 @@ class Exposure:
         *,
         clocks_agree: bool = False,
     ) -> bool:
-        """Whether the image that is ready is of an earlier exposure, or of somebody else's.
+        """Whether the image that is ready is of an earlier exposure, or of another program's.
 
         Parameters
         ----------
-        told : Told
         came : datetime, optional
             When it was seen to be ready, by our clock; without it times are not compared.
-        tolerance_s : float
         clocks_agree : bool
             Whether the camera's clock agreed with ours lately.
         """
@@ -206,7 +211,6 @@ class Exposure:
 
         Parameters
         ----------
-        told : Told
         came : datetime
             When the image was seen to be ready, by our clock.
         tolerance_s : float

@@ -10,7 +10,7 @@ import re
 from collections.abc import Sequence
 
 from drivers.generic.refusal_words import ADVICE, OF_HORIZON, OF_LIMITS, OF_PARKING
-from drivers.indi.codec.messages import Changed, Event, State
+from drivers.indi.codec.messages import Changed, Event, State, message_of
 from mountnav.errors import DeviceRefused, Refusal
 
 _REASONS = (
@@ -33,13 +33,13 @@ def plain(words: str) -> str:
 
 def spoken(events: Sequence[Event]) -> str:
     """What was said among events: errors and warnings if there are some, else all of it."""
-    texts = [text for one in events if (text := getattr(one, "message", ""))]
+    texts = [text for event in events if (text := message_of(event))]
     loud = [text for text in texts if text.startswith(_LOUD)]
     return "; ".join(dict.fromkeys(map(plain, loud or texts)))
 
 
 def reason_of(words: str) -> Refusal:
-    """Which refusal a driver's words mean, as far as they tell."""
+    """Which refusal a driver's words mean, as far as they say."""
     return next((reason for pattern, reason in _REASONS if pattern.search(words)), Refusal.OTHER)
 
 
@@ -68,13 +68,15 @@ def parked_refusal(what: str, device: str) -> DeviceRefused:
 def states_of(name: str, heard: Sequence[Event]) -> list[State]:
     """The states that a property was set to."""
     return [
-        one.state for one in heard if isinstance(one, Changed) and one.name == name and one.state is not None
+        event.state
+        for event in heard
+        if isinstance(event, Changed) and event.name == name and event.state is not None
     ]
 
 
 def is_loud(heard: Sequence[Event]) -> bool:
     """Whether an error or a warning was said."""
-    return any(getattr(one, "message", "").startswith(_LOUD) for one in heard)
+    return any(message_of(event).startswith(_LOUD) for event in heard)
 
 
 def was_refused(name: str, heard: Sequence[Event]) -> bool:
@@ -85,13 +87,13 @@ def was_refused(name: str, heard: Sequence[Event]) -> bool:
 
 
 def slew_was_refused(name: str, heard: Sequence[Event]) -> bool:
-    """Whether coordinates were refused: Ok is told of them at every poll, so only Busy is a sign."""
+    """Whether coordinates were refused: Ok is sent of them at every poll, so only Busy is a sign."""
     states = states_of(name, heard)
     return State.ALERT in states or (is_loud(heard) and State.BUSY not in states)
 
 
 def was_turned(mode: str, name: str, heard: Sequence[Event]) -> bool:
-    """Whether ON_COORD_SET was turned by somebody else before a driver took up our coordinates.
+    """Whether ON_COORD_SET was changed by another program before a driver took up our coordinates.
 
     Parameters
     ----------
@@ -103,14 +105,14 @@ def was_turned(mode: str, name: str, heard: Sequence[Event]) -> bool:
         Since we set it, in order.
     """
     ours = True
-    for one in heard:
-        if not isinstance(one, Changed):
+    for event in heard:
+        if not isinstance(event, Changed):
             continue
-        if one.name == "ON_COORD_SET":
-            ours = one.values.get(mode) is True
-        elif one.name == name:
+        if event.name == "ON_COORD_SET":
+            ours = event.values.get(mode) is True
+        elif event.name == name:
             if not ours:
                 return True
-            if one.state is State.BUSY:
+            if event.state is State.BUSY:
                 return False
     return False

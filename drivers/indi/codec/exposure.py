@@ -1,4 +1,18 @@
-"""One exposure behind INDI: its file unwrapped, which file is its own, its middle; no I/O."""
+"""One exposure behind INDI: its file unwrapped, which file is its own, its middle; no I/O.
+
+".z" is zlib's own format [INDI white paper, appendix]; ".fz" is a tile-compressed FITS file, which is read as
+such and stays as it is. Drivers send such a file in a buffer that is longer than it: `length` says how long.
+
+INDI doesn't say which exposure a file belongs to. A file counts as the one that was asked for when it came
+after the driver had begun, not before its exposure could be over, has the exposure that was ordered in its
+header, and not the time of an earlier file.
+
+What a driver says of its exposure may come late, out of order, or not at all: some expose before they say
+that they begin, some say it when the file is already there, some only say that they are done. So a file that
+came early by what we heard, but not by when we ordered it, is kept, and counts when no other comes: soon
+after its driver said that it is done, or long after it should have been. If it came before its driver said
+that it began, it counts only with a time in its header that fits.
+"""
 
 from __future__ import annotations
 
@@ -74,8 +88,15 @@ def _inflated(packed: bytes | bytearray, size: int) -> bytes:
 
 
 _SOONEST = 0.9
+"""The part of the exposure time after which a file can be its own. Below 1, because a driver's clock and
+the way of a message differ from ours. Chosen by hand; lower takes the file of an earlier exposure for
+ours."""
 _LATER_S = 0.5
+"""How long a better file is awaited after the driver said that the exposure is done, when one has come that
+may be an earlier exposure's. Chosen by hand."""
 _UNSAID_S = 10.0
+"""The same for a driver that never says that it is done, counted from when the exposure should be over.
+Chosen by hand; it delays the frames of such drivers only."""
 _HEADER = TimeSource("its header", "its header tells no time", "its header is")
 
 
@@ -85,7 +106,6 @@ class Exposure:
 
     Attributes
     ----------
-    exposure_s : float
     ordered : datetime
         When, by our clock.
     ordered_s : float
@@ -103,7 +123,6 @@ class Exposure:
         small computer many seconds.
     done_s : float
         When it was first heard to be.
-    failed : bool
     overtaken : bool
         Another program ordered an exposure meanwhile: its driver has dropped this one.
     early : (Blob, datetime) or None
@@ -112,7 +131,7 @@ class Exposure:
     early_s : float
         When.
     doubtful : bool
-        The file that counts may be another's: its header must tell a time that fits.
+        The file that counts may be another's: its header must have a time that fits.
     dropped : list of str
         Why files were dropped.
     files : list of (Blob, datetime)
@@ -166,7 +185,7 @@ class Exposure:
         return at_s >= self.ordered_s + _SOONEST * self.exposure_s
 
     def take_files(self, event: Changed, utc: datetime, at_s: float) -> str | None:
-        """Take in the files of a message; tell why one was dropped."""
+        """Take in the files of a message; return why one was dropped."""
         dropped = None
         for blob in event.values.values():
             if not isinstance(blob, Blob) or blob.is_empty:
@@ -194,7 +213,7 @@ class Exposure:
             self.early = None
 
     def is_of_another(self, told_s: float | None) -> bool:
-        """Whether the exposure that a file's header tells is not the one that was ordered."""
+        """Whether the exposure that a file's header reports is not the one that was ordered."""
         return lasted_otherwise(told_s, self.exposure_s)
 
     def middle(self, by_header: datetime | None, came: datetime, tolerance_s: float) -> tuple[datetime, str]:
@@ -212,7 +231,6 @@ class Exposure:
             Mid-exposure.
         came : datetime
             When the file arrived, by our clock.
-        tolerance_s : float
         clocks_agree : bool
             Whether the clock of its computer agreed with ours lately.
         """

@@ -1,4 +1,9 @@
-"""INDI's messages, read from the wire and written to it [INDI white paper 1.7]; no I/O, no clock."""
+"""INDI's messages, read from the wire and written to it [INDI white paper 1.7]; no I/O, no clock.
+
+Bytes in, events out. A message that is whole and makes no sense becomes `Malformed` like one that is broken:
+a change may be lost with it, and the client asks for the properties again, unless it names another
+device, or none.
+"""
 
 from __future__ import annotations
 
@@ -79,17 +84,13 @@ class Defined:
 
     Attributes
     ----------
-    device, name : str
     kind : {"Text", "Number", "Switch", "Light", "BLOB"}
-    state : State
     perm : str
         "ro", "wo", "rw"; lights have none.
     rule : str
         Of switches: "OneOfMany", "AtMostOne", "AnyOfMany".
-    label, group : str
     values : dict
         By element; BLOBs have none yet.
-    message : str
     raw : bytes
         As it came, abbreviated.
     """
@@ -109,7 +110,7 @@ class Defined:
 
 @dataclass(frozen=True, slots=True)
 class Changed:
-    """A property has changed; elements that are not told stay, and so does the state if it is None."""
+    """A property has changed; elements that are not sent stay, and so does the state if it is None."""
 
     device: str
     name: str
@@ -177,6 +178,11 @@ class Other:
 Event = Defined | Changed | Ordered | Deleted | Said | Pinged | PingAnswered | Other | Malformed
 
 
+def message_of(event: Event) -> str:
+    """What a driver says in words with an event; empty if nothing."""
+    return event.message if isinstance(event, Defined | Changed | Deleted | Said) else ""
+
+
 class Reader:
     """Bytes in, events out.
 
@@ -196,7 +202,7 @@ class Reader:
     def parts(self, data: bytes) -> Iterator[list[Event]]:
         """Take bytes, and yield what they complete; see `ElementStream.parts`."""
         for part in self._stream.parts(data):
-            yield [one if isinstance(one, Malformed) else event_of(one) for one in part]
+            yield [found if isinstance(found, Malformed) else event_of(found) for found in part]
 
 
 class _Nonsense(ValueError):
@@ -347,7 +353,7 @@ BlobMode = Literal["Never", "Also", "Only"]
 
 
 def get_properties(device: str = "", name: str = "") -> bytes:
-    """Ask for all properties, those of a device, or one; the driver defines them anew, with its values."""
+    """Ask for all properties, those of a device, or one; the driver defines them again, with its values."""
     return _alone("getProperties", {"version": VERSION, "device": device, "name": name})
 
 

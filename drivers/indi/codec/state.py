@@ -1,4 +1,11 @@
-"""What the drivers behind a server say: properties with their latest values, and readings from them."""
+"""What the drivers behind a server say: properties with their latest values, and readings from them.
+
+Claims, not truths: "Ok" says that a driver is content, not that a mount has arrived. What is not defined is
+not there: a property that was set before it was defined, or after it was deleted, is passed over, for drivers
+carry out orders to deleted properties too; so is an element that its property doesn't have.
+
+Functions of the device's properties, each None where the driver has no such property or doesn't know.
+"""
 
 from __future__ import annotations
 
@@ -18,19 +25,17 @@ _EACH_BYTES = 300
 
 @dataclass(frozen=True, slots=True)
 class Property:
-    """One property as it was last told.
+    """One property as its driver last sent it.
 
     Attributes
     ----------
-    device, name : str
     kind : {"Text", "Number", "Switch", "Light", "BLOB"}
     state : State
         The driver's claim.
-    perm, rule : str
     values : dict
         By element.
     told : datetime
-        When it was last told, our clock, aware UTC.
+        When its driver last sent it, our clock, aware UTC.
     told_s : float
         The same, monotonic.
     count : int
@@ -76,7 +81,7 @@ class Property:
 
 @dataclass(slots=True)
 class Properties:
-    """The properties of all devices that a connection hears of."""
+    """The properties of all devices that a connection receives news of."""
 
     _by_device: dict[str, dict[str, Property]] = field(default_factory=dict)
     count: int = 0
@@ -106,7 +111,7 @@ class Properties:
         self._properties = self.size_bytes = 0
 
     def take(self, event: Event, utc: datetime, at_s: float) -> Property | None:
-        """Take what was told in, and return the property it is about if it is there now."""
+        """Take what was sent, and return the property it is about if it is there now."""
         match event:
             case Defined(device=device, name=name):
                 self.count += 1
@@ -136,7 +141,7 @@ class Properties:
                     values=before.values
                     if event.kind == "BLOB"
                     else before.values
-                    | {one: to for one, to in event.values.items() if one in before.values},
+                    | {name: value for name, value in event.values.items() if name in before.values},
                     told=utc,
                     told_s=at_s,
                     count=self.count,
@@ -161,10 +166,10 @@ class Properties:
         """Forget one, or with an empty name the whole device."""
         own = self._by_device.get(device, {})
         for gone in [name] if name else list(own):
-            one = own.pop(gone, None)
-            if one is not None:
+            forgotten = own.pop(gone, None)
+            if forgotten is not None:
                 self._properties -= 1
-                self.size_bytes -= one.size_bytes
+                self.size_bytes -= forgotten.size_bytes
         if not own:
             self._by_device.pop(device, None)
 
@@ -172,8 +177,13 @@ class Properties:
 Get = Callable[[str], Property | None]
 COORDINATES: dict[Epoch, str] = {"apparent": "EQUATORIAL_EOD_COORD", "icrs": "EQUATORIAL_COORD"}
 LONGEST_POLL_S = 2.0
+"""A driver's polling period is not taken for longer than this, or readings of a mount that polls once a
+minute would never be confirmed. Chosen by hand."""
 USUAL_POLL_S = 1.0
+"""The polling period of a driver that does not say it: INDI's default, 1000 ms."""
 _FARTHEST_DEC_DEG = 95.0
+"""Declinations beyond this are nonsense. More than 90, since a driver may extrapolate over the pole; chosen
+by hand."""
 
 
 def skills(get: Get) -> frozenset[Skill]:
@@ -242,10 +252,10 @@ def is_real(coordinates: Property | None) -> bool:
 def slewing(coordinates: Property, get: Get) -> bool:
     """Whether it moves by an order: to coordinates, to park, home, or as long as a button is held."""
     orders = (coordinates, get("TELESCOPE_PARK"), get("TELESCOPE_HOME"))
-    if any(one is not None and one.state is State.BUSY for one in orders):
+    if any(order is not None and order.state is State.BUSY for order in orders):
         return True
     buttons = (get("TELESCOPE_MOTION_NS"), get("TELESCOPE_MOTION_WE"))
-    return any(one is not None and True in one.values.values() for one in buttons)
+    return any(button is not None and True in button.values.values() for button in buttons)
 
 
 def tracking(get: Get) -> bool | None:
@@ -261,11 +271,10 @@ def parked(get: Get) -> bool | None:
 
 
 def at_home(get: Get, homed: bool) -> bool | None:
-    """Whether it is at home: only at the end of a homing does a driver tell, and its Ok stays for ever.
+    """Whether it is at home: only at the end of a homing does a driver say so, and its Ok stays for ever.
 
     Parameters
     ----------
-    get : callable
     homed : bool
         Whether homing was the last order to move.
     """
@@ -296,7 +305,7 @@ def poll_s(get: Get) -> float:
 
 
 def clock(get: Get, now: datetime) -> datetime | None:
-    """Its clock now, if its driver ever told it unasked: what it tells when asked may be hours old."""
+    """Its clock now, if its driver ever sent it unasked: what it sends when asked may be hours old."""
     time = get("TIME_UTC")
     if time is None or time.pushed is None or time.state is State.ALERT:
         return None
@@ -316,6 +325,6 @@ def site(get: Get) -> Site | None:
     if latitude_deg is None or longitude_deg is None or not abs(latitude_deg) <= 90.0:
         return None
     if (latitude_deg, longitude_deg) == (0.0, 0.0) and told.state is State.IDLE:
-        # never told
+        # never sent
         return None
     return Site(latitude_deg, half_turn_deg(longitude_deg), told.number("ELEV") or 0.0)

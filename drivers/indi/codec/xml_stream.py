@@ -3,7 +3,7 @@
 INDI's stream is no XML document: it has no root, never ends, and one lost byte must not end it. Therefore no
 XML library reads it, but this: elements, attributes, text, comments and declarations, nothing else. There are
 no document types, so no entities but the five of XML and numbered characters. After something broken nothing
-counts until the next element that INDI knows begins, and that something was lost is told once.
+counts until the next element that INDI knows begins, and that something was lost is reported once.
 
 The result doesn't depend on where the stream is cut. Each byte is looked at a fixed number of times, however
 it is cut: where a tag that isn't whole yet was read to is remembered. What one message, one tag and one
@@ -23,11 +23,13 @@ step takes twice as long."""
 MOST_ATTRIBUTES = 64
 """Of a tag; INDI's own have at most ten."""
 MOST_MESSAGE_BYTES = 1 << 30
+"""Of a message with its files: an image of 800 MB in base64. Chosen by hand, to bound our memory."""
 MOST_PLAIN_BYTES = 1 << 20
 """Of a message, its files' contents left out. A long list of switches has some 20,000."""
 MOST_ELEMENTS = 2000
 """In a message. All are made a value of in one go, some 3 us each: doubled, a loop's longest turn doubles."""
 MOST_DEPTH = 8
+"""Of elements in one another; INDI's own messages have two levels. Chosen by hand."""
 PART_WORK = 16_384
 """Units of `ElementStream.work` in a part: about a millisecond. Doubled, a stop waits longer for its turn."""
 _STEP_WORK = 64
@@ -37,9 +39,11 @@ _COPIED_BYTES = 32
 _GATHERED_BYTES = 65_536
 """Small pieces of text are joined when they are so many bytes. Doubled, a copy in one turn takes longer."""
 _KEPT_TEXT_BYTES = 96
+"""So much of each text of a message is kept as it came, for a recording. Chosen by hand."""
 _KEPT_RAW_BYTES = 16_384
 """So much of a message is kept as it came, to be recorded; only files' contents make one longer."""
 _EXCERPT_BYTES = 80
+"""So much of what is malformed is quoted in a log. Chosen by hand: one line."""
 
 _VECTORS = [
     verb + kind for verb in ("def", "set", "new") for kind in ("Text", "Number", "Switch", "Light", "BLOB")
@@ -62,6 +66,7 @@ _TURNS = {b"": re.compile(rb"[<>'\"]"), b"'": re.compile(rb"[<']"), b'"': re.com
 """Where a tag goes on otherwise, by the quote that is open."""
 _BEGINS_MESSAGE = re.compile(rb"<(" + rb"|".join(sorted(name.encode() for name in MESSAGES)) + rb")[\s/>]")
 _LONGEST_BEGINNING = max(map(len, MESSAGES)) + 2
+"""So many bytes show whether a message begins: its name, the bracket before and a byte after."""
 _REFERENCE = re.compile(r"&(?:(amp|lt|gt|quot|apos)|#(\d{1,7})|#[xX]([0-9a-fA-F]{1,6}));", re.ASCII)
 _NAMED = {"amp": "&", "lt": "<", "gt": ">", "quot": '"', "apos": "'"}
 
@@ -72,11 +77,8 @@ class Element:
 
     Attributes
     ----------
-    tag : str
-    attributes : dict
     pieces : tuple of bytes
         What stands directly in it, in the pieces it came in: a large file is not copied here.
-    children : tuple of Element
     raw : bytes
         As it came, long texts abbreviated; empty for children.
     """
@@ -99,11 +101,10 @@ class Malformed:
 
     Attributes
     ----------
-    why : str
     excerpt : bytes
         Where it was broken.
     device : str or None
-        Which device it names, "" for none; None where that can't be told.
+        Which device it names, "" for none; None where that can't be known.
     """
 
     why: str
@@ -167,10 +168,10 @@ class ElementStream:
 
     def feed(self, data: bytes) -> list[Element | Malformed]:
         """Take bytes, and return what they complete."""
-        return [one for part in self.parts(data) for one in part]
+        return [found for part in self.parts(data) for found in part]
 
     def parts(self, data: bytes) -> Iterator[list[Element | Malformed]]:
-        """Take bytes, and yield what they complete: after each part somebody else may have a turn."""
+        """Take bytes, and yield what they complete: after each part other tasks may have a turn."""
         self._buffer += data
         begun = self.work
         while self._step():

@@ -14,7 +14,7 @@ Heading = Literal["n", "s", "e", "w"]
 
 
 @dataclass(frozen=True, slots=True)
-class Words:
+class CommandSet:
     """The words of one command set.
 
     Attributes
@@ -28,8 +28,7 @@ class Words:
     pointing : Command
         Where it points.
     has_pier_side : bool
-        Whether `pointing` tells the side of the pier.
-    clock : Command
+        Whether `pointing` reports the side of the pier.
     clock_step_s : float
         By how much its reading may be behind.
     slew : Command
@@ -38,7 +37,6 @@ class Words:
         Take a target's degrees.
     pulse : callable
         ``pulse(heading, duration_ms)``.
-    longest_pulse_ms : int
     before_clock : tuple of Command
         Said before a clock is set.
     set_clock : callable

@@ -1,4 +1,13 @@
-"""The frames of iOptron's replies and orders, read from either end; no wire, no clock."""
+"""The frames of iOptron's replies and orders, read from either end; no wire, no clock.
+
+What goes wrong on a cable, and how reading copes:
+
+- a reply comes in pieces: a reader says None until it is whole;
+- a reply is cut, or a bit flips: texts match wholly, in length, sign and range, or are `Unreadable`;
+- `:Q#` is answered `1`, and a stop goes out between another question and its answer, or right after it:
+  ones around a text that begins with a sign belong to no question and are taken with it;
+- a bare `1` says nothing about its question: for certainty a text is asked for first.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +46,7 @@ def model(buffer: bytes, final: bool) -> Read[str] | None:
 
 
 def text(lengths: tuple[int, ...], understand: Callable[[bytes], T]) -> Reader[T]:
-    """Read one of these numbers of characters and a `#`; understanding is told nothing of another length."""
+    """Read one of these numbers of characters and a `#`; text of another length is not passed on."""
     longest = max(lengths)
     wanted = " or ".join(str(length) for length in lengths)
 

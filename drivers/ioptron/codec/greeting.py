@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from drivers.ioptron.codec import v2, values
-from drivers.ioptron.codec.command_set import Words
+from drivers.ioptron.codec.command_set import CommandSet
 from drivers.ioptron.codec.frames import signed_text
 from drivers.ioptron.codec.v2 import V2
 from drivers.ioptron.codec.v3 import V3
@@ -94,7 +94,6 @@ class Model:
         Empty for an unknown one.
     searches_home : bool
         It has sensors at its home position.
-    parks : bool
     equatorial : bool
         Alt-azimuth mounts neither guide nor take a sync by right ascension and declination.
     """
@@ -118,10 +117,10 @@ def model(number: str, dialect: str) -> Model:
     )
 
 
-COMMAND_SETS: dict[str, Words] = {words.name: words for words in (V3, V2)}
+COMMAND_SETS: dict[str, CommandSet] = {words.name: words for words in (V3, V2)}
 
 
-def _words(text: bytes) -> Words:
+def _words(text: bytes) -> CommandSet:
     if len(text) == 23:
         values.status_from_text(text)
         return V3
@@ -129,6 +128,6 @@ def _words(text: bytes) -> Words:
     return V2
 
 
-GREETING: Command[Words] = Command(
+GREETING: Command[CommandSet] = Command(
     b":GLS#", "site and status, in the words of either set", signed_text((19, 23), _words)
 )

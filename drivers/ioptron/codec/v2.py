@@ -1,11 +1,18 @@
-"""The iOptron words and values of the v2 set where they differ from v3; no wire, no clock."""
+"""The iOptron words and values of the v2 set where they differ from v3; no wire, no clock.
+
+Declinations are hundredths of an arcsecond as in v3; right ascensions are milliseconds of time, site angles
+whole arcseconds, and the clock has local time [IOPTRON25, INDI ieqdriverbase].
+
+After what is quoted of iOptron's "RS-232 Command Language", version 2.5 [IOPTRON25], and what INDI's
+`indi_ieq_telescope` says and expects [INDI ieqdriverbase]. The document itself was not available.
+"""
 
 from __future__ import annotations
 
 import re
 from datetime import UTC, datetime, timedelta
 
-from drivers.ioptron.codec.command_set import Heading, Words
+from drivers.ioptron.codec.command_set import CommandSet, Heading
 from drivers.ioptron.codec.frames import nothing, order, signed_text
 from drivers.ioptron.codec.v3 import set_dec, set_hemisphere, set_offset, set_summer_time
 from drivers.ioptron.codec.values import (
@@ -25,7 +32,9 @@ from drivers.wire.command import Command, Unreadable
 STEP_ARCSEC = 0.015
 """A millisecond of time."""
 _MS_DEG = 240_000
+"""Right ascensions are milliseconds of time on this wire: so many a degree [IOPTRON v2]."""
 _DAY_MS = 86_400_000
+"""A whole turn in the same unit."""
 
 _STATUS = re.compile(rb"([+-][0-9]{6})([0-9]{6})([0-2])([0-7])([0-4])([1-9])([1-3])([01])")
 _POINTING = re.compile(rb"([+-][0-9]{8})([0-9]{8})")
@@ -84,7 +93,7 @@ def status_to_text(status: Status) -> bytes:
 
 
 def flags_to_text(status: Status) -> bytes:
-    """Write the six digits that end `:GLS#`; older firmware tells them alone, as `:GAS#`."""
+    """Write the six digits that end `:GLS#`; older firmware reports them alone, as `:GAS#`."""
     return b"%d%d%d%d%d%d" % (
         status.gps,
         status.state,
@@ -98,7 +107,7 @@ def flags_to_text(status: Status) -> bytes:
 def pointing_from_text(text: bytes) -> Pointing:
     """Read `:GEC#`'s 17 characters; raises `Unreadable` where they don't match wholly and in range.
 
-    They tell neither the side of the pier nor the counterweight's place.
+    They have neither the side of the pier nor the counterweight's place.
     """
     match = _POINTING.fullmatch(text)
     if match is None:
@@ -142,6 +151,7 @@ def clock_to_text(clock: MountClock) -> bytes:
 
 
 _LONGEST_PULSE_MS = 32_767
+"""The longest guide pulse that the set takes [IOPTRON25 :MnXXXXX]."""
 
 STATUS: Command[Status] = Command(b":GLS#", "site and status", signed_text((19,), status_from_text))
 POINTING: Command[Pointing] = Command(b":GEC#", "where it points", signed_text((17,), pointing_from_text))
@@ -196,7 +206,7 @@ def _set_site(latitude_deg: float, longitude_deg: float) -> tuple[Command[bool],
     return set_latitude(latitude_deg), set_longitude(longitude_deg), set_hemisphere(latitude_deg >= 0.0)
 
 
-V2 = Words(
+V2 = CommandSet(
     name="v2",
     step_arcsec=STEP_ARCSEC,
     status=STATUS,
@@ -209,7 +219,7 @@ V2 = Words(
     set_dec=set_dec,
     pulse=pulse,
     longest_pulse_ms=_LONGEST_PULSE_MS,
-    # it keeps local time: its zone is set to UTC, so that nobody reckons twice
+    # it keeps local time: its zone is set to UTC, so that it isn't converted twice
     before_clock=(set_offset(0), set_summer_time(False)),
     set_clock=_set_clock,
     set_site=_set_site,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from drivers.ioptron.codec.command_set import Heading, Words
+from drivers.ioptron.codec.command_set import CommandSet, Heading
 from drivers.ioptron.codec.frames import digits, model, nothing, order, signed_text, text
 from drivers.ioptron.codec.values import (
     STEP_ARCSEC,
@@ -36,6 +36,7 @@ from drivers.ioptron.codec.values import (
 from drivers.wire.command import Command
 
 _LONGEST_PULSE_MS = 99_999
+"""A guide pulse has five digits [IOPTRON310 :ZS :ZQ]."""
 # `:ZS` RA+, `:ZQ` RA-, `:ZE` Dec+, `:ZC` Dec- [IOPTRON310]: S is not south, E not east
 _PULSES: dict[Heading, bytes] = {"n": b"ZE", "s": b"ZC", "e": b"ZS", "w": b"ZQ"}
 
@@ -171,7 +172,7 @@ def _set_site(latitude_deg: float, longitude_deg: float) -> tuple[Command[bool],
     return set_latitude(latitude_deg), set_longitude(longitude_deg), set_hemisphere(latitude_deg >= 0.0)
 
 
-V3 = Words(
+V3 = CommandSet(
     name="v3",
     step_arcsec=STEP_ARCSEC,
     status=STATUS,

@@ -14,10 +14,15 @@ from enum import IntEnum
 from drivers.wire.command import Unreadable
 
 STEP_ARCSEC = 0.01
+"""The step of all angles on this wire [IOPTRON]."""
 _STEPS_DEG = 360_000
+"""Such steps in a degree."""
 _TURN = 360 * _STEPS_DEG
+"""Such steps in a whole turn."""
 _J2000_UTC = datetime(2000, 1, 1, 12, tzinfo=UTC)
+"""The clock counts milliseconds since J2000, in UTC [IOPTRON :GUT]."""
 _MS = timedelta(milliseconds=1)
+"""The unit of that count."""
 
 # [0-9] and not \d: the fields are ASCII alone
 _STATUS = re.compile(rb"([+-][0-9]{8})([0-9]{8})([0-2])([0-7])([0-4])([1-9])([1-3])([01])")
@@ -66,8 +71,6 @@ class Status:
         The mount's site; east and north positive.
     gps : int
         0 no module, 1 no data, 2 data.
-    state : MountState
-    rate : TrackingRate
     arrow_speed : int
         1..9, the speed of motion by arrow keys.
     time_source : int
@@ -113,7 +116,7 @@ class MountClock:
     utc : datetime
         Aware UTC, to the millisecond.
     offset_min : int
-        Local standard time minus UTC; summer time is told apart from it.
+        Local standard time minus UTC; summer time is given apart from it.
     summer_time : bool
         Whether an hour is added to local time.
     """
@@ -316,7 +319,7 @@ def meridian_from_text(text: bytes) -> tuple[bool, int]:
 
 
 def firmware_from_text(text: bytes) -> str:
-    """Read two dates in digits; one that isn't there is told by x's [INDI ieqpro]."""
+    """Read two dates in digits; one that isn't there is written as x's [INDI ieqpro]."""
     half = len(text) // 2
     dates = text[:half], text[half:]
     if any(re.fullmatch(rb"[0-9]+|x+", date) is None for date in dates):

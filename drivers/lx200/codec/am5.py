@@ -5,8 +5,11 @@ What matters of its behavior [ZWO]:
 - switched on it believes to be at its home, and refuses gotos until time and site are set;
 - `:hC#` goes to the mechanical zero and latches nothing; `:hP#` parks (firmware from 1.1.9), and only `:Spu#`
   releases that; older firmware knows no park and is parked by going home (`dialect=am5-old` for one that
-  tells no version);
+  reports no version);
 - places are read and written to whole seconds: 15″ in right ascension.
+
+From ZWO's protocol document 2.1 as public drivers quote it [ZWO], and INDI's driver; no real mount was seen.
+Orders answer one bare character, or ``eN#`` [ZWO error codes].
 """
 
 from __future__ import annotations
@@ -19,13 +22,14 @@ from enum import IntEnum
 from drivers.lx200.codec import base
 from drivers.lx200.codec.angles import dec_to_text, ra_to_text
 from drivers.lx200.codec.base import Answer, of_text, quiet, text
-from drivers.lx200.codec.dialect import Ask, Dialect, Handshake, Lacks, Spot, State
+from drivers.lx200.codec.dialect import Ask, Dialect, Handshake, Lacks, Pointing, State
 from drivers.lx200.codec.site_and_time import Writing, read_clock, read_site
 from drivers.wire.command import Command, Read, Unreadable
 from mountnav.devices import Direction, PierSide, TrackingRate
 from mountnav.errors import Refusal
 
 LONGEST_PULSE_MS = 3000
+"""Longer pulses are sent in pieces [ZWO :Mg]."""
 _FLAGS = frozenset("nNLHSsTt")
 _STATUS = re.compile(r"([a-zA-Z]*)(\d*)")
 _SIDES = {b"E": PierSide.EAST, b"W": PierSide.WEST, b"N": PierSide.UNKNOWN}
@@ -45,6 +49,7 @@ REFUSALS: Mapping[int, tuple[str, Refusal]] = {
     12: ("a sync too far from where it believes to point", Refusal.LIMIT),
     13: ("above the altitude limit", Refusal.LIMIT),
 }
+"""What the number of an ``eN#`` means, and which reason that is [ZWO error codes]."""
 
 
 class ParkState(IntEnum):
@@ -58,14 +63,12 @@ class ParkState(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """What `:GU#` tells.
+    """What `:GU#` reports.
 
     Attributes
     ----------
-    tracking, slewing, at_home : bool
     equatorial : bool
         Or else set up as an altazimuth.
-    low_voltage, stalled, guiding : bool
     """
 
     tracking: bool
@@ -199,11 +202,11 @@ def pulse(direction: Direction, duration_ms: int) -> Command[None]:
 
 
 _FIRST_WITH_PARK = (1, 1, 9)
-"""The firmware that parks [AM5]; older ones home, and tell no state of parking."""
+"""The firmware that parks [AM5]; older ones home, and report no state of parking."""
 
 
-async def _place(ask: Ask) -> Spot:
-    return Spot(await ask(base.GET_RA), await ask(base.GET_DEC))
+async def _place(ask: Ask) -> Pointing:
+    return Pointing(await ask(base.GET_RA), await ask(base.GET_DEC))
 
 
 async def _old_state(ask: Ask) -> State:
@@ -235,7 +238,7 @@ async def _woke_up(ask: Ask) -> bool:
 
 
 def _for_firmware(dialect: Dialect, handshake: Handshake) -> Dialect:
-    """Older firmware has no park; one that doesn't tell its version is asked."""
+    """Older firmware has no park; one that doesn't report its version is asked."""
     numbers = tuple(int(part) for part in re.findall(r"\d+", handshake.firmware or ""))
     return _with_old_park(dialect) if numbers and numbers < _FIRST_WITH_PARK else dialect
 

@@ -1,4 +1,8 @@
-"""Sexagesimal text and degrees as the LX200 wire writes them: pure, exact, full match or nothing."""
+"""Sexagesimal text and degrees as the LX200 wire writes them: pure, exact, full match or nothing.
+
+Rounding is done once, on the whole angle in the wire's smallest step, so that 59.99 s carries into the
+minute and 23:59:59.9 wraps to 00:00:00. A text that does not match wholly, or is out of range, is no angle.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +12,13 @@ from dataclasses import dataclass
 from drivers.wire.command import Unreadable
 
 RA_LONG_STEP_ARCSEC = 15.0
+"""A second of time."""
 RA_SHORT_STEP_ARCSEC = 90.0
+"""A tenth of a minute of time."""
 DEC_LONG_STEP_ARCSEC = 1.0
+"""An arcsecond."""
 DEC_SHORT_STEP_ARCSEC = 60.0
+"""An arcminute."""
 
 # 0xDF is the degree sign of old Meade displays, 0xB0 that of Latin-1 [LX200 :GD#]
 _SEPARATOR = rb"[*:\xdf\xb0]"
@@ -86,7 +94,9 @@ def dec_from_text(text: bytes) -> WireAngle:
     size_deg = (int(match[2]) * 3600 + int(match[3]) * 60 + seconds) / 3600.0
     if size_deg > 90.0:
         raise Unreadable(f"{text!r} is out of range for a declination")
-    step_arcsec = DEC_SHORT_STEP_ARCSEC if match[4] is None else 1.0 / 10 ** len(match[5] or b"")
+    step_arcsec = (
+        DEC_SHORT_STEP_ARCSEC if match[4] is None else DEC_LONG_STEP_ARCSEC / 10 ** len(match[5] or b"")
+    )
     return WireAngle(-size_deg if match[1] == b"-" else size_deg, step_arcsec)
 
 

@@ -20,6 +20,7 @@ from drivers.wire.command import Command, Unreadable
 from mountnav.devices import Direction, PierSide, TrackingRate
 
 LONGEST_PULSE_MS = 999
+"""A pulse has three digits [AP protocol :Mn]."""
 # park, RA rate, Dec rate, slewing, RA motion, Dec motion; the rest is of no use here
 _STATUS = re.compile(rb"([P01])([0-9C])([0-9C])([S0])([EW0])([NS0])[ -~]{5,}")
 _UNSET_RA = (b"00:00.0", b"00:00:00.0", b"00:00:00")

@@ -1,4 +1,13 @@
-"""The LX200 words that most dialects share: each command's bytes and the reader of its reply."""
+"""The LX200 words that most dialects share: each command's bytes and the reader of its reply.
+
+Nothing in a reply says where it ends [LX200 link and framing], so every command owns its reader. What goes
+wrong on a real cable, and how reading copes:
+
+- a reply comes in pieces: a reader says None until it is whole;
+- a reply is cut, or a bit flips: whatever does not match wholly and within its range is `Unreadable`;
+- a late reply comes after the next question: declinations need their sign, so no right ascension is one;
+- a reply is longer than any can be: `Unreadable`, rather than waiting for a `#` that never comes.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +24,10 @@ from mountnav.errors import Refusal
 
 T = TypeVar("T")
 _LONGEST_TEXT = 80
+"""A reply without `#` after so many bytes is damaged. Chosen by hand, above the longest reply (10micron's
+reading in one line)."""
 BAR = 0x7F
+"""The character of which old Meade displays draw distance bars [LX200 :D#]."""
 _COORDINATE = re.compile(r"[+-]?\d{2,3}\D\d{2}([:.'].*)?")
 
 
@@ -28,7 +40,7 @@ class Answer:
     refusal : str or None
         None when it was taken up, else the mount's own words.
     reason : Refusal
-        As far as the words tell.
+        As far as the words say.
     """
 
     refusal: str | None = None
@@ -109,7 +121,7 @@ _PARKED = re.compile(r"park", re.IGNORECASE)
 
 
 class Alignment(StrEnum):
-    """How the mount stands, as its ACK answer tells [LX200 0x06]."""
+    """How the mount stands, as its ACK answer reports [LX200 0x06]."""
 
     POLAR = "polar"
     ALTAZ = "altaz"

@@ -59,7 +59,7 @@ class Handshake:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """What the mount tells of itself besides its place; None where it can't."""
+    """What the mount reports of itself besides its place; None where it can't."""
 
     slewing: bool | None = None
     tracking: bool | None = None
@@ -70,8 +70,8 @@ class State:
 
 
 @dataclass(frozen=True, slots=True)
-class Spot:
-    """A place as read; `state` when the same answer told it."""
+class Pointing:
+    """A place as read; `state` when the same answer held it."""
 
     ra: WireAngle
     dec: WireAngle
@@ -103,10 +103,10 @@ class Dialect:
         In words, for reports.
     recognizes : callable (Handshake) -> bool
         The first dialect of the registry that says True is spoken.
-    place : callable (Ask) -> awaitable Spot
+    place : callable (Ask) -> awaitable Pointing
         Asks for the place; nothing else, so that its instant is known.
     state : callable (Ask) -> awaitable State, optional
-        Asks for the rest, where `place` didn't tell it; with `Ask.known`, since firmware may lack any of it.
+        Asks for the rest, where `place` didn't read it; with `Ask.known`, since firmware may lack any of it.
     asked_sometimes : tuple of Command
         Questions that `state` asks in some states only: put once at opening, to know whether they exist.
     set_ra, set_dec : callable (deg, short) -> Command of bool
@@ -129,13 +129,12 @@ class Dialect:
         Whether a slew leaves a mount that doesn't track as it was: then tracking is switched on before.
     tracking_on, tracking_off : tuple of Order
         Empty where it can't.
-    rates : mapping of TrackingRate to Order
     park, unpark, home, set_park : tuple of Order
         Empty where it can't. Each is sent once.
     finds_home : bool
         Whether `home` ends at a sensor.
     parks_unread : bool
-        Whether `state` can't tell a parked mount: then parked is what was ordered and seen to come to rest.
+        Whether `state` doesn't show a parked mount: then parked is what was ordered to park and came to rest.
     tells_pier_side : bool
         Whether `state` (or `place`) does.
     pulse : callable (Direction, milliseconds) -> Order, optional
@@ -171,7 +170,7 @@ class Dialect:
     name: str
     caption: str
     recognizes: Callable[[Handshake], bool]
-    place: Callable[[Ask], Awaitable[Spot]]
+    place: Callable[[Ask], Awaitable[Pointing]]
     set_ra: Callable[[float, bool], Command[bool]]
     set_dec: Callable[[float, bool], Command[bool]]
     slew: Command[Answer]

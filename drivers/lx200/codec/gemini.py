@@ -1,7 +1,7 @@
 """Losmandy Gemini, levels 4 to 6: LX200's words with its own letters for what moves, and native commands.
 
 From the maker's command descriptions [GEMINI L5 V2.1, L6 V1.02]; not tried on a real mount. Its places
-include refraction, unless it is told otherwise; we take them as apparent, as its drivers do.
+include refraction, unless it is set otherwise; we take them as apparent, as its drivers do.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ _SLEW_CODES = {
     "7": Refusal.PARKED,
 }
 _ALIGNED = 1
+"""The bit of status 99 that says that the mount was aligned [GEMINI native]."""
 
 
 def checksum(said: bytes) -> int:

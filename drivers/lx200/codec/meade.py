@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from drivers.lx200.codec import base
 from drivers.lx200.codec.base import of_text
-from drivers.lx200.codec.dialect import Ask, Dialect, Handshake, Lacks, Nudge, Spot, State
+from drivers.lx200.codec.dialect import Ask, Dialect, Handshake, Lacks, Nudge, Pointing, State
 from drivers.lx200.codec.site_and_time import Writing, clock_was_never_set, read_clock, read_site
 from drivers.wire.command import Command, Unreadable
 from mountnav.devices import TrackingRate
@@ -22,9 +22,9 @@ _HALT = (base.STOP, *base.STOP_MOVE.values())
 _NUDGE = Nudge((base.GUIDE_RATE,), base.START_MOVE, base.STOP_MOVE)
 
 
-async def spot(ask: Ask) -> Spot:
+async def spot(ask: Ask) -> Pointing:
     """Right ascension, then declination [LX200 :GR#, :GD#]."""
-    return Spot(await ask(base.GET_RA), await ask(base.GET_DEC))
+    return Pointing(await ask(base.GET_RA), await ask(base.GET_DEC))
 
 
 async def _bars(ask: Ask) -> State:
@@ -120,7 +120,7 @@ LX200GPS = replace(
     ),
     state=_gps_state,
     without=_without_alignment,
-    # it starts anew, from the place it was parked at [LX200 :I#]
+    # it starts again, from the place it was parked at [LX200 :I#]
     unpark=(base.quiet(b":I#", "start anew", repeatable=False),),
     pulse=base.guide_pulse,
     fitted=lambda dialect, handshake: dialect,

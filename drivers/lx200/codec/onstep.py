@@ -1,4 +1,4 @@
-"""OnStep and OnStepX: an LX200 that tells all of itself in one word, refuses with reasons, and reads finely.
+"""OnStep and OnStepX: an LX200 with its whole status in one word, refusals with reasons, and fine angles.
 
 What matters of its behavior [ONSTEP]:
 
@@ -6,7 +6,10 @@ What matters of its behavior [ONSTEP]:
 - a parked one keeps its position when it is switched off; a sync on the other side of the pier is refused;
 - `:MS#` during a goto is refused *and* ends that goto; so is `:hC#`;
 - `:hF#` declares the present place to be the home: never sent;
-- `:MN#` flips: in the codec, sent by nobody unless asked.
+- `:MN#` flips: never sent.
+
+Facts from the firmware's own source, OnStep 4.24 and OnStepX 10.28 [ONSTEP], and from the recorded dialogue
+of INDI's driver. Answers by number are one bare character, texts end with `#`.
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ from drivers.lx200.codec.angles import (
     ra_to_fine_text,
 )
 from drivers.lx200.codec.base import Answer, coded, nothing, of_text, text, words_but_no_place, yes_or_no
-from drivers.lx200.codec.dialect import Ask, Dialect, Handshake, Lacks, Spot, State
+from drivers.lx200.codec.dialect import Ask, Dialect, Handshake, Lacks, Pointing, State
 from drivers.lx200.codec.meade import BASIC
 from drivers.lx200.codec.site_and_time import Writing, read_clock, read_site
 from drivers.wire.command import Command, Read, Unreadable
@@ -34,8 +37,11 @@ from mountnav.errors import Refusal
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Site
 
 FINE_STEP_ARCSEC = 0.0015
+"""Right ascensions have four decimals of a second of time."""
 LONGEST_PULSE_MS = 16399
+"""Longer pulses are sent in pieces [ONSTEP :Mg]."""
 _FASTEST_PULSE = 8.0
+"""Faster guide rates, in times sidereal, are taken for a damaged answer. Chosen by hand."""
 _FLAGS = frozenset("nNpIPFeHhBSGgrst(OkwvuzaR/,~;^")
 _PARK = "pIPF"
 _PIER = {"o": PierSide.UNKNOWN, "T": PierSide.EAST, "W": PierSide.WEST}
@@ -56,7 +62,7 @@ REFUSALS: Mapping[str, tuple[str, Refusal]] = {
 }
 """What a digit of `:MS#`, or of `E` and a digit of `:CM#`, says [ONSTEP :MS#]."""
 
-# what :GE# tells of the last command; the ten from 15 on are the digits of :MS# [ONSTEP CommandError]
+# what :GE# reports of the last command; the ten from 15 on are the digits of :MS# [ONSTEP CommandError]
 _LAST_ERRORS: Mapping[int, tuple[str, Refusal]] = {
     8: ("not parked or at home", Refusal.OTHER),
     9: ("parked, or its date and time are not set", Refusal.PARKED),
@@ -88,17 +94,14 @@ PROBLEMS: Mapping[int, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """All that `:GU#` or `:Gu#` tells that matters here.
+    """All that `:GU#` or `:Gu#` reports that matters here.
 
     Attributes
     ----------
     tracking, slewing : bool
         `slewing` is a goto, also to park or home [ONSTEP :GU# N].
-    parked, parking, park_failed : bool
-    at_home, homing : bool
     guiding : bool
         A pulse or a motion at guide rate.
-    pier_side : PierSide
     rate : TrackingRate
         Sidereal where no letter says otherwise.
     error : int
@@ -266,9 +269,6 @@ DESTINATION_SIDE: Command[PierSide] = Command(b":MD#", "destination pier side", 
 GUIDE_RATE_DEG_S: Command[float] = Command(b":GX90#", "pulse guide rate", of_text(guide_rate_from_text))
 CLOCK_UNSET: Command[bool] = Command(b":GX89#", "whether date and time are missing", yes_or_no)
 SLEW: Command[Answer] = Command(b":MS#", "slew to target", coded(REFUSALS), False)
-FLIP: Command[Answer] = Command(b":MN#", "flip to the other side", coded(REFUSALS), False)
-FLIP_EAST: Command[Answer] = Command(b":MNe#", "flip to the east side", coded(REFUSALS), False)
-FLIP_WEST: Command[Answer] = Command(b":MNw#", "flip to the west side", coded(REFUSALS), False)
 SYNC: Command[Answer] = Command(b":CM#", "sync to target", _sync_answer, False)
 TRACKING_ON = _order(b"Te", "tracking on")
 TRACKING_OFF = _order(b"Td", "tracking off")
@@ -317,11 +317,13 @@ GET_FINE_LATITUDE: Command[float] = Command(
 GET_FINE_LONGITUDE: Command[float] = Command(b":GgH#", "longitude", of_text(longitude_from_text))
 
 
-async def _place(ask: Ask) -> Spot:
+async def _place(ask: Ask) -> Pointing:
     ra = await ask.known(GET_FINE_RA)
     dec = await ask.known(GET_FINE_DEC)
     # the coarse words are those of any LX200: without them there is no place
-    return Spot(await ask(base.GET_RA) if ra is None else ra, await ask(base.GET_DEC) if dec is None else dec)
+    return Pointing(
+        await ask(base.GET_RA) if ra is None else ra, await ask(base.GET_DEC) if dec is None else dec
+    )
 
 
 async def _status(ask: Ask) -> Status | None:
@@ -380,7 +382,7 @@ async def _guide_rate_deg_s(ask: Ask) -> float | None:
 
 
 def _without(dialect: Dialect, lacks: Lacks) -> Dialect:
-    """What reads coarsely is written coarsely; what doesn't tell its status tells no side and no park."""
+    """What reads coarsely is written coarsely; what has no status has no side and no park."""
     if lacks(GET_FINE_RA, GET_FINE_DEC):
         dialect = replace(dialect, set_ra=base.set_ra, set_dec=base.set_dec, step_arcsec=BASIC.step_arcsec)
     if lacks(STATUS):
@@ -404,6 +406,7 @@ _WRITING = Writing(
     latitude=lambda deg: degrees_to_fine_text(deg, 2),
     longitude=_west_positive,
 )
+"""How OnStep is given time and site."""
 
 
 def _is_onstep(handshake: Handshake) -> bool:

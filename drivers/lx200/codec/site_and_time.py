@@ -124,7 +124,7 @@ class Writing:
         )
 
     def site(self, site: Site) -> tuple[Order, ...]:
-        """Orders that tell it where it stands."""
+        """Orders that set its site."""
         latitude = self.latitude(site.latitude_deg)
         longitude = self.longitude(site.longitude_deg)
         return (

@@ -6,6 +6,11 @@ What matters of its behavior [10MICRON]:
 - `:CM#` shifts the whole pointing (or adds a star to its model, as its `:CMCFG` was set: never set here);
 - parking, unparking and tracking have no answers: what came of them shows in the status;
 - `:hF#` is not sent: only mounts with home sensors know it.
+
+From the protocol document, versions 2.13.2 and 2.14.11 [10MICRON], and INDI's driver. A lone `#` before a
+command is nothing; single characters come without `#`, texts end with it.
+
+This is the right way to feed its model; a sync only shifts it. Nothing here was tried on a real mount.
 """
 
 from __future__ import annotations
@@ -19,15 +24,18 @@ from enum import IntEnum
 from drivers.lx200.codec import base
 from drivers.lx200.codec.angles import WireAngle, degrees_to_fine_text, ra_to_fine_text
 from drivers.lx200.codec.base import Answer, nothing, of_text, quiet, taken, text, words_but_no_place
-from drivers.lx200.codec.dialect import Ask, Dialect, Handshake, Lacks, Order, Spot, State
+from drivers.lx200.codec.dialect import Ask, Dialect, Handshake, Lacks, Order, Pointing, State
 from drivers.lx200.codec.site_and_time import Writing, read_site
 from drivers.wire.command import Command, Read, Unreadable
 from mountnav.devices import Direction, PierSide, TrackingRate
 from mountnav.errors import Refusal
 
 RA_STEP_ARCSEC = 0.15
+"""Right ascensions have two decimals of a second of time in ultra precision."""
 LONGEST_PULSE_MS = 9999
+"""A pulse has four digits [10MICRON :Mg]."""
 _JD_OF_1970 = 2440587.5
+"""Julian Date of 1970-01-01T00:00 UTC."""
 # 1970 to 2100: clocks that were never set, too
 _DAYS = range(2440588, 2488070)
 # more fields may follow in later versions [10MICRON :Ginfo#]
@@ -88,12 +96,8 @@ class Info:
     ----------
     ra, dec : WireAngle
         Of date.
-    pier_side : PierSide
-    azimuth_deg, altitude_deg : float
     utc : datetime
         Its clock.
-    status : MountStatus
-    slewing : bool
     """
 
     ra: WireAngle
@@ -206,12 +210,6 @@ def _sync_answer(wire: bytes) -> Answer:
     return Answer()
 
 
-def _hash_after_bit(wire: bytes) -> bool:
-    if wire not in (b"0", b"1"):
-        raise Unreadable(f"{wire!r} is neither 0 nor 1")
-    return wire == b"1"
-
-
 ULTRA_PRECISION: Command[None] = quiet(b"#:U2#", "ultra precision")
 INFO: Command[Info] = Command(b":Ginfo#", "reading", of_text(info_from_text))
 STATUS: Command[MountStatus] = Command(b":Gstat#", "status", of_text(_status_from_text))
@@ -224,18 +222,11 @@ PARK: Command[None] = quiet(b":KA#", "park", repeatable=False)
 UNPARK: Command[None] = quiet(b":PO#", "unpark", repeatable=False)
 TRACKING_ON: Command[None] = quiet(b":AP#", "tracking on")
 TRACKING_OFF: Command[None] = quiet(b":AL#", "tracking off")
-FLIP: Command[bool] = taken(b":FLIP#", "flip to the other side", repeatable=False)
-GET_UNATTENDED_FLIP: Command[bool] = Command(b":Guaf#", "unattended flip", of_text(_hash_after_bit))
 RATES: Mapping[TrackingRate, Command[None]] = {
     TrackingRate.SIDEREAL: quiet(b":TQ#", "sidereal rate"),
     TrackingRate.LUNAR: quiet(b":TL#", "lunar rate"),
     TrackingRate.SOLAR: quiet(b":TSOLAR#", "solar rate"),
 }
-
-
-def set_unattended_flip(on: bool) -> Command[None]:
-    """Allow it to flip by itself, or not; off after power-up [10MICRON :Suaf#]."""
-    return quiet(b":Suaf%d#" % on, "unattended flip")
 
 
 def set_ra(ra_deg: float, short: bool = False) -> Command[bool]:
@@ -357,6 +348,7 @@ def add_to_model(point: ModelPoint) -> Command[int | None]:
 
 
 _FIRST_WITH_INFO = (2, 14, 9)
+"""The first firmware with the reading in one line [10MICRON :Ginfo]."""
 
 
 def _as_state(status: MountStatus, side: PierSide | None, *, slewing: bool = False) -> State:
@@ -368,15 +360,15 @@ def _as_state(status: MountStatus, side: PierSide | None, *, slewing: bool = Fal
     )
 
 
-async def _one_line(ask: Ask) -> Spot:
+async def _one_line(ask: Ask) -> Pointing:
     info = await ask.known(INFO)
     if info is None:
         return await _place(ask)
-    return Spot(info.ra, info.dec, _as_state(info.status, info.pier_side, slewing=info.slewing))
+    return Pointing(info.ra, info.dec, _as_state(info.status, info.pier_side, slewing=info.slewing))
 
 
-async def _place(ask: Ask) -> Spot:
-    return Spot(await ask(base.GET_RA), await ask(base.GET_DEC))
+async def _place(ask: Ask) -> Pointing:
+    return Pointing(await ask(base.GET_RA), await ask(base.GET_DEC))
 
 
 async def _state(ask: Ask) -> State:
@@ -427,6 +419,7 @@ _WRITING = Writing(
     latitude=lambda deg: degrees_to_fine_text(deg, 1),
     longitude=lambda deg: degrees_to_fine_text(-deg, 1, digits=3),
 )
+"""How a 10micron is given its site."""
 
 TENMICRON = Dialect(
     name="10micron",

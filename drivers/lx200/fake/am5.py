@@ -1,4 +1,4 @@
-"""A ZWO AM5 on the other end of the cable, as its protocol document tells; no real one was listened to.
+"""A ZWO AM5 on the other end of the cable, as its protocol document says; no real one was recorded.
 
 What it is taken to do: a goto before time and site were set is refused (`e7`), a sync across the meridian too
 (`e9`); a park latches, home doesn't [ZWO].
@@ -40,9 +40,12 @@ _RATES = {"TQ": TrackingRate.SIDEREAL, "TL": TrackingRate.LUNAR, "TS": TrackingR
 # lunar before solar, as the Chinese text has it [ZWO :GT#]
 _RATE_NUMBERS = {TrackingRate.LUNAR: 1, TrackingRate.SOLAR: 2}
 _MOVE_RATES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 20.0, 60.0, 720.0, 1440.0)
+"""What the numbers of `:Rn#` mean to the fake, in times sidereal."""
 _RATE_NAMES = {"G": 1, "C": 2, "M": 8, "S": 9}
+"""Which of them the letters of `:RG#` to `:RS#` choose."""
 _SIDES = {PierSide.EAST: b"E#", PierSide.WEST: b"W#", PierSide.UNKNOWN: b"E#"}
 _FORMAT, _IN_GOTO, _MOVING, _BELOW, _LIMIT, _UNSET, _OTHER_SIDE = 2, 3, 4, 5, 6, 7, 9
+"""Numbers of refusals, as `drivers.lx200.codec.am5.REFUSALS` reads them."""
 
 
 def _error(number: int) -> bytes:

@@ -22,7 +22,9 @@ _VERSION = b"VCP4-P02-12"
 _PULSE = re.compile(r"M([nsew])(\d{3})")
 _RATE = {"0": TrackingRate.LUNAR, "1": TrackingRate.SOLAR, "2": TrackingRate.SIDEREAL}
 _CENTER_RATES = {"0": 12.0, "1": 64.0, "2": 200.0, "3": 600.0, "4": 1200.0, "5": 0.25, "6": 0.5, "7": 1.0}
+"""What the numbers of `:RCn#` mean to the fake, in times sidereal."""
 _GUIDE_RATES = {"0": 0.25, "1": 0.5, "2": 1.0}
+"""What the numbers of `:RGn#` mean to the fake, in times sidereal."""
 # what has no answer and does nothing here: pier swap, buttons, slew rates, error correction, custom rates
 _QUIET = re.compile(r"p[PR]?|NS|EW|FLIP|R[RD].*")
 

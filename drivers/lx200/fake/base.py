@@ -44,12 +44,7 @@ _AZIMUTH = re.compile(r"(\d{1,3})[*:](\d{2})(?:[:'](\d{2})(?:\.\d)?)?")
 
 
 class Horizon:
-    """Words in altitude and azimuth, by the mount's own clock and site; azimuths from north through east.
-
-    Parameters
-    ----------
-    mechanics : Mechanics
-    """
+    """Words in altitude and azimuth, by the mount's own clock and site; azimuths from north through east."""
 
     def __init__(self, mechanics: Mechanics) -> None:
         self._mechanics = mechanics
@@ -100,10 +95,12 @@ class Horizon:
 
 
 _ACK = 0x06
+"""The byte that asks for the alignment letter, alone and without `#` [LX200 0x06]."""
 # a point of a 10micron's model has 71 bytes
 _LONGEST_COMMAND = 120
 _GUIDE_RATE_DEG_S = SIDEREAL_DEG_S
 _RATES_DEG_S = {"G": _GUIDE_RATE_DEG_S, "C": 16 * _GUIDE_RATE_DEG_S, "M": 1.0}
+"""Rates of `:RG#`, `:RC#`, `:RM#`; the rate of `:RS#` is the mechanics' own [LX200]."""
 _TRACKING = {
     "Q": (TrackingRate.SIDEREAL, b"60.1"),
     "L": (TrackingRate.LUNAR, b"57.9"),
@@ -385,12 +382,13 @@ class FakeLx200(WireFake):
 
 
 _ROUNDING_DEG = 1.0 / 60.0
+"""A target that rounding put below the horizon by less than this is on it: one step of the short format."""
 
 
 def from_the_horizon_up(fake: FakeLx200) -> bytes | None:
     """Answer ``:MS#`` to a target at altitude 0, written in arcminutes; None where the classic's words do.
 
-    INDI's drivers park there when they were never told of a site.
+    INDI's drivers park there when no site was ever set.
     """
     target = fake.target()
     if target is None or fake.refusal(target) is not Refusal.BELOW_HORIZON:

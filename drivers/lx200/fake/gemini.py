@@ -24,6 +24,7 @@ _RATES = {
     133: TrackingRate.LUNAR,
     134: TrackingRate.SOLAR,
 }
+"""Tracking rates by the numbers of native commands [GEMINI native]."""
 # what its INDI driver asks for at connecting: speeds, guiding, error correction, flip points
 _SETTINGS = {
     27: b"25600",

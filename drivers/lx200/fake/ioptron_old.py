@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 _VERSION = b"V1.00#"
 _DATE_TAKEN = (b" " * 32 + b"#") * 2
+"""The answer to a date: two texts of 32 blanks [LX200 :SC]."""
 _RATES_8406 = {"0": TrackingRate.LUNAR, "1": TrackingRate.SOLAR, "2": TrackingRate.SIDEREAL}
 _RATES_8408 = {"0": TrackingRate.SIDEREAL, "1": TrackingRate.LUNAR, "2": TrackingRate.SOLAR}
 _RATES_GOTONOVA = {"0": TrackingRate.SIDEREAL, "1": TrackingRate.SOLAR, "2": TrackingRate.LUNAR}

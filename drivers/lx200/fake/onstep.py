@@ -1,6 +1,10 @@
 """An OnStepX on the other end of the cable: what it believes, allows and refuses, as its source has it.
 
 It speaks for a `drivers.lx200.fake.FakeLx200`: one command in, its answer out. Motion is the mechanics'.
+
+Shapes as its source has them [ONSTEP], of a controller without focuser, rotator, weather and features.
+
+Orders return the code of what forbids them, as `:GE#` reports it; 0 is nothing.
 """
 
 from __future__ import annotations
@@ -79,13 +83,18 @@ HZ = {
     TrackingRate.SOLAR: 60.0,
     TrackingRate.KING: 60.136,
 }
+"""Tracking rates as frequencies [ONSTEP :GT#]."""
 SIDE_LETTERS = {PierSide.EAST: b"E", PierSide.WEST: b"W", PierSide.UNKNOWN: b"N"}
 _SIDE_FLAGS = {PierSide.EAST: "T", PierSide.WEST: "W", PierSide.UNKNOWN: "o"}
 _SIDE_BITS = {PierSide.EAST: 0x20, PierSide.WEST: 0x40, PierSide.UNKNOWN: 0x10}
+"""Bits of `:Gu#` for the side of the pier [ONSTEP]."""
 _RATE_FLAGS = {TrackingRate.LUNAR: "(", TrackingRate.SOLAR: "O", TrackingRate.KING: "k"}
 _RATE_BITS = {TrackingRate.LUNAR: 1, TrackingRate.SOLAR: 2, TrackingRate.KING: 3}
+"""Bits of `:Gu#` for the tracking rate [ONSTEP]."""
 _MOUNTING_BITS = {"E": 1, "K": 2, "L": 4, "A": 8}
+"""Bits of `:Gu#` for the mounting: German, fork, altalt, altazimuth [ONSTEP]."""
 _PULSE_RATE = 1
+"""The number of the pulse rate in the status: half sidereal [ONSTEP :GU#]."""
 
 
 def _park_state(status: Status) -> int:
@@ -127,6 +136,7 @@ def bits(status: Status, mounting: str, move_rate: int) -> bytes:
 LOWEST_DEG = -10.0
 """Its horizon limit where the machine has none [ONSTEP LIMIT_ALTITUDE_MIN]."""
 OK, IS_PARKED, PARK_FAILED, NOT_PARKED = 0, 9, 10, 11
+"""Numbers of OnStep's command errors, as `:GE#` reports them [ONSTEP CommandError]."""
 SLEW_ERROR = 14
 """The codes after it are the digits of `:MS#` [ONSTEP CommandError]."""
 _BELOW, _PARKED, _IN_GOTO, _LIMIT, _IN_MOTION, _UNSPECIFIED = (
@@ -137,14 +147,8 @@ _BELOW, _PARKED, _IN_GOTO, _LIMIT, _IN_MOTION, _UNSPECIFIED = (
 class OnStepMotion:
     """Its orders to move, and its state.
 
-    Parameters
-    ----------
-    mechanics : Mechanics
-    settings : Settings
-
     Attributes
     ----------
-    target_ra_deg, target_dec_deg : float
     going : bool
         A goto runs, also to park or home.
     moved : bool
@@ -172,7 +176,7 @@ class OnStepMotion:
             self.going = self.moved = False
 
     def status(self) -> Status:
-        """Look at it, as `:GU#` would tell."""
+        """Look at it, as `:GU#` would say."""
         mechanics = self._mechanics
         side = mechanics.pier_side()
         # at home there is no side, and a fork's is east [ONSTEP Mount::update]
@@ -331,8 +335,10 @@ _RATE_LETTERS = {
 # times sidereal; the fastest two are half and all of the slew rate
 _MOVE_RATES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 20.0, 48.0)
 _RATE_NAMES = {"G": 2, "C": 5, "M": 6, "F": 7, "S": 8}
+"""Which number of `:Rn#` the letters choose [ONSTEP]."""
 _PULSE_RATE_DEG_S = 0.5 * SIDEREAL_DEG_S
-# what :GE# tells of orders that were done, and of values that make no sense [ONSTEP CommandError]
+"""What `_PULSE_RATE` stands for."""
+# what :GE# reports of orders that were done, and of values that make no sense [ONSTEP CommandError]
 _YES, _OUT_OF_RANGE = 25, 4
 
 

@@ -16,7 +16,7 @@ from drivers.lx200.fake.dialect import FakeDialect
 if TYPE_CHECKING:
     from drivers.lx200.fake.base import FakeLx200
 
-# a hundredth of an arcsecond: there the sky doesn't tell the right ascension any more
+# a hundredth of an arcsecond: there the sky doesn't determine the right ascension any more
 _POLE_DEG = 90.0 - 0.01 / 3600.0
 
 

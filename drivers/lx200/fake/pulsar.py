@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from drivers.lx200.fake.base import FakeLx200
 
 _RATES = {1: TrackingRate.SIDEREAL, 2: TrackingRate.LUNAR, 3: TrackingRate.SOLAR}
+"""Tracking rates by their numbers in `:YGS#` and `:YSS#`."""
 # corrections, speeds, gears, currents, ramps, rotation, a rate of the user's
 _SETTINGS = {
     "P": b"0,0",

@@ -21,6 +21,7 @@ _SYNC = re.compile(r"C[kN](\d{3}\.\d{3})([+-]\d{2}\.\d{3})")
 _SPEED = re.compile(r"Cu([0-3])=([\d.]+)")
 _SITE = re.compile(r"S([tg])([+-])(\d{2,3})\*(\d{2})'(\d{2})")
 _LOOK_S = 0.05
+"""How often the fake looks whether what it has to announce has happened. Chosen by hand."""
 # what rounding puts below the horizon is not below it
 _LOWEST_DEG = -1.0 / 60.0
 

@@ -14,11 +14,7 @@ _DATE_FORMS = {r"\d\d/\d\d/\d\d": "%m/%d/%y", r"\d\d/\d\d/\d{4}": "%m/%d/%Y", r"
 
 
 class Settings:
-    """What the mount is told of place and time; the mechanics keep both.
-
-    Parameters
-    ----------
-    mechanics : Mechanics
+    """The site and the time that are set in the mount; the mechanics keep both.
 
     Attributes
     ----------

@@ -24,7 +24,9 @@ from mountnav.sky.chain import apparent_to_icrs, icrs_to_observed, sidereal_time
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Apparent
 
 MOST_POINTS = 100
+"""A model holds so many stars [10MICRON]."""
 FEWEST_POINTS = 3
+"""Fewer stars make no model [10MICRON]."""
 _SIDES_OF_POINTS = {b"E": PierSide.EAST, b"W": PierSide.WEST}
 
 
@@ -145,8 +147,11 @@ _RATES = {
 }
 _HZ = {TrackingRate.SIDEREAL: b"60.2#", TrackingRate.LUNAR: b"57.9#", TrackingRate.SOLAR: b"60.0#"}
 _NO_AIR = Air(pressure_hpa=0.0)
+"""Positions without refraction, as the mount reports them when refraction is off."""
 _GUIDE_RATE_DEG_S = 0.5 * SIDEREAL_DEG_S
+"""Half sidereal, what the fake's pulses move at. Chosen by hand: the mount's setting is its owner's."""
 _MOVE_RATES = {"G": 0.5, "C": 64.0, "M": 600.0, "S": 1200.0}
+"""Rates of `:RG#` to `:RS#`, in times sidereal. Chosen by hand, near the maker's."""
 _SIDES = {PierSide.EAST: b"E", PierSide.WEST: b"W", PierSide.UNKNOWN: b"E"}
 _SIDE_WORDS = {b"E": b"East#", b"W": b"West#"}
 
@@ -267,7 +272,7 @@ class TenMicronSpeaker:
     # -- state -----------------------------------------------------------------------------------
 
     def status(self) -> MountStatus:
-        """What it does, as `:Gstat#` tells."""
+        """What it does, as `:Gstat#` reports."""
         mechanics = self.mechanics
         if mechanics.parked:
             return MountStatus.PARKED

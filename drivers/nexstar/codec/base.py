@@ -45,6 +45,7 @@ GET_TIME: Command[WireTime] = Command(b"h", "time", replies.packed(8, time_from_
 GET_FINE_TIME: Command[WireTime] = Command(b"i", "time", replies.packed(8, fine_time_from_bytes))
 CANCEL: Command[None] = Command(b"M", "cancel goto", replies.packed(0, replies.done))
 _HALT = fixed_rate(Axis.RA, 0).to_bytes() + fixed_rate(Axis.DEC, 0).to_bytes()
+"""Both axes at the fixed rate 0, which ends what the keys began [NexStar P]."""
 
 
 def _unanswered(sent: bytes, meaning: str) -> Command[None]:
@@ -55,7 +56,7 @@ def _unanswered(sent: bytes, meaning: str) -> Command[None]:
 STOP = _unanswered(b"M" + _HALT, "stop")
 """Goto cancelled and both axes halted in one piece."""
 SYNSCAN_STOP = _unanswered(b"MM" + _HALT, "stop")
-"""A SynScan wants to be told twice [INDI synscan]."""
+"""A SynScan wants the stop twice [INDI synscan]."""
 
 
 def press(axis: Axis, rate: int) -> Command[None]:

@@ -62,6 +62,7 @@ _CELESTRON = {
     25: "Astro Fi",
 }
 _CELESTRON_GERMAN = frozenset({5, 6, 13, 14, 20, 23, 24})
+"""Celestron's model numbers of German mounts [NexStar m]."""
 # [INDI synscandriver, readModel]
 _SYNSCAN = {
     0: "EQ6",
@@ -75,6 +76,7 @@ _SYNSCAN = {
     165: "AZ-GTi",
 }
 _SYNSCAN_ALTAZ_FROM = 128
+"""SynScan's model numbers from here on are altazimuth mounts [NexStar m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +85,6 @@ class Handset:
 
     Attributes
     ----------
-    version : Version
     variant : int or None
         ``0x11`` NexStar, ``0x13`` StarSense; None where it was not asked.
     model : int or None
@@ -104,7 +105,7 @@ class Handset:
 
     @property
     def starsense(self) -> bool:
-        """A StarSense: its versions begin anew at 1.0, with all that a NexStar 5 has but for a few words."""
+        """A StarSense: its versions begin again at 1.0, with all that a NexStar 5 has but for a few words."""
         return self.variant == STARSENSE
 
     @property
@@ -166,7 +167,7 @@ class Handset:
 
     @property
     def mirrors_pier_side(self) -> bool:
-        """Whether it tells the wrong side in the south: up to 5.24, no StarSense [INDI celestrongps]."""
+        """Whether it reports the wrong side in the south: up to 5.24, no StarSense [INDI celestrongps]."""
         return not self.synscan and not self.starsense and self.version <= Version(5, 24)
 
     @property

@@ -14,7 +14,9 @@ from drivers.wire.command import Unreadable
 from mountnav.devices import Direction, PierSide
 
 FASTEST_FIXED_RATE = 9
+"""Rates of the hand control's keys are numbered 1 to 9; 0 lets go [NexStar P]."""
 LONGEST_PULSE_S = 2.55
+"""A pulse's length is one byte of hundredths of a second [NexStar P 0x26]."""
 SIDEREAL, SOLAR, LUNAR = 0xFFFF, 0xFFFE, 0xFFFD
 """In place of a speed: follow the sky, the Sun, the Moon [INDI CELESTRON_TRACK_RATE]."""
 _TRACKING_RATES = (SIDEREAL, SOLAR, LUNAR)
@@ -147,6 +149,8 @@ def pulse(axis: Axis, rate_percent: int, pulse_s: float) -> PassThrough:
 
 
 _POLE_DEG = 89.999
+"""Nearer to the pole than this both sides of the pier look alike. Chosen by hand: less than a step of the
+wire."""
 
 
 def side_of(letter: str, dec_deg: float, *, mirrored: bool) -> PierSide:

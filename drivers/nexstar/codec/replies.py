@@ -2,6 +2,17 @@
 
 Rounding is done once, on the wire's own step, and wraps at the full turn. Digits are upper case only: a
 lower case letter is a flipped bit, not a number.
+
+Every reply ends with ``#``, but packed ones may hold that byte before their end: they are read by length and
+then their last byte is checked. What goes wrong on a real cable, and how reading copes:
+
+- a reply comes in pieces: a reader says None until it is whole;
+- a reply is cut or grown, or a bit flips: what does not match wholly and within its range is `Unreadable`.
+  A hex digit that flips into another is a place like any other: that is for the mount's memory to doubt;
+- the ``#`` that a stop is owed comes before the answer or after it: replies can't begin so, and skip it, but
+  for packed ones of any byte; after a reply it belongs to no question, and is skipped as well;
+- a late reply comes after the next question: most differ in length or alphabet. Not so two places, and ``#``
+  alone, which answers every order: an echo of a letter not used before shows that nothing is owed any more.
 """
 
 from __future__ import annotations
@@ -105,6 +116,7 @@ ECHOES = b"ghijklmnopqrstuvwxyz"
 """Letters for echoes: no other answer begins with one of them."""
 
 _END = 0x23
+"""The `#` that ends every answer, and may stand in a packed one as well [NexStar]."""
 
 
 def _past_owed(buffer: bytes, start: int) -> int:

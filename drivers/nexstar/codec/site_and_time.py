@@ -9,6 +9,7 @@ from drivers.wire.command import Unreadable
 from mountnav.sky.coordinates import Site
 
 _WEST_H, _EAST_H = -12, 14
+"""Time zones there are, in hours east of Greenwich."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +96,7 @@ def time_from_bytes(packed: bytes) -> WireTime:
 
 
 def fine_time_from_bytes(packed: bytes) -> WireTime:
-    """Time whose zone is told in quarters of an hour [NexStar i]; raises as `time_from_bytes` does."""
+    """Time whose zone is given in quarters of an hour [NexStar i]; raises as `time_from_bytes` does."""
     return _time(packed, 4)
 
 
@@ -129,7 +130,10 @@ def time_to_bytes(time: WireTime, *, fine: bool = False) -> bytes:
 
 
 _HALF_A_SECOND = timedelta(seconds=0.5)
+"""Clocks show whole seconds, cut: on the average half a second has passed since."""
 _A_WHILE = timedelta(seconds=10)
+"""Two answers about the clock within this time belong together. Chosen by hand: asked twice on a bad line,
+they are a few seconds apart."""
 
 
 def clock_of(shown: WireTime, way: timedelta) -> datetime:

@@ -21,7 +21,7 @@ from drivers.fakes.bench import FakeOnPty
 from drivers.fakes.faults import Fault
 from drivers.generic.mount import GenericMount
 from drivers.lx200.fake.base import FakeLx200
-from drivers.lx200.family import fake_from
+from drivers.lx200.fake.dialects import make_fake
 from drivers.registry import open_mount
 from mountnav.errors import BadRequest
 from mountnav.simulation.machine import Machine
@@ -213,7 +213,7 @@ async def test_a_pulse_is_judged_by_amount_and_direction(
 def fine_mount() -> FakeLx200:
     """One that reads finely, so that pulses are short."""
     mechanics = Mechanics(HERE, Air(), PointingErrors(), slew_rate_deg_s=20.0, acceleration_deg_s2=40.0)
-    return fake_from("onstep", mechanics)
+    return make_fake("onstep", mechanics)
 
 
 def swap(fake: FakeLx200, ways: dict[str, str]) -> None:
@@ -289,7 +289,7 @@ def test_it_is_compared_with_a_fake_of_its_build(
     mounting: Literal["german", "fork"], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     build = Machine(mounting=mounting, slew_rate_deg_s=20.0, acceleration_deg_s2=40.0)
-    fake = fake_from("onstep", Mechanics(HERE, Air(), PointingErrors(), machine=build))
+    fake = make_fake("onstep", Mechanics(HERE, Air(), PointingErrors(), machine=build))
     report = tmp_path / "report.json"
     with FakeOnPty(fake) as bench:
         asked = BenchRun(

@@ -10,15 +10,14 @@ from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.fakes.faults import Fault
 from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
-from drivers.ioptron.fake import FakeIoptron
-from drivers.ioptron.family import MACHINE
-from drivers.ioptron.mount import ioptron_mount
+from drivers.ioptron.fake import MACHINE, FakeIoptron
 from drivers.wire.exchange import Patience
 from mountnav.clock import utc_now
 from mountnav.devices import Epoch
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.chain import hour_angle_to_apparent
 from mountnav.sky.coordinates import Air, Apparent, GeometricHourAngle, Icrs, Site
+from tests.drivers.mounts import ioptron_mount
 
 HERE = Site(49.6, 36.9)
 TRACKING = replace(MACHINE, starts_at="zenith", tracks_at_start=True)

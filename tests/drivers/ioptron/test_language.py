@@ -11,7 +11,6 @@ from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.fakes.faults import Fault, Kind
 from drivers.generic.mount import GenericMount
 from drivers.ioptron.fake import FakeIoptron
-from drivers.ioptron.mount import ioptron_mount
 from drivers.registry import open_mount
 from mountnav.clock import utc_now
 from mountnav.devices import SlewOutcome, SyncOutcome
@@ -38,6 +37,7 @@ from tests.drivers.ioptron.german_fakes import (
     mechanics_of,
     opened,
 )
+from tests.drivers.mounts import ioptron_mount
 
 BOTH = pytest.mark.parametrize("dialect", ["v3", "v2"])
 

@@ -8,11 +8,12 @@ from datetime import timedelta
 
 import pytest
 
+from drivers import registry
 from drivers.fakes.bench import FakeOnPty
 from drivers.generic.mount import GenericMount
 from drivers.ioptron.codec.values import MountState
-from drivers.ioptron.family import DIALECTS, MACHINE, fake_from
-from drivers.ioptron.mount import ioptron_language, ioptron_mount
+from drivers.ioptron.fake import FAKES, MACHINE, make_fake
+from drivers.ioptron.language import ioptron_language
 from drivers.registry import open_mount
 from mountnav.clock import utc_now
 from mountnav.devices import Direction, PierSide, Skill, SlewOutcome, TrackingRate
@@ -32,6 +33,7 @@ from tests.drivers.ioptron.german_fakes import (
     mechanics_of,
     opened,
 )
+from tests.drivers.mounts import ioptron_mount
 
 FAST_DEG_S = 300.0
 BOTH = pytest.mark.parametrize("dialect", ["v3", "v2"])
@@ -336,9 +338,9 @@ def test_the_fake_counts_the_postures_and_takes_the_one_that_is_asked_for() -> N
 
 def test_fakes_are_had_by_the_name_of_their_set() -> None:
     mechanics = mechanics_of()
-    for name, question in zip(DIALECTS, (b":GEP#", b":GEC#"), strict=True):
-        fake = fake_from(name, mechanics, (), utc_now, lambda: 0.0)
+    for name, question in zip(FAKES.dialects, (b":GEP#", b":GEC#"), strict=True):
+        fake = make_fake(name, mechanics, monotonic=lambda: 0.0)
         assert fake.feed(question).endswith(b"#")
-    assert fake_from(None, mechanics, (), utc_now, lambda: 0.0).feed(b":GEC#") == b""
+    assert registry.make_fake("ioptron", None, mechanics, monotonic=lambda: 0.0).feed(b":GEC#") == b""
     with pytest.raises(BadRequest):
-        fake_from("v9", mechanics, (), utc_now, lambda: 0.0)
+        registry.make_fake("ioptron", "v9", mechanics)

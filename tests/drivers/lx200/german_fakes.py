@@ -12,12 +12,12 @@ from drivers.fakes.faults import Fault
 from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
 from drivers.lx200.fake.base import FakeLx200
-from drivers.lx200.family import fake_from
-from drivers.lx200.mount import lx200_mount
+from drivers.lx200.fake.dialects import make_fake
 from drivers.wire.exchange import Patience
 from mountnav.clock import utc_now
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Apparent, Site
+from tests.drivers.mounts import lx200_mount
 
 SITE = Site(49.6, 36.9)
 PATIENCE = Patience(deadline_s=3.0, try_s=0.5, quiet_s=0.05)
@@ -37,7 +37,7 @@ MACHINE = Machine(mounting="german", slew_rate_deg_s=60.0, acceleration_deg_s2=2
 def german(dialect: str, *, faults: Sequence[Fault] = (), **machine: Any) -> FakeLx200:
     """A fake over a German mount; fields of its `Machine` may be given."""
     mechanics = Mechanics(SITE, Air(), PointingErrors(), machine=replace(MACHINE, **machine))
-    return fake_from(dialect, mechanics, faults)
+    return make_fake(dialect, mechanics, faults=faults)
 
 
 def switched_on(dialect: str, **machine: Any) -> FakeLx200:

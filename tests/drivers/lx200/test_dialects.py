@@ -9,6 +9,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
+from drivers import registry
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.fakes.faults import Fault
 from drivers.generic.mount import GenericMount
@@ -16,8 +17,8 @@ from drivers.generic.options import Timing
 from drivers.lx200.codec.dialect import Handshake
 from drivers.lx200.dialects import dialect_named, names, recognized
 from drivers.lx200.fake.base import FakeLx200
-from drivers.lx200.family import DIALECTS, fake_from
-from drivers.lx200.mount import lx200_mount
+from drivers.lx200.fake.dialects import make_fake
+from drivers.registry import fake_dialects
 from drivers.wire.exchange import Patience
 from mountnav.clock import utc_now
 from mountnav.devices import Direction, PierSide, Skill, SlewOutcome, TrackingRate
@@ -26,6 +27,7 @@ from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Apparent, Site
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.testing.check_mount import check_mount
+from tests.drivers.mounts import lx200_mount
 
 HERE = Site(49.6, 36.9)
 PATIENCE = Patience(deadline_s=2.0, try_s=0.4, quiet_s=0.05)
@@ -44,7 +46,7 @@ def faked(dialect: str, machine: Machine | None = None) -> FakeLx200:
         slew_rate_deg_s=20.0,
         acceleration_deg_s2=40.0,
     )
-    return fake_from(dialect, mechanics)
+    return make_fake(dialect, mechanics)
 
 
 @asynccontextmanager
@@ -104,7 +106,10 @@ def test_a_handshake_tells_the_dialect(handshake: Handshake, dialect: str) -> No
 
 def test_every_named_dialect_and_fake_is_there() -> None:
     assert all(dialect_named(name).name for name in names())
-    assert all(fake_from(name, Mechanics(HERE, Air(), PointingErrors())).dialect.name for name in DIALECTS)
+    assert all(
+        make_fake(name, Mechanics(HERE, Air(), PointingErrors())).dialect.name
+        for name in fake_dialects("lx200")
+    )
     assert recognized(Handshake("P", product="On-Step", firmware="10.24c")).name == "onstep"
 
 
@@ -112,9 +117,9 @@ def test_unknown_dialects_are_told_with_the_known_ones() -> None:
     with pytest.raises(BadSettings, match="gemini"):
         dialect_named("ten-micron")
     with pytest.raises(BadRequest, match="gemini"):
-        fake_from("ten-micron", Mechanics(HERE, Air(), PointingErrors()))
+        registry.make_fake("lx200", "ten-micron", Mechanics(HERE, Air(), PointingErrors()))
     assert set(MINE) <= set(names())
-    assert set(MINE) <= set(DIALECTS)
+    assert set(MINE) <= set(fake_dialects("lx200"))
 
 
 # -- conformance ---------------------------------------------------------------------------------

@@ -16,7 +16,6 @@ from drivers.fakes.faults import Fault
 from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
 from drivers.lx200.fake.base import FakeLx200
-from drivers.lx200.mount import lx200_mount
 from drivers.wire.exchange import Patience
 from mountnav.clock import utc_now
 from mountnav.devices import Epoch, SlewOutcome, SyncOutcome
@@ -26,6 +25,7 @@ from mountnav.simulation.sky_clock import FastClock
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.testing.check_mount import check_mount
+from tests.drivers.mounts import lx200_mount
 
 PATIENCE = Patience(deadline_s=2.0, try_s=0.4, quiet_s=0.05)
 # no heartbeat: these tests count what was said

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,8 +9,7 @@ import pytest
 
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.nexstar.codec import base
-from drivers.nexstar.fake import FakeNexstar
-from drivers.nexstar.family import fake_from
+from drivers.nexstar.fake import FakeNexstar, make_fake
 from mountnav.clock import utc_now
 from mountnav.devices import PierSide
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
@@ -123,7 +121,7 @@ async def test_the_real_driver_believes_the_fake(tmp_path: Path, tcp: bool) -> N
 @pytest.mark.long
 async def test_it_believes_an_older_one_too(tmp_path: Path) -> None:
     mechanics = Mechanics(HERE, Air(), PointingErrors())
-    fake = fake_from("nexstar-4", mechanics, (), utc_now, time.monotonic)
+    fake = make_fake("nexstar-4", mechanics)
     async with running("indi_celestron_gps", "Celestron GPS", tmp_path) as indi:
         with FakeOnPty(fake) as bench:
             await indi.connect(bench)

@@ -14,8 +14,7 @@ import pytest
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.nexstar.codec.handsets import Handset, Version
 from drivers.nexstar.codec.replies import pair_from_text
-from drivers.nexstar.fake import FakeNexstar
-from drivers.nexstar.faking_synscan import SYNC_REACH_DEG
+from drivers.nexstar.fake import SYNC_REACH_DEG, FakeNexstar
 from mountnav.clock import utc_now
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.chain import apparent_to_icrs, sidereal_time_deg

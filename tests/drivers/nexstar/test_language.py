@@ -17,8 +17,7 @@ from drivers.generic.options import Timing
 from drivers.nexstar.codec import base
 from drivers.nexstar.codec.handsets import Handset, Version
 from drivers.nexstar.fake import FakeNexstar
-from drivers.nexstar.family import mount_from, synscan_from
-from drivers.nexstar.mount import nexstar_mount
+from drivers.nexstar.family import NEXSTAR, SYNSCAN
 from drivers.nexstar.parking import Horizon
 from drivers.registry import MountUrl
 from drivers.wire.exchange import Patience
@@ -30,6 +29,7 @@ from mountnav.sky.chain import apparent_to_icrs, sidereal_time_deg
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.testing.check_mount import check_mount
+from tests.drivers.mounts import nexstar_mount
 
 HERE = Site(49.6, 36.9)
 PATIENCE = Patience(deadline_s=2.0, try_s=0.25, quiet_s=0.02)
@@ -338,9 +338,9 @@ def test_the_fake_reads_back_what_it_was_set_to() -> None:
 
 def test_from_a_url() -> None:
     options = {"epoch": "icrs", "timeout_s": "3", "park_az_deg": "0", "park_alt_deg": "49.6"}
-    mount = mount_from(MountUrl("nexstar", "/dev/ttyUSB0", options), "main", None)
+    mount = NEXSTAR.open_mount(MountUrl("nexstar", "/dev/ttyUSB0", options), "main", None)
     assert (mount.name, mount.epoch) == ("main", "icrs")
-    assert synscan_from(MountUrl("synscan", "/dev/ttyUSB0", {}), None, HERE).epoch == "icrs"
+    assert SYNSCAN.open_mount(MountUrl("synscan", "/dev/ttyUSB0", {}), None, HERE).epoch == "icrs"
     for wrong in (
         {"speed": "9600"},
         {"epoch": "B1950"},
@@ -349,4 +349,4 @@ def test_from_a_url() -> None:
         {"park_az_deg": "0", "park_alt_deg": "91"},
     ):
         with pytest.raises(BadSettings):
-            mount_from(MountUrl("nexstar", "/dev/ttyUSB0", wrong), None, None)
+            NEXSTAR.open_mount(MountUrl("nexstar", "/dev/ttyUSB0", wrong), None, None)

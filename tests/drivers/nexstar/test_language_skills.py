@@ -11,13 +11,12 @@ from typing import Any
 
 import pytest
 
+from drivers import registry
 from drivers.fakes.bench import FakeOnPty
 from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
 from drivers.nexstar.codec.handsets import STARSENSE, Handset, Tracking, Version
-from drivers.nexstar.fake import AVX, FakeNexstar
-from drivers.nexstar.family import DIALECTS, fake_from
-from drivers.nexstar.mount import nexstar_mount
+from drivers.nexstar.fake import AVX, CELESTRON_FAKES, FakeNexstar, make_fake
 from drivers.nexstar.parking import Horizon
 from drivers.wire.exchange import Patience
 from mountnav.clock import utc_now
@@ -27,6 +26,7 @@ from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.chain import sidereal_time_deg
 from mountnav.sky.coordinates import Air, Apparent, Site
 from mountnav.sky.sphere import separation_arcsec
+from tests.drivers.mounts import nexstar_mount
 
 HERE = Site(49.6, 36.9)
 SOUTH = Site(-33.9, 151.2)
@@ -127,8 +127,8 @@ async def test_identity_and_clock_are_told() -> None:
 
 async def test_each_dialect_is_recognized() -> None:
     texts = {}
-    for dialect in DIALECTS:
-        fake = fake_from(dialect, fake_at(40.0, 30.0).mechanics, (), utc_now, asyncio.get_running_loop().time)
+    for dialect in CELESTRON_FAKES.dialects:
+        fake = make_fake(dialect, fake_at(40.0, 30.0).mechanics, monotonic=asyncio.get_running_loop().time)
         async with opened(fake) as mount:
             assert mount.report is not None
             texts[dialect] = mount.report.identity
@@ -139,7 +139,7 @@ async def test_each_dialect_is_recognized() -> None:
         "starsense": "StarSense hand control 1.20, CGX",
     }
     with pytest.raises(BadRequest, match="nexstar-9"):
-        fake_from("nexstar-9", fake.mechanics, (), utc_now, asyncio.get_running_loop().time)
+        registry.make_fake("nexstar", "nexstar-9", fake.mechanics)
 
 
 # -- tracking ----------------------------------------------------------------------------------------

@@ -9,14 +9,13 @@ from typing import Any
 
 import pytest
 
+from drivers import registry
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.fakes.faults import Fault
 from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
 from drivers.nexstar.codec.handsets import Handset, Version
-from drivers.nexstar.fake import FakeNexstar
-from drivers.nexstar.faking_synscan import DIALECTS, SYNC_REACH_DEG, fake_from
-from drivers.nexstar.mount import nexstar_mount
+from drivers.nexstar.fake import SYNC_REACH_DEG, SYNSCAN_FAKES, FakeNexstar, make_fake
 from drivers.nexstar.parking import Horizon
 from drivers.wire.exchange import Patience
 from mountnav.clock import utc_now
@@ -27,6 +26,7 @@ from mountnav.sky.chain import apparent_to_icrs, sidereal_time_deg
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.testing.check_mount import check_mount
+from tests.drivers.mounts import nexstar_mount
 
 HERE = Site(49.6, 36.9)
 PATIENCE = Patience(deadline_s=2.0, try_s=0.25, quiet_s=0.02)
@@ -118,7 +118,7 @@ async def test_a_stop_leaves_it_tracking() -> None:
 
 async def test_an_old_one_takes_no_sync_and_tells_no_side() -> None:
     made = fake_in_the_west().mechanics
-    fake = fake_from("synscan-old", made, (), utc_now, asyncio.get_running_loop().time)
+    fake = make_fake("synscan-old", made, monotonic=asyncio.get_running_loop().time)
     async with opened(fake) as mount:
         reading = await mount.reading()
         assert reading.pier_side is None
@@ -138,7 +138,7 @@ async def test_a_model_told_the_wrong_way_round_is_read() -> None:
 
 def test_fakes_by_name() -> None:
     made = fake_in_the_west().mechanics
-    texts = [fake_from(dialect, made, (), utc_now, lambda: 0.0).feed(b"V") for dialect in DIALECTS]
+    texts = [make_fake(dialect, made, monotonic=lambda: 0.0).feed(b"V") for dialect in SYNSCAN_FAKES.dialects]
     assert texts == [b"042705#", b"032400#"]
     with pytest.raises(BadRequest, match="synscan-9"):
-        fake_from("synscan-9", made, (), utc_now, lambda: 0.0)
+        registry.make_fake("synscan", "synscan-9", made)

@@ -13,12 +13,12 @@ from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
 from drivers.skywatcher.axes import SkywatcherSettings, place_of
 from drivers.skywatcher.fake import BOARDS, FakeSkywatcher
-from drivers.skywatcher.mount import skywatcher_mount
 from drivers.wire.exchange import Patience
 from mountnav.clock import utc_now
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
+from tests.drivers.mounts import skywatcher_mount
 
 NORTH, SOUTH = Site(49.6, 36.9, 150.0), Site(-33.3, 149.1, 600.0)
 RATE_DEG_S, ACCELERATION_DEG_S2 = 180.0, 900.0

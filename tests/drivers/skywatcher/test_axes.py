@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from drivers.skywatcher.axes import (
     HOME,
+    AxisCounts,
     Gearing,
     Offsets,
-    Standing,
     Turns,
     altitude_deg,
     goto_s,
@@ -170,7 +170,7 @@ def test_each_side_keeps_its_own_sync_and_lends_it_to_one_that_has_none() -> Non
 
 @given(HOURS, st.floats(-60.0, 89.0), SIDES, st.booleans())
 def test_counts_there_and_back(ha: float, dec: float, side: PierSide, fresh: bool) -> None:
-    standing = Standing(50.0)
+    standing = AxisCounts(50.0)
     standing.geared(GEARS)
     (standing.begin_at_home if fresh else standing.begin_as_eqmod)()
     turns = turns_at(ha, dec, side, 50.0)
@@ -180,7 +180,7 @@ def test_counts_there_and_back(ha: float, dec: float, side: PierSide, fresh: boo
 
 
 def test_setting_the_second_count_leaves_the_axes_where_they_stand() -> None:
-    standing = Standing(50.0)
+    standing = AxisCounts(50.0)
     standing.geared(GEARS)
     standing.begin_at_home()
     assert standing.turns(0x800000, 0x800000) == HOME
@@ -191,7 +191,7 @@ def test_setting_the_second_count_leaves_the_axes_where_they_stand() -> None:
 
 
 def test_a_board_that_cannot_count_so_far_says_so() -> None:
-    standing = Standing(50.0)
+    standing = AxisCounts(50.0)
     standing.geared(dict.fromkeys(Axis, Gearing(12_492_146, 16_000_000, 1)))
     standing.begin_as_eqmod()
     with pytest.raises(DeviceRefused) as refused:

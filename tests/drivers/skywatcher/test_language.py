@@ -14,13 +14,13 @@ from drivers.fakes.faults import Fault
 from drivers.registry import MountUrl
 from drivers.skywatcher.codec import Axis, Board
 from drivers.skywatcher.fake import BOARDS
-from drivers.skywatcher.family import mount_from
-from drivers.skywatcher.mount import skywatcher_mount
+from drivers.skywatcher.family import FAMILY
 from mountnav.clock import utc_now
 from mountnav.devices import Direction, PierSide, SlewOutcome, SyncOutcome, TrackingRate
 from mountnav.errors import BadSettings, DeviceRefused, DeviceSilent, Refusal
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, Site
 from mountnav.testing.check_mount import check_mount
+from tests.drivers.mounts import skywatcher_mount
 from tests.drivers.skywatcher.quick_fakes import (
     NORTH,
     PATIENCE,
@@ -110,17 +110,17 @@ async def test_an_altazimuth_mount_is_refused() -> None:
 )
 def test_options_that_make_no_sense(options: dict[str, str], says: str) -> None:
     with pytest.raises(BadSettings, match=says):
-        mount_from(MountUrl("skywatcher", "/dev/null", options), None, NORTH)
+        FAMILY.open_mount(MountUrl("skywatcher", "/dev/null", options), None, NORTH)
 
 
 def test_without_a_site_there_is_no_sky() -> None:
     with pytest.raises(BadSettings, match="latitude and longitude"):
-        mount_from(MountUrl("skywatcher", "udp://192.168.4.1:11880", {}), None)
+        FAMILY.open_mount(MountUrl("skywatcher", "udp://192.168.4.1:11880", {}), None, None)
 
 
 def test_a_url_makes_a_mount() -> None:
     options = {"tracking_past_deg": "5", "guide_rate": "0.9", "timeout_s": "2"}
-    mount = mount_from(MountUrl("skywatcher", "udp://192.168.4.1:11880", options), None, SOUTH)
+    mount = FAMILY.open_mount(MountUrl("skywatcher", "udp://192.168.4.1:11880", options), None, SOUTH)
     assert mount.name == "udp://192.168.4.1:11880"
 
 

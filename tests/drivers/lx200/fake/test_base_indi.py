@@ -9,7 +9,7 @@ import pytest
 
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.lx200.fake.base import FakeLx200
-from drivers.lx200.family import fake_from
+from drivers.lx200.fake.dialects import make_fake
 from mountnav.clock import utc_now
 from mountnav.devices import TrackingRate
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
@@ -50,7 +50,7 @@ def fake_for(judge: Judge) -> FakeLx200:
     mechanics = Mechanics(
         Site(49.6, 36.9), Air(), PointingErrors(), slew_rate_deg_s=SLEW_RATE_DEG_S, acceleration_deg_s2=20.0
     )
-    return fake_from(judge.dialect, mechanics)
+    return make_fake(judge.dialect, mechanics)
 
 
 def beside(place: Apparent, ra_deg: float, dec_deg: float) -> Apparent:

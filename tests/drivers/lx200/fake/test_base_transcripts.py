@@ -12,7 +12,7 @@ import pytest
 
 from drivers.lx200.codec import base, site_and_time
 from drivers.lx200.fake.base import FakeLx200
-from drivers.lx200.family import fake_from
+from drivers.lx200.fake.dialects import make_fake
 from drivers.wire.command import Command
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Site
@@ -59,7 +59,7 @@ def test_everything_a_real_driver_said_is_understood(shared: Path, name: str) ->
     ("name", "dialect"), [("lx200classic", "classic"), ("lx200basic", "basic"), ("lx200generic", "lx200gps")]
 )
 def test_the_dialects_own_fakes_know_it_too(shared: Path, name: str, dialect: str) -> None:
-    fake = fake_from(dialect, Mechanics(Site(49.6, 36.9), Air(), PointingErrors()))
+    fake = make_fake(dialect, Mechanics(Site(49.6, 36.9), Air(), PointingErrors()))
     for command, recorded in dialogue(shared / "protocols" / "transcripts" / f"{name}.jsonl"):
         answer = fake.feed(command)
         # a place below the horizon is refused, bars and sync texts are each model's own

@@ -13,13 +13,16 @@ from mountnav.sky.coordinates import Apparent, Icrs
 EPOCHS: dict[int, Epoch] = {1: "apparent", 2: "icrs"}
 """EquatorialSystem: topocentric is "JNow", J2000 is taken as ICRS (0.02″ apart)."""
 SYSTEMS = {0: "other", 1: "topocentric (JNow)", 2: "J2000", 3: "J2050", 4: "B1950"}
+"""What `EquatorialSystem` numbers mean [Alpaca EquatorialCoordinateType]."""
 RATES = {
     TrackingRate.SIDEREAL: 0,
     TrackingRate.LUNAR: 1,
     TrackingRate.SOLAR: 2,
     TrackingRate.KING: 3,
 }
+"""Numbers of `TrackingRate` [Alpaca DriveRates]."""
 PULSES = {Direction.NORTH: 0, Direction.SOUTH: 1, Direction.EAST: 2, Direction.WEST: 3}
+"""Numbers of directions in `PulseGuide` [Alpaca GuideDirections]."""
 CAN = (
     "canpark",
     "canunpark",
@@ -32,7 +35,9 @@ CAN = (
     "canpulseguide",
 )
 _SIDES = {-1: PierSide.UNKNOWN, 0: PierSide.EAST, 1: PierSide.WEST}
+"""What `SideOfPier` numbers mean [Alpaca PierSide]."""
 _LARGEST_RA_H = 24.0
+"""24 itself passes, and is taken for 0."""
 
 
 def place(ra: object, dec: object, epoch: Epoch, utc: datetime) -> Apparent | Icrs:
@@ -85,7 +90,7 @@ def skills(can: Mapping[str, bool], implemented: frozenset[str], *, finds_home: 
     implemented : frozenset of str
         Members that can be read.
     finds_home : bool
-        Whether its home is found by a sensor: Alpaca doesn't tell, so the configuration must.
+        Whether its home is found by a sensor: Alpaca doesn't say, so the configuration must.
     """
     there = {
         Skill.PARK: can.get("canpark", False),
