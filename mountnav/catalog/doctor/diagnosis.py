@@ -26,7 +26,7 @@ from mountnav.catalog.doctor.counts import (
     reach_of,
     spread_fields,
 )
-from mountnav.catalog.doctor.obtainable import OBTAINABLE, ONLINE, ObtainableCatalog, in_size
+from mountnav.catalog.doctor.obtainable import ONLINE, ObtainableCatalog, in_size, obtainable_catalogs
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.star_counts import density_deg2
 from mountnav.catalog.stars import Catalog
@@ -377,7 +377,7 @@ def _fails(places: SampleFields, depth_mag: float, area_deg2: float) -> float:
 
 def _smallest_known(frame: FrameSize, center: Icrs | None) -> ObtainableCatalog | None:
     """The smallest catalog with which a field here is solved."""
-    for known in sorted(OBTAINABLE, key=lambda one: one.installed_gb):
+    for known in sorted(obtainable_catalogs(), key=lambda one: one.installed_gb):
         if not known.has_magnitudes:
             continue
         number = _expected(frame, known.faintest_mag, known.densest_deg2, center)
@@ -390,7 +390,7 @@ def _nearest_known(frame: FrameSize, center: Icrs | None) -> ObtainableCatalog:
     """The smallest of the catalogs that hold nearly as many stars here as any does."""
     held = {
         one: _expected(frame, one.faintest_mag, one.densest_deg2, center)
-        for one in OBTAINABLE
+        for one in obtainable_catalogs()
         if one.has_magnitudes
     }
     most = max(held.values())
@@ -502,7 +502,7 @@ def _modeled_checks(
 ) -> list[Check]:
     """All obtainable catalogs that are not here, after the model of the Galaxy."""
     checks = []
-    for known in OBTAINABLE:
+    for known in obtainable_catalogs():
         if known.kind in here or not known.has_magnitudes:
             continue
         found = modeled(known.faintest_mag, known.densest_deg2, frame, places, pole, plane)

@@ -28,7 +28,8 @@ from mountnav.catalog.installed import catalog_path, held, unfinished_path
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.packed.packing import CatalogColumns
 from mountnav.catalog.packed.spool import PackedFacts, Spool
-from mountnav.catalog.readers import Part, Reader, open_reader
+from mountnav.catalog.readers import CATALOGS, open_reader
+from mountnav.catalog.readers.kind import Part, Reader
 from mountnav.catalog.stars import StarFlag
 from mountnav.errors import BadCatalog, BadRequest, BadSettings
 from mountnav.sky.coordinates import Icrs
@@ -37,8 +38,6 @@ BYTES_PER_STAR = 20
 """Of the packed file: 18, and its share of the tables."""
 SPOOL_BYTES_PER_STAR = 41
 """Of what is kept until the packed file is there (`mountnav.catalog.packed.spool`)."""
-SOURCE_BYTES_PER_STAR = {"ucac4": 78, "usno-b1": 80, "siril": 16}
-"""Catalogs whose stars can be counted by the size of their files [CATALOGS, Formats §3, §4, §6]."""
 ENOUGH_TO_GUESS_BY = 0.02
 """Share of the source that must be in before the rest is guessed from it."""
 
@@ -55,7 +54,7 @@ def needed_bytes(stars: float) -> int:
 
 def stars_in_files(kind: str, size_bytes: int) -> int | None:
     """How many stars the files hold at most; None if their size doesn't tell."""
-    record = SOURCE_BYTES_PER_STAR.get(kind)
+    record = CATALOGS[kind].source_bytes_per_star
     return None if record is None else size_bytes // record
 
 

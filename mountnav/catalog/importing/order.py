@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mountnav.catalog.packed.format import Header
 from mountnav.catalog.packed.packing import CatalogColumns
-from mountnav.catalog.readers import Part
+from mountnav.catalog.readers.kind import Part
 from mountnav.catalog.space_motion import unit_vectors
 from mountnav.catalog.stars import StarFlag
 from mountnav.errors import BadRequest
@@ -154,7 +154,7 @@ class ImportOrder:
     Attributes
     ----------
     kind : str
-        One of `mountnav.catalog.readers.KINDS`.
+        One of `mountnav.catalog.readers.CATALOGS`.
     source : Path
         A file, or the folder that holds the files.
     slug : str

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from mountnav.catalog.malformed import malformed_at
 from mountnav.catalog.packed.error_classes import error_curve, unknown_motion_mas_yr
 from mountnav.catalog.packed.packing import CatalogColumns
-from mountnav.catalog.readers import Part
 from mountnav.catalog.readers.astap.layout import (
     DEC_STEP_DEG,
     HEAD_BYTES,
@@ -25,6 +24,7 @@ from mountnav.catalog.readers.astap.layout import (
     decode,
     parse_head,
 )
+from mountnav.catalog.readers.kind import Part
 from mountnav.catalog.stars import StarFlag
 from mountnav.errors import BadCatalog
 from mountnav.files import MOST_RECORD_BYTES, open_buffered, read_bytes

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from mountnav.catalog.malformed import malformed_at
 from mountnav.catalog.packed.packing import CatalogColumns
-from mountnav.catalog.readers import Part
 from mountnav.catalog.readers.astrometry_net.index_file import IndexFile, NotAnIndex
 from mountnav.catalog.readers.gaia.stars import stars_of
 from mountnav.catalog.readers.gaia.tables import EARLIEST_YR, LATEST_YR, Block
+from mountnav.catalog.readers.kind import Part
 from mountnav.catalog.stars import StarFlag
 from mountnav.errors import BadCatalog
 

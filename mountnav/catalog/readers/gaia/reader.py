@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.catalog.packed.packing import CatalogColumns
-from mountnav.catalog.readers import Part
 from mountnav.catalog.readers.gaia.csv_file import CsvFile
 from mountnav.catalog.readers.gaia.fits_file import FitsFile
 from mountnav.catalog.readers.gaia.parquet_file import ParquetFile
 from mountnav.catalog.readers.gaia.stars import epochs_of, stars_of
 from mountnav.catalog.readers.gaia.tables import QUANTITIES, Piece, TableFile
 from mountnav.catalog.readers.gaia.votable_file import VoTableFile
+from mountnav.catalog.readers.kind import Part
 from mountnav.errors import BadCatalog
 
 Ids = NDArray[np.int64]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mountnav.catalog.malformed import malformed_at
 from mountnav.catalog.packed.error_classes import error_curve, unknown_motion_mas_yr
 from mountnav.catalog.packed.packing import CatalogColumns
-from mountnav.catalog.readers import Part
+from mountnav.catalog.readers.kind import Part
 from mountnav.catalog.readers.siril.layout import (
     HEAD,
     RELEASE_EPOCHS_YR,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mountnav.catalog.malformed import malformed_at
 from mountnav.catalog.packed.error_classes import error_curve
 from mountnav.catalog.packed.packing import CatalogColumns
-from mountnav.catalog.readers import Part
+from mountnav.catalog.readers.kind import Part
 from mountnav.catalog.readers.ucac4.record import RECORD, Ucac4Stars, decoded, with_fast_stars
 from mountnav.catalog.readers.zone_files import Zone, files_by_zone, record_count, records_in_order, zone_list
 from mountnav.catalog.stars import StarFlag

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mountnav.catalog.malformed import malformed_at
 from mountnav.catalog.packed.error_classes import error_curve
 from mountnav.catalog.packed.packing import CatalogColumns
-from mountnav.catalog.readers import Part
+from mountnav.catalog.readers.kind import Part
 from mountnav.catalog.readers.usno_b1.record import (
     NO_STAR_GALAXY,
     RECORD,
