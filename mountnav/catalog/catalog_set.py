@@ -21,8 +21,7 @@ from mountnav.parsing import repeated
 from mountnav.sky.coordinates import Icrs
 
 if TYPE_CHECKING:
-    from mountnav.settings.catalogs import CatalogsSettings
-
+    from mountnav.catalog.online import OnlineSource
 
 _log = logging.getLogger(__name__)
 
@@ -344,21 +343,39 @@ def _probed(
     return Choice(catalog, expected, sigma_arcsec, f"{stars.source}: {why}"), stars
 
 
-def open_catalogs(
-    settings: CatalogsSettings | None = None, *, use: tuple[str, ...] | None = None
-) -> CatalogSet:
-    """Open all catalogs that the settings allow.
+@dataclass(frozen=True, slots=True)
+class CatalogChoice:
+    """Which catalogs are used, as the operator chose them; without a choice all that are in the usual folder.
+
+    Attributes
+    ----------
+    folder : Path or None
+        Of the imported catalogs; None: the usual one (`catalogs_folder`).
+    use : tuple of str or None
+        Names of those that are used; None: all.
+    magnitudes_from : str or None
+        Name of the catalog whose magnitudes replace those of the others.
+    online : tuple of OnlineSource
+        Those that are asked over the network.
+    """
+
+    folder: Path | None = None
+    use: tuple[str, ...] | None = None
+    magnitudes_from: str | None = None
+    online: tuple[OnlineSource, ...] = ()
+
+
+_ALL = CatalogChoice()
+
+
+def open_catalogs(choice: CatalogChoice = _ALL, *, use: tuple[str, ...] | None = None) -> CatalogSet:
+    """Open all catalogs that are chosen.
 
     Parameters
     ----------
-    settings : CatalogsSettings, optional
-        Without any, all imported catalogs in the usual folder are used.
+    choice : CatalogChoice
     use : tuple of str, optional
-        Only these, whatever the settings say.
-
-    Returns
-    -------
-    Shelf
+        Only these, in place of `choice.use`.
 
     Raises
     ------
@@ -366,10 +383,10 @@ def open_catalogs(
         A catalog that is named is not there or is damaged. One that nobody names is passed over,
         and the log tells why.
     """
-    folder = catalogs_folder(settings.folder if settings else None)
-    sources = settings.online if settings else ()
-    use = use or (settings.use if settings else None)
-    if settings is not None and settings.folder is not None and not folder.is_dir():
+    folder = catalogs_folder(choice.folder)
+    sources = choice.online
+    use = use or choice.use
+    if choice.folder is not None and not folder.is_dir():
         _log.warning("[catalogs] folder: there is no %s; only the embedded catalog is used", folder)
     found = _told_apart({one.slug: one for one in installed(folder)})
     online = {one.name for one in sources}
@@ -393,7 +410,7 @@ def open_catalogs(
         return open_online(next(one for one in sources if one.name == name), behind=offline)
 
     magnitudes: Catalog | None = None
-    named = settings.magnitudes_from if settings else None
+    named = choice.magnitudes_from
     if named == EMBEDDED_SLUG:
         magnitudes = embedded
     elif named is not None:

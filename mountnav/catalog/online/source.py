@@ -11,7 +11,22 @@ from typing import Literal
 from urllib.parse import urlsplit
 
 from mountnav.catalog.stars import StarFlag
-from mountnav.settings.catalogs import OnlineSettings
+
+COLUMN_ROLES = (
+    "ra",
+    "dec",
+    "e_ra",
+    "e_dec",
+    "pm_ra",
+    "pm_dec",
+    "e_pm_ra",
+    "e_pm_dec",
+    "mean_epoch_ra",
+    "mean_epoch_dec",
+    "mag",
+    "color",
+)
+"""What a column of an online table may be: the keys of `OnlineSource.columns`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +61,7 @@ class KnownTable:
         In `band`: hardly a star is fainter.
     roles : mapping
         Role to column names, the first that has a value counts. Beside those of
-        `mountnav.settings.catalogs.COLUMN_ROLES`: ``mag_other`` (another band), ``color_blue`` and
+        `COLUMN_ROLES`: ``mag_other`` (another band), ``color_blue`` and
         ``color_red`` (the color is their difference), ``e_total`` (error of both coordinates together).
     may_lack : frozenset of str
         Columns that a server needn't have; never asked for by TAP, where an unknown column is an error.
@@ -299,7 +314,7 @@ class OnlineSource:
         Base address of the service.
     table : str
     columns : mapping
-        Role of `mountnav.settings.catalogs.COLUMN_ROLES` to column, with its unit in brackets where the
+        Role of `COLUMN_ROLES` to column, with its unit in brackets where the
         service doesn't tell it: ``"pmRA [mas/yr]"``; empty: not used.
     band : str or None
     epoch_yr : float or None
@@ -331,13 +346,6 @@ class OnlineSource:
     max_radius_deg: float = 2.5
     max_age_days: float = 365.0
     ask: Literal["live", "never"] = "live"
-
-    @classmethod
-    def of(cls, settings: OnlineSettings) -> OnlineSource:
-        """Make the source that a table of the settings describes."""
-        given = settings.model_dump()
-        given["url"] = given["url"] or VIZIER_URL
-        return cls(**given)
 
     @property
     def known(self) -> KnownTable | None:
