@@ -31,5 +31,5 @@ CATALOG = CatalogKind(
             is_one_file=True,
         ),
     ),
-    source_bytes_per_star=16,  # a record of the astrometric extract [CATALOGS, Formats §6]
+    source_bytes_per_star=16,  # `layout.STAR`
 )
