@@ -19,6 +19,8 @@ BRIGHTEST_MAG, FAINTEST_MODELED_MAG = 2.0, 22.0
 _LOWEST_DEG = 20.0
 """Equation B1 holds from this latitude on."""
 _GRID_MAG = np.arange(BRIGHTEST_MAG, FAINTEST_MODELED_MAG + 0.125, 0.25)
+"""Magnitudes at which counts are tabulated to find the one that a number is reached at: steps of 0.25 mag,
+straight lines between."""
 
 _TO_GALACTIC = np.array(
     [
@@ -30,7 +32,9 @@ _TO_GALACTIC = np.array(
 """ICRS to galactic coordinates [The Hipparcos and Tycho Catalogues, vol. 1, section 1.5.3]."""
 
 _LATITUDES_DEG = np.array([0.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 90.0])
+"""Galactic latitudes of the columns of `_LOG_FACTOR`."""
 _MAGNITUDES = np.array([5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 11.5, 14.4, 16.4, 18.0, 20.0, 22.0])
+"""V magnitudes of its rows."""
 _LOG_FACTOR = np.array(
     [
         [-0.004, -0.042, -0.130, -0.121, -0.140, -0.120, 0.010, 0.120, 0.120],

@@ -123,6 +123,7 @@ def _too_much(label: str) -> BadFrame:
 Pixels = NDArray[np.generic]
 
 _TYPES = {8: "u1", 16: ">i2", 32: ">i4", 64: ">i8", -32: ">f4", -64: ">f8"}
+"""numpy's types of these kinds, as they are stored: big-endian, bytes unsigned [FITS 4.0, section 5]."""
 _OWN_OF_PIXELS = re.compile(r"(SIMPLE|XTENSION|BITPIX|NAXIS\d*|EXTEND|PCOUNT|GCOUNT|BZERO|BSCALE|BLANK)$")
 _OWN_OF_TILES = re.compile(
     r"(XTENSION|BITPIX|NAXIS\d*|PCOUNT|GCOUNT|TFIELDS|T(TYPE|FORM|UNIT|NULL|ZERO|SCAL|DIM|DISP)\d+|THEAP|"
@@ -136,6 +137,7 @@ _EMPTY_PRIMARY = (
     "EXTEND  =                    T",
 )
 _MOST_COLORS = 4
+"""An axis of at most so many is colors, not rows: RGB, or RGB with a fourth plane."""
 #: Stored numbers that are turned into physical values in one go.
 _BYTES_AT_ONCE = 1 << 19
 

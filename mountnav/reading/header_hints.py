@@ -46,6 +46,7 @@ _DEGREES = re.compile(r"deg|°|\bdms\b|\[d\]")
 _J2000 = re.compile(r"j2000|\bicrs\b|\b2000(\.0*)?\b")
 _OF_DATE = re.compile(r"jnow|\bof date\b|\bapparent\b|\bcurrent epoch\b")
 _YEARS = (1800.0, 2100.0)
+"""Equinoxes between these years are believed; others are no equinox."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,11 +221,13 @@ def _apart_deg(a: Icrs, b: Icrs) -> float:
 #: No telescope or lens gives less or more.
 RANGE_ARCSEC_PX = (0.01, 600.0)
 _ARCSEC_PER_RADIAN = 206264.806
+"""Arcseconds in a radian."""
 _FOCAL_CARDS = ("FOCALLEN", "FOCAL", "FOCALLENGTH", "FOCLEN", "TELFOCAL", "CAMOPTIC")
 _PIXEL_CARDS = ("XPIXSZ", "PIXSIZE1", "XPIXELSZ", "PIXSIZE", "PIXELSIZE", "XPIXSIZE", "PIXSZ", "CCDXPIXE")
 _SCALE_CARDS = ("PIXSCALE", "SECPIX", "SECPIX1", "PIXSCAL", "PIXSCAL1", "CCDSCALE", "IM_SCALE", "SCALE")
 _BINNING_CARDS = ("XBINNING", "CCDXBIN", "BINX", "XBIN", "BIN1", "BINNING", "CCDSUM", "CCDBIN1")
 _MOST_BINNING = 16.0
+"""Larger values of a binning card are no binning."""
 _INCLUDES = re.compile(r"binned|after binning|includ\w* binning|effective")
 _EXCLUDES = re.compile(r"unbinned|without binning|exclud\w* binning|before binning|physical")
 #: A focal length below this many millimeters is more likely given in meters.
@@ -379,6 +382,8 @@ def _scale_card(header: Header, comments: Comments, key: str) -> HeaderScale | N
 #: Bounds lie this far on either side of what the cards say.
 SCALE_MARGIN = 0.1
 _MOST_ALTERNATIVES = 4
+"""Hints beside the first that a solve may try where cards contradict each other; chosen by hand. Each costs a
+search, so twice as many may cost twice the time on a header that is all wrong."""
 _WCS_SOURCE = "WCS in the header"
 Matrix = tuple[float, float, float, float]
 

@@ -28,6 +28,7 @@ _NODES_PER_DAY = 24
 """Full hours. Straight lines between them miss the nutation by 1.3e-5″ at most (its term of 13.7 days: 0.23″
 times its rate squared times an hour squared by eight); twice as many, a quarter of that."""
 _MJD_ZERO_JD = 2400000.5
+"""Julian date of the zero of the modified Julian date."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +89,12 @@ def slow_parts(tt1: float, tt2: float) -> SlowParts:
 
 
 _RAD_PER_ARCSEC = math.radians(1.0 / 3600.0)
+"""An arcsecond in radians."""
 _REFRACTION_STEPS = 8
+"""Iterations of the inverse refraction at most; it ends before, once it has converged to
+`_REFRACTION_DONE_RAD`."""
 _REFRACTION_DONE_RAD = 1e-4 * _RAD_PER_ARCSEC
+"""The iteration ends when it is within 0.1 mas; doubled, positions near the horizon may be off by 0.2 mas."""
 
 
 def _terrestrial(utc: datetime) -> tuple[float, float]:

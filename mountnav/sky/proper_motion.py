@@ -12,11 +12,18 @@ from mountnav.sky.iers import utc_mjd
 from mountnav.sky.sphere import turn_deg
 
 _J2000_JD = 2451545.0
+"""Julian date of J2000.0."""
 _YEAR_DAYS = 365.25
+"""Days of a Julian year."""
 _MJD_ZERO_JD = 2400000.5
+"""Julian date of the zero of the modified Julian date."""
 _NEAREST_POLE_DEG = 90.0 - 1e-7
+"""Declinations are kept so far from the poles, 0.4 mas: a proper motion in right ascension has no meaning at
+the pole itself."""
 _MAS_PER_RAD = 180.0 * 3600_000.0 / math.pi
+"""Milliarcseconds in a radian."""
 _MAS_PER_ARCSEC = 1000.0
+"""Milliarcseconds in an arcsecond."""
 _ARCSEC_PER_RADYR = 326.0
 """Parallax of a star that moves by a radian a year at half the speed of light, as `pmsafe` has it."""
 

@@ -18,6 +18,7 @@ from mountnav.sky.coordinates import Apparent, GeometricHourAngle, HourAngle, Ic
 Place = TypeVar("Place", Icrs, Apparent, Observed, HourAngle, GeometricHourAngle)
 
 ARCSEC_PER_RAD = math.degrees(1.0) * 3600.0
+"""Arcseconds in a radian."""
 
 
 @dataclass(frozen=True, slots=True)

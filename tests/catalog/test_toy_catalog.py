@@ -1,4 +1,4 @@
-"""A kind of catalog is added in one folder and one entry: with a toy, as docs/how-to/add-a-catalog.md says."""
+"""A kind of catalog is added in one folder and one entry: done with a toy (docs/how-to/add-a-catalog.md)."""
 
 from __future__ import annotations
 

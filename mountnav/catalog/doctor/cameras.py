@@ -13,14 +13,23 @@ from mountnav.errors import BadFrame
 _NEWEST = 3
 """So many files are tried for one that can be read."""
 _SKY_MAG_ARCSEC2 = 20.5
+"""Brightness of the sky's background, V magnitudes in a square arcsecond: a suburb's; chosen for the estimate
+of a camera that nobody described. One magnitude darker, the estimated depth grows by half a magnitude."""
 _FOCAL_RATIO = 6.0
+"""Focal length over aperture of the assumed telescope; chosen by hand. Halved, the assumed aperture doubles
+and the depth grows by 0.75 to 1.5 mag."""
 _PIXEL_MM = 0.009
+"""Side of the assumed camera's pixels, 9 µm; chosen by hand. It enters as pixel over focal ratio only."""
 _ELECTRONS_S_CM2 = 1e6
 """Of a star of magnitude 0, in an unfiltered camera, all losses included."""
 _READ_NOISE_E = 7.0
+"""Electrons of read noise per pixel of the assumed camera; chosen by hand. Doubled, only short exposures
+under a dark sky come out shallower."""
 _IMAGE_PX2 = 20.0
 """Area over which the noise of a star's image adds up: 4π σ², images three pixels wide."""
 _SURE_SNR = 10.0
+"""A star counts as measured when it is so many times its noise; the same 10 that `estimated_depth_mag` and
+docs/catalog-doctor.md state. Halved, estimated depths grow by 0.75 to 1.5 mag."""
 _LESS_THAN_IDEAL_MAG = 1.0
 """For moonlight, thin cloud, seeing and focus."""
 

@@ -189,7 +189,11 @@ _BORDER_DEG = 4.0
 _WORTH_CUTTING = 0.9
 """A telescope that reaches less of the sky is told to import only that."""
 _FIELDS_ABOUT = 4.0
+"""Stars about a frame are counted in a circle of so many fields; chosen: their mean is then known to about
+half of the scatter of one field. Doubled, the advice after a failed frame reads twice as many stars."""
 _LEAST_ABOUT_DEG = 0.2
+"""Radius of that circle at least, degrees: a smaller one holds too few stars of any catalog to count; chosen
+by hand."""
 _EPOCH_YR = 2026.0
 """Of counts for advice: a star more or less by proper motion changes no advice."""
 
@@ -547,7 +551,9 @@ def _kind(catalog: Catalog) -> str:
 
 
 _J2000_UNIX_S = 946_728_000.0
+"""1 January 2000, 12:00 UTC, in seconds of Unix time."""
 _JULIAN_YEAR_S = 365.25 * 86400.0
+"""A Julian year in seconds."""
 
 
 def named_catalogs(catalog: Catalog) -> tuple[NamedCatalog, ...]:

@@ -95,13 +95,21 @@ def shortage(folder: Path, stars: float, stars_in: int) -> str | None:
 
 
 PARTS_READ = 12
+"""Parts of the source that are read a second time, spread evenly, to hold the packed file against them;
+chosen by hand. Doubled, the check takes twice as long and finds rarer faults."""
 STARS_OF_A_PART = 12
 """The two faintest and brightest, and others spread evenly over the first chunk."""
 _RADIUS_DEG = 0.01 / 3600.0
 """Wide against the steps of the packed form (0.3 mas), narrow against the distance of any two stars."""
 _MAG_STEP = 0.0011
+"""Largest difference by which a magnitude may come back: the packed step of 0.001 mag, and a tenth for
+rounding."""
 _PM_STEP_MAS_YR = 0.11
+"""Largest difference by which a proper motion may come back, mas/yr: the packed step of 0.1, and a tenth for
+rounding."""
 _COLOR_STEP = 0.0011
+"""Largest difference by which a color index may come back: the packed step of 0.001 mag, and a tenth for
+rounding."""
 
 
 def compare_with_source(
@@ -178,6 +186,8 @@ def _near(found: NDArray[np.float64], wanted: float, step: float) -> NDArray[np.
 _LONGEST_TEXT = 1500
 """The header of a packed file has room for some 4000 bytes."""
 _SHARE_OF_VERIFYING = 0.8
+"""Share of the stage "checking" that reading the packed file back takes on the progress bar; chosen by hand.
+Another value makes the bar run unevenly, no more."""
 
 
 @runtime_checkable

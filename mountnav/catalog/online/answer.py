@@ -17,7 +17,11 @@ from mountnav.catalog.online.source import OnlineSource
 _START = re.compile(rb"<(\w+:)?VOTABLE[\s>]")
 _END = re.compile(rb"</(\w+:)?VOTABLE\s*>\s*(<!--.*?-->\s*)*$", re.DOTALL)
 _SNIFFED_BYTES = 8192
+"""Start of an answer in which <VOTABLE must stand: comments and an XML head come before it; chosen by hand.
+Halved, an answer with a long comment at its head would be refused."""
 _ENOUGH_OF_THE_END_BYTES = 2048
+"""End of an answer in which </VOTABLE> must stand, comments after it included; chosen by hand. An answer
+without it was cut off."""
 _HTML = re.compile(rb"<(!doctype\s+html|html[\s>])", re.IGNORECASE)
 
 

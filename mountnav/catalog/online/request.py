@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 
 LONGEST_QUOTE = 160
+"""Characters of a server's own words that a message quotes at most; chosen by hand."""
 
 
 class SourceFailed(Exception):
@@ -201,6 +202,8 @@ def _address(base: str, arguments: list[tuple[str, str]]) -> str:
 MOST_BYTES = 32_000_000
 """Of an answer, unpacked."""
 MOST_REDIRECTS = 3
+"""Redirects that one request follows; chosen by hand: a mirror's address takes one or two. Without a bound a
+loop would last until the time limit."""
 _AGENT = "mountnav (star catalog client)"
 _LOOPBACK = frozenset({"localhost", "127.0.0.1", "::1"})
 

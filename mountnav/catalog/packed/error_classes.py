@@ -12,6 +12,8 @@ from mountnav.catalog.packed.format import CLASS, MOST_CLASSES
 Array = NDArray[np.float64]
 
 REFERENCE_YR = 2000.0
+"""Julian year from which the polynomials of variance over time count. Another gives the same curves, rounded
+differently: other bytes in a packed file, the same sigmas."""
 FEATURE_EPOCHS_YR = (1992.0, 2015.0, 2030.0, 2050.0)
 """Where two stars must have like sigmas to share a class: the catalog's own epoch, and the years of use."""
 CLASSES_BY_WIDTH = 96
@@ -159,11 +161,16 @@ Indices = NDArray[np.int64]
 CELL_EPOCHS_YR = (2020.0, 1995.0, 2045.0)
 """The first tells how large an error is, the others how it grows before and after."""
 SMALLEST_MAS, LARGEST_MAS = 0.005, 1e5
+"""Sigmas that cells tell apart, mas: from below Gaia's best to 100″; what lies beyond counts as the limit."""
 _STEPS_PER_OCTAVE_BITS = 3
+"""Eight steps for each factor of 2 in the variance, so that cells are 3 to 6 % wide in sigma: more of them
+would no longer fit `CELLS`."""
 _MANTISSA_SHIFT = 23 - _STEPS_PER_OCTAVE_BITS
+"""A 32-bit float's bits, shifted by so much, count those steps: 23 bits of mantissa less 3."""
 _GROWTH_RANGE = 128
 """Steps of variance, 8 per factor of 2: growth by up to 2**16 is told apart."""
 CELLS = 1 << 25
+"""Number of cells, 512 sizes times 256 by 256 growths; their counters take 128 MiB."""
 
 
 def cells(curve: Curves) -> Indices:

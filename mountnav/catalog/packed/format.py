@@ -17,14 +17,22 @@ from mountnav.parsing import json_of
 
 MAGIC = b"MNAVSTAR"
 VERSION = 2
+"""The version that is written."""
 KNOWN_VERSIONS = (1, 2)
+"""Those that are read: the embedded catalog is of version 1."""
 PREAMBLE_BYTES = 16
+"""Magic (8), version and length of the header (4 each): the form of the file."""
 LONGEST_HEADER_BYTES = 65536
+"""Version 1: a longer header is a damaged file."""
 HEADER_BYTES = 4096
 """Version 2: where the sections start; the header is written last, so its length must be known at first."""
 SECTION_ALIGNMENT_BYTES = 64
+"""Version 2: sections begin at multiples of it, so that they can be mapped as arrays; a cache line."""
 LARGEST_NSIDE = 4096
+"""Finest division of a file: 201 million pixels, whose tables alone have 1.2 GB."""
 COARSE_NSIDE = 64
+"""Where a file's pixels are finer than this, the section ``coarse`` has the first star of each pixel of this
+division: cones are looked for there first. Part of the form of the file."""
 
 RA_STEP_DEG = 360.0 / 2**32
 """0.30 mas."""
@@ -33,10 +41,13 @@ DEC_STEP_DEG = 90.0 / (2**31 - 1)
 PM_STEP_MAS_YR = 0.1
 """The step in which Tycho-2, Hipparcos and UCAC4 give proper motions: nothing is lost."""
 MAG_STEP = 0.001
+"""Millimagnitudes: finer than any catalog's errors. Part of the form of the file."""
 MAG_ZERO = -5.0
 """Magnitude of raw value 0; raw values grow with the magnitude, so that they sort alike."""
 COLOR_STEP = 0.001
+"""As `MAG_STEP`."""
 COLOR_UNKNOWN = -32768
+"""Raw value of a star without a color: the least of 16 bits."""
 NO_STAR = 65535
 """In the section ``tops``: the pixel is empty."""
 
@@ -45,6 +56,8 @@ PM_UNKNOWN = -32768
 PM_IN_SIDECAR = -32767
 """In both proper motion fields: look into the section ``fast``."""
 LARGEST_PM_RAW = 32766
+"""Largest raw proper motion in the section ``stars`` (16 bits less the two codes above); faster stars are in
+the section ``fast``."""
 
 STAR = np.dtype(
     [("ra", "<u4"), ("dec", "<i4"), ("pm_ra", "<i2"), ("pm_dec", "<i2"), ("mag", "<u2"), ("error", "u1")]
@@ -59,6 +72,7 @@ CLASS = np.dtype("<f4")
 COLOR = np.dtype("<i2")
 FLAG = np.dtype("u1")
 MOST_CLASSES = 256
+"""As many as a byte can number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,6 +252,7 @@ def malformed(file: str, offset: int, expected: str, found: str) -> BadCatalog:
 
 
 _ALIGNMENT_BYTES_1 = 64
+"""Version 1 pads its header to a multiple of it. Part of the form of the file."""
 
 _NUMBER = (int, float)
 _FIELDS_1: dict[str, type | tuple[type, ...]] = {

@@ -14,6 +14,8 @@ from mountnav.catalog.space_motion import unit_vectors
 Array = NDArray[np.float64]
 
 TABLE_NSIDE = 64
+"""Division whose 49,152 centers lie in a file beside the catalog (1.2 MB), so that cones need no
+astropy-healpix: that of `format.COARSE_NSIDE`."""
 TABLE_PATH = Path(__file__).parent.parent / "data" / f"healpix_centers_{TABLE_NSIDE}.npy"
 
 

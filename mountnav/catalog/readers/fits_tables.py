@@ -36,6 +36,7 @@ _BYTES = {
 }
 _NUMPY = {"L": "u1", "B": "u1", "I": ">i2", "J": ">i4", "K": ">i8", "E": ">f4", "D": ">f8"}
 _LARGEST_READ_BYTES = 64 * 2**20
+"""Bytes of rows that are read at a time; chosen by hand: memory grows with it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,7 @@ from mountnav.files import open_buffered
 Records = NDArray[np.void]
 
 RECORDS_AT_ONCE = 200_000
+"""Records that are read at a time; chosen by hand, below what `Reader.read` promises."""
 SWAPPED = (
     "the file's bytes are swapped: get the catalog in its original (little-endian) order, "
     "or swap the bytes of each field"

@@ -15,7 +15,9 @@ from mountnav.catalog.malformed import malformed_at
 Array = NDArray[np.float64]
 
 _SOUTH_290 = (1, 4, 8, 12, 16, 20, 24, 28, 32)
+"""Cells of the rings of the southern sky in the .290 division, pole first."""
 _SOUTH_1476 = (1, 3, 9, 15, 21, 27, 33, 38, 43, 48, 52, 56, 60, 63, 65, 67, 68, 69)
+"""The same of the .1476 division."""
 CELLS: dict[int, tuple[int, ...]] = {
     290: _SOUTH_290 + _SOUTH_290[::-1],
     1476: _SOUTH_1476 + _SOUTH_1476[::-1],
@@ -135,8 +137,11 @@ RA_STEP_DEG = 360.0 / (256**3 - 1)
 DEC_STEP_DEG = 90.0 / (128 * 256**2 - 1)
 """39 mas."""
 MAG_STEP = 0.1
+"""Magnitudes are whole tenths."""
 _MARK = 0xFFFFFF
+"""Right ascension of a record that is no star but gives the magnitude of those that follow."""
 _NO_COLOR = -128
+"""Byte of a star without a color."""
 _FAINT_TENTHS = 150
 """Databases made before 2021 hold a few stars at right ascension 360 degrees, which look like marks: fainter
 than 15.0, where a mark would have to be fainter than the one before [HNSKY, hns_U290.pas, 2019-8-18]."""
@@ -314,10 +319,13 @@ def _wrapped_tenths(byte: Integers) -> Integers:
 
 
 HEAD_BYTES = 110
+"""Length of the head: the form of the files."""
 _TEXT_BYTES = 108
 """Readable in any case; the byte after them may be."""
 _VERSION_AT, _SIZE_AT = 108, 109
+"""Offsets in the head of the database's version and of the length of a record."""
 _B_V_VERSION = 2
+"""Databases whose head has this version have B-V as color, others Gaia's BP-RP."""
 _EPOCH = re.compile(r"epoch\s*=?\s*J?(\d{4}(?:\.\d+)?)", re.I)
 _BAND = re.compile(
     r"magnitude (?:is|transformed to)\s+(?:gaia |johnson-cousins |johnson |cousins )?(BP|RP|V|B|R|Ic)\b", re.I
@@ -328,6 +336,7 @@ UNTOLD_EPOCH_YR, UNTOLD_EPOCH_SIGMA_YR = 2012.5, 8.0
 """Where the text tells no epoch: anything from J2000 (HNSKY's old ones) to 2025."""
 UNKNOWN_BAND = "unknown"
 _EPOCHS_YR = (1950.0, 2100.0)
+"""Julian years between which an epoch in the head is believed; another is a damaged head."""
 
 
 @dataclass(frozen=True, slots=True)

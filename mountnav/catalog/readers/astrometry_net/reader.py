@@ -149,6 +149,7 @@ def cells_of(ra_deg: NDArray[np.float64], dec_deg: NDArray[np.float64], nside: i
 Array = NDArray[np.float64]
 
 CHUNK = 400_000
+"""Stars in a chunk, below what `Reader.read` promises."""
 _GAIA_COLUMNS = {
     "pmra": "pmra",
     "pmdec": "pmdec",
@@ -169,7 +170,10 @@ _INVERSE_VARIANCES = {
 }
 """The larger 5200 version has 1/degree² and 1/(mas/yr)², as its author's legacypipe writes them."""
 _LARGEST_SIGMA_MAS = 1e4
+"""Errors of 10″ or more are taken as unknown: an inverse variance near 0 says that there is no error."""
 _SAME_PLACE_ARCSEC = 1.0
+"""A star's position in the tree and in the columns that came along may differ by so much; more, and the file
+is damaged or the columns are of another file."""
 
 
 class IndexReader:

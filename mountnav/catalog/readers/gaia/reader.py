@@ -27,7 +27,11 @@ MOST_REMEMBERED = 40_000_000
 """16 bytes each. Beyond them no more are remembered: downloads so large come from one query, or in the
 archive's own files, which don't overlap."""
 _MOST_CHUNKS = 2**12
+"""Chunks of a part that are told apart: part and chunk are one number, part times 4096 plus chunk. Later
+chunks of a part count as its last."""
 _MOST_LISTS = 8
+"""Sorted lists of identifiers that are searched one after the other before they are merged into one; chosen
+by hand, for speed alone."""
 
 
 class Repeats:

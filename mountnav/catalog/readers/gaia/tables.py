@@ -280,6 +280,7 @@ def described_columns(text: str) -> Described:
 
 
 LARGEST_CHUNK = 400_000
+"""Stars in a chunk, below what `Reader.read` promises."""
 
 
 @dataclass(frozen=True, slots=True)
