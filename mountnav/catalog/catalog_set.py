@@ -110,14 +110,14 @@ class CatalogSet:
         self._use_indexed = use_indexed
 
     @property
-    def at_hand(self) -> tuple[Catalog, ...]:
+    def installed(self) -> tuple[Catalog, ...]:
         """All that are on this machine and may be used, the embedded one last; none if only others may."""
         return (*self.stores, self.indexed) if self._use_indexed else self.stores
 
     @property
     def usable(self) -> tuple[Catalog, ...]:
         """All whose stars a solution may rest on."""
-        return (*self.at_hand, *self.online)
+        return (*self.installed, *self.online)
 
     @property
     def name(self) -> str:
@@ -125,7 +125,7 @@ class CatalogSet:
         return ", ".join(one.name for one in self.usable)
 
     def __repr__(self) -> str:
-        return f"Shelf({self.name})"
+        return f"CatalogSet({self.name})"
 
     def __reduce__(self) -> tuple[object, tuple[object, ...]]:
         # a process that starts when a store has been removed must start all the same
@@ -174,7 +174,7 @@ class CatalogSet:
             return (Choice(first, math.nan, math.nan, "the place is not known"),)
         if field_deg2 is None:
             return self._without_scale(center, radius_deg, epoch_yr)
-        found, told = self._probed_here(self.at_hand, center, field_deg2, radius_deg, epoch_yr)
+        found, told = self._probed_here(self.installed, center, field_deg2, radius_deg, epoch_yr)
         for online in self.online:
             if any(one.expected >= ENOUGH for one in found):
                 break
@@ -225,32 +225,31 @@ class CatalogSet:
 
 
 class DrawnSky:
-    """What simulated cameras see: the embedded catalog where it holds enough stars, else the best at hand.
+    """What simulated cameras see: the embedded catalog where it holds enough stars, else the best one here.
 
     Parameters
     ----------
-    shelf : Shelf
+    catalogs : CatalogSet
         Its online catalogs are not asked.
     """
 
-    def __init__(self, shelf: CatalogSet) -> None:
-        self._shelf = CatalogSet(
-            shelf.indexed, shelf.stores
-        )  # the sky is there whatever frames are solved with
+    def __init__(self, catalogs: CatalogSet) -> None:
+        # the sky is there whatever frames are solved with: `use_indexed` and the rest don't matter
+        self._catalogs = CatalogSet(catalogs.indexed, catalogs.stores)
 
     @property
     def name(self) -> str:
         """Name for provenance."""
-        return self._shelf.name
+        return self._catalogs.name
 
     def cone(
         self, center: Icrs, radius_deg: float, *, epoch_yr: float, mag_limit: float | None = None
     ) -> Stars:
         """See `Catalog`; of a deep catalog the brightest `MOST_DRAWN`, or somewhat more."""
-        stars = self._shelf.indexed.cone(center, radius_deg, epoch_yr=epoch_yr, mag_limit=mag_limit)
-        if len(stars) >= ENOUGH or not self._shelf.stores:
+        stars = self._catalogs.indexed.cone(center, radius_deg, epoch_yr=epoch_yr, mag_limit=mag_limit)
+        if len(stars) >= ENOUGH or not self._catalogs.stores:
             return stars
-        best = suited(self._shelf, center, math.pi * radius_deg**2, epoch_yr=epoch_yr)
+        best = suited(self._catalogs, center, math.pi * radius_deg**2, epoch_yr=epoch_yr)
         return stars_round(best, center, radius_deg, MOST_DRAWN, epoch_yr=epoch_yr)
 
 
@@ -260,7 +259,7 @@ def suited(catalog: Catalog, center: Icrs, field_deg2: float, *, epoch_yr: float
     Parameters
     ----------
     catalog : Catalog
-        A `Shelf`, or a plain one, which is given back.
+        A `CatalogSet`, or a plain one, which is given back.
     center : Icrs
     field_deg2 : float
     epoch_yr : float

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.space_motion import unit_vectors
-from mountnav.catalog.stars import Catalog, Stars
+from mountnav.catalog.stars import Catalog, KnowsDepth, Stars
 from mountnav.sky.coordinates import Icrs
 
 Array = NDArray[np.float64]
@@ -273,7 +273,9 @@ def _faintest(catalog: Catalog) -> float:
     """Magnitude of the faintest star of a catalog, or beyond it."""
     if isinstance(catalog, PackedStore):
         return catalog.magnitudes[1]
-    return min(float(getattr(catalog, "faintest_mag", FAINTEST_READ_MAG)), FAINTEST_READ_MAG)
+    if isinstance(catalog, KnowsDepth):
+        return min(catalog.faintest_mag, FAINTEST_READ_MAG)
+    return FAINTEST_READ_MAG
 
 
 @lru_cache(maxsize=4096)

@@ -129,7 +129,7 @@ def without_mosaic(pixels: NDArray[np.generic]) -> NDArray[np.float32]:
     -------
     ndarray of float32, shape (height, width)
     """
-    from scipy import ndimage  # dear to import, and few frames are mosaics
+    from scipy import ndimage  # expensive to import, and few frames are mosaics
 
     kernel = np.array([0.25, 0.5, 0.25], dtype=np.float32)
     smooth = pixels.astype(np.float32)

@@ -159,7 +159,7 @@ def spread_fields(reach: Reach, count: int = SAMPLE_FIELDS, first: int = FIRST) 
 
     Returns
     -------
-    Places
+    SampleFields
         The same ones every time.
     """
     low, high = (math.sin(math.radians(one)) for one in (reach.low_dec_deg, reach.high_dec_deg))
@@ -174,12 +174,12 @@ def spread_fields(reach: Reach, count: int = SAMPLE_FIELDS, first: int = FIRST) 
 
 
 def pole_fields(reach: Reach) -> SampleFields:
-    """Places near the galactic poles that are reached; none where the telescope sees neither."""
+    """Fields near the galactic poles that are reached; none where the telescope sees neither."""
     return _of_region(reach, lambda b_deg: np.abs(b_deg) >= POLE_DEG)
 
 
 def plane_fields(reach: Reach) -> SampleFields:
-    """Places near the galactic plane that are reached."""
+    """Fields near the galactic plane that are reached."""
     return _of_region(reach, lambda b_deg: np.abs(b_deg) <= PLANE_DEG)
 
 
@@ -271,7 +271,7 @@ def counted(
     catalog : Catalog
         On this machine.
     frame : FrameSize
-    places, pole, plane : Places
+    places, pole, plane : SampleFields
         From `mountnav.catalog.doctor.counts`.
     epoch_yr : float
         Julian year.
@@ -318,7 +318,7 @@ def modeled(
     densest_deg2 : float or None
         If it was thinned out to so many stars per square degree, the brightest first.
     frame : FrameSize
-    places, pole, plane : Places
+    places, pole, plane : SampleFields
 
     Returns
     -------

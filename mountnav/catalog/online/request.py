@@ -251,7 +251,7 @@ def get(client: httpx.Client, url: str, *, end: float) -> Got:
     url : str
     end : float
         By `time.monotonic`: when it must be here. A server that sends its headers byte by byte may be waited
-        for longer, so whoever must not wait asks from a thread, see `mountnav.catalog.online.fetching`.
+        for longer, so a caller that must not wait asks from a thread, see `mountnav.catalog.online.fetching`.
 
     Returns
     -------

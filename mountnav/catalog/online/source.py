@@ -298,7 +298,7 @@ def table_proper(table: str) -> str:
 
 VIZIER_URL = "https://vizier.cds.unistra.fr"
 CACHE_FORMAT = 1
-"""Raised when tiles are made differently: older ones are then fetched anew."""
+"""Raised when tiles are made differently: older ones are then fetched again."""
 
 
 @dataclass(frozen=True, slots=True)

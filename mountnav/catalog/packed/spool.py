@@ -425,7 +425,7 @@ class Spool:
 
     @classmethod
     def open(cls, folder: Path, facts: PackedFacts) -> Spool:
-        """Go on with a spool of equal facts, or start anew.
+        """Go on with a spool of equal facts, or start again.
 
         Parameters
         ----------

@@ -146,6 +146,9 @@ class CatalogKind:
         this kind. Imports the reader only then.
     editions : tuple of Edition
         Those that the doctor of catalogs recommends from.
+    is_one_catalog : bool
+        Whether all imports of the whole sky are alike, so that the doctor doesn't recommend one to an
+        operator who has it; of other kinds there are deeper and shallower ones.
     source_bytes_per_star : int or None
         Size of a record where it is fixed: the stars are then counted by the size of the files, and an import
         that can't fit on the disk is refused before it begins.
@@ -156,4 +159,5 @@ class CatalogKind:
     credit: Credit
     open: Callable[[Path], Reader]
     editions: tuple[Edition, ...] = ()
+    is_one_catalog: bool = False
     source_bytes_per_star: int | None = None

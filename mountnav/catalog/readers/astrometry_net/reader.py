@@ -177,7 +177,7 @@ is damaged or the columns are of another file."""
 
 
 class IndexReader:
-    """Index files of one series. Implements `mountnav.catalog.readers.Reader`.
+    """Index files of one series. Implements `mountnav.catalog.readers.kind.Reader`.
 
     Files of other series are left aside: another catalog, another epoch. Each place on the sky is taken from
     the file with the smallest quads that is for it; stars on the margins of files belong to the file whose

@@ -125,7 +125,7 @@ _ARCHIVE_FILE = re.compile(r"GaiaSource_\d+-\d+\.")
 
 
 class GaiaReader:
-    """Gaia extracts in a file or a folder. Implements `mountnav.catalog.readers.Reader`.
+    """Gaia extracts in a file or a folder. Implements `mountnav.catalog.readers.kind.Reader`.
 
     Parameters
     ----------

@@ -31,5 +31,6 @@ CATALOG = CatalogKind(
             obtained="CDS I/322A (folder UCAC4/u4b of its file server), or the Naval Observatory's DVD",
         ),
     ),
+    is_one_catalog=True,
     source_bytes_per_star=78,  # `record.RECORD` [readme_u4 §5a]
 )

@@ -256,7 +256,7 @@ _NAME = re.compile(r"z(\d{3})", re.IGNORECASE)
 
 
 class Ucac4Reader:
-    """Reader of UCAC4; see `mountnav.catalog.readers.Reader`.
+    """Reader of UCAC4; see `mountnav.catalog.readers.kind.Reader`.
 
     Parameters
     ----------

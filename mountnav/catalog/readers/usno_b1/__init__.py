@@ -33,5 +33,6 @@ CATALOG = CatalogKind(
             ),
         ),
     ),
+    is_one_catalog=True,
     source_bytes_per_star=80,  # `record.RECORD`: 20 words of 4 bytes
 )

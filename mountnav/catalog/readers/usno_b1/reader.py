@@ -155,7 +155,7 @@ _ACCELERATOR_LINE = re.compile(rb"\s*[\d.]+\s+(\d+)\s+(\d+)\s*")
 
 
 class UsnoB1Reader:
-    """Reader of USNO-B1.0; see `mountnav.catalog.readers.Reader`.
+    """Reader of USNO-B1.0; see `mountnav.catalog.readers.kind.Reader`.
 
     Parameters
     ----------
