@@ -1,4 +1,10 @@
-"""FITS headers [FITS 4.0]: the cards of a header, and the header units (HDUs) of a file."""
+"""FITS headers [FITS 4.0]: the cards of a header, and the header units (HDUs) of a file.
+
+The cards of a FITS header as plain values and comments; a card that breaks the standard stops nothing.
+
+astropy reads headers too, but it warns of each odd card, and warnings can only be silenced for the whole
+process (`warnings.catch_warnings` swaps global state), while frames are read in several threads at once.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""The tiles of a compressed FITS image are looked at before they are unpacked: none may outgrow the image.
+"""A FITS file's image becomes pixels and cards: what the stored numbers mean, and tiles are bounded.
+
+Headers and plain images are read without astropy (`mountnav.reading.fits_headers`), so that reading is safe in threads, and
+a large frame is never held in double precision. Tile-compressed images are unpacked by astropy, from a header
+cut down to what describes the tiles. Meaning of BZERO, BSCALE and BLANK: [FITS 4.0 §4.4.2.5, §5.2.5].
+
+The tiles of a compressed FITS image are looked at before they are unpacked: none may outgrow the image.
 
 The header may be honest and a tile still unpack to a thousand times its size, for gzip's streams say nothing
 of their length; those of HCOMPRESS say it, and their unpacker believes them. Rice and PLIO stop at the tile's

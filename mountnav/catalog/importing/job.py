@@ -1,4 +1,4 @@
-"""Room on the disk for an import: known beforehand where records have a fixed size, else guessed."""
+"""An import: parts of a catalog are read one by one and kept, then made one packed file that is checked."""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""A server's VOTable as plain columns: errors in it are raised, roles and units of the columns are found."""
+"""A server's VOTable as plain columns: errors in it are raised, roles and units of the columns are found.
+
+Measured and read traps: VizieR says ``QUERY_STATUS`` ERROR, or ``INFO name="Error"``, with HTTP status 200;
+TAP puts OVERFLOW behind the table; cone searches put their error into a PARAM; proxies send HTML; a
+connection that ends early leaves a table that parses up to the cut [CATALOGS, §0].
+"""
 
 from __future__ import annotations
 

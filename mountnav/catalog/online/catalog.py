@@ -1,4 +1,7 @@
-"""The online catalog: fresh cache, live, stale cache, and then the catalog that stands behind it."""
+"""The online catalog: fresh cache, live, stale cache, and then the catalog that stands behind it.
+
+A cone is taken as a whole from one of them, never in parts from two catalogs. `Stars.steps` tells the way.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,14 @@
-"""The request for a cone of stars in each protocol, the GET that sends it, and why a source gave none."""
+"""The request for a cone of stars in each protocol, the GET that sends it, and why a source gave none.
+
+Why a source gave no stars: the words that an operator reads in a solution's provenance.
+
+::
+
+    SourceFailed
+    ├── NotAnswered      no whole answer came: network, deadline, HTTP status
+    ├── Unusable         an answer came that is none, or not one to rely on
+    └── Overflow         more stars than one answer may hold: the tile is to be split
+"""
 
 from __future__ import annotations
 

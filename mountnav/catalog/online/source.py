@@ -1,4 +1,10 @@
-"""An online source: its service, its table, and the tables whose columns need no configuration."""
+"""An online source: its service, its table, and the tables whose columns need no configuration.
+
+Tables whose columns are known: nothing needs to be configured for them but the name of the table.
+
+Column names and units are those of VizieR's tables (ReadMe files of CDS I/259, I/284, I/322A, I/355) and of
+the Gaia archive's data model. What only some servers have is in `may_lack`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,15 @@
-"""HEALPix tiles of mixed levels on disk: written whole or not at all, checked when they are opened."""
+"""HEALPix tiles of mixed levels on disk: written whole or not at all, checked when they are opened.
+
+::
+
+    <cache>/online/<name>/<fingerprint>/<level>/
+        <pixel>.json          the record: the tile is what this says
+        <pixel>-<hash>.mnc    its stars, packed; none if it has none
+
+The record names the file of stars by its hash and is renamed into place last. So processes that fetch the
+same tile at the same time do double work and no harm: whoever comes last wins, with a file of its own, and
+removes the others'. Only that last step, renaming and removing, takes a lock.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,25 @@
-"""The packed format on disk: sections, quantization steps, facts, and the header as bytes."""
+"""The packed format on disk: sections, quantization steps, facts, and the header as bytes.
+
+::
+
+    offset  what
+    0       magic "MNAVSTAR" (8 bytes)
+    8       u32 version: 1 or 2
+    12      u32 length of the header text
+    16      header text: JSON, UTF-8, padded with spaces to a multiple of 64 (version 2: to 4096)
+    ...     sections, each at the offset that `Header.layout` tells (version 2: at multiples of 64):
+          2 coarse   u32 (49153)             if nside > 64: as `offsets`, for nside 64
+            offsets  u32 (12 nside² + 1)     first star of each NESTED pixel, and the count at the end
+          2 tops     u16 (12 nside²)         raw magnitude of the brightest star of each pixel; 65535: none
+            classes  f32 (n, 3)              sigma [mas], its mean epoch [yr], sigma pm [mas/yr]
+            fast     12 or 20 bytes each     stars too fast for the record (version 2: for the padding)
+            stars    15-byte records         sorted by pixel, then by magnitude, then by place
+          2 color    i16 (count)             if the catalog has colors: color index, 0.001 mag
+          2 flags    u8 (count)              if the catalog has flags: bits of `StarFlag`
+
+What has a 2 before it is in version 2 only. All numbers are little-endian. Positions are ICRS at the header's
+``epoch_yr``.
+"""
 
 from __future__ import annotations
 

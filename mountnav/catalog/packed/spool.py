@@ -1,4 +1,20 @@
-"""Stars on their way into a packed file, kept on disk: an interrupted import goes on where it stopped."""
+"""Stars on their way into a packed file, kept on disk: an interrupted import goes on where it stopped.
+
+A spool is a folder with a file for each part of the catalog that is in (`SpooledPart`) and the facts that
+they were taken for. `Spool.finish` cuts the sphere into pieces of so many stars as fit into memory, collects
+each piece from all the parts, sorts it, and hands it to the writer. Nothing else grows with the catalog: some
+hundred million stars need no more memory than some million.
+
+A part of a spool: one file of sorted runs of stars, complete or not there.
+
+::
+
+    runs      one after the other: n keys (u32), then n stars (`RAW`), both in the order of the keys
+    trailer   JSON, UTF-8: name, runs (n of each), fast (stars above each of `FAST_LIMITS_MAS_YR`), has_flags
+    end       u32 length of the trailer, magic "MNAVPART" (8 bytes)
+
+The file is written under another name, made durable, and then gets its own: a name is a promise.
+"""
 
 from __future__ import annotations
 

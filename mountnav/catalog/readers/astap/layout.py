@@ -1,4 +1,45 @@
-"""The layout of ASTAP's area files: the division of the sky, the head of 110 bytes, the records."""
+"""The layout of ASTAP's area files: the division of the sky, the head of 110 bytes, the records.
+
+The two divisions of the sky in ASTAP's databases: rings of declination cut into cells of right ascension.
+
+Source: the comments and tables of unit_star_database.pas of ASTAP, and name1476/name290 of the author's own
+programs that make the databases (Han Kleijn, MPL-2.0). A file is called ``<database>_RRCC.<areas>``: ring RR
+from the south pole, cell CC from right ascension 0, both from 1. A star at the border of two rings is in the
+northern one.
+
+- ``.290``: 18 rings; k of the 289 parts of a hemisphere lie beyond an edge, k = 1, 9, 25, ... 225, 289
+  (Gringorten and Yepez 1992); ASTAP's solver took such files written by benchmarks/peers/astap_stars.py.
+- ``.1476``: 36 rings of 90/17.5 degrees, the polar ones of half that;
+tests/catalog/readers/test_astap_solves.py has
+  ASTAP's solver take such files.
+
+The records of ASTAP's and HNSKY's area files: from bytes to places, magnitudes and colors.
+
+Source: unit_star_database.pas of ASTAP (records of 5 and 6 bytes) and hns_U290.pas of HNSKY (all of them),
+Han Kleijn. Least byte first: right ascension in 3 bytes (360 degrees / 0xFFFFFF), declination in 3 signed
+bytes (90 degrees / 0x7FFFFF). Where a record has no room for the upper byte of the declination and the
+magnitude, a *mark* before it tells them: right ascension 0xFFFFFF, in the first byte of the declination its
+upper byte + 128, in the second ten times the magnitude + 16. Stars come brightest first.
+
+=====  ==  ===========  ===================  =====  ========================================================
+bytes  id  declination  magnitude            color  used by
+=====  ==  ===========  ===================  =====  ========================================================
+5      -   2 + mark     mark                 -      D05, D20, D50, D80, G05, H17, H18, G17, G18
+6      -   2 + mark     mark                 1      V05, V50, V17 (B-V x 50 or BP-RP x 10; -128: unknown)
+7      -   3            last byte            -      not in use
+9      4   2 + mark     mark                 -      HNSKY's TUC (Tycho-2 and UCAC4)
+10     4   3            mark, its last byte  -      HNSKY's Tycho-2
+11     4   3            last byte            -      not in use
+=====  ==  ===========  ===================  =====  ========================================================
+
+The 110 bytes at the head of each area file: what the database is, in words, and how long a record is.
+
+Source: the program that makes the databases (gaia_to_1476unit.pas, Han Kleijn) and ASTAP's open_database.
+The head is text, such as ``GAIA DR3, density<=5000 stars/sqr(degree), Epoch=2025. Including 82 bright Tycho2
+stars. Magnitude is Gaia BP.``; byte 109 is the length of a record (a space: 11). Byte 108 is the version of
+the color byte where there is one (2: B-V), in older databases ten times the faintest magnitude, and where
+the text is as long as that of D50, a letter of it: the P of BP.
+"""
 
 from __future__ import annotations
 

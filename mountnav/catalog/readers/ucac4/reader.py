@@ -1,4 +1,11 @@
-"""From a folder of UCAC4 zone files to columns of stars; each file checked against the catalog's counts."""
+"""From a folder of UCAC4 zone files to columns of stars; each file checked against the catalog's counts.
+
+How many stars each zone file of UCAC4 holds: a file cut short where a record ends can't be told otherwise.
+
+As quoted in Project Pluto's ucac4.c (public domain). They sum up to the 113,780,093 stars of the catalog.
+Those of zones 1, 451 and 900 agree with other readers'; in CDS's sample the last stars of zones 448 to 454
+have these very numbers.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,11 @@
-"""A star of UCAC4: 78 bytes in, numbers with units out [CATALOGS, Formats §3; readme_u4 §5a]."""
+"""A star of UCAC4: 78 bytes in, numbers with units out [CATALOGS, Formats §3; readme_u4 §5a].
+
+The 25 stars of UCAC4 whose proper motion doesn't fit its records: the table u4i/u4hpm.dat of the catalog.
+
+The numbers are the catalog's (USNO, "available free of charge"); they are quoted alike in two public readers,
+Project Pluto's ucac4.c (public domain) and Skychart's u4conv. Having them here spares the user a file which
+copies of the zone files often lack.
+"""
 
 from __future__ import annotations
 
@@ -60,7 +67,7 @@ LARGE_SIGMAS_PM = {251: 275, 252: 325, 253: 375, 254: 450, 255: 500}
 NO_PM_DATA = 255
 """Code of a proper motion error that isn't there."""
 PM_ELSEWHERE = 32767
-"""The proper motion doesn't fit the field: see `fast_stars`."""
+"""The proper motion doesn't fit the field: see `FAST_STARS`."""
 
 
 @dataclass(frozen=True, slots=True)
