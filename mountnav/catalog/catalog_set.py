@@ -72,7 +72,7 @@ class Choice:
 
     @property
     def steps(self) -> tuple[str, ...]:
-        """All that provenance should tell of the choice."""
+        """All that provenance should state of the choice."""
         return (*((self.why,) if self.why else ()), *self.told)
 
 
@@ -326,7 +326,7 @@ def _size(choice: Choice) -> float:
 def _probed(
     catalog: Catalog, center: Icrs, field_deg2: float, radius_deg: float, epoch_yr: float
 ) -> tuple[Choice, Stars]:
-    """Count a catalog's stars about a place; and these."""
+    """How many stars a catalog holds around a position, as a choice; and these stars."""
     wide_deg = min(max(radius_deg, math.sqrt(PROBED_FIELDS * field_deg2 / math.pi)), WIDEST_PROBE_DEG)
     fields = max(math.pi * wide_deg**2 / field_deg2, 1.0)
     most = 3.0 * ENOUGH

@@ -72,7 +72,7 @@ the whole sky.
 
 
 def galactic(ra_deg: ArrayLike, dec_deg: ArrayLike) -> tuple[Array, Array]:
-    """Galactic coordinates of places.
+    """Galactic coordinates of positions.
 
     Parameters
     ----------

@@ -1,8 +1,9 @@
 """A FITS file's image becomes pixels and cards: what the stored numbers mean, and tiles are bounded.
 
-Headers and plain images are read without astropy (`mountnav.reading.fits_headers`), so that reading is safe in threads, and
-a large frame is never held in double precision. Tile-compressed images are unpacked by astropy, from a header
-cut down to what describes the tiles. Meaning of BZERO, BSCALE and BLANK: [FITS 4.0 §4.4.2.5, §5.2.5].
+Headers and plain images are read without astropy (`mountnav.reading.fits_headers`), so that reading is safe
+in threads, and a large frame is never held in double precision. Tile-compressed images are unpacked by
+astropy, from a header cut down to what describes the tiles. Meaning of BZERO, BSCALE and BLANK: [FITS 4.0 §4.4.2.5,
+§5.2.5].
 
 The tiles of a compressed FITS image are looked at before they are unpacked: none may outgrow the image.
 
@@ -84,7 +85,7 @@ def _axes(hdu: Hdu) -> range:
 
 
 def _descriptors(table: BinTableHDU, data: bytes | bytearray, name: str) -> Descriptors:
-    """Size and place in the heap of each row's entry of a column of variable length, shape (rows, 2)."""
+    """Size and offset in the heap of each row's entry of a column of variable length, shape (rows, 2)."""
     kinds = table.columns.dtype
     rows = int(table.header["NAXIS2"])
     if name not in kinds.names or kinds[name].shape != (2,) or rows * kinds.itemsize > len(data):

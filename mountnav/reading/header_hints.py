@@ -72,7 +72,7 @@ class HeaderPosition:
 
 
 def positions_from_cards(header: Header, comments: Comments) -> list[HeaderPosition]:
-    """List the places that a header's position cards tell (not its WCS), the best known cards first.
+    """List the positions that a header's cards give (not its WCS), the best known cards first.
 
     Text with separators is hours and degrees. A bare number is degrees, unless its comment says hours; one
     below 24 whose comment says nothing is ambiguous, and settled by the other cards where one agrees with
@@ -98,7 +98,7 @@ def positions_from_cards(header: Header, comments: Comments) -> list[HeaderPosit
 
 
 def sane_position(ra_deg: float | None, dec_deg: float | None) -> Icrs | None:
-    """Return a place on the sphere, or None; 0, 0 is what a mount writes that isn't connected."""
+    """Return a position on the sphere, or None; 0, 0 is what a mount writes that isn't connected."""
     if ra_deg is None or dec_deg is None or not -360.0 <= ra_deg <= 360.0 or not -90.0 <= dec_deg <= 90.0:
         return None
     if abs(ra_deg) < 1e-6 and abs(dec_deg) < 1e-6:
@@ -108,7 +108,7 @@ def sane_position(ra_deg: float | None, dec_deg: float | None) -> Icrs | None:
 
 
 def to_icrs(place: Icrs, equinox_yr: float | None) -> Icrs:
-    """Precess a place counted from the mean equinox of a year [Vondrák 2011]; None is J2000.
+    """Precess a position counted from the mean equinox of a year [Vondrák 2011]; None is J2000.
 
     Nutation, aberration and the FK4 system are left out of account: together below 1′, no matter for a hint.
     """
@@ -254,7 +254,7 @@ class HeaderScale:
 
 
 def scales_from_cards(header: Header, comments: Comments) -> list[HeaderScale]:
-    """List the scales that a header tells (not its WCS): by focal length and pixel size, then by scale cards.
+    """List the scales that a header gives (not its WCS): by focal length and pixel size, then by scale cards.
 
     [SBFITSEXT] has ``XPIXSZ`` include the binning, and so do MaxIm DL, N.I.N.A., APT, SharpCap and INDI;
     others don't. That reading goes first, the other one is kept, unless the comment or ``PIXSIZE1`` settles
@@ -445,7 +445,7 @@ def _with_scale(hint: Hint, scale: HeaderScale | None) -> Hint:
 
 
 def _place_readings(places: list[HeaderPosition]) -> list[HeaderPosition | None]:
-    """The places that differ by more than their radius, the more trustworthy first."""
+    """The positions that differ by more than their radius, the more trustworthy first."""
     readings: list[HeaderPosition] = []
     for place in [*places, *(replace(one, center=one.other) for one in places if one.other is not None)]:
         if all(separation_arcsec(place.center, one.center) / 3600.0 > one.radius_deg for one in readings):
@@ -483,7 +483,7 @@ def _agree(one_arcsec_px: float, other_arcsec_px: float) -> bool:
 
 
 def _from_wcs(header: Header, width: int, height: int) -> tuple[Icrs | None, float | None]:
-    """Return place of the geometric center and scale by a gnomonic WCS, each None if there is none."""
+    """Return position of the geometric center and scale by a gnomonic WCS, each None if there is none."""
     kinds = [str(header.get(f"CTYPE{i}", "")).upper() for i in (1, 2)]
     values = [number(header.get(f"CRVAL{i}")) for i in (1, 2)]
     if kinds[0].startswith("DEC-") and kinds[1].startswith("RA--"):

@@ -216,7 +216,7 @@ def _date(header: Header, key: str, told: str) -> datetime | None:
 
 
 def _julian(header: Header, key: str) -> datetime | None:
-    """Read a Julian Date or a Modified one; their sizes tell them apart."""
+    """Read a Julian Date or a Modified one; their sizes distinguish them."""
     value = number(header.get(key))
     if value is None or not math.isfinite(value):
         return None

@@ -10,7 +10,7 @@ diurnal aberration and refraction [POINTING §1]. Instants are aware datetimes; 
 Conversions cost 0.06 ms for a new instant, 0.5 ms for the first of an hour, and some ten microseconds for the
 same one again.
 
-What the sky's turning doesn't hurry: the Earth's way round the Sun, precession and nutation, hour by hour.
+The slow parts, computed hour by hour: the Earth's way around the Sun, precession and nutation.
 
 To sum up the series of IAU 2000A and of the Earth's ephemeris takes four fifths of the time of a conversion
 at a new instant, and their fastest term takes five days. They are summed up at full hours of terrestrial time
@@ -45,7 +45,7 @@ _MJD_ZERO_JD = 2400000.5
 
 @dataclass(frozen=True, slots=True)
 class SlowParts:
-    """The Earth's place and posture at an instant, as ERFA wants them.
+    """The Earth's position and orientation at an instant, as ERFA takes them.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A star's place at another time: proper motion and parallax, rigorously [ERFA pmsafe]."""
+"""A star's position at another time: proper motion and parallax, rigorously [ERFA pmsafe]."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def moved_to(
     pm_dec_masyr: float = 0.0,
     parallax_mas: float = 0.0,
 ) -> Icrs:
-    """A place of a catalog's epoch as it is at `utc`: barycentric, ICRS.
+    """A position of a catalog's epoch as it is at `utc`: barycentric, ICRS.
 
     The parallax counts only in the perspective acceleration: the yearly ellipse, at most 0.77″, is left out,
     as mounts and solutions of frames leave it out.

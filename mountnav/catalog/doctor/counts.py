@@ -105,7 +105,7 @@ class SampleFields:
         return int(self.ra_deg.size)
 
     def only(self, chosen: NDArray[np.int64] | NDArray[np.bool_] | slice) -> SampleFields:
-        """Some of the places."""
+        """Some of the fields."""
         return SampleFields(self.ra_deg[chosen], self.dec_deg[chosen], self.rotation_deg[chosen])
 
 
@@ -148,7 +148,7 @@ def reach_of(latitude_deg: float, min_altitude_deg: float) -> Reach:
 
 
 def spread_fields(reach: Reach, count: int = SAMPLE_FIELDS, first: int = FIRST) -> SampleFields:
-    """Spread places evenly over a band of the sky, in a golden spiral.
+    """Spread fields evenly over a band of the sky, in a golden spiral.
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ def needed_bytes(stars: float) -> int:
 
 
 def stars_in_files(kind: str, size_bytes: int) -> int | None:
-    """How many stars the files hold at most; None if their size doesn't tell."""
+    """How many stars the files hold at most; None if that doesn't follow from their size."""
     record = CATALOGS[kind].source_bytes_per_star
     return None if record is None else size_bytes // record
 

@@ -28,7 +28,7 @@ _MARGIN_DEG = 0.1
 
 @runtime_checkable
 class KnowsDeclinations(Protocol):
-    """A reader that can tell between which declinations a part lies: others needn't be read at all."""
+    """A reader that knows between which declinations a part lies: others needn't be read at all."""
 
     def dec_range_deg(self, part: Part) -> tuple[float, float]:
         """Lowest and highest declination of the part."""

@@ -371,7 +371,7 @@ class OnlineSource:
         return urlsplit(self.url).hostname or self.url
 
     def fingerprint(self) -> str:
-        """Twelve characters that tell tiles of one making from others under the same name.
+        """Twelve characters that distinguish tiles made in one way from others under the same name.
 
         Mirrors of VizieR are alike, other services aren't. Depth, age and patience are no part of it.
         """

@@ -107,7 +107,7 @@ class Tile:
         return Circle(float(ra_deg[0]), float(dec_deg[0]), radius_deg * 1.002 + _PADDING_DEG)
 
     def holds(self, ra_deg: Array, dec_deg: Array) -> NDArray[np.bool_]:
-        """Which places lie in it, exactly: each place lies in one tile of a level."""
+        """Which positions lie in it, exactly: each position lies in one tile of a level."""
         from astropy import units
         from astropy_healpix import lonlat_to_healpix
 

@@ -1,4 +1,4 @@
-"""What a packed catalog holds, told by a sample of its stars: errors and density by magnitude."""
+"""What a packed catalog holds, by a sample of its stars: errors and density by magnitude."""
 
 from __future__ import annotations
 

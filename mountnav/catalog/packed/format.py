@@ -249,7 +249,7 @@ def proper_motions(
 
 
 def malformed(file: str, offset: int, expected: str, found: str) -> BadCatalog:
-    """Make the error that tells where a file stops being a packed catalog.
+    """Make the error that says where a file stops being a packed catalog.
 
     Parameters
     ----------

@@ -75,11 +75,11 @@ RAW = np.dtype(
 
 
 class NotWritable(ValueError):
-    """The packed form has no place for a value."""
+    """The packed form can't hold a value."""
 
 
 def require_writable(columns: CatalogColumns) -> None:
-    """Refuse what the packed form has no place for.
+    """Refuse what the packed form can't hold.
 
     Raises
     ------

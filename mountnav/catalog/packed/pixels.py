@@ -12,7 +12,7 @@ a table of all centers has 3 million rows at the level of a deep catalog. So the
 49,152 coarse pixels. Those that lie inside as a whole give all their children, and only of those on the rim
 are the children's own centers asked for.
 
-Which part of the sky a packed file covers, told by its table of pixels alone.
+Which part of the sky a packed file covers, by its table of pixels alone.
 
 A file doesn't say where its stars were taken from. But a pixel in which dozens of stars are to be expected,
 and in which there is none, wasn't covered. So the sky is cut into pixels just large enough for that.
@@ -269,7 +269,7 @@ class Coverage:
         return self.occupied.size / (12 * self.nside**2)
 
     def holds(self, axis: Array, radius_rad: float) -> bool:
-        """Whether a whole cone is covered; said only if all pixels round it are, too.
+        """Whether a whole cone is covered; said only if all pixels around it are, too.
 
         Parameters
         ----------

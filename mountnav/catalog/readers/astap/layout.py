@@ -10,8 +10,7 @@ northern one.
 - ``.290``: 18 rings; k of the 289 parts of a hemisphere lie beyond an edge, k = 1, 9, 25, ... 225, 289
   (Gringorten and Yepez 1992); ASTAP's solver took such files written by benchmarks/peers/astap_stars.py.
 - ``.1476``: 36 rings of 90/17.5 degrees, the polar ones of half that;
-tests/catalog/readers/test_astap_solves.py has
-  ASTAP's solver take such files.
+  tests/catalog/readers/test_astap_solves.py has ASTAP's solver take such files.
 
 The records of ASTAP's and HNSKY's area files: from bytes to places, magnitudes and colors.
 
@@ -114,7 +113,7 @@ class Area:
         return (self.cell - 1) * width, self.cell * width
 
     def outside(self, ra_deg: Array, dec_deg: Array, slack_deg: float) -> NDArray[np.bool_]:
-        """Which places lie outside by more than the slack.
+        """Which positions lie outside by more than the slack.
 
         Parameters
         ----------
@@ -141,7 +140,7 @@ class Area:
 
 
 def area_of(path: Path) -> Area | None:
-    """The area that a file's name tells.
+    """The area that a file is of, by its name.
 
     Parameters
     ----------
@@ -382,7 +381,7 @@ _EPOCHS_YR = (1950.0, 2100.0)
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """What a head tells.
+    """What a head states.
 
     Attributes
     ----------

@@ -5,7 +5,7 @@ that wrote it (card ENDIAN). The star tree holds unit vectors as u32 steps from 
 tables are ordinary FITS tables, row i for star i [CATALOGS, Formats §2; libkd/kdtree_fits_io.c and
 util/starkd.c of astrometry.net].
 
-Magnitudes for stars of which an index file tells only the order of brightness.
+Magnitudes for stars of which an index file has only the order of brightness.
 
 An index file has the brightest star of each cell of a fine grid (first sweep), then the second brightest of
 each (second sweep) and so on, ten as a rule; within a sweep the stars are in order of brightness. Its table

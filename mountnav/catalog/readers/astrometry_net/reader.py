@@ -126,7 +126,7 @@ def owners(files: Sequence[IndexFile], nside: int) -> NDArray[np.str_]:
 
 
 def cells_of(ra_deg: NDArray[np.float64], dec_deg: NDArray[np.float64], nside: int) -> NDArray[np.int64]:
-    """Pixels of some places, NESTED.
+    """Pixels of some positions, NESTED.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ class IndexReader:
         self.made_from = self._told(len(files) - len(ours))
 
     def parts(self) -> Sequence[Part]:
-        """The files that are the deepest of some place, in the order of their names."""
+        """The files that are the deepest somewhere, in the order of their names."""
         return [Part(name, file.path, 17 * file.count) for name, file in sorted(self._files.items())]
 
     def read(self, part: Part) -> Iterator[CatalogColumns]:
@@ -330,7 +330,7 @@ def _depth(file: IndexFile) -> tuple[float, bool]:
 
 
 def _own_series(files: Sequence[IndexFile]) -> Series:
-    """Series of somebody's own making: its columns must tell what they are."""
+    """Series of somebody's own making: its columns must say what they are."""
     columns = set.intersection(*(set(file.columns) for file in files))
     if not {"ref_epoch", "phot_g_mean_mag"} <= columns:
         raise BadCatalog(

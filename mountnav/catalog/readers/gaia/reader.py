@@ -208,7 +208,7 @@ class GaiaReader:
 
     @staticmethod
     def _quantities(file: TableFile) -> list[str]:
-        """What is read: the designation only where nothing else tells the epoch."""
+        """What is read: the designation only where nothing else states the epoch."""
         known = "ref_epoch" in file.layout.columns
         return [
             key for key in QUANTITIES if key in file.layout.columns and not (known and key == "designation")

@@ -1,4 +1,4 @@
-"""Rows of a Gaia table made stars: one epoch for all, flags, honest sigmas where something is unknown."""
+"""Rows of a Gaia table become stars: one epoch for all, flags, larger sigmas where something is unknown."""
 
 from __future__ import annotations
 

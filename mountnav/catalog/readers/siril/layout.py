@@ -69,7 +69,7 @@ _DEEPEST_LEVEL = 13
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """What a head tells.
+    """What a head states.
 
     Attributes
     ----------
