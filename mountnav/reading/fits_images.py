@@ -2,8 +2,8 @@
 
 Headers and plain images are read without astropy (`mountnav.reading.fits_headers`), so that reading is safe
 in threads, and a large frame is never held in double precision. Tile-compressed images are unpacked by
-astropy, from a header cut down to what describes the tiles. Meaning of BZERO, BSCALE and BLANK: [FITS 4.0 §4.4.2.5,
-§5.2.5].
+astropy, from a header cut down to what describes the tiles. Meaning of BZERO, BSCALE and BLANK:
+[FITS 4.0 §4.4.2.5, §5.2.5].
 
 The tiles of a compressed FITS image are looked at before they are unpacked: none may outgrow the image.
 

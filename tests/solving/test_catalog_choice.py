@@ -21,11 +21,11 @@ from mountnav.frames import Frame, Hint
 from mountnav.simulation.deep_sky import DeepSky
 from mountnav.simulation.optics import PRESETS, SimulatedOptics
 from mountnav.simulation.render import draw_frame
-from mountnav.simulation.sky_stores import write_store
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.solution import Reason
 from mountnav.solving.solve import SolveSettings, solve
+from tests.simulation.sky_stores import write_store
 
 CENTER = Icrs(150.0, 40.0)
 BELIEVED = Icrs(150.03, 40.02)
