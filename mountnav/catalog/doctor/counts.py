@@ -32,6 +32,7 @@ WANTED_STARS = 8
 """So many are called enough in advice: 98 % of such frames are solved."""
 
 _LOG_FACTORIALS = np.array([math.lgamma(n + 1.0) for n in range(SURE_STARS)])
+"""Logarithms of n!, for Poisson's probabilities of few stars."""
 
 
 def failing(counts: ArrayLike) -> Array:

@@ -141,6 +141,7 @@ def class_parameters(curve: Array) -> tuple[float, float, float]:
 
 
 _MAG = (4.5, 5.5, 6.5, 7.5, 8.5, 9.5, 10.5, 11.5, 12.5)
+"""Magnitudes of the table below."""
 _MAS_YR = (47.0, 38.0, 29.0, 22.5, 17.4, 13.9, 11.6, 10.8, 10.5)
 """68.3 % of the Tycho-2 stars of that magnitude move less, per coordinate (tools/build_tycho2.py). Fainter
 stars move less than the last ones, so theirs is a cautious figure."""

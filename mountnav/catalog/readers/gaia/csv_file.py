@@ -44,6 +44,7 @@ _LONGEST_HEAD_LINES = 20_000
 descriptions of Gaia's columns take."""
 _NOTHING = ["", "null", "NULL", "nan", "NaN", "None", "--"]
 _TRUTHS = {"true": 1.0, "t": 1.0, "1": 1.0, "false": 0.0, "f": 0.0, "0": 0.0}
+"""Words for true and false in the columns that are flags."""
 _SOURCE_ID = r"^([0-9]{1,18}|[0-8][0-9]{18})$"
 _RULE = re.compile(r"^[-\s|,;]*--[-\s|,;]*$")
 _PADDING = re.compile(rb" *([\t|,;\n]) *")
