@@ -15,12 +15,12 @@ from mountnav.frames import Hint
 from mountnav.simulation.deep_sky import DeepSky
 from mountnav.simulation.optics import SimulatedOptics, optics_preset
 from mountnav.simulation.render import draw_frame, julian_year
-from mountnav.simulation.sky_stores import write_store
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, separation_arcsec
 from mountnav.solution import Solution
 from mountnav.solving.settings import SolveSettings
 from mountnav.solving.solve import solve
+from tests.simulation.sky_stores import write_store
 
 RIGHT_PX, RIGHT_ARCSEC, RIGHT_SCALE = 2.0, 3.0, 0.01
 """An answer that is farther off than any of these is wrong."""

@@ -57,7 +57,7 @@ class Frame:
     source : str
         File name, or which camera it came from.
     header : dict
-        The header's cards as plain values, for whoever wants more.
+        The header's cards as plain values, for callers that want more.
     mosaic : bool
         The pixels are a raw Bayer mosaic: `mountnav.reading.demosaiced` evens it out before measuring.
     """

@@ -240,7 +240,7 @@ def _online_facts(source: OnlineSettings) -> dict[str, object]:
     """What is configured, and what of it lies in the cache. Asks no server."""
     from mountnav.catalog.online import open_online
 
-    cached = open_online(source, behind=None).cached_tiles()
+    cached = open_online(source.source(), behind=None).cached_tiles()
     return {
         "slug": source.name,
         "state": "online",

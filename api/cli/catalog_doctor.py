@@ -12,6 +12,7 @@ from api.http.doctor_record import CheckRecord, DoctorRecord, doctor_record
 from mountnav.catalog.catalog_set import open_catalogs
 from mountnav.catalog.doctor.cameras import camera_facts
 from mountnav.catalog.doctor.diagnosis import Verdict, diagnose, julian_year_now, named_catalogs, reach_of
+from mountnav.settings.described_cameras import described_camera
 from mountnav.settings.observatory import Settings
 
 _WIDTH = 98
@@ -32,13 +33,13 @@ def show_doctor(config: Path, as_json: bool) -> int:
         The file is wrong, or names a catalog that isn't there.
     """
     settings = Settings.load(config)
-    shelf = open_catalogs(settings.catalogs)
+    shelf = open_catalogs(settings.catalogs.choice())
     stores, epoch_yr = named_catalogs(shelf), julian_year_now()
     online = [one.name for one in settings.catalogs.online]
     records = []
     for telescope in settings.telescope:
         reach = reach_of(settings.site.latitude_deg, telescope.limits.min_altitude_deg)
-        found = diagnose(camera_facts(telescope), reach, stores, epoch_yr=epoch_yr)
+        found = diagnose(camera_facts(described_camera(telescope)), reach, stores, epoch_yr=epoch_yr)
         records.append(doctor_record(found, online))
         if not as_json:
             sys.stdout.write("\n".join(lines_of(records[-1])) + "\n\n")

@@ -90,7 +90,7 @@ def online_catalog(name: str, config: Path) -> OnlineCatalog:
 def _opened_online(source: OnlineSettings) -> OnlineCatalog:
     from mountnav.catalog.online import open_online
 
-    return open_online(source, behind=embedded_catalog())
+    return open_online(source.source(), behind=embedded_catalog())
 
 
 def _settings(config: Path) -> CatalogsSettings:
@@ -121,4 +121,4 @@ def chosen_shelf(config: Path | None, only: str | None = None) -> CatalogSet:
         return open_catalogs(use=use)
     from mountnav.settings.observatory import Settings
 
-    return open_catalogs(Settings.load_catalogs(config), use=use)
+    return open_catalogs(Settings.load_catalogs(config).choice(), use=use)

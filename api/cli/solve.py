@@ -70,7 +70,7 @@ class _Solver:
 
     Parameters
     ----------
-    catalog : Shelf
+    catalog : CatalogSet
     hint : Hint or None
     hdu : int, str or None
     settings : SolveSettings

@@ -85,7 +85,9 @@ def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI
         try:
             service = await open_service(
                 settings,
-                await asyncio.to_thread(open_catalogs, settings.catalogs) if catalog is None else catalog,
+                await asyncio.to_thread(open_catalogs, settings.catalogs.choice())
+                if catalog is None
+                else catalog,
             )
         except MountnavError as error:
             # for who serves: told in one line there

@@ -377,7 +377,9 @@ def _who_identifies(
 ) -> tuple[Callable[[], Placing] | None, str]:
     """Who identifies frames anew, by the catalogs and masters of the settings; or why nobody can."""
     try:
-        anew = partial(_anew, one, settings, open_catalogs(settings.catalogs) if catalog is None else catalog)
+        anew = partial(
+            _anew, one, settings, open_catalogs(settings.catalogs.choice()) if catalog is None else catalog
+        )
         anew()
     except (BadSettings, BadRequest, BadFrame) as trouble:
         return None, f"no frame was identified anew: {trouble}"

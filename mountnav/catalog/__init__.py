@@ -1,1 +1,1 @@
-"""Stars round a place at an epoch: the packed store, the embedded catalog, and the recipe to pack others."""
+"""Stars around a position at an epoch: the packed store, the embedded catalog, and readers of others."""

@@ -21,8 +21,7 @@ from mountnav.parsing import repeated
 from mountnav.sky.coordinates import Icrs
 
 if TYPE_CHECKING:
-    from mountnav.settings.catalogs import CatalogsSettings
-
+    from mountnav.catalog.online import OnlineSource
 
 _log = logging.getLogger(__name__)
 
@@ -31,12 +30,19 @@ ENOUGH = 30.0
 FEWEST = 5.0
 """With fewer than this expected a catalog is asked only if no other has more."""
 MOST_CHOICES = 3
+"""Catalogs that a frame is matched against one after the other before it is given up; chosen by hand.
+Doubled, a frame that no catalog solves takes up to twice as long; at one, a catalog with a gap has no
+successor."""
 PROBED_FIELDS = 4.0
 """Stars are counted in so many fields about a place: a star more or less means little then."""
 UNKNOWN_FIELD_DEG2 = 0.05
 """Where the scale isn't known: a narrow field, since a wide one is served by any catalog."""
 WIDEST_PROBE_DEG = 20.0
+"""Radius beyond which stars are not counted for a choice, however far the frame may be from where it is
+believed; chosen by hand. Doubled, such a count reads four times as many stars."""
 MOST_DRAWN = 3000
+"""Stars of a drawn frame's cone, brightest first; chosen by hand for pictures of the sky. Doubled, rich
+frames are drawn with twice as many stars, in twice the time."""
 AS_PRECISE = 1.2
 """Catalogs whose errors differ by less than this factor are equally good: the smaller one is faster."""
 
@@ -66,7 +72,7 @@ class Choice:
 
     @property
     def steps(self) -> tuple[str, ...]:
-        """All that provenance should tell of the choice."""
+        """All that provenance should state of the choice."""
         return (*((self.why,) if self.why else ()), *self.told)
 
 
@@ -104,14 +110,14 @@ class CatalogSet:
         self._use_indexed = use_indexed
 
     @property
-    def at_hand(self) -> tuple[Catalog, ...]:
+    def installed(self) -> tuple[Catalog, ...]:
         """All that are on this machine and may be used, the embedded one last; none if only others may."""
         return (*self.stores, self.indexed) if self._use_indexed else self.stores
 
     @property
     def usable(self) -> tuple[Catalog, ...]:
         """All whose stars a solution may rest on."""
-        return (*self.at_hand, *self.online)
+        return (*self.installed, *self.online)
 
     @property
     def name(self) -> str:
@@ -119,7 +125,7 @@ class CatalogSet:
         return ", ".join(one.name for one in self.usable)
 
     def __repr__(self) -> str:
-        return f"Shelf({self.name})"
+        return f"CatalogSet({self.name})"
 
     def __reduce__(self) -> tuple[object, tuple[object, ...]]:
         # a process that starts when a store has been removed must start all the same
@@ -168,7 +174,7 @@ class CatalogSet:
             return (Choice(first, math.nan, math.nan, "the place is not known"),)
         if field_deg2 is None:
             return self._without_scale(center, radius_deg, epoch_yr)
-        found, told = self._probed_here(self.at_hand, center, field_deg2, radius_deg, epoch_yr)
+        found, told = self._probed_here(self.installed, center, field_deg2, radius_deg, epoch_yr)
         for online in self.online:
             if any(one.expected >= ENOUGH for one in found):
                 break
@@ -219,32 +225,31 @@ class CatalogSet:
 
 
 class DrawnSky:
-    """What simulated cameras see: the embedded catalog where it holds enough stars, else the best at hand.
+    """What simulated cameras see: the embedded catalog where it holds enough stars, else the best one here.
 
     Parameters
     ----------
-    shelf : Shelf
+    catalogs : CatalogSet
         Its online catalogs are not asked.
     """
 
-    def __init__(self, shelf: CatalogSet) -> None:
-        self._shelf = CatalogSet(
-            shelf.indexed, shelf.stores
-        )  # the sky is there whatever frames are solved with
+    def __init__(self, catalogs: CatalogSet) -> None:
+        # the sky is there whatever frames are solved with: `use_indexed` and the rest don't matter
+        self._catalogs = CatalogSet(catalogs.indexed, catalogs.stores)
 
     @property
     def name(self) -> str:
         """Name for provenance."""
-        return self._shelf.name
+        return self._catalogs.name
 
     def cone(
         self, center: Icrs, radius_deg: float, *, epoch_yr: float, mag_limit: float | None = None
     ) -> Stars:
         """See `Catalog`; of a deep catalog the brightest `MOST_DRAWN`, or somewhat more."""
-        stars = self._shelf.indexed.cone(center, radius_deg, epoch_yr=epoch_yr, mag_limit=mag_limit)
-        if len(stars) >= ENOUGH or not self._shelf.stores:
+        stars = self._catalogs.indexed.cone(center, radius_deg, epoch_yr=epoch_yr, mag_limit=mag_limit)
+        if len(stars) >= ENOUGH or not self._catalogs.stores:
             return stars
-        best = suited(self._shelf, center, math.pi * radius_deg**2, epoch_yr=epoch_yr)
+        best = suited(self._catalogs, center, math.pi * radius_deg**2, epoch_yr=epoch_yr)
         return stars_round(best, center, radius_deg, MOST_DRAWN, epoch_yr=epoch_yr)
 
 
@@ -254,7 +259,7 @@ def suited(catalog: Catalog, center: Icrs, field_deg2: float, *, epoch_yr: float
     Parameters
     ----------
     catalog : Catalog
-        A `Shelf`, or a plain one, which is given back.
+        A `CatalogSet`, or a plain one, which is given back.
     center : Icrs
     field_deg2 : float
     epoch_yr : float
@@ -321,7 +326,7 @@ def _size(choice: Choice) -> float:
 def _probed(
     catalog: Catalog, center: Icrs, field_deg2: float, radius_deg: float, epoch_yr: float
 ) -> tuple[Choice, Stars]:
-    """Count a catalog's stars about a place; and these."""
+    """How many stars a catalog holds around a position, as a choice; and these stars."""
     wide_deg = min(max(radius_deg, math.sqrt(PROBED_FIELDS * field_deg2 / math.pi)), WIDEST_PROBE_DEG)
     fields = max(math.pi * wide_deg**2 / field_deg2, 1.0)
     most = 3.0 * ENOUGH
@@ -344,21 +349,39 @@ def _probed(
     return Choice(catalog, expected, sigma_arcsec, f"{stars.source}: {why}"), stars
 
 
-def open_catalogs(
-    settings: CatalogsSettings | None = None, *, use: tuple[str, ...] | None = None
-) -> CatalogSet:
-    """Open all catalogs that the settings allow.
+@dataclass(frozen=True, slots=True)
+class CatalogChoice:
+    """Which catalogs are used, as the operator chose them; without a choice all that are in the usual folder.
+
+    Attributes
+    ----------
+    folder : Path or None
+        Of the imported catalogs; None: the usual one (`catalogs_folder`).
+    use : tuple of str or None
+        Names of those that are used; None: all.
+    magnitudes_from : str or None
+        Name of the catalog whose magnitudes replace those of the others.
+    online : tuple of OnlineSource
+        Those that are asked over the network.
+    """
+
+    folder: Path | None = None
+    use: tuple[str, ...] | None = None
+    magnitudes_from: str | None = None
+    online: tuple[OnlineSource, ...] = ()
+
+
+_ALL = CatalogChoice()
+
+
+def open_catalogs(choice: CatalogChoice = _ALL, *, use: tuple[str, ...] | None = None) -> CatalogSet:
+    """Open all catalogs that are chosen.
 
     Parameters
     ----------
-    settings : CatalogsSettings, optional
-        Without any, all imported catalogs in the usual folder are used.
+    choice : CatalogChoice
     use : tuple of str, optional
-        Only these, whatever the settings say.
-
-    Returns
-    -------
-    Shelf
+        Only these, in place of `choice.use`.
 
     Raises
     ------
@@ -366,10 +389,10 @@ def open_catalogs(
         A catalog that is named is not there or is damaged. One that nobody names is passed over,
         and the log tells why.
     """
-    folder = catalogs_folder(settings.folder if settings else None)
-    sources = settings.online if settings else ()
-    use = use or (settings.use if settings else None)
-    if settings is not None and settings.folder is not None and not folder.is_dir():
+    folder = catalogs_folder(choice.folder)
+    sources = choice.online
+    use = use or choice.use
+    if choice.folder is not None and not folder.is_dir():
         _log.warning("[catalogs] folder: there is no %s; only the embedded catalog is used", folder)
     found = _told_apart({one.slug: one for one in installed(folder)})
     online = {one.name for one in sources}
@@ -393,7 +416,7 @@ def open_catalogs(
         return open_online(next(one for one in sources if one.name == name), behind=offline)
 
     magnitudes: Catalog | None = None
-    named = settings.magnitudes_from if settings else None
+    named = choice.magnitudes_from
     if named == EMBEDDED_SLUG:
         magnitudes = embedded
     elif named is not None:

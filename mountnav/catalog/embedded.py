@@ -12,7 +12,6 @@ from mountnav.catalog.packed.companion_colors import COLORS_SUFFIX
 from mountnav.errors import BadSettings
 
 EMBEDDED_PATH = Path(__file__).parent / "data" / "tycho2.mnc"
-EMBEDDED_COUNT = 2_550_960
 EMBEDDED_SHA256 = "ea144a25dcab5d2a6b317783a958ec148064980990296a72414dcf6abb8a5bd9"
 EMBEDDED_COLORS_SHA256 = "8f7dfe5766c2390d2aae7fa102027d6e6a283c94371e22e88c3f48d36292edeb"
 """Of tycho2.colors beside it, which `PackedStore` finds by itself."""

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 MAS_RAD = np.pi / 180.0 / 3600.0e3
+"""A milliarcsecond in radians."""
 
 
 def unit_vectors(ra_deg: Array | float, dec_deg: Array | float) -> Array:

@@ -1,4 +1,15 @@
-"""Star counts: a model of the Galaxy, and how deep a catalog is read for a wanted number of stars."""
+"""Star counts: a model of the Galaxy, and how deep a catalog is read for a wanted number of stars.
+
+The model is that of J. N. Bahcall and R. M. Soneira, ApJS 44, 73 (1980), equation B1: integral counts in V
+of a disk and a spheroid, said to be good to 15 % at galactic latitudes beyond 20°. Nearer to the plane it
+runs to infinity, and at V < 12 it has half the stars that Tycho-2 has. So here it is taken at 20° for all
+lower latitudes, and multiplied by a table of latitude and magnitude: to V = 11.5 what Tycho-2 has, deeper
+what makes the sums over the whole sky right. docs/narrow-fields.md has the comparison and where the sums
+come from.
+
+It knows neither dust clouds nor clusters nor the Magellanic Clouds: a square degree may have a third or three
+times as many.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.space_motion import unit_vectors
-from mountnav.catalog.stars import Catalog, Stars
+from mountnav.catalog.stars import Catalog, KnowsDepth, Stars
 from mountnav.sky.coordinates import Icrs
 
 Array = NDArray[np.float64]
@@ -19,6 +30,8 @@ BRIGHTEST_MAG, FAINTEST_MODELED_MAG = 2.0, 22.0
 _LOWEST_DEG = 20.0
 """Equation B1 holds from this latitude on."""
 _GRID_MAG = np.arange(BRIGHTEST_MAG, FAINTEST_MODELED_MAG + 0.125, 0.25)
+"""Magnitudes at which counts are tabulated to find the one that a number is reached at: steps of 0.25 mag,
+straight lines between."""
 
 _TO_GALACTIC = np.array(
     [
@@ -30,7 +43,9 @@ _TO_GALACTIC = np.array(
 """ICRS to galactic coordinates [The Hipparcos and Tycho Catalogues, vol. 1, section 1.5.3]."""
 
 _LATITUDES_DEG = np.array([0.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 90.0])
+"""Galactic latitudes of the columns of `_LOG_FACTOR`."""
 _MAGNITUDES = np.array([5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 11.5, 14.4, 16.4, 18.0, 20.0, 22.0])
+"""V magnitudes of its rows."""
 _LOG_FACTOR = np.array(
     [
         [-0.004, -0.042, -0.130, -0.121, -0.140, -0.120, 0.010, 0.120, 0.120],
@@ -57,7 +72,7 @@ the whole sky.
 
 
 def galactic(ra_deg: ArrayLike, dec_deg: ArrayLike) -> tuple[Array, Array]:
-    """Galactic coordinates of places.
+    """Galactic coordinates of positions.
 
     Parameters
     ----------
@@ -269,7 +284,9 @@ def _faintest(catalog: Catalog) -> float:
     """Magnitude of the faintest star of a catalog, or beyond it."""
     if isinstance(catalog, PackedStore):
         return catalog.magnitudes[1]
-    return min(float(getattr(catalog, "faintest_mag", FAINTEST_READ_MAG)), FAINTEST_READ_MAG)
+    if isinstance(catalog, KnowsDepth):
+        return min(catalog.faintest_mag, FAINTEST_READ_MAG)
+    return FAINTEST_READ_MAG
 
 
 @lru_cache(maxsize=4096)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntFlag
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,6 +126,16 @@ class Catalog(Protocol):
         self, center: Icrs, radius_deg: float, *, epoch_yr: float, mag_limit: float | None = None
     ) -> Stars:
         """Stars within `radius_deg` of `center`, at `epoch_yr`, to `mag_limit`, brightest first."""
+        ...
+
+
+@runtime_checkable
+class KnowsDepth(Protocol):
+    """A catalog that can say how deep it is."""
+
+    @property
+    def faintest_mag(self) -> float:
+        """Magnitude of the faintest stars that it can give; infinite if that isn't known."""
         ...
 
 

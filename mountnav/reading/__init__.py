@@ -24,8 +24,10 @@ from mountnav.reading.unpacking import unpacked
 Pixels = NDArray[np.generic]
 
 _SMALLEST_SIDE_PX = 16
+"""A smaller picture is refused: no background can be measured on it; chosen by hand."""
 _SATURATION_CARDS = ("SATURATE", "SATLEVEL", "SATURATI", "SATUR")
 _ROWS_AT_ONCE = 256
+"""Rows that are looked at together for values that are no numbers; chosen by hand, to keep memory small."""
 
 __all__ = ["demosaiced", "frame_from_array", "read_frame"]
 

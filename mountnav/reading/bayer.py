@@ -10,15 +10,25 @@ from numpy.typing import NDArray
 _PATTERN_CARDS = ("BAYERPAT", "BAYRPAT", "CFA_PAT", "CFATYPE", "COLORTYP", "CFAIMAGE", "FILTER")
 _PATTERNS = ("RGGB", "BGGR", "GRBG", "GBRG")
 _BLOCKS = 4
+"""The picture is judged in 4 by 4 blocks, each with a vote, so that a nebula or a gradient doesn't decide;
+chosen by hand."""
 _SMALLEST_BLOCK_PX = 24
+"""A block of fewer pairs of rows or columns has no vote: its levels would be known too badly; chosen by
+hand."""
 _BLOCK_PX = 64
+"""Pairs of rows and columns that are looked at in a block; chosen: the error of a level is then about 0.02 of
+the noise."""
 #: By how much of the noise the phases' levels must differ; their own error is about 0.02 of it.
 _SHARE_NAMED = 0.1
 _SHARE_UNNAMED = 0.3
+"""The same for a frame whose header names no pattern: more is asked for, since most frames are none."""
 #: How alike the two green phases must be, as a part of the whole difference.
 _GREENS_ALIKE = 0.35
 _VOTES = 0.7
+"""Share of the blocks that must vote alike; chosen by hand, what it must tell apart is in
+tests/reading/test_bayer.py."""
 _SAME_DIAGONAL = 0.8
+"""Share of the votes that must name the same diagonal as green; likewise."""
 
 
 def is_mosaic(pixels: NDArray[np.generic], header: Mapping[str, str | int | float | bool]) -> bool:
@@ -119,7 +129,7 @@ def without_mosaic(pixels: NDArray[np.generic]) -> NDArray[np.float32]:
     -------
     ndarray of float32, shape (height, width)
     """
-    from scipy import ndimage  # dear to import, and few frames are mosaics
+    from scipy import ndimage  # expensive to import, and few frames are mosaics
 
     kernel = np.array([0.25, 0.5, 0.25], dtype=np.float32)
     smooth = pixels.astype(np.float32)

@@ -1,4 +1,10 @@
-"""FITS headers [FITS 4.0]: the cards of a header, and the header units (HDUs) of a file."""
+"""FITS headers [FITS 4.0]: the cards of a header, and the header units (HDUs) of a file.
+
+The cards of a FITS header as plain values and comments; a card that breaks the standard stops nothing.
+
+astropy reads headers too, but it warns of each odd card, and warnings can only be silenced for the whole
+process (`warnings.catch_warnings` swaps global state), while frames are read in several threads at once.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +19,11 @@ from mountnav.reading.content import Content
 Value = str | int | float | bool
 
 CARD_LENGTH = 80
+"""Bytes of a card [FITS 4.0, section 3.3.1]."""
 BLOCK_LENGTH = 2880
+"""Bytes of a block: headers and data are padded to whole ones [FITS 4.0, section 3.1]."""
 _BLOCKS_AT_ONCE = 4
+"""Blocks that are taken at a time while END is looked for; for speed alone."""
 _NOT_VALUES = ("COMMENT", "HISTORY", "CONTINUE", "")
 _STRING = re.compile(r"'((?:[^']|'')*)'\s*(?:/(.*))?$")
 _INTEGER = re.compile(r"[+-]?\d+$")
@@ -170,11 +179,13 @@ def _parsed(field: str) -> tuple[Value | None, str]:
 #: More pixels than any camera on a telescope has; guards against decompression bombs.
 MOST_PIXELS = 300_000_000
 _MOST_EXTENSIONS = 10_000
+"""Header units that are looked through for a picture; a file of more is one that was made to take long."""
 _SIDE_PLANES = re.compile(
     r"(^|[^a-z])(bad|bkg|background|bpm|conf|dq|err|error|errors|exptime|flag|flags|invvar|ivar|mask|masks|"
     r"noise|psf|rms|unc|uncert|uncertainty|var|variance|weight|weights|wht)\d*($|[^a-z])"
 )
 _BITPIX = (8, 16, 32, 64, -32, -64)
+"""Kinds of pixels [FITS 4.0, table 8]."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,11 @@
-"""The tiles of a compressed FITS image are looked at before they are unpacked: none may outgrow the image.
+"""A FITS file's image becomes pixels and cards: what the stored numbers mean, and tiles are bounded.
+
+Headers and plain images are read without astropy (`mountnav.reading.fits_headers`), so that reading is safe
+in threads, and a large frame is never held in double precision. Tile-compressed images are unpacked by
+astropy, from a header cut down to what describes the tiles. Meaning of BZERO, BSCALE and BLANK:
+[FITS 4.0 §4.4.2.5, §5.2.5].
+
+The tiles of a compressed FITS image are looked at before they are unpacked: none may outgrow the image.
 
 The header may be honest and a tile still unpack to a thousand times its size, for gzip's streams say nothing
 of their length; those of HCOMPRESS say it, and their unpacker believes them. Rice and PLIO stop at the tile's
@@ -78,7 +85,7 @@ def _axes(hdu: Hdu) -> range:
 
 
 def _descriptors(table: BinTableHDU, data: bytes | bytearray, name: str) -> Descriptors:
-    """Size and place in the heap of each row's entry of a column of variable length, shape (rows, 2)."""
+    """Size and offset in the heap of each row's entry of a column of variable length, shape (rows, 2)."""
     kinds = table.columns.dtype
     rows = int(table.header["NAXIS2"])
     if name not in kinds.names or kinds[name].shape != (2,) or rows * kinds.itemsize > len(data):
@@ -123,6 +130,7 @@ def _too_much(label: str) -> BadFrame:
 Pixels = NDArray[np.generic]
 
 _TYPES = {8: "u1", 16: ">i2", 32: ">i4", 64: ">i8", -32: ">f4", -64: ">f8"}
+"""numpy's types of these kinds, as they are stored: big-endian, bytes unsigned [FITS 4.0, section 5]."""
 _OWN_OF_PIXELS = re.compile(r"(SIMPLE|XTENSION|BITPIX|NAXIS\d*|EXTEND|PCOUNT|GCOUNT|BZERO|BSCALE|BLANK)$")
 _OWN_OF_TILES = re.compile(
     r"(XTENSION|BITPIX|NAXIS\d*|PCOUNT|GCOUNT|TFIELDS|T(TYPE|FORM|UNIT|NULL|ZERO|SCAL|DIM|DISP)\d+|THEAP|"
@@ -136,6 +144,7 @@ _EMPTY_PRIMARY = (
     "EXTEND  =                    T",
 )
 _MOST_COLORS = 4
+"""An axis of at most so many is colors, not rows: RGB, or RGB with a fourth plane."""
 #: Stored numbers that are turned into physical values in one go.
 _BYTES_AT_ONCE = 1 << 19
 

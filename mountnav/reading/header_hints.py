@@ -46,6 +46,7 @@ _DEGREES = re.compile(r"deg|°|\bdms\b|\[d\]")
 _J2000 = re.compile(r"j2000|\bicrs\b|\b2000(\.0*)?\b")
 _OF_DATE = re.compile(r"jnow|\bof date\b|\bapparent\b|\bcurrent epoch\b")
 _YEARS = (1800.0, 2100.0)
+"""Equinoxes between these years are believed; others are no equinox."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +72,7 @@ class HeaderPosition:
 
 
 def positions_from_cards(header: Header, comments: Comments) -> list[HeaderPosition]:
-    """List the places that a header's position cards tell (not its WCS), the best known cards first.
+    """List the positions that a header's cards give (not its WCS), the best known cards first.
 
     Text with separators is hours and degrees. A bare number is degrees, unless its comment says hours; one
     below 24 whose comment says nothing is ambiguous, and settled by the other cards where one agrees with
@@ -97,7 +98,7 @@ def positions_from_cards(header: Header, comments: Comments) -> list[HeaderPosit
 
 
 def sane_position(ra_deg: float | None, dec_deg: float | None) -> Icrs | None:
-    """Return a place on the sphere, or None; 0, 0 is what a mount writes that isn't connected."""
+    """Return a position on the sphere, or None; 0, 0 is what a mount writes that isn't connected."""
     if ra_deg is None or dec_deg is None or not -360.0 <= ra_deg <= 360.0 or not -90.0 <= dec_deg <= 90.0:
         return None
     if abs(ra_deg) < 1e-6 and abs(dec_deg) < 1e-6:
@@ -107,7 +108,7 @@ def sane_position(ra_deg: float | None, dec_deg: float | None) -> Icrs | None:
 
 
 def to_icrs(place: Icrs, equinox_yr: float | None) -> Icrs:
-    """Precess a place counted from the mean equinox of a year [Vondrák 2011]; None is J2000.
+    """Precess a position counted from the mean equinox of a year [Vondrák 2011]; None is J2000.
 
     Nutation, aberration and the FK4 system are left out of account: together below 1′, no matter for a hint.
     """
@@ -220,11 +221,13 @@ def _apart_deg(a: Icrs, b: Icrs) -> float:
 #: No telescope or lens gives less or more.
 RANGE_ARCSEC_PX = (0.01, 600.0)
 _ARCSEC_PER_RADIAN = 206264.806
+"""Arcseconds in a radian."""
 _FOCAL_CARDS = ("FOCALLEN", "FOCAL", "FOCALLENGTH", "FOCLEN", "TELFOCAL", "CAMOPTIC")
 _PIXEL_CARDS = ("XPIXSZ", "PIXSIZE1", "XPIXELSZ", "PIXSIZE", "PIXELSIZE", "XPIXSIZE", "PIXSZ", "CCDXPIXE")
 _SCALE_CARDS = ("PIXSCALE", "SECPIX", "SECPIX1", "PIXSCAL", "PIXSCAL1", "CCDSCALE", "IM_SCALE", "SCALE")
 _BINNING_CARDS = ("XBINNING", "CCDXBIN", "BINX", "XBIN", "BIN1", "BINNING", "CCDSUM", "CCDBIN1")
 _MOST_BINNING = 16.0
+"""Larger values of a binning card are no binning."""
 _INCLUDES = re.compile(r"binned|after binning|includ\w* binning|effective")
 _EXCLUDES = re.compile(r"unbinned|without binning|exclud\w* binning|before binning|physical")
 #: A focal length below this many millimeters is more likely given in meters.
@@ -251,7 +254,7 @@ class HeaderScale:
 
 
 def scales_from_cards(header: Header, comments: Comments) -> list[HeaderScale]:
-    """List the scales that a header tells (not its WCS): by focal length and pixel size, then by scale cards.
+    """List the scales that a header gives (not its WCS): by focal length and pixel size, then by scale cards.
 
     [SBFITSEXT] has ``XPIXSZ`` include the binning, and so do MaxIm DL, N.I.N.A., APT, SharpCap and INDI;
     others don't. That reading goes first, the other one is kept, unless the comment or ``PIXSIZE1`` settles
@@ -379,6 +382,8 @@ def _scale_card(header: Header, comments: Comments, key: str) -> HeaderScale | N
 #: Bounds lie this far on either side of what the cards say.
 SCALE_MARGIN = 0.1
 _MOST_ALTERNATIVES = 4
+"""Hints beside the first that a solve may try where cards contradict each other; chosen by hand. Each costs a
+search, so twice as many may cost twice the time on a header that is all wrong."""
 _WCS_SOURCE = "WCS in the header"
 Matrix = tuple[float, float, float, float]
 
@@ -440,7 +445,7 @@ def _with_scale(hint: Hint, scale: HeaderScale | None) -> Hint:
 
 
 def _place_readings(places: list[HeaderPosition]) -> list[HeaderPosition | None]:
-    """The places that differ by more than their radius, the more trustworthy first."""
+    """The positions that differ by more than their radius, the more trustworthy first."""
     readings: list[HeaderPosition] = []
     for place in [*places, *(replace(one, center=one.other) for one in places if one.other is not None)]:
         if all(separation_arcsec(place.center, one.center) / 3600.0 > one.radius_deg for one in readings):
@@ -478,7 +483,7 @@ def _agree(one_arcsec_px: float, other_arcsec_px: float) -> bool:
 
 
 def _from_wcs(header: Header, width: int, height: int) -> tuple[Icrs | None, float | None]:
-    """Return place of the geometric center and scale by a gnomonic WCS, each None if there is none."""
+    """Return position of the geometric center and scale by a gnomonic WCS, each None if there is none."""
     kinds = [str(header.get(f"CTYPE{i}", "")).upper() for i in (1, 2)]
     values = [number(header.get(f"CRVAL{i}")) for i in (1, 2)]
     if kinds[0].startswith("DEC-") and kinds[1].startswith("RA--"):

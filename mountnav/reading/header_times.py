@@ -63,12 +63,14 @@ def sexagesimal(text: str) -> tuple[float, bool] | None:
 
 _EXPOSURE_CARDS = ("EXPTIME", "EXPOSURE", "EXP_TIME", "ITIME", "XPOSURE", "TELAPSE", "EXPOSED", "EXP")
 _MOST_EXPOSURE_S = 1e6
+"""Longer exposures, 11 days, are no exposures but another quantity."""
 _CLOCK_CARDS = ("TIME-OBS", "UT", "UTSTART", "UTC", "UT-OBS", "TIME_OBS", "UTIME", "UTC-OBS")
 _MIDDLE_CARDS = ("DATE-AVG", "DATE-MID", "MIDPOINT", "MJD-AVG", "MJD-MID", "MJDMID")
 _START_CARDS = ("DATE-OBS", "DATE-BEG", "DATE_OBS", "UT-OBS", "DATE-UTC", "DATE-GPS", "GPS_SUTC")
 _START_JULIAN_CARDS = ("MJD-OBS", "MJD-BEG", "MJD", "JD", "JD_UTC", "EXPSTART", "JULIAN")
 _END_CARDS = ("DATE-END", "MJD-END", "EXPEND")
 _MJD_EPOCH = datetime(1858, 11, 17, tzinfo=UTC)
+"""Zero of the modified Julian date."""
 _YEAR_FIRST = re.compile(r"^(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})(?:[T ]\s*(.*))?$")
 _DAY_FIRST = re.compile(r"^(\d{1,2})/(\d{1,2})/(\d{2}|\d{4})(?:[T ]\s*(.*))?$")
 _CLOCK = re.compile(
@@ -80,7 +82,9 @@ _MIDDLE = re.compile(r"\bmid(?!night)|\bcent(er|re) of|\baverage\b")
 _END = re.compile(r"\bend\b|\bgrabbed\b|\bfinish")
 _START = re.compile(r"\bstart|\bbegin")
 _TT_MINUS_TAI_S = 32.184
+"""Terrestrial time less atomic time, seconds, by definition [IAU 1991]."""
 _AHEAD_OF_TAI_S = {"TAI": 0.0, "IAT": 0.0, "GPS": -19.0}
+"""Other time scales less atomic time, seconds; the barycentric ones are within 2 ms of terrestrial time."""
 _AHEAD_OF_TAI_S |= dict.fromkeys(("TT", "TDT", "TDB", "ET"), _TT_MINUS_TAI_S)
 
 
@@ -212,7 +216,7 @@ def _date(header: Header, key: str, told: str) -> datetime | None:
 
 
 def _julian(header: Header, key: str) -> datetime | None:
-    """Read a Julian Date or a Modified one; their sizes tell them apart."""
+    """Read a Julian Date or a Modified one; their sizes distinguish them."""
     value = number(header.get(key))
     if value is None or not math.isfinite(value):
         return None

@@ -31,7 +31,10 @@ _MOST_HEADER_BYTES = 1 << 22
 """A header without an end is given up after so much; long ones, of 10,000 cards, have 0.8 MB."""
 
 _PIECE_BYTES = 1 << 20
+"""Packed bytes that are unpacked at a time; for speed alone."""
 _MOST_AT_ONCE = 1 << 24
+"""Unpacked bytes that one such step may give, so that memory grows by no more before the limits are looked
+at."""
 
 
 class _Member(Protocol):

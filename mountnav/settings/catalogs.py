@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
@@ -11,21 +11,9 @@ from pydantic_core import PydanticCustomError
 from mountnav.parsing import repeated
 from mountnav.settings.section import Section
 
-COLUMN_ROLES = (
-    "ra",
-    "dec",
-    "e_ra",
-    "e_dec",
-    "pm_ra",
-    "pm_dec",
-    "e_pm_ra",
-    "e_pm_dec",
-    "mean_epoch_ra",
-    "mean_epoch_dec",
-    "mag",
-    "color",
-)
-"""What a column of an online table may be: the keys of `columns`."""
+if TYPE_CHECKING:
+    from mountnav.catalog.catalog_set import CatalogChoice
+    from mountnav.catalog.online.source import OnlineSource
 
 
 class OnlineSettings(Section):
@@ -48,6 +36,8 @@ class OnlineSettings(Section):
     @field_validator("columns")
     @classmethod
     def _columns_are_known(cls, columns: dict[str, str]) -> dict[str, str]:
+        from mountnav.catalog.online.source import COLUMN_ROLES  # only where a table's columns are named
+
         for role in columns:
             if role not in COLUMN_ROLES:
                 raise PydanticCustomError(
@@ -72,6 +62,14 @@ class OnlineSettings(Section):
                 {"key": "table", "fix": 'such as table = "I/355/gaiadr3"'},
             )
         return self
+
+    def source(self) -> OnlineSource:
+        """The source as the catalog takes it."""
+        from mountnav.catalog.online.source import VIZIER_URL, OnlineSource  # only where one is configured
+
+        given = self.model_dump()
+        given["url"] = given["url"] or VIZIER_URL
+        return OnlineSource(**given)
 
 
 class CatalogsSettings(Section):
@@ -100,3 +98,14 @@ class CatalogsSettings(Section):
                 {"name": twice[0], "key": "online", "fix": "give each [[catalogs.online]] a name of its own"},
             )
         return self
+
+    def choice(self) -> CatalogChoice:
+        """The choice as `mountnav.catalog.catalog_set.open_catalogs` takes it."""
+        from mountnav.catalog.catalog_set import CatalogChoice
+
+        return CatalogChoice(
+            folder=self.folder,
+            use=self.use,
+            magnitudes_from=self.magnitudes_from,
+            online=tuple(one.source() for one in self.online),
+        )

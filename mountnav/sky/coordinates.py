@@ -1,4 +1,4 @@
-"""The kinds of coordinates. They never mix: a value carries its kind in its type [POINTING §0]."""
+"""The kinds of coordinates, which never mix: a value carries its kind in its type [POINTING §0]."""
 
 from __future__ import annotations
 

@@ -22,8 +22,12 @@ from mountnav.clock import utc_now
 from mountnav.errors import BadRequest, BadSettings
 
 ALARM_DAYS = 60.0
+"""So many days before the table of the Earth's orientation ends it is said so: time for an update. Chosen by
+hand."""
 _MJD_ZERO = datetime(1858, 11, 17, tzinfo=UTC)
+"""Zero of the modified Julian date."""
 _TT_MINUS_TAI_S = 32.184
+"""Terrestrial time less atomic time, seconds, by definition [IAU 1991]."""
 
 
 @dataclass(frozen=True, slots=True)

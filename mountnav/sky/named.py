@@ -1,4 +1,10 @@
-"""Positions by name: bright stars, Messier's objects, planets and Moon; a bundled list and formulas."""
+"""Positions by name: bright stars, Messier's objects, planets and Moon; a bundled list and formulas.
+
+Stars' designations as people write them: Greek letters and constellations, brought to one form.
+
+``α Lyr``, ``alf Lyr``, ``Alpha Lyrae`` and ``alpha lyr`` are one: name of the letter, number, and the three
+letters that the IAU has for the constellation.
+"""
 
 from __future__ import annotations
 

@@ -21,10 +21,15 @@ from mountnav.sky.iers import tt_minus_utc_s, utc_mjd
 from mountnav.sky.sphere import turn_deg
 
 _MJD_ZERO_JD = 2400000.5
+"""Julian date of the zero of the modified Julian date."""
 _AU_M = 149597870700.0
+"""The astronomical unit in meters, by definition [IAU 2012]."""
 _LIGHT_DAYS_PER_AU = 499.004784 / 86400.0
+"""Days that light takes for an astronomical unit, 499.004784 s."""
 _WGS84 = 1
+"""ERFA's number of the reference ellipsoid."""
 _PLAN94: Final = {"mercury": 1, "venus": 2, "mars": 4, "jupiter": 5, "saturn": 6, "uranus": 7, "neptune": 8}
+"""ERFA's numbers of the planets in `plan94`."""
 
 BODIES: Final = ("sun", "moon", *_PLAN94)
 """Names that `place_of_body` takes."""

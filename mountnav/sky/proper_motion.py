@@ -1,4 +1,4 @@
-"""A star's place at another time: proper motion and parallax, rigorously [ERFA pmsafe]."""
+"""A star's position at another time: proper motion and parallax, rigorously [ERFA pmsafe]."""
 
 from __future__ import annotations
 
@@ -12,11 +12,18 @@ from mountnav.sky.iers import utc_mjd
 from mountnav.sky.sphere import turn_deg
 
 _J2000_JD = 2451545.0
+"""Julian date of J2000.0."""
 _YEAR_DAYS = 365.25
+"""Days of a Julian year."""
 _MJD_ZERO_JD = 2400000.5
+"""Julian date of the zero of the modified Julian date."""
 _NEAREST_POLE_DEG = 90.0 - 1e-7
+"""Declinations are kept so far from the poles, 0.4 mas: a proper motion in right ascension has no meaning at
+the pole itself."""
 _MAS_PER_RAD = 180.0 * 3600_000.0 / math.pi
+"""Milliarcseconds in a radian."""
 _MAS_PER_ARCSEC = 1000.0
+"""Milliarcseconds in an arcsecond."""
 _ARCSEC_PER_RADYR = 326.0
 """Parallax of a star that moves by a radian a year at half the speed of light, as `pmsafe` has it."""
 
@@ -30,7 +37,7 @@ def moved_to(
     pm_dec_masyr: float = 0.0,
     parallax_mas: float = 0.0,
 ) -> Icrs:
-    """A place of a catalog's epoch as it is at `utc`: barycentric, ICRS.
+    """A position of a catalog's epoch as it is at `utc`: barycentric, ICRS.
 
     The parallax counts only in the perspective acceleration: the yearly ellipse, at most 0.77″, is left out,
     as mounts and solutions of frames leave it out.

@@ -18,6 +18,7 @@ from mountnav.sky.coordinates import Apparent, GeometricHourAngle, HourAngle, Ic
 Place = TypeVar("Place", Icrs, Apparent, Observed, HourAngle, GeometricHourAngle)
 
 ARCSEC_PER_RAD = math.degrees(1.0) * 3600.0
+"""Arcseconds in a radian."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +43,7 @@ class Offset:
 def _east_north_rad(
     place: Icrs | Apparent | Observed | HourAngle | GeometricHourAngle,
 ) -> tuple[float, float]:
-    """Longitude that grows eastward and latitude of any kind of place, in radians."""
+    """Longitude that grows eastward and latitude of any kind of position, in radians."""
     match place:
         case Icrs() | Apparent():
             return math.radians(place.ra_deg), math.radians(place.dec_deg)
@@ -70,7 +71,7 @@ def _arc(a: Place, b: Place) -> tuple[float, float]:
 
 
 def separation_arcsec(a: Place, b: Place) -> float:
-    """Great-circle distance between two places of one kind.
+    """Great-circle distance between two positions of one kind.
 
     Raises
     ------
@@ -119,7 +120,7 @@ def offset_arcsec(seen: Place, believed: Place) -> Offset:
 
 
 def displaced(place: Place, east_arcsec: float, north_arcsec: float) -> Place:
-    """Find the place one arrives at along the great circle that leaves `place` by this offset.
+    """Find the position that is reached along the great circle that leaves `place` by this offset.
 
     Returns
     -------
@@ -158,7 +159,7 @@ def half_turn_deg(angle_deg: float) -> float:
 def gnomonic(
     ra_deg: ArrayLike, dec_deg: ArrayLike, ra0_deg: float, dec0_deg: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Project places on the plane that touches the sphere at (ra0, dec0) [POINTING §10].
+    """Project positions on the plane that touches the sphere at (ra0, dec0) [POINTING §10].
 
     Parameters
     ----------
@@ -184,7 +185,7 @@ def gnomonic(
 def gnomonic_inverse(
     xi: ArrayLike, eta: ArrayLike, ra0_deg: float, dec0_deg: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Find the places whose standard coordinates are (xi, eta); inverse of `gnomonic`.
+    """Find the positions whose standard coordinates are (xi, eta); inverse of `gnomonic`.
 
     Parameters
     ----------

@@ -280,6 +280,6 @@ def with_catalog_advice(
         return found
     side_deg = math.sqrt(field / (width_px * height_px))
     depth_mag = float(mag_reaching(hint.center.ra_deg, hint.center.dec_deg, max(stars_seen, 1) / field))
-    at_hand = catalog.at_hand if isinstance(catalog, CatalogSet) else (catalog,)
-    advice = advice_for(width_px * side_deg, height_px * side_deg, depth_mag, hint.center, at_hand)
+    here = catalog.installed if isinstance(catalog, CatalogSet) else (catalog,)
+    advice = advice_for(width_px * side_deg, height_px * side_deg, depth_mag, hint.center, here)
     return replace(found, detail=f"{advice} ({stars_seen} stars measured)")

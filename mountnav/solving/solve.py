@@ -114,7 +114,7 @@ def solve(
     ----------
     frame : Frame
     catalog : Catalog
-        One, or a `Shelf` of several, of which the frame's field, place and epoch choose.
+        One, or a `CatalogSet` of several, of which the frame's field, place and epoch choose.
     hint : Hint, optional
         Goes before what the frame's header says, field by field.
     settings : SolveSettings, optional

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from api.cli.app import app
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.packed import PackedStore
-from mountnav.catalog.readers import KINDS
+from mountnav.catalog.readers import CATALOGS
 from mountnav.errors import BadCatalog, BadRequest, BadSettings, Unknown
 from mountnav.sky.coordinates import Icrs
 from tests.catalog.readers.ucac4_zones import star_count, write_zones
@@ -110,7 +110,7 @@ def test_on_a_terminal_a_bar_is_drawn_on_stderr_alone(zones: Path, folder: Path)
 
 INTERRUPTED = """
 import signal, sys
-from mountnav.catalog.readers.ucac4 import Ucac4Reader
+from mountnav.catalog.readers.ucac4.reader import Ucac4Reader
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
 plain, place = Ucac4Reader.read, sys.argv.pop(1)
 def read(self, part):
@@ -211,7 +211,7 @@ def test_wrong_usage_is_told(folder: Path, arguments: list[str], error: type[Exc
 def test_the_help_names_every_kind() -> None:
     code, out, _ = _ask("import", "--help")
     assert code == 0
-    for kind in KINDS:
+    for kind in CATALOGS:
         assert kind in " ".join(out.split())
 
 

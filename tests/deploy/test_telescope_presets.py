@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mountnav.catalog.doctor.cameras import camera_facts
+from mountnav.settings.described_cameras import described_camera
 from mountnav.settings.observatory import Settings
 from mountnav.settings.telescope import FolderCameraSettings, SimulatedCameraSettings
 from mountnav.simulation.optics import optics_preset
@@ -68,7 +69,7 @@ def test_the_telescopes_stand_where_they_stand() -> None:
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_the_doctor_needs_no_frame_to_know_the_camera(name: str) -> None:
     real = Settings.load(FOLDER / f"{name}.toml").telescope[0]
-    facts = camera_facts(real)
+    facts = camera_facts(described_camera(real))
     assert facts.frame is not None
     assert (facts.frame.width_deg, facts.frame.height_deg) == pytest.approx(PUBLISHED[name][0], abs=6e-4)
     assert facts.frame.depth_mag == real.limiting_mag

@@ -12,8 +12,8 @@ from mountnav.catalog.star_counts import density_deg2
 from mountnav.catalog.stars import StarFlag, Stars
 from mountnav.simulation.deep_sky import EPOCH_YR, DeepSky
 from mountnav.simulation.sky_kinds import KINDS
-from mountnav.simulation.sky_stores import whole_sky, write_store
 from mountnav.sky.coordinates import Icrs
+from tests.simulation.sky_stores import whole_sky, write_store
 
 ARCSEC = 180 * 3600 / np.pi
 PLACE = Icrs(100.0, 20.0)

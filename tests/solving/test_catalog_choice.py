@@ -21,11 +21,11 @@ from mountnav.frames import Frame, Hint
 from mountnav.simulation.deep_sky import DeepSky
 from mountnav.simulation.optics import PRESETS, SimulatedOptics
 from mountnav.simulation.render import draw_frame
-from mountnav.simulation.sky_stores import write_store
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.solution import Reason
 from mountnav.solving.solve import SolveSettings, solve
+from tests.simulation.sky_stores import write_store
 
 CENTER = Icrs(150.0, 40.0)
 BELIEVED = Icrs(150.03, 40.02)
@@ -268,12 +268,12 @@ def test_a_process_that_starts_after_a_store_was_removed_does_without_it(stores,
     gone = PackedStore(copy)
     shelf = CatalogSet(embedded_catalog(), [stores["ucac4"], gone], [Counting(gone)], magnitudes=gone)
     kept = pickle.loads(pickle.dumps(shelf))
-    assert [one.name for one in kept.at_hand] == [one.name for one in shelf.at_hand]
+    assert [one.name for one in kept.installed] == [one.name for one in shelf.installed]
     assert kept.magnitudes.name == gone.name
     sent = pickle.dumps(CatalogSet(embedded_catalog(), [stores["ucac4"], gone], magnitudes=gone))
     copy.unlink()
     left = pickle.loads(sent)
-    assert [one.name for one in left.at_hand] == [stores["ucac4"].name, "Tycho-2"]
+    assert [one.name for one in left.installed] == [stores["ucac4"].name, "Tycho-2"]
     assert left.magnitudes is None
     assert "is passed over" in caplog.text
     assert str(copy) in caplog.text
@@ -446,7 +446,7 @@ def test_an_online_catalog_alone_is_asked_or_the_frame_is_not_solved(sky, stores
     settings = SolveSettings(index=sky_index)
     online = Fetching(stores["gaia"])
     ordered = CatalogSet(embedded_catalog(), [], [online], use_indexed=False)
-    assert ordered.at_hand == ()
+    assert ordered.installed == ()
     solved = solve(frame, ordered, hint=believed, settings=settings).solution
     assert solved is not None
     assert solved.catalog == "deep"

@@ -23,6 +23,7 @@ from mountnav.catalog.doctor.diagnosis import (
     named_catalogs,
     reach_of,
 )
+from mountnav.settings.described_cameras import described_camera
 
 router = APIRouter(prefix="/telescopes", tags=["telescopes"])
 
@@ -69,6 +70,6 @@ async def doctor_telescope(
     settings = service.settings
     one = next(one for one in settings.telescope if one.id == telescope.id)
     reach = reach_of(settings.site.latitude_deg, one.limits.min_altitude_deg)
-    camera = await asyncio.to_thread(camera_facts, one)
+    camera = await asyncio.to_thread(camera_facts, described_camera(one))
     found = await doctor.diagnosis(camera, reach, named_catalogs(service.catalog), julian_year_now())
     return doctor_record(found, [online.name for online in settings.catalogs.online])

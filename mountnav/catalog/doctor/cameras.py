@@ -1,4 +1,4 @@
-"""The cameras of the settings, as the doctor of catalogs needs them: field, depth, and where each is from."""
+"""A camera as the doctor of catalogs needs it: field, depth, and where each is known from."""
 
 from __future__ import annotations
 
@@ -9,27 +9,33 @@ from pathlib import Path
 from mountnav.catalog.doctor.counts import FrameSize
 from mountnav.catalog.doctor.diagnosis import CameraFacts
 from mountnav.errors import BadFrame
-from mountnav.settings.telescope import (
-    AlpacaCameraSettings,
-    FolderCameraSettings,
-    IndiCameraSettings,
-    SimulatedCameraSettings,
-    TelescopeSettings,
-)
 
 _NEWEST = 3
 """So many files are tried for one that can be read."""
 _SKY_MAG_ARCSEC2 = 20.5
+"""Brightness of the sky's background, V magnitudes in a square arcsecond: a suburb's; chosen for the estimate
+of a camera that nobody described. One magnitude darker, the estimated depth grows by half a magnitude."""
 _FOCAL_RATIO = 6.0
+"""Focal length over aperture of the assumed telescope; chosen by hand. Halved, the assumed aperture doubles
+and the depth grows by 0.75 to 1.5 mag."""
 _PIXEL_MM = 0.009
+"""Side of the assumed camera's pixels, 9 µm; chosen by hand. It enters as pixel over focal ratio only."""
 _ELECTRONS_S_CM2 = 1e6
 """Of a star of magnitude 0, in an unfiltered camera, all losses included."""
 _READ_NOISE_E = 7.0
+"""Electrons of read noise per pixel of the assumed camera; chosen by hand. Doubled, only short exposures
+under a dark sky come out shallower."""
 _IMAGE_PX2 = 20.0
 """Area over which the noise of a star's image adds up: 4π σ², images three pixels wide."""
 _SURE_SNR = 10.0
+"""A star counts as measured when it is so many times its noise; the same 10 that `estimated_depth_mag` and
+docs/catalog-doctor.md state. Halved, estimated depths grow by 0.75 to 1.5 mag."""
 _LESS_THAN_IDEAL_MAG = 1.0
 """For moonlight, thin cloud, seeing and focus."""
+
+
+_FWHM_SIGMAS = 2.3548
+"""Full width at half maximum of a Gaussian in units of its sigma: 2 √(2 ln 2)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,35 +49,94 @@ class _Seen:
     scale_source: str
 
 
-def camera_facts(telescope: TelescopeSettings) -> CameraFacts:
+@dataclass(frozen=True, slots=True)
+class CameraNoise:
+    """What decides how faint a star a camera measures; known of a simulated camera only.
+
+    Attributes
+    ----------
+    zero_mag_e_s : float
+        Electrons per second of a star of magnitude 0.
+    sky_e_s_px : float
+        Electrons per second of the sky's background in a pixel.
+    read_noise_e : float
+        Per pixel and frame.
+    fwhm_px : float
+        Of a star's image.
+    """
+
+    zero_mag_e_s: float
+    sky_e_s_px: float
+    read_noise_e: float
+    fwhm_px: float
+
+    def depth_mag(self, exposure_s: float) -> float:
+        """Magnitude at which a star is 10 times its noise."""
+        area_px2 = 4.0 * math.pi * (self.fwhm_px / _FWHM_SIGMAS) ** 2
+        return _depth_mag(
+            self.zero_mag_e_s * exposure_s, self.sky_e_s_px * exposure_s, self.read_noise_e, area_px2
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class DescribedCamera:
+    """A camera as the operator describes it: what isn't given is None.
+
+    Attributes
+    ----------
+    telescope : str
+        Its name.
+    exposure_s : float
+        Of a usual frame.
+    width_px, height_px : int or None
+    scale_arcsec_px : float or None
+    limiting_mag : float or None
+        Faintest star of a usual frame.
+    folder : Path or None
+        Where its frames appear, if they do: the newest one gives what is missing.
+    pattern : str
+        Of the files in `folder`.
+    noise : CameraNoise or None
+        Of a simulated camera, whose size and scale are given.
+    """
+
+    telescope: str
+    exposure_s: float
+    width_px: int | None = None
+    height_px: int | None = None
+    scale_arcsec_px: float | None = None
+    limiting_mag: float | None = None
+    folder: Path | None = None
+    pattern: str = "*"
+    noise: CameraNoise | None = None
+
+
+def camera_facts(camera: DescribedCamera) -> CameraFacts:
     """Find out a camera's field and depth.
 
     Parameters
     ----------
-    telescope : TelescopeSettings
-        A simulated camera tells itself. For a folder the settings count first; what they leave out is taken
-        from the newest frame that can be read there.
+    camera : DescribedCamera
+        What is given counts first; what isn't is taken from the newest frame that can be read in its folder.
 
     Returns
     -------
     CameraFacts
         With `problem` in place of the frame where size or scale are not known.
     """
-    camera = telescope.camera
-    if isinstance(camera, SimulatedCameraSettings):
-        facts = CameraFacts(
-            telescope.id,
-            None,
-            camera.width_px,
-            camera.height_px,
-            camera.scale_arcsec_px,
-            size_from="the simulated camera",
-            scale_from="the simulated camera",
-        )
-        return _with_frame(facts, telescope, simulated=camera)
-    facts = _told(telescope, camera)
-    if isinstance(camera, FolderCameraSettings) and (facts.width_px is None or facts.scale_arcsec_px is None):
-        facts = _seen_too(facts, _newest(camera.path, camera.pattern))
+    given_by = "the settings" if camera.noise is None else "the simulated camera"
+    has_size = camera.width_px is not None and camera.height_px is not None
+    facts = CameraFacts(
+        camera.telescope,
+        None,
+        camera.width_px if has_size else None,
+        camera.height_px if has_size else None,
+        camera.scale_arcsec_px,
+        size_from=given_by if has_size else "",
+        scale_from=given_by if camera.scale_arcsec_px is not None else "",
+    )
+    if camera.folder is not None and (facts.width_px is None or facts.scale_arcsec_px is None):
+        facts = _seen_too(facts, _newest(camera.folder, camera.pattern))
     missing = [
         wanted
         for wanted, value in (
@@ -81,9 +146,9 @@ def camera_facts(telescope: TelescopeSettings) -> CameraFacts:
         if value is None
     ]
     if missing:
-        where = f" (no frame in {camera.path} tells it)" if isinstance(camera, FolderCameraSettings) else ""
+        where = f" (no frame in {camera.folder} tells it)" if camera.folder is not None else ""
         return replace(facts, problem=f"unknown: set {' and '.join(missing)}{where}")
-    return _with_frame(facts, telescope)
+    return _with_frame(facts, camera)
 
 
 def estimated_depth_mag(scale_arcsec_px: float, exposure_s: float) -> float:
@@ -107,47 +172,11 @@ def estimated_depth_mag(scale_arcsec_px: float, exposure_s: float) -> float:
     return _depth_mag(flux * exposure_s, sky * exposure_s, _READ_NOISE_E, _IMAGE_PX2) - _LESS_THAN_IDEAL_MAG
 
 
-def simulated_depth_mag(camera: SimulatedCameraSettings, exposure_s: float) -> float:
-    """Magnitude at which a star of the simulated camera is 10 times its noise.
-
-    Parameters
-    ----------
-    camera : SimulatedCameraSettings
-    exposure_s : float
-
-    Returns
-    -------
-    float
-    """
-    from mountnav.simulation.optics import SimulatedOptics
-
-    optics = SimulatedOptics(**camera.model_dump(exclude={"kind"}))
-    flux = 10.0 ** (0.4 * optics.zero_point_mag) * optics.gain_e_adu
-    sky = optics.sky_adu_s * optics.gain_e_adu
-    area = 4.0 * math.pi * (optics.fwhm_px / 2.3548) ** 2
-    return _depth_mag(flux * exposure_s, sky * exposure_s, optics.read_noise_adu * optics.gain_e_adu, area)
-
-
 def _depth_mag(zero_mag_e: float, sky_e_px: float, read_noise_e: float, area_px2: float) -> float:
     """Solve S = snr · √(S + A (sky + read noise²)) for the star's electrons S."""
     noise2 = area_px2 * (sky_e_px + read_noise_e**2)
     electrons = 0.5 * _SURE_SNR**2 * (1.0 + math.sqrt(1.0 + 4.0 * noise2 / _SURE_SNR**2))
     return 2.5 * math.log10(zero_mag_e / electrons)
-
-
-def _told(
-    telescope: TelescopeSettings, camera: AlpacaCameraSettings | FolderCameraSettings | IndiCameraSettings
-) -> CameraFacts:
-    told = camera.width_px is not None and camera.height_px is not None
-    return CameraFacts(
-        telescope.id,
-        None,
-        camera.width_px if told else None,
-        camera.height_px if told else None,
-        telescope.scale_arcsec_px,
-        size_from="the settings" if told else "",
-        scale_from="the settings" if telescope.scale_arcsec_px is not None else "",
-    )
 
 
 def _seen_too(facts: CameraFacts, seen: _Seen | None) -> CameraFacts:
@@ -164,22 +193,20 @@ def _seen_too(facts: CameraFacts, seen: _Seen | None) -> CameraFacts:
     return facts
 
 
-def _with_frame(
-    facts: CameraFacts, telescope: TelescopeSettings, *, simulated: SimulatedCameraSettings | None = None
-) -> CameraFacts:
+def _with_frame(facts: CameraFacts, camera: DescribedCamera) -> CameraFacts:
     width, height, scale = facts.width_px, facts.height_px, facts.scale_arcsec_px
     assert width is not None, "the caller has looked"
     assert height is not None, "the caller has looked"
     assert scale is not None, "the caller has looked"
     estimate = False
-    if telescope.limiting_mag is not None:
-        depth, source = telescope.limiting_mag, "limiting_mag of the settings"
-    elif simulated is not None:
-        depth = simulated_depth_mag(simulated, telescope.exposure_s)
-        source = f"the simulated camera at {telescope.exposure_s:g} s"
+    if camera.limiting_mag is not None:
+        depth, source = camera.limiting_mag, "limiting_mag of the settings"
+    elif camera.noise is not None:
+        depth = camera.noise.depth_mag(camera.exposure_s)
+        source = f"the simulated camera at {camera.exposure_s:g} s"
     else:
-        depth = estimated_depth_mag(scale, telescope.exposure_s)
-        source = f"an estimate from scale and {telescope.exposure_s:g} s"
+        depth = estimated_depth_mag(scale, camera.exposure_s)
+        source = f"an estimate from scale and {camera.exposure_s:g} s"
         estimate = True
     frame = FrameSize(width * scale / 3600.0, height * scale / 3600.0, depth)
     return replace(facts, frame=frame, depth_from=source, depth_is_estimate=estimate)

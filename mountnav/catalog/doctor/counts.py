@@ -32,6 +32,7 @@ WANTED_STARS = 8
 """So many are called enough in advice: 98 % of such frames are solved."""
 
 _LOG_FACTORIALS = np.array([math.lgamma(n + 1.0) for n in range(SURE_STARS)])
+"""Logarithms of n!, for Poisson's probabilities of few stars."""
 
 
 def failing(counts: ArrayLike) -> Array:
@@ -75,11 +76,14 @@ SAMPLE_FIELDS = 3000
 FIRST = 300
 """So many of them are looked at in full first, spread over all of it; often they are enough."""
 OF_A_REGION = 60
+"""Frames at most that the figures for galactic pole and plane are means of; chosen by hand. Halved, these
+means scatter by 1.4 times as much; they are shown and decide nothing."""
 POLE_DEG = 75.0
 """Galactic latitudes beyond this count as the pole."""
 PLANE_DEG = 5.0
 """Galactic latitudes within this count as the plane."""
 _GOLDEN_DEG = 180.0 * (3.0 - math.sqrt(5.0))
+"""The golden angle: fields in steps of it on a spiral cover a sphere evenly, however many they are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +106,7 @@ class SampleFields:
         return int(self.ra_deg.size)
 
     def only(self, chosen: NDArray[np.int64] | NDArray[np.bool_] | slice) -> SampleFields:
-        """Some of the places."""
+        """Some of the fields."""
         return SampleFields(self.ra_deg[chosen], self.dec_deg[chosen], self.rotation_deg[chosen])
 
 
@@ -145,7 +149,7 @@ def reach_of(latitude_deg: float, min_altitude_deg: float) -> Reach:
 
 
 def spread_fields(reach: Reach, count: int = SAMPLE_FIELDS, first: int = FIRST) -> SampleFields:
-    """Spread places evenly over a band of the sky, in a golden spiral.
+    """Spread fields evenly over a band of the sky, in a golden spiral.
 
     Parameters
     ----------
@@ -156,7 +160,7 @@ def spread_fields(reach: Reach, count: int = SAMPLE_FIELDS, first: int = FIRST) 
 
     Returns
     -------
-    Places
+    SampleFields
         The same ones every time.
     """
     low, high = (math.sin(math.radians(one)) for one in (reach.low_dec_deg, reach.high_dec_deg))
@@ -171,12 +175,12 @@ def spread_fields(reach: Reach, count: int = SAMPLE_FIELDS, first: int = FIRST) 
 
 
 def pole_fields(reach: Reach) -> SampleFields:
-    """Places near the galactic poles that are reached; none where the telescope sees neither."""
+    """Fields near the galactic poles that are reached; none where the telescope sees neither."""
     return _of_region(reach, lambda b_deg: np.abs(b_deg) >= POLE_DEG)
 
 
 def plane_fields(reach: Reach) -> SampleFields:
-    """Places near the galactic plane that are reached."""
+    """Fields near the galactic plane that are reached."""
     return _of_region(reach, lambda b_deg: np.abs(b_deg) <= PLANE_DEG)
 
 
@@ -268,7 +272,7 @@ def counted(
     catalog : Catalog
         On this machine.
     frame : FrameSize
-    places, pole, plane : Places
+    places, pole, plane : SampleFields
         From `mountnav.catalog.doctor.counts`.
     epoch_yr : float
         Julian year.
@@ -315,7 +319,7 @@ def modeled(
     densest_deg2 : float or None
         If it was thinned out to so many stars per square degree, the brightest first.
     frame : FrameSize
-    places, pole, plane : Places
+    places, pole, plane : SampleFields
 
     Returns
     -------

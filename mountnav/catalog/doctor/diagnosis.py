@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Sequence, Sized
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
@@ -11,6 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from mountnav.catalog.catalog_set import CatalogSet
 from mountnav.catalog.doctor.counts import (
     SAMPLE_FIELDS,
     WANTED_STARS,
@@ -26,8 +27,9 @@ from mountnav.catalog.doctor.counts import (
     reach_of,
     spread_fields,
 )
-from mountnav.catalog.doctor.obtainable import OBTAINABLE, ONLINE, ObtainableCatalog, in_size
+from mountnav.catalog.doctor.obtainable import ONLINE, ObtainableCatalog, in_size, obtainable_catalogs
 from mountnav.catalog.packed import PackedStore
+from mountnav.catalog.readers import CATALOGS
 from mountnav.catalog.star_counts import density_deg2
 from mountnav.catalog.stars import Catalog
 from mountnav.clock import utc_now
@@ -113,7 +115,7 @@ class Check:
         Of the reachable sky: what the catalog has no sky for.
     places : int
         Number of fields that were looked at.
-    known : Known or None
+    known : ObtainableCatalog or None
     """
 
     name: str
@@ -189,7 +191,16 @@ _BORDER_DEG = 4.0
 _WORTH_CUTTING = 0.9
 """A telescope that reaches less of the sky is told to import only that."""
 _FIELDS_ABOUT = 4.0
+"""Stars about a frame are counted in a circle of so many fields; chosen: their mean is then known to about
+half of the scatter of one field. Doubled, the advice after a failed frame reads twice as many stars."""
 _LEAST_ABOUT_DEG = 0.2
+"""Radius of that circle at least, degrees: a smaller one holds too few stars of any catalog to count; chosen
+by hand."""
+_MEDIAN_TO_MEAN = 0.7
+"""Star density in the median of the sky over its mean, about; it serves for frames whose position is unknown.
+The origin isn't recorded. Doubled, such a frame is believed to hold twice as many stars."""
+_SKY_DEG2 = 41253.0
+"""Area of the sphere in square degrees."""
 _EPOCH_YR = 2026.0
 """Of counts for advice: a star more or less by proper motion changes no advice."""
 
@@ -229,7 +240,7 @@ def sentences(
     frame : FrameSize
     remedies : sequence of Check
         From `remedies_among`.
-    places : Places
+    places : SampleFields
         Of the reachable sky.
     reach : Reach
         The same as declinations.
@@ -266,7 +277,7 @@ def advice_for(
     center: Icrs | None,
     stores: Sequence[Catalog],
 ) -> str:
-    """Say at night why a field is too narrow for the catalogs at hand, and what would help.
+    """Say at night why a field is too narrow for the catalogs on this machine, and what would help.
 
     Parameters
     ----------
@@ -377,7 +388,7 @@ def _fails(places: SampleFields, depth_mag: float, area_deg2: float) -> float:
 
 def _smallest_known(frame: FrameSize, center: Icrs | None) -> ObtainableCatalog | None:
     """The smallest catalog with which a field here is solved."""
-    for known in sorted(OBTAINABLE, key=lambda one: one.installed_gb):
+    for known in sorted(obtainable_catalogs(), key=lambda one: one.installed_gb):
         if not known.has_magnitudes:
             continue
         number = _expected(frame, known.faintest_mag, known.densest_deg2, center)
@@ -390,7 +401,7 @@ def _nearest_known(frame: FrameSize, center: Icrs | None) -> ObtainableCatalog:
     """The smallest of the catalogs that hold nearly as many stars here as any does."""
     held = {
         one: _expected(frame, one.faintest_mag, one.densest_deg2, center)
-        for one in OBTAINABLE
+        for one in obtainable_catalogs()
         if one.has_magnitudes
     }
     most = max(held.values())
@@ -413,10 +424,8 @@ def _expected(
 def _about(catalog: Catalog, frame: FrameSize, center: Icrs | None) -> float:
     """Stars per frame that a catalog on this machine holds, from some fields' worth of sky."""
     if center is None:
-        count = getattr(catalog, "__len__", None)
         share = catalog.sky_share() if isinstance(catalog, PackedStore) else 1.0
-        # the median of the sky has about seven tenths of the mean
-        return 0.7 * (count() if count is not None else 0) / (41253.0 * max(share, 1e-6)) * frame.area_deg2
+        return _MEDIAN_TO_MEAN * _number(catalog) / (_SKY_DEG2 * max(share, 1e-6)) * frame.area_deg2
     radius_deg = min(max(math.sqrt(_FIELDS_ABOUT * frame.area_deg2 / math.pi), _LEAST_ABOUT_DEG), 20.0)
     stars = catalog.cone(center, radius_deg, epoch_yr=_EPOCH_YR, mag_limit=frame.depth_mag)
     return len(stars) * frame.area_deg2 / (math.pi * radius_deg**2)
@@ -462,7 +471,7 @@ def diagnose(
     camera : CameraFacts
     reach : Reach
         Percentages are of this part of the sky.
-    stores : sequence of Shelved
+    stores : sequence of NamedCatalog
         Their stars are counted: about a second of CPU each.
     epoch_yr : float
         Julian year of the night.
@@ -489,8 +498,8 @@ def diagnose(
     verdict = verdict_of(together)
     if verdict is Verdict.SUFFICES:
         return Diagnosis(camera, reach, tuple(here), together, verdict, (), ())
-    # UCAC4 and USNO-B1.0 are the same whoever imports them; of the others there are deeper and shallower ones
-    had = {kind for one in stores if (kind := _kind(one.catalog)) in ("ucac4", "usno-b1")}
+    kinds = {_kind(one.catalog) for one in stores}
+    had = {kind for kind in kinds if kind in CATALOGS and CATALOGS[kind].is_one_catalog}
     others = _modeled_checks(camera.frame, places, pole, plane, had)
     remedies = remedies_among(others)
     advice = sentences(camera, camera.frame, remedies, places, reach)
@@ -502,7 +511,7 @@ def _modeled_checks(
 ) -> list[Check]:
     """All obtainable catalogs that are not here, after the model of the Galaxy."""
     checks = []
-    for known in OBTAINABLE:
+    for known in obtainable_catalogs():
         if known.kind in here or not known.has_magnitudes:
             continue
         found = modeled(known.faintest_mag, known.densest_deg2, frame, places, pole, plane)
@@ -535,8 +544,8 @@ def _check(
 
 
 def _number(catalog: Catalog) -> int:
-    size = getattr(catalog, "__len__", None)
-    return int(size()) if size is not None else 0
+    """How many stars a catalog holds; 0 if it can't say."""
+    return len(catalog) if isinstance(catalog, Sized) else 0
 
 
 def _kind(catalog: Catalog) -> str:
@@ -547,7 +556,9 @@ def _kind(catalog: Catalog) -> str:
 
 
 _J2000_UNIX_S = 946_728_000.0
+"""1 January 2000, 12:00 UTC, in seconds of Unix time."""
 _JULIAN_YEAR_S = 365.25 * 86400.0
+"""A Julian year in seconds."""
 
 
 def named_catalogs(catalog: Catalog) -> tuple[NamedCatalog, ...]:
@@ -556,15 +567,15 @@ def named_catalogs(catalog: Catalog) -> tuple[NamedCatalog, ...]:
     Parameters
     ----------
     catalog : Catalog
-        A shelf, or a single catalog.
+        A `CatalogSet`, or a single catalog.
 
     Returns
     -------
-    tuple of Shelved
+    tuple of NamedCatalog
         What is asked over a network is not among them: its stars can't be counted beforehand.
     """
-    at_hand = getattr(catalog, "at_hand", (catalog,))
-    return tuple(NamedCatalog(_slug(one), one) for one in at_hand)
+    here = catalog.installed if isinstance(catalog, CatalogSet) else (catalog,)
+    return tuple(NamedCatalog(_slug(one), one) for one in here)
 
 
 def julian_year_now() -> float:

@@ -1,1 +1,1 @@
-"""Importing a catalog: its files are read part by part, kept, sorted, checked, and put in place at once."""
+"""Importing a catalog: its files are read part by part, kept, sorted, checked, and installed at once."""

@@ -1,4 +1,4 @@
-"""Room on the disk for an import: known beforehand where records have a fixed size, else guessed."""
+"""An import: parts of a catalog are read one by one and kept, then made one packed file that is checked."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ from mountnav.catalog.installed import catalog_path, held, unfinished_path
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.packed.packing import CatalogColumns
 from mountnav.catalog.packed.spool import PackedFacts, Spool
-from mountnav.catalog.readers import Part, Reader, open_reader
+from mountnav.catalog.readers import CATALOGS, open_reader
+from mountnav.catalog.readers.kind import Part, Reader
 from mountnav.catalog.stars import StarFlag
 from mountnav.errors import BadCatalog, BadRequest, BadSettings
 from mountnav.sky.coordinates import Icrs
@@ -37,8 +38,6 @@ BYTES_PER_STAR = 20
 """Of the packed file: 18, and its share of the tables."""
 SPOOL_BYTES_PER_STAR = 41
 """Of what is kept until the packed file is there (`mountnav.catalog.packed.spool`)."""
-SOURCE_BYTES_PER_STAR = {"ucac4": 78, "usno-b1": 80, "siril": 16}
-"""Catalogs whose stars can be counted by the size of their files [CATALOGS, Formats §3, §4, §6]."""
 ENOUGH_TO_GUESS_BY = 0.02
 """Share of the source that must be in before the rest is guessed from it."""
 
@@ -54,8 +53,8 @@ def needed_bytes(stars: float) -> int:
 
 
 def stars_in_files(kind: str, size_bytes: int) -> int | None:
-    """How many stars the files hold at most; None if their size doesn't tell."""
-    record = SOURCE_BYTES_PER_STAR.get(kind)
+    """How many stars the files hold at most; None if that doesn't follow from their size."""
+    record = CATALOGS[kind].source_bytes_per_star
     return None if record is None else size_bytes // record
 
 
@@ -96,13 +95,21 @@ def shortage(folder: Path, stars: float, stars_in: int) -> str | None:
 
 
 PARTS_READ = 12
+"""Parts of the source that are read a second time, spread evenly, to hold the packed file against them;
+chosen by hand. Doubled, the check takes twice as long and finds rarer faults."""
 STARS_OF_A_PART = 12
 """The two faintest and brightest, and others spread evenly over the first chunk."""
 _RADIUS_DEG = 0.01 / 3600.0
 """Wide against the steps of the packed form (0.3 mas), narrow against the distance of any two stars."""
 _MAG_STEP = 0.0011
+"""Largest difference by which a magnitude may come back: the packed step of 0.001 mag, and a tenth for
+rounding."""
 _PM_STEP_MAS_YR = 0.11
+"""Largest difference by which a proper motion may come back, mas/yr: the packed step of 0.1, and a tenth for
+rounding."""
 _COLOR_STEP = 0.0011
+"""Largest difference by which a color index may come back: the packed step of 0.001 mag, and a tenth for
+rounding."""
 
 
 def compare_with_source(
@@ -179,6 +186,8 @@ def _near(found: NDArray[np.float64], wanted: float, step: float) -> NDArray[np.
 _LONGEST_TEXT = 1500
 """The header of a packed file has room for some 4000 bytes."""
 _SHARE_OF_VERIFYING = 0.8
+"""Share of the stage "checking" that reading the packed file back takes on the progress bar; chosen by hand.
+Another value makes the bar run unevenly, no more."""
 
 
 @runtime_checkable

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mountnav.catalog.packed.format import Header
 from mountnav.catalog.packed.packing import CatalogColumns
-from mountnav.catalog.readers import Part
+from mountnav.catalog.readers.kind import Part
 from mountnav.catalog.space_motion import unit_vectors
 from mountnav.catalog.stars import StarFlag
 from mountnav.errors import BadRequest
@@ -28,7 +28,7 @@ _MARGIN_DEG = 0.1
 
 @runtime_checkable
 class KnowsDeclinations(Protocol):
-    """A reader that can tell between which declinations a part lies: others needn't be read at all."""
+    """A reader that knows between which declinations a part lies: others needn't be read at all."""
 
     def dec_range_deg(self, part: Part) -> tuple[float, float]:
         """Lowest and highest declination of the part."""
@@ -154,7 +154,7 @@ class ImportOrder:
     Attributes
     ----------
     kind : str
-        One of `mountnav.catalog.readers.KINDS`.
+        One of `mountnav.catalog.readers.CATALOGS`.
     source : Path
         A file, or the folder that holds the files.
     slug : str

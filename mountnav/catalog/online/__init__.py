@@ -8,19 +8,16 @@ from mountnav.catalog.online.catalog import CachedTiles, OnlineCatalog, Prefetch
 from mountnav.catalog.online.source import OnlineSource
 from mountnav.catalog.stars import Catalog
 from mountnav.files import cache_folder
-from mountnav.settings.catalogs import OnlineSettings
 
 __all__ = ["CachedTiles", "OnlineCatalog", "OnlineSource", "Prefetched", "open_online"]
 
 
-def open_online(
-    settings: OnlineSettings, *, behind: Catalog | None, cache: Path | None = None
-) -> OnlineCatalog:
-    """Open a catalog as it is configured. Asks nothing yet.
+def open_online(source: OnlineSource, *, behind: Catalog | None, cache: Path | None = None) -> OnlineCatalog:
+    """Open an online catalog. Asks nothing yet.
 
     Parameters
     ----------
-    settings : OnlineSettings
+    source : OnlineSource
     behind : Catalog or None
         Whose stars are taken where this one has none.
     cache : Path, optional
@@ -32,4 +29,4 @@ def open_online(
     """
     if cache is None:
         cache = cache_folder()
-    return OnlineCatalog(OnlineSource.of(settings), cache, behind=behind)
+    return OnlineCatalog(source, cache, behind=behind)

@@ -1,4 +1,9 @@
-"""A server's VOTable as plain columns: errors in it are raised, roles and units of the columns are found."""
+"""A server's VOTable as plain columns: errors in it are raised, roles and units of the columns are found.
+
+Measured and read traps: VizieR says ``QUERY_STATUS`` ERROR, or ``INFO name="Error"``, with HTTP status 200;
+TAP puts OVERFLOW behind the table; cone searches put their error into a PARAM; proxies send HTML; a
+connection that ends early leaves a table that parses up to the cut [CATALOGS, §0].
+"""
 
 from __future__ import annotations
 
@@ -17,7 +22,11 @@ from mountnav.catalog.online.source import OnlineSource
 _START = re.compile(rb"<(\w+:)?VOTABLE[\s>]")
 _END = re.compile(rb"</(\w+:)?VOTABLE\s*>\s*(<!--.*?-->\s*)*$", re.DOTALL)
 _SNIFFED_BYTES = 8192
+"""Start of an answer in which <VOTABLE must stand: comments and an XML head come before it; chosen by hand.
+Halved, an answer with a long comment at its head would be refused."""
 _ENOUGH_OF_THE_END_BYTES = 2048
+"""End of an answer in which </VOTABLE> must stand, comments after it included; chosen by hand. An answer
+without it was cut off."""
 _HTML = re.compile(rb"<(!doctype\s+html|html[\s>])", re.IGNORECASE)
 
 

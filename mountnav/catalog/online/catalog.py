@@ -1,4 +1,7 @@
-"""The online catalog: fresh cache, live, stale cache, and then the catalog that stands behind it."""
+"""The online catalog: fresh cache, live, stale cache, and then the catalog that stands behind it.
+
+A cone is taken as a whole from one of them, never in parts from two catalogs. `Stars.steps` tells the way.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,11 @@ from mountnav.errors import BadRequest, StarsUnavailable
 from mountnav.sky.coordinates import Icrs
 
 FIRST_REST_S = 120.0
+"""Seconds for which a source is not asked after its first failure; chosen by hand. Halved, a night without a
+network waits for the time limit twice as often."""
 LONGEST_REST_S = 900.0
+"""Seconds for which a source is not asked however often it failed: each rest is twice the one before, up to
+this; chosen by hand. A network that comes back is noticed within so long."""
 
 
 @dataclass(frozen=True, slots=True)

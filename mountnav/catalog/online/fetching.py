@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     import httpx
 
 AT_A_TIME = 3
+"""Requests to one server at a time; chosen by hand, with no measurement. Doubled, prefetching may be faster,
+and servers may refuse."""
 DEEPEST_BELIEVED_MAG = 17.0
 """V; what a table may hold beyond isn't counted on: bands differ, and few tables are complete there."""
 SUSPICIOUS_COUNT = 10.0

@@ -1,4 +1,14 @@
-"""The request for a cone of stars in each protocol, the GET that sends it, and why a source gave none."""
+"""The request for a cone of stars in each protocol, the GET that sends it, and why a source gave none.
+
+Why a source gave no stars: the words that an operator reads in a solution's provenance.
+
+::
+
+    SourceFailed
+    ├── NotAnswered      no whole answer came: network, deadline, HTTP status
+    ├── Unusable         an answer came that is none, or not one to rely on
+    └── Overflow         more stars than one answer may hold: the tile is to be split
+"""
 
 from __future__ import annotations
 
@@ -16,6 +26,7 @@ if TYPE_CHECKING:
 
 
 LONGEST_QUOTE = 160
+"""Characters of a server's own words that a message quotes at most; chosen by hand."""
 
 
 class SourceFailed(Exception):
@@ -201,6 +212,8 @@ def _address(base: str, arguments: list[tuple[str, str]]) -> str:
 MOST_BYTES = 32_000_000
 """Of an answer, unpacked."""
 MOST_REDIRECTS = 3
+"""Redirects that one request follows; chosen by hand: a mirror's address takes one or two. Without a bound a
+loop would last until the time limit."""
 _AGENT = "mountnav (star catalog client)"
 _LOOPBACK = frozenset({"localhost", "127.0.0.1", "::1"})
 
@@ -248,7 +261,7 @@ def get(client: httpx.Client, url: str, *, end: float) -> Got:
     url : str
     end : float
         By `time.monotonic`: when it must be here. A server that sends its headers byte by byte may be waited
-        for longer, so whoever must not wait asks from a thread, see `mountnav.catalog.online.fetching`.
+        for longer, so a caller that must not wait asks from a thread, see `mountnav.catalog.online.fetching`.
 
     Returns
     -------

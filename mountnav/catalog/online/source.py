@@ -1,4 +1,10 @@
-"""An online source: its service, its table, and the tables whose columns need no configuration."""
+"""An online source: its service, its table, and the tables whose columns need no configuration.
+
+Tables whose columns are known: nothing needs to be configured for them but the name of the table.
+
+Column names and units are those of VizieR's tables (ReadMe files of CDS I/259, I/284, I/322A, I/355) and of
+the Gaia archive's data model. What only some servers have is in `may_lack`.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +17,22 @@ from typing import Literal
 from urllib.parse import urlsplit
 
 from mountnav.catalog.stars import StarFlag
-from mountnav.settings.catalogs import OnlineSettings
+
+COLUMN_ROLES = (
+    "ra",
+    "dec",
+    "e_ra",
+    "e_dec",
+    "pm_ra",
+    "pm_dec",
+    "e_pm_ra",
+    "e_pm_dec",
+    "mean_epoch_ra",
+    "mean_epoch_dec",
+    "mag",
+    "color",
+)
+"""What a column of an online table may be: the keys of `OnlineSource.columns`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +67,7 @@ class KnownTable:
         In `band`: hardly a star is fainter.
     roles : mapping
         Role to column names, the first that has a value counts. Beside those of
-        `mountnav.settings.catalogs.COLUMN_ROLES`: ``mag_other`` (another band), ``color_blue`` and
+        `COLUMN_ROLES`: ``mag_other`` (another band), ``color_blue`` and
         ``color_red`` (the color is their difference), ``e_total`` (error of both coordinates together).
     may_lack : frozenset of str
         Columns that a server needn't have; never asked for by TAP, where an unknown column is an error.
@@ -283,7 +304,7 @@ def table_proper(table: str) -> str:
 
 VIZIER_URL = "https://vizier.cds.unistra.fr"
 CACHE_FORMAT = 1
-"""Raised when tiles are made differently: older ones are then fetched anew."""
+"""Raised when tiles are made differently: older ones are then fetched again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,7 +320,7 @@ class OnlineSource:
         Base address of the service.
     table : str
     columns : mapping
-        Role of `mountnav.settings.catalogs.COLUMN_ROLES` to column, with its unit in brackets where the
+        Role of `COLUMN_ROLES` to column, with its unit in brackets where the
         service doesn't tell it: ``"pmRA [mas/yr]"``; empty: not used.
     band : str or None
     epoch_yr : float or None
@@ -332,13 +353,6 @@ class OnlineSource:
     max_age_days: float = 365.0
     ask: Literal["live", "never"] = "live"
 
-    @classmethod
-    def of(cls, settings: OnlineSettings) -> OnlineSource:
-        """Make the source that a table of the settings describes."""
-        given = settings.model_dump()
-        given["url"] = given["url"] or VIZIER_URL
-        return cls(**given)
-
     @property
     def known(self) -> KnownTable | None:
         """What is known of the table without being configured; None for others, and for cone searches."""
@@ -357,7 +371,7 @@ class OnlineSource:
         return urlsplit(self.url).hostname or self.url
 
     def fingerprint(self) -> str:
-        """Twelve characters that tell tiles of one making from others under the same name.
+        """Twelve characters that distinguish tiles made in one way from others under the same name.
 
         Mirrors of VizieR are alike, other services aren't. Depth, age and patience are no part of it.
         """

@@ -20,13 +20,21 @@ Array = NDArray[np.float64]
 Chosen = NDArray[np.bool_]
 
 LARGEST_SHARE_WITHOUT_PLACE = 0.1
+"""Share of an answer's rows without a position up to which these are left out; with more the answer is
+refused, since the columns are then others than thought; chosen by hand."""
 FARTHEST_DEG = 0.1
 """How far outside the circle a star may be, beside half its radius: boxes are answered as well."""
 FAINTEST_MAG, BRIGHTEST_MAG = 40.0, -4.0
+"""Magnitudes between which a value is believed: Sirius has -1.5, no survey reaches 40. Others (99.99, -9999)
+are taken as unknown."""
 _FASTEST_MAS_YR = 20_000.0
+"""Proper motions beyond this are taken as unknown, mas/yr: twice Barnard's star's, as `readers.gaia.stars`
+has it."""
 _BY_DEFAULT_SIGMA_PM_MAS_YR = 5.0
 """Of a table that gives proper motions without errors: that of ground-based catalogs."""
 _LEAST_SIGMA_MAS = 0.02
+"""Stated position errors below this are raised to it: no catalog of stars is better than Gaia's brightest
+(0.02 mas), and a zero would weigh infinitely."""
 _SINGLE_PRECISION_MAS = 32.0
 """A right ascension beyond 256° in single precision: steps of 3.05e-5°, evenly wrong by up to half of one."""
 

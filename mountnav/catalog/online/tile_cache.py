@@ -1,4 +1,15 @@
-"""HEALPix tiles of mixed levels on disk: written whole or not at all, checked when they are opened."""
+"""HEALPix tiles of mixed levels on disk: written whole or not at all, checked when they are opened.
+
+::
+
+    <cache>/online/<name>/<fingerprint>/<level>/
+        <pixel>.json          the record: the tile is what this says
+        <pixel>-<hash>.mnc    its stars, packed; none if it has none
+
+The record names the file of stars by its hash and is renamed into place last. So processes that fetch the
+same tile at the same time do double work and no harm: whoever comes last wins, with a file of its own, and
+removes the others'. Only that last step, renaming and removing, takes a lock.
+"""
 
 from __future__ import annotations
 
@@ -33,13 +44,22 @@ Array = NDArray[np.float64]
 SMALLEST_LEVEL, LARGEST_LEVEL = 3, 11
 """Tiles of 7.3° to 1.7′."""
 _START_LEVEL = 6
+"""HEALPix level at which the tiles of a cone are looked for first, before they are divided; chosen by hand,
+for speed alone: the tiles found are the same."""
 _EDGE_POINTS = 16
+"""Points on each of a tile's four edges by which its distance from a cone is judged, with a margin for what
+lies between them; chosen by hand. Halved, the margin doubles, and a few tiles more are fetched than
+needed."""
 _PADDING_DEG = 60.0 / 3600.0
 """A tile is asked for with this margin: a server's index may hold the places of another epoch."""
 _DEPTHS = ((12.5, 4), (14.5, 5), (17.0, 6))
 """To which magnitude a tile of which level holds some thousand stars at most in the Milky Way."""
 _DEEPEST_LEVEL = 7
+"""Level of tiles that are fetched deeper than `_DEPTHS`: 0.46° wide. One level more, and deep tiles come in
+four times as many requests of a quarter of the stars."""
 _WIDE_DEG = 0.35
+"""Cones of a larger radius are fetched in tiles one level larger, so that a few requests do; chosen by hand.
+Halved, common fields of 1° fetch more sky than they need."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -87,7 +107,7 @@ class Tile:
         return Circle(float(ra_deg[0]), float(dec_deg[0]), radius_deg * 1.002 + _PADDING_DEG)
 
     def holds(self, ra_deg: Array, dec_deg: Array) -> NDArray[np.bool_]:
-        """Which places lie in it, exactly: each place lies in one tile of a level."""
+        """Which positions lie in it, exactly: each position lies in one tile of a level."""
         from astropy import units
         from astropy_healpix import lonlat_to_healpix
 
@@ -189,6 +209,8 @@ def _center(tile: Tile) -> Array:
 
 
 MOST_OPEN = 256
+"""Tiles that are kept open (mapped) at once; chosen by hand, below the usual limit of 1024 open files.
+Halved, only prefetching over large areas opens files more often."""
 DOUBTFUL_DAYS = 0.5
 """For so long an empty answer that may be an error counts: a night; the next night asks again."""
 _NSIDE = 1

@@ -36,10 +36,15 @@ Facts = dict[str, str | int | float]
 COLORS_SUFFIX = ".colors"
 MAGIC = b"MNAVCOLR"
 VERSION = 1
+"""Of the form of the file; another is refused."""
 UNKNOWN = 255
+"""Byte of a star without a color; the others count steps."""
 _PREAMBLE_BYTES = 16
+"""Magic (8), version and length of the header (4 each): the form of the file."""
 _ALIGNMENT_BYTES = 64
+"""The colors begin at a multiple of it: the form of the file."""
 _LONGEST_HEADER_BYTES = 4096
+"""A longer header is a damaged file; chosen by hand, well above what is written."""
 _ADVICE = "install mountnav anew, build the file again (tools/README.md), or remove it and have no colors"
 
 

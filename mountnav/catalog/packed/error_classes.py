@@ -1,4 +1,10 @@
-"""Position errors of millions of stars in at most 256 classes: one byte gives sigma at any epoch."""
+"""Position errors of millions of stars in at most 256 classes: one byte gives sigma at any epoch.
+
+Error classes for catalogs larger than memory: stars are counted in cells, and the cells are classified.
+
+A cell holds the stars whose sigma is the same, to 3 %, at three epochs. Every star of the catalog is counted,
+none is sampled: so no monstrous error is overlooked, and the order in which stars come doesn't matter.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +18,8 @@ from mountnav.catalog.packed.format import CLASS, MOST_CLASSES
 Array = NDArray[np.float64]
 
 REFERENCE_YR = 2000.0
+"""Julian year from which the polynomials of variance over time count. Another gives the same curves, rounded
+differently: other bytes in a packed file, the same sigmas."""
 FEATURE_EPOCHS_YR = (1992.0, 2015.0, 2030.0, 2050.0)
 """Where two stars must have like sigmas to share a class: the catalog's own epoch, and the years of use."""
 CLASSES_BY_WIDTH = 96
@@ -133,6 +141,7 @@ def class_parameters(curve: Array) -> tuple[float, float, float]:
 
 
 _MAG = (4.5, 5.5, 6.5, 7.5, 8.5, 9.5, 10.5, 11.5, 12.5)
+"""Magnitudes of the table below."""
 _MAS_YR = (47.0, 38.0, 29.0, 22.5, 17.4, 13.9, 11.6, 10.8, 10.5)
 """68.3 % of the Tycho-2 stars of that magnitude move less, per coordinate (tools/build_tycho2.py). Fainter
 stars move less than the last ones, so theirs is a cautious figure."""
@@ -159,11 +168,16 @@ Indices = NDArray[np.int64]
 CELL_EPOCHS_YR = (2020.0, 1995.0, 2045.0)
 """The first tells how large an error is, the others how it grows before and after."""
 SMALLEST_MAS, LARGEST_MAS = 0.005, 1e5
+"""Sigmas that cells tell apart, mas: from below Gaia's best to 100″; what lies beyond counts as the limit."""
 _STEPS_PER_OCTAVE_BITS = 3
+"""Eight steps for each factor of 2 in the variance, so that cells are 3 to 6 % wide in sigma: more of them
+would no longer fit `CELLS`."""
 _MANTISSA_SHIFT = 23 - _STEPS_PER_OCTAVE_BITS
+"""A 32-bit float's bits, shifted by so much, count those steps: 23 bits of mantissa less 3."""
 _GROWTH_RANGE = 128
 """Steps of variance, 8 per factor of 2: growth by up to 2**16 is told apart."""
 CELLS = 1 << 25
+"""Number of cells, 512 sizes times 256 by 256 growths; their counters take 128 MiB."""
 
 
 def cells(curve: Curves) -> Indices:

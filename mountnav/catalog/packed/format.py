@@ -1,4 +1,25 @@
-"""The packed format on disk: sections, quantization steps, facts, and the header as bytes."""
+"""The packed format on disk: sections, quantization steps, facts, and the header as bytes.
+
+::
+
+    offset  what
+    0       magic "MNAVSTAR" (8 bytes)
+    8       u32 version: 1 or 2
+    12      u32 length of the header text
+    16      header text: JSON, UTF-8, padded with spaces to a multiple of 64 (version 2: to 4096)
+    ...     sections, each at the offset that `Header.layout` tells (version 2: at multiples of 64):
+          2 coarse   u32 (49153)             if nside > 64: as `offsets`, for nside 64
+            offsets  u32 (12 nside² + 1)     first star of each NESTED pixel, and the count at the end
+          2 tops     u16 (12 nside²)         raw magnitude of the brightest star of each pixel; 65535: none
+            classes  f32 (n, 3)              sigma [mas], its mean epoch [yr], sigma pm [mas/yr]
+            fast     12 or 20 bytes each     stars too fast for the record (version 2: for the padding)
+            stars    15-byte records         sorted by pixel, then by magnitude, then by place
+          2 color    i16 (count)             if the catalog has colors: color index, 0.001 mag
+          2 flags    u8 (count)              if the catalog has flags: bits of `StarFlag`
+
+What has a 2 before it is in version 2 only. All numbers are little-endian. Positions are ICRS at the header's
+``epoch_yr``.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +38,22 @@ from mountnav.parsing import json_of
 
 MAGIC = b"MNAVSTAR"
 VERSION = 2
+"""The version that is written."""
 KNOWN_VERSIONS = (1, 2)
+"""Those that are read: the embedded catalog is of version 1."""
 PREAMBLE_BYTES = 16
+"""Magic (8), version and length of the header (4 each): the form of the file."""
 LONGEST_HEADER_BYTES = 65536
+"""Version 1: a longer header is a damaged file."""
 HEADER_BYTES = 4096
 """Version 2: where the sections start; the header is written last, so its length must be known at first."""
 SECTION_ALIGNMENT_BYTES = 64
+"""Version 2: sections begin at multiples of it, so that they can be mapped as arrays; a cache line."""
 LARGEST_NSIDE = 4096
+"""Finest division of a file: 201 million pixels, whose tables alone have 1.2 GB."""
 COARSE_NSIDE = 64
+"""Where a file's pixels are finer than this, the section ``coarse`` has the first star of each pixel of this
+division: cones are looked for there first. Part of the form of the file."""
 
 RA_STEP_DEG = 360.0 / 2**32
 """0.30 mas."""
@@ -33,10 +62,13 @@ DEC_STEP_DEG = 90.0 / (2**31 - 1)
 PM_STEP_MAS_YR = 0.1
 """The step in which Tycho-2, Hipparcos and UCAC4 give proper motions: nothing is lost."""
 MAG_STEP = 0.001
+"""Millimagnitudes: finer than any catalog's errors. Part of the form of the file."""
 MAG_ZERO = -5.0
 """Magnitude of raw value 0; raw values grow with the magnitude, so that they sort alike."""
 COLOR_STEP = 0.001
+"""As `MAG_STEP`."""
 COLOR_UNKNOWN = -32768
+"""Raw value of a star without a color: the least of 16 bits."""
 NO_STAR = 65535
 """In the section ``tops``: the pixel is empty."""
 
@@ -45,6 +77,8 @@ PM_UNKNOWN = -32768
 PM_IN_SIDECAR = -32767
 """In both proper motion fields: look into the section ``fast``."""
 LARGEST_PM_RAW = 32766
+"""Largest raw proper motion in the section ``stars`` (16 bits less the two codes above); faster stars are in
+the section ``fast``."""
 
 STAR = np.dtype(
     [("ra", "<u4"), ("dec", "<i4"), ("pm_ra", "<i2"), ("pm_dec", "<i2"), ("mag", "<u2"), ("error", "u1")]
@@ -59,6 +93,7 @@ CLASS = np.dtype("<f4")
 COLOR = np.dtype("<i2")
 FLAG = np.dtype("u1")
 MOST_CLASSES = 256
+"""As many as a byte can number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,7 +249,7 @@ def proper_motions(
 
 
 def malformed(file: str, offset: int, expected: str, found: str) -> BadCatalog:
-    """Make the error that tells where a file stops being a packed catalog.
+    """Make the error that says where a file stops being a packed catalog.
 
     Parameters
     ----------
@@ -238,6 +273,7 @@ def malformed(file: str, offset: int, expected: str, found: str) -> BadCatalog:
 
 
 _ALIGNMENT_BYTES_1 = 64
+"""Version 1 pads its header to a multiple of it. Part of the form of the file."""
 
 _NUMBER = (int, float)
 _FIELDS_1: dict[str, type | tuple[type, ...]] = {

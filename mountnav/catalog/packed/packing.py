@@ -51,6 +51,7 @@ Raw = NDArray[np.void]
 KEY_NSIDE = 2**14
 """Resolution of `RAW` keys: 12 × 4**14 pixels are the most that 32 bits can number."""
 RAW_PM_UNKNOWN = -(2**31)
+"""Raw value in both proper motions of a star that has none: the least of 32 bits."""
 FASTEST_RAW = 10_000_000
 """1000 arcsec/yr, a hundred times Barnard's star: more than that is an error in the file."""
 
@@ -74,11 +75,11 @@ RAW = np.dtype(
 
 
 class NotWritable(ValueError):
-    """The packed form has no place for a value."""
+    """The packed form can't hold a value."""
 
 
 def require_writable(columns: CatalogColumns) -> None:
-    """Refuse what the packed form has no place for.
+    """Refuse what the packed form can't hold.
 
     Raises
     ------

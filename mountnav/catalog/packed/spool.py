@@ -1,4 +1,20 @@
-"""Stars on their way into a packed file, kept on disk: an interrupted import goes on where it stopped."""
+"""Stars on their way into a packed file, kept on disk: an interrupted import goes on where it stopped.
+
+A spool is a folder with a file for each part of the catalog that is in (`SpooledPart`) and the facts that
+they were taken for. `Spool.finish` cuts the sphere into pieces of so many stars as fit into memory, collects
+each piece from all the parts, sorts it, and hands it to the writer. Nothing else grows with the catalog: some
+hundred million stars need no more memory than some million.
+
+A part of a spool: one file of sorted runs of stars, complete or not there.
+
+::
+
+    runs      one after the other: n keys (u32), then n stars (`RAW`), both in the order of the keys
+    trailer   JSON, UTF-8: name, runs (n of each), fast (stars above each of `FAST_LIMITS_MAS_YR`), has_flags
+    end       u32 length of the trailer, magic "MNAVPART" (8 bytes)
+
+The file is written under another name, made durable, and then gets its own: a name is a promise.
+"""
 
 from __future__ import annotations
 
@@ -42,6 +58,7 @@ RUN_STARS = 1_000_000
 """At most so many are sorted at once; 37 bytes each, and some copies."""
 _MAGIC = b"MNAVPART"
 _END_BYTES = 12
+"""End of a part's file: length of its description (4 bytes) and the magic (8)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,10 +287,16 @@ def _cut(columns: CatalogColumns, begin: int, end: int) -> CatalogColumns:
 Indices = NDArray[np.int64]
 
 FIRST_CUT_NSIDE = 16
+"""Division at which stars are counted first, to cut the sphere into pieces that fit into memory: 3,072
+pixels. Finer, the counting takes more memory; coarser, dense regions make pieces too large."""
 STARS_PER_PIXEL = 64
+"""Stars that a pixel of the finished file holds about, half to twice of it on average; measured in
+docs/packed-store.md: with fewer, wide cones spend their time on pixels; with more, narrow ones on stars
+outside."""
 PIXELS_PER_STAR = 0.6
 """At most: so the tables of the pixels, 6 bytes each, stay well below the 15 bytes of each star."""
 LARGEST_PACKED_NSIDE = 2048
+"""Finest division that is written: 50 million pixels of 1.7′, enough for three billion stars."""
 
 
 def nside_for(count: int, sky_share: float = 1.0) -> int:
@@ -400,8 +423,11 @@ def _full_cuts(counts: Indices, most: int) -> Indices:
 STARS_AT_ONCE = 1_500_000
 """How many stars `Spool.finish` sorts at once: 0.3 GB of memory."""
 SPOOL_VERSION = 1
+"""Of the form of a spool; one of another version is begun again."""
 _FACTS = "facts.json"
 _SHARE_OF_COUNTING = 0.2
+"""Share of finishing that counting takes on the progress bar; chosen by hand. Another value makes the bar run
+unevenly, no more."""
 
 
 class Spool:
@@ -415,7 +441,7 @@ class Spool:
 
     @classmethod
     def open(cls, folder: Path, facts: PackedFacts) -> Spool:
-        """Go on with a spool of equal facts, or start anew.
+        """Go on with a spool of equal facts, or start again.
 
         Parameters
         ----------

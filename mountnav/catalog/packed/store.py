@@ -1,4 +1,11 @@
-"""The packed store: a memory-mapped catalog of any size that answers a cone in a millisecond or two."""
+"""The packed store: a memory-mapped catalog of any size that answers a cone in a millisecond or two.
+
+Stars that move far: a few thousand are looked at in each query, so that the rest needs little padding.
+
+Barnard's star moves 4.6′ in 27 years. A query of 0.3° that had to be padded by that would read 40 % more
+stars on 113 million (CPU: 5 %), one of a deeper catalog more still. And any single error in a source, a
+motion of 1000 arcsec/yr, would make every query a wide one.
+"""
 
 from __future__ import annotations
 

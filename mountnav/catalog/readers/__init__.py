@@ -1,77 +1,28 @@
-"""Readers of star catalogs as they come: one file each, all with the same face."""
+"""Readers of star catalogs as they come: a package for each kind, declared there and listed here."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
-from typing import Protocol
 
-from mountnav.catalog.packed.packing import CatalogColumns
+from mountnav.catalog.readers import astap, astrometry_net, gaia, siril, ucac4, usno_b1
+from mountnav.catalog.readers.kind import CatalogKind, Credit, Reader
 from mountnav.errors import BadCatalog, BadRequest
 from mountnav.files import require_plain
 
-KINDS: dict[str, str] = {
-    "ucac4": "UCAC4 zone files (z001 to z900)",
-    "usno-b1": "USNO-B1.0 zone files (bNNNN.cat)",
-    "gaia": "a Gaia extract with the archive's column names: FITS, CSV, ECSV, VOTable or Parquet",
-    "astrometry-net": "astrometry.net index files (5200 series, and others with or without stars' columns)",
-    "astap": "ASTAP / HNSKY star databases (.1476, .290)",
-    "siril": "Siril's local Gaia catalog files",
+__all__ = ["CATALOGS", "credit_of", "open_reader"]
+
+CATALOGS: dict[str, CatalogKind] = {
+    kind.name: kind
+    for kind in (
+        ucac4.CATALOG,
+        usno_b1.CATALOG,
+        gaia.CATALOG,
+        astrometry_net.CATALOG,
+        astap.CATALOG,
+        siril.CATALOG,
+    )
 }
-"""What `open_reader` knows, with a description for people."""
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """A piece of a catalog that is read as a whole: an import goes on after the last one that is in.
-
-    Attributes
-    ----------
-    name : str
-        Unique within the catalog, the same at every run.
-    path : Path
-        Its file.
-    size_bytes : int
-        How much there is to read: for the progress bar.
-    """
-
-    name: str
-    path: Path
-    size_bytes: int
-
-
-class Reader(Protocol):
-    """What a reader of one kind of catalog can do.
-
-    Attributes
-    ----------
-    name : str
-        The catalog's name for people and provenance: "UCAC4".
-    band : str
-        Photometric band of the magnitudes.
-    color_name : str
-        "B-V", "BP-RP", or empty.
-    epoch_yr : float
-        Julian year of all positions that it gives.
-    made_from : str
-        One line for people: what was read, and where it comes from.
-    """
-
-    name: str
-    band: str
-    color_name: str
-    epoch_yr: float
-    made_from: str
-
-    def parts(self) -> Sequence[Part]:
-        """The pieces, in a fixed order."""
-        ...
-
-    def read(self, part: Part) -> Iterator[CatalogColumns]:
-        """The stars of a piece, in chunks of at most some 500,000. Raises `BadCatalog`."""
-        ...
+"""All kinds by name, in the order in which messages list them."""
 
 
 def open_reader(kind: str, path: Path) -> Reader:
@@ -80,13 +31,9 @@ def open_reader(kind: str, path: Path) -> Reader:
     Parameters
     ----------
     kind : str
-        One of `KINDS`.
+        One of `CATALOGS`.
     path : Path
         A file, or the folder that holds the files.
-
-    Returns
-    -------
-    Reader
 
     Raises
     ------
@@ -95,8 +42,8 @@ def open_reader(kind: str, path: Path) -> Reader:
     BadCatalog
         There is no such file, or it isn't of that kind.
     """
-    if kind not in KINDS:
-        raise BadRequest(f"there is no kind of catalog {kind!r}", advice=f"there are: {', '.join(KINDS)}")
+    if kind not in CATALOGS:
+        raise BadRequest(f"there is no kind of catalog {kind!r}", advice=f"there are: {', '.join(CATALOGS)}")
     if not path.exists():
         raise BadCatalog("there is no such file or folder", device=str(path), advice="check the path")
     if not path.is_dir():
@@ -106,7 +53,16 @@ def open_reader(kind: str, path: Path) -> Reader:
             raise BadCatalog(
                 f"it can't be read: {fault.strerror}", device=str(path), advice="give a file or a folder"
             ) from fault
-    opened: Callable[[Path], Reader] = import_module(
-        f"mountnav.catalog.readers.{kind.replace('-', '_')}"
-    ).open_catalog
-    return opened(path)
+    return CATALOGS[kind].open(path)
+
+
+def credit_of(made_from: str) -> Credit | None:
+    """The credit of an imported catalog; None if its kind isn't stated, or isn't known.
+
+    Parameters
+    ----------
+    made_from : str
+        As in the header: the kind of the import, a colon, and what was read.
+    """
+    kind = CATALOGS.get(made_from.split(":", 1)[0])
+    return None if kind is None else kind.credit

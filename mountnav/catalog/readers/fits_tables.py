@@ -34,8 +34,10 @@ _BYTES = {
     "P": 8,
     "Q": 16,
 }
+"""Bytes of one element of each kind of column [FITS 4.0, table 18]; bits (X) are counted apart."""
 _NUMPY = {"L": "u1", "B": "u1", "I": ">i2", "J": ">i4", "K": ">i8", "E": ">f4", "D": ">f8"}
 _LARGEST_READ_BYTES = 64 * 2**20
+"""Bytes of rows that are read at a time; chosen by hand: memory grows with it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,7 @@ from mountnav.files import open_buffered
 Records = NDArray[np.void]
 
 RECORDS_AT_ONCE = 200_000
+"""Records that are read at a time; chosen by hand, below what `Reader.read` promises."""
 SWAPPED = (
     "the file's bytes are swapped: get the catalog in its original (little-endian) order, "
     "or swap the bytes of each field"
@@ -43,7 +44,7 @@ class Zone:
     unit: str
 
     def holds(self, ra: NDArray[np.int64], spd: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Which places are of this zone."""
+        """Which positions are of this zone."""
         return np.asarray((ra >= 0) & (ra < self.turn) & (spd >= self.least_spd) & (spd <= self.most_spd))
 
 
@@ -83,7 +84,7 @@ def records_in_order(
     *,
     bound: Callable[[Records], NDArray[np.bool_]] | None = None,
 ) -> Iterator[tuple[int, Records]]:
-    """Read a zone file in chunks, each record in its place.
+    """Read a zone file in chunks, the records in their order.
 
     Parameters
     ----------

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from astropy.io import fits
 
-from mountnav.catalog.doctor.cameras import camera_facts, estimated_depth_mag, simulated_depth_mag
+from mountnav.catalog.doctor.cameras import camera_facts, estimated_depth_mag
+from mountnav.catalog.doctor.diagnosis import CameraFacts
+from mountnav.settings.described_cameras import described_camera
 from mountnav.settings.telescope import SimulatedCameraSettings, TelescopeSettings
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.render import draw_frame
@@ -22,6 +24,10 @@ def telescope(folder: Path, *, camera: dict[str, object] | None = None, **more: 
     return TelescopeSettings.model_validate({**REAL, "camera": camera, **more})
 
 
+def facts_of(settings: TelescopeSettings) -> CameraFacts:
+    return camera_facts(described_camera(settings))
+
+
 def written(path: Path, width: int, height: int, when_s: int, **cards: float) -> None:
     header = fits.Header()
     for key, value in cards.items():
@@ -32,7 +38,7 @@ def written(path: Path, width: int, height: int, when_s: int, **cards: float) ->
 
 def test_the_settings_come_first(tmp_path: Path) -> None:
     written(tmp_path / "a.fits", 64, 48, 1000, FOCALLEN=1000.0, XPIXSZ=5.0)
-    facts = camera_facts(
+    facts = facts_of(
         telescope(
             tmp_path,
             camera={"width_px": 2000, "height_px": 1000},
@@ -52,7 +58,7 @@ def test_the_newest_readable_frame_tells_the_rest(tmp_path: Path) -> None:
     written(tmp_path / "new.fits", 640, 480, 2000, FOCALLEN=1000.0, XPIXSZ=5.0, YPIXSZ=5.0)
     (tmp_path / "cut.fits").write_bytes(b"SIMPLE  =                    T")
     os.utime(tmp_path / "cut.fits", (3000, 3000))
-    facts = camera_facts(telescope(tmp_path))
+    facts = facts_of(telescope(tmp_path))
     assert (facts.width_px, facts.height_px, facts.size_from) == (640, 480, "new.fits")
     # 206.265 × 5 µm / 1000 mm; the bounds of a hint lie evenly about it, their geometric mean a little lower
     assert facts.scale_arcsec_px == pytest.approx(1.0313, rel=0.01)
@@ -74,7 +80,7 @@ def test_what_nobody_tells_is_asked_for(
     tmp_path: Path, camera: dict[str, object], more: dict[str, object], missing: list[str]
 ) -> None:
     for folder in (tmp_path, tmp_path / "not there"):
-        facts = camera_facts(telescope(folder, camera=camera, **more))
+        facts = facts_of(telescope(folder, camera=camera, **more))
         assert facts.frame is None
         assert facts.problem is not None
         assert facts.problem.startswith("unknown: set ")
@@ -84,13 +90,13 @@ def test_what_nobody_tells_is_asked_for(
 
 def test_the_scale_of_a_frame_of_another_size_is_not_taken(tmp_path: Path) -> None:
     written(tmp_path / "binned.fits", 320, 240, 1000, FOCALLEN=1000.0, XPIXSZ=10.0, YPIXSZ=10.0)
-    facts = camera_facts(telescope(tmp_path, camera={"width_px": 640, "height_px": 480}))
+    facts = facts_of(telescope(tmp_path, camera={"width_px": 640, "height_px": 480}))
     assert facts.scale_arcsec_px is None
     assert facts.problem is not None
 
 
 def test_a_simulated_camera_tells_itself() -> None:
-    facts = camera_facts(
+    facts = facts_of(
         TelescopeSettings.model_validate(
             {
                 "id": "t",
@@ -110,7 +116,11 @@ def test_the_simulated_depth_is_where_the_simulator_drowns_a_star() -> None:
     from mountnav.sky.coordinates import Icrs
 
     camera = SimulatedCameraSettings(kind="simulated", width_px=64, height_px=64, fwhm_px=3.0)
-    depth = simulated_depth_mag(camera, 4.0)
+    described = described_camera(
+        TelescopeSettings.model_validate({"id": "t", "mount": {"url": "fake+lx200://"}, "camera": camera})
+    )
+    assert described.noise is not None
+    depth = described.noise.depth_mag(4.0)
 
     class One:
         name = "one star"

@@ -35,12 +35,12 @@ from mountnav.catalog.doctor.diagnosis import (
     diagnose,
     reach_of,
 )
-from mountnav.catalog.doctor.obtainable import OBTAINABLE, in_size
+from mountnav.catalog.doctor.obtainable import in_size, obtainable_catalogs
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.packed.error_classes import error_curve
 from mountnav.catalog.packed.packing import CatalogColumns, pack
-from mountnav.catalog.readers import KINDS
+from mountnav.catalog.readers import CATALOGS
 from mountnav.catalog.star_counts import density_deg2, galactic
 from mountnav.catalog.stars import Stars
 from mountnav.sky.coordinates import Icrs
@@ -281,7 +281,7 @@ def test_no_smaller_catalog_would_have_sufficed() -> None:
     smallest = diagnose(facts, reach, TYCHO2, epoch_yr=EPOCH, fields=600).remedies[0].known
     assert smallest is not None
     assert facts.frame is not None
-    for known in OBTAINABLE:
+    for known in obtainable_catalogs():
         if known.has_magnitudes and known.installed_gb < smallest.installed_gb:
             found = modeled(known.faintest_mag, known.densest_deg2, facts.frame, places, pole, plane)
             assert found.fails.mean() >= 0.01, known.name
@@ -372,9 +372,9 @@ def test_advice_at_night_follows_the_place() -> None:
 # -- what can be had -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("known", OBTAINABLE, ids=lambda one: one.name)
+@pytest.mark.parametrize("known", obtainable_catalogs(), ids=lambda one: one.name)
 def test_what_can_be_had_is_consistent(known) -> None:  # type: ignore[no-untyped-def]
-    assert known.kind in KINDS
+    assert known.kind in CATALOGS
     assert known.command.startswith(f"mountnav catalog import {known.kind} ")
     assert known.terms
     places = spread_fields(WHOLE, 2000)

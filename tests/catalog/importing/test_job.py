@@ -20,8 +20,9 @@ from mountnav.catalog.importing.order import EVERYTHING, Imported, ImportOrder, 
 from mountnav.catalog.installed import unfinished_path
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.packed.packing import CatalogColumns
-from mountnav.catalog.readers import Part, open_reader
-from mountnav.catalog.readers.ucac4 import Ucac4Reader
+from mountnav.catalog.readers import open_reader
+from mountnav.catalog.readers.kind import Part
+from mountnav.catalog.readers.ucac4.reader import Ucac4Reader
 from mountnav.catalog.stars import StarFlag
 from mountnav.errors import BadCatalog, BadRequest, BadSettings, Busy, MountnavError
 from mountnav.sky.coordinates import Icrs
@@ -213,7 +214,7 @@ import os, signal, sys
 from pathlib import Path
 from mountnav.catalog.importing import job as importing
 from mountnav.catalog.importing.job import ImportOrder, import_catalog
-from mountnav.catalog.readers.ucac4 import Ucac4Reader
+from mountnav.catalog.readers.ucac4.reader import Ucac4Reader
 from mountnav.catalog.packed.spool import Spool
 source, folder, place = Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3]
 def die(*_): os.kill(os.getpid(), signal.SIGKILL)

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from astropy.table import Table
 
-from mountnav.catalog.credits import CREDITS, credit_of
+from mountnav.catalog.credits import credit_of
 from mountnav.catalog.importing.job import import_catalog
 from mountnav.catalog.importing.order import ImportOrder, ImportProgress
 from mountnav.catalog.packed import PackedStore
-from mountnav.catalog.readers import KINDS, open_reader
+from mountnav.catalog.readers import CATALOGS, open_reader
 from mountnav.catalog.stars import StarFlag
 from mountnav.sky.coordinates import Icrs
 from tests.catalog.readers import astap_files, siril_files
@@ -103,7 +103,7 @@ SOURCES: dict[str, Callable[[Path], Path]] = {
 
 
 @pytest.mark.parametrize(
-    "kind", [pytest.param(one, marks=pytest.mark.shared if one == "usno-b1" else ()) for one in KINDS]
+    "kind", [pytest.param(one, marks=pytest.mark.shared if one == "usno-b1" else ()) for one in CATALOGS]
 )
 def test_every_star_of_the_files_is_in_the_packed_one(
     kind: str, tmp_path: Path, request: pytest.FixtureRequest
@@ -119,7 +119,7 @@ def test_every_star_of_the_files_is_in_the_packed_one(
     assert store.header.band == reader.band
     assert store.header.epoch_yr == reader.epoch_yr
     assert store.color_name == reader.color_name
-    assert credit_of(store.header.made_from) is CREDITS[kind]
+    assert credit_of(store.header.made_from) is CATALOGS[kind].credit
     count = 0
     for part in reader.parts():
         for stars in reader.read(part):
@@ -138,7 +138,7 @@ def test_every_star_of_the_files_is_in_the_packed_one(
 
 
 def test_every_kind_is_tried_here_and_has_a_credit() -> None:
-    assert list(SOURCES) == list(KINDS) == list(CREDITS)
+    assert list(SOURCES) == list(CATALOGS)
 
 
 def test_overlapping_extracts_give_no_star_twice_even_if_interrupted_between(tmp_path: Path) -> None:

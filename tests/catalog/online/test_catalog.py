@@ -433,9 +433,9 @@ def test_a_cache_that_cannot_be_written_is_told(server: StarServer, tmp_path: Pa
 
 def test_settings_open_it(server: StarServer, tmp_path: Path) -> None:
     settings = OnlineSettings(name="tycho", url=server.url, table="I/259", timeout_s=30.0)
-    catalog = open_online(settings, behind=embedded_catalog(), cache=tmp_path)
+    catalog = open_online(settings.source(), behind=embedded_catalog(), cache=tmp_path)
     assert catalog.name == "tycho"
     assert len(catalog.cone(Icrs(100.0, 20.0), 0.3, epoch_yr=2026.9)) > 0
-    defaults = open_online(OnlineSettings(name="gaia", table="I/355"), behind=None, cache=tmp_path)
+    defaults = open_online(OnlineSettings(name="gaia", table="I/355").source(), behind=None, cache=tmp_path)
     assert defaults.source.host == "vizier.cds.unistra.fr"
     assert defaults.faintest_mag == 21.5

@@ -20,9 +20,10 @@ from hypothesis import strategies as st
 
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.packed.packing import CatalogColumns
-from mountnav.catalog.readers import Part, open_reader
+from mountnav.catalog.readers import open_reader
 from mountnav.catalog.readers.astrometry_net.index_file import IndexFile, stand_in_mags
 from mountnav.catalog.readers.astrometry_net.reader import IndexReader, nested_pixel
+from mountnav.catalog.readers.kind import Part
 from mountnav.catalog.space_motion import unit_vectors
 from mountnav.catalog.stars import StarFlag
 from mountnav.errors import BadCatalog

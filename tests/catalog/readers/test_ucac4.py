@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 
 from mountnav.catalog.packed.packing import CatalogColumns
 from mountnav.catalog.readers import open_reader
-from mountnav.catalog.readers.ucac4 import Ucac4Reader, open_catalog
-from mountnav.catalog.readers.ucac4.reader import STARS_IN_ZONE
+from mountnav.catalog.readers.ucac4.reader import STARS_IN_ZONE, Ucac4Reader, open_catalog
 from mountnav.catalog.readers.ucac4.record import FAST_STARS, RECORD, Ucac4Stars, decoded
 from mountnav.catalog.stars import StarFlag
 from mountnav.errors import BadCatalog

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from mountnav.catalog.packed.packing import CatalogColumns
 from mountnav.catalog.readers import open_reader
-from mountnav.catalog.readers.ucac4 import open_catalog as open_ucac4
-from mountnav.catalog.readers.usno_b1 import UsnoB1Reader, open_catalog
+from mountnav.catalog.readers.ucac4.reader import open_catalog as open_ucac4
+from mountnav.catalog.readers.usno_b1.reader import UsnoB1Reader, open_catalog
 from mountnav.catalog.readers.usno_b1.record import RECORD, decoded
 from mountnav.catalog.stars import StarFlag
 from mountnav.errors import BadCatalog

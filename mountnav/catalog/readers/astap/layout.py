@@ -1,4 +1,44 @@
-"""The layout of ASTAP's area files: the division of the sky, the head of 110 bytes, the records."""
+"""The layout of ASTAP's area files: the division of the sky, the head of 110 bytes, the records.
+
+The two divisions of the sky in ASTAP's databases: rings of declination cut into cells of right ascension.
+
+Source: the comments and tables of unit_star_database.pas of ASTAP, and name1476/name290 of the author's own
+programs that make the databases (Han Kleijn, MPL-2.0). A file is called ``<database>_RRCC.<areas>``: ring RR
+from the south pole, cell CC from right ascension 0, both from 1. A star at the border of two rings is in the
+northern one.
+
+- ``.290``: 18 rings; k of the 289 parts of a hemisphere lie beyond an edge, k = 1, 9, 25, ... 225, 289
+  (Gringorten and Yepez 1992); ASTAP's solver took such files written by benchmarks/peers/astap_stars.py.
+- ``.1476``: 36 rings of 90/17.5 degrees, the polar ones of half that;
+  tests/catalog/readers/test_astap_solves.py has ASTAP's solver take such files.
+
+The records of ASTAP's and HNSKY's area files: from bytes to places, magnitudes and colors.
+
+Source: unit_star_database.pas of ASTAP (records of 5 and 6 bytes) and hns_U290.pas of HNSKY (all of them),
+Han Kleijn. Least byte first: right ascension in 3 bytes (360 degrees / 0xFFFFFF), declination in 3 signed
+bytes (90 degrees / 0x7FFFFF). Where a record has no room for the upper byte of the declination and the
+magnitude, a *mark* before it tells them: right ascension 0xFFFFFF, in the first byte of the declination its
+upper byte + 128, in the second ten times the magnitude + 16. Stars come brightest first.
+
+=====  ==  ===========  ===================  =====  ========================================================
+bytes  id  declination  magnitude            color  used by
+=====  ==  ===========  ===================  =====  ========================================================
+5      -   2 + mark     mark                 -      D05, D20, D50, D80, G05, H17, H18, G17, G18
+6      -   2 + mark     mark                 1      V05, V50, V17 (B-V x 50 or BP-RP x 10; -128: unknown)
+7      -   3            last byte            -      not in use
+9      4   2 + mark     mark                 -      HNSKY's TUC (Tycho-2 and UCAC4)
+10     4   3            mark, its last byte  -      HNSKY's Tycho-2
+11     4   3            last byte            -      not in use
+=====  ==  ===========  ===================  =====  ========================================================
+
+The 110 bytes at the head of each area file: what the database is, in words, and how long a record is.
+
+Source: the program that makes the databases (gaia_to_1476unit.pas, Han Kleijn) and ASTAP's open_database.
+The head is text, such as ``GAIA DR3, density<=5000 stars/sqr(degree), Epoch=2025. Including 82 bright Tycho2
+stars. Magnitude is Gaia BP.``; byte 109 is the length of a record (a space: 11). Byte 108 is the version of
+the color byte where there is one (2: B-V), in older databases ten times the faintest magnitude, and where
+the text is as long as that of D50, a letter of it: the P of BP.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +55,9 @@ from mountnav.catalog.malformed import malformed_at
 Array = NDArray[np.float64]
 
 _SOUTH_290 = (1, 4, 8, 12, 16, 20, 24, 28, 32)
+"""Cells of the rings of the southern sky in the .290 division, pole first."""
 _SOUTH_1476 = (1, 3, 9, 15, 21, 27, 33, 38, 43, 48, 52, 56, 60, 63, 65, 67, 68, 69)
+"""The same of the .1476 division."""
 CELLS: dict[int, tuple[int, ...]] = {
     290: _SOUTH_290 + _SOUTH_290[::-1],
     1476: _SOUTH_1476 + _SOUTH_1476[::-1],
@@ -71,7 +113,7 @@ class Area:
         return (self.cell - 1) * width, self.cell * width
 
     def outside(self, ra_deg: Array, dec_deg: Array, slack_deg: float) -> NDArray[np.bool_]:
-        """Which places lie outside by more than the slack.
+        """Which positions lie outside by more than the slack.
 
         Parameters
         ----------
@@ -98,7 +140,7 @@ class Area:
 
 
 def area_of(path: Path) -> Area | None:
-    """The area that a file's name tells.
+    """The area that a file is of, by its name.
 
     Parameters
     ----------
@@ -135,8 +177,11 @@ RA_STEP_DEG = 360.0 / (256**3 - 1)
 DEC_STEP_DEG = 90.0 / (128 * 256**2 - 1)
 """39 mas."""
 MAG_STEP = 0.1
+"""Magnitudes are whole tenths."""
 _MARK = 0xFFFFFF
+"""Right ascension of a record that is no star but gives the magnitude of those that follow."""
 _NO_COLOR = -128
+"""Byte of a star without a color."""
 _FAINT_TENTHS = 150
 """Databases made before 2021 hold a few stars at right ascension 360 degrees, which look like marks: fainter
 than 15.0, where a mark would have to be fainter than the one before [HNSKY, hns_U290.pas, 2019-8-18]."""
@@ -314,10 +359,13 @@ def _wrapped_tenths(byte: Integers) -> Integers:
 
 
 HEAD_BYTES = 110
+"""Length of the head: the form of the files."""
 _TEXT_BYTES = 108
 """Readable in any case; the byte after them may be."""
 _VERSION_AT, _SIZE_AT = 108, 109
+"""Offsets in the head of the database's version and of the length of a record."""
 _B_V_VERSION = 2
+"""Databases whose head has this version have B-V as color, others Gaia's BP-RP."""
 _EPOCH = re.compile(r"epoch\s*=?\s*J?(\d{4}(?:\.\d+)?)", re.I)
 _BAND = re.compile(
     r"magnitude (?:is|transformed to)\s+(?:gaia |johnson-cousins |johnson |cousins )?(BP|RP|V|B|R|Ic)\b", re.I
@@ -328,11 +376,12 @@ UNTOLD_EPOCH_YR, UNTOLD_EPOCH_SIGMA_YR = 2012.5, 8.0
 """Where the text tells no epoch: anything from J2000 (HNSKY's old ones) to 2025."""
 UNKNOWN_BAND = "unknown"
 _EPOCHS_YR = (1950.0, 2100.0)
+"""Julian years between which an epoch in the head is believed; another is a damaged head."""
 
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """What a head tells.
+    """What a head states.
 
     Attributes
     ----------

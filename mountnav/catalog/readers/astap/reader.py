@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from mountnav.catalog.malformed import malformed_at
 from mountnav.catalog.packed.error_classes import error_curve, unknown_motion_mas_yr
 from mountnav.catalog.packed.packing import CatalogColumns
-from mountnav.catalog.readers import Part
 from mountnav.catalog.readers.astap.layout import (
     DEC_STEP_DEG,
     HEAD_BYTES,
@@ -25,6 +24,7 @@ from mountnav.catalog.readers.astap.layout import (
     decode,
     parse_head,
 )
+from mountnav.catalog.readers.kind import Part
 from mountnav.catalog.stars import StarFlag
 from mountnav.errors import BadCatalog
 from mountnav.files import MOST_RECORD_BYTES, open_buffered, read_bytes
@@ -32,12 +32,16 @@ from mountnav.files import MOST_RECORD_BYTES, open_buffered, read_bytes
 Array = NDArray[np.float64]
 
 _CHUNK = 500_000
+"""Stars in a chunk at most: what `Reader.read` promises."""
 _SLACK_DEG = 60.0 / 3600.0
 """Rounding is 0.04"; a star that crosses right ascension 0 on its way to the database's epoch stays in the
 area where it was, and no star moves faster than 10"/yr."""
 _MAS_PER_DEG = 3.6e6
+"""Milliarcseconds in a degree."""
 _COLOR_STEP = {"B-V": 0.02, "BP-RP": 0.1, "": 1.0}
+"""Magnitudes in a step of the color byte, by kind of color."""
 _LABELS_TOLD = 5
+"""Missing area files that a note names at most; the rest are counted."""
 _WIDE_FIELD_SUFFIX = ".001"
 
 

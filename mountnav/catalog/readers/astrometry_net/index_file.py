@@ -1,4 +1,11 @@
-"""Magnitudes for stars of which an index file tells only the order of brightness.
+"""One index file of astrometry.net: its star tree, the columns beside it, and stand-in magnitudes.
+
+The file is FITS; each array of the tree is a table of one column of bytes, in the byte order of the machine
+that wrote it (card ENDIAN). The star tree holds unit vectors as u32 steps from a lower bound; tag-along
+tables are ordinary FITS tables, row i for star i [CATALOGS, Formats §2; libkd/kdtree_fits_io.c and
+util/starkd.c of astrometry.net].
+
+Magnitudes for stars of which an index file has only the order of brightness.
 
 An index file has the brightest star of each cell of a fine grid (first sweep), then the second brightest of
 each (second sweep) and so on, ten as a rule; within a sweep the stars are in order of brightness. Its table
@@ -30,11 +37,13 @@ from mountnav.errors import BadCatalog
 Array = NDArray[np.float64]
 
 _SKY_DEG2 = 41252.96
+"""Area of the sphere in square degrees."""
 _AT_MAG, _AT_PER_DEG2 = 11.5, 62.0
 """Averaged over the sky, Tycho-2's 2.55 million stars brighter than V = 11.5."""
 _DEX_PER_MAG = 0.34
 """Growth of counts to 17, of which Gaia has about 4600 in a square degree."""
 _FAINTEST_MAG = 21.0
+"""Stand-in magnitudes go no fainter: Gaia's limit, from which the 5200 series is made."""
 
 
 def stand_in_mags(count: int, sweeps: Sequence[int], cells_nside: int) -> Array:
@@ -74,7 +83,10 @@ _BYTE_ORDERS = {"04:03:02:01": "<", "01:02:03:04": ">"}
 _OFF_SPHERE = 1e-6
 """Vectors are of length 1 to within 1e-9; what is further off was read wrongly."""
 _AT_ZERO_RAD = 1e-9
+"""Within so much of RA 0, Dec 0 a star is taken as one without a position: a zero vector that was brought to
+length 1. 0.2 mas, so that no real star is lost."""
 _LARGEST_NSIDE = 64
+"""Finest division of the sky into index files that is believed; more is a damaged header. Chosen by hand."""
 
 
 class IndexFile:

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from mountnav.catalog.malformed import malformed_at
 from mountnav.catalog.packed.packing import CatalogColumns
-from mountnav.catalog.readers import Part
 from mountnav.catalog.readers.astrometry_net.index_file import IndexFile, NotAnIndex
 from mountnav.catalog.readers.gaia.stars import stars_of
 from mountnav.catalog.readers.gaia.tables import EARLIEST_YR, LATEST_YR, Block
+from mountnav.catalog.readers.kind import Part
 from mountnav.catalog.stars import StarFlag
 from mountnav.errors import BadCatalog
 
@@ -126,7 +126,7 @@ def owners(files: Sequence[IndexFile], nside: int) -> NDArray[np.str_]:
 
 
 def cells_of(ra_deg: NDArray[np.float64], dec_deg: NDArray[np.float64], nside: int) -> NDArray[np.int64]:
-    """Pixels of some places, NESTED.
+    """Pixels of some positions, NESTED.
 
     Parameters
     ----------
@@ -149,6 +149,7 @@ def cells_of(ra_deg: NDArray[np.float64], dec_deg: NDArray[np.float64], nside: i
 Array = NDArray[np.float64]
 
 CHUNK = 400_000
+"""Stars in a chunk, below what `Reader.read` promises."""
 _GAIA_COLUMNS = {
     "pmra": "pmra",
     "pmdec": "pmdec",
@@ -169,11 +170,14 @@ _INVERSE_VARIANCES = {
 }
 """The larger 5200 version has 1/degree² and 1/(mas/yr)², as its author's legacypipe writes them."""
 _LARGEST_SIGMA_MAS = 1e4
+"""Errors of 10″ or more are taken as unknown: an inverse variance near 0 says that there is no error."""
 _SAME_PLACE_ARCSEC = 1.0
+"""A star's position in the tree and in the columns that came along may differ by so much; more, and the file
+is damaged or the columns are of another file."""
 
 
 class IndexReader:
-    """Index files of one series. Implements `mountnav.catalog.readers.Reader`.
+    """Index files of one series. Implements `mountnav.catalog.readers.kind.Reader`.
 
     Files of other series are left aside: another catalog, another epoch. Each place on the sky is taken from
     the file with the smallest quads that is for it; stars on the margins of files belong to the file whose
@@ -206,7 +210,7 @@ class IndexReader:
         self.made_from = self._told(len(files) - len(ours))
 
     def parts(self) -> Sequence[Part]:
-        """The files that are the deepest of some place, in the order of their names."""
+        """The files that are the deepest somewhere, in the order of their names."""
         return [Part(name, file.path, 17 * file.count) for name, file in sorted(self._files.items())]
 
     def read(self, part: Part) -> Iterator[CatalogColumns]:
@@ -326,7 +330,7 @@ def _depth(file: IndexFile) -> tuple[float, bool]:
 
 
 def _own_series(files: Sequence[IndexFile]) -> Series:
-    """Series of somebody's own making: its columns must tell what they are."""
+    """Series of somebody's own making: its columns must say what they are."""
     columns = set.intersection(*(set(file.columns) for file in files))
     if not {"ref_epoch", "phot_g_mean_mag"} <= columns:
         raise BadCatalog(

@@ -30,13 +30,21 @@ from mountnav.errors import BadCatalog
 from mountnav.files import open_unpacked
 
 _PIECE_BYTES = 256 * 2**20
+"""A file is divided into parts of so many bytes: what an interrupted import reads again at most. Chosen by
+hand."""
 _BLOCK_BYTES = 16 * 2**20
+"""Text that is parsed at a time; chosen by hand: pyarrow's columns take a few times as much memory."""
 _LONGEST_LINE_BYTES = 2**20
+"""A longer line is no table's: it is refused, so that a file without line ends can't fill the memory. Chosen
+by hand."""
 _DELIMITERS = (" ", ",", "\t", ";", "|")
 """ECSV has the first two [APE 6], other tables all but the first."""
 _LONGEST_HEAD_LINES = 20_000
+"""Lines of comments before the data after which a file is given up; chosen by hand, far above what the
+descriptions of Gaia's columns take."""
 _NOTHING = ["", "null", "NULL", "nan", "NaN", "None", "--"]
 _TRUTHS = {"true": 1.0, "t": 1.0, "1": 1.0, "false": 0.0, "f": 0.0, "0": 0.0}
+"""Words for true and false in the columns that are flags."""
 _SOURCE_ID = r"^([0-9]{1,18}|[0-8][0-9]{18})$"
 _RULE = re.compile(r"^[-\s|,;]*--[-\s|,;]*$")
 _PADDING = re.compile(rb" *([\t|,;\n]) *")

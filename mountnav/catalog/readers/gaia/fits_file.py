@@ -30,6 +30,7 @@ from mountnav.catalog.readers.gaia.tables import (
 from mountnav.errors import BadCatalog
 
 _PIECE_BYTES = 256 * 2**20
+"""As in `csv_file`."""
 
 
 class FitsFile:

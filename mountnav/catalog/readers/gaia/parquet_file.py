@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 _PIECE_ROWS = 2_000_000
+"""Row groups are put together to parts of so many rows: what an interrupted import reads again at most.
+Chosen by hand."""
 _MAGIC = b"PAR1"
 
 

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.catalog.packed.packing import CatalogColumns
-from mountnav.catalog.readers import Part
 from mountnav.catalog.readers.gaia.csv_file import CsvFile
 from mountnav.catalog.readers.gaia.fits_file import FitsFile
 from mountnav.catalog.readers.gaia.parquet_file import ParquetFile
 from mountnav.catalog.readers.gaia.stars import epochs_of, stars_of
 from mountnav.catalog.readers.gaia.tables import QUANTITIES, Piece, TableFile
 from mountnav.catalog.readers.gaia.votable_file import VoTableFile
+from mountnav.catalog.readers.kind import Part
 from mountnav.errors import BadCatalog
 
 Ids = NDArray[np.int64]
@@ -27,7 +27,11 @@ MOST_REMEMBERED = 40_000_000
 """16 bytes each. Beyond them no more are remembered: downloads so large come from one query, or in the
 archive's own files, which don't overlap."""
 _MOST_CHUNKS = 2**12
+"""Chunks of a part that are told apart: part and chunk are one number, part times 4096 plus chunk. Later
+chunks of a part count as its last."""
 _MOST_LISTS = 8
+"""Sorted lists of identifiers that are searched one after the other before they are merged into one; chosen
+by hand, for speed alone."""
 
 
 class Repeats:
@@ -121,7 +125,7 @@ _ARCHIVE_FILE = re.compile(r"GaiaSource_\d+-\d+\.")
 
 
 class GaiaReader:
-    """Gaia extracts in a file or a folder. Implements `mountnav.catalog.readers.Reader`.
+    """Gaia extracts in a file or a folder. Implements `mountnav.catalog.readers.kind.Reader`.
 
     Parameters
     ----------
@@ -204,7 +208,7 @@ class GaiaReader:
 
     @staticmethod
     def _quantities(file: TableFile) -> list[str]:
-        """What is read: the designation only where nothing else tells the epoch."""
+        """What is read: the designation only where nothing else states the epoch."""
         known = "ref_epoch" in file.layout.columns
         return [
             key for key in QUANTITIES if key in file.layout.columns and not (known and key == "designation")

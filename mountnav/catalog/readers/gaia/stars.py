@@ -1,4 +1,4 @@
-"""Rows of a Gaia table made stars: one epoch for all, flags, honest sigmas where something is unknown."""
+"""Rows of a Gaia table become stars: one epoch for all, flags, larger sigmas where something is unknown."""
 
 from __future__ import annotations
 
@@ -33,7 +33,9 @@ TWO_PARAMETERS = 3.0
 """`astrometric_params_solved` of a solution for the position alone."""
 
 _MAG = (12.0, 15.0, 17.0, 20.0, 21.0)
+"""G magnitudes of the two tables below."""
 _SIGMA_MAS = (0.04, 0.04, 0.1, 0.7, 2.0)
+"""Position error per coordinate, mas; source below."""
 _SIGMA_PM_MAS_YR = (0.06, 0.06, 0.2, 1.2, 3.0)
 """Typical errors of Gaia DR2 [A. G. A. Brown et al., A&A 616, A1 (2018)], larger than those of DR3;
 they stand in for error columns that a file doesn't have."""

@@ -117,7 +117,7 @@ def found_columns(file: str, names: Iterable[str]) -> dict[str, str]:
 
 
 def require_unit(file: str, column: str, quantity: Quantity, unit: str) -> None:
-    """Check the unit that a file tells.
+    """Check the unit that a file states.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def epoch_of_label(label: str) -> float | None:
 
 
 def epoch_in_texts(file: str, texts: Iterable[str]) -> float | None:
-    """Look for the epoch in what a file tells about itself.
+    """Look for the epoch in what a file states about itself.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ def epoch_in_texts(file: str, texts: Iterable[str]) -> float | None:
 
 
 def unknown_epoch(file: str) -> BadCatalog:
-    """Make the error for a file that doesn't tell the epoch of its positions."""
+    """Make the error for a file that doesn't state the epoch of its positions."""
     return BadCatalog("doesn't tell for which year its positions hold", device=file, advice=ADVICE)
 
 
@@ -232,7 +232,7 @@ class Described:
     fields: Mapping[str, Any]
 
     def unit(self, name: str) -> str:
-        """Unit of a column; empty if none is told."""
+        """Unit of a column; empty if none is stated."""
         return str(self.columns.get(name, {}).get("unit", "") or "")
 
     def epoch_yr(self, ra_column: str) -> float | None:
@@ -249,7 +249,7 @@ class Described:
 
 
 def described_columns(text: str) -> Described:
-    """Read the YAML; what can't be read tells nothing.
+    """Read the YAML; what can't be read is passed over.
 
     Parameters
     ----------
@@ -280,6 +280,7 @@ def described_columns(text: str) -> Described:
 
 
 LARGEST_CHUNK = 400_000
+"""Stars in a chunk, below what `Reader.read` promises."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -317,7 +318,7 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """What the head of a file tells.
+    """What the head of a file states.
 
     Attributes
     ----------
@@ -336,7 +337,7 @@ class TableFile(Protocol):
 
     @property
     def layout(self) -> Layout:
-        """What its head tells."""
+        """What its head states."""
         ...
 
     def pieces(self) -> Sequence[Piece]:

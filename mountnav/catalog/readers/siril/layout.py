@@ -54,17 +54,22 @@ STAR = np.dtype(
 """Coordinates in `STEP_DEG`, proper motions in mas/yr (that in RA with cos Dec), G in mmag; temperature in K.
 Whole numbers, each cut off towards 0."""
 STEP_DEG = 360.0 / (2**31 - 1)
+"""Degrees in a step of the coordinates: a turn in 31 bits, 0.6 mas."""
 RELEASE_EPOCHS_YR = {0: 2015.0, 1: 2015.5, 2: 2016.0, 3: 2016.0}
+"""Julian years of the positions, by the number of Gaia's release in the head."""
 RELEASES = {0: "DR1", 1: "DR2", 2: "EDR3", 3: "DR3"}
+"""Names of these releases."""
 ASTROMETRIC = 1
+"""Kind of catalog in the head that holds positions, motions and magnitudes: the one that is read."""
 _SPECTRA = {2: "sampled", 3: "continuous"}
+"""Kinds that hold spectra, which are refused with these words."""
 _DEEPEST_LEVEL = 13
 """As in Siril: at deeper ones the index alone has gigabytes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """What a head tells.
+    """What a head states.
 
     Attributes
     ----------

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mountnav.catalog.malformed import malformed_at
 from mountnav.catalog.packed.error_classes import error_curve, unknown_motion_mas_yr
 from mountnav.catalog.packed.packing import CatalogColumns
-from mountnav.catalog.readers import Part
+from mountnav.catalog.readers.kind import Part
 from mountnav.catalog.readers.siril.layout import (
     HEAD,
     RELEASE_EPOCHS_YR,
@@ -32,18 +32,26 @@ from mountnav.files import open_buffered
 Array = NDArray[np.float64]
 
 _LARGEST_RAW = 2**31 - 1
+"""A right ascension of 360° in steps; larger ones don't fit the field."""
 _POLE_RAW = int(90.0 / STEP_DEG)
+"""A declination of 90° in steps."""
 _FASTEST_MAS_YR = 12_000
 """Barnard's star moves 10,393."""
 _BRIGHTEST_MMAG, _FAINTEST_MMAG = -2_000, 25_000
+"""Magnitudes that are believed, in mmag: Gaia's sources have G 1.7 to about 22. Others are damaged
+records."""
 _RADIUS_RAD = 1.08
 """From a pixel's center to its farthest corner, times 2^level: measured on all pixels of levels 1 to 6."""
 _SLACK_DEG = 120.0 / 3600.0
 """A source of Gaia's is numbered by the pixel where it was first seen: a fast star has left it since."""
 _NO_MAGNITUDE_STANDS_FOR = 21.0
+"""Stands in for a magnitude that isn't there, as in `readers.gaia.stars.FAINT_MAG`."""
 _MAS_PER_DEG = 3.6e6
+"""Milliarcseconds in a degree."""
 _G = (13.0, 15.0, 17.0, 18.0, 20.0, 21.0)
+"""G magnitudes of the two tables below."""
 _SIGMA_MAS = (0.02, 0.03, 0.06, 0.12, 0.45, 1.1)
+"""Position error per coordinate, mas; source below."""
 _SIGMA_PM_MAS_YR = (0.02, 0.03, 0.07, 0.14, 0.5, 1.4)
 """Of Gaia DR3 itself, rounded up from Lindegren et al. 2021 (A&A 649, A2); the file has no errors."""
 _CUT_OFF_MAS_YR = 1.0 / np.sqrt(3.0)
@@ -180,6 +188,7 @@ def _distance_deg(ra_a: Array, dec_a: Array, ra_b: Array, dec_b: Array) -> Array
 
 
 _LARGEST_PART = 500_000
+"""Stars in a part and in a chunk at most: what `Reader.read` promises."""
 _BZIP2_SUFFIX = ".bz2"
 
 

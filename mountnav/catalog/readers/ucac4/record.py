@@ -1,4 +1,11 @@
-"""A star of UCAC4: 78 bytes in, numbers with units out [CATALOGS, Formats §3; readme_u4 §5a]."""
+"""A star of UCAC4: 78 bytes in, numbers with units out [CATALOGS, Formats §3; readme_u4 §5a].
+
+The 25 stars of UCAC4 whose proper motion doesn't fit its records: the table u4i/u4hpm.dat of the catalog.
+
+The numbers are the catalog's (USNO, "available free of charge"); they are quoted alike in two public readers,
+Project Pluto's ucac4.c (public domain) and Skychart's u4conv. Having them here spares the user a file which
+copies of the zone files often lack.
+"""
 
 from __future__ import annotations
 
@@ -50,14 +57,17 @@ RECORD: np.dtype[np.void] = np.dtype(
 """The bytes as they lie in the file. Magnitudes are signed: the readme says I*2."""
 
 NO_MAG = 20000
+"""The catalog's code for a magnitude that isn't there, mmag [readme_u4 §5a]."""
 NO_SIGMA = 99
+"""The catalog's code for the error of such a magnitude, 0.01 mag."""
 BIASED = 128
 """Errors are stored as signed bytes of the value less 128."""
 LARGE_SIGMAS_PM = {251: 275, 252: 325, 253: 375, 254: 450, 255: 500}
 """Codes of large proper motion errors, 0.1 mas/yr; 255 says "no data", for which the catalog writes 500."""
 NO_PM_DATA = 255
+"""Code of a proper motion error that isn't there."""
 PM_ELSEWHERE = 32767
-"""The proper motion doesn't fit the field: see `fast_stars`."""
+"""The proper motion doesn't fit the field: see `FAST_STARS`."""
 
 
 @dataclass(frozen=True, slots=True)

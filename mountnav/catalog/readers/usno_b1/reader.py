@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mountnav.catalog.malformed import malformed_at
 from mountnav.catalog.packed.error_classes import error_curve
 from mountnav.catalog.packed.packing import CatalogColumns
-from mountnav.catalog.readers import Part
+from mountnav.catalog.readers.kind import Part
 from mountnav.catalog.readers.usno_b1.record import (
     NO_STAR_GALAXY,
     RECORD,
@@ -29,17 +29,22 @@ from mountnav.files import read_bytes
 Array = NDArray[np.float64]
 
 B1, R1, B2, R2, INFRARED = range(5)
+"""Columns of the five surveys in a record."""
 FLOOR_MAS = 200.0
 """The catalog's accuracy at J2000 [Monet et al. 2003, AJ 125, 984]; the stated sigma is the plates' scatter.
 At the south pole its declinations differ from UCAC4's by 0.26", robust sigma, at magnitude 12 to 16."""
 FLOOR_PM_MAS_YR = 4.0
 """Smaller stated errors "should not be taken at face value" [Gould 2003, AJ 126, 472]."""
 UNKNOWN_MOTION_MAG = (8.5, 10.5, 11.5, 12.5, 13.5, 14.5, 15.5, 16.5)
+"""Magnitudes of the table below."""
 UNKNOWN_MOTION_MAS_YR = (43.0, 25.5, 23.4, 18.9, 14.3, 13.7, 11.9, 11.0)
 """How far a star without a proper motion may move, per coordinate: 68.3 % of the UCAC4 stars of its magnitude
 move less (CDS's sample of 1000, less their errors)."""
 R_MINUS_BLUE_MAG = -0.9
+"""Red less blue magnitude of an ordinary star: brings a star that only a blue plate has to R. The origin
+isn't recorded."""
 R_MINUS_INFRARED_MAG = 0.5
+"""Red less infrared magnitude of an ordinary star, likewise."""
 NO_MAGNITUDE_MAG = 21.0
 """The catalog's limit."""
 EXTENDED_AT_MOST = 2
@@ -135,18 +140,22 @@ def is_extended(stars: UsnoB1Stars) -> NDArray[np.bool_]:
 
 
 ZONES = 1800
+"""Zone files of the whole catalog, each 0.1° from the south pole on."""
 TURN_CAS = 360 * 360_000
 """In the unit of the files, 0.01 arcsec."""
 ZONE_CAS = 36_000
+"""Height of a zone, 0.1°."""
 MARGIN_CAS = 6_000
+"""As `MARGIN_MAS` of UCAC4: 60″."""
 _NAME = re.compile(r"(?:usno[-_]?b?1?[-_.]?)?b(\d{4})\.cat", re.IGNORECASE)
 """b0000.cat, also usnob_b0000.cat and usno-b1_b0000.cat, as copies are called."""
 _ACCELERATOR_LINES = 96
+"""Lines of an .acc file: one for each quarter of an hour of right ascension."""
 _ACCELERATOR_LINE = re.compile(rb"\s*[\d.]+\s+(\d+)\s+(\d+)\s*")
 
 
 class UsnoB1Reader:
-    """Reader of USNO-B1.0; see `mountnav.catalog.readers.Reader`.
+    """Reader of USNO-B1.0; see `mountnav.catalog.readers.kind.Reader`.
 
     Parameters
     ----------

@@ -29,10 +29,16 @@ RECORD: np.dtype[np.void] = np.dtype(
 """80 bytes; each word but the first two holds several decimal fields."""
 
 NO_STAR_GALAXY = 19
+"""From this value on no star/galaxy estimate was computed."""
 MOST_DETECTIONS = 5
+"""Detections that a record can state: one in each survey."""
 MOST_FIELD = 937
+"""Largest plate field that the catalog's surveys have; more is a damaged or swapped record."""
 MOST_SCAN = 9_999_999
+"""Largest number of a star within a scan: seven digits."""
 _FEWEST_DETECTIONS = 2
+"""With fewer detections the fields of the surveys are not checked: such a record isn't the catalog's own
+measurement."""
 
 
 @dataclass(frozen=True, slots=True)
