@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,17 @@ class Cutouts:
     dy: Array
     x0: Array
     y0: Array
+
+    def part(self, some: NDArray[np.bool_]) -> Cutouts:
+        """Those of some sources."""
+        return replace(
+            self,
+            values=self.values[some],
+            variance=self.variance[some],
+            good=self.good[some],
+            x0=self.x0[some],
+            y0=self.y0[some],
+        )
 
 
 def make_cutouts(

@@ -11,6 +11,7 @@ from scipy.spatial import KDTree
 from mountnav.measuring.background import Image
 from mountnav.measuring.cutouts import Cutouts, make_cutouts
 from mountnav.measuring.least_squares import Fit, Pixels, covariances, fit_psfs
+from mountnav.measuring.measurements import TYPICAL_SNR
 from mountnav.measuring.psf import Psf, Reals, ShapePrior
 from mountnav.measuring.psf_fitting import Profiles, fit_profiles, inverse_widths, light_on
 
@@ -21,7 +22,6 @@ _SWEEPS = 5
 _SWEEP_ROUNDS = 4
 _LAST_SWEEP_ROUNDS = 7
 _SLACK = 0.1
-_CLEAR_SNR = 15.0
 _FEWEST_STARS = 5
 _REACH_HALVES = 2.5
 _LEAST_LIGHT = 0.5
@@ -47,7 +47,7 @@ def typical_shape(fits: Profiles, usable: NDArray[np.bool_], fwhm_px: float, bel
     Shape or None
     """
     width = np.sqrt(fits.minor_fwhm_px * fits.major_fwhm_px)
-    clean = usable & fits.converged & (fits.flux > _CLEAR_SNR * fits.flux_sigma) & (fits.misfit < 0.2)
+    clean = usable & fits.converged & (fits.flux > TYPICAL_SNR * fits.flux_sigma) & (fits.misfit < 0.2)
     clean &= (width > 0.6 * fwhm_px) & (width < 1.7 * fwhm_px)
     if clean.sum() < _FEWEST_STARS:
         return None
@@ -103,25 +103,23 @@ def deblend(
     apart = np.hypot(x_px[pairs[:, 0]] - x_px[pairs[:, 1]], y_px[pairs[:, 0]] - y_px[pairs[:, 1]])
     slack = np.full(x_px.size, shape.slack)
     slack[pairs[apart < _CLOSE_FWHM * fwhm, 0]] = _CLOSE_SLACK
-    columns = {name: getattr(fits, name).copy() for name in Profiles.__dataclass_fields__}
+    fits = fits.copied()
     # at first close ones are expected to sit on their peaks: what each fit made of a blend is no good start
     some = np.flatnonzero(anew & (slack == _CLOSE_SLACK))
-    columns["x_px"][some], columns["y_px"][some] = x_px[some], y_px[some]
-    columns["minor_fwhm_px"][some], columns["major_fwhm_px"][some] = fwhm, fwhm
+    fits.x_px[some], fits.y_px[some] = x_px[some], y_px[some]
+    fits.minor_fwhm_px[some], fits.major_fwhm_px[some] = fwhm, fwhm
     for sweep in range(_SWEEPS):
         rounds = _SWEEP_ROUNDS if sweep < _SWEEPS - 1 else _LAST_SWEEP_ROUNDS
-        now = Profiles(**columns)
         # only close ones need many sweeps: the rest hardly move
         late = sweep >= _SWEEPS - 2
         parts = _handfuls(pairs if late else pairs[slack[pairs[:, 0]] == _CLOSE_SLACK], half_px)
         results = [
-            _sweep(sky_free, good, now, part, x_px, y_px, noise, half_px, bell, shape, slack, rounds)
+            _sweep(sky_free, good, fits, part, x_px, y_px, noise, half_px, bell, shape, slack, rounds)
             for part in parts
         ]
         for members, result in results:
-            for name, column in columns.items():
-                column[members] = getattr(result, name)
-    return Profiles(**columns), anew
+            fits.put(members, result)
+    return fits, anew
 
 
 def _pairs(
@@ -270,8 +268,8 @@ def find_doubles(
         return None
     return Doubles(
         np.concatenate([part.which for part in parts]),
-        _together([part.bright for part in parts]),
-        _together([part.faint for part in parts]),
+        Profiles.joined([part.bright for part in parts]),
+        Profiles.joined([part.faint for part in parts]),
     )
 
 
@@ -281,11 +279,6 @@ def _axes(bell: Psf, shape: ShapePrior) -> tuple[float, float]:
     return float(bell.fwhm_per_width / np.sqrt(mean + swing)), float(
         bell.fwhm_per_width / np.sqrt(mean - swing)
     )
-
-
-def _together(parts: list[Profiles]) -> Profiles:
-    names = Profiles.__dataclass_fields__
-    return Profiles(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
 def _tried(

@@ -19,7 +19,7 @@ _SADDLE_STEPS = np.array([0.25, 0.4, 0.5, 0.6, 0.75])
 _SADDLE_CONTRAST = 0.08
 _MOST_PEAKS = 20_000
 _TAME_SIGMA = 3.0
-_SURROUND_SIGMAS = 4.0
+SURROUND_SIGMAS = 4.0
 _SCATTER_BOX_PX = 64
 _SCATTER_SAMPLES = 512
 _LEAST_SCATTER = 0.3
@@ -90,7 +90,7 @@ def smooth(sky_free: Image, background: Background, sigma_px: float, bin_px: int
     expected = 1.0 / (2.0 * np.sqrt(np.pi) * max(sigma, 0.3)) / bin_px
     # what is wider than a star (nebulae, halos, haze) goes; stars are cut low, so they leave no bowls
     tame = np.minimum(smoothed, np.float32(_TAME_SIGMA * expected) * noise)
-    box = 2 * round(_SURROUND_SIGMAS * sigma) + 1
+    box = 2 * round(SURROUND_SIGMAS * sigma) + 1
     for _ in range(2):
         tame = ndimage.uniform_filter(tame, box, mode="nearest")
     smoothed -= tame
@@ -169,7 +169,8 @@ _STAR_AREA_PX = 4
 _CLEAR_OF_NOISE = 12.0
 _MOST_ASKED = 6000
 _FEWEST_WITH_NEIGHBORS = 8
-_DARK_NEIGHBORS = 0.05
+DARK_NEIGHBORS = 0.05
+SINGLE_PIXEL_SIGMA = 12.0
 _SMOOTHING_SIGMA_PX = 1.5
 _RINGS = ((6.0, 10.0, 4.5), (15.0, 20.5, np.inf))
 
@@ -243,8 +244,8 @@ def _stand_alone(
         for dx in (-1, 0, 1):
             around += near[index, row + dy, column + dx]
     neighbors = (around - top) / 8.0
-    clear = top > _CLEAR_OF_NOISE * noise
-    return np.asarray(clear & (neighbors < _DARK_NEIGHBORS * top + noise))
+    clear = top > SINGLE_PIXEL_SIGMA * noise
+    return np.asarray(clear & (neighbors < DARK_NEIGHBORS * top + noise))
 
 
 def _width(stamps: Image, noise: float) -> float:
@@ -279,3 +280,12 @@ def _width(stamps: Image, noise: float) -> float:
     if stars.size < max(3.0, 0.25 * area.size):
         stars = area[area >= 2] if (area >= 2).sum() >= max(3.0, 0.25 * area.size) else area
     return float(np.sqrt(max(1.0, 4.0 * float(np.median(stars)) / np.pi - wider2)))
+
+
+def first_of_twins(x_px: Array, y_px: Array, reach_px: float) -> NDArray[np.bool_]:
+    """Tell which of several sources at the same place comes first, shape (n,)."""
+    keep = np.ones(x_px.size, dtype=bool)
+    if x_px.size > 1:
+        pairs = KDTree(np.column_stack([x_px, y_px])).query_pairs(reach_px, output_type="ndarray")
+        keep[pairs.max(axis=1)] = False
+    return keep

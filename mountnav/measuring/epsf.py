@@ -13,7 +13,7 @@ from mountnav.measuring.background import Background, Image, estimate_background
 from mountnav.measuring.cutouts import Cutouts, make_cutouts
 from mountnav.measuring.detection import Peaks, Smoothed
 from mountnav.measuring.least_squares import Fit, covariances
-from mountnav.measuring.psf import Psf
+from mountnav.measuring.psf import FWHM_PER_SIGMA, Psf
 from mountnav.measuring.psf_fitting import Profiles, with_noise_law
 
 Array = NDArray[np.float64]
@@ -41,7 +41,6 @@ _MOST_RADIUS_PX = 24
 _ROOM_PX = 4
 _STACKINGS = 3
 _SIDELOBE = 1.15
-_FWHM_PER_SIGMA = 2.0 * np.sqrt(2.0 * np.log(2.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,7 +272,7 @@ def _described(mean: Array, *, hollow: bool) -> Epsf:
     body = np.where(mean > 0.02 * mean.max(), mean, 0.0)
     _, minor, major, angle = _moments(body)
     turn = (angle + 90.0) % 180.0 - 90.0
-    return Epsf(mean, _FWHM_PER_SIGMA * minor, _FWHM_PER_SIGMA * major, turn, hollow)
+    return Epsf(mean, FWHM_PER_SIGMA * minor, FWHM_PER_SIGMA * major, turn, hollow)
 
 
 def smooth_with_epsf(sky_free: Image, background: Background, image: Epsf, bin_px: int) -> Smoothed:
@@ -451,17 +450,14 @@ def fit_epsf(
     for _ in range(2):
         fit, stamps, x, y = _fitted(sky_free, good, x_px[few], y_px[few], noise[few], half, table, bell)
         strong = fit.params[:, 0] > _CLEAR * np.sqrt(covariances(fit.normal)[:, 0, 0])
-        bell = with_noise_law(bell, _of(fit, strong), _some(stamps, strong), gain[0], card=gain[1])
+        bell = with_noise_law(bell, fit.part(strong), stamps.part(strong), gain[0], card=gain[1])
     share = max(1, _PIXELS_AT_ONCE // form.dx.size)
     parts = []
     for start in range(0, max(1, x_px.size), share):
         some = slice(start, start + share)
         fit, stamps, x, y = _fitted(sky_free, good, x_px[some], y_px[some], noise[some], half, table, bell)
         parts.append(_profiles(fit, x, y, np.hypot(x - x_px[some], y - y_px[some]), image, stamps))
-    columns = {
-        name: np.concatenate([getattr(p, name) for p in parts]) for name in Profiles.__dataclass_fields__
-    }
-    return Profiles(**columns), bell
+    return Profiles.joined(parts), bell
 
 
 def _fitted(
@@ -499,21 +495,6 @@ def _linear(
     jacobian = np.stack([image, steep * slope_x, steep * slope_y, np.ones_like(image)], axis=1)
     weights = stamps.good / bell.variance(stamps.variance, np.maximum(light, 0.0))
     return jacobian, values - light - params[:, 3, None], weights
-
-
-def _of(fit: Fit, some: Mask) -> Fit:
-    return Fit(fit.params[some], fit.normal[some], fit.residual[some], fit.jacobian[some], fit.weights[some])
-
-
-def _some(stamps: Cutouts, some: Mask) -> Cutouts:
-    return replace(
-        stamps,
-        values=stamps.values[some],
-        variance=stamps.variance[some],
-        good=stamps.good[some],
-        x0=stamps.x0[some],
-        y0=stamps.y0[some],
-    )
 
 
 def _profiles(fit: Fit, x: Array, y: Array, drift: Array, image: Epsf, stamps: Cutouts) -> Profiles:

@@ -8,21 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.measuring.artifacts import Artifacts
-from mountnav.measuring.measurements import Flag
+from mountnav.measuring.measurements import (
+    LEAST_ELLIPTICITY,
+    POOR_FIT,
+    TOO_LONG,
+    TOO_NARROW,
+    TOO_WIDE,
+    TRAILED,
+    TYPICAL_SNR,
+    Flag,
+)
 from mountnav.measuring.psf_fitting import Profiles
 
 Array = NDArray[np.float64]
 
-_TOO_NARROW = 0.62
-_TOO_WIDE = 2.0
 _CLEAR_OF_KNOTS = 5.0
 _KNOT_WIDE = 1.5
 _SWOLLEN_MISFIT = 0.1
 _SWOLLEN_ELLIPTICITY = 0.2
-_TOO_LONG = 0.25
-_LEAST_ELLIPTICITY = 0.4
-_ALL_LONG = 0.4
-_POOR_FIT = 0.15
 _POOR_FIT_RATIO = 3.0
 _HOT_FWHM_PX = 0.95
 _ENOUGH_ALIKE = 8
@@ -86,25 +89,25 @@ def flag_sources(
     slack = 2.0 / np.maximum(snr, 1.0)
     fwhm = np.sqrt(fits.minor_fwhm_px * fits.major_fwhm_px)
     typical, typical_ellipticity, typical_misfit = _typical(fits, fwhm, snr, full | edge, setting.fwhm_px)
-    narrow = fits.minor_fwhm_px * (1.0 + slack) < _TOO_NARROW * typical * (1.0 - typical_ellipticity) ** 0.5
+    narrow = fits.minor_fwhm_px * (1.0 + slack) < TOO_NARROW * typical * (1.0 - typical_ellipticity) ** 0.5
     ellipticity = 1.0 - fits.minor_fwhm_px / fits.major_fwhm_px
     # stretched pictures swell their brightest stars, round and well fitted as they are
     top = np.percentile(fits.amplitude, 99.0)
     swollen = (
         (fits.amplitude > 0.5 * top) & (fits.misfit < _SWOLLEN_MISFIT) & (ellipticity < _SWOLLEN_ELLIPTICITY)
     )
-    wide = (fwhm * (1.0 - slack) > _TOO_WIDE * typical) & ~swollen
+    wide = (fwhm * (1.0 - slack) > TOO_WIDE * typical) & ~swollen
     # a nebula has knots of its own: on it a star must be clear, or at least not too wide
     knot = (
         setting.knotty & ((snr < _CLEAR_OF_KNOTS) | (fwhm * (1.0 - slack) > _KNOT_WIDE * typical)) & ~swollen
     )
     # the noise's own share of the residuals is taken off before the profile is blamed
     rest = fits.misfit - 1.5 * setting.noise / np.maximum(fits.amplitude, 1e-12)
-    poor = (rest > max(_POOR_FIT, _POOR_FIT_RATIO * typical_misfit)) | ~fits.converged
+    poor = (rest > max(POOR_FIT, _POOR_FIT_RATIO * typical_misfit)) | ~fits.converged
     flags[(narrow | wide | poor | knot | setting.restless) & ~full] |= Flag.NO_PEAK
     # where all stars are drawn out alike, all are elongated; else it takes more than the frame's own share
-    odd = 0.0 if typical_ellipticity > _ALL_LONG else typical_ellipticity + _TOO_LONG
-    long = ellipticity > max(_LEAST_ELLIPTICITY, odd) + slack
+    odd = 0.0 if typical_ellipticity > TRAILED else typical_ellipticity + TOO_LONG
+    long = ellipticity > max(LEAST_ELLIPTICITY, odd) + slack
     flags[long] |= Flag.ELONGATED
     flags[neighbor_px < 1.5 * typical + 1.0] |= Flag.BLENDED
     # a ray is masked in the fit: a wide star that it hit still looks like one, and hardly moves
@@ -119,7 +122,7 @@ def _typical(
     fits: Profiles, fwhm: Array, snr: Array, spoilt: NDArray[np.bool_], guess_px: float
 ) -> tuple[float, float, float]:
     """Median width, ellipticity and misfit of the clean bright fits; the guess where there are too few."""
-    clean = fits.converged & ~spoilt & (snr > 15.0) & (fits.misfit < 0.2)
+    clean = fits.converged & ~spoilt & (snr > TYPICAL_SNR) & (fits.misfit < 0.2)
     stars = clean & (fwhm > max(_HOT_FWHM_PX, 0.6 * guess_px))
     alike = stars & (fwhm < guess_px / 0.6)
     if alike.sum() >= _ENOUGH_ALIKE:  # however many hot pixels there are besides

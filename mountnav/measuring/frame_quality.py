@@ -7,20 +7,17 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from mountnav.measuring.background import Background
-from mountnav.measuring.measurements import Flag, SkyQuality, StarImages
-from mountnav.measuring.psf import Psf
+from mountnav.measuring.detection import SURROUND_SIGMAS
+from mountnav.measuring.measurements import NO_STAR, TRAILED, SkyQuality, StarImages
+from mountnav.measuring.psf import LEAST_VARIANCE_PX2, Psf
 
 Array = NDArray[np.float64]
 
-_NO_STAR = int(Flag.NO_PEAK | Flag.TRAIL | Flag.BLEED)
 _UNDERSAMPLED_PX = 2.0
 _DEFOCUSED_PX = 8.0
-_TRAILED = 0.4
 _FEWEST_STARS = 3
 _LIMIT_SIGMA = 5.0
 _FINE = 5
-_SURROUND_SIGMAS = 4.0  # as in detection.smooth
-_LEAST_VARIANCE_PX2 = 0.03
 
 
 def ellipse_of(p: float, q: float, r: float, fwhm_per_width: float) -> tuple[float, float, float]:
@@ -39,7 +36,7 @@ def ellipse_of(p: float, q: float, r: float, fwhm_per_width: float) -> tuple[flo
     """
     variance = np.linalg.inv(np.array([[p, q], [q, r]])) - np.eye(2) / 12.0
     values, vectors = np.linalg.eigh(variance)
-    minor, major = fwhm_per_width * np.sqrt(np.maximum(values, _LEAST_VARIANCE_PX2))
+    minor, major = fwhm_per_width * np.sqrt(np.maximum(values, LEAST_VARIANCE_PX2))
     angle = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
     return float(minor), float(major), (angle + 90.0) % 180.0 - 90.0
 
@@ -51,7 +48,7 @@ def image_kind(stars: int, minor_px: float | None, major_px: float | None, *, ho
     width = float(np.sqrt(minor_px * major_px))
     if hollow:
         return StarImages.DEFOCUSED
-    if 1.0 - minor_px / major_px > _TRAILED:
+    if 1.0 - minor_px / major_px > TRAILED:
         return StarImages.TRAILED
     if width > _DEFOCUSED_PX:
         return StarImages.DEFOCUSED
@@ -86,7 +83,7 @@ def limiting_flux(star: Array, noise: float, noise_ratio: float, sigma_px: float
     -------
     float
     """
-    box = 2 * round(_SURROUND_SIGMAS * sigma_px / bin_px) + 1
+    box = 2 * round(SURROUND_SIGMAS * sigma_px / bin_px) + 1
     smoothed = _smoothed(np.pad(star, 2 * box * bin_px), sigma_px, bin_px, box)
     row, column = np.unravel_index(int(smoothed.argmax()), smoothed.shape)
     # the mean over the places that a star may have within its bin
@@ -146,7 +143,7 @@ def sky_quality(
     -------
     SkyQuality
     """
-    stars = int(np.count_nonzero((flags & _NO_STAR) == 0))
+    stars = int(np.count_nonzero((flags & NO_STAR) == 0))
     minor, major, angle = ellipse if ellipse is not None else (None, None, None)
     kind = image_kind(stars, minor, major, hollow=hollow)
     noise = float(np.median(background.noise))

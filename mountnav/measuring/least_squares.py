@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.measuring.cutouts import Cutouts
-from mountnav.measuring.psf import Array, Psf, Reals, ShapePrior
+from mountnav.measuring.psf import LEAST_VARIANCE_PX2, NODE_WEIGHTS, NODES, Array, Psf, Reals, ShapePrior
 
 Pixels = NDArray[np.float32]
 
@@ -21,11 +21,7 @@ _STRAGGLERS = 0.03
 _FEW_MOVING = 0.7
 _EVEN = 1e-6
 _NARROWEST_SIGMA_PX = 0.3
-_LEAST_VARIANCE_PX2 = 0.03
 _SHAPE = np.arange(3, 6)
-# three-point Gauss-Legendre rule over a pixel
-_NODES = (np.sqrt(0.6) / 2.0 * np.array([-1.0, 0.0, 1.0])).astype(np.float32)
-_NODE_WEIGHTS = (np.array([5.0, 8.0, 5.0]) / 18.0).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +33,12 @@ class Fit:
     residual: Reals
     jacobian: Reals
     weights: Reals
+
+    def part(self, some: NDArray[np.bool_]) -> Fit:
+        """Those of some sources."""
+        return Fit(
+            self.params[some], self.normal[some], self.residual[some], self.jacobian[some], self.weights[some]
+        )
 
 
 def fit_psfs(
@@ -186,7 +188,7 @@ def _narrowed(params: Array) -> tuple[Array, Array, Array]:
     """Take the pixels' own variance, 1/12, off the widths: p, q, r of the image that falls on the pixels."""
     p, q, r = params[:, 3], params[:, 4], params[:, 5]
     determinant = p * r - q * q
-    xx, yy = (np.maximum(w / determinant - 1.0 / 12.0, _LEAST_VARIANCE_PX2) for w in (r, p))
+    xx, yy = (np.maximum(w / determinant - 1.0 / 12.0, LEAST_VARIANCE_PX2) for w in (r, p))
     room = 0.97 * np.sqrt(xx * yy)
     xy = np.clip(-q / determinant, -room, room)
     determinant = xx * yy - xy * xy
@@ -206,10 +208,10 @@ def _linear(params: Array, dx: Pixels, dy: Pixels, values: Pixels, bell: Psf) ->
         p, q, r = (w[:, None].astype(np.float32) for w in _narrowed(params))
         x, y = params[:, 1, None].astype(np.float32), params[:, 2, None].astype(np.float32)
         height = np.zeros((params.shape[0], dx.shape[1]), dtype=np.float32)
-        for shift_y, weight_y in zip(_NODES, _NODE_WEIGHTS, strict=True):
+        for shift_y, weight_y in zip(NODES, NODE_WEIGHTS, strict=True):
             v = dy - (y - shift_y)
             rv2, qv = r * v * v, np.float32(2.0) * q * v
-            for shift_x, weight_x in zip(_NODES, _NODE_WEIGHTS, strict=True):
+            for shift_x, weight_x in zip(NODES, NODE_WEIGHTS, strict=True):
                 u = dx - (x - shift_x)
                 height += (weight_x * weight_y) * bell.of((p * u + qv) * u + rv2)[0]
         jacobian[:, 0] = height

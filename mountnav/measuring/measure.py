@@ -7,18 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.spatial import KDTree
 
 from mountnav.errors import BadFrame
 from mountnav.frames import Frame
 from mountnav.measuring.artifacts import Artifacts, bad_lines, find_artifacts, find_cosmics, heal_lines
 from mountnav.measuring.background import Background, Image, estimate_background, fine_structure
-from mountnav.measuring.detection import Peaks, Smoothed, find_peaks, smooth, typical_fwhm
+from mountnav.measuring.detection import Peaks, Smoothed, find_peaks, first_of_twins, smooth, typical_fwhm
 from mountnav.measuring.epsf import Epsf, find_epsf, fit_epsf, smooth_with_epsf, without_sidelobes
 from mountnav.measuring.flags import FlagContext, flag_sources
 from mountnav.measuring.frame_quality import ellipse_of, limiting_flux, matched_limit, psf_image, sky_quality
-from mountnav.measuring.measurements import Flag, Measurements, SkyQuality
-from mountnav.measuring.psf import FWHM_PER_SIGMA, PIXEL_FWHM2, ShapePrior
+from mountnav.measuring.measurements import LEAST_FLUX_SIGMA, RESTLESS, Flag, Measurements, SkyQuality
+from mountnav.measuring.psf import FWHM_PER_SIGMA, ShapePrior, without_pixel_width
 from mountnav.measuring.psf_photometry import Fitted, fit_peaks, half_px, known_gain, nearest_other
 from mountnav.measuring.saturation import SaturatedPatch, saturation_level
 from mountnav.measuring.settings import MeasuringSettings
@@ -29,9 +28,7 @@ _SMALLEST_SIDE_PX = 16
 _LEAST_FINITE = 0.05
 _MOST_SATURATED = 0.5
 _WIDE_FWHM_PX = 4.5
-_RESTLESS = 4.0
 _KNOTTY = 0.6
-_LEAST_FLUX_SIGMA = 2.5
 _LEAST_FLUX_SIGMA_WIDE = 3.5
 _DEFAULTS = MeasuringSettings()
 
@@ -245,7 +242,7 @@ def _measured(
     neighbors = np.minimum(neighbors[origin], fitted.apart_px)
     setting = FlagContext(
         noise=noise,
-        restless=noise > _RESTLESS * np.percentile(background.noise, 25.0),
+        restless=noise > RESTLESS * np.percentile(background.noise, 25.0),
         knotty=_knotty(search.structure, float(np.median(background.noise)), x, y),
         good=good,
         saturated=saturated,
@@ -256,13 +253,13 @@ def _measured(
     flags, places_x, places_y = flag_sources(fits, x, y, neighbors, setting)
     error = search.noise_ratio
     flux_sigma = fits.flux_sigma * error
-    least = _LEAST_FLUX_SIGMA if search.fwhm_px <= _WIDE_FWHM_PX else _LEAST_FLUX_SIGMA_WIDE
+    least = LEAST_FLUX_SIGMA if search.fwhm_px <= _WIDE_FWHM_PX else _LEAST_FLUX_SIGMA_WIDE
     real = (fits.flux > least * flux_sigma) | ((flags & Flag.SATURATED) > 0)
     real &= fits.amplitude > 0
     flux = np.where(np.isfinite(fits.flux), fits.flux, 0.0)
     order = np.argsort(-flux, kind="stable")
     order = order[real[order]]
-    order = order[_first_of_twins(places_x[order], places_y[order], 0.4 * search.fwhm_px)]
+    order = order[first_of_twins(places_x[order], places_y[order], 0.4 * search.fwhm_px)]
     order = order[: settings.max_sources]
     return Measurements(
         x_px=places_x[order],
@@ -271,7 +268,7 @@ def _measured(
         y_sigma_px=fits.y_sigma_px[order] * error,
         flux=flux[order],
         flux_sigma=flux_sigma[order],
-        fwhm_px=_without_pixel(fits.minor_fwhm_px * fits.major_fwhm_px)[order],
+        fwhm_px=without_pixel_width(fits.minor_fwhm_px * fits.major_fwhm_px)[order],
         ellipticity=(1.0 - fits.minor_fwhm_px / fits.major_fwhm_px)[order],
         flags=flags[order],
         width_px=frame.width_px,
@@ -309,17 +306,3 @@ def _knotty(structure: Background | None, noise: float, x: Array, y: Array) -> N
     rows = (y * near.shape[0] / structure.height_px).astype(np.intp)
     columns = (x * near.shape[1] / structure.width_px).astype(np.intp)
     return np.asarray(near[np.clip(rows, 0, near.shape[0] - 1), np.clip(columns, 0, near.shape[1] - 1)])
-
-
-def _without_pixel(fwhm2: Array) -> Array:
-    """Width of the image itself, the pixels' own width taken off its square."""
-    return np.asarray(np.sqrt(np.maximum(fwhm2 - PIXEL_FWHM2, 0.04 * fwhm2)))
-
-
-def _first_of_twins(x: Array, y: Array, reach_px: float) -> NDArray[np.bool_]:
-    """Tell which of several fits that ran to the same place comes first."""
-    keep = np.ones(x.size, dtype=bool)
-    if x.size > 1:
-        pairs = KDTree(np.stack([x, y], axis=1)).query_pairs(reach_px, output_type="ndarray")
-        keep[pairs.max(axis=1)] = False
-    return keep

@@ -130,6 +130,18 @@ class Flag(IntFlag):
     BLEED = 64
 
 
+NO_STAR = int(Flag.NO_PEAK | Flag.TRAIL | Flag.BLEED)
+TYPICAL_SNR = 15.0
+TOO_NARROW = 0.62
+TOO_WIDE = 2.0
+TOO_LONG = 0.25
+LEAST_ELLIPTICITY = 0.4
+TRAILED = 0.4
+POOR_FIT = 0.15
+RESTLESS = 4.0
+LEAST_FLUX_SIGMA = 2.5
+
+
 @dataclass(frozen=True, slots=True)
 class Measurements:
     """Detected sources, brightest first; each array has shape (n,).

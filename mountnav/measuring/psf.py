@@ -15,6 +15,15 @@ Reals = NDArray[np.floating[Any]]
 FWHM_PER_SIGMA = 2.0 * np.sqrt(2.0 * np.log(2.0))
 #: Squared FWHM that a pixel's own width adds to an image's: 8 ln 2 / 12.
 PIXEL_FWHM2 = 8.0 * np.log(2.0) / 12.0
+LEAST_VARIANCE_PX2 = 0.03
+MOST_WING = 0.5
+NODES = (np.sqrt(0.6) / 2.0 * np.array([-1.0, 0.0, 1.0])).astype(np.float32)
+NODE_WEIGHTS = (np.array([5.0, 8.0, 5.0]) / 18.0).astype(np.float32)
+
+
+def without_pixel_width(fwhm2: Array) -> Array:
+    """FWHM of the image itself, px, from the squared FWHM measured: without the pixels' own width."""
+    return np.asarray(np.sqrt(np.maximum(fwhm2 - PIXEL_FWHM2, 0.04 * fwhm2)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,10 +10,9 @@ from numpy.typing import NDArray
 
 from mountnav.measuring.cutouts import Cutouts
 from mountnav.measuring.least_squares import PARAMETERS, ROUNDS, Fit, covariances, fit_psfs, seen_amplitude
-from mountnav.measuring.psf import Array, Psf, ShapePrior
+from mountnav.measuring.psf import MOST_WING, Array, Psf, ShapePrior
 
 _WINGS = (0.0, 0.15, 0.3, 0.45)
-_MOST_WING = 0.5
 _PRIOR_WING = 0.1
 _FEWEST_FOR_PSF = 5
 _BINS = 14
@@ -68,7 +68,7 @@ def learn_psf(
     alike = _alike(first, width_px)
     if alike.sum() < _FEWEST_FOR_PSF:
         return bell
-    stamps, x_px, y_px = _part(stamps, alike), x_px[alike], y_px[alike]
+    stamps, x_px, y_px = stamps.part(alike), x_px[alike], y_px[alike]
     fits = [fit_psfs(stamps, x_px, y_px, width_px, replace(bell, wing=wing)) for wing in _WINGS]
     # the same weights for all: a fatter bell must not win by believing in more noise
     chi2 = np.stack([(fits[1].weights * fit.residual**2).sum(axis=1) for fit in fits])
@@ -96,17 +96,6 @@ def _alike(fit: Fit, width_px: float) -> NDArray[np.bool_]:
     return np.asarray((width > 0.75 * typical) & (width < 1.4 * typical))
 
 
-def _part(stamps: Cutouts, some: NDArray[np.bool_]) -> Cutouts:
-    return replace(
-        stamps,
-        values=stamps.values[some],
-        variance=stamps.variance[some],
-        good=stamps.good[some],
-        x0=stamps.x0[some],
-        y0=stamps.y0[some],
-    )
-
-
 def _lowest(total: Array) -> float:
     """Where the parabola through the lowest value and its neighbors is lowest."""
     wings = np.array(_WINGS)
@@ -114,7 +103,7 @@ def _lowest(total: Array) -> float:
     before, here, after = total[i - 1 : i + 2]
     bend = before - 2.0 * here + after
     step = 0.5 * (before - after) / bend if bend > 0 else float(np.sign(before - after))
-    return float(np.clip(wings[i] + np.clip(step, -1.5, 1.5) * (wings[1] - wings[0]), 0.0, _MOST_WING))
+    return float(np.clip(wings[i] + np.clip(step, -1.5, 1.5) * (wings[1] - wings[0]), 0.0, MOST_WING))
 
 
 def with_noise_law(bell: Psf, fit: Fit, stamps: Cutouts, gain: float, *, card: bool) -> Psf:
@@ -207,6 +196,27 @@ class Profiles:
     misfit: Array
     chi2: Array
     converged: NDArray[np.bool_]
+
+    @classmethod
+    def zeros(cls, count: int) -> Profiles:
+        """Profiles of so many sources, to be filled by `put`."""
+        numbers = {name: np.zeros(count) for name in cls.__dataclass_fields__ if name != "converged"}
+        return cls(**numbers, converged=np.zeros(count, dtype=bool))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Profiles]) -> Profiles:
+        """Several ones after each other."""
+        names = cls.__dataclass_fields__
+        return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+    def copied(self) -> Profiles:
+        """A copy whose arrays can be changed."""
+        return Profiles(**{name: getattr(self, name).copy() for name in Profiles.__dataclass_fields__})
+
+    def put(self, which: NDArray[np.intp], part: Profiles) -> None:
+        """Overwrite those of the sources ``which``, in place."""
+        for name in Profiles.__dataclass_fields__:
+            getattr(self, name)[which] = getattr(part, name)
 
 
 def fit_profiles(

@@ -25,9 +25,9 @@ _BELL_STARS = 60
 _BELL_HEIGHT = 40.0
 _INTEGRATE_BELOW_PX = 2.2
 _SATURATED_SLACK = 0.03
-_LONELY_FWHM = 2.7
-_OVERFLOW_SIGMA = 6.0
-_OVERFLOW_SHARE = 0.4
+LONELY_FWHM = 2.7
+OVERFLOW_SIGMA = 6.0
+OVERFLOW_SHARE = 0.4
 _OVERFLOW_ROUNDS = 4
 _SOME_SKY = 3.0
 _FAINT_SKY_E = 100.0
@@ -127,27 +127,23 @@ def fit_peaks(
     origin = np.arange(x.size)
     if shape is None:
         return Fitted(fits, bell, None, origin, np.full(x.size, np.inf))
-    columns = {name: getattr(fits, name).copy() for name in Profiles.__dataclass_fields__}
     full = np.flatnonzero(~whole)
     if full.size:
         known = ShapePrior(shape.p, shape.q, shape.r, _SATURATED_SLACK)
         again = _fit_saturated(
             sky_free, trusted, x[full], y[full], radius[full], noise[full], fwhm_px, bell, known
         )
-        for name, column in columns.items():
-            column[full] = getattr(again, name)
-    fits = Profiles(**columns)
-    lonely = whole & (nearest_other(peaks, x, y, 10.0 * fwhm_px) > _LONELY_FWHM * fwhm_px)
+        fits = fits.copied()
+        fits.put(full, again)
+    lonely = whole & (nearest_other(peaks, x, y, 10.0 * fwhm_px) > LONELY_FWHM * fwhm_px)
     two = find_doubles(sky_free, trusted, fits, lonely, noise, half, bell, shape)
     alone = whole
     apart = np.full(x.size, np.inf)
     if two is not None:
         second = np.arange(x.size, x.size + two.which.size)
         origin = np.concatenate([origin, two.which])
-        for name, column in columns.items():
-            columns[name] = np.concatenate([column, getattr(two.faint, name)])
-            columns[name][two.which] = getattr(two.bright, name)
-        fits = Profiles(**columns)
+        fits = Profiles.joined([fits, two.faint])
+        fits.put(two.which, two.bright)
         x, y, alone, apart = x[origin], y[origin], whole[origin], apart[origin]
         # what was measured together stays; only its light is taken off others
         for some in (two.which, second):
@@ -258,7 +254,7 @@ def _fit_saturated(
                 break
             light = light_on(fits, np.arange(some.size), stamps.x0, stamps.y0, stamps, bell)
             sigma = np.sqrt(bell.variance(stamps.variance, light))
-            over = stamps.values - light > _OVERFLOW_SHARE * light + _OVERFLOW_SIGMA * sigma
+            over = stamps.values - light > OVERFLOW_SHARE * light + OVERFLOW_SIGMA * sigma
             if not (over & stamps.good).any():
                 break
             stamps = replace(stamps, good=stamps.good & ~over)
@@ -275,7 +271,7 @@ def _without_flood(stamps: Cutouts, radius: Array, bell: Psf, shape: ShapePrior)
     nearest = np.maximum(np.hypot(stamps.dx, stamps.dy) - 1.0, 0.0)
     most = 2.0 * top[:, None] * bell.of(per_px2 * nearest**2)[0]
     sigma = np.sqrt(bell.variance(stamps.variance, most))
-    return replace(stamps, good=stamps.good & (stamps.values < most + _OVERFLOW_SIGMA * sigma)), top
+    return replace(stamps, good=stamps.good & (stamps.values < most + OVERFLOW_SIGMA * sigma)), top
 
 
 def _without_rims(good: Mask, saturated: Mask) -> Mask:
@@ -299,10 +295,8 @@ def _without_rims(good: Mask, saturated: Mask) -> Mask:
 
 
 def _joined(parts: list[tuple[NDArray[np.intp], Profiles]], count: int) -> Profiles:
-    columns: dict[str, NDArray[np.generic]] = {}
-    for name in Profiles.__dataclass_fields__:
-        whole = np.zeros(count, dtype=bool if name == "converged" else np.float64)
-        for some, part in parts:
-            whole[some] = getattr(part, name)
-        columns[name] = whole
-    return Profiles(**columns)  # type: ignore[arg-type]  # names and types follow the dataclass itself
+    """The fits of all sources, put together from parts with the sources' indices."""
+    whole = Profiles.zeros(count)
+    for some, part in parts:
+        whole.put(some, part)
+    return whole

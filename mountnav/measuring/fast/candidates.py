@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mountnav.measuring.detection import DARK_NEIGHBORS, SINGLE_PIXEL_SIGMA
 from mountnav.measuring.fast.coarse import CoarsePeaks
 from mountnav.measuring.fast.moments import Patches, Pixels
 from mountnav.measuring.fast.scene import Scene
@@ -15,8 +16,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _SURROUND_PX = 4
-_LEAST_CLEAR = 12.0
-_DARK_NEIGHBORS = 0.05
 _WIDTH_STARS = 120
 _LARGE_PX2 = 12.0
 _LARGE_PERCENT = 40.0  # blends and streaks only add
@@ -125,7 +124,7 @@ def single_pixels(
         for dx in (-1, 0, 1):
             around = around + values[index, row + dy, column + dx]
     neighbors, height = around / 8.0 - ground, top - ground
-    return top, (height > _LEAST_CLEAR * noise) & (neighbors < _DARK_NEIGHBORS * height + noise)
+    return top, (height > SINGLE_PIXEL_SIGMA * noise) & (neighbors < DARK_NEIGHBORS * height + noise)
 
 
 def width_px(scene: Scene, x_px: Array, y_px: Array) -> float:

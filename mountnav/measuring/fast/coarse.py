@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from mountnav.measuring.background import Image
+from mountnav.measuring.measurements import RESTLESS
 
 _STRIP_LINES = 32
 _LOW_HALF = np.uint32(0xFFFF)
@@ -95,7 +96,6 @@ _CLIP_SIGMA = 3.0
 _NEAR_SIGMA = 2.0
 #: What is left of a Gaussian's rms when all beyond two sigma is cut off.
 _NEAR_RMS = 0.8796
-_RESTLESS = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +127,7 @@ class CoarseSky:
 
     def restless(self, column: Array, row: Array) -> NDArray[np.bool_]:
         """Tell which places, shape (n,), are far noisier than the frame's quiet parts: trees, roofs."""
-        return np.asarray(self.at(self.noise, column, row) > _RESTLESS * np.percentile(self.noise, 25.0))
+        return np.asarray(self.at(self.noise, column, row) > RESTLESS * np.percentile(self.noise, 25.0))
 
 
 def coarse_sky(plane: Image, bin_px: int, *, whole_numbers: bool) -> CoarseSky:

@@ -13,6 +13,7 @@ from mountnav.measuring.fast.candidates import SaturatedPatches
 from mountnav.measuring.fast.psf import EllipticalPsf, Pixels, SampledPsf, drawn
 from mountnav.measuring.fast.scene import Scene
 from mountnav.measuring.least_squares import covariances
+from mountnav.measuring.psf_photometry import OVERFLOW_SHARE, OVERFLOW_SIGMA
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -209,8 +210,6 @@ _WIDEST_PX = 30
 _SATURATED_ROUNDS = 12
 _SATURATED_JUDGED_AFTER = 2
 _STILL_PX = 2e-3
-_OVERFLOW_SHARE = 0.4
-_OVERFLOW_SIGMA = 6.0
 _FEWEST_WING_PIXELS = 12
 _CROSS = np.zeros((3, 3, 3), dtype=bool)
 _CROSS[1] = ndimage.generate_binary_structure(2, 1)
@@ -251,7 +250,7 @@ def _refit(scene: Scene, shape: EllipticalPsf, fits: FittedStars, full: Saturate
         light = np.maximum(top, 0.0)[:, None] * drawing[:, 0]
         variance = bell.variance(sky2, light)
         if turn >= _SATURATED_JUDGED_AFTER:
-            good &= values - light < _OVERFLOW_SHARE * light + _OVERFLOW_SIGMA * np.sqrt(variance)
+            good &= values - light < OVERFLOW_SHARE * light + OVERFLOW_SIGMA * np.sqrt(variance)
         own, solved, _ = solved_for(drawing, values, (good / variance).astype(np.float32))
         top = np.clip(solved[:, 0], 0.3 * top, 3.0 * top)
         step_x = np.clip(solved[:, 1] / top, -_MOST_STEP_PX, _MOST_STEP_PX)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.measuring.background import Background
+from mountnav.measuring.detection import first_of_twins
 from mountnav.measuring.fast.candidates import saturated_patches, single_pixels, smoothed
 from mountnav.measuring.fast.coarse import SMOOTHED_NOISE
 from mountnav.measuring.fast.fitting import fit_stars, refit_saturated
@@ -15,7 +16,6 @@ from mountnav.measuring.fast.moments import (
     Shapes,
     Typical,
     edge_of,
-    first_of_twins,
     flags_of,
     nearest_px,
     windowed_moments,
@@ -23,8 +23,8 @@ from mountnav.measuring.fast.moments import (
 from mountnav.measuring.fast.psf import EllipticalPsf, SampledPsf
 from mountnav.measuring.fast.scene import Scene
 from mountnav.measuring.frame_quality import ellipse_of, limiting_flux, psf_image, sky_quality
-from mountnav.measuring.measurements import Flag, Measurements, SkyQuality
-from mountnav.measuring.psf import FWHM_PER_SIGMA, PIXEL_FWHM2
+from mountnav.measuring.measurements import LEAST_FLUX_SIGMA, POOR_FIT, Flag, Measurements, SkyQuality
+from mountnav.measuring.psf import FWHM_PER_SIGMA, without_pixel_width
 from mountnav.measuring.settings import MeasuringSettings
 
 Array = NDArray[np.float64]
@@ -134,8 +134,6 @@ def _parabola(
     return shifts[0], shifts[1]
 
 
-_POOR_FIT = 0.15
-_LEAST_FLUX_SIGMA = 2.5
 _SAME_PX = 0.75
 _AROUND_FWHM = 1.75
 _ALIKE = 1.15
@@ -191,7 +189,7 @@ def forced_measurements(
     window = scene.fwhm_px / FWHM_PER_SIGMA
     shapes = Shapes.of(windowed_moments(light, cut.left, cut.top, x, y, window, rounds=0))
     snr = fits.flux / np.maximum(fits.flux_sigma * scene.noise_ratio, 1e-12)
-    odd = lone | ~fits.sound | scene.sky.restless(*scene.bins(x, y)) | (fits.misfit > _POOR_FIT)
+    odd = lone | ~fits.sound | scene.sky.restless(*scene.bins(x, y)) | (fits.misfit > POOR_FIT)
     flags = flags_of(
         shapes,
         Typical(scene.fwhm_px, quality.ellipticity or 0.0, 1),
@@ -202,9 +200,9 @@ def forced_measurements(
         neighbor_px=neighbor,
     )
     order = np.argsort(-fits.flux, kind="stable")
-    order = order[(fits.flux[order] > 0.0) & (snr[order] > _LEAST_FLUX_SIGMA)]
+    order = order[(fits.flux[order] > 0.0) & (snr[order] > LEAST_FLUX_SIGMA)]
     order = order[first_of_twins(x[order], y[order], 0.4 * scene.fwhm_px)]
-    bare = np.sqrt(np.maximum(shapes.fwhm_px**2 - PIXEL_FWHM2, 0.04 * shapes.fwhm_px**2))
+    bare = without_pixel_width(shapes.fwhm_px**2)
     return Measurements(
         x_px=x[order],
         y_px=y[order],

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from mountnav.frames import Frame
+from mountnav.measuring.detection import first_of_twins
 from mountnav.measuring.fast.candidates import Candidates, locate, saturated_patches, width_px
 from mountnav.measuring.fast.coarse import coarse_peaks
 from mountnav.measuring.fast.forced import forced_measurements, quality_of
@@ -16,7 +17,6 @@ from mountnav.measuring.fast.moments import (
     Moments,
     Shapes,
     edge_of,
-    first_of_twins,
     flags_of,
     nearest_px,
     position_errors,
@@ -25,8 +25,8 @@ from mountnav.measuring.fast.moments import (
 )
 from mountnav.measuring.fast.psf import SampledPsf, learn_shared_psf
 from mountnav.measuring.fast.scene import Scene, survey_frame
-from mountnav.measuring.measurements import Flag, Measurements, SkyQuality
-from mountnav.measuring.psf import FWHM_PER_SIGMA, PIXEL_FWHM2
+from mountnav.measuring.measurements import NO_STAR, TRAILED, Flag, Measurements, SkyQuality
+from mountnav.measuring.psf import FWHM_PER_SIGMA, without_pixel_width
 from mountnav.measuring.saturation import saturation_level
 from mountnav.measuring.settings import MeasuringSettings
 
@@ -93,7 +93,6 @@ _CLEAR = 12.0
 _WIDEST_FWHM_PX = 8.0
 _NARROWEST_FWHM_PX = 1.1
 _LEAST_LONE = 0.5
-_TRAILED = 0.4
 _ROUND = 0.25
 _FEWEST_ROUND = 10
 _LEAST_ROUND = 0.2
@@ -105,7 +104,6 @@ _TALL = 2.5
 _RUNNING = 2.0
 _FULL_HALF_PX = 20
 _FULL_FLOOR_PX = 0.1
-_NO_STAR = int(Flag.NO_PEAK | Flag.TRAIL | Flag.BLEED)
 _DEFAULTS = MeasuringSettings()
 
 
@@ -169,7 +167,7 @@ def _measured(
     clean = (found.top < scene.full_adu) & ~found.lone & moments.sound
     clear = found.height / scene.noise_adu
     typical = typical_of(Shapes.of(moments), clean, clear)
-    if typical.ellipticity > _TRAILED:  # all of them, or a streak's many peaks among round stars
+    if typical.ellipticity > TRAILED:  # all of them, or a streak's many peaks among round stars
         every = typical.stars
         clean &= Shapes.of(moments).ellipticity < _ROUND
         typical = typical_of(Shapes.of(moments), clean, clear)
@@ -207,7 +205,7 @@ def _measured(
     order = order[~hidden[order] & (flux[order] > 0.0)]
     order = order[first_of_twins(x[order], y[order], 0.4 * scene.fwhm_px)]
     order = _best(order, flags, most)
-    if np.count_nonzero(flags[order] & _NO_STAR == 0) < _FEWEST:
+    if np.count_nonzero(flags[order] & NO_STAR == 0) < _FEWEST:
         return None
     measurements = Measurements(
         x_px=x[order],
@@ -216,7 +214,7 @@ def _measured(
         y_sigma_px=y_sigma[order],
         flux=flux[order],
         flux_sigma=flux_sigma[order],
-        fwhm_px=np.sqrt(np.maximum(shapes.fwhm_px**2 - PIXEL_FWHM2, 0.04 * shapes.fwhm_px**2))[order],
+        fwhm_px=without_pixel_width(shapes.fwhm_px**2)[order],
         ellipticity=shapes.ellipticity[order],
         flags=flags[order],
         width_px=width,
@@ -267,8 +265,7 @@ def _saturated(scene: Scene, found: Candidates, moments: Moments) -> tuple[Mask,
     sigma = np.hypot(scene.fwhm_px / FWHM_PER_SIGMA, patches.radius_px[some])
     again = windowed_moments(light, cut.left, cut.top, x[some], y[some], sigma)
     which = patches.which[some]
-    for name in Moments.__dataclass_fields__:
-        getattr(moments, name)[which] = getattr(again, name)
+    moments.put(which, again)
     runs = (patches.tall[some] > _RUNNING) | (patches.tall[some] < 1.0 / _RUNNING)
     moments.x_px[which[runs]], moments.y_px[which[runs]] = x[some][runs], y[some][runs]
     return full, bleed, hidden
@@ -276,6 +273,6 @@ def _saturated(scene: Scene, found: Candidates, moments: Moments) -> tuple[Mask,
 
 def _best(order: NDArray[np.intp], flags: NDArray[np.int64], most: int) -> NDArray[np.intp]:
     """The first so many star-like sources, and half as many others at most."""
-    star = flags[order] & _NO_STAR == 0
+    star = flags[order] & NO_STAR == 0
     keep = np.where(star, np.cumsum(star) <= most, np.cumsum(~star) <= most // 2)
     return order[keep]

@@ -8,7 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from mountnav.measuring.measurements import Flag
+from mountnav.measuring.measurements import (
+    LEAST_ELLIPTICITY,
+    TOO_LONG,
+    TOO_NARROW,
+    TOO_WIDE,
+    TYPICAL_SNR,
+    Flag,
+)
 from mountnav.measuring.psf import FWHM_PER_SIGMA
 
 Array = NDArray[np.float64]
@@ -96,6 +103,11 @@ class Moments:
     yy: Array
     sound: NDArray[np.bool_]
 
+    def put(self, which: NDArray[np.intp], part: Moments) -> None:
+        """Overwrite those of the sources ``which``, in place."""
+        for name in Moments.__dataclass_fields__:
+            getattr(self, name)[which] = getattr(part, name)
+
 
 def windowed_moments(
     light: Pixels,
@@ -176,12 +188,6 @@ def _without_window(seen: Array, sigma_px: Array) -> tuple[Array, Array, Array]:
 
 Mask = NDArray[np.bool_]
 
-# as in `flags`
-_TOO_NARROW = 0.62
-_TOO_WIDE = 2.0
-_TOO_LONG = 0.25
-_LEAST_ELLIPTICITY = 0.4
-_CLEAR_SNR = 15.0
 _TYPICAL_STARS = 120
 
 
@@ -224,7 +230,7 @@ class Typical:
 
 def typical_of(shapes: Shapes, clean: Mask, snr: Array) -> Typical:
     """Medians over clean sources."""
-    some = np.flatnonzero(clean & (snr > _CLEAR_SNR))
+    some = np.flatnonzero(clean & (snr > TYPICAL_SNR))
     if some.size > _TYPICAL_STARS:  # not the brightest alone: stretched pictures swell those
         some = some[np.linspace(0, some.size - 1, _TYPICAL_STARS).astype(np.intp)]
     if some.size == 0:
@@ -259,11 +265,11 @@ def flags_of(
     flags[edge] |= Flag.EDGE
     narrow = (
         shapes.minor_fwhm_px * (1.0 + slack)
-        < _TOO_NARROW * typical.fwhm_px * (1.0 - typical.ellipticity) ** 0.5
+        < TOO_NARROW * typical.fwhm_px * (1.0 - typical.ellipticity) ** 0.5
     )
-    wide = shapes.fwhm_px * (1.0 - slack) > _TOO_WIDE * typical.fwhm_px
+    wide = shapes.fwhm_px * (1.0 - slack) > TOO_WIDE * typical.fwhm_px
     flags[(narrow | wide | odd) & ~full] |= Flag.NO_PEAK
-    long = shapes.ellipticity > max(_LEAST_ELLIPTICITY, typical.ellipticity + _TOO_LONG) + slack
+    long = shapes.ellipticity > max(LEAST_ELLIPTICITY, typical.ellipticity + TOO_LONG) + slack
     flags[long] |= Flag.ELONGATED
     flags[neighbor_px < 1.5 * typical.fwhm_px + 1.0] |= Flag.BLENDED
     return flags
@@ -301,15 +307,6 @@ def nearest_px(x_px: Array, y_px: Array) -> Array:
     places = np.column_stack([x_px, y_px])
     distance, _ = KDTree(places).query(places, k=2)
     return np.asarray(distance, dtype=np.float64)[:, 1]
-
-
-def first_of_twins(x_px: Array, y_px: Array, reach_px: float) -> Mask:
-    """Tell which of several sources at the same place comes first, shape (n,)."""
-    keep = np.ones(x_px.size, dtype=bool)
-    if x_px.size > 1:
-        pairs = KDTree(np.column_stack([x_px, y_px])).query_pairs(reach_px, output_type="ndarray")
-        keep[pairs.max(axis=1)] = False
-    return keep
 
 
 def edge_of(x_px: Array, y_px: Array, width_px: int, height_px: int, fwhm_px: float) -> Mask:

@@ -13,16 +13,14 @@ from mountnav.measuring.fast.moments import nearest_px
 from mountnav.measuring.fast.scene import Scene
 from mountnav.measuring.least_squares import Fit
 from mountnav.measuring.measurements import Flag, Measurements
-from mountnav.measuring.psf import FWHM_PER_SIGMA, PIXEL_FWHM2, Psf
+from mountnav.measuring.psf import FWHM_PER_SIGMA, MOST_WING, NODE_WEIGHTS, NODES, PIXEL_FWHM2, Psf
 from mountnav.measuring.psf_fitting import with_noise_law
+from mountnav.measuring.psf_photometry import LONELY_FWHM
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.float32]
 
 _PHASES = 8
-# three-point Gauss-Legendre rule over a pixel
-_NODES = np.float32(np.sqrt(0.6) / 2.0) * np.array([-1.0, 0.0, 1.0], dtype=np.float32)
-_NODE_WEIGHTS = np.array([5.0, 8.0, 5.0], dtype=np.float32) / np.float32(18.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,8 +100,8 @@ def _points(shape: EllipticalPsf, u: Pixels, v: Pixels) -> Iterator[tuple[Pixels
     if not shape.bell.integrated:
         yield u, v, np.float32(1.0)
         return
-    for dy, weight_y in zip(_NODES, _NODE_WEIGHTS, strict=True):
-        for dx, weight_x in zip(_NODES, _NODE_WEIGHTS, strict=True):
+    for dy, weight_y in zip(NODES, NODE_WEIGHTS, strict=True):
+        for dx, weight_x in zip(NODES, NODE_WEIGHTS, strict=True):
             yield u + dx, v + dy, weight_x * weight_y
 
 
@@ -156,7 +154,6 @@ Mask = NDArray[np.bool_]
 
 _STARS = 36
 _FEWEST = 5
-_LONELY_FWHM = 2.7
 _CLEAR_SNR = 25.0
 _ALIKE = 1.3
 _INTEGRATE_BELOW_PX = 2.8
@@ -166,7 +163,6 @@ _OUTLIER = 3.0
 _FIRST_MISFIT = 0.03
 _WING_STEP = 0.02
 _FIRST_WING = 0.1
-_MOST_WING = 0.5
 _SPOILT = int(Flag.SATURATED | Flag.EDGE | Flag.ELONGATED | Flag.NO_PEAK | Flag.BLENDED | Flag.TRAIL)
 
 
@@ -195,7 +191,7 @@ def learn_shared_psf(scene: Scene, measurements: Measurements, half_px: int) -> 
     first = EllipticalPsf(bell, inverse, 0.0, inverse)
     m = measurements
     snr = m.flux / np.maximum(m.flux_sigma, 1e-12)
-    alone = nearest_px(m.x_px, m.y_px) > _LONELY_FWHM * scene.fwhm_px
+    alone = nearest_px(m.x_px, m.y_px) > LONELY_FWHM * scene.fwhm_px
     inside = (m.x_px > half_px) & (m.y_px > half_px)
     inside &= (m.x_px < m.width_px - 1 - half_px) & (m.y_px < m.height_px - 1 - half_px)
     # the brightest of stretched pictures are swollen: they are not what the others look like
@@ -292,7 +288,7 @@ def _moved(shape: EllipticalPsf, step: Array) -> EllipticalPsf:
     p = float(np.clip(shape.p + step[0], 0.5 * shape.p, 2.0 * shape.p))
     r = float(np.clip(shape.r + step[2], 0.5 * shape.r, 2.0 * shape.r))
     room = 0.9 * np.sqrt(p * r)
-    wing = float(np.clip(shape.bell.wing + np.clip(step[3], -0.15, 0.15), 0.0, _MOST_WING))
+    wing = float(np.clip(shape.bell.wing + np.clip(step[3], -0.15, 0.15), 0.0, MOST_WING))
     return EllipticalPsf(replace(shape.bell, wing=wing), p, float(np.clip(shape.q + step[1], -room, room)), r)
 
 
@@ -303,14 +299,7 @@ def _with_noise_law(
     slopes, _, light = _slopes(shape, stamps, own)
     residual = stamps.values - light - own[:, 3, None]
     bell = replace(shape.bell, gain_e_adu=gain[0], misfit=0.0)
-    kept = replace(
-        stamps,
-        values=stamps.values[use],
-        variance=stamps.variance[use],
-        good=stamps.good[use],
-        x0=stamps.x0[use],
-        y0=stamps.y0[use],
-    )
+    kept = stamps.part(use)
     weights = kept.good / bell.variance(kept.variance, light[use])
     normal = (slopes[use] * weights[:, None]) @ slopes[use].transpose(0, 2, 1)
     fit = Fit(own[use], normal.astype(np.float64), residual[use], slopes[use], weights)
