@@ -116,7 +116,7 @@ def find_cosmics(
     fwhm_px: float,
     gain_e_adu: float,
 ) -> tuple[NDArray[np.bool_], NDArray[np.intp], NDArray[np.intp]]:
-    """Tell which sources are cosmic rays or hot pixels, and which pixels beside the other ones are.
+    """Which sources are cosmic rays or hot pixels, and which pixels beside the other ones are.
 
     Stars narrower than about 1.6 px can't be told from hot pixels by their shape: then nothing is found.
 
@@ -125,7 +125,7 @@ def find_cosmics(
     sky_free : ndarray of float32, shape (height, width)
     good : ndarray of bool, shape (height, width)
     x_px, y_px, noise : ndarray, shape (n,)
-        Places of the sources, and the sky noise per pixel at them.
+        Positions of the sources, and the sky noise per pixel at them.
     fwhm_px : float
         The stars' width, along the narrow side; 0 if any edge may be a star's.
     gain_e_adu : float
@@ -151,10 +151,10 @@ def find_cosmics(
     columns = (
         np.clip(np.rint(x_px).astype(int), reach, width - 1 - reach)[:, None, None] + offset[None, None, :]
     )
-    stamps = sky_free[rows, columns]
+    cutouts = sky_free[rows, columns]
     usable = good[rows, columns]
     inner = (slice(None), slice(1, -1), slice(1, -1))
-    values = stamps[inner]
+    values = cutouts[inner]
     sky2 = (1.5 * noise * noise)[:, None, None].astype(np.float32)
     scatter = np.sqrt(sky2 + np.maximum(values, np.float32(0.0)) / np.float32(gain_e_adu))
     # along rows and along columns, each by itself: a track that follows one is sharp across
@@ -164,7 +164,7 @@ def find_cosmics(
         ((slice(None), slice(None, -2), slice(1, -1)), (slice(None), slice(2, None), slice(1, -1))),
         ((slice(None), slice(1, -1), slice(None, -2)), (slice(None), slice(1, -1), slice(2, None))),
     ):
-        fall = values - np.float32(0.5) * (stamps[before] + stamps[after])
+        fall = values - np.float32(0.5) * (cutouts[before] + cutouts[after])
         if spoilt:
             fall[~(usable[before] & usable[after] & usable[inner])] = -np.inf
         np.maximum(rise, fall, out=rise)
@@ -180,9 +180,9 @@ def find_cosmics(
     # a ray's track: its top, or a pixel beside it, is too sharp
     struck = np.zeros(x_px.size, dtype=bool)
     for dy, dx in ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0)):
-        place = (index, top_row + dy, top_column + dx)
-        bright = values[place] > 0.5 * values[index, top_row, top_column]
-        struck |= sharp[place] & bright
+        position = (index, top_row + dy, top_column + dx)
+        bright = values[position] > 0.5 * values[index, top_row, top_column]
+        struck |= sharp[position] & bright
     which = np.flatnonzero(sharp.any(axis=(1, 2)))
     sharp, values = sharp[which], values[which]
     line = np.arange(2 * _HALF_PX + 1)
@@ -209,7 +209,7 @@ class Artifacts:
 
     Attributes
     ----------
-    blobs : list of Blob
+    blobs : list of SaturatedPatch
         Patches of saturated pixels.
     bleeds : list of Bleed
         Charge that ran over from them.
@@ -222,7 +222,7 @@ class Artifacts:
     trails: list[Trail]
 
     def flags_at(self, x_px: Array, y_px: Array, margin_px: float) -> NDArray[np.int64]:
-        """Flags of sources at places, shape (n,): TRAIL, BLEED, NO_PEAK on a spike.
+        """Flags of sources at positions, shape (n,): TRAIL, BLEED, NO_PEAK on a spike.
 
         Parameters
         ----------

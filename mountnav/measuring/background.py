@@ -56,7 +56,7 @@ def find_steps(image: Image) -> LevelSteps | None:
 
     Returns
     -------
-    Steps or None
+    LevelSteps or None
         None where nothing jumps, which is the rule.
     """
     if min(image.shape) < 16 * _REACH_PX:
@@ -74,22 +74,22 @@ def _places(image: Image) -> NDArray[np.intp]:
     halves = (image[: height // 2 : step], image[height // 2 :: step])
     strengths = [np.abs(jump) / limit for jump, limit in map(_jumps, halves)]
     both = np.maximum(*strengths)
-    places = []
+    positions = []
     for _ in range(_MOST_STEPS + 1):
         best = int(both.argmax())
         if both[best] < 1.0:
             break
         if any(s[best] >= 1.0 and _all_along(h, best) for s, h in zip(strengths, halves, strict=True)):
-            places.append(best)
+            positions.append(best)
         both[max(0, best - _REACH_PX) : best + _REACH_PX + 1] = 0.0
     # so many lines are no amplifiers but a structured picture
-    return np.sort(np.array(places if len(places) <= _MOST_STEPS else [], dtype=np.intp))
+    return np.sort(np.array(positions if len(positions) <= _MOST_STEPS else [], dtype=np.intp))
 
 
-def _all_along(part: Image, place: int) -> bool:
-    """Tell whether a jump keeps its height along the line, as an amplifier's does and a roof's doesn't."""
+def _all_along(part: Image, column: int) -> bool:
+    """Whether a jump keeps its height along the line, as an amplifier's does and a roof's doesn't."""
     pieces = np.array_split(part, _PIECES)
-    jumps = np.array([_jump(piece[:, :place], piece[:, place:]) for piece in pieces])
+    jumps = np.array([_jump(piece[:, :column], piece[:, column:]) for piece in pieces])
     typical = float(np.median(jumps))
     return bool(
         (jumps * np.sign(typical) > 0.4 * abs(typical)).all() and (np.abs(jumps) < 2.0 * abs(typical)).all()
@@ -212,7 +212,7 @@ class Background:
         Sky level and noise per pixel of each cell, in the frame's unit.
     height_px, width_px : int
         Size of the frame that the mesh covers.
-    steps : Steps or None
+    steps : LevelSteps or None
         Jumps of the level between amplifiers, which come on top of the mesh.
     """
 
@@ -230,12 +230,12 @@ class Background:
         return image
 
     def noise_at(self, x_px: NDArray[np.float64], y_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the noise per pixel at places, shape (n,), by bilinear interpolation."""
+        """Return the noise per pixel at positions, shape (n,), by bilinear interpolation."""
         rows, columns = self.noise.shape
-        places = np.stack(
+        positions = np.stack(
             [(y_px + 0.5) * rows / self.height_px - 0.5, (x_px + 0.5) * columns / self.width_px - 0.5]
         )
-        return np.asarray(ndimage.map_coordinates(self.noise, places, order=1, mode="nearest"))
+        return np.asarray(ndimage.map_coordinates(self.noise, positions, order=1, mode="nearest"))
 
     def noise_image(self, height_px: int, width_px: int) -> Image:
         """Return the noise per pixel on a grid of any size over the same frame, bilinear."""
@@ -247,13 +247,15 @@ def _weights(cells: int, length: int, *, smooth: bool) -> Image:
     if cells == 1:
         return np.ones((length, 1), dtype=np.float32)
     centers = (np.arange(cells) + 0.5) * length / cells - 0.5
-    places = np.clip(np.arange(length), centers[0], centers[-1])
+    positions = np.clip(np.arange(length), centers[0], centers[-1])
     unit = np.eye(cells)
     if smooth and cells >= 4:
-        from scipy.interpolate import CubicSpline  # dear to import, and a glance does without
+        from scipy.interpolate import (
+            CubicSpline,
+        )  # expensive to import, and the fast measurement does without
 
-        return np.asarray(CubicSpline(centers, unit, bc_type="natural")(places), dtype=np.float32)
-    return np.stack([np.interp(places, centers, row) for row in unit], axis=1).astype(np.float32)
+        return np.asarray(CubicSpline(centers, unit, bc_type="natural")(positions), dtype=np.float32)
+    return np.stack([np.interp(positions, centers, row) for row in unit], axis=1).astype(np.float32)
 
 
 def _spread(mesh: NDArray[np.float64], height: int, width: int, *, smooth: bool = True) -> Image:
@@ -345,8 +347,8 @@ def _clear_share(
     """How much of each cell's level is to be believed: none of what noise alone makes."""
     rows, columns = level.shape
     y, x = ((np.arange(n) + 0.5) * size / n - 0.5 for n, size in ((rows, size[0]), (columns, size[1])))
-    places = np.meshgrid(x, y)
-    noise = background.noise_at(places[0].ravel(), places[1].ravel()).reshape(level.shape)
+    positions = np.meshgrid(x, y)
+    noise = background.noise_at(positions[0].ravel(), positions[1].ravel()).reshape(level.shape)
     strength = np.abs(np.nan_to_num(level)) / np.maximum(noise, 1e-20)
     return np.asarray(np.clip((strength - _FINE_SURE) / _FINE_SURE, 0.0, 1.0))
 
@@ -384,12 +386,12 @@ def _mesh(
 
 def _cut(cells: NDArray[np.float64], width: int) -> Image:
     """Spread one value a cell over the pixels of a band's lines, shape (bands, 1, width)."""
-    centers, places = (np.arange(cells.shape[1]) + 0.5) * width / cells.shape[1], np.arange(width)
+    centers, positions = (np.arange(cells.shape[1]) + 0.5) * width / cells.shape[1], np.arange(width)
     wide = np.zeros((cells.shape[0], 1, width), dtype=np.float32)
     for band, row in zip(wide, cells, strict=True):
         known = np.isfinite(row)
         if known.any():
-            band[0] = np.interp(places, centers[known], row[known])
+            band[0] = np.interp(positions, centers[known], row[known])
     return wide
 
 
@@ -426,8 +428,8 @@ def _clipped(cells: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     index = np.arange(cells.shape[0])
 
     def at(share: float) -> NDArray[np.float64]:
-        place = np.clip((low + share * (high - low - 1)).astype(int), 0, cells.shape[1] - 1)
-        return np.asarray(cells[index, place], dtype=np.float64)
+        position = np.clip((low + share * (high - low - 1)).astype(int), 0, cells.shape[1] - 1)
+        return np.asarray(cells[index, position], dtype=np.float64)
 
     for _ in range(_CLIP_ROUNDS):
         middle = at(0.5)

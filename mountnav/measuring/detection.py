@@ -32,7 +32,7 @@ class Peaks:
     Attributes
     ----------
     x_px, y_px : ndarray
-        Places in the full frame, to half a pixel or so.
+        Positions in the full frame, to half a pixel or so.
     height : ndarray
         Height of the smoothed frame in units of its local noise.
     """
@@ -143,7 +143,7 @@ def find_peaks(smoothed: Smoothed, threshold_sigma: float, separation_px: float)
 def _not_a_bump(
     image: Image, rows: NDArray[np.intp], columns: NDArray[np.intp], heights: Array, reach: float
 ) -> NDArray[np.bool_]:
-    """Tell which peaks are parted by a saddle from every brighter peak within reach."""
+    """Which peaks are parted by a saddle from every brighter peak within reach."""
     keep = np.ones(heights.size, dtype=bool)
     if heights.size < 2:
         return keep
@@ -187,7 +187,7 @@ def typical_fwhm(sky_free: Image, saturated: NDArray[np.bool_], peaks: Peaks, no
     saturated : ndarray of bool, shape (height, width)
     peaks : Peaks
     noise : float
-        Noise per pixel; where the peaks hardly rise above it, the area is taken from smoothed stamps.
+        Noise per pixel; where the peaks hardly rise above it, the area is taken from smoothed cutouts.
 
     Returns
     -------
@@ -210,18 +210,18 @@ def typical_fwhm(sky_free: Image, saturated: NDArray[np.bool_], peaks: Peaks, no
         y[chosen, None, None] + offset[None, :, None],
         x[chosen, None, None] + offset[None, None, :],
     )
-    stamps = sky_free[rows, columns]
+    cutouts = sky_free[rows, columns]
     middle = slice(_HALF_PX - 1, _HALF_PX + 2)
     clean = ~saturated[rows, columns][:, middle, middle].any(axis=(1, 2))
-    stamps = stamps[clean][:_BRIGHTEST]
-    if stamps.shape[0] == 0:
+    cutouts = cutouts[clean][:_BRIGHTEST]
+    if cutouts.shape[0] == 0:
         return _FALLBACK_FWHM_PX
     # what the stars stand on (a nebula, a halo) is no part of them; wide ones need their surroundings wide
     fwhm_px = _FALLBACK_FWHM_PX
     for near, far, most in _RINGS:
         radius = np.hypot(offset[:, None], offset[None, :])
-        ground = np.median(stamps[:, (radius >= near) & (radius < far)], axis=1)
-        fwhm_px = _width(stamps - ground[:, None, None], noise)
+        ground = np.median(cutouts[:, (radius >= near) & (radius < far)], axis=1)
+        fwhm_px = _width(cutouts - ground[:, None, None], noise)
         if fwhm_px < most:
             break
     return fwhm_px
@@ -230,7 +230,7 @@ def typical_fwhm(sky_free: Image, saturated: NDArray[np.bool_], peaks: Peaks, no
 def _stand_alone(
     sky_free: Image, x: NDArray[np.intp], y: NDArray[np.intp], noise: float
 ) -> NDArray[np.bool_]:
-    """Tell which peaks are single pixels, shape (n,): no optics leaves a pixel's neighbors dark.
+    """Which peaks are single pixels, shape (n,): no optics leaves a pixel's neighbors dark.
 
     Even a star of FWHM 1.2 px gives its eight neighbors 15 % of its own pixel's light on the mean.
     """
@@ -248,22 +248,22 @@ def _stand_alone(
     return np.asarray(clear & (neighbors < DARK_NEIGHBORS * top + noise))
 
 
-def _width(stamps: Image, noise: float) -> float:
-    """Median width of the patches above half maximum in the middle of stamps."""
+def _width(cutouts: Image, noise: float) -> float:
+    """Median width of the patches above half maximum in the middle of cutouts."""
     middle = slice(_HALF_PX - 1, _HALF_PX + 2)
     wider2 = 0.0
-    middle_heights = stamps[:, middle, middle].max(axis=(1, 2))
+    middle_heights = cutouts[:, middle, middle].max(axis=(1, 2))
     if float(np.median(middle_heights)) < _CLEAR_OF_NOISE * noise:
-        stamps = ndimage.gaussian_filter(stamps, _SMOOTHING_SIGMA_PX, axes=(1, 2), mode="nearest")
+        cutouts = ndimage.gaussian_filter(cutouts, _SMOOTHING_SIGMA_PX, axes=(1, 2), mode="nearest")
         wider2 = (FWHM_PER_SIGMA * _SMOOTHING_SIGMA_PX) ** 2
-    near = stamps[:, _HALF_PX - 2 : _HALF_PX + 3, _HALF_PX - 2 : _HALF_PX + 3].reshape(stamps.shape[0], -1)
+    near = cutouts[:, _HALF_PX - 2 : _HALF_PX + 3, _HALF_PX - 2 : _HALF_PX + 3].reshape(cutouts.shape[0], -1)
     top = near.max(axis=1)
     best = near.argmax(axis=1)
-    above = stamps > 0.5 * top[:, None, None]
+    above = cutouts > 0.5 * top[:, None, None]
     flat_neighbors = np.zeros((3, 3, 3), dtype=bool)
     flat_neighbors[1] = ndimage.generate_binary_structure(2, 1)
     labels, _ = ndimage.label(above, structure=flat_neighbors)
-    index = np.arange(stamps.shape[0])
+    index = np.arange(cutouts.shape[0])
     own = labels[index, _HALF_PX - 2 + best // 5, _HALF_PX - 2 + best % 5]
     patch = labels == own[:, None, None]
     area = patch.sum(axis=(1, 2))
@@ -283,7 +283,7 @@ def _width(stamps: Image, noise: float) -> float:
 
 
 def first_of_twins(x_px: Array, y_px: Array, reach_px: float) -> NDArray[np.bool_]:
-    """Tell which of several sources at the same place comes first, shape (n,)."""
+    """Which of several sources at the same position comes first, shape (n,)."""
     keep = np.ones(x_px.size, dtype=bool)
     if x_px.size > 1:
         pairs = KDTree(np.column_stack([x_px, y_px])).query_pairs(reach_px, output_type="ndarray")

@@ -88,45 +88,45 @@ def find_epsf(sky_free: Image, saturated: Mask, peaks: Peaks, noise: float) -> E
 
     Returns
     -------
-    CommonImage or None
+    Epsf or None
         None for frames of ordinary stars, and where too few can tell.
     """
     x, y = _apart(peaks, sky_free.shape, saturated)
     if x.size < _FEWEST_OBJECTS:
         return None
-    stamps = _cut(sky_free, x, y)
-    if _ordinary(stamps[:_FIRST_LOOK], noise):
+    cutouts = _cut(sky_free, x, y)
+    if _ordinary(cutouts[:_FIRST_LOOK], noise):
         return None
-    patches, areas = _patches(stamps, noise)
+    patches, areas = _patches(cutouts, noise)
     fine = areas >= _LEAST_AREA_PX
     if fine.sum() < max(_FEWEST_OBJECTS, 0.4 * x.size):
         return None
     low, high = np.percentile(areas[fine], [25.0, 75.0])
     if high > _ALIKE * low:
-        return None  # no common image: a nebula's knots, leaves of a tree
-    stamps, patches = stamps[fine], patches[fine]
-    moments = [_moments(np.where(patch, stamp, 0.0)) for stamp, patch in zip(stamps, patches, strict=True)]
+        return None  # no ePSF: a nebula's knots, leaves of a tree
+    cutouts, patches = cutouts[fine], patches[fine]
+    moments = [_moments(np.where(patch, cutout, 0.0)) for cutout, patch in zip(cutouts, patches, strict=True)]
     ratio, angle = np.array([m[2] / m[1] for m in moments]), np.radians([m[3] for m in moments])
     one_way = abs(np.exp(2j * angle).mean()) > _ONE_WAY
     trailed = bool(np.median(ratio) > _TRAIL_RATIO and one_way)
     # two stars side by side are dark between them as well, but not round
-    hollow = bool(np.median(ratio) < _ROUND_RATIO) and _hollow(stamps, patches, moments)
+    hollow = bool(np.median(ratio) < _ROUND_RATIO) and _hollow(cutouts, patches, moments)
     if not trailed and not hollow:
         return None
     centers = np.array([m[0] for m in moments])
-    mean = _stacked(stamps, patches, centers, noise)
+    mean = _stacked(cutouts, patches, centers, noise)
     return None if mean is None else _described(mean, hollow=hollow)
 
 
-def _ordinary(stamps: Array, noise: float) -> bool:
-    """Tell whether a few objects show already that these are ordinary stars: small and round."""
-    patches, areas = _patches(stamps, noise)
+def _ordinary(cutouts: Array, noise: float) -> bool:
+    """Whether a few objects show already that these are ordinary stars: small and round."""
+    patches, areas = _patches(cutouts, noise)
     fine = areas > 0
     if fine.sum() < 0.5 * _FIRST_LOOK or np.median(areas[fine]) >= _HOLLOW_AREA_PX:
         return False
     moments = [
-        _moments(np.where(patch, stamp, 0.0))
-        for stamp, patch in zip(stamps[fine], patches[fine], strict=True)
+        _moments(np.where(patch, cutout, 0.0))
+        for cutout, patch in zip(cutouts[fine], patches[fine], strict=True)
     ]
     return bool(np.median([m[2] / m[1] for m in moments]) < _ORDINARY * _TRAIL_RATIO)
 
@@ -134,7 +134,7 @@ def _ordinary(stamps: Array, noise: float) -> bool:
 def _apart(
     peaks: Peaks, shape: tuple[int, int], saturated: Mask
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Choose the highest peaks that lie a stamp's reach apart, whole stamps inside the frame."""
+    """Choose the highest peaks that lie a cutout's reach apart, whole cutouts inside the frame."""
     x, y = (np.rint(c[:_CANDIDATES]).astype(np.intp) for c in (peaks.x_px, peaks.y_px))
     inside = (x >= _REACH_PX) & (y >= _REACH_PX) & (x < shape[1] - _REACH_PX) & (y < shape[0] - _REACH_PX)
     inside &= peaks.height[: x.size] > _LEAST_HEIGHT
@@ -150,20 +150,20 @@ def _apart(
 
 def _cut(sky_free: Image, x: NDArray[np.intp], y: NDArray[np.intp]) -> Array:
     offset = np.arange(-_REACH_PX, _REACH_PX + 1)
-    stamps = sky_free[y[:, None, None] + offset[:, None], x[:, None, None] + offset[None, :]]
+    cutouts = sky_free[y[:, None, None] + offset[:, None], x[:, None, None] + offset[None, :]]
     radius = np.hypot(offset[:, None], offset[None, :])
-    ground = np.median(stamps[:, (radius > _REACH_PX - 4) & (radius <= _REACH_PX)], axis=1)
-    return np.asarray(stamps - ground[:, None, None], dtype=np.float64)
+    ground = np.median(cutouts[:, (radius > _REACH_PX - 4) & (radius <= _REACH_PX)], axis=1)
+    return np.asarray(cutouts - ground[:, None, None], dtype=np.float64)
 
 
-def _patches(stamps: Array, noise: float) -> tuple[Mask, NDArray[np.intp]]:
-    """What belongs to the object in the middle, its holes filled; area 0 where it runs out of the stamp."""
-    smooth = ndimage.gaussian_filter(stamps, _LIGHT_SMOOTHING_PX, axes=(1, 2), mode="nearest")
+def _patches(cutouts: Array, noise: float) -> tuple[Mask, NDArray[np.intp]]:
+    """What belongs to the object in the middle, its holes filled; area 0 where it runs out of the cutout."""
+    smooth = ndimage.gaussian_filter(cutouts, _LIGHT_SMOOTHING_PX, axes=(1, 2), mode="nearest")
     middle = slice(_REACH_PX - 2, _REACH_PX + 3)
     top = smooth[:, middle, middle].max(axis=(1, 2))
     above = smooth > np.maximum(_PART_OF_TOP * top, 4.0 * _LIGHT_NOISE * noise)[:, None, None]
     patches = np.zeros_like(above)
-    areas = np.zeros(stamps.shape[0], dtype=np.intp)
+    areas = np.zeros(cutouts.shape[0], dtype=np.intp)
     for k, one in enumerate(above):
         closed = ndimage.binary_closing(one, iterations=1)
         labels, _ = ndimage.label(closed, structure=np.ones((3, 3)))
@@ -193,32 +193,32 @@ def _moments(light: Array) -> tuple[tuple[float, float], float, float, float]:
 
 
 def _hollow(
-    stamps: Array, patches: Mask, moments: list[tuple[tuple[float, float], float, float, float]]
+    cutouts: Array, patches: Mask, moments: list[tuple[tuple[float, float], float, float, float]]
 ) -> bool:
-    """Tell whether the typical object is clearly darker in its middle than on the ring round it."""
+    """Whether the typical object is clearly darker in its middle than on the ring round it."""
     depth = []
-    for stamp, patch, moment in zip(stamps, patches, moments, strict=True):
+    for cutout, patch, moment in zip(cutouts, patches, moments, strict=True):
         if np.count_nonzero(patch) < _HOLLOW_AREA_PX:
             depth.append(1.0)
             continue
-        smooth = ndimage.gaussian_filter(stamp, _LIGHTER_SMOOTHING_PX, mode="nearest")
+        smooth = ndimage.gaussian_filter(cutout, _LIGHTER_SMOOTHING_PX, mode="nearest")
         row, column = round(moment[0][1]) + _REACH_PX, round(moment[0][0]) + _REACH_PX
         # the brighter half of the patch stands for the ring, not its noisiest pixel
         depth.append(float(smooth[row, column] / np.percentile(smooth[patch], 75.0)))
     return bool(np.median(depth) < _HOLLOW)
 
 
-def _stacked(stamps: Array, patches: Mask, centers: Array, noise: float) -> Array | None:
+def _stacked(cutouts: Array, patches: Mask, centers: Array, noise: float) -> Array | None:
     """Mean of the objects, each moved to the middle and scaled to unit flux, without what only some show."""
     reach = np.array([np.hypot(*(np.argwhere(p) - _REACH_PX).T).max() for p in patches])
     radius = int(np.clip(np.ceil(np.median(reach - np.hypot(*centers.T))) + _ROOM_PX, 6, _MOST_RADIUS_PX))
-    weight = (stamps * patches).sum(axis=(1, 2))
+    weight = (cutouts * patches).sum(axis=(1, 2))
     mean = None
     for _ in range(_STACKINGS):
         moved = np.stack(
             [
-                _middle(stamp, c, radius) / max(w, 1e-9)
-                for stamp, c, w in zip(stamps, centers, weight, strict=True)
+                _middle(cutout, c, radius) / max(w, 1e-9)
+                for cutout, c, w in zip(cutouts, centers, weight, strict=True)
             ]
         )
         sure = np.clip(weight / noise, 1e-3, None)
@@ -237,11 +237,11 @@ def _stacked(stamps: Array, patches: Mask, centers: Array, noise: float) -> Arra
     return _middle(np.pad(mean, 3), np.array([x, y]), radius)
 
 
-def _middle(stamp: Array, center: Array, radius: int) -> Array:
-    """Cut the surroundings of a place (x, y from the middle) by cubic interpolation."""
-    offset = np.arange(-radius, radius + 1) + stamp.shape[0] // 2
+def _middle(cutout: Array, center: Array, radius: int) -> Array:
+    """Cut the surroundings of a position (x, y from the middle) by cubic interpolation."""
+    offset = np.arange(-radius, radius + 1) + cutout.shape[0] // 2
     rows, columns = np.meshgrid(offset + center[1], offset + center[0], indexing="ij")
-    return np.asarray(ndimage.map_coordinates(stamp, [rows, columns], order=3, mode="nearest"))
+    return np.asarray(ndimage.map_coordinates(cutout, [rows, columns], order=3, mode="nearest"))
 
 
 def _rim_level(image: Array) -> float:
@@ -251,7 +251,7 @@ def _rim_level(image: Array) -> float:
 
 
 def _clipped_mean(moved: Array, middle: Array, sure: Array) -> Array:
-    """Weighted mean of what lies near the last one: neighbors in single stamps drop out."""
+    """Weighted mean of what lies near the last one: neighbors in single cutouts drop out."""
     off = np.abs(moved - middle)
     scatter = np.median(off, axis=0) * 1.4826 + 1e-12
     weights = (off < 3.0 * scatter) * (np.minimum(sure, 3.0 * np.median(sure)))[:, None, None]
@@ -259,7 +259,7 @@ def _clipped_mean(moved: Array, middle: Array, sure: Array) -> Array:
 
 
 def _refined(moved: Array, mean: Array) -> tuple[Array, Array]:
-    """Shift (n, 2) and scale (n,) of each stamp against the mean, by one linear step."""
+    """Shift (n, 2) and scale (n,) of each cutout against the mean, by one linear step."""
     slope_y, slope_x = np.gradient(mean)
     table = np.stack([mean.ravel(), -slope_x.ravel(), -slope_y.ravel(), np.ones(mean.size)], axis=1)
     answer, *_ = np.linalg.lstsq(table, moved.reshape(moved.shape[0], -1).T, rcond=None)
@@ -276,13 +276,13 @@ def _described(mean: Array, *, hollow: bool) -> Epsf:
 
 
 def smooth_with_epsf(sky_free: Image, background: Background, image: Epsf, bin_px: int) -> Smoothed:
-    """Smooth a frame with its stars' common image, and divide by the local noise: the matched filter.
+    """Smooth a frame with its stars' ePSF, and divide by the local noise: the matched filter.
 
     Parameters
     ----------
     sky_free : ndarray of float32, shape (height, width)
     background : Background
-    image : CommonImage
+    image : Epsf
     bin_px : int
         1, or 2 to search in 2 × 2 bins.
 
@@ -334,8 +334,8 @@ def without_sidelobes(peaks: Peaks, image: Epsf) -> Peaks:
     Parameters
     ----------
     peaks : Peaks
-        Of `smooth_alike`.
-    image : CommonImage
+        Of `smooth_with_epsf`.
+    image : Epsf
 
     Returns
     -------
@@ -346,16 +346,16 @@ def without_sidelobes(peaks: Peaks, image: Epsf) -> Peaks:
     kernel = image.pixels
     wide = np.pad(kernel, image.half_px)
     own = _correlated(wide.astype(np.float32), kernel) / float((kernel**2).sum())
-    # a little room: places are only good to a pixel
+    # a little room: positions are only good to a pixel
     own = ndimage.maximum_filter(own, 3)
     middle = own.shape[0] // 2
     keep = np.ones(peaks.x_px.size, dtype=bool)
-    places = np.stack([peaks.x_px, peaks.y_px], axis=1)
-    pairs = KDTree(places).query_pairs(2.0 * image.half_px, output_type="ndarray")
+    positions = np.stack([peaks.x_px, peaks.y_px], axis=1)
+    pairs = KDTree(positions).query_pairs(2.0 * image.half_px, output_type="ndarray")
     if pairs.size == 0:
         return peaks
     bright, faint = pairs.min(axis=1), pairs.max(axis=1)
-    d = np.rint(places[faint] - places[bright]).astype(int)
+    d = np.rint(positions[faint] - positions[bright]).astype(int)
     d = np.clip(d, -middle, middle)
     left = np.maximum(own[middle + d[:, 1], middle + d[:, 0]], 0.0)
     mere = peaks.height[faint] < _SIDELOBE * left * peaks.height[bright] + 3.0
@@ -379,7 +379,7 @@ _FAR_PX = 4.0
 
 @dataclass(frozen=True, slots=True)
 class _Table:
-    """The common image and its slopes on a stamp's pixels at a grid of shifts, each (k, k, pixels)."""
+    """The ePSF and its slopes on a cutout's pixels at a grid of shifts, each (k, k, pixels)."""
 
     image: Array
     slope_x: Array
@@ -423,7 +423,7 @@ def fit_epsf(
     image: Epsf,
     gain: tuple[float, bool],
 ) -> tuple[Profiles, Psf]:
-    """Fit flux, place and a local sky with a known image.
+    """Fit flux, position and a local sky with a known image.
 
     Parameters
     ----------
@@ -431,7 +431,7 @@ def fit_epsf(
     good : ndarray of bool, shape (height, width)
     x_px, y_px, noise : ndarray, shape (n,)
         Peaks, brightest first, and the noise per pixel at them.
-    image : CommonImage
+    image : Epsf
     gain : tuple
         Electrons per ADU, and whether that is known.
 
@@ -439,69 +439,69 @@ def fit_epsf(
     -------
     profiles : Profiles
         All of the image's own width.
-    bell : Bell
+    psf : Psf
         Holds the law of the noise; its form has no meaning here.
     """
     half = image.half_px
     form = make_cutouts(sky_free, good, np.zeros(0), np.zeros(0), np.zeros(0), half)
     table = _table(image, form.dx, form.dy)
-    bell = Psf(0.0, gain[0], 0.0)
+    psf = Psf(0.0, gain[0], 0.0)
     few = slice(0, min(_TEACHERS, x_px.size))
     for _ in range(2):
-        fit, stamps, x, y = _fitted(sky_free, good, x_px[few], y_px[few], noise[few], half, table, bell)
+        fit, cutouts, x, y = _fitted(sky_free, good, x_px[few], y_px[few], noise[few], half, table, psf)
         strong = fit.params[:, 0] > _CLEAR * np.sqrt(covariances(fit.normal)[:, 0, 0])
-        bell = with_noise_law(bell, fit.part(strong), stamps.part(strong), gain[0], card=gain[1])
+        psf = with_noise_law(psf, fit.part(strong), cutouts.part(strong), gain[0], card=gain[1])
     share = max(1, _PIXELS_AT_ONCE // form.dx.size)
     parts = []
     for start in range(0, max(1, x_px.size), share):
         some = slice(start, start + share)
-        fit, stamps, x, y = _fitted(sky_free, good, x_px[some], y_px[some], noise[some], half, table, bell)
-        parts.append(_profiles(fit, x, y, np.hypot(x - x_px[some], y - y_px[some]), image, stamps))
-    return Profiles.joined(parts), bell
+        fit, cutouts, x, y = _fitted(sky_free, good, x_px[some], y_px[some], noise[some], half, table, psf)
+        parts.append(_profiles(fit, x, y, np.hypot(x - x_px[some], y - y_px[some]), image, cutouts))
+    return Profiles.joined(parts), psf
 
 
 def _fitted(
-    sky_free: Image, good: Mask, x: Array, y: Array, noise: Array, half: int, table: _Table, bell: Psf
+    sky_free: Image, good: Mask, x: Array, y: Array, noise: Array, half: int, table: _Table, psf: Psf
 ) -> tuple[Fit, Cutouts, Array, Array]:
-    """Gauss-Newton over amplitude, place and sky; the stamps follow the places."""
+    """Gauss-Newton over amplitude, position and sky; the cutouts follow the positions."""
     params = np.zeros((x.size, 4))
     for _ in range(_PASSES):
-        stamps = make_cutouts(sky_free, good, x, y, noise, half)
-        values = np.where(stamps.good, stamps.values, 0.0)
-        params[:, 1], params[:, 2] = x - stamps.x0, y - stamps.y0
+        cutouts = make_cutouts(sky_free, good, x, y, noise, half)
+        values = np.where(cutouts.good, cutouts.values, 0.0)
+        params[:, 1], params[:, 2] = x - cutouts.x0, y - cutouts.y0
         for _ in range(_ROUNDS):
-            jacobian, residual, weights = _linear(params, values, stamps, table, bell)
+            jacobian, residual, weights = _linear(params, values, cutouts, table, psf)
             weighted = jacobian * weights[:, None, :]
             normal = weighted @ jacobian.transpose(0, 2, 1)
             step = np.einsum("nij,nj->ni", covariances(normal), (weighted @ residual[:, :, None])[:, :, 0])
             step[:, 1:3] = np.clip(step[:, 1:3], -0.7, 0.7)
             params += step
             params[:, 1:3] = np.clip(params[:, 1:3], -_STEPS * _STEP_PX, _STEPS * _STEP_PX)
-        x, y = stamps.x0 + params[:, 1], stamps.y0 + params[:, 2]
-    jacobian, residual, weights = _linear(params, values, stamps, table, bell)
+        x, y = cutouts.x0 + params[:, 1], cutouts.y0 + params[:, 2]
+    jacobian, residual, weights = _linear(params, values, cutouts, table, psf)
     normal = (jacobian * weights[:, None, :]) @ jacobian.transpose(0, 2, 1)
-    return Fit(params, normal, residual, jacobian, weights), stamps, x, y
+    return Fit(params, normal, residual, jacobian, weights), cutouts, x, y
 
 
 def _linear(
-    params: Array, values: Array, stamps: Cutouts, table: _Table, bell: Psf
+    params: Array, values: Array, cutouts: Cutouts, table: _Table, psf: Psf
 ) -> tuple[Array, Array, Array]:
     image, slope_x, slope_y = table.at(params[:, 1], params[:, 2])
     amplitude = params[:, 0, None]
     light = amplitude * image
     # before there is an amplitude, the slopes of a star that just shows keep the equations solvable
-    least = np.sqrt(stamps.variance[:, :1]) / np.maximum(image.max(axis=1, keepdims=True), 1e-9)
+    least = np.sqrt(cutouts.variance[:, :1]) / np.maximum(image.max(axis=1, keepdims=True), 1e-9)
     steep = np.maximum(amplitude, 0.1 * least)
     jacobian = np.stack([image, steep * slope_x, steep * slope_y, np.ones_like(image)], axis=1)
-    weights = stamps.good / bell.variance(stamps.variance, np.maximum(light, 0.0))
+    weights = cutouts.good / psf.variance(cutouts.variance, np.maximum(light, 0.0))
     return jacobian, values - light - params[:, 3, None], weights
 
 
-def _profiles(fit: Fit, x: Array, y: Array, drift: Array, image: Epsf, stamps: Cutouts) -> Profiles:
+def _profiles(fit: Fit, x: Array, y: Array, drift: Array, image: Epsf, cutouts: Cutouts) -> Profiles:
     sigmas = np.sqrt(np.maximum(np.einsum("nii->ni", covariances(fit.normal)), 0.0))
     flux = fit.params[:, 0]
     top = float(image.pixels.max())
-    core = stamps.good & (fit.jacobian[:, 0] > _CORE * top)
+    core = cutouts.good & (fit.jacobian[:, 0] > _CORE * top)
     pixels = np.maximum(core.sum(axis=1), 1)
     amplitude = flux * top
     misfit = np.sqrt((fit.residual**2 * core).sum(axis=1) / pixels) / np.maximum(amplitude, 1e-12)
@@ -518,6 +518,6 @@ def _profiles(fit: Fit, x: Array, y: Array, drift: Array, image: Epsf, stamps: C
         major_fwhm_px=image.major_fwhm_px * ones,
         angle_deg=image.angle_deg * ones,
         misfit=misfit,
-        chi2=(fit.weights * fit.residual**2).sum(axis=1) / np.maximum(stamps.good.sum(axis=1) - 4.0, 1.0),
+        chi2=(fit.weights * fit.residual**2).sum(axis=1) / np.maximum(cutouts.good.sum(axis=1) - 4.0, 1.0),
         converged=(drift < _FAR_PX) & (flux > 0) & np.isfinite(sigmas).all(axis=1),
     )

@@ -39,8 +39,9 @@ class FlagContext:
     """What the judgement looks at besides the fits: noise, masks, the typical width and what isn't sky.
 
     ``noise`` and ``restless`` have shape (n,): the noise per pixel, and whether it is so far above that of
-    the frame's quiet parts that the place is likely a tree, a roof or the heart of a nebula; ``knotty``, of
-    shape (n,), tells the places on nebulae, galaxies and the like; ``struck``, likewise, the cosmic rays.
+    the frame's quiet parts that the position is likely a tree, a roof or the heart of a nebula; ``knotty``,
+    of shape (n,), tells the positions on nebulae, galaxies and the like; ``struck``, likewise, the cosmic
+    rays.
     """
 
     noise: Array
@@ -65,13 +66,13 @@ def flag_sources(
         The peaks they started from.
     neighbor_px : ndarray, shape (n,)
         Distance to the nearest other peak.
-    setting : Setting
+    setting : FlagContext
 
     Returns
     -------
     flags : ndarray of int64, shape (n,)
     x_px, y_px : ndarray, shape (n,)
-        Final places.
+        Final positions.
     """
     height, width = setting.good.shape
     x, y = np.where(fits.converged, fits.x_px, x_px), np.where(fits.converged, fits.y_px, y_px)
@@ -136,7 +137,7 @@ def _typical(
 
 
 def _any_near(mask: NDArray[np.bool_], x: Array, y: Array, reach_px: int) -> NDArray[np.bool_]:
-    """Tell whether a mask is set anywhere in the square round each place."""
+    """Whether a mask is set anywhere in the square round each position."""
     offset = np.arange(-reach_px, reach_px + 1)
     rows = np.clip(np.rint(y).astype(int)[:, None, None] + offset[None, :, None], 0, mask.shape[0] - 1)
     columns = np.clip(np.rint(x).astype(int)[:, None, None] + offset[None, None, :], 0, mask.shape[1] - 1)

@@ -55,12 +55,12 @@ def image_kind(stars: int, minor_px: float | None, major_px: float | None, *, ho
     return StarImages.UNDERSAMPLED if width < _UNDERSAMPLED_PX else StarImages.WELL_SAMPLED
 
 
-def psf_image(p: float, q: float, r: float, bell: Psf, half_px: int) -> Array:
-    """Return a star of unit flux as the pixels see it, its place in the middle of a pixel, (side, side)."""
+def psf_image(p: float, q: float, r: float, psf: Psf, half_px: int) -> Array:
+    """Return the pixels of a star of unit flux centered on the middle pixel, shape (side, side)."""
     offset = np.arange(-half_px, half_px + 1, dtype=np.float64)
     u, v = offset[None, :], offset[:, None]
-    height, _ = bell.of(p * u * u + 2.0 * q * u * v + r * v * v)
-    return np.asarray(height * np.sqrt(p * r - q * q) / bell.volume)
+    height, _ = psf.of(p * u * u + 2.0 * q * u * v + r * v * v)
+    return np.asarray(height * np.sqrt(p * r - q * q) / psf.volume)
 
 
 def limiting_flux(star: Array, noise: float, noise_ratio: float, sigma_px: float, bin_px: int) -> float:
@@ -86,7 +86,7 @@ def limiting_flux(star: Array, noise: float, noise_ratio: float, sigma_px: float
     box = 2 * round(SURROUND_SIGMAS * sigma_px / bin_px) + 1
     smoothed = _smoothed(np.pad(star, 2 * box * bin_px), sigma_px, bin_px, box)
     row, column = np.unravel_index(int(smoothed.argmax()), smoothed.shape)
-    # the mean over the places that a star may have within its bin
+    # the mean over the positions that a star may have within its bin
     steps = (np.arange(_FINE) + 0.5) / _FINE - 0.5
     dy, dx = np.meshgrid(bin_px * steps, bin_px * steps, indexing="ij")
     seen = ndimage.map_coordinates(smoothed, [row + dy, column + dx], order=3)

@@ -168,7 +168,7 @@ def _search(
 
 
 def _one_peak_each(peaks: Peaks, blobs: list[SaturatedPatch], fwhm_px: float) -> tuple[Peaks, Array]:
-    """Let each saturated patch have one peak, at its place; return also the patch's radius at each peak."""
+    """Keep one peak per saturated patch, at its center; return also the patch's radius at each peak."""
     x, y, height = peaks.x_px.copy(), peaks.y_px.copy(), peaks.height
     keep = np.ones(x.size, dtype=bool)
     radius = np.zeros(x.size)
@@ -235,8 +235,8 @@ def _measured(
             image, clean, saturated, background, search.peaks, search.radius_px, search.fwhm_px, gain, most
         )
     else:
-        profiles, bell = fit_epsf(image, clean & ~saturated, x, y, noise, search.common, gain)
-        fitted = Fitted(profiles, bell, None, np.arange(x.size), np.full(x.size, np.inf))
+        profiles, psf = fit_epsf(image, clean & ~saturated, x, y, noise, search.common, gain)
+        fitted = Fitted(profiles, psf, None, np.arange(x.size), np.full(x.size, np.inf))
     fits, origin = fitted.profiles, fitted.origin
     x, y, noise, struck = x[origin], y[origin], noise[origin], struck[origin]
     neighbors = np.minimum(neighbors[origin], fitted.apart_px)
@@ -290,15 +290,15 @@ def _quality(
         limit = matched_limit(common.pixels, noise, search.noise_ratio)
         hollow = common.hollow
     else:
-        shape, hollow = fitted.shape or ShapePrior.round(search.fwhm_px, fitted.bell), False
-        ellipse = ellipse_of(shape.p, shape.q, shape.r, fitted.bell.fwhm_per_width)
-        star = psf_image(shape.p, shape.q, shape.r, fitted.bell, 2 * half_px(search.fwhm_px))
+        shape, hollow = fitted.shape or ShapePrior.round(search.fwhm_px, fitted.psf), False
+        ellipse = ellipse_of(shape.p, shape.q, shape.r, fitted.psf.fwhm_per_width)
+        star = psf_image(shape.p, shape.q, shape.r, fitted.psf, 2 * half_px(search.fwhm_px))
         limit = limiting_flux(star, noise, search.noise_ratio, search.smoothing_px, search.bin_px)
     return sky_quality(background, flags, saturated_share, ellipse, hollow=hollow, limit=limit)
 
 
 def _knotty(structure: Background | None, noise: float, x: Array, y: Array) -> NDArray[np.bool_]:
-    """Tell which places, shape (n,), lie on or beside what is no plain sky."""
+    """Which positions, shape (n,), lie on or beside what is no plain sky."""
     if structure is None:
         return np.zeros(x.size, dtype=bool)
     knots = np.abs(structure.level) > _KNOTTY * noise

@@ -29,7 +29,8 @@ class SkyQuality:
     Attributes
     ----------
     stars : int
-        Star-like sources measured; of a frame solved at a glance those that the glance saw, at most 200.
+        Star-like sources measured; of a frame solved by its fast measurement alone those that this one found,
+        at most 200.
     images : StarImages
         What they look like.
     fwhm_px, ellipticity, elongation_deg : float or None

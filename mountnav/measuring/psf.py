@@ -1,4 +1,4 @@
-"""What a star looks like: the bell that all stars of a frame share, and the ellipse of one [S23 §0.2]."""
+"""What a star looks like: the PSF that all stars of a frame share, and the ellipse of one [S23 §0.2]."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def without_pixel_width(fwhm2: Array) -> Array:
 class Psf:
     """What all stars of a frame share: the fall of the wings, and how the pixels' noise grows with light.
 
-    The bell is (1 + wing Q / 2)^(-1 / wing), a Moffat function of exponent 1 / wing, and exp(-Q / 2) at
+    The PSF is (1 + wing Q / 2)^(-1 / wing), a Moffat function of exponent 1 / wing, and exp(-Q / 2) at
     wing = 0, where Q is the squared distance in widths.
 
     Attributes
@@ -51,13 +51,13 @@ class Psf:
     integrated: bool = False
 
     def of(self, q: Array) -> tuple[Array, Array]:
-        """Return the bell and -2 times its derivative at squared distances ``q``."""
+        """Return the PSF and -2 times its derivative at squared distances ``q``."""
         if self.wing < 1e-3:
-            bell = np.exp(-0.5 * q)
-            return bell, bell
+            psf = np.exp(-0.5 * q)
+            return psf, psf
         inner = 1.0 + (0.5 * self.wing) * q
-        bell = np.exp(np.log(inner) * (-1.0 / self.wing))
-        return bell, bell / inner
+        psf = np.exp(np.log(inner) * (-1.0 / self.wing))
+        return psf, psf / inner
 
     @property
     def fwhm_per_width(self) -> float:
@@ -68,7 +68,7 @@ class Psf:
 
     @property
     def volume(self) -> float:
-        """Integral of the bell of unit width."""
+        """Integral of the PSF of unit width."""
         return float(2.0 * np.pi / (1.0 - self.wing))
 
     def variance(self, sky_variance: Reals, light: Reals) -> Array:
@@ -90,9 +90,9 @@ class ShapePrior:
     slack: float | Array
 
     @classmethod
-    def round(cls, fwhm_px: float, bell: Psf) -> ShapePrior:
+    def round(cls, fwhm_px: float, psf: Psf) -> ShapePrior:
         """A round star that looks so wide."""
-        inverse = (bell.fwhm_per_width / fwhm_px) ** 2
+        inverse = (psf.fwhm_per_width / fwhm_px) ** 2
         return cls(inverse, 0.0, inverse, 1.0)
 
     def precision(self) -> Array:

@@ -104,7 +104,7 @@ class Bleed:
     bottom: int
 
     def touches(self, x_px: Array, y_px: Array, margin_px: float) -> NDArray[np.bool_]:
-        """Tell which places, shape (n,), lie on it or within a margin of it."""
+        """Which positions, shape (n,), lie on it or within a margin of it."""
         return np.asarray(
             (x_px > self.left - margin_px)
             & (x_px < self.right + margin_px)
@@ -125,7 +125,7 @@ def find_saturated_patches(saturated: NDArray[np.bool_], fwhm_px: float) -> list
 
     Returns
     -------
-    list of Blob
+    list of SaturatedPatch
     """
     blobs: list[SaturatedPatch] = []
     lines = np.flatnonzero(saturated.any(axis=1))
@@ -182,7 +182,7 @@ def find_bleeds(sky_free: Image, blobs: list[SaturatedPatch], noise: float, fwhm
     Parameters
     ----------
     sky_free : ndarray of float32, shape (height, width)
-    blobs : list of Blob
+    blobs : list of SaturatedPatch
     noise : float
         Noise per pixel.
     fwhm_px : float

@@ -2,7 +2,7 @@
 
 A point is what a plate believes in. If the mount drifted, was struck, or two exposures lie in one, each
 star's light fell along the same path, and measuring may have cut that path in pieces: a plate then fits one
-piece of every star as well as another. The mean of the frame about the stars' places shows the whole path,
+piece of every star as well as another. The mean of the frame about the stars' positions shows the whole path,
 far below what a single star shows, and its center of light tells where the plate should have been.
 """
 
@@ -89,7 +89,7 @@ NEAR_PX = 28
 _NEAR_SHARE = 0.004
 """Light above this share of the peak counts in the near look: below it are wings, halos and neighbors."""
 _LIGHT_PX = 8.0
-"""So far about its place the light of a reflected star is summed: two bins, by which the place is known."""
+"""Radius within which the light of a reflected star is summed: two bins, as well as its position is known."""
 _ROUND = 0.94
 """Mean images of plain frames have axis ratios of 0.95 to 1.00; trails from 4 px on and shaken tubes have
 0.1 to 0.93."""
@@ -110,7 +110,7 @@ second."""
 
 @dataclass(frozen=True, slots=True)
 class StarTrail:
-    """The path of the stars' light relative to the places that were given.
+    """The path of the stars' light relative to the positions that were given.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ class StarTrail:
     sigma_px : float
         Of that, per coordinate.
     extent_px : float
-        The farthest light from the given place.
+        The farthest light from the given position.
     differs_px : float
         By how much the center of light differs between halves of the field.
     cut : bool
@@ -134,7 +134,7 @@ class StarTrail:
         Of the light near by, what lies too far off for a point and is too faint to have a part in the center
         of light; 0 where it was not asked.
     where : ndarray of bool, shape (side, side), optional
-        Where the light is that has a part in the center, in bins of two pixels about the given place; None
+        Where the light is that has a part in the center, in bins of two pixels about the given position; None
         where it is the star's image alone.
     """
 
@@ -151,7 +151,7 @@ class StarTrail:
     where: Mask | None = field(default=None, compare=False, repr=False)
 
     def holds(self, dx_px: float, dy_px: float) -> bool:
-        """Whether light so far from the given place has a part in the center of light."""
+        """Whether light so far from the given position has a part in the center of light."""
         if self.where is None:
             return math.hypot(dx_px, dy_px) <= self.extent_px
         half = self.where.shape[0] // 2
@@ -163,7 +163,7 @@ class StarTrail:
 
     @property
     def drawn_out(self) -> bool:
-        """Whether this is no image of a point: then nothing but the light tells which place is meant."""
+        """Whether this is no image of a point: then nothing but the light tells which position is meant."""
         return self.far or self.axis_ratio < _ROUND
 
     @property
@@ -173,7 +173,7 @@ class StarTrail:
 
     @property
     def off_px(self) -> float:
-        """How far the center of light lies from the given place."""
+        """How far the center of light lies from the given position."""
         return float(np.hypot(self.dx_px, self.dy_px))
 
 
@@ -203,7 +203,7 @@ def star_trail(
     fwhm_px : float
         Width of a star's image.
     others : (ndarray, ndarray), optional
-        Places of all stars that should be seen, brightest first, found or not, and of those beyond the
+        Positions of all stars that should be seen, brightest first, found or not, and of those beyond the
         frame whose light elsewhere would lie in it: where few were found, the others tell as well whether
         there is light elsewhere.
     plane : (ndarray, ndarray), optional
@@ -246,14 +246,14 @@ def _star_image(
 ) -> StarTrail | None:
     """The mean image within some widths of the star, and its center of light."""
     half = NEAR_PX
-    stamps = _cutouts(pixels, x, y, half).astype(np.float32)
+    cutouts = _cutouts(pixels, x, y, half).astype(np.float32)
     offset = np.arange(-half, half + 1, dtype=np.float64)
     away = np.hypot(offset[:, None], offset[None, :])
     rim = away > half - 5
-    ground, _ = _median(np.ascontiguousarray(stamps[:, rim].T))
-    stamps -= ground[:, None, None].astype(np.float32)
-    stamps /= flux[:, None, None].astype(np.float32)
-    mean, count = _median(stamps)
+    ground, _ = _median(np.ascontiguousarray(cutouts[:, rim].T))
+    cutouts -= ground[:, None, None].astype(np.float32)
+    cutouts /= flux[:, None, None].astype(np.float32)
+    mean, count = _median(cutouts)
     if count.min() < min(_FEWEST, x.size) - 1:
         return None
     mean -= np.median(mean[rim])
@@ -269,7 +269,7 @@ def _star_image(
     light = np.where(mask, mean, 0.0)
     dx, dy = _center(light, offset)
     # each star's own center over the same patch: their scatter is the error
-    own = np.nan_to_num(stamps * mask)
+    own = np.nan_to_num(cutouts * mask)
     total = own.sum(axis=(1, 2))
     sound = total > 0.3 * np.median(total)
     own_x = (own.sum(axis=1) @ offset)[sound] / total[sound]
@@ -322,18 +322,18 @@ def _center(light: Array, offset: Array) -> tuple[float, float]:
 
 
 def _cutouts(pixels: NDArray[np.generic], x: Array, y: Array, half: int) -> Array:
-    """Squares round places, moved by parts of a pixel; NaN beyond the frame; shape (n, side, side)."""
+    """Squares round positions, moved by parts of a pixel; NaN beyond the frame; shape (n, side, side)."""
     left, low = np.floor(x).astype(int), np.floor(y).astype(int)
     offset = np.arange(-half, half + 2)
     rows, columns = low[:, None] + offset, left[:, None] + offset
     height, width = pixels.shape
     cut = pixels[np.clip(rows, 0, height - 1)[:, :, None], np.clip(columns, 0, width - 1)[:, None, :]]
-    stamps = cut.astype(np.float64)
-    stamps[np.broadcast_to(((rows < 0) | (rows >= height))[:, :, None], stamps.shape)] = np.nan
-    stamps[np.broadcast_to(((columns < 0) | (columns >= width))[:, None, :], stamps.shape)] = np.nan
+    cutouts = cut.astype(np.float64)
+    cutouts[np.broadcast_to(((rows < 0) | (rows >= height))[:, :, None], cutouts.shape)] = np.nan
+    cutouts[np.broadcast_to(((columns < 0) | (columns >= width))[:, None, :], cutouts.shape)] = np.nan
     u, v = (x - left)[:, None, None], (y - low)[:, None, None]
-    stamps = stamps[:, :, :-1] * (1 - u) + stamps[:, :, 1:] * u
-    return np.asarray(stamps[:, :-1] * (1 - v) + stamps[:, 1:] * v)
+    cutouts = cutouts[:, :, :-1] * (1 - u) + cutouts[:, :, 1:] * u
+    return np.asarray(cutouts[:, :-1] * (1 - v) + cutouts[:, 1:] * v)
 
 
 # -- the far look: is there light of the stars elsewhere? ----------------------------------------------------
@@ -364,8 +364,8 @@ def _far_light_of_few(
     cover = np.zeros_like(tame)
     for row, column in ((0, 0), (0, 1), (1, 0), (1, 1)):
         part, known = tamed(pixels[row * step :, column * step :])
-        place = (slice(row, row + 2 * part.shape[0], 2), slice(column, column + 2 * part.shape[1], 2))
-        tame[place], cover[place] = part, known
+        position = (slice(row, row + 2 * part.shape[0], 2), slice(column, column + 2 * part.shape[1], 2))
+        tame[position], cover[position] = part, known
     seen = np.zeros((2 * (REACH_PX // FAR_BIN_PX) + 1,) * 2, dtype=bool)
     # the middle of an overlapping bin lies a pixel beyond that of its first half
     middle_x, middle_y = x - 0.5 * step, y - 0.5 * step
@@ -400,7 +400,7 @@ def _far_light(
     for k, (window, frame) in enumerate(_windows(x, y, step, half, tame.shape, every=every, ahead=ahead)):
         total[k % 2][window] += tame[frame]
         count[k % 2][window] += cover[frame]
-    # places beyond the frame count only where their light would be in it
+    # positions beyond the frame count only where their light would be in it
     most = float(count.sum(axis=0).max())
     known = count.sum(axis=0) >= max(3.0, _COVERED * most)
     seen: Mask = np.zeros((side, side), dtype=bool)
@@ -474,8 +474,9 @@ def _rays(scaled: Array, outside: Mask, core_px: float, limits: dict[int, float]
 def _tails(plane: tuple[Image, Image], x: Array, y: Array, flux: Array, fwhm_px: float) -> Mask:
     """The straight way from the star along which the light of the brightest adds up, on one side alone.
 
-    What rested at one place for a part of the exposure and moved evenly for the rest is a point with a tail,
-    which may have more light than the point and still be far below the noise in every bin of the mean image.
+    What rested at one position for a part of the exposure and moved evenly for the rest is a point with a
+    tail, which may have more light than the point and still be far below the noise in every bin of the mean
+    image.
 
     Parameters
     ----------
@@ -604,10 +605,11 @@ def _windows(
 def brighter_image(
     pixels: NDArray[np.generic], x_px: Array, y_px: Array, plane: tuple[Image, Image] | None = None
 ) -> tuple[float, str]:
-    """Look for a mirrored set of the same stars, and compare its light with that at the places themselves.
+    """Look for a mirrored set of the same stars, and compare its light with that at the positions themselves.
 
-    A reflection within the optics puts a fainter copy of every star at its place mirrored about the optical
-    axis. A plate that fits the copies is as sure as one that fits the stars, but turned by half a turn.
+    A reflection within the optics puts a fainter copy of every star at its position mirrored about the
+    optical axis. A plate that fits the copies is as sure as one that fits the stars, but turned by half a
+    turn.
 
     Parameters
     ----------
@@ -620,8 +622,8 @@ def brighter_image(
     Returns
     -------
     ratio : float
-        Median light of the mirrored places over that of the stars' own, where the plate has no star at the
-        mirrored place; 0 if no such set is seen, or if most of its light is that of stars.
+        Median light of the mirrored positions over that of the stars' own, where the plate has no star at the
+        mirrored position; 0 if no such set is seen, or if most of its light is that of stars.
     how : str
         "turned", "mirrored in x", "mirrored in y".
     """
@@ -660,8 +662,8 @@ def brighter_image(
         if inside.sum() < _FEWEST:
             continue
         at_x, at_y = there_x * FAR_BIN_PX + 1.5, there_y * FAR_BIN_PX + 1.5
-        # two stars that lie opposite to each other about some place aren't images of each other: light that
-        # the plate has a star for is that star's
+        # two stars that lie opposite to each other about some position aren't images of each other: light
+        # that the plate has a star for is that star's
         away = np.hypot(at_x[:, None] - x, at_y[:, None] - y).min(axis=1)
         strange = inside & (away > _LIGHT_PX)
         if strange.sum() < 0.5 * inside.sum():
@@ -675,13 +677,13 @@ def brighter_image(
 
 
 def _light_at(pixels: NDArray[np.generic], x: Array, y: Array) -> Array:
-    """Light within `_LIGHT_PX` of places above their surroundings, shape (n,)."""
+    """Light within `_LIGHT_PX` of positions above their surroundings, shape (n,)."""
     half = 14
-    stamps = _cutouts(pixels, np.clip(x, 0, pixels.shape[1] - 1), np.clip(y, 0, pixels.shape[0] - 1), half)
+    cutouts = _cutouts(pixels, np.clip(x, 0, pixels.shape[1] - 1), np.clip(y, 0, pixels.shape[0] - 1), half)
     offset = np.arange(-half, half + 1)
     away = np.hypot(offset[:, None], offset[None, :])
-    ground = np.nanmedian(stamps[:, away > 10], axis=1)
-    return np.asarray(np.nansum((stamps - ground[:, None, None]) * (away <= _LIGHT_PX), axis=(1, 2)))
+    ground = np.nanmedian(cutouts[:, away > 10], axis=1)
+    return np.asarray(np.nansum((cutouts - ground[:, None, None]) * (away <= _LIGHT_PX), axis=(1, 2)))
 
 
 # -- the whole path ------------------------------------------------------------------------------------------
@@ -751,7 +753,7 @@ def _whole(pixels: NDArray[np.generic], x: Array, y: Array, flux: Array, seen: M
             image = image - float(np.median(image[known & (seen_by >= 2)]))
             # what one half doesn't see is as the whole has it
             own_x, own_y = _center(np.where(ok, image, light), offset)
-            # each half's places lie otherwise in their bins: 0.3 px of 24 stars
+            # each half's positions lie otherwise in their bins: 0.3 px of 24 stars
             centers.append(
                 (own_x - bin_px * float(shift_x[some].mean()), own_y - bin_px * float(shift_y[some].mean()))
             )

@@ -100,14 +100,14 @@ def _standing_out(sums: Image, level: int, threshold: float, height: int) -> Arr
         return np.zeros((0, 5))
     middle, low = sample[sample.size // 2], sample[int(0.158655 * sample.size)]
     scatter = max(float(middle - low), 1e-6)
-    places = np.flatnonzero(ridge > middle + threshold * scatter)
-    if places.size == 0:
+    positions = np.flatnonzero(ridge > middle + threshold * scatter)
+    if positions.size == 0:
         return np.zeros((0, 5))
-    strength = (ridge.ravel()[places] - middle) / scatter
-    if places.size > _MOST_A_LEVEL:
+    strength = (ridge.ravel()[positions] - middle) / scatter
+    if positions.size > _MOST_A_LEVEL:
         best = np.argpartition(-strength, _MOST_A_LEVEL)[:_MOST_A_LEVEL]
-        places, strength = places[best], strength[best]
-    block, slope, x = np.unravel_index(places, ridge.shape)
+        positions, strength = positions[best], strength[best]
+    block, slope, x = np.unravel_index(positions, ridge.shape)
     rows = 2**level
     x0 = x + float(_SIDE_BINS)
     y0 = block * float(rows)
@@ -122,7 +122,7 @@ class Trail:
     Attributes
     ----------
     x_px, y_px : float
-        Its origin, from which places along it are counted.
+        Its origin, from which positions along it are counted.
     along_x, along_y : float
         Unit direction.
     bend : tuple of three float
@@ -156,17 +156,17 @@ class Trail:
     @property
     def along_axis(self) -> bool:
         """It runs exactly along a column or row: charge that ran over, or pixels that are bad."""
-        ends = np.array(self.places(np.array([self.start_px, self.end_px])))
+        ends = np.array(self.positions(np.array([self.start_px, self.end_px])))
         return bool(np.abs(ends[:, 1] - ends[:, 0]).min() < max(1.0, 0.004 * self.length_px))
 
-    def places(self, along_px: Array) -> tuple[Array, Array]:
-        """Return x and y, each of shape (n,), of places on its ridge."""
+    def positions(self, along_px: Array) -> tuple[Array, Array]:
+        """Return x and y, each of shape (n,), of positions on its ridge."""
         side = self.bend[0] + along_px * (self.bend[1] + along_px * self.bend[2])
         x = self.x_px + along_px * self.along_x - side * self.along_y
         return x, self.y_px + along_px * self.along_y + side * self.along_x
 
     def touches(self, x_px: Array, y_px: Array, margin_px: float) -> NDArray[np.bool_]:
-        """Tell which places, shape (n,), lie on it or within a margin of it."""
+        """Which positions, shape (n,), lie on it or within a margin of it."""
         dx, dy = x_px - self.x_px, y_px - self.y_px
         along = dx * self.along_x + dy * self.along_y
         across = dy * self.along_x - dx * self.along_y
@@ -219,15 +219,15 @@ class _Line:
     bend: tuple[float, float, float]
 
     def side(self, along: Place) -> Place:
-        """Its offset towards the normal at places along it."""
+        """Its offset towards the normal at positions along it."""
         return self.bend[0] + along * (self.bend[1] + along * self.bend[2])
 
     def slope(self, along: float) -> float:
         """How fast that grows."""
         return self.bend[1] + 2.0 * self.bend[2] * along
 
-    def places(self, along: Array, side: Array) -> tuple[Array, Array]:
-        """X and y of places so far along and beside the straight line."""
+    def positions(self, along: Array, side: Array) -> tuple[Array, Array]:
+        """X and y of positions so far along and beside the straight line."""
         return (
             self.x + along * self.along_x - side * self.along_y,
             self.y + along * self.along_y + side * self.along_x,
@@ -270,8 +270,8 @@ class TrailFollower:
     def _strip(self, line: _Line, along: Array, across: Array) -> Array:
         """Values beside the line, shape (len(along), len(across)); NaN outside the picture."""
         x, y = (
-            np.rint(place).astype(int)
-            for place in line.places(along[:, None], line.side(along)[:, None] + across[None, :])
+            np.rint(position).astype(int)
+            for position in line.positions(along[:, None], line.side(along)[:, None] + across[None, :])
         )
         height, width = self.picture.shape
         inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
@@ -342,7 +342,7 @@ class TrailFollower:
         return self._to_the_edge(line, start, end)
 
     def _in_picture(self, line: _Line) -> tuple[float, float]:
-        """Between which places along it, at most, the line is in the picture."""
+        """Between which positions along it, at most, the line is in the picture."""
         diagonal = float(np.hypot(*self.picture.shape))
         first, last = -diagonal, diagonal
         off = max(abs(line.side(t)) for t in (first, 0.0, last)) + self.outer
@@ -359,7 +359,7 @@ class TrailFollower:
         near = self.outer + 2.0 * self.piece
         height, width = self.picture.shape
         along = np.arange(start - near, end + near + 1.0)
-        x, y = line.places(along, line.side(along))
+        x, y = line.positions(along, line.side(along))
         inside = along[(x > -0.5) & (x < width - 0.5) & (y > -0.5) & (y < height - 0.5)]
         if inside.size == 0:
             return start, end
@@ -404,7 +404,7 @@ class TrailFollower:
         return np.asarray(profile - np.median(np.r_[profile[:3], profile[-3:]])), across
 
     def _is_spike(self, line: _Line, middle: Array, on: Array) -> bool:
-        """Tell whether the line fades on both sides of a bright star on it, as diffraction spikes do."""
+        """Whether the line fades on both sides of a bright star on it, as diffraction spikes do."""
         strip = self._strip(line, np.arange(middle[0], middle[-1] + 1.0), np.arange(-3.0, 4.0))
         bright = np.nan_to_num(strip, nan=-np.inf).max(axis=1)
         star = int(bright.argmax())
@@ -436,7 +436,7 @@ def _dashes(ridge: Array) -> float | None:
 
 
 def _even(ridge: Array, typical: float) -> bool:
-    """Tell whether the pieces are alike, as those of a trail are and stars in a row aren't."""
+    """Whether the pieces are alike, as those of a trail are and stars in a row aren't."""
     low, high = np.percentile(ridge, [20.0, 80.0])
     share, noise = _UNEVEN if ridge.size >= _MANY_PIECES else _UNEVEN_SHORT
     return bool(0.5 * (high - low) < share * typical + noise)
@@ -518,9 +518,9 @@ def find_trails(smoothed: Smoothed, fwhm_px: float) -> list[Trail]:
 
 
 def _on(trail: Trail, other: Trail, margin: float) -> bool:
-    """Tell whether a trail runs mostly on another one."""
+    """Whether a trail runs mostly on another one."""
     along = np.linspace(trail.start_px, trail.end_px, 21)
-    return bool(other.touches(*trail.places(along), margin).mean() > 0.4)
+    return bool(other.touches(*trail.positions(along), margin).mean() > 0.4)
 
 
 def _coarse(picture: Image, share: int) -> Image:
@@ -540,7 +540,7 @@ def _ends(segments: LineSegments, best: int, share: int) -> tuple[float, float, 
 
 
 def _alike(segments: LineSegments, best: int) -> NDArray[np.bool_]:
-    """Tell which pieces are nearly the same as the best, or lie within it."""
+    """Which pieces are nearly the same as the best, or lie within it."""
     x0, y0 = segments.x0[best], segments.y0[best]
     dx, dy = segments.x1[best] - x0, segments.y1[best] - y0
     length = float(np.hypot(dx, dy))

@@ -255,7 +255,7 @@ class Calibration:
         Returns
         -------
         Frame
-            float32 pixels, the same place, time and hint; its header tells what was done (CALSTAT, MNBIAS,
+            float32 pixels, the same position, time and hint; its header tells what was done (CALSTAT, MNBIAS,
             MNDARK, MNFLAT). The frame itself if nothing fits, or all was done before.
         CalibrationReport
 
@@ -507,7 +507,7 @@ def _calibrated(frame: Frame, chosen: _Chosen) -> FloatImage:
 
 
 def _bad_pixels(chosen: _Chosen, frame: Frame, pixels: FloatImage) -> NDArray[np.bool_]:
-    """Tell which pixels are bad in this frame: hot ones only if they get hot in its exposure."""
+    """Which pixels are bad in this frame: hot ones only if they get hot in its exposure."""
     if chosen.bad is None:
         return np.zeros(pixels.shape, dtype=bool)
     flags = chosen.bad.flags()

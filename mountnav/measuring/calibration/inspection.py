@@ -139,12 +139,12 @@ def _smooth_level(pixels: FloatImage) -> FloatImage:
     return np.asarray(_joined(_joined(np.median(cells, axis=2), y).T, x).T, dtype=np.float32)
 
 
-def _joined(table: NDArray[np.floating], places: NDArray[np.float64]) -> NDArray[np.float64]:
+def _joined(table: NDArray[np.floating], positions: NDArray[np.float64]) -> NDArray[np.float64]:
     """Straight lines along the first axis, drawn out beyond its ends."""
     if table.shape[0] == 1:
-        return np.repeat(np.asarray(table, dtype=np.float64), places.size, axis=0)
-    first = np.clip(np.floor(places).astype(int), 0, table.shape[0] - 2)
-    share = (places - first)[:, None]
+        return np.repeat(np.asarray(table, dtype=np.float64), positions.size, axis=0)
+    first = np.clip(np.floor(positions).astype(int), 0, table.shape[0] - 2)
+    share = (positions - first)[:, None]
     return np.asarray(table[first] * (1.0 - share) + table[first + 1] * share)
 
 
@@ -265,7 +265,7 @@ def require_kind(file: RawFile, seen: Inspection, kind: Kind, zero_adu: float | 
     Parameters
     ----------
     file : RawFile
-    seen : Survey
+    seen : Inspection
     kind : Kind
         What it is given as.
     zero_adu : float or None
@@ -373,7 +373,7 @@ def without_repeats(
 
 
 def is_colored(files: Sequence[RawFile], seen: Sequence[Inspection]) -> bool:
-    """Tell whether flats are of a color mosaic: by card, or by levels that stand apart in all of them."""
+    """Whether flats are of a color mosaic: by card, or by levels that stand apart in all of them."""
     if any(file.facts.pattern for file in files):
         return True
     stands_apart = 0

@@ -384,7 +384,7 @@ def _symmetric(mesh: Array, known: NDArray[np.bool_]) -> Array:
 
 
 def _same_field(meshes: Sequence[Mesh]) -> bool:
-    """Tell whether sources lie on the same cells in all frames: the group wasn't moved between exposures."""
+    """Whether sources lie on the same cells in all frames: the group wasn't moved between exposures."""
     masks = np.stack([mesh.sources for mesh in meshes])
     ever = masks.any(axis=0).sum()
     always = masks.all(axis=0).sum()
@@ -403,15 +403,15 @@ def _spread(mesh: Array, first: int, stop: int, width_px: int, height_px: int) -
     return np.ascontiguousarray(_splined(tall.T, x).T, dtype=np.float32)
 
 
-def _splined(table: Array, places: Array) -> Array:
+def _splined(table: Array, positions: Array) -> Array:
     """Spline along the first axis, straight beyond the outermost centers."""
     from scipy.interpolate import CubicSpline
 
     count = table.shape[0]
     spline = CubicSpline(np.arange(count), table, axis=0, bc_type="natural")
-    inside = np.clip(places, 0.0, count - 1.0)
+    inside = np.clip(positions, 0.0, count - 1.0)
     values = spline(inside)
-    beyond = (places - inside)[:, None]
+    beyond = (positions - inside)[:, None]
     slopes = np.where(beyond < 0, table[1] - table[0], table[-1] - table[-2])
     return np.asarray(values + beyond * slopes)
 

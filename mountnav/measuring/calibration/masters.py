@@ -31,7 +31,7 @@ class Master:
     ----------
     path : Path
     kind : Kind
-    facts : CameraFacts
+    facts : CameraSetup
         Settings the frames were taken with; exposure and temperature are their means.
     frames : int
         How many were stacked.

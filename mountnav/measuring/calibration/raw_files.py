@@ -102,12 +102,12 @@ class RawFile:
         return pixels.reshape(stop - first, width)
 
 
-def listed_files(places: Sequence[Path | str]) -> list[Path]:
+def listed_files(given: Sequence[Path | str]) -> list[Path]:
     """Return the FITS files that files, folders and patterns name, each once, in order of their names.
 
     Parameters
     ----------
-    places : sequence of Path or str
+    given : sequence of Path or str
         A folder means the FITS files in it (not below it); ``*``, ``?`` and ``[`` make a pattern.
 
     Returns
@@ -117,21 +117,21 @@ def listed_files(places: Sequence[Path | str]) -> list[Path]:
     Raises
     ------
     BadRequest
-        A place is not there, or names no FITS file.
+        A path is not there, or names no FITS file.
     """
     found: dict[Path, Path] = {}
-    for place in map(Path, places):
-        if place.is_dir():
-            some = [path for path in place.iterdir() if path.is_file() and _is_fits_name(path)]
-        elif place.is_file():
-            some = [place]
-        elif any(sign in place.name for sign in "*?["):
-            some = [path for path in place.parent.glob(place.name) if path.is_file() and _is_fits_name(path)]
+    for entry in map(Path, given):
+        if entry.is_dir():
+            some = [path for path in entry.iterdir() if path.is_file() and _is_fits_name(path)]
+        elif entry.is_file():
+            some = [entry]
+        elif any(sign in entry.name for sign in "*?["):
+            some = [path for path in entry.parent.glob(entry.name) if path.is_file() and _is_fits_name(path)]
         else:
-            raise BadRequest(f"{place} is not there", advice="give FITS files, folders or patterns")
+            raise BadRequest(f"{entry} is not there", advice="give FITS files, folders or patterns")
         if not some:
             raise BadRequest(
-                f"{place} holds no FITS file", advice="*.fits, *.fit, *.fts, also .fz, .gz, .bz2"
+                f"{entry} holds no FITS file", advice="*.fits, *.fit, *.fts, also .fz, .gz, .bz2"
             )
         for path in some:
             found.setdefault(path.resolve(), path)

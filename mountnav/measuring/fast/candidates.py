@@ -27,7 +27,7 @@ _THICK = 0.7
 
 @dataclass(frozen=True, slots=True)
 class Candidates:
-    """Places of the full frame, in the coarse peaks' order, each array of shape (n,).
+    """Positions of the full frame, in the coarse peaks' order, each array of shape (n,).
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ def smoothed(values: Pixels) -> Pixels:
 def single_pixels(
     values: Pixels, row: NDArray[np.intp], column: NDArray[np.intp], ground: Pixels, noise: float
 ) -> tuple[Pixels, Mask]:
-    """Height of the highest pixel at places of patches, and whether its neighbors are dark."""
+    """Height of the highest pixel at positions of patches, and whether its neighbors are dark."""
     index, side = np.arange(row.size), values.shape[1]
     row, column = np.clip(row, 2, side - 3), np.clip(column, 2, side - 3)
     ring = np.stack([values[index, row + dy, column + dx] for dy in (-1, 0, 1) for dx in (-1, 0, 1)], axis=1)
@@ -190,9 +190,9 @@ class SaturatedPatches:
 
 
 def saturated_patches(scene: Scene, x_px: Array, y_px: Array, top: Array) -> SaturatedPatches:
-    """Size up what is saturated round places, shape (n,), whose highest pixels are; not too many.
+    """Size up what is saturated round positions, shape (n,), whose highest pixels are; not too many.
 
-    Where charge runs along a column or a line, the patch's place and size are those of its thick part.
+    Where charge runs along a column or a line, the patch's position and size are those of its thick part.
     """
     which = np.flatnonzero(top >= scene.full_adu)[:_MOST_FULL]
     patches = scene.cut(x_px[which], y_px[which], _FULL_HALF_PX)
@@ -209,7 +209,7 @@ def saturated_patches(scene: Scene, x_px: Array, y_px: Array, top: Array) -> Sat
 
 
 def _spread(counts: NDArray[np.intp], steps: NDArray[np.intp]) -> Array:
-    """Variance of places, shape (n,), from how many are at each."""
+    """Variance of positions, shape (n,), from how many are at each."""
     total = np.maximum(counts.sum(axis=1), 1)
     mean = (counts * steps).sum(axis=1) / total
     return np.asarray((counts * (steps - mean[:, None]) ** 2).sum(axis=1) / total + 1.0 / 12.0)

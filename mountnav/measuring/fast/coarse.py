@@ -115,7 +115,7 @@ class CoarseSky:
     tile_bins: int
 
     def at(self, values: Array, column: Array, row: Array) -> Array:
-        """Bilinear interpolation of a mesh at places, shape (n,), counted in bins."""
+        """Bilinear interpolation of a mesh at positions, shape (n,), counted in bins."""
         y = np.clip((row + 0.5) / self.tile_bins - 0.5, 0.0, values.shape[0] - 1.0)
         x = np.clip((column + 0.5) / self.tile_bins - 0.5, 0.0, values.shape[1] - 1.0)
         top, left = y.astype(np.intp), x.astype(np.intp)
@@ -126,7 +126,7 @@ class CoarseSky:
         return np.asarray(upper * (1.0 - v) + lower * v)
 
     def restless(self, column: Array, row: Array) -> NDArray[np.bool_]:
-        """Tell which places, shape (n,), are far noisier than the frame's quiet parts: trees, roofs."""
+        """Which positions, shape (n,), are far noisier than the frame's quiet parts: trees, roofs."""
         return np.asarray(self.at(self.noise, column, row) > RESTLESS * np.percentile(self.noise, 25.0))
 
 
@@ -274,7 +274,7 @@ def coarse_peaks(plane: Image, sky: CoarseSky, bin_px: int, threshold_sigma: flo
 
 
 def _crowded(line: NDArray[np.intp], peak: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Tell what lies on lines with far more peaks than others: bad columns and rows, shape (n,)."""
+    """What lies on lines with far more peaks than others: bad columns and rows, shape (n,)."""
     if not peak.any():
         return np.zeros_like(peak)
     count = np.bincount(line[peak], minlength=int(line.max()) + 1)

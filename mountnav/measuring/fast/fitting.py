@@ -57,22 +57,22 @@ class FittedStars:
 
 
 def fit_stars(scene: Scene, image: SampledPsf, x_px: Array, y_px: Array) -> FittedStars:
-    """Fit stars at places.
+    """Fit stars at positions.
 
-    The common image at the nearest of its drawn places, its slopes and a level are fitted linearly, with the
-    noise law's weights; the place moves, the light of others that reaches into the disc is taken off, and
+    The ePSF at the nearest of its drawn positions, its slopes and a level are fitted linearly, with the
+    noise law's weights; the position moves, the light of others that reaches into the disc is taken off, and
     that is repeated. What still stands out at a disc's rim is left out.
 
     Parameters
     ----------
     scene : Scene
-    image : StarImage
+    image : SampledPsf
     x_px, y_px : ndarray, shape (n,)
         Within a pixel of the stars.
 
     Returns
     -------
-    Placed
+    FittedStars
     """
     height, width = scene.frame.pixels.shape
     x0 = np.clip(np.rint(x_px).astype(np.intp), 0, width - 1)
@@ -80,7 +80,7 @@ def fit_stars(scene: Scene, image: SampledPsf, x_px: Array, y_px: Array) -> Fitt
     seen, good = _discs(scene, image, x0, y0)
     values = seen
     sky2 = (scene.noise_at(x_px, y_px) ** 2).astype(np.float32)[:, None]
-    bell = image.shape.bell
+    psf = image.shape.psf
     x, y = x_px - x0, y_px - y0
     weights = np.asarray(good / sky2, dtype=np.float32)
     for turn in range(_ROUNDS):
@@ -99,9 +99,9 @@ def fit_stars(scene: Scene, image: SampledPsf, x_px: Array, y_px: Array) -> Fitt
             light += np.maximum(around, 0.0)
         if turn == _JUDGED_AFTER:
             far = _distance2(image, x, y) > (_CORE_FWHM * scene.fwhm_px) ** 2
-            limit = _OUTLIER_SIGMA * np.sqrt(bell.variance(sky2, light)) + _OUTLIER_SHARE * light
+            limit = _OUTLIER_SIGMA * np.sqrt(psf.variance(sky2, light)) + _OUTLIER_SHARE * light
             good &= ~(far & (np.abs(_rest(values, solved, basis)) > limit))
-        weights = np.asarray(good / bell.variance(sky2, light), dtype=np.float32)
+        weights = np.asarray(good / psf.variance(sky2, light), dtype=np.float32)
     covariance = covariances(own)
     core = good & (_distance2(image, x, y) < scene.fwhm_px**2)
     count = core.sum(axis=1)
@@ -121,7 +121,7 @@ def fit_stars(scene: Scene, image: SampledPsf, x_px: Array, y_px: Array) -> Fitt
 
 
 def _distance2(image: SampledPsf, x: Array, y: Array) -> Pixels:
-    """Squared distance of the discs' pixels to places in the middle pixel, shape (n, pixels)."""
+    """Squared distance of the discs' pixels to positions in the middle pixel, shape (n, pixels)."""
     u = image.dx.astype(np.float32) - x[:, None].astype(np.float32)
     v = image.dy.astype(np.float32) - y[:, None].astype(np.float32)
     return np.asarray(u * u + v * v)
@@ -190,14 +190,14 @@ def _neighbors(
     """Light of the other stars on each one's disc, shape (n, pixels); None if there is none."""
     if x.size < 2:
         return None
-    places = np.column_stack([x0 + x, y0 + y])
-    pairs = KDTree(places).query_pairs(_REACH * float(image.dx.max()), output_type="ndarray")
+    positions = np.column_stack([x0 + x, y0 + y])
+    pairs = KDTree(positions).query_pairs(_REACH * float(image.dx.max()), output_type="ndarray")
     if pairs.size == 0:
         return None
     on = np.concatenate([pairs[:, 0], pairs[:, 1]])
     of = np.concatenate([pairs[:, 1], pairs[:, 0]])
-    u = image.dx - (places[of, 0] - x0[on])[:, None]
-    v = image.dy - (places[of, 1] - y0[on])[:, None]
+    u = image.dx - (positions[of, 0] - x0[on])[:, None]
+    v = image.dy - (positions[of, 1] - y0[on])[:, None]
     light = drawn(image.shape, u.astype(np.float32), v.astype(np.float32))[:, 0]
     light *= np.maximum(amplitude[of], 0.0)[:, None].astype(np.float32)
     total = np.zeros((x.size, image.dx.size), dtype=np.float32)
@@ -221,10 +221,10 @@ def refit_saturated(scene: Scene, shape: EllipticalPsf, fits: FittedStars, full:
     Parameters
     ----------
     scene : Scene
-    shape : StarShape
-    fits : Placed
+    shape : EllipticalPsf
+    fits : FittedStars
         Changed at ``full.which``.
-    full : FullPatches
+    full : SaturatedPatches
     """
     half = np.clip(np.ceil(full.radius_px + _REACH_FWHM * scene.fwhm_px), 6, _WIDEST_PX)
     half = (4 * np.ceil(half / 4)).astype(np.intp)
@@ -241,14 +241,14 @@ def _refit(scene: Scene, shape: EllipticalPsf, fits: FittedStars, full: Saturate
     good = ~overflown(patches.values >= scene.full_adu).reshape(which.size, -1)
     x, y = full.x_px - patches.left, full.y_px - patches.top
     start_x, start_y = x, y
-    bell, sky2 = shape.bell, (scene.noise_at(full.x_px, full.y_px) ** 2)[:, None]
+    psf, sky2 = shape.psf, (scene.noise_at(full.x_px, full.y_px) ** 2)[:, None]
     p, q, r = shape.seen()
     # a star that just fills its patch
-    top = (scene.full_adu - scene.sky_adu) / bell.of(np.sqrt(p * r - q * q) * radius**2)[0]
+    top = (scene.full_adu - scene.sky_adu) / psf.of(np.sqrt(p * r - q * q) * radius**2)[0]
     for turn in range(_SATURATED_ROUNDS):
         drawing = drawn(shape, dx - x[:, None].astype(np.float32), dy - y[:, None].astype(np.float32))
         light = np.maximum(top, 0.0)[:, None] * drawing[:, 0]
-        variance = bell.variance(sky2, light)
+        variance = psf.variance(sky2, light)
         if turn >= _SATURATED_JUDGED_AFTER:
             good &= values - light < OVERFLOW_SHARE * light + OVERFLOW_SIGMA * np.sqrt(variance)
         own, solved, _ = solved_for(drawing, values, (good / variance).astype(np.float32))

@@ -36,18 +36,18 @@ _LEAST_SHARE = 0.03
 
 @dataclass(frozen=True, slots=True)
 class NearSources:
-    """Sources near places.
+    """Sources near positions.
 
     Attributes
     ----------
     x_px, y_px : ndarray, shape (n,)
-        The highest pixel's place, refined by a parabola.
+        The highest pixel's position, refined by a parabola.
     top : ndarray, shape (n,)
         The highest pixel.
     lone : ndarray of bool, shape (n,)
         Single bright pixels.
     other_x_px, other_y_px : ndarray, shape (m,)
-        Further maxima close to them, the highest, no more than there are places.
+        Further maxima close to them, the highest, no more than there are positions.
     """
 
     x_px: Array
@@ -61,7 +61,7 @@ class NearSources:
 def sources_near(
     scene: Scene, x_px: Array, y_px: Array, reach_px: float, around_px: int, threshold_sigma: float
 ) -> NearSources:
-    """Find the most likely source within reach of each place.
+    """Find the most likely source within reach of each position.
 
     Of several it is the one that has the fewest rivals: sources grow in number as they get fainter, and with
     the area, so that the square of the distance over the height tells how many would lie there by chance.
@@ -70,17 +70,17 @@ def sources_near(
     ----------
     scene : Scene
     x_px, y_px : ndarray, shape (n,)
-        Places inside the frame.
+        Positions inside the frame.
     reach_px : float
     around_px : int
-        How far from the place further maxima are looked for.
+        How far from the position further maxima are looked for.
     threshold_sigma : float
         Height of a source in the smoothed patch, in units of its noise.
 
     Returns
     -------
     Near
-        Of the places that have one; not in their order.
+        Of the positions that have one; not in their order.
     """
     patches = scene.cut(x_px, y_px, max(int(np.ceil(reach_px)), around_px) + 2)
     ground = patches.ground()
@@ -149,12 +149,12 @@ def forced_measurements(
     reach_px: float,
     sigma: float,
 ) -> Measurements:
-    """Do the work of `Glance.measured_at`.
+    """Do the work of `FastMeasurement.measured_at`.
 
     Parameters
     ----------
     scene : Scene
-    image : StarImage
+    image : SampledPsf
     quality : SkyQuality
         To hand out.
     x_px, y_px : ndarray, shape (n,)
@@ -230,10 +230,10 @@ def quality_of(
     Parameters
     ----------
     scene : Scene
-    shape : StarShape
+    shape : EllipticalPsf
         The common one.
     known : Measurements
-        The glance's own: its star-like sources are the ones that are counted.
+        The fast measurement's own: its star-like sources are the ones that are counted.
     settings : MeasuringSettings
     half_px : int
 
@@ -247,7 +247,7 @@ def quality_of(
     background = Background(scene.sky.level / scene.bin_px**2, scene.sky.noise / share, height, width)
     p, q, r = shape.seen()
     bin_px = 2 if scene.frame.pixels.size > settings.bin_above_px else 1
-    star = psf_image(p, q, r, shape.bell, 2 * half_px)
+    star = psf_image(p, q, r, shape.psf, 2 * half_px)
     ratio = scene.noise_ratio if scene.noise_ratio > _ALIKE else 1.0
     limit = limiting_flux(star, scene.noise_adu, ratio, settings.detection_sigma_px, bin_px)
     full = saturated_patches(
@@ -257,7 +257,7 @@ def quality_of(
         background,
         known.flags,
         float((np.pi * full.radius_px**2).sum()) / (height * width),
-        ellipse_of(p, q, r, shape.bell.fwhm_per_width),
+        ellipse_of(p, q, r, shape.psf.fwhm_per_width),
         hollow=False,
         limit=limit,
     )

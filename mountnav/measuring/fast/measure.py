@@ -42,7 +42,7 @@ class FastMeasurement:
     Attributes
     ----------
     measurements : Measurements
-        Brightest first, rough places; ``quality`` is None.
+        Brightest first, rough positions; ``quality`` is None.
     scene : Scene
         The frame, and what was found out about it.
     settings : MeasuringSettings
@@ -54,14 +54,14 @@ class FastMeasurement:
     _learned: tuple[SampledPsf, SkyQuality] | None = field(default=None, repr=False)
 
     def measured_at(self, x_px: Array, y_px: Array, *, reach_px: float) -> Measurements:
-        """Fit the sources found within reach of places, with the shape that the frame's stars share.
+        """Fit the sources found within reach of positions, with the shape that the frame's stars share.
 
         Parameters
         ----------
         x_px, y_px : ndarray, shape (n,)
-            Where sources are expected; places outside the frame are passed over.
+            Where sources are expected; positions outside the frame are passed over.
         reach_px : float
-            How far from the place a source may be.
+            How far from the position a source may be.
 
         Returns
         -------
@@ -125,7 +125,7 @@ def measure_fast(
 
     Returns
     -------
-    Glance or None
+    FastMeasurement or None
         None for what it takes `measure` to judge: raw mosaics, frames below 64 px, with many missing pixels
         or fewer than five clear stars, and those whose stars are trailed, rings, wider than 8 px or hardly
         wider than a pixel.
@@ -162,7 +162,7 @@ def _measure_fast(frame: Frame, settings: MeasuringSettings, most: int) -> FastM
 def _measured(
     scene: Scene, found: Candidates, settings: MeasuringSettings, most: int
 ) -> FastMeasurement | None:
-    """Rough places and shapes of the candidates, and their flags."""
+    """Rough positions and shapes of the candidates, and their flags."""
     moments = _moments(scene, found)
     clean = (found.top < scene.full_adu) & ~found.lone & moments.sound
     clear = found.height / scene.noise_adu
@@ -235,9 +235,9 @@ def _moments(scene: Scene, found: Candidates) -> Moments:
 
 
 def _saturated(scene: Scene, found: Candidates, moments: Moments) -> tuple[Mask, Mask, Mask]:
-    """Tell which sources are saturated, which are bleeding, which lie within another's full patch.
+    """Which sources are saturated, which are bleeding, which lie within another's full patch.
 
-    The places of the saturated ones are taken anew under windows as wide as their patches.
+    The positions of the saturated ones are taken again under windows as wide as their patches.
     """
     full = found.top >= scene.full_adu
     bleed, hidden = np.zeros_like(full), np.zeros_like(full)

@@ -27,7 +27,7 @@ _MOST_STEP_PX = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Patches:
-    """Squares of pixels, all inside the frame: near its rim the place isn't in the middle.
+    """Squares of pixels, all inside the frame: near its rim the position isn't in the middle.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Patches:
 
 
 def cut_patches(pixels: NDArray[np.generic], x_px: Array, y_px: Array, half_px: int) -> Patches:
-    """Cut squares of side 2 half_px + 1 round the nearest pixels of places.
+    """Cut squares of side 2 half_px + 1 round the nearest pixels of positions.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class Moments:
     xx, xy, yy : ndarray
         The star's own second moments, the window's share taken out.
     sound : ndarray of bool
-        False where there was no light, or the place ran away.
+        False where there was no light, or the position ran away.
     """
 
     x_px: Array
@@ -242,7 +242,7 @@ def typical_of(shapes: Shapes, clean: Mask, snr: Array) -> Typical:
 def flags_of(
     shapes: Shapes, typical: Typical, snr: Array, *, full: Mask, edge: Mask, odd: Mask, neighbor_px: Array
 ) -> NDArray[np.int64]:
-    """Flag sources by the same bounds as `flags.judge`, as far as moments can tell.
+    """Flag sources by the same bounds as `flags.flag_sources`, as far as moments can tell.
 
     Parameters
     ----------
@@ -301,16 +301,16 @@ def position_errors(
 
 
 def nearest_px(x_px: Array, y_px: Array) -> Array:
-    """Distance of each place to the nearest other one, shape (n,)."""
+    """Distance of each position to the nearest other one, shape (n,)."""
     if x_px.size < 2:
         return np.full(x_px.size, np.inf)
-    places = np.column_stack([x_px, y_px])
-    distance, _ = KDTree(places).query(places, k=2)
+    positions = np.column_stack([x_px, y_px])
+    distance, _ = KDTree(positions).query(positions, k=2)
     return np.asarray(distance, dtype=np.float64)[:, 1]
 
 
 def edge_of(x_px: Array, y_px: Array, width_px: int, height_px: int, fwhm_px: float) -> Mask:
-    """Tell which places are within a star's width of the rim, shape (n,)."""
+    """Which positions are within a star's width of the rim, shape (n,)."""
     margin = max(2.0, fwhm_px)
     edge = (x_px < margin) | (y_px < margin)
     edge |= (x_px > width_px - 1 - margin) | (y_px > height_px - 1 - margin)
