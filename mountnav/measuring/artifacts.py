@@ -17,7 +17,10 @@ from mountnav.measuring.trails import Trail, find_trails
 Array = NDArray[np.float64]
 
 _LINE_SAMPLES = 160
+"""Pixels of a line that are looked at."""
 _LINE_OFFSET_SIGMA = 0.8
+"""Offset from its neighbors, in units of the noise per pixel, from which a line is bad: eight sigmas of a
+median of 160 pixels (1.25 / √160 each)."""
 
 
 def bad_lines(sky_free: Image, noise: float, axis: int) -> NDArray[np.intp]:
@@ -73,16 +76,27 @@ def heal_lines(sky_free: Image, good: NDArray[np.bool_], lines: NDArray[np.intp]
 
 
 _HALF_PX = 5
+"""Half side of the squares in which rays are sought beside a source, px."""
 _CORE_PX = 2
-_SHARPEST = 0.7
-_ROOM = 0.03
+"""The source's own top lies within so many pixels of its position."""
+_NARROWEST_SHARE = 0.7
+"""Width of the narrowest star over the typical one: stars differ over a frame, and may be oval."""
+_SHARPNESS_MARGIN = 0.03
+"""Room above that star's sharpness, for the noise."""
 _MOST_SHARP = 0.9
+"""Sharpness from which stars can't be told from hot pixels (FWHM below 1.6 px): nothing is sought then."""
 _SURE_SIGMA = 4.0
+"""A pixel has to exceed the bound by so many of its own noises."""
 _CLOSE_FWHM = 1.8
+"""A ray nearer than this many FWHM to a star's top spoils it ..."""
 _CLOSE_SHARE = 0.15
-_CLEAR = 0.08
-_ENOUGH = 30
+"""... if it is brighter than this share of the star."""
+_CLEAR_SCATTER = 0.08
+"""Sources whose noise is below this share of their top tell how sharp the frame's own stars are."""
+_FEWEST_CLEAR = 30
+"""If there are so many of them."""
 _USUAL_SIGMAS = 3.5
+"""And they are clipped at so many sigmas above their middle."""
 
 
 def sharpest(fwhm_px: float) -> float:
@@ -92,19 +106,23 @@ def sharpest(fwhm_px: float) -> float:
     """
     if fwhm_px <= 0.0:
         return 1.0
-    return float(1.0 - np.exp(-4.0 * np.log(2.0) / (_SHARPEST * fwhm_px) ** 2) + _ROOM)
+    return float(1.0 - np.exp(-4.0 * np.log(2.0) / (_NARROWEST_SHARE * fwhm_px) ** 2) + _SHARPNESS_MARGIN)
 
 
 def _usual(rise: NDArray[np.float32], value: NDArray[np.float32], scatter: Array) -> float:
     """Return what share most of the frame's own clear sources stay below; 0 where they are too few."""
-    clear = (scatter < _CLEAR * value) & np.isfinite(rise)
+    clear = (scatter < _CLEAR_SCATTER * value) & np.isfinite(rise)
     share = rise[clear] / value[clear]
     share = share[share < _MOST_SHARP]  # single hot pixels
-    if share.size < _ENOUGH:
+    if share.size < _FEWEST_CLEAR:
         return 0.0
     middle = float(np.median(share))
     # rays are above the middle: only the lower half tells how much stars differ
-    return middle + _USUAL_SIGMAS * 1.4826 * float(np.median(middle - share[share <= middle])) + _ROOM
+    return (
+        middle
+        + _USUAL_SIGMAS * 1.4826 * float(np.median(middle - share[share <= middle]))
+        + _SHARPNESS_MARGIN
+    )
 
 
 def find_cosmics(
@@ -200,7 +218,8 @@ def find_cosmics(
     return struck, rows[which[star], j + 1, 0], columns[which[star], 0, i + 1]
 
 
-_DROWNED = 3.0
+_GRAIN_RATIO = 3.0
+"""A peak on a trail below so many times the trail's height is its grain and no star."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,7 +293,7 @@ class Artifacts:
             if trail.along_axis or trail.spike:
                 continue  # a star stands on it
             on = trail.touches(peaks.x_px, peaks.y_px, 0.5)
-            grain |= on & (peaks.height < _DROWNED * max(trail.height, 1.0))
+            grain |= on & (peaks.height < _GRAIN_RATIO * max(trail.height, 1.0))
         return Peaks(peaks.x_px[~grain], peaks.y_px[~grain], peaks.height[~grain])
 
 

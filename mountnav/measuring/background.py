@@ -12,12 +12,21 @@ Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 _SAMPLES = 128
+"""Lines per half of the frame that are looked at for steps."""
 _REACH_PX = 8
-_SHARP = 0.55
+"""Pixels on each side of a step whose medians are compared: more than a bad column, less than a gradient."""
+_SHARP_SHARE = 0.55
+"""Share of a step that has to happen within two columns: an amplifier's does, a roof's or a nebula's edge
+doesn't."""
 _LEAST_SIGMA = 0.3
+"""Least height of a step in units of the noise per pixel: a smaller one moves no source by its error."""
 _ODDS_SIGMA = 8.0
+"""And in units of the scatter of all columns' jumps."""
 _MOST_STEPS = 6
+"""Steps at most in one direction: four amplifiers and overscan strips make five; more are a structured
+picture."""
 _PIECES = 5
+"""Pieces of a line in each of which a step must have its height."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +132,7 @@ def _jumps(part: Image) -> tuple[Array, float]:
     slope = 0.5 * ((calm[k + half + reach] - after) + (before - calm[k - half - reach]))
     jump[k] = after - before - slope
     near[k] = 0.5 * (profile[k] + profile[k + 1] - profile[k - 1] - profile[k - 2])
-    sharp = (near * np.sign(jump) > _SHARP * np.abs(jump)) & (
+    sharp = (near * np.sign(jump) > _SHARP_SHARE * np.abs(jump)) & (
         (profile - np.roll(profile, 1)) * np.sign(jump) > 0.35 * np.abs(jump)
     )
     scatter = 1.4826 * float(np.median(np.abs(jump[k]))) if k.size else 0.0
@@ -189,17 +198,32 @@ def _middle(part: Image) -> float:
 
 
 _CLIP_SIGMA = 3.0
+"""Samples beyond so many sigmas of a cell's median are clipped, sigma being the width of the lower half."""
 _CLIP_ROUNDS = 3
+"""How often."""
 _ENOUGH_SAMPLES = 1024
+"""Pixels of a cell that are looked at: its median is then sure to 4 % of the noise."""
 _SAMPLES_AT_ONCE = 2_000_000
+"""Samples that are sorted together: bounds the memory."""
 _LEAST_VALID = 0.25
+"""Share of a cell's pixels that must have a value, or it is filled from its neighbors."""
 _SMOOTH_PX = 17
-_MANY_LINES = 12
+"""Length of the running mean along a line that is taken off before the noise is measured, px: slopes go, a
+star's width stays."""
+_ENOUGH_LINES = 12
+"""With so many lines in a cell every second one tells the noise."""
 _FINE_BOX_PX = 24
+"""Least side of a cell of the fine structure, px."""
 _FINE_FWHM = 8.0
-_FINE_SURE = 0.2
+"""And in FWHM: a star's disc above half maximum covers 1 % of it."""
+_FINE_SIGMA = 0.2
+"""Level of a cell, in units of the noise per pixel, from which it is structure: it is subtracted in full at
+twice this. A median of the smallest cell's samples is sure to 0.05."""
 _FINE_LEAST_SHARE = 0.01
-_FINE_FIRST_LOOK = 4
+"""Share of the cells that must be structure, or there is none."""
+_FINE_FIRST_ROWS = 4
+"""Every so many rows of cells are measured first, to tell plain skies, which are the rule, at a quarter of
+the cost."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -333,7 +357,7 @@ def fine_structure(sky_free: Image, background: Background, fwhm_px: float) -> B
     halved = (lines[:, 0::2] + lines[:, 1::2]) * np.float32(0.25)
     box = max(_FINE_BOX_PX, round(_FINE_FWHM * fwhm_px)) // 2
     # plain skies are the rule, and a few lines of cells tell them
-    for every in (_FINE_FIRST_LOOK, 1):
+    for every in (_FINE_FIRST_ROWS, 1):
         level, own = _mesh(halved, box, 0.0, _ENOUGH_SAMPLES, noise_too=False, every=every)
         share = _clear_share(level, background, sky_free.shape)
         if np.mean(share[::every] > 0) < _FINE_LEAST_SHARE * (1.0 if every == 1 else 0.5):
@@ -350,7 +374,7 @@ def _clear_share(
     positions = np.meshgrid(x, y)
     noise = background.noise_at(positions[0].ravel(), positions[1].ravel()).reshape(level.shape)
     strength = np.abs(np.nan_to_num(level)) / np.maximum(noise, 1e-20)
-    return np.asarray(np.clip((strength - _FINE_SURE) / _FINE_SURE, 0.0, 1.0))
+    return np.asarray(np.clip((strength - _FINE_SIGMA) / _FINE_SIGMA, 0.0, 1.0))
 
 
 def _mesh(
@@ -378,7 +402,7 @@ def _mesh(
         bands += spread
         level[some], wide = _clipped(_cells(bands, column_edges, cell_width))
         if noise_too:
-            bands = bands[:, ::2] if offset.size >= _MANY_LINES else bands
+            bands = bands[:, ::2] if offset.size >= _ENOUGH_LINES else bands
             flat = _without_slopes(bands, level[some], wide)
             noise[some] = _clipped(_cells(flat, column_edges, cell_width))[1]
     return level, noise

@@ -15,14 +15,27 @@ from mountnav.measuring.psf import FWHM_PER_SIGMA
 Array = NDArray[np.float64]
 
 _NEIGHBORS = [(-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)]
+"""Steps (rows, columns) to the eight neighbors of a pixel, in file order."""
 _SADDLE_STEPS = np.array([0.25, 0.4, 0.5, 0.6, 0.75])
+"""Shares of the way from the brighter to the fainter peak at which the saddle between them is sought."""
 _SADDLE_CONTRAST = 0.08
+"""A peak has to rise above its saddle by this share of its height (and by 3 σ), or it is a bump on its
+neighbor's side. Doubled, close pairs become one; halved, wide stars break up."""
 _MOST_PEAKS = 20_000
-_TAME_SIGMA = 3.0
+"""Peaks at most, the highest: bounds the time in pictures of leaves."""
+_CUT_SIGMA = 3.0
+"""The smoothed frame is cut at so many of its noises before its surroundings are averaged, so that stars
+leave no bowls round them."""
 SURROUND_SIGMAS = 4.0
+"""Half side of that average over the smoothing's σ: what is wider than a star goes, and a part of the star
+with it."""
 _SCATTER_BOX_PX = 64
+"""Side of the cells in which the smoothed frame's own scatter is measured, px of the frame."""
 _SCATTER_SAMPLES = 512
+"""Pixels of such a cell that are looked at: neighbors are alike after smoothing, so that few tell as much."""
 _LEAST_SCATTER = 0.3
+"""Least scatter of the smoothed frame that is believed, as a share of that of independent pixels: cells cut
+off at zero show none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +102,7 @@ def smooth(sky_free: Image, background: Background, sigma_px: float, bin_px: int
     # independent pixels smoothed by a Gaussian keep 1 / (2 √π σ) of their noise
     expected = 1.0 / (2.0 * np.sqrt(np.pi) * max(sigma, 0.3)) / bin_px
     # what is wider than a star (nebulae, halos, haze) goes; stars are cut low, so they leave no bowls
-    tame = np.minimum(smoothed, np.float32(_TAME_SIGMA * expected) * noise)
+    tame = np.minimum(smoothed, np.float32(_CUT_SIGMA * expected) * noise)
     box = 2 * round(SURROUND_SIGMAS * sigma) + 1
     for _ in range(2):
         tame = ndimage.uniform_filter(tame, box, mode="nearest")
@@ -162,17 +175,34 @@ def _not_a_bump(
 
 
 _BRIGHTEST = 200
+"""Brightest peaks whose median area tells the typical width."""
 _HALF_PX = 20
+"""Half side of the squares in which that area is measured, px; wider stars run out of them."""
 _LEAST_HEIGHT = 8.0
+"""Least height of such a peak, in units of the smoothed frame's noise."""
 _FALLBACK_FWHM_PX = 2.5
+"""FWHM assumed where no peak tells it, px."""
 _STAR_AREA_PX = 4
+"""Pixels above half maximum from which a peak is no hot pixel and no ray."""
 _CLEAR_OF_NOISE = 12.0
-_MOST_ASKED = 6000
+"""Median height of the peaks over the noise per pixel below which the area is measured on smoothed
+cutouts."""
+_MOST_CHECKED = 6000
+"""Peaks at most that are checked for being single pixels: bounds the time where hot pixels abound."""
 _FEWEST_WITH_NEIGHBORS = 8
+"""So many peaks with lit neighbors tell the width alone; with fewer the single pixels may be the stars."""
 DARK_NEIGHBORS = 0.05
+"""A single pixel's eight neighbors have less than this share of its light on the mean: a star of FWHM 1.2 px
+gives them 15 %. Doubled, 9 hot pixels more are flagged in a tetra3 frame; halved, one less."""
 SINGLE_PIXEL_SIGMA = 12.0
+"""Height over the noise from which a pixel can be told to stand alone. Halved, 23 more of a tetra3 frame's
+226 fast candidates are flagged; doubled, a frame full of hot pixels is no longer left to the full
+measurement."""
 _SMOOTHING_SIGMA_PX = 1.5
+"""Width σ of that smoothing, px; its share of the area is taken off again."""
 _RINGS = ((6.0, 10.0, 4.5), (15.0, 20.5, np.inf))
+"""Inner and outer radius of the ring whose median is the ground under a peak, px, and up to which FWHM its
+width is believed: wide stars need a wide ring."""
 
 
 def typical_fwhm(sky_free: Image, saturated: NDArray[np.bool_], peaks: Peaks, noise: float) -> float:
@@ -198,7 +228,7 @@ def typical_fwhm(sky_free: Image, saturated: NDArray[np.bool_], peaks: Peaks, no
     x, y = np.rint(peaks.x_px).astype(int), np.rint(peaks.y_px).astype(int)
     usable = (x >= _HALF_PX) & (x < width - _HALF_PX) & (y >= _HALF_PX) & (y < height - _HALF_PX)
     usable &= peaks.height > _LEAST_HEIGHT
-    chosen = np.flatnonzero(usable)[:_MOST_ASKED]
+    chosen = np.flatnonzero(usable)[:_MOST_CHECKED]
     alone = _stand_alone(sky_free, x[chosen], y[chosen], noise)
     if np.count_nonzero(~alone) >= _FEWEST_WITH_NEIGHBORS:
         chosen = chosen[~alone]

@@ -20,27 +20,64 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _REACH_PX = 30
+"""Half side of the squares in which the objects are looked at, px: 24 px of light and a rim for the sky's
+level. Halved, the median error of painted rings of 18 px grows from 0.05 to 0.25 px; doubled, the time is
+fourfold."""
 _CANDIDATES = 400
+"""Highest peaks among which the objects are chosen: a ring has many peaks. Doubled or halved, nothing changed
+on the frames that were tried."""
 _OBJECTS = 40
+"""Objects at most that are stacked. Halved or doubled, the pull of painted trails goes from 0.79 to 0.66 or
+0.93."""
 _FEWEST_OBJECTS = 4
-_FIRST_LOOK = 12
-_ORDINARY = 0.75
+"""Fewer objects than this don't make a mean from which one of them can be rejected."""
+_FIRST_OBJECTS = 12
+"""The first objects, by which ordinary frames are told at little cost. Doubled or halved, nothing changed on
+the frames that were tried."""
+_ORDINARY_SHARE = 0.75
+"""These count as ordinary if their axis ratio stays below this share of `_TRAIL_RATIO`. At 0.5 or 0.875
+nothing changed on the frames that were tried."""
 _LEAST_HEIGHT = 20.0
+"""Height of an object in the smoothed frame, in units of its noise: fainter ones have no measurable shape.
+Doubled or halved, the errors of painted rings move by 6 %."""
 _LIGHT_SMOOTHING_PX = 1.2
+"""Width σ of the Gaussian that joins an object's pixels to a patch, px: about that of the first detection.
+Doubled, fluxes of painted rings scatter by 16 % more."""
 _LIGHTER_SMOOTHING_PX = 0.8
+"""Width σ of the Gaussian under which a ring's hole is looked at, px: wider would fill the hole."""
 _LIGHT_NOISE = 1.0 / (2.0 * np.sqrt(np.pi) * _LIGHT_SMOOTHING_PX)
+"""Share of independent pixels' noise that is left after the first smoothing: 1 / (2 √π σ)."""
 _PART_OF_TOP = 0.2
+"""An object's patch is what lies above this share of its top: a ring's darkest part lies above it, most halos
+below. Chosen by hand."""
 _LEAST_AREA_PX = 12
+"""Patches of fewer pixels are hot pixels and faint stars."""
 _TRAIL_RATIO = 1.8
+"""Major over minor rms width from which objects are trails: below it an ellipse fits as well
+(docs/measuring.md, *Known limits*: trails below 6 px)."""
 _ROUND_RATIO = 1.5
-_ONE_WAY = 0.75
+"""Major over minor rms width up to which an object may be a ring."""
+_ALIGNED = 0.75
+"""Length of the mean of the objects' doubled directions, 1 if all agree: below it they aren't trails of one
+drift."""
 _HOLLOW = 0.75
-_ALIKE = 2.0
+"""Middle over the brighter half of an object's patch below which it is a ring. A filled disc has 1, a
+Gaussian more."""
+_MOST_AREA_RATIO = 2.0
+"""Upper over lower quartile of the patches' areas above which the objects are no stars: a nebula's knots,
+leaves of a tree."""
 _HOLLOW_AREA_PX = 40
+"""A ring covers at least so many pixels: 7 px across. Smaller holes are lost in the blur."""
 _MOST_RADIUS_PX = 24
-_ROOM_PX = 4
+"""Largest half side of the ePSF, px: longer trails are cut in pieces (docs/measuring.md, *Known limits*).
+Doubled, neighbors get into it and the time is fourfold."""
+_MARGIN_PX = 4
+"""So many pixels beyond the objects' patches belong to the ePSF: its wings."""
 _STACKINGS = 3
+"""How often the objects are aligned with the mean and stacked again."""
 _SIDELOBE = 1.15
+"""A peak counts as a brighter star's side lobe up to this many times what the ePSF leaves there: positions
+are good to a pixel only."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,19 +132,19 @@ def find_epsf(sky_free: Image, saturated: Mask, peaks: Peaks, noise: float) -> E
     if x.size < _FEWEST_OBJECTS:
         return None
     cutouts = _cut(sky_free, x, y)
-    if _ordinary(cutouts[:_FIRST_LOOK], noise):
+    if _ordinary(cutouts[:_FIRST_OBJECTS], noise):
         return None
     patches, areas = _patches(cutouts, noise)
     fine = areas >= _LEAST_AREA_PX
     if fine.sum() < max(_FEWEST_OBJECTS, 0.4 * x.size):
         return None
     low, high = np.percentile(areas[fine], [25.0, 75.0])
-    if high > _ALIKE * low:
+    if high > _MOST_AREA_RATIO * low:
         return None  # no ePSF: a nebula's knots, leaves of a tree
     cutouts, patches = cutouts[fine], patches[fine]
     moments = [_moments(np.where(patch, cutout, 0.0)) for cutout, patch in zip(cutouts, patches, strict=True)]
     ratio, angle = np.array([m[2] / m[1] for m in moments]), np.radians([m[3] for m in moments])
-    one_way = abs(np.exp(2j * angle).mean()) > _ONE_WAY
+    one_way = abs(np.exp(2j * angle).mean()) > _ALIGNED
     trailed = bool(np.median(ratio) > _TRAIL_RATIO and one_way)
     # two stars side by side are dark between them as well, but not round
     hollow = bool(np.median(ratio) < _ROUND_RATIO) and _hollow(cutouts, patches, moments)
@@ -122,13 +159,13 @@ def _ordinary(cutouts: Array, noise: float) -> bool:
     """Whether a few objects show already that these are ordinary stars: small and round."""
     patches, areas = _patches(cutouts, noise)
     fine = areas > 0
-    if fine.sum() < 0.5 * _FIRST_LOOK or np.median(areas[fine]) >= _HOLLOW_AREA_PX:
+    if fine.sum() < 0.5 * _FIRST_OBJECTS or np.median(areas[fine]) >= _HOLLOW_AREA_PX:
         return False
     moments = [
         _moments(np.where(patch, cutout, 0.0))
         for cutout, patch in zip(cutouts[fine], patches[fine], strict=True)
     ]
-    return bool(np.median([m[2] / m[1] for m in moments]) < _ORDINARY * _TRAIL_RATIO)
+    return bool(np.median([m[2] / m[1] for m in moments]) < _ORDINARY_SHARE * _TRAIL_RATIO)
 
 
 def _apart(
@@ -211,7 +248,7 @@ def _hollow(
 def _stacked(cutouts: Array, patches: Mask, centers: Array, noise: float) -> Array | None:
     """Mean of the objects, each moved to the middle and scaled to unit flux, without what only some show."""
     reach = np.array([np.hypot(*(np.argwhere(p) - _REACH_PX).T).max() for p in patches])
-    radius = int(np.clip(np.ceil(np.median(reach - np.hypot(*centers.T))) + _ROOM_PX, 6, _MOST_RADIUS_PX))
+    radius = int(np.clip(np.ceil(np.median(reach - np.hypot(*centers.T))) + _MARGIN_PX, 6, _MOST_RADIUS_PX))
     weight = (cutouts * patches).sum(axis=(1, 2))
     mean = None
     for _ in range(_STACKINGS):
@@ -367,14 +404,24 @@ def without_sidelobes(peaks: Peaks, image: Epsf) -> Peaks:
 
 
 _STEP_PX = 0.2
+"""Step of the table of sub-pixel shifts, px: between its nodes the slopes lead on linearly."""
 _STEPS = 8
+"""Steps to each side: 8 of 0.2 px are 1.6 px, more than a cutout's center may be off."""
 _ROUNDS = 4
+"""Gauss-Newton steps before the cutouts follow the positions."""
 _PASSES = 3
+"""How often the cutouts follow the positions."""
 _PIXELS_AT_ONCE = 60_000
-_TEACHERS = 60
-_CLEAR = 60.0
+"""Pixels of all cutouts that are fitted together, so that they stay in the processor's cache. It changes
+nothing but time."""
+_NOISE_STARS = 60
+"""Brightest stars from whose residuals the noise law is learned."""
+_NOISE_STAR_SNR = 60.0
+"""And no fainter than this flux over its error: fainter ones tell only the sky's noise."""
 _CORE = 0.3
+"""The misfit is that of the pixels above this share of the ePSF's top."""
 _FAR_PX = 4.0
+"""A fit that ended farther from its peak, px, has run away to another star."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -446,10 +493,10 @@ def fit_epsf(
     form = make_cutouts(sky_free, good, np.zeros(0), np.zeros(0), np.zeros(0), half)
     table = _table(image, form.dx, form.dy)
     psf = Psf(0.0, gain[0], 0.0)
-    few = slice(0, min(_TEACHERS, x_px.size))
+    few = slice(0, min(_NOISE_STARS, x_px.size))
     for _ in range(2):
         fit, cutouts, x, y = _fitted(sky_free, good, x_px[few], y_px[few], noise[few], half, table, psf)
-        strong = fit.params[:, 0] > _CLEAR * np.sqrt(covariances(fit.normal)[:, 0, 0])
+        strong = fit.params[:, 0] > _NOISE_STAR_SNR * np.sqrt(covariances(fit.normal)[:, 0, 0])
         psf = with_noise_law(psf, fit.part(strong), cutouts.part(strong), gain[0], card=gain[1])
     share = max(1, _PIXELS_AT_ONCE // form.dx.size)
     parts = []

@@ -23,15 +23,37 @@ from mountnav.measuring.psf_fitting import Profiles
 Array = NDArray[np.float64]
 
 _CLEAR_OF_KNOTS = 5.0
+"""On nebulae and galaxies a source below this flux over error is taken for a knot: without noise most knots
+rise by 1 to 6 σ (docs/artifacts.md). Doubled or halved, nothing changed on the frames that were tried."""
 _KNOT_WIDE = 1.5
+"""On nebulae and galaxies a source wider than this many typical widths is taken for a knot; off them the
+bound is `TOO_WIDE`. Chosen by hand on the painted skies of tests/measuring; doubled or halved, nothing
+changed on the frames that were tried."""
 _SWOLLEN_MISFIT = 0.1
+"""Pictures whose contrast was stretched swell their brightest stars: a bright source is spared the width test
+while its residuals stay below this share of the amplitude. Chosen by hand; doubled or halved, nothing changed
+on the frames that were tried."""
 _SWOLLEN_ELLIPTICITY = 0.2
+"""And while it is rounder than this. Chosen by hand; doubled or halved, nothing changed on the frames that
+were tried."""
 _POOR_FIT_RATIO = 3.0
+"""Residuals over the typical star's above which a fit is no star's, where the optics themselves leave more
+than `POOR_FIT`. Doubled, 3 of 4 non-stars of a tetra3 frame pass; halved, one more source is flagged."""
 _HOT_FWHM_PX = 0.95
-_ENOUGH_ALIKE = 8
-_ALIKE = 0.85
+"""A source narrower than this FWHM, px, is a hot pixel and says nothing of the typical star: a lit pixel
+alone has 0.68 by moments. Chosen by hand."""
+_ENOUGH_LIKE_STARS = 8
+"""So many sources as wide as the first guess tell the typical star, however many hot pixels there are
+besides. Chosen by hand; doubled or halved, nothing changed on the frames that were tried."""
+_LIKE_A_STAR = 0.85
+"""A struck source that is between this and its inverse times the typical width still looks like a star.
+Chosen by hand; at 0.7 or 0.925 nothing changed on the frames that were tried."""
 _CLEAR_SNR = 15.0
+"""Flux over its error below which a struck source can't prove that it is a star. Chosen by hand; doubled or
+halved, nothing changed on the frames that were tried."""
 _WIDE_FWHM_PX = 6.0
+"""Only stars wider than this outlive a cosmic ray, px: of narrower ones a ray spoils the core. Chosen by
+hand; doubled or halved, nothing changed on the frames that were tried."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +134,7 @@ def flag_sources(
     flags[long] |= Flag.ELONGATED
     flags[neighbor_px < 1.5 * typical + 1.0] |= Flag.BLENDED
     # a ray is masked in the fit: a wide star that it hit still looks like one, and hardly moves
-    alike = (fwhm > _ALIKE * typical) & (fwhm < typical / _ALIKE) & (snr > _CLEAR_SNR) & ~poor
+    alike = (fwhm > _LIKE_A_STAR * typical) & (fwhm < typical / _LIKE_A_STAR) & (snr > _CLEAR_SNR) & ~poor
     alike &= typical > _WIDE_FWHM_PX
     flags[setting.struck & ~full & ~alike] |= Flag.NO_PEAK
     flags |= setting.artifacts.flags_at(x, y, max(2.0, setting.fwhm_px))
@@ -126,7 +148,7 @@ def _typical(
     clean = fits.converged & ~spoilt & (snr > TYPICAL_SNR) & (fits.misfit < 0.2)
     stars = clean & (fwhm > max(_HOT_FWHM_PX, 0.6 * guess_px))
     alike = stars & (fwhm < guess_px / 0.6)
-    if alike.sum() >= _ENOUGH_ALIKE:  # however many hot pixels there are besides
+    if alike.sum() >= _ENOUGH_LIKE_STARS:  # however many hot pixels there are besides
         clean = alike
     elif stars.sum() >= max(3.0, 0.2 * clean.sum()):
         clean = stars

@@ -14,10 +14,16 @@ from mountnav.measuring.psf import LEAST_VARIANCE_PX2, Psf
 Array = NDArray[np.float64]
 
 _UNDERSAMPLED_PX = 2.0
+"""FWHM below which images count as undersampled, px: Nyquist's two pixels."""
 _DEFOCUSED_PX = 8.0
+"""FWHM above which images count as defocused, px. Chosen by hand; a seeing of 4″ at 0.5″/px is as wide."""
 _FEWEST_STARS = 3
+"""Stars below which nothing is said of the images."""
 _LIMIT_SIGMA = 5.0
+"""Height of a star of the limiting flux in the smoothed frame: the default of
+`MeasuringSettings.threshold_sigma`, also where that is set otherwise."""
 _FINE = 5
+"""Positions across a bin, in each direction, over which a star's height is averaged."""
 
 
 def ellipse_of(p: float, q: float, r: float, fwhm_per_width: float) -> tuple[float, float, float]:

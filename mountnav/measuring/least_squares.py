@@ -17,11 +17,19 @@ ROUNDS = 12
 PARAMETERS = 7
 """Amplitude, x, y, p, q, r, local sky."""
 _STILL_PX = 5e-4
+"""A star whose position moves by less than this in a step, px, has converged: a fifth of the error of the
+best stars (docs/measuring.md)."""
 _STRAGGLERS = 0.03
-_FEW_MOVING = 0.7
-_EVEN = 1e-6
+"""Share of stars that may still move when the iteration ends: what doesn't converge never ends it."""
+_REPACK_BELOW = 0.7
+"""Share of moving stars below which the iteration goes on with those alone: copying them costs about a
+step."""
+_COST_ROUNDING = 1e-6
+"""Relative rise of χ² that is rounding in single precision and no step in the wrong direction."""
 _NARROWEST_SIGMA_PX = 0.3
+"""Least width σ of a fit, px: a hot pixel's."""
 _SHAPE = np.arange(3, 6)
+"""Where p, q, r stand among the parameters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +104,7 @@ def fit_psfs(
             continue
         if np.count_nonzero(moving) <= _STRAGGLERS * count:
             break
-        if np.count_nonzero(moving) < _FEW_MOVING * moving.size:  # go on with those alone
+        if np.count_nonzero(moving) < _REPACK_BELOW * moving.size:  # go on with those alone
             whole.put(index, some)
             index = np.flatnonzero(moving) if index is None else index[moving]
             some = whole.part(index)
@@ -141,7 +149,7 @@ class _GaussNewton:
         trial = _bounded(self.params + step, self.params, half, widest)
         jacobian, residual = _linear(trial, dx, dy, self.values, psf)
         cost = self._costs(trial, residual)
-        worse = ~(cost <= self.cost * (1.0 + _EVEN))
+        worse = ~(cost <= self.cost * (1.0 + _COST_ROUNDING))
         trial[worse], cost[worse] = self.params[worse], self.cost[worse]
         jacobian[worse], residual[worse] = self.jacobian[worse], self.residual[worse]
         self.damping = np.where(worse, self.damping * 8.0, self.damping * 0.2)

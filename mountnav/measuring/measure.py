@@ -25,11 +25,19 @@ from mountnav.measuring.settings import MeasuringSettings
 Array = NDArray[np.float64]
 
 _SMALLEST_SIDE_PX = 16
+"""Shorter frames can't be measured, px: no mesh, no cutouts."""
 _LEAST_FINITE = 0.05
+"""Share of the pixels that must have a value."""
 _MOST_SATURATED = 0.5
+"""Share of saturated pixels above which a frame is refused."""
 _WIDE_FWHM_PX = 4.5
-_KNOTTY = 0.6
+"""FWHM from which the frame is searched again at the stars' own width, px: the first smoothing has 2.8.
+Doubled, defocused stars break up in several peaks."""
+_STRUCTURE_SIGMA = 0.6
+"""Level of a cell of the fine structure, in units of the noise per pixel, beside which sources are judged as
+on a nebula."""
 _LEAST_FLUX_SIGMA_WIDE = 3.5
+"""The same as `LEAST_FLUX_SIGMA` for wide stars, whose search finds more of the noise's own hills."""
 _DEFAULTS = MeasuringSettings()
 
 
@@ -301,7 +309,7 @@ def _knotty(structure: Background | None, noise: float, x: Array, y: Array) -> N
     """Which positions, shape (n,), lie on or beside what is no plain sky."""
     if structure is None:
         return np.zeros(x.size, dtype=bool)
-    knots = np.abs(structure.level) > _KNOTTY * noise
+    knots = np.abs(structure.level) > _STRUCTURE_SIGMA * noise
     near = ndimage.binary_dilation(knots, structure=np.ones((3, 3), dtype=bool))
     rows = (y * near.shape[0] / structure.height_px).astype(np.intp)
     columns = (x * near.shape[1] / structure.width_px).astype(np.intp)

@@ -16,9 +16,15 @@ FWHM_PER_SIGMA = 2.0 * np.sqrt(2.0 * np.log(2.0))
 #: Squared FWHM that a pixel's own width adds to an image's: 8 ln 2 / 12.
 PIXEL_FWHM2 = 8.0 * np.log(2.0) / 12.0
 LEAST_VARIANCE_PX2 = 0.03
+"""Least variance of a star's image along an axis once the pixels' own (1/12) is taken off, px²: a FWHM of
+0.41 px. Noise makes some narrow stars narrower than a pixel; zero would divide by it."""
 MOST_WING = 0.5
+"""Fattest wings that are fitted: a Moffat exponent of 2. At 1 the PSF would hold infinite light."""
 NODES = (np.sqrt(0.6) / 2.0 * np.array([-1.0, 0.0, 1.0])).astype(np.float32)
+"""Offsets of the three-point Gauss-Legendre rule over a pixel, px: ± √0.6 / 2 and 0 (Abramowitz and Stegun,
+table 25.4)."""
 NODE_WEIGHTS = (np.array([5.0, 8.0, 5.0]) / 18.0).astype(np.float32)
+"""And its weights: 5, 8 and 5 eighteenths."""
 
 
 def without_pixel_width(fwhm2: Array) -> Array:

@@ -13,17 +13,36 @@ from mountnav.measuring.least_squares import PARAMETERS, ROUNDS, Fit, covariance
 from mountnav.measuring.psf import MOST_WING, Array, Psf, ShapePrior
 
 _WINGS = (0.0, 0.15, 0.3, 0.45)
-_PRIOR_WING = 0.1
+"""Wings that are tried; the best lies on a parabola through three of them. Typical seeing has 0.3 (a Moffat
+exponent of 3.3)."""
+_WING_PRIOR = 0.1
+"""One-sigma width of the prior on the wings: where the frame can't tell, they stay Gaussian. At one sigma it
+weighs as much as a rise of −2 ln likelihood by 1."""
 _FEWEST_FOR_PSF = 5
+"""Stars below which nothing is learned of wings, gain and misfit."""
 _BINS = 14
+"""Bins of equal number, by the light in the pixel, in which the residuals' variance is compared with the
+noise law."""
 _LEAST_PER_BIN = 25
+"""Pixels in a bin at least: its median of χ² is then sure to 38 %."""
 _MEDIAN_CHI2 = 0.4549
-_SURE_GAIN = 4.0
-_UNLIKE = 2.0
-_SURE_MISFIT = 2.0
-_LAWFUL = 0.4
+"""Median of χ² with one degree of freedom."""
+_GAIN_SIGMAS = 4.0
+"""The gain is learned only if the photons' share stands out by so many of its own sigmas. Chosen by hand."""
+_GAIN_CONTRADICTION = 2.0
+"""A gain from the header is overruled only if the measured one differs by this factor: cards are wrong in
+kind (per binned pixel, in another mode), not by percents."""
+_MISFIT_SIGMAS = 2.0
+"""A misfit below so many of its own sigmas counts as none. Chosen by hand."""
+_MOST_LAW_ERROR = 0.4
+"""Natural logarithm of the residuals' variance over the law's, in the worst fifth of the bins, up to which
+photons may explain it: 0.4 is a factor of 1.5. Above, the residuals are the wings' misfit and tell no gain.
+Chosen by hand."""
 _MOST_MISFIT = 0.1
-_OUTLIER = 3.0
+"""Largest misfit that goes into the errors, as a share of the light in the pixel: beyond it the fit is poor,
+and flagged as such."""
+_BLEND_CHI2_RATIO = 3.0
+"""A star whose χ² is more than this many times the usual one is a blend and says nothing of the wings."""
 
 
 def learn_psf(
@@ -74,10 +93,10 @@ def learn_psf(
     chi2 = np.stack([(fits[1].weights * fit.residual**2).sum(axis=1) for fit in fits])
     best = chi2.min(axis=0)
     # a blend's χ² says nothing of wings
-    usual = best <= _OUTLIER * np.median(best)
+    usual = best <= _BLEND_CHI2_RATIO * np.median(best)
     # each star by the logarithm of its own χ²: stars count alike however bright they are
     unlikely = cutouts.values.shape[1] * np.log(chi2[:, usual]).sum(axis=1)
-    wing = _lowest(unlikely + (np.array(_WINGS) / _PRIOR_WING) ** 2)
+    wing = _lowest(unlikely + (np.array(_WINGS) / _WING_PRIOR) ** 2)
     psf = replace(psf, wing=wing)
     for _ in range(2):
         fit = fit_psfs(cutouts, x_px, y_px, width_px, psf)
@@ -131,16 +150,16 @@ def with_noise_law(psf: Psf, fit: Fit, cutouts: Cutouts, gain: float, *, card: b
         return psf
     per_photon, misfit2 = nonnegative_pair(table, right)
     spread = np.linalg.pinv(table.T @ table)
-    clear = per_photon > _SURE_GAIN * np.sqrt(spread[0, 0])
+    clear = per_photon > _GAIN_SIGMAS * np.sqrt(spread[0, 0])
     # photons are a law for faint and bright pixels alike; wings that no PSF fits are not
     law = ground + per_photon * middle + misfit2 * middle**2
     off = np.abs(np.log(level / np.maximum(law, 1e-30)))
-    clear &= float(np.percentile(off, 80.0)) < _LAWFUL
-    if clear and (not card or not 1.0 / _UNLIKE < per_photon * gain < _UNLIKE):
+    clear &= float(np.percentile(off, 80.0)) < _MOST_LAW_ERROR
+    if clear and (not card or not 1.0 / _GAIN_CONTRADICTION < per_photon * gain < _GAIN_CONTRADICTION):
         gain = 1.0 / per_photon
     else:
         misfit2 = float((table[:, 1] @ (right - table[:, 0] / gain)) / (table[:, 1] @ table[:, 1]))
-    if misfit2 < _SURE_MISFIT / np.sqrt(table[:, 1] @ table[:, 1]):
+    if misfit2 < _MISFIT_SIGMAS / np.sqrt(table[:, 1] @ table[:, 1]):
         misfit2 = 0.0
     return replace(psf, gain_e_adu=float(gain), misfit=float(min(np.sqrt(misfit2), _MOST_MISFIT)))
 
@@ -171,6 +190,8 @@ def nonnegative_pair(table: Array, right: Array) -> tuple[float, float]:
 
 
 _FAR_DRIFT_SIGMAS = 2.5
+"""A fit that ended farther from its start than so many of its own sigmas (and than 1.5 px) is no fit of that
+peak."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,17 +20,37 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _PIXELS_AT_ONCE = 30_000
-_BELL_CANDIDATES = 400
-_BELL_STARS = 60
-_BELL_HEIGHT = 40.0
+"""Pixels of all cutouts that are fitted together, so that they stay in the processor's cache. It changes
+nothing but time."""
+_PSF_CANDIDATES = 400
+"""Highest peaks among which the stars are chosen that the PSF is learned from."""
+_PSF_STARS = 60
+"""Stars at most that the PSF is learned from: bounds the time."""
+_PSF_STAR_SIGMA = 40.0
+"""Their least height in the smoothed frame, in units of its noise: fainter ones tell nothing of wings and
+misfit."""
 _INTEGRATE_BELOW_PX = 2.2
+"""Apparent FWHM below which the PSF is integrated over the pixels, px. Sampled at the pixels' centers,
+Gaussians of 1.7 px are placed wrong by 0.0001 px, Moffat ones by 0.003 (docs/measuring.md, *Largest error
+over all places within a pixel*)."""
 _SATURATED_SLACK = 0.03
+"""One-sigma share of p, q, r by which a saturated star may differ from the typical one: its wings hardly tell
+its width."""
 LONELY_FWHM = 2.7
+"""Distance to the next peak, in FWHM, from which a star counts as alone, to be tried as two or to teach the
+PSF."""
 OVERFLOW_SIGMA = 6.0
+"""A pixel of a saturated star holds overflow if it is brighter than the wings allow by this many sigmas
+..."""
 OVERFLOW_SHARE = 0.4
+"""... and this share of their light: PSFs misfit real wings by tenths."""
 _OVERFLOW_ROUNDS = 4
-_SOME_SKY = 3.0
+"""How often a saturated star is fitted again without such pixels."""
+_LEAST_SKY_NOISES = 3.0
+"""A sky level below so many noises has been taken off already and tells no gain."""
 _FAINT_SKY_E = 100.0
+"""Electrons per pixel assumed of the sky there: a faint one's. It sets only the weights and the errors of
+frames that tell nothing else."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +96,9 @@ def known_gain(frame: Frame, wish: float | None, sky: float, noise: float) -> tu
     card = wish or frame.header.get("EGAIN")
     if isinstance(card, (int, float)) and not isinstance(card, bool) and 0.005 < card < 1000.0:
         return float(card), True
-    if sky < _SOME_SKY * noise:  # already taken off: a faint sky's worth of electrons, in whatever unit
+    if (
+        sky < _LEAST_SKY_NOISES * noise
+    ):  # already taken off: a faint sky's worth of electrons, in whatever unit
         return _FAINT_SKY_E**0.5 / noise, False
     return float(np.clip(sky / noise**2, 0.02, 100.0)), False
 
@@ -179,11 +201,11 @@ def _psf(
     """Learn the stars' common PSF from the brightest that stand alone and are whole."""
     height, width = sky_free.shape
     half = half_px(fwhm_px)
-    x, y = peaks.x_px[:_BELL_CANDIDATES], peaks.y_px[:_BELL_CANDIDATES]
-    fine = (radius_px[: x.size] == 0) & (peaks.height[: x.size] > _BELL_HEIGHT)
+    x, y = peaks.x_px[:_PSF_CANDIDATES], peaks.y_px[:_PSF_CANDIDATES]
+    fine = (radius_px[: x.size] == 0) & (peaks.height[: x.size] > _PSF_STAR_SIGMA)
     fine &= (x > half) & (y > half) & (x < width - 1 - half) & (y < height - 1 - half)
     fine &= nearest_other(peaks, x, y, 10.0 * fwhm_px) > 2.0 * fwhm_px
-    some = np.flatnonzero(fine)[:_BELL_STARS]
+    some = np.flatnonzero(fine)[:_PSF_STARS]
     cutouts = make_cutouts(sky_free, good, x[some], y[some], background.noise_at(x[some], y[some]), half)
     return learn_psf(
         cutouts,

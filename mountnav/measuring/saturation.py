@@ -10,12 +10,19 @@ from scipy import ndimage
 
 from mountnav.measuring.background import Image
 
-_BELOW_CARD = 0.995
+_CARD_SHARE = 0.995
+"""Share of the header's saturation level from which a pixel is full: cards state the converter's end, which
+not every pixel reaches."""
 _PILE_SHARE = 0.004
+"""Depth of the pile-up at the frame's maximum, as a share of its height above the sky."""
 _PILE_PIXELS = 12
+"""Pixels within that depth that make a pile-up ..."""
 _PILE_PIXELS_EXACT = 4
-_CLEAR_STEPS = 30.0
+"""... or pixels at exactly the maximum."""
+_LEAST_RISE_ADU = 30.0
+"""A maximum less than so many ADU above the sky is no full well."""
 _TYPE_SHARE = 0.985
+"""Share of an integer type's range from which a pixel is full, whatever the card says."""
 
 
 def saturation_level(
@@ -41,13 +48,13 @@ def saturation_level(
     -------
     float
     """
-    level = np.inf if card is None else _BELOW_CARD * card
+    level = np.inf if card is None else _CARD_SHARE * card
     if pixels.dtype.kind == "u" or (pixels.dtype.kind == "i" and pixels.dtype.itemsize <= 2):
         level = min(
             level, _TYPE_SHARE * (2.0 ** (8 * pixels.dtype.itemsize - (pixels.dtype.kind == "i")) - 1.0)
         )
     top = float(np.nanmax(image))
-    if top - sky < max(_CLEAR_STEPS, 20.0 * noise):
+    if top - sky < max(_LEAST_RISE_ADU, 20.0 * noise):
         return level
     exact = int(np.count_nonzero(image == top))
     margin = _PILE_SHARE * (top - sky)
@@ -60,12 +67,20 @@ def saturation_level(
 Array = NDArray[np.float64]
 
 _BLEED_RATIO = 3.0
+"""Length over mean width of a saturated patch along a column or row from which charge has run."""
 _BLOCK_PX = 6
+"""Length of the blocks in which a tail is followed, px."""
 _TAIL_RATIO = 3.0
+"""Brightness of a block over that at the same distance across from which it belongs to a tail: halos and
+spikes look alike both ways."""
 _TAIL_SIGMA = 6.0
+"""And in units of the noise of a block's median."""
 _LEAST_BLOCKS = 2
+"""Blocks of the shortest tail."""
 _GAP_BLOCKS = 1
+"""Dark blocks within a tail that don't end it."""
 _MOST_STARS = 300
+"""Saturated patches at most whose tails are followed, the largest: bounds the time."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,8 +17,11 @@ Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 _SIDE_BINS = 3
+"""Distance of the two neighbors that a line has to outshine, bins: farther than a blurred trail is wide."""
 _MOST_A_LEVEL = 1500
+"""Pieces at most that are kept of each length, the strongest: bounds the time."""
 _SAMPLE_STEP = 7
+"""Every so many sums tell the scatter of all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,18 +197,32 @@ Place = TypeVar("Place", float, NDArray[np.float64])
 CUT_SIGMA = 3.0
 """No pixel counts for less than minus so much of the noise, nor for more in the coarse picture."""
 _PIECE_PX = 20.0
+"""Length of the pieces in which a line is followed, px: the median along one doesn't see single stars."""
 _LEAST_RIDGE = 0.6
-_SURE = 8.0
-_COVERED = 0.7
+"""Least height of the typical piece over its sides, in noises of the smoothed frame."""
+_LEAST_SIGNIFICANCE = 8.0
+"""Least significance of all pieces together, in sigmas."""
+_LEAST_COVERED = 0.7
+"""Share of the pieces that must show the ridge, unless it is dashed."""
 _WIDEST_FWHM = 2.2
+"""Width over that of a smoothed star above which a line is no trail but a band of light."""
 _SPIKE_FADES = 0.4
+"""Far over near height of a line on a bright star below which it is the star's own spike."""
 _SPIKE_STAR = 15.0
+"""Height of that star over the line's."""
 _WING_SIGMA = 0.7
+"""The trail's full width is where it falls below so many noises."""
 _STEEPEST_BEND = 0.12
+"""Slope against the first direction beyond which the fit slid onto another line."""
 _MANY_PIECES = 8
+"""With so many pieces their evenness is judged by the strict bound, else by the other one."""
 _DASH_RIDGE = 2.0
+"""Least height of dashes, in noises of the smoothed frame."""
 _UNEVEN = (0.45, 0.9)
+"""Half spread of the pieces' heights up to which a line is even: a share of the typical height, and noises on
+top."""
 _UNEVEN_SHORT = (0.2, 0.7)
+"""The same for lines of few pieces, among which one star makes much, and for dashes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -379,7 +396,11 @@ class TrailFollower:
             typical = dashes
         sure = float(np.clip(ridge, -1.5, 2.5).mean()) * np.sqrt(ridge.size) / 0.6
         covered = float(np.mean(ridge > 0.3 * min(typical, 2.0)))
-        if typical < _LEAST_RIDGE or sure < _SURE or (covered < _COVERED and dashes is None):
+        if (
+            typical < _LEAST_RIDGE
+            or sure < _LEAST_SIGNIFICANCE
+            or (covered < _LEAST_COVERED and dashes is None)
+        ):
             return None
         profile, across = self._profile(line, start, end, mean=dashes is not None)
         width = _width(profile, across, 0.5)
@@ -457,13 +478,21 @@ def _width(profile: Array, across: Array, level: float) -> float:
 
 
 _MOST_BINS = 448
+"""Longest side of the coarse picture in which lines are sought, bins: the time goes with its square."""
 _THRESHOLD = 6.0
+"""Least strength of a piece, in units of the scatter of all pieces of its length."""
 _LEAST_LENGTH_PX = 50.0
+"""Shortest trail, px ..."""
 _LEAST_LENGTH_FWHM = 12.0
+"""... and in star widths: stars in a row are as long."""
 _MOST_TRIALS = 25
+"""Pieces at most that are followed, the strongest: bounds the time."""
 _MOST_FAILURES = 10
+"""Failures in a row after which the search ends."""
 _MOST_TRAILS = 20
+"""Trails at most in a frame: with more it is no sky."""
 _SAME_BINS = 5.0
+"""Pieces that lie within so many bins of another one are the same line."""
 
 
 def find_trails(smoothed: Smoothed, fwhm_px: float) -> list[Trail]:

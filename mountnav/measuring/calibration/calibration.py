@@ -29,8 +29,11 @@ from mountnav.measuring.saturation import saturation_level
 __all__ = ["Calibration", "CalibrationPolicy", "CalibrationReport", "masters_in"]
 
 
-_ROOM = 1.02
+_FULL_MARGIN = 1.02
+"""Saturated pixels are lifted to this many times the highest of the others, so that rounding doesn't mix
+them."""
 _SAMPLE = 4_000_000
+"""Pixels at most by which sky and noise are estimated: bounds the time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +97,7 @@ def keep_full(
         saturated &= ~bad
         telling &= ~bad
     highest = float(pixels.max(where=telling, initial=1.0))
-    level = _ROOM * highest
+    level = _FULL_MARGIN * highest
     if saturated.any():
         # above the level by rounding at most: their height means nothing
         pixels[saturated] = np.float32(level * 1.001)
@@ -103,8 +106,11 @@ def keep_full(
 
 
 _BAND_ROWS = 128
+"""Rows that are worked on together: bounds the memory."""
 _LEAST_RESPONSE = 0.05
+"""Response below which a pixel is left out instead of being divided: its noise would grow twentyfold."""
 _SAME_EXPOSURE = 0.01
+"""Relative difference up to which a dark that holds the bias has the frame's exposure."""
 
 
 @dataclass(frozen=True, slots=True)

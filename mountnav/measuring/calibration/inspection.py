@@ -21,22 +21,39 @@ from mountnav.measuring.calibration.camera_setup import (
 from mountnav.measuring.calibration.raw_files import FloatImage, RawFile
 
 _BANDS = 16
+"""Bands of rows that are looked at, spread over the frame."""
 _BAND_ROWS = 64
+"""Rows of each."""
 _STAR_SIGMA = 8.0
+"""Rise of a patch over the scatter of all from which it may be a star."""
 _NEIGHBOR_SHARE = 0.2
+"""A star's four neighbors have this share of its pixel's light on the mean: hot pixels have none."""
 _LEAST_NEIGHBOR_SHARE = 0.06
+"""And each of them this: a cosmic ray's track lights two of them only."""
 _LOCAL_CELL = 16
+"""Side of the cells whose medians are the local level, px: wider than stars."""
 _STARS = 12
+"""Patches from which a frame shows stars ..."""
 _STARS_PER_MPX = 6.0
+"""... and per megapixel: cosmic rays of a long dark feign some."""
 _MOST_SATURATED = 0.001
+"""Share of saturated pixels above which a frame can't serve as a flat."""
 _MOST_FULL = 0.9
+"""Median over the saturation level above which a flat is no longer linear."""
 _LEAST_FLAT_SNR = 10.0
+"""Light over the noise per pixel below which a flat is too faint: ten such frames leave 3 % of noise."""
 _MOST_DARK_SHARE = 0.5
+"""Median over the saturation level above which a bias or dark has seen light."""
 _LONGEST_BIAS_S = 2.0
+"""A bias of a longer exposure is a dark, s: some cameras state their least exposure."""
 _TEMPERATURE_SPREAD_C = 3.0
+"""Spread of a stack's temperatures that is noted, degrees."""
 _ODD_LEVEL_SIGMA = 5.0
+"""A frame of a stack is odd if its level differs by so many noises of a pixel ..."""
 _ODD_LEVEL_SPREADS = 10.0
+"""... so many scatters of the stack's levels ..."""
 _ODD_LEVEL_SHARE = 0.02
+"""... and this share of the level: all three, so that steady stacks and drifting ones both pass."""
 #: What a flat of one even color has: each of the four phases of a 2 × 2 block on its own.
 PHASES = tuple((row, column) for row in (0, 1) for column in (0, 1))
 

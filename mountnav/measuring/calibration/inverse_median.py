@@ -17,13 +17,20 @@ from mountnav.measuring.calibration.raw_files import FloatImage
 Array = NDArray[np.float64]
 
 _LEAST_GROUP = 3
+"""Frames from which a median parts what they share from what is each one's own."""
 _BAND_ROWS = 256
+"""Rows that are worked on together: bounds the memory."""
 _CLIP_ROUNDS = 8
+"""Rounds at most in which a cell's stars are clipped."""
 _CELL_ROUNDS = 6
+"""Rounds at most in which cells of sources are left out of the surface."""
 _LEAST_CELL_SHARE = 0.25
+"""Share of the cells that must have a value."""
 _SAME_PLACE_SHARE = 0.3
-_BRIGHTEST_CELLS = 40
+"""Share of the source cells that lie on the same positions in all frames from which they see the same
+field."""
 _LEAST_RESPONSE = 0.05
+"""Response below which a corner has no light to divide by."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -328,7 +335,9 @@ def _monomials(order: int) -> tuple[tuple[int, int], ...]:
 
 
 _GRADIENT_TERMS = _monomials(2)
+"""Exponents (x, y) of the surface that a frame's own gradient is: quadratic, so that no nebula fits it."""
 _SKY_TERMS = _monomials(4)
+"""Exponents of the surface from which sources stand off: of degree 4, which holds vignetting."""
 
 
 def _surface(

@@ -17,10 +17,15 @@ from mountnav.measuring.calibration.camera_setup import CameraSetup, Card, Kind,
 from mountnav.measuring.calibration.raw_files import FloatImage
 
 _BLOCK_BYTES = 2880
+"""Length of a FITS block, bytes (FITS standard 4.0, section 3.1)."""
 _COPY_BYTES = 1 << 22
+"""Bytes that are copied at once: bounds the memory."""
 _PIXELS_DTYPE = {Kind.BAD_PIXELS: ("u1", 8)}
+"""Type of the pixels on disk and BITPIX, of maps of flags ..."""
 _FLOAT = (">f4", -32)
+"""... and of all other masters: half of what doubles need, and finer than any stack's noise."""
 _MOST_LISTED = 200
+"""Files of a stack that are listed in the header: it stays readable."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,7 +39,10 @@ _ENDINGS = (
 )
 _SATURATION_CARDS = ("SATURATE", "SATLEVEL", "SATURATI", "SATUR")
 _SMALLEST_SIDE_PX = 16
+"""Smaller frames can't be calibration frames, px: headers of other things."""
 _UNSIGNED = {8: 0.0, 16: 32768.0, 32: 2147483648.0}
+"""BZERO by which FITS stores unsigned integers, by their number of bits (FITS standard 4.0, section
+5.2.5)."""
 
 
 @dataclass(frozen=True, slots=True)

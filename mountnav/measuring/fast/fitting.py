@@ -19,13 +19,28 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _ROUNDS = 3
+"""Linear fits of all stars, each with the others' light as fitted last. Doubled, 6 % better in a glow, at
+twice the time; with one, the pull there grows from 0.7 to 1.7."""
 _JUDGED_AFTER = 1
+"""Outliers are left out after this round (counted from 0). One later, the rms error of A01's stars grows from
+0.11 to 0.19 px."""
 _MOST_STEP_PX = 0.7
+"""Largest step of a position in a round, px: the slopes lead no farther. At 0.4 or 0.85 no figure changed by
+3 %."""
 _OUTLIER_SIGMA = 5.0
+"""A pixel of a disc's outer part is left out if it differs from the fit by so many sigmas ..."""
 _OUTLIER_SHARE = 0.15
+"""... and this share of the star's light in it: PSFs misfit real wings. Doubled, two neighbors more pull in
+70; halved, no figure changed by 3 %."""
 _CORE_FWHM = 0.75
+"""Radius in FWHM inside which no pixel is left out: there the star itself would go. At 0.875 the rms error of
+A01's stars grows from 0.11 to 0.14 px."""
 _REACH = 1.75
+"""Neighbors are sought within this many disc radii. Halved, 4 of 234 stars of a crowd are lost; doubled, only
+time is spent."""
 _FEWEST_PIXELS = 5
+"""Usable pixels in the core, or the fit is unsound: four parameters and one to spare. Doubled, all narrow
+stars (FWHM 1.5 px) are unsound."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,13 +221,23 @@ def _neighbors(
 
 
 _REACH_FWHM = 2.5
+"""Half side of a saturated star's square beyond its patch, in FWHM: its wings."""
 _WIDEST_PX = 30
+"""And at most so many pixels: bounds the time. Doubled or halved, nothing changed on the frames that were
+tried."""
 _SATURATED_ROUNDS = 12
+"""Fits of a saturated star: far from linear at first. Doubled or halved, no figure changed by 3 %."""
 _SATURATED_JUDGED_AFTER = 2
+"""Overflow is left out from this round on (counted from 0)."""
 _STILL_PX = 2e-3
+"""Stars whose positions move by less than this, px, have converged: the error of the best of them. Doubled or
+halved, no figure changed by 3 %."""
 _FEWEST_WING_PIXELS = 12
+"""Usable pixels, or the fit is unsound: three times its parameters. Doubled or halved, nothing changed on the
+frames that were tried."""
 _CROSS = np.zeros((3, 3, 3), dtype=bool)
 _CROSS[1] = ndimage.generate_binary_structure(2, 1)
+"""The four neighbors of a pixel within its own cutout, axes (cutout, row, column)."""
 
 
 def refit_saturated(scene: Scene, shape: EllipticalPsf, fits: FittedStars, full: SaturatedPatches) -> None:

@@ -22,7 +22,9 @@ Array = NDArray[np.float64]
 Pixels = NDArray[np.float32]
 
 _CENTROID_ROUNDS = 3
+"""How often the window follows the centroid."""
 _MOST_STEP_PX = 1.0
+"""Largest step of the window, px: beyond it the centroid is a neighbor's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,6 +191,8 @@ def _without_window(seen: Array, sigma_px: Array) -> tuple[Array, Array, Array]:
 Mask = NDArray[np.bool_]
 
 _TYPICAL_STARS = 120
+"""Sources at most whose medians are the typical star, spread over all magnitudes: stretched pictures swell
+the brightest."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 Pixels = NDArray[np.float32]
 
 _PHASES = 8
+"""Positions within a pixel, in each direction, for which the PSF is drawn: none is farther than 1/16 px from
+one, and the slopes lead on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,16 +155,29 @@ class SampledPsf:
 Mask = NDArray[np.bool_]
 
 _STARS = 36
+"""Stars at most that the PSF is fitted to: bounds the time."""
 _FEWEST = 5
+"""And at least, or a round Gaussian of the typical width is taken."""
 _CLEAR_SNR = 25.0
-_ALIKE = 1.3
+"""Their least flux over its error."""
+_WIDTH_RATIO = 1.3
+"""They are no wider or narrower than the typical star by more than this factor; nor is the outcome."""
 _INTEGRATE_BELOW_PX = 2.8
+"""Apparent FWHM below which the PSF is integrated over the pixels, px: higher than for the full measurement's
+free widths, since the drawings cost nothing per star."""
 _ROUNDS = 5
+"""Gauss-Newton steps of the fit."""
 _JUDGED_AFTER = 2
-_OUTLIER = 3.0
+"""Blends leave after this step (counted from 0)."""
+_BLEND_CHI2_RATIO = 3.0
+"""A star whose χ² is more than this many times the median says nothing of the common shape."""
 _FIRST_MISFIT = 0.03
+"""Misfit assumed before it is learned, as a share of the light in the pixel: that of usual optics, so that
+the brightest star doesn't rule."""
 _WING_STEP = 0.02
+"""Step of the wings by which their slope is taken."""
 _FIRST_WING = 0.1
+"""Wings to start from: at 0 the slope by them vanishes."""
 _SPOILT = int(Flag.SATURATED | Flag.EDGE | Flag.ELONGATED | Flag.NO_PEAK | Flag.BLENDED | Flag.TRAIL)
 
 
@@ -196,7 +211,7 @@ def learn_shared_psf(scene: Scene, measurements: Measurements, half_px: int) -> 
     inside &= (m.x_px < m.width_px - 1 - half_px) & (m.y_px < m.height_px - 1 - half_px)
     # the brightest of stretched pictures are swollen: they are not what the others look like
     wide = np.hypot(m.fwhm_px, np.sqrt(PIXEL_FWHM2)) / scene.fwhm_px
-    alike = (wide > 1.0 / _ALIKE) & (wide < _ALIKE)
+    alike = (wide > 1.0 / _WIDTH_RATIO) & (wide < _WIDTH_RATIO)
     fine = (m.flags & _SPOILT == 0) & inside & alike & (snr > _CLEAR_SNR)
     if np.count_nonzero(fine & alone) >= _FEWEST:
         fine &= alone
@@ -221,7 +236,7 @@ def learn_shared_psf(scene: Scene, measurements: Measurements, half_px: int) -> 
     shape, stars = _fitted(first, cutouts, x - np.rint(x), y - np.rint(y), scene.gain)
     p, q, r = shape.seen()
     seen = shape.psf.fwhm_per_width * float(np.maximum(p * r - q * q, 1e-12) ** -0.25)
-    return (shape, stars) if 1.0 / _ALIKE < seen / scene.fwhm_px < _ALIKE else (first, 0)
+    return (shape, stars) if 1.0 / _WIDTH_RATIO < seen / scene.fwhm_px < _WIDTH_RATIO else (first, 0)
 
 
 def _fitted(
@@ -242,7 +257,7 @@ def _fitted(
         residual = np.asarray(cutouts.values - light - own[:, 3, None], dtype=np.float32)
         if turn == _JUDGED_AFTER:  # a blend says nothing of the common shape
             chi2 = (weights * residual**2).sum(axis=1)
-            use &= chi2 <= _OUTLIER * np.median(chi2[use])
+            use &= chi2 <= _BLEND_CHI2_RATIO * np.median(chi2[use])
             weights *= use[:, None]
         step_own, step_shared = _step(slopes, shared, weights, residual)
         own[:, 0] = np.clip(own[:, 0] + step_own[:, 0], 0.3 * own[:, 0], 3.0 * own[:, 0])

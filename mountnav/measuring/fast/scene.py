@@ -24,11 +24,17 @@ from mountnav.measuring.settings import MeasuringSettings
 Array = NDArray[np.float64]
 
 _SMALLEST_SIDE_PX = 64
+"""Smaller frames are left to the full measurement, px: they are fast anyway."""
 _BIN_BY_4_PX = 5_000_000
+"""Frames of more pixels are summed in bins of 4 × 4 ..."""
 _BIN_BY_2_PX = 1_000_000
+"""... and of 2 × 2: the coarse plane then has 0.25 to 1.25 million bins at most for 20 Mpx."""
 _MOST_MISSING = 0.05
+"""Share of the bins that may lack a pixel, or the frame is left to the full measurement."""
 _LEAST_NOISE = 0.5
+"""Least noise of a tile over that of independent pixels: tiles cut off at zero or full show none."""
 _MOST_RATIO = 4.0
+"""Largest noise ratio of correlated pixels that is believed: a frame of clouds or leaves shows more."""
 
 
 @dataclass(frozen=True, slots=True)
