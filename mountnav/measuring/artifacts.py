@@ -17,10 +17,10 @@ from mountnav.measuring.trails import Trail, find_trails
 Array = NDArray[np.float64]
 
 _LINE_SAMPLES = 160
-"""Pixels of a line that are looked at."""
+"""Pixels of a line that are looked at. Doubled or halved, nothing changed on the frames that were tried."""
 _LINE_OFFSET_SIGMA = 0.8
 """Offset from its neighbors, in units of the noise per pixel, from which a line is bad: eight sigmas of a
-median of 160 pixels (1.25 / √160 each)."""
+median of 160 pixels (1.25 / √160 each). At 0.6 or 0.9 nothing changed on the frames that were tried."""
 
 
 def bad_lines(sky_free: Image, noise: float, axis: int) -> NDArray[np.intp]:
@@ -76,23 +76,30 @@ def heal_lines(sky_free: Image, good: NDArray[np.bool_], lines: NDArray[np.intp]
 
 
 _HALF_PX = 5
-"""Half side of the squares in which rays are sought beside a source, px."""
+"""Half side of the squares in which rays are sought beside a source, px. Doubled, 28 of 351 sources of a
+field full of rays are left out in addition; below 3 px the source's own core doesn't fit in."""
 _CORE_PX = 2
-"""The source's own top lies within so many pixels of its position."""
+"""The source's own top lies within so many pixels of its position. Doubled or halved, nothing changed on the
+frames that were tried."""
 _NARROWEST_SHARE = 0.7
-"""Width of the narrowest star over the typical one: stars differ over a frame, and may be oval."""
+"""Width of the narrowest star over the typical one: stars differ over a frame, and may be oval. At 0.85
+nothing changed on the frames that were tried; at 0.4 stars are not told from rays as well, and the median
+error of C00 grows from 0.039 to 0.043 px."""
 _SHARPNESS_MARGIN = 0.03
-"""Room above that star's sharpness, for the noise."""
+"""Room above that star's sharpness, for the noise. Doubled or halved, nothing changed on the frames that were
+tried."""
 _MOST_SHARP = 0.9
-"""Sharpness from which stars can't be told from hot pixels (FWHM below 1.6 px): nothing is sought then."""
+"""Sharpness from which stars can't be distinguished from hot pixels (FWHM below 1.6 px): nothing is sought
+then. At 0.8 or 0.95 nothing changed on the frames that were tried."""
 _SURE_SIGMA = 4.0
-"""A pixel has to exceed the bound by so many of its own noises."""
+"""A pixel has to exceed the bound by so many of its own noises. Halved, 21 stars of C00 and 38 of D00 are
+taken for rays; doubled, no figure changed by 3 %."""
 _CLOSE_FWHM = 1.8
 """A ray nearer than this many FWHM to a star's top spoils it ..."""
 _CLOSE_SHARE = 0.15
 """... if it is brighter than this share of the star."""
 _CLEAR_SCATTER = 0.08
-"""Sources whose noise is below this share of their top tell how sharp the frame's own stars are."""
+"""Sources whose noise is below this share of their top show how sharp the frame's own stars are."""
 _FEWEST_CLEAR = 30
 """If there are so many of them."""
 _USUAL_SIGMAS = 3.5
@@ -117,7 +124,7 @@ def _usual(rise: NDArray[np.float32], value: NDArray[np.float32], scatter: Array
     if share.size < _FEWEST_CLEAR:
         return 0.0
     middle = float(np.median(share))
-    # rays are above the middle: only the lower half tells how much stars differ
+    # rays are above the middle: only the lower half shows how much stars differ
     return (
         middle
         + _USUAL_SIGMAS * 1.4826 * float(np.median(middle - share[share <= middle]))
@@ -136,7 +143,8 @@ def find_cosmics(
 ) -> tuple[NDArray[np.bool_], NDArray[np.intp], NDArray[np.intp]]:
     """Which sources are cosmic rays or hot pixels, and which pixels beside the other ones are.
 
-    Stars narrower than about 1.6 px can't be told from hot pixels by their shape: then nothing is found.
+    Stars narrower than about 1.6 px can't be distinguished from hot pixels by their shape: then nothing is
+    found.
 
     Parameters
     ----------

@@ -211,7 +211,7 @@ _SMOOTH_PX = 17
 """Length of the running mean along a line that is taken off before the noise is measured, px: slopes go, a
 star's width stays."""
 _ENOUGH_LINES = 12
-"""With so many lines in a cell every second one tells the noise."""
+"""With so many lines in a cell every second one gives the noise."""
 _FINE_BOX_PX = 24
 """Least side of a cell of the fine structure, px."""
 _FINE_FWHM = 8.0
@@ -222,8 +222,8 @@ twice this. A median of the smallest cell's samples is sure to 0.05."""
 _FINE_LEAST_SHARE = 0.01
 """Share of the cells that must be structure, or there is none."""
 _FINE_FIRST_ROWS = 4
-"""Every so many rows of cells are measured first, to tell plain skies, which are the rule, at a quarter of
-the cost."""
+"""Every so many rows of cells are measured first, to recognize plain skies, which are the rule, at a quarter
+of the cost."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -356,7 +356,7 @@ def fine_structure(sky_free: Image, background: Background, fwhm_px: float) -> B
     lines = even[0::2] + even[1::2]
     halved = (lines[:, 0::2] + lines[:, 1::2]) * np.float32(0.25)
     box = max(_FINE_BOX_PX, round(_FINE_FWHM * fwhm_px)) // 2
-    # plain skies are the rule, and a few lines of cells tell them
+    # plain skies are the rule, and a few lines of cells show them
     for every in (_FINE_FIRST_ROWS, 1):
         level, own = _mesh(halved, box, 0.0, _ENOUGH_SAMPLES, noise_too=False, every=every)
         share = _clear_share(level, background, sky_free.shape)

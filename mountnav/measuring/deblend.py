@@ -27,7 +27,7 @@ no figure of the crowded frames changes by 3 %."""
 _LAST_SWEEP_ROUNDS = 7
 """Steps in the last sweep, to convergence. Halved, one source in 1026 of A01 ends elongated."""
 _SHAPE_SLACK = 0.1
-"""One-sigma share by which a star may differ from the typical p, q, r where it can't tell its own: the
+"""One-sigma share by which a star may differ from the typical p, q, r where its own can't be measured: the
 field's own change of the images is of this order. Doubled, fluxes of a painted crowd scatter by 5 % more."""
 _FEWEST_STARS = 5
 """Clean stars below which no typical shape is stated. Doubled or halved, nothing changed on the frames that
@@ -39,8 +39,8 @@ _LEAST_LIGHT = 0.5
 """A neighbor counts where its light on the cutout exceeds this share of the noise per pixel. Doubled, fluxes
 of a painted crowd scatter by 3 % more; halved, only time is spent."""
 _CLOSE_FWHM = 2.2
-"""Pairs closer than this many FWHM are held to the typical shape by `_CLOSE_SLACK`: their parts can't tell
-their own. Halved, 3 of 732 stars of a painted crowd are lost and 7 more come out elongated."""
+"""Pairs closer than this many FWHM are held to the typical shape by `_CLOSE_SLACK`: the shapes of their parts
+can't be measured. Halved, 3 of 732 stars of a painted crowd are lost and 7 more come out elongated."""
 _CLOSE_SLACK = 0.01
 """That one-sigma share for close pairs. Doubled or halved, two sources in 1026 of A01 change their flags."""
 _PIXELS_AT_ONCE = 60_000
@@ -88,7 +88,7 @@ def deblend(
 ) -> tuple[Profiles, NDArray[np.bool_]]:
     """Fit the stars that have others within their cutouts again, the others' light taken off, several times.
 
-    A blend's parts hardly tell their own shapes, so that of the typical star is expected of them.
+    The shapes of a blend's parts can hardly be measured, so the typical star's is the prior.
 
     Parameters
     ----------
@@ -201,8 +201,8 @@ def _sweep(
 Mask = NDArray[np.bool_]
 
 _DOUBLE_SNR = 40.0
-"""Flux over its error from which a source may be tried as two: fainter ones can't tell. Doubled, 9 of the 732
-painted stars found in a crowd are lost; halved, three more pairs are split in A01."""
+"""Flux over its error from which a source may be tried as two: fainter ones can't be decided. Doubled, 9 of
+the 732 painted stars found in a crowd are lost; halved, three more pairs are split in A01."""
 _POOR_CHI2 = 1.5
 """Reduced χ² that makes a source a candidate for two stars, and the ratio to the frame's usual one. Doubled,
 4 of 732 painted stars are lost; halved, too many look odd and none is split."""
@@ -238,7 +238,7 @@ _NEAREST_FWHM = 0.5
 """Pairs closer than this many FWHM aren't believed: elongated optics look like them. Doubled, one pair of A01
 is lost; halved, nothing changes."""
 _FARTHEST_FWHM = 2.2
-"""Nor pairs wider than this, which the search for peaks tells apart. Halved, 9 of 732 painted stars are
+"""Nor pairs wider than this, which the search for peaks separates. Halved, 9 of 732 painted stars are
 lost."""
 _STARTS = ((0.35, 1.0), (0.35, -1.0), (0.8, 1.0))
 """Starts of a fit of two: ratio of the fluxes, and on which side of the center the fainter lies. Equal stars

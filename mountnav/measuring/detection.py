@@ -32,7 +32,7 @@ with it."""
 _SCATTER_BOX_PX = 64
 """Side of the cells in which the smoothed frame's own scatter is measured, px of the frame."""
 _SCATTER_SAMPLES = 512
-"""Pixels of such a cell that are looked at: neighbors are alike after smoothing, so that few tell as much."""
+"""Pixels of such a cell that are looked at: neighbors are alike after smoothing, so that few say as much."""
 _LEAST_SCATTER = 0.3
 """Least scatter of the smoothed frame that is believed, as a share of that of independent pixels: cells cut
 off at zero show none."""
@@ -108,7 +108,7 @@ def smooth(sky_free: Image, background: Background, sigma_px: float, bin_px: int
         tame = ndimage.uniform_filter(tame, box, mode="nearest")
     smoothed -= tame
     smoothed /= noise
-    # neighbors are alike now: few samples tell as much
+    # neighbors are alike now: few samples say as much
     scatter = estimate_background(
         smoothed, box_px=max(16, _SCATTER_BOX_PX // bin_px), look_for_steps=False, samples=_SCATTER_SAMPLES
     )
@@ -175,13 +175,13 @@ def _not_a_bump(
 
 
 _BRIGHTEST = 200
-"""Brightest peaks whose median area tells the typical width."""
+"""Brightest peaks whose median area gives the typical width."""
 _HALF_PX = 20
 """Half side of the squares in which that area is measured, px; wider stars run out of them."""
 _LEAST_HEIGHT = 8.0
 """Least height of such a peak, in units of the smoothed frame's noise."""
 _FALLBACK_FWHM_PX = 2.5
-"""FWHM assumed where no peak tells it, px."""
+"""FWHM assumed where no peak can be measured, px."""
 _STAR_AREA_PX = 4
 """Pixels above half maximum from which a peak is no hot pixel and no ray."""
 _CLEAR_OF_NOISE = 12.0
@@ -190,13 +190,13 @@ cutouts."""
 _MOST_CHECKED = 6000
 """Peaks at most that are checked for being single pixels: bounds the time where hot pixels abound."""
 _FEWEST_WITH_NEIGHBORS = 8
-"""So many peaks with lit neighbors tell the width alone; with fewer the single pixels may be the stars."""
+"""So many peaks with lit neighbors give the width alone; with fewer the single pixels may be the stars."""
 DARK_NEIGHBORS = 0.05
 """A single pixel's eight neighbors have less than this share of its light on the mean: a star of FWHM 1.2 px
 gives them 15 %. Doubled, 9 hot pixels more are flagged in a tetra3 frame; halved, one less."""
 SINGLE_PIXEL_SIGMA = 12.0
-"""Height over the noise from which a pixel can be told to stand alone. Halved, 23 more of a tetra3 frame's
-226 fast candidates are flagged; doubled, a frame full of hot pixels is no longer left to the full
+"""Height over the noise from which a pixel is recognized as standing alone. Halved, 23 more of a tetra3
+frame's 226 fast candidates are flagged; doubled, a frame full of hot pixels is no longer left to the full
 measurement."""
 _SMOOTHING_SIGMA_PX = 1.5
 """Width σ of that smoothing, px; its share of the area is taken off again."""

@@ -32,8 +32,8 @@ _OBJECTS = 40
 _FEWEST_OBJECTS = 4
 """Fewer objects than this don't make a mean from which one of them can be rejected."""
 _FIRST_OBJECTS = 12
-"""The first objects, by which ordinary frames are told at little cost. Doubled or halved, nothing changed on
-the frames that were tried."""
+"""The first objects, by which ordinary frames are recognized at little cost. Doubled or halved, nothing
+changed on the frames that were tried."""
 _ORDINARY_SHARE = 0.75
 """These count as ordinary if their axis ratio stays below this share of `_TRAIL_RATIO`. At 0.5 or 0.875
 nothing changed on the frames that were tried."""
@@ -126,7 +126,7 @@ def find_epsf(sky_free: Image, saturated: Mask, peaks: Peaks, noise: float) -> E
     Returns
     -------
     Epsf or None
-        None for frames of ordinary stars, and where too few can tell.
+        None for frames of ordinary stars, and where there are too few bright ones.
     """
     x, y = _apart(peaks, sky_free.shape, saturated)
     if x.size < _FEWEST_OBJECTS:
@@ -383,7 +383,7 @@ def without_sidelobes(peaks: Peaks, image: Epsf) -> Peaks:
     kernel = image.pixels
     wide = np.pad(kernel, image.half_px)
     own = _correlated(wide.astype(np.float32), kernel) / float((kernel**2).sum())
-    # a little room: positions are only good to a pixel
+    # a margin: positions are only good to a pixel
     own = ndimage.maximum_filter(own, 3)
     middle = own.shape[0] // 2
     keep = np.ones(peaks.x_px.size, dtype=bool)
@@ -417,7 +417,7 @@ nothing but time."""
 _NOISE_STARS = 60
 """Brightest stars from whose residuals the noise law is learned."""
 _NOISE_STAR_SNR = 60.0
-"""And no fainter than this flux over its error: fainter ones tell only the sky's noise."""
+"""And no fainter than this flux over its error: fainter ones show only the sky's noise."""
 _CORE = 0.3
 """The misfit is that of the pixels above this share of the ePSF's top."""
 _FAR_PX = 4.0

@@ -43,7 +43,7 @@ _HOT_FWHM_PX = 0.95
 """A source narrower than this FWHM, px, is a hot pixel and says nothing of the typical star: a lit pixel
 alone has 0.68 by moments. Chosen by hand."""
 _ENOUGH_LIKE_STARS = 8
-"""So many sources as wide as the first guess tell the typical star, however many hot pixels there are
+"""So many sources as wide as the first guess define the typical star, however many hot pixels there are
 besides. Chosen by hand; doubled or halved, nothing changed on the frames that were tried."""
 _LIKE_A_STAR = 0.85
 """A struck source that is between this and its inverse times the typical width still looks like a star.

@@ -99,7 +99,7 @@ def limiting_flux(star: Array, noise: float, noise_ratio: float, sigma_px: float
     if noise_ratio > 1.0:
         spread = noise_ratio / (2.0 * np.sqrt(np.pi) * max(sigma_px / bin_px, 0.3)) / bin_px
     else:
-        # what the same steps make of a single bright pixel tells what they leave of independent noise
+        # what the same steps make of a single bright pixel shows what they leave of independent noise
         point = np.zeros((1, 1))
         point[0, 0] = 1.0
         answer = _smoothed(np.pad(point, 3 * box * bin_px), sigma_px, bin_px, box)

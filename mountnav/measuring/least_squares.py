@@ -13,7 +13,7 @@ from mountnav.measuring.psf import LEAST_VARIANCE_PX2, NODE_WEIGHTS, NODES, Arra
 Pixels = NDArray[np.float32]
 
 ROUNDS = 12
-"""So many steps at most, unless told otherwise."""
+"""So many steps at most, unless the caller sets another number."""
 PARAMETERS = 7
 """Amplitude, x, y, p, q, r, local sky."""
 _STILL_PX = 5e-4
@@ -60,7 +60,7 @@ def fit_psfs(
     rounds: int = ROUNDS,
     height: Array | None = None,
 ) -> Fit:
-    """Do the work of `psf_fitting.fit_profiles`; the fit's inside is for those who judge its residuals."""
+    """Do the work of `psf_fitting.fit_profiles`; the fit's inside is for callers that judge its residuals."""
     count = cutouts.values.shape[0]
     # single precision for the pixels, double for what is fitted: noise is far coarser than either
     dx, dy = cutouts.dx[None, :].astype(np.float32), cutouts.dy[None, :].astype(np.float32)
@@ -95,7 +95,7 @@ def fit_psfs(
         if turn in (1, 2):  # the photons' share of the variance follows the model, twice
             some.weigh(dx, dy, coarse)
         if turn == switch:
-            # near enough for the pixels' width to be told from the star's
+            # near enough to separate the pixels' width from the star's
             now = psf
             some.params[:, 0] *= some.params[:, 0] / np.maximum(seen_amplitude(some.params), 1e-12)
             some.damping = np.full(count, 1e-3)

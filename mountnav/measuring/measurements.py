@@ -27,7 +27,7 @@ class StarImages(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SkyQuality:
-    """What a frame tells about the night. None means: can't be told.
+    """What a frame shows of the night. None means: not known.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ def with_plate(
         Catalog magnitudes and fluxes (ADU) of identified, unsaturated stars; what isn't finite or positive
         is passed over.
     bias_adu : float, optional
-        Level of an unlit pixel; the sky's surface brightness can't be told without.
+        Level of an unlit pixel; the sky's surface brightness isn't known without.
 
     Returns
     -------
@@ -137,7 +137,7 @@ class Flag(IntFlag):
 NO_STAR = int(Flag.NO_PEAK | Flag.TRAIL | Flag.BLEED)
 """The flags of what is no star: such sources are neither counted as stars nor summed up in `SkyQuality`."""
 TYPICAL_SNR = 15.0
-"""Flux over its error above which a clean source tells how the frame's typical star looks; chosen by hand.
+"""Flux over its error above which a clean source counts for the frame's typical star; chosen by hand.
 Doubled or halved, no figure of the crowded frames changed by 3 %."""
 TOO_NARROW = 0.62
 """Minor axis over the typical star's below which a source is no star but a hot pixel or a ray; chosen by
@@ -194,7 +194,7 @@ class Measurements:
     elongation_deg
         Direction of the major axis, from +x towards +y, in [-90, 90); shape (n,), or None if not measured.
     quality
-        What the frame tells about the night; None for lists that no frame was measured for.
+        What the frame shows of the night; None for lists that no frame was measured for.
     """
 
     x_px: Array

@@ -85,7 +85,7 @@ class Psf:
 
 @dataclass(frozen=True, slots=True)
 class ShapePrior:
-    """The typical star's p, q, r, and how far a fit may stray from them: for stars that can't tell their own.
+    """The typical star's p, q, r, and how far a fit may stray from them: for those whose own is unknown.
 
     ``slack`` is the one-sigma share of p and r, and of their mean for q: one for all, or one each.
     """

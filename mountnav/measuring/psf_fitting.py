@@ -16,8 +16,8 @@ _WINGS = (0.0, 0.15, 0.3, 0.45)
 """Wings that are tried; the best lies on a parabola through three of them. Typical seeing has 0.3 (a Moffat
 exponent of 3.3)."""
 _WING_PRIOR = 0.1
-"""One-sigma width of the prior on the wings: where the frame can't tell, they stay Gaussian. At one sigma it
-weighs as much as a rise of −2 ln likelihood by 1."""
+"""One-sigma width of the prior on the wings: where the frame can't decide, they stay Gaussian. At one sigma
+it weighs as much as a rise of −2 ln likelihood by 1."""
 _FEWEST_FOR_PSF = 5
 """Stars below which nothing is learned of wings, gain and misfit."""
 _BINS = 14
@@ -55,7 +55,7 @@ def learn_psf(
     integrated: bool,
     card: bool,
 ) -> Psf:
-    """Find the wings, the gain and the misfit that the cutouts of a frame's bright stars tell of.
+    """Find the wings, the gain and the misfit that the cutouts of a frame's bright stars show.
 
     The wing is the one whose fits leave the least χ². Then the squared residuals, freed from what the fit
     took up itself (the leverage), are compared with the light in the pixel: sky noise at none, photons in
@@ -126,7 +126,7 @@ def _lowest(total: Array) -> float:
 
 
 def with_noise_law(psf: Psf, fit: Fit, cutouts: Cutouts, gain: float, *, card: bool) -> Psf:
-    """Learn gain and misfit from the residuals; what they can't tell stays."""
+    """Learn gain and misfit from the residuals; what they don't determine stays."""
     light = fit.params[:, 0, None] * fit.jacobian[:, 0]
     covariance = covariances(fit.normal)
     leverage = fit.weights * np.einsum(

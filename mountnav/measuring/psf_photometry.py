@@ -27,15 +27,15 @@ _PSF_CANDIDATES = 400
 _PSF_STARS = 60
 """Stars at most that the PSF is learned from: bounds the time."""
 _PSF_STAR_SIGMA = 40.0
-"""Their least height in the smoothed frame, in units of its noise: fainter ones tell nothing of wings and
+"""Their least height in the smoothed frame, in units of its noise: fainter ones say nothing about wings and
 misfit."""
 _INTEGRATE_BELOW_PX = 2.2
 """Apparent FWHM below which the PSF is integrated over the pixels, px. Sampled at the pixels' centers,
 Gaussians of 1.7 px are placed wrong by 0.0001 px, Moffat ones by 0.003 (docs/measuring.md, *Largest error
 over all places within a pixel*)."""
 _SATURATED_SLACK = 0.03
-"""One-sigma share of p, q, r by which a saturated star may differ from the typical one: its wings hardly tell
-its width."""
+"""One-sigma share of p, q, r by which a saturated star may differ from the typical one: its wings hardly
+fix its width."""
 LONELY_FWHM = 2.7
 """Distance to the next peak, in FWHM, from which a star counts as alone, to be tried as two or to teach the
 PSF."""
@@ -47,7 +47,7 @@ OVERFLOW_SHARE = 0.4
 _OVERFLOW_ROUNDS = 4
 """How often a saturated star is fitted again without such pixels."""
 _LEAST_SKY_NOISES = 3.0
-"""A sky level below so many noises has been taken off already and tells no gain."""
+"""A sky level below so many noises has been taken off already and gives no gain."""
 _FAINT_SKY_E = 100.0
 """Electrons per pixel assumed of the sky there: a faint one's. It sets only the weights and the errors of
 frames that tell nothing else."""
@@ -62,7 +62,7 @@ class Fitted:
     profiles : Profiles
     psf : Psf
     shape : ShapePrior or None
-        Of the typical star; None where too few can tell.
+        Of the typical star; None where there are too few.
     origin : ndarray of int
         Which peak each comes from: a peak that was two stars has two.
     apart_px : ndarray

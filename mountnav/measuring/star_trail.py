@@ -25,21 +25,21 @@ REACH_PX = 420
 """How far from a star light of its own is looked for, pixels: longer paths run out of the window and are
 told as such. Twice as far costs four times the time."""
 FAR_BIN_PX = 4
-"""The look for light far from the stars is at bins of this: a trail stays visible, the cost falls by 16."""
+"""The search for light far from the stars is at bins of this: a trail stays visible, the cost falls by 16."""
 _RIM_BINS = 10
 """So many bins beyond the farthest light are measured along, for their level."""
 _FINE_BIN_PX = 2
 """What was found there is measured in these."""
 _STARS = 48
-"""Brightest stars that are asked. Fewer see less of faint light; more are fainter each and cost time."""
+"""Brightest stars that are used. Fewer show less of faint light; more are fainter each and cost time."""
 _NEAR_STARS = 24
-"""Of them in the near look: its light is bright."""
+"""Of them in the near search: its light is bright."""
 FEW_STARS = 12
-"""Where fewer stars than this were identified, all that should be there are asked for light elsewhere."""
+"""Where fewer stars than this were identified, all that should be there are searched for light elsewhere."""
 _FEWEST = 4
 """Fewer stars than this say nothing of a common path."""
 _TAME_SIGMA = 3.0
-"""Bins count no more than this in the first look, so that no bright neighbor looks like a path."""
+"""Bins count no more than this in the first search, so that no bright neighbor looks like a path."""
 _SEEN_SIGMA = 5.5
 """A bin of the mean image above this many of its own sigmas is light of the stars. Of 40,000 bins chance
 brings one up to 4.0 to 5.2 (the shared frames); doubled, faint halves of a path would be overlooked."""
@@ -51,14 +51,14 @@ The shared frames reach 4.8; longer rays meet rims and crowds, and reach 15."""
 _RAY_HALF_SIGMAS = dict.fromkeys(_RAY_SIGMAS, 2.5)
 """And each half of the stars has to show it."""
 _RAY_LEVEL = 15
-"""So many directions together tell the level of the one in their midst: 30°."""
+"""So many directions together give the level of the one in their midst: 30°."""
 _TAIL_STARS = 12
-"""Brightest stars that are asked for a long tail, each weighted by its light: a tail is as bright as its
+"""Brightest stars that are searched for a long tail, each weighted by its light: a tail is as bright as its
 star, and the few brightest show what the mean over all doesn't. Doubled, it costs twice as much and gains
 little."""
 _TAIL_HALO = 0.015
 """From this share of light beyond a point's image on a long tail is looked for: a tail of 400 px that has
-half of the light leaves 2 % of it within the near look; drawn points have 0 to 1 %."""
+half of the light leaves 2 % of it within the near search; drawn points have 0 to 1 %."""
 _TAIL_RAYS, _TAIL_STEP_BINS = 360, 2
 """Directions, 1° apart: at 200 px a tail is as wide as that; and the step along them, as wide as the sums."""
 _TAIL_BINS = (25, 50, 75, 100)
@@ -71,7 +71,7 @@ _TAIL_ALONE = 0.5
 """A tail has less than this share of its sum on the other side of the star: spikes have as much, and pull the
 middle nowhere."""
 _TAIL_LEVEL = 9
-"""So many directions together tell the level of the one in their midst: a tail is one or two degrees wide.
+"""So many directions together give the level of the one in their midst: a tail is one or two degrees wide.
 With three times as many, trees, roofs and the glow of the horizon look like tails (12.7 sigmas, halves
 7.9)."""
 _TAIL_WEIGHT = 4.0
@@ -83,11 +83,11 @@ _RAY_LEAST_NOISE = 0.7
 _GROWN_SIGMA = 3.0
 """What hangs together with such a bin above this belongs to it."""
 _CORE_FWHM, _CORE_PX = 3.0, 14.0
-"""The first look leaves out the star itself, so many widths and at least so many pixels about it."""
+"""The first search leaves out the star itself, so many widths and at least so many pixels about it."""
 NEAR_PX = 28
-"""The near look sees so far, in the frame's own pixels."""
+"""The near search sees so far, in the frame's own pixels."""
 _NEAR_SHARE = 0.004
-"""Light above this share of the peak counts in the near look: below it are wings, halos and neighbors."""
+"""Light above this share of the peak counts in the near search: below it are wings, halos and neighbors."""
 _LIGHT_PX = 8.0
 """Radius within which the light of a reflected star is summed: two bins, as well as its position is known."""
 _ROUND = 0.94
@@ -127,12 +127,12 @@ class StarTrail:
     far : bool
         There is light beyond the star images.
     stars : int
-        That were asked.
+        How many were used.
     axis_ratio : float
-        Narrowest over widest rms width of the star's image; 1 if it is round, 0 where it was not asked.
+        Narrowest over widest rms width of the star's image; 1 if it is round, 0 where it was not measured.
     halo_share : float
         Of the light near by, what lies too far off for a point and is too faint to have a part in the center
-        of light; 0 where it was not asked.
+        of light; 0 where it was not measured.
     where : ndarray of bool, shape (side, side), optional
         Where the light is that has a part in the center, in bins of two pixels about the given position; None
         where it is the star's image alone.
@@ -163,7 +163,7 @@ class StarTrail:
 
     @property
     def drawn_out(self) -> bool:
-        """Whether this is no image of a point: then nothing but the light tells which position is meant."""
+        """Whether this is no image of a point: then nothing but the light shows which position is meant."""
         return self.far or self.axis_ratio < _ROUND
 
     @property
@@ -199,7 +199,7 @@ def star_trail(
     flux : ndarray, shape (n,)
         Their light, to a common scale.
     clear : ndarray of bool, shape (n,)
-        Neither saturated nor otherwise spoilt: only these tell how the light is shared out.
+        Neither saturated nor otherwise spoilt: only these show how the light is distributed.
     fwhm_px : float
         Width of a star's image.
     others : (ndarray, ndarray), optional
@@ -238,7 +238,7 @@ def star_trail(
     return near
 
 
-# -- the near look: the star image itself --------------------------------------------------------------------
+# -- the near search: the star image itself ------------------------------------------------------------------
 
 
 def _star_image(
@@ -336,7 +336,7 @@ def _cutouts(pixels: NDArray[np.generic], x: Array, y: Array, half: int) -> Arra
     return np.asarray(cutouts[:, :-1] * (1 - v) + cutouts[:, 1:] * v)
 
 
-# -- the far look: is there light of the stars elsewhere? ----------------------------------------------------
+# -- the far search: is there light of the stars elsewhere? --------------------------------------------------
 
 
 def in_bins(pixels: NDArray[np.generic]) -> tuple[Image, Image]:
@@ -388,13 +388,13 @@ def _far_light(
 ) -> Mask:
     """Where the tamed mean image stands out, in bins of `FAR_BIN_PX`; all False for plain stars.
 
-    If the light runs out of the near look, what hangs together with the star belongs to it, however faint.
-    The plane has a bin every `step` pixels; the look begins so many of these `ahead`.
+    If the light runs out of the near search, what hangs together with the star belongs to it, however faint.
+    The plane has a bin every `step` pixels; the search begins so many of these `ahead`.
     """
     tame, cover = plane
     half = REACH_PX // FAR_BIN_PX
     side = 2 * half + 1
-    # two halves of the stars, so that what only one of them shows is told from what all have
+    # two halves of the stars, so that what only one of them shows is distinguished from what all have
     total, count = np.zeros((2, side, side), dtype=np.float32), np.zeros((2, side, side), dtype=np.float32)
     every = FAR_BIN_PX // step
     for k, (window, frame) in enumerate(_windows(x, y, step, half, tame.shape, every=every, ahead=ahead)):
@@ -409,7 +409,7 @@ def _far_light(
     scaled = _scaled(total.sum(axis=0), count.sum(axis=0), known)
     offset = np.arange(-half, half + 1) * FAR_BIN_PX
     away = np.hypot(offset[:, None], offset[None, :])
-    # images wider than the near look sees are paths themselves
+    # images wider than the near search sees are paths themselves
     core_px = min(max(_CORE_FWHM * fwhm_px, _CORE_PX), NEAR_PX - FAR_BIN_PX)
     outside = known & (away >= core_px)
     seen = outside & (scaled > _SEEN_SIGMA)
@@ -692,7 +692,7 @@ def _light_at(pixels: NDArray[np.generic], x: Array, y: Array) -> Array:
 def _whole(pixels: NDArray[np.generic], x: Array, y: Array, flux: Array, seen: Mask) -> StarTrail:
     """Measure the path: the median image over the stars in the star's own light, and its center."""
     bin_px = _FINE_BIN_PX
-    # no farther out than there is light, and a rim that tells the level without
+    # no farther out than there is light, and a rim that gives the level without light
     middle_bin = seen.shape[0] // 2
     out = int(np.abs(np.argwhere(seen) - middle_bin).max()) if seen.any() else middle_bin
     reach = min(middle_bin, max(out, NEAR_PX // FAR_BIN_PX) + _RIM_BINS)
@@ -718,7 +718,7 @@ def _whole(pixels: NDArray[np.generic], x: Array, y: Array, flux: Array, seen: M
     away = np.hypot(offset[:, None], offset[None, :])
     mean = mean - float(np.median(mean[known]))
     noise = 1.4826 * float(np.median(np.abs(mean[known]))) + 1e-12
-    # the tamed look says where there is light: this mean, which counts bright neighbors in full, only
+    # the tamed search says where there is light: this mean, which counts bright neighbors in full, only
     # how much
     share = FAR_BIN_PX // bin_px
     room = np.zeros((side, side), dtype=bool)
@@ -762,7 +762,7 @@ def _whole(pixels: NDArray[np.generic], x: Array, y: Array, flux: Array, seen: M
             if len(centers) == 2
             else np.inf
         )
-    # halves of one field: chance tells the first difference, chance and a path that isn't common the others
+    # halves of one field: chance makes the first difference, chance and a path that isn't common the others
     differs = max(halves[1:])
     noise_px = max(sigma, 0.5 * halves[0], 0.25 * differs)
     sigma = float(np.hypot(noise_px, _LENGTH_SHARE * extent))

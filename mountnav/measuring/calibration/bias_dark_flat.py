@@ -149,7 +149,7 @@ def at_one_level(seen: Sequence[Inspection]) -> Callable[[int, int, FloatImage],
 
 
 def common_facts(files: Sequence[RawFile]) -> CameraSetup:
-    """Settings of a stack: what any of its headers tells, mean exposure and temperature."""
+    """Settings of a stack: what any of its headers states, mean exposure and temperature."""
     first = files[0].facts
     every = [file.facts for file in files]
     exposures = sorted(file.facts.exposure_s for file in files if file.facts.exposure_s is not None)

@@ -82,7 +82,7 @@ def keep_full(
         The same before.
     full : Full
     bad : ndarray of bool, shape (height, width), optional
-        Pixels that tell nothing.
+        Pixels that are not used.
 
     Returns
     -------
@@ -526,7 +526,7 @@ def _bad_pixels(chosen: _Chosen, frame: Frame, pixels: FloatImage) -> NDArray[np
             signal = chosen.dark_factor * dark.pixels()[y, x].astype(np.float64)
             usual = chosen.dark_factor * (dark.level_adu or 0.0)
             still = signal - usual < HOT_SIGMA * dark.noise_adu
-            # one that is full has told nothing, whatever the dark says
+            # one that is full is useless, whatever the dark says
             still &= ~(frame.pixels[y, x].astype(np.float64) >= (frame.saturation_adu or np.inf))
             hot[y[still], x[still]] = False
         bad |= hot

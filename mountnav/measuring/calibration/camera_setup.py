@@ -1,4 +1,4 @@
-"""How the camera was set, as a header tells it, and whether two frames were taken alike."""
+"""How the camera was set, as a header states it, and whether two frames were taken alike."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _OFFSET_CARDS = ("OFFSET", "BLKLEVEL")
 _KIND_CARDS = ("IMAGETYP", "IMAGETYPE", "OBSTYPE", "FRAME", "PICTTYPE")
 _MASTER_CARD = "MNMASTER"
 _NO_FILTER = ("", "none", "no filter", "n/a", "unknown")
-#: Cards of other programs that a calibrated frame carries, and which step each tells of.
+#: Cards of other programs that a calibrated frame carries, and which step each stands for.
 _DONE_CARDS = {
     "B": ("BIASCORR", "BIASCOR", "ZEROCOR"),
     "D": ("DARKCORR", "DARKCOR"),
@@ -160,7 +160,7 @@ def steps_done(header: Header) -> str:
 def zero_left_adu(header: Header) -> float | None:
     """Return the level of a pixel without light in a frame that was calibrated elsewhere; None for a raw one.
 
-    Programs that keep the pixels positive leave an offset in them and tell it in ``PEDESTAL`` (some as what
+    Programs that keep the pixels positive leave an offset in them and state it in ``PEDESTAL`` (some as what
     was added, some as what is to be added back).
     """
     if "B" not in steps_done(header):

@@ -1,4 +1,4 @@
-"""A first look at each frame of a stack: its level, its noise, and whether it is what it is said to be."""
+"""The inspection of each frame of a stack: its level, its noise, and whether it is what it is said to be."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _LOCAL_CELL = 16
 _STARS = 12
 """Patches from which a frame shows stars ..."""
 _STARS_PER_MPX = 6.0
-"""... and per megapixel: cosmic rays of a long dark feign some."""
+"""... and per megapixel: cosmic rays of a long dark look like some."""
 _MOST_SATURATED = 0.001
 """Share of saturated pixels above which a frame can't serve as a flat."""
 _MOST_FULL = 0.9
@@ -60,7 +60,7 @@ PHASES = tuple((row, column) for row in (0, 1) for column in (0, 1))
 
 @dataclass(frozen=True, slots=True)
 class Inspection:
-    """What a first look at a frame showed.
+    """What the inspection of a frame showed.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class Inspection:
 
     @property
     def starry(self) -> bool:
-        """Whether it shows more stars than cosmic rays could feign."""
+        """Whether it shows more stars than cosmic rays could imitate."""
         return self.stars >= max(_STARS, _STARS_PER_MPX * self.mpx)
 
 
@@ -242,14 +242,14 @@ def require_alike(files: Sequence[RawFile], kind: Kind) -> list[str]:
 
 
 def require_all_known(files: Sequence[RawFile]) -> None:
-    """Refuse a stack of which some frames tell a setting of the camera and others don't.
+    """Refuse a stack of which some headers state a setting of the camera and others don't.
 
     The others may have been taken with another one, and the master would claim what only some of them said.
 
     Raises
     ------
     BadRequest
-        It names the setting, how many don't tell it, and how to tell it for them.
+        It names the setting, how many headers lack it, and how to state it for them.
     """
     for file in files[1:]:
         found = unknown_beside_known(files[0].facts, file.facts)
@@ -376,7 +376,7 @@ def temperature_notes(files: Sequence[RawFile], kind: Kind) -> list[str]:
 def without_repeats(
     files: Sequence[RawFile], seen: Sequence[Inspection]
 ) -> tuple[list[RawFile], list[Inspection], list[str]]:
-    """Drop copies of the same frame: they would feign a noise that isn't there."""
+    """Drop copies of the same frame: they would make the noise look smaller than it is."""
     first: dict[int, RawFile] = {}
     kept_files, kept, notes = [], [], []
     for file, one in zip(files, seen, strict=True):

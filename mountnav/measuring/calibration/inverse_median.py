@@ -318,7 +318,7 @@ def _clipped_median(values: FloatImage, whole: bool) -> tuple[float, float]:
     low, high = 0, values.size
     for _ in range(_CLIP_ROUNDS):
         middle = float(values[(low + high) // 2])
-        # stars only add: the lower side tells the noise
+        # stars only add: the lower side gives the noise
         sigma = middle - float(values[low + int(0.1587 * (high - low))])
         new = (
             int(np.searchsorted(values, middle - 4.0 * sigma)),

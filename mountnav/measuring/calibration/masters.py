@@ -1,4 +1,4 @@
-"""Masters as FITS files: float32 pixels, and cards that tell how they were made."""
+"""Masters as FITS files: float32 pixels, and cards that say how they were made."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Master:
     start_byte : int
         Where the pixels begin.
     stamp : tuple of int
-        Number, length and time of the file: tells if it was replaced since.
+        Number, length and time of the file: shows if it was replaced since.
     """
 
     path: Path
@@ -116,7 +116,7 @@ def _stamp(path: Path) -> tuple[int, int, int]:
 
 @dataclass(frozen=True, slots=True)
 class MasterFacts:
-    """What a new master's header shall tell; see `Master` for the meaning."""
+    """What a new master's header shall say; see `Master` for the meaning."""
 
     kind: Kind
     facts: CameraSetup

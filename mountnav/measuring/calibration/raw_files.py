@@ -56,7 +56,7 @@ class RawFile:
     facts : CameraFacts
     header : dict
     full_adu : float
-        Level from which a pixel counts as saturated by header or type; infinity if neither tells.
+        Level from which a pixel counts as saturated by header or type; infinity if neither states it.
     data_path, start_byte, dtype, zero, scale
         Where the numbers lie, and how they become ADU.
     """

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 _LEAST_FOR_OWN_SCATTER = 6
 """Frames from which a pixel's own scatter is believed, beside the band's typical one."""
-#: Fewer frames don't tell a pixel's own scatter.
+#: Fewer frames don't give a pixel's own scatter.
 LEAST_FOR_NOISY = 5
 
 
@@ -215,7 +215,7 @@ _BLOCK = 16
 _LEAST_BLOCKS = 8
 """Blocks that are needed for a gain."""
 _LEAST_EXCESS = 0.05
-"""Photon noise over read noise (variances) from which a block tells the gain."""
+"""Photon noise over read noise (variances) from which a block gives the gain."""
 
 
 def read_noise_adu(files: Sequence[RawFile]) -> float | None:

@@ -19,7 +19,7 @@ _SURROUND_PX = 4
 """Pixels beyond a bin that are cut out with it, for the ground under the source. Doubled or halved, one
 source in 226 to 233 changes."""
 _WIDTH_STARS = 120
-"""Stars whose median area tells the typical width, spread over all magnitudes. Doubled or halved, one or two
+"""Stars whose median area gives the typical width, spread over all magnitudes. Doubled or halved, one or two
 sources in 230 change."""
 _LARGE_AREA_PX2 = 12.0
 """Median area above half maximum, px², above which a lower percentile is taken: of stars as wide as 3.9 px

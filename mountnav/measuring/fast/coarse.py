@@ -103,7 +103,7 @@ the cost."""
 _LOWER_SIGMA = 0.158655
 """Share of a Gaussian below minus one sigma."""
 _LAG_PX = 4
-"""Distance of the pixels whose differences tell the noise, px: nearer ones are correlated by debayering and
+"""Distance of the pixels whose differences give the noise, px: nearer ones are correlated by debayering and
 compression. Doubled or halved, single sources change."""
 _SAMPLED_ROWS = 32
 """Rows whose differences are taken: more cost time only."""
@@ -159,7 +159,8 @@ def coarse_sky(plane: Image, bin_px: int, *, whole_numbers: bool) -> CoarseSky:
     bin_px : int
         Pixels of the frame along a bin's side.
     whole_numbers : bool
-        The frame's pixels are; their samples are spread over a step, lest medians be off by half of one.
+        The frame's pixels are; their samples are spread over a step, so that medians aren't off by half of
+        one.
 
     Returns
     -------

@@ -54,7 +54,7 @@ class FittedStars:
     misfit : ndarray
         Rms of the residuals in the core over the amplitude, the noise's share taken off.
     sound : ndarray of bool
-        False for what ran away, is dark, or has hardly a pixel to tell.
+        False for what ran away, is dark, or has hardly a usable pixel.
     """
 
     x_px: Array

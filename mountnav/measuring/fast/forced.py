@@ -144,7 +144,7 @@ _AROUND_FWHM = 1.75
 """Radius in FWHM within which further maxima are fitted along. Halved, 3 of 126 painted faint stars are lost
 to neighbors; doubled, 2, to maxima of the noise."""
 _INDEPENDENT_BELOW = 1.15
-"""Up to this ratio neighboring pixels count as independent: a small sample tells it no better. Doubled, the
+"""Up to this ratio neighboring pixels count as independent: a small sample gives it no better. Doubled, the
 limiting flux of correlated frames is stated a third to a half too low."""
 
 

@@ -102,8 +102,8 @@ _WIDEST_FWHM_PX = 8.0
 """Wider stars are left to the full measurement, px: bins of 4 px part them. Doubled, a frame of 8 px is
 measured; halved, a real frame of 5 px is given up."""
 _NARROWEST_FWHM_PX = 1.1
-"""Narrower ones too: single pixels can't be told from them. Doubled, frames of 1.5 px and a tetra3 frame are
-given up; halved, nothing changed on the frames that were tried."""
+"""Narrower ones too: single pixels can't be distinguished from them. Doubled, frames of 1.5 px and a tetra3
+frame are given up; halved, nothing changed on the frames that were tried."""
 _MOST_LONE_SHARE = 0.5
 """Share of single pixels among the clear candidates that makes the rest suspect: one minus it, times 0.2,
 must be stars. Doubled or halved, nothing changed on the frames that were tried."""

@@ -246,7 +246,7 @@ def typical_of(shapes: Shapes, clean: Mask, snr: Array) -> Typical:
 def flags_of(
     shapes: Shapes, typical: Typical, snr: Array, *, full: Mask, edge: Mask, odd: Mask, neighbor_px: Array
 ) -> NDArray[np.int64]:
-    """Flag sources by the same bounds as `flags.flag_sources`, as far as moments can tell.
+    """Flag sources by the same bounds as `flags.flag_sources`, as far as moments show them.
 
     Parameters
     ----------

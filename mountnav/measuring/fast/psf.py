@@ -195,7 +195,7 @@ def learn_shared_psf(scene: Scene, measurements: Measurements, half_px: int) -> 
     Returns
     -------
     EllipticalPsf
-        A round Gaussian as wide as the typical star if too few can tell.
+        A round Gaussian as wide as the typical star if there are too few stars.
     int
         Of how many stars.
     """
