@@ -20,22 +20,29 @@ _SADDLE_STEPS = np.array([0.25, 0.4, 0.5, 0.6, 0.75])
 """Shares of the way from the brighter to the fainter peak at which the saddle between them is sought."""
 _SADDLE_CONTRAST = 0.08
 """A peak has to rise above its saddle by this share of its height (and by 3 σ), or it is a bump on its
-neighbor's side. Doubled, close pairs become one; halved, wide stars break up."""
+neighbor's side. Doubled, nothing changed on the frames that were tried; halved, one more star of a painted
+crowd is found."""
 _MOST_PEAKS = 20_000
-"""Peaks at most, the highest: bounds the time in pictures of leaves."""
+"""Peaks at most, the highest: bounds the time in pictures of leaves. Doubled or halved, nothing changed on
+the frames that were tried."""
 _CUT_SIGMA = 3.0
 """The smoothed frame is cut at so many of its noises before its surroundings are averaged, so that stars
-leave no bowls round them."""
+leave no bowls round them. Doubled, 20 of 732 stars of a painted crowd are lost; halved, 17 more are found,
+and the surroundings of wide sources stay."""
 SURROUND_SIGMAS = 4.0
 """Half side of that average over the smoothing's σ: what is wider than a star goes, and a part of the star
-with it."""
+with it. Doubled, 7 more stars of a painted crowd are found and the noise's large hills with them; halved, 31
+more sources in a tetra3 frame of 339."""
 _SCATTER_BOX_PX = 64
-"""Side of the cells in which the smoothed frame's own scatter is measured, px of the frame."""
+"""Side of the cells in which the smoothed frame's own scatter is measured, px of the frame. Doubled, 42 of
+732 stars of a painted crowd are lost; halved, 13: the stars themselves raise the scatter."""
 _SCATTER_SAMPLES = 512
-"""Pixels of such a cell that are looked at: neighbors are alike after smoothing, so that few say as much."""
+"""Pixels of such a cell that are looked at: neighbors are alike after smoothing, so that few say as much.
+Doubled or halved, 7 or 3 of 732 stars of a painted crowd are lost, 18 of a tetra3 frame's 339 sources if
+halved."""
 _LEAST_SCATTER = 0.3
 """Least scatter of the smoothed frame that is believed, as a share of that of independent pixels: cells cut
-off at zero show none."""
+off at zero show none. Doubled or halved, no figure changed by 3 %."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,11 +182,14 @@ def _not_a_bump(
 
 
 _BRIGHTEST = 200
-"""Brightest peaks whose median area gives the typical width."""
+"""Brightest peaks whose median area gives the typical width. Doubled or halved, four sources of a crowd or of
+a tetra3 frame go."""
 _HALF_PX = 20
-"""Half side of the squares in which that area is measured, px; wider stars run out of them."""
+"""Half side of the squares in which that area is measured, px; wider stars run out of them. Halved, stars of
+FWHM 8 px are taken for narrow ones and half of them are lost; doubled, narrow ones are measured 8 % worse."""
 _LEAST_HEIGHT = 8.0
-"""Least height of such a peak, in units of the smoothed frame's noise."""
+"""Least height of such a peak, in units of the smoothed frame's noise. Halved, 22 of a tetra3 frame's 339
+sources go; doubled, 4."""
 _FALLBACK_FWHM_PX = 2.5
 """FWHM assumed where no peak can be measured, px."""
 _STAR_AREA_PX = 4

@@ -200,7 +200,7 @@ def _one_peak_each(peaks: Peaks, blobs: list[SaturatedPatch], fwhm_px: float) ->
 def _stars_first(
     search: _Search, image: Image, good: NDArray[np.bool_], background: Background, gain: float, most: int
 ) -> tuple[_Search, NDArray[np.bool_], tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Put cosmic rays behind the stars, so that they do not fill the list; return both and the spoilt pixels."""
+    """Put cosmic rays behind the stars, so that they don't fill the list; return the spoilt pixels too."""
     peaks, some = search.peaks, slice(0, most)
     x, y = peaks.x_px[some], peaks.y_px[some]
     narrow = search.fwhm_px

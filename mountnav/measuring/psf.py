@@ -19,7 +19,9 @@ LEAST_VARIANCE_PX2 = 0.03
 """Least variance of a star's image along an axis once the pixels' own (1/12) is taken off, px²: a FWHM of
 0.41 px. Noise makes some narrow stars narrower than a pixel; zero would divide by it."""
 MOST_WING = 0.5
-"""Fattest wings that are fitted: a Moffat exponent of 2. At 1 the PSF would hold infinite light."""
+"""Fattest wings that are fitted: a Moffat exponent of 2. At 1 the PSF would hold infinite light. Halved,
+fluxes of painted Moffat stars scatter by 21 % more; doubled, nothing changed on the frames that were
+tried."""
 NODES = (np.sqrt(0.6) / 2.0 * np.array([-1.0, 0.0, 1.0])).astype(np.float32)
 """Offsets of the three-point Gauss-Legendre rule over a pixel, px: ± √0.6 / 2 and 0 (Abramowitz and Stegun,
 table 25.4)."""

@@ -23,7 +23,7 @@ Mask = NDArray[np.bool_]
 
 REACH_PX = 420
 """How far from a star light of its own is looked for, pixels: longer paths run out of the window and are
-told as such. Twice as far costs four times the time."""
+reported as such. Twice as far costs four times the time."""
 FAR_BIN_PX = 4
 """The search for light far from the stars is at bins of this: a trail stays visible, the cost falls by 16."""
 _RIM_BINS = 10
@@ -231,8 +231,10 @@ def star_trail(
     if not seen.any() and near is not None and near.halo_share > _TAIL_HALO:
         seen = _tails(plane, x_px[every], y_px[every], flux[every], fwhm_px)
     if not seen.any() and every.size < FEW_STARS:
-        asked = others if others is not None else (x_px[every], y_px[every])
-        seen = _far_light_of_few(pixels, asked[0][:_STARS], asked[1][:_STARS], fwhm_px, runs_out=runs_out)
+        expected = others if others is not None else (x_px[every], y_px[every])
+        seen = _far_light_of_few(
+            pixels, expected[0][:_STARS], expected[1][:_STARS], fwhm_px, runs_out=runs_out
+        )
     if seen.any() or near is None:
         return _whole(pixels, x_px[fine], y_px[fine], flux[fine], seen)
     return near
@@ -509,7 +511,7 @@ def _tails(plane: tuple[Image, Image], x: Array, y: Array, flux: Array, fwhm_px:
     radius = np.arange(core_px / FAR_BIN_PX, half, _TAIL_STEP_BINS)
     away_x, away_y = np.outer(np.cos(angle), radius), np.outer(np.sin(angle), radius)
     height, width = tame.shape
-    # two halves of the stars, each along every ray: light by light, and what so much light could have told
+    # two halves of the stars, each along every ray: sums of light times light, and of its square as weight
     sums, weights = (np.zeros((2, _TAIL_RAYS, radius.size)) for _ in range(2))
     light = np.minimum(flux, _TAIL_WEIGHT * float(np.median(flux[:_TAIL_STARS])))
     for k in range(min(_TAIL_STARS, x.size)):
@@ -531,8 +533,8 @@ def _tails(plane: tuple[Image, Image], x: Array, y: Array, flux: Array, fwhm_px:
         every = _ray_sigmas(some_sums.sum(axis=0), some_weights.sum(axis=0))
         first, second = (_ray_sigmas(a, b) for a, b in zip(some_sums, some_weights, strict=True))
         opposite = np.roll(every, _TAIL_RAYS // 2)
-        told = (every > _TAIL_SIGMAS) & (np.minimum(first, second) > _TAIL_HALF_SIGMAS)
-        for ray in np.flatnonzero(told & (opposite < _TAIL_ALONE * every)):
+        found = (every > _TAIL_SIGMAS) & (np.minimum(first, second) > _TAIL_HALF_SIGMAS)
+        for ray in np.flatnonzero(found & (opposite < _TAIL_ALONE * every)):
             for along in range(steps * _TAIL_STEP_BINS):
                 away = core_px / FAR_BIN_PX + along
                 row, column = (
@@ -582,7 +584,7 @@ def _windows(
     every: int = 1,
     ahead: tuple[int, int] = (0, 0),
 ) -> list[tuple[tuple[slice, slice], tuple[slice, slice]]]:
-    """For each place the part of its window that the plane covers, and the plane's part.
+    """For each position the part of its window that the plane covers, and the plane's part.
 
     A window has `half` bins on each side of its middle, `every` so many bins of the plane apart, and begins
     so many rows and columns `ahead`.

@@ -242,11 +242,6 @@ class Calibration:
         ]
         return levels[0] if levels and max(levels) - min(levels) < 1.0 else None
 
-    def bias_adu_of(self, frame: Frame) -> float | None:
-        """Level of a pixel without light in this raw frame; None if no bias fits."""
-        bias = self._chosen(frame, setup_from_header(frame.header, frame.width_px, frame.height_px)).bias
-        return None if bias is None else bias.level_adu
-
     def applied(self, frame: Frame) -> tuple[Frame, CalibrationReport]:
         """Calibrate a frame with the masters that fit it.
 

@@ -66,17 +66,6 @@ class Candidates:
     flux: Array
     lone: Mask
 
-    def part(self, some: NDArray[np.intp] | Mask) -> Candidates:
-        """Some of them."""
-        return Candidates(
-            self.x_px[some],
-            self.y_px[some],
-            self.top[some],
-            self.height[some],
-            self.flux[some],
-            self.lone[some],
-        )
-
 
 def locate(scene: Scene, peaks: CoarsePeaks) -> tuple[Candidates, Patches]:
     """Look at the full frame where the coarse plane has peaks.

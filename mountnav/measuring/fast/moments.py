@@ -54,10 +54,6 @@ class Patches:
         rim.sort(axis=1)
         return np.asarray(rim[:, (rim.shape[1] - 1) // 2])
 
-    def part(self, some: NDArray[np.intp] | NDArray[np.bool_]) -> Patches:
-        """Some of them."""
-        return Patches(self.values[some], self.left[some], self.top[some])
-
 
 def cut_patches(pixels: NDArray[np.generic], x_px: Array, y_px: Array, half_px: int) -> Patches:
     """Cut squares of side 2 half_px + 1 round the nearest pixels of positions.
