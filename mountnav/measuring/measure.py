@@ -25,17 +25,21 @@ from mountnav.measuring.settings import MeasuringSettings
 Array = NDArray[np.float64]
 
 _SMALLEST_SIDE_PX = 16
-"""Shorter frames can't be measured, px: no mesh, no cutouts."""
+"""Shorter frames can't be measured, px: no mesh, no cutouts. Doubled or halved, nothing changed on the frames
+that were tried."""
 _LEAST_FINITE = 0.05
-"""Share of the pixels that must have a value."""
+"""Share of the pixels that must have a value. Doubled or halved, nothing changed on the frames that were
+tried."""
 _MOST_SATURATED = 0.5
-"""Share of saturated pixels above which a frame is refused."""
+"""Share of saturated pixels above which a frame is refused. Doubled or halved, nothing changed on the frames
+that were tried."""
 _WIDE_FWHM_PX = 4.5
 """FWHM from which the frame is searched again at the stars' own width, px: the first smoothing has 2.8.
-Doubled, defocused stars break up in several peaks."""
+Doubled, the limiting flux of painted stars of 8 px is 2.2 times brighter; halved, 20 of 136 faint painted
+stars of 3 px are lost."""
 _STRUCTURE_SIGMA = 0.6
 """Level of a cell of the fine structure, in units of the noise per pixel, beside which sources are judged as
-on a nebula."""
+on a nebula. Chosen by hand; at 0.8 nothing changed on the frames that were tried."""
 _LEAST_FLUX_SIGMA_WIDE = 3.5
 """The same as `LEAST_FLUX_SIGMA` for wide stars, whose search finds more of the noise's own hills."""
 _DEFAULTS = MeasuringSettings()

@@ -151,7 +151,7 @@ TOO_LONG = 0.25
 chosen by hand. Doubled, 2 of 4 elongated sources of C00 pass."""
 LEAST_ELLIPTICITY = 0.4
 """Ellipticity below which no source is called elongated (major over minor axis 1.7): tails of noise reach it;
-chosen by hand. Doubled, nothing is elongated; halved, slightly oval optics are."""
+chosen by hand. Doubled, none of C00's sources is elongated; halved, five are instead of four."""
 TRAILED = 0.4
 """Ellipticity of the typical star (major over minor axis 1.7) from which all stars of the frame count as
 trailed; chosen by hand. Doubled, nothing changed on the frames that were tried; halved, 4 of 26 knots of a

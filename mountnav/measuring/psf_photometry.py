@@ -23,34 +23,40 @@ _PIXELS_AT_ONCE = 30_000
 """Pixels of all cutouts that are fitted together, so that they stay in the processor's cache. It changes
 nothing but time."""
 _PSF_CANDIDATES = 400
-"""Highest peaks among which the stars are chosen that the PSF is learned from."""
+"""Highest peaks among which the stars are chosen that the PSF is learned from. Doubled or halved, nothing
+changed on the frames that were tried."""
 _PSF_STARS = 60
-"""Stars at most that the PSF is learned from: bounds the time."""
+"""Stars at most that the PSF is learned from: bounds the time. Halved, the median error of C00 grows from
+0.039 to 0.041 px; doubled, no figure changed by 3 %."""
 _PSF_STAR_SIGMA = 40.0
 """Their least height in the smoothed frame, in units of its noise: fainter ones say nothing about wings and
-misfit."""
+misfit. Halved, the median error of C00 grows from 0.039 to 0.043 px; doubled, no figure changed by 3 %."""
 _INTEGRATE_BELOW_PX = 2.2
 """Apparent FWHM below which the PSF is integrated over the pixels, px. Sampled at the pixels' centers,
 Gaussians of 1.7 px are placed wrong by 0.0001 px, Moffat ones by 0.003 (docs/measuring.md, *Largest error
-over all places within a pixel*)."""
+over all positions within a pixel*). Halved, fluxes of painted stars of 1.5 px scatter by 17 % more; doubled,
+nothing is gained, at nine times the cost of the model."""
 _SATURATED_SLACK = 0.03
-"""One-sigma share of p, q, r by which a saturated star may differ from the typical one: its wings hardly
-fix its width."""
+"""One-sigma share of p, q, r by which a saturated star may differ from the typical one: its wings hardly fix
+its width. Doubled or halved, no figure changed by 3 %."""
 LONELY_FWHM = 2.7
 """Distance to the next peak, in FWHM, from which a star counts as alone, to be tried as two or to teach the
-PSF."""
+PSF. Doubled or halved, nothing changed on the frames that were tried."""
 OVERFLOW_SIGMA = 6.0
 """A pixel of a saturated star holds overflow if it is brighter than the wings allow by this many sigmas
 ..."""
 OVERFLOW_SHARE = 0.4
-"""... and this share of their light: PSFs misfit real wings by tenths."""
+"""... and this share of their light: PSFs misfit real wings by tenths. Both: chosen by hand; doubled or
+halved, nothing changed on the frames that were tried."""
 _OVERFLOW_ROUNDS = 4
-"""How often a saturated star is fitted again without such pixels."""
+"""How often a saturated star is fitted again without such pixels. Doubled or halved, nothing changed on the
+frames that were tried."""
 _LEAST_SKY_NOISES = 3.0
-"""A sky level below so many noises has been taken off already and gives no gain."""
+"""A sky level below so many noises has been taken off already and gives no gain. Doubled or halved, nothing
+changed on the frames that were tried."""
 _FAINT_SKY_E = 100.0
 """Electrons per pixel assumed of the sky there: a faint one's. It sets only the weights and the errors of
-frames that tell nothing else."""
+frames that tell nothing else. Doubled or halved, nothing changed on the frames that were tried."""
 
 
 @dataclass(frozen=True, slots=True)
