@@ -1,8 +1,8 @@
-"""Stamps: round cuttings of the frame at peaks, all in one array."""
+"""Cutouts: round cuttings of the frame at peaks, all in one array."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,9 @@ class Cutouts:
     good : ndarray of bool, shape (n, pixels)
         False for missing, saturated and outlying pixels.
     dx, dy : ndarray, shape (pixels,)
-        Pixel places relative to the stamp's center.
+        Pixel positions relative to the cutout's center.
     x0, y0 : ndarray, shape (n,)
-        The center pixels' places in the frame.
+        The center pixels' positions in the frame.
     """
 
     values: Array
@@ -36,23 +36,34 @@ class Cutouts:
     x0: Array
     y0: Array
 
+    def part(self, some: NDArray[np.bool_]) -> Cutouts:
+        """Those of some sources."""
+        return replace(
+            self,
+            values=self.values[some],
+            variance=self.variance[some],
+            good=self.good[some],
+            x0=self.x0[some],
+            y0=self.y0[some],
+        )
+
 
 def make_cutouts(
     sky_free: Image, good: NDArray[np.bool_], x_px: Array, y_px: Array, noise: Array, half_px: int
 ) -> Cutouts:
-    """Cut discs of radius ``half_px`` at places; what hangs over the frame's edge is not good.
+    """Cut discs of radius ``half_px`` at positions; what hangs over the frame's edge is not good.
 
     Parameters
     ----------
     sky_free : ndarray of float32, shape (height, width)
     good : ndarray of bool, shape (height, width)
     x_px, y_px, noise : ndarray, shape (n,)
-        Places, and the sky noise per pixel at them.
+        Positions, and the sky noise per pixel at them.
     half_px : int
 
     Returns
     -------
-    Stamps
+    Cutouts
     """
     height, width = sky_free.shape
     offset = np.arange(-half_px, half_px + 1)

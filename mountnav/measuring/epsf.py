@@ -13,35 +13,73 @@ from mountnav.measuring.background import Background, Image, estimate_background
 from mountnav.measuring.cutouts import Cutouts, make_cutouts
 from mountnav.measuring.detection import Peaks, Smoothed
 from mountnav.measuring.least_squares import Fit, covariances
-from mountnav.measuring.psf import Psf
+from mountnav.measuring.psf import FWHM_PER_SIGMA, Psf
 from mountnav.measuring.psf_fitting import Profiles, with_noise_law
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _REACH_PX = 30
+"""Half side of the squares in which the objects are looked at, px: 24 px of light and a rim for the sky's
+level. Halved, the median error of painted rings of 18 px grows from 0.05 to 0.25 px; doubled, the time is
+fourfold."""
 _CANDIDATES = 400
+"""Highest peaks among which the objects are chosen: a ring has many peaks. Doubled or halved, nothing changed
+on the frames that were tried."""
 _OBJECTS = 40
+"""Objects at most that are stacked. Halved or doubled, the pull of painted trails goes from 0.79 to 0.66 or
+0.93."""
 _FEWEST_OBJECTS = 4
-_FIRST_LOOK = 12
-_ORDINARY = 0.75
+"""Fewer objects than this don't make a mean from which one of them can be rejected."""
+_FIRST_OBJECTS = 12
+"""The first objects, by which ordinary frames are recognized at little cost. Doubled or halved, nothing
+changed on the frames that were tried."""
+_ORDINARY_SHARE = 0.75
+"""These count as ordinary if their axis ratio stays below this share of `_TRAIL_RATIO`. At 0.5 or 0.875
+nothing changed on the frames that were tried."""
 _LEAST_HEIGHT = 20.0
+"""Height of an object in the smoothed frame, in units of its noise: fainter ones have no measurable shape.
+Doubled or halved, the errors of painted rings move by 6 %."""
 _LIGHT_SMOOTHING_PX = 1.2
+"""Width σ of the Gaussian that joins an object's pixels to a patch, px: about that of the first detection.
+Doubled, fluxes of painted rings scatter by 16 % more."""
 _LIGHTER_SMOOTHING_PX = 0.8
+"""Width σ of the Gaussian under which a ring's hole is looked at, px: wider would fill the hole."""
 _LIGHT_NOISE = 1.0 / (2.0 * np.sqrt(np.pi) * _LIGHT_SMOOTHING_PX)
+"""Share of independent pixels' noise that is left after the first smoothing: 1 / (2 √π σ)."""
 _PART_OF_TOP = 0.2
+"""An object's patch is what lies above this share of its top: a ring's darkest part lies above it, most halos
+below. Chosen by hand. Doubled, the pull of painted trails goes from 0.79 to 0.70; halved, no figure changed
+by 3 %."""
 _LEAST_AREA_PX = 12
+"""Patches of fewer pixels are hot pixels and faint stars. Doubled, nothing changed on the frames that were
+tried."""
 _TRAIL_RATIO = 1.8
+"""Major over minor rms width from which objects are trails: below it an ellipse fits as well
+(docs/measuring.md, *Known limits*: trails below 6 px)."""
 _ROUND_RATIO = 1.5
-_ONE_WAY = 0.75
+"""Major over minor rms width up to which an object may be a ring."""
+_ALIGNED = 0.75
+"""Length of the mean of the objects' doubled directions, 1 if all agree: below it they aren't trails of one
+drift."""
 _HOLLOW = 0.75
-_ALIKE = 2.0
+"""Middle over the brighter half of an object's patch below which it is a ring. A filled disc has 1, a
+Gaussian more."""
+_MOST_AREA_RATIO = 2.0
+"""Upper over lower quartile of the patches' areas above which the objects are no stars: a nebula's knots,
+leaves of a tree."""
 _HOLLOW_AREA_PX = 40
+"""A ring covers at least so many pixels: 7 px across. Smaller holes are lost in the blur."""
 _MOST_RADIUS_PX = 24
-_ROOM_PX = 4
+"""Largest half side of the ePSF, px: longer trails are cut in pieces (docs/measuring.md, *Known limits*).
+Doubled, neighbors get into it and the time is fourfold."""
+_MARGIN_PX = 4
+"""So many pixels beyond the objects' patches belong to the ePSF: its wings."""
 _STACKINGS = 3
+"""How often the objects are aligned with the mean and stacked again."""
 _SIDELOBE = 1.15
-_FWHM_PER_SIGMA = 2.0 * np.sqrt(2.0 * np.log(2.0))
+"""A peak counts as a brighter star's side lobe up to this many times what the ePSF leaves there: positions
+are good to a pixel only."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,53 +127,53 @@ def find_epsf(sky_free: Image, saturated: Mask, peaks: Peaks, noise: float) -> E
 
     Returns
     -------
-    CommonImage or None
-        None for frames of ordinary stars, and where too few can tell.
+    Epsf or None
+        None for frames of ordinary stars, and where there are too few bright ones.
     """
     x, y = _apart(peaks, sky_free.shape, saturated)
     if x.size < _FEWEST_OBJECTS:
         return None
-    stamps = _cut(sky_free, x, y)
-    if _ordinary(stamps[:_FIRST_LOOK], noise):
+    cutouts = _cut(sky_free, x, y)
+    if _ordinary(cutouts[:_FIRST_OBJECTS], noise):
         return None
-    patches, areas = _patches(stamps, noise)
+    patches, areas = _patches(cutouts, noise)
     fine = areas >= _LEAST_AREA_PX
     if fine.sum() < max(_FEWEST_OBJECTS, 0.4 * x.size):
         return None
     low, high = np.percentile(areas[fine], [25.0, 75.0])
-    if high > _ALIKE * low:
-        return None  # no common image: a nebula's knots, leaves of a tree
-    stamps, patches = stamps[fine], patches[fine]
-    moments = [_moments(np.where(patch, stamp, 0.0)) for stamp, patch in zip(stamps, patches, strict=True)]
+    if high > _MOST_AREA_RATIO * low:
+        return None  # no ePSF: a nebula's knots, leaves of a tree
+    cutouts, patches = cutouts[fine], patches[fine]
+    moments = [_moments(np.where(patch, cutout, 0.0)) for cutout, patch in zip(cutouts, patches, strict=True)]
     ratio, angle = np.array([m[2] / m[1] for m in moments]), np.radians([m[3] for m in moments])
-    one_way = abs(np.exp(2j * angle).mean()) > _ONE_WAY
+    one_way = abs(np.exp(2j * angle).mean()) > _ALIGNED
     trailed = bool(np.median(ratio) > _TRAIL_RATIO and one_way)
     # two stars side by side are dark between them as well, but not round
-    hollow = bool(np.median(ratio) < _ROUND_RATIO) and _hollow(stamps, patches, moments)
+    hollow = bool(np.median(ratio) < _ROUND_RATIO) and _hollow(cutouts, patches, moments)
     if not trailed and not hollow:
         return None
     centers = np.array([m[0] for m in moments])
-    mean = _stacked(stamps, patches, centers, noise)
+    mean = _stacked(cutouts, patches, centers, noise)
     return None if mean is None else _described(mean, hollow=hollow)
 
 
-def _ordinary(stamps: Array, noise: float) -> bool:
-    """Tell whether a few objects show already that these are ordinary stars: small and round."""
-    patches, areas = _patches(stamps, noise)
+def _ordinary(cutouts: Array, noise: float) -> bool:
+    """Whether a few objects show already that these are ordinary stars: small and round."""
+    patches, areas = _patches(cutouts, noise)
     fine = areas > 0
-    if fine.sum() < 0.5 * _FIRST_LOOK or np.median(areas[fine]) >= _HOLLOW_AREA_PX:
+    if fine.sum() < 0.5 * _FIRST_OBJECTS or np.median(areas[fine]) >= _HOLLOW_AREA_PX:
         return False
     moments = [
-        _moments(np.where(patch, stamp, 0.0))
-        for stamp, patch in zip(stamps[fine], patches[fine], strict=True)
+        _moments(np.where(patch, cutout, 0.0))
+        for cutout, patch in zip(cutouts[fine], patches[fine], strict=True)
     ]
-    return bool(np.median([m[2] / m[1] for m in moments]) < _ORDINARY * _TRAIL_RATIO)
+    return bool(np.median([m[2] / m[1] for m in moments]) < _ORDINARY_SHARE * _TRAIL_RATIO)
 
 
 def _apart(
     peaks: Peaks, shape: tuple[int, int], saturated: Mask
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Choose the highest peaks that lie a stamp's reach apart, whole stamps inside the frame."""
+    """Choose the highest peaks that lie a cutout's reach apart, whole cutouts inside the frame."""
     x, y = (np.rint(c[:_CANDIDATES]).astype(np.intp) for c in (peaks.x_px, peaks.y_px))
     inside = (x >= _REACH_PX) & (y >= _REACH_PX) & (x < shape[1] - _REACH_PX) & (y < shape[0] - _REACH_PX)
     inside &= peaks.height[: x.size] > _LEAST_HEIGHT
@@ -151,20 +189,20 @@ def _apart(
 
 def _cut(sky_free: Image, x: NDArray[np.intp], y: NDArray[np.intp]) -> Array:
     offset = np.arange(-_REACH_PX, _REACH_PX + 1)
-    stamps = sky_free[y[:, None, None] + offset[:, None], x[:, None, None] + offset[None, :]]
+    cutouts = sky_free[y[:, None, None] + offset[:, None], x[:, None, None] + offset[None, :]]
     radius = np.hypot(offset[:, None], offset[None, :])
-    ground = np.median(stamps[:, (radius > _REACH_PX - 4) & (radius <= _REACH_PX)], axis=1)
-    return np.asarray(stamps - ground[:, None, None], dtype=np.float64)
+    ground = np.median(cutouts[:, (radius > _REACH_PX - 4) & (radius <= _REACH_PX)], axis=1)
+    return np.asarray(cutouts - ground[:, None, None], dtype=np.float64)
 
 
-def _patches(stamps: Array, noise: float) -> tuple[Mask, NDArray[np.intp]]:
-    """What belongs to the object in the middle, its holes filled; area 0 where it runs out of the stamp."""
-    smooth = ndimage.gaussian_filter(stamps, _LIGHT_SMOOTHING_PX, axes=(1, 2), mode="nearest")
+def _patches(cutouts: Array, noise: float) -> tuple[Mask, NDArray[np.intp]]:
+    """What belongs to the object in the middle, its holes filled; area 0 where it runs out of the cutout."""
+    smooth = ndimage.gaussian_filter(cutouts, _LIGHT_SMOOTHING_PX, axes=(1, 2), mode="nearest")
     middle = slice(_REACH_PX - 2, _REACH_PX + 3)
     top = smooth[:, middle, middle].max(axis=(1, 2))
     above = smooth > np.maximum(_PART_OF_TOP * top, 4.0 * _LIGHT_NOISE * noise)[:, None, None]
     patches = np.zeros_like(above)
-    areas = np.zeros(stamps.shape[0], dtype=np.intp)
+    areas = np.zeros(cutouts.shape[0], dtype=np.intp)
     for k, one in enumerate(above):
         closed = ndimage.binary_closing(one, iterations=1)
         labels, _ = ndimage.label(closed, structure=np.ones((3, 3)))
@@ -194,32 +232,32 @@ def _moments(light: Array) -> tuple[tuple[float, float], float, float, float]:
 
 
 def _hollow(
-    stamps: Array, patches: Mask, moments: list[tuple[tuple[float, float], float, float, float]]
+    cutouts: Array, patches: Mask, moments: list[tuple[tuple[float, float], float, float, float]]
 ) -> bool:
-    """Tell whether the typical object is clearly darker in its middle than on the ring round it."""
+    """Whether the typical object is clearly darker in its middle than on the ring round it."""
     depth = []
-    for stamp, patch, moment in zip(stamps, patches, moments, strict=True):
+    for cutout, patch, moment in zip(cutouts, patches, moments, strict=True):
         if np.count_nonzero(patch) < _HOLLOW_AREA_PX:
             depth.append(1.0)
             continue
-        smooth = ndimage.gaussian_filter(stamp, _LIGHTER_SMOOTHING_PX, mode="nearest")
+        smooth = ndimage.gaussian_filter(cutout, _LIGHTER_SMOOTHING_PX, mode="nearest")
         row, column = round(moment[0][1]) + _REACH_PX, round(moment[0][0]) + _REACH_PX
         # the brighter half of the patch stands for the ring, not its noisiest pixel
         depth.append(float(smooth[row, column] / np.percentile(smooth[patch], 75.0)))
     return bool(np.median(depth) < _HOLLOW)
 
 
-def _stacked(stamps: Array, patches: Mask, centers: Array, noise: float) -> Array | None:
+def _stacked(cutouts: Array, patches: Mask, centers: Array, noise: float) -> Array | None:
     """Mean of the objects, each moved to the middle and scaled to unit flux, without what only some show."""
     reach = np.array([np.hypot(*(np.argwhere(p) - _REACH_PX).T).max() for p in patches])
-    radius = int(np.clip(np.ceil(np.median(reach - np.hypot(*centers.T))) + _ROOM_PX, 6, _MOST_RADIUS_PX))
-    weight = (stamps * patches).sum(axis=(1, 2))
+    radius = int(np.clip(np.ceil(np.median(reach - np.hypot(*centers.T))) + _MARGIN_PX, 6, _MOST_RADIUS_PX))
+    weight = (cutouts * patches).sum(axis=(1, 2))
     mean = None
     for _ in range(_STACKINGS):
         moved = np.stack(
             [
-                _middle(stamp, c, radius) / max(w, 1e-9)
-                for stamp, c, w in zip(stamps, centers, weight, strict=True)
+                _middle(cutout, c, radius) / max(w, 1e-9)
+                for cutout, c, w in zip(cutouts, centers, weight, strict=True)
             ]
         )
         sure = np.clip(weight / noise, 1e-3, None)
@@ -238,11 +276,11 @@ def _stacked(stamps: Array, patches: Mask, centers: Array, noise: float) -> Arra
     return _middle(np.pad(mean, 3), np.array([x, y]), radius)
 
 
-def _middle(stamp: Array, center: Array, radius: int) -> Array:
-    """Cut the surroundings of a place (x, y from the middle) by cubic interpolation."""
-    offset = np.arange(-radius, radius + 1) + stamp.shape[0] // 2
+def _middle(cutout: Array, center: Array, radius: int) -> Array:
+    """Cut the surroundings of a position (x, y from the middle) by cubic interpolation."""
+    offset = np.arange(-radius, radius + 1) + cutout.shape[0] // 2
     rows, columns = np.meshgrid(offset + center[1], offset + center[0], indexing="ij")
-    return np.asarray(ndimage.map_coordinates(stamp, [rows, columns], order=3, mode="nearest"))
+    return np.asarray(ndimage.map_coordinates(cutout, [rows, columns], order=3, mode="nearest"))
 
 
 def _rim_level(image: Array) -> float:
@@ -252,7 +290,7 @@ def _rim_level(image: Array) -> float:
 
 
 def _clipped_mean(moved: Array, middle: Array, sure: Array) -> Array:
-    """Weighted mean of what lies near the last one: neighbors in single stamps drop out."""
+    """Weighted mean of what lies near the last one: neighbors in single cutouts drop out."""
     off = np.abs(moved - middle)
     scatter = np.median(off, axis=0) * 1.4826 + 1e-12
     weights = (off < 3.0 * scatter) * (np.minimum(sure, 3.0 * np.median(sure)))[:, None, None]
@@ -260,7 +298,7 @@ def _clipped_mean(moved: Array, middle: Array, sure: Array) -> Array:
 
 
 def _refined(moved: Array, mean: Array) -> tuple[Array, Array]:
-    """Shift (n, 2) and scale (n,) of each stamp against the mean, by one linear step."""
+    """Shift (n, 2) and scale (n,) of each cutout against the mean, by one linear step."""
     slope_y, slope_x = np.gradient(mean)
     table = np.stack([mean.ravel(), -slope_x.ravel(), -slope_y.ravel(), np.ones(mean.size)], axis=1)
     answer, *_ = np.linalg.lstsq(table, moved.reshape(moved.shape[0], -1).T, rcond=None)
@@ -273,17 +311,17 @@ def _described(mean: Array, *, hollow: bool) -> Epsf:
     body = np.where(mean > 0.02 * mean.max(), mean, 0.0)
     _, minor, major, angle = _moments(body)
     turn = (angle + 90.0) % 180.0 - 90.0
-    return Epsf(mean, _FWHM_PER_SIGMA * minor, _FWHM_PER_SIGMA * major, turn, hollow)
+    return Epsf(mean, FWHM_PER_SIGMA * minor, FWHM_PER_SIGMA * major, turn, hollow)
 
 
 def smooth_with_epsf(sky_free: Image, background: Background, image: Epsf, bin_px: int) -> Smoothed:
-    """Smooth a frame with its stars' common image, and divide by the local noise: the matched filter.
+    """Smooth a frame with its stars' ePSF, and divide by the local noise: the matched filter.
 
     Parameters
     ----------
     sky_free : ndarray of float32, shape (height, width)
     background : Background
-    image : CommonImage
+    image : Epsf
     bin_px : int
         1, or 2 to search in 2 × 2 bins.
 
@@ -335,8 +373,8 @@ def without_sidelobes(peaks: Peaks, image: Epsf) -> Peaks:
     Parameters
     ----------
     peaks : Peaks
-        Of `smooth_alike`.
-    image : CommonImage
+        Of `smooth_with_epsf`.
+    image : Epsf
 
     Returns
     -------
@@ -347,16 +385,16 @@ def without_sidelobes(peaks: Peaks, image: Epsf) -> Peaks:
     kernel = image.pixels
     wide = np.pad(kernel, image.half_px)
     own = _correlated(wide.astype(np.float32), kernel) / float((kernel**2).sum())
-    # a little room: places are only good to a pixel
+    # a margin: positions are only good to a pixel
     own = ndimage.maximum_filter(own, 3)
     middle = own.shape[0] // 2
     keep = np.ones(peaks.x_px.size, dtype=bool)
-    places = np.stack([peaks.x_px, peaks.y_px], axis=1)
-    pairs = KDTree(places).query_pairs(2.0 * image.half_px, output_type="ndarray")
+    positions = np.stack([peaks.x_px, peaks.y_px], axis=1)
+    pairs = KDTree(positions).query_pairs(2.0 * image.half_px, output_type="ndarray")
     if pairs.size == 0:
         return peaks
     bright, faint = pairs.min(axis=1), pairs.max(axis=1)
-    d = np.rint(places[faint] - places[bright]).astype(int)
+    d = np.rint(positions[faint] - positions[bright]).astype(int)
     d = np.clip(d, -middle, middle)
     left = np.maximum(own[middle + d[:, 1], middle + d[:, 0]], 0.0)
     mere = peaks.height[faint] < _SIDELOBE * left * peaks.height[bright] + 3.0
@@ -368,19 +406,29 @@ def without_sidelobes(peaks: Peaks, image: Epsf) -> Peaks:
 
 
 _STEP_PX = 0.2
+"""Step of the table of sub-pixel shifts, px: between its nodes the slopes lead on linearly."""
 _STEPS = 8
+"""Steps to each side: 8 of 0.2 px are 1.6 px, more than a cutout's center may be off."""
 _ROUNDS = 4
+"""Gauss-Newton steps before the cutouts follow the positions."""
 _PASSES = 3
+"""How often the cutouts follow the positions."""
 _PIXELS_AT_ONCE = 60_000
-_TEACHERS = 60
-_CLEAR = 60.0
+"""Pixels of all cutouts that are fitted together, so that they stay in the processor's cache. It changes
+nothing but time."""
+_NOISE_STARS = 60
+"""Brightest stars from whose residuals the noise law is learned."""
+_NOISE_STAR_SNR = 60.0
+"""And no fainter than this flux over its error: fainter ones show only the sky's noise."""
 _CORE = 0.3
+"""The misfit is that of the pixels above this share of the ePSF's top."""
 _FAR_PX = 4.0
+"""A fit that ended farther from its peak, px, has run away to another star."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Table:
-    """The common image and its slopes on a stamp's pixels at a grid of shifts, each (k, k, pixels)."""
+    """The ePSF and its slopes on a cutout's pixels at a grid of shifts, each (k, k, pixels)."""
 
     image: Array
     slope_x: Array
@@ -424,7 +472,7 @@ def fit_epsf(
     image: Epsf,
     gain: tuple[float, bool],
 ) -> tuple[Profiles, Psf]:
-    """Fit flux, place and a local sky with a known image.
+    """Fit flux, position and a local sky with a known image.
 
     Parameters
     ----------
@@ -432,7 +480,7 @@ def fit_epsf(
     good : ndarray of bool, shape (height, width)
     x_px, y_px, noise : ndarray, shape (n,)
         Peaks, brightest first, and the noise per pixel at them.
-    image : CommonImage
+    image : Epsf
     gain : tuple
         Electrons per ADU, and whether that is known.
 
@@ -440,87 +488,69 @@ def fit_epsf(
     -------
     profiles : Profiles
         All of the image's own width.
-    bell : Bell
+    psf : Psf
         Holds the law of the noise; its form has no meaning here.
     """
     half = image.half_px
     form = make_cutouts(sky_free, good, np.zeros(0), np.zeros(0), np.zeros(0), half)
     table = _table(image, form.dx, form.dy)
-    bell = Psf(0.0, gain[0], 0.0)
-    few = slice(0, min(_TEACHERS, x_px.size))
+    psf = Psf(0.0, gain[0], 0.0)
+    few = slice(0, min(_NOISE_STARS, x_px.size))
     for _ in range(2):
-        fit, stamps, x, y = _fitted(sky_free, good, x_px[few], y_px[few], noise[few], half, table, bell)
-        strong = fit.params[:, 0] > _CLEAR * np.sqrt(covariances(fit.normal)[:, 0, 0])
-        bell = with_noise_law(bell, _of(fit, strong), _some(stamps, strong), gain[0], card=gain[1])
+        fit, cutouts, x, y = _fitted(sky_free, good, x_px[few], y_px[few], noise[few], half, table, psf)
+        strong = fit.params[:, 0] > _NOISE_STAR_SNR * np.sqrt(covariances(fit.normal)[:, 0, 0])
+        psf = with_noise_law(psf, fit.part(strong), cutouts.part(strong), gain[0], card=gain[1])
     share = max(1, _PIXELS_AT_ONCE // form.dx.size)
     parts = []
     for start in range(0, max(1, x_px.size), share):
         some = slice(start, start + share)
-        fit, stamps, x, y = _fitted(sky_free, good, x_px[some], y_px[some], noise[some], half, table, bell)
-        parts.append(_profiles(fit, x, y, np.hypot(x - x_px[some], y - y_px[some]), image, stamps))
-    columns = {
-        name: np.concatenate([getattr(p, name) for p in parts]) for name in Profiles.__dataclass_fields__
-    }
-    return Profiles(**columns), bell
+        fit, cutouts, x, y = _fitted(sky_free, good, x_px[some], y_px[some], noise[some], half, table, psf)
+        parts.append(_profiles(fit, x, y, np.hypot(x - x_px[some], y - y_px[some]), image, cutouts))
+    return Profiles.joined(parts), psf
 
 
 def _fitted(
-    sky_free: Image, good: Mask, x: Array, y: Array, noise: Array, half: int, table: _Table, bell: Psf
+    sky_free: Image, good: Mask, x: Array, y: Array, noise: Array, half: int, table: _Table, psf: Psf
 ) -> tuple[Fit, Cutouts, Array, Array]:
-    """Gauss-Newton over amplitude, place and sky; the stamps follow the places."""
+    """Gauss-Newton over amplitude, position and sky; the cutouts follow the positions."""
     params = np.zeros((x.size, 4))
     for _ in range(_PASSES):
-        stamps = make_cutouts(sky_free, good, x, y, noise, half)
-        values = np.where(stamps.good, stamps.values, 0.0)
-        params[:, 1], params[:, 2] = x - stamps.x0, y - stamps.y0
+        cutouts = make_cutouts(sky_free, good, x, y, noise, half)
+        values = np.where(cutouts.good, cutouts.values, 0.0)
+        params[:, 1], params[:, 2] = x - cutouts.x0, y - cutouts.y0
         for _ in range(_ROUNDS):
-            jacobian, residual, weights = _linear(params, values, stamps, table, bell)
+            jacobian, residual, weights = _linear(params, values, cutouts, table, psf)
             weighted = jacobian * weights[:, None, :]
             normal = weighted @ jacobian.transpose(0, 2, 1)
             step = np.einsum("nij,nj->ni", covariances(normal), (weighted @ residual[:, :, None])[:, :, 0])
             step[:, 1:3] = np.clip(step[:, 1:3], -0.7, 0.7)
             params += step
             params[:, 1:3] = np.clip(params[:, 1:3], -_STEPS * _STEP_PX, _STEPS * _STEP_PX)
-        x, y = stamps.x0 + params[:, 1], stamps.y0 + params[:, 2]
-    jacobian, residual, weights = _linear(params, values, stamps, table, bell)
+        x, y = cutouts.x0 + params[:, 1], cutouts.y0 + params[:, 2]
+    jacobian, residual, weights = _linear(params, values, cutouts, table, psf)
     normal = (jacobian * weights[:, None, :]) @ jacobian.transpose(0, 2, 1)
-    return Fit(params, normal, residual, jacobian, weights), stamps, x, y
+    return Fit(params, normal, residual, jacobian, weights), cutouts, x, y
 
 
 def _linear(
-    params: Array, values: Array, stamps: Cutouts, table: _Table, bell: Psf
+    params: Array, values: Array, cutouts: Cutouts, table: _Table, psf: Psf
 ) -> tuple[Array, Array, Array]:
     image, slope_x, slope_y = table.at(params[:, 1], params[:, 2])
     amplitude = params[:, 0, None]
     light = amplitude * image
     # before there is an amplitude, the slopes of a star that just shows keep the equations solvable
-    least = np.sqrt(stamps.variance[:, :1]) / np.maximum(image.max(axis=1, keepdims=True), 1e-9)
+    least = np.sqrt(cutouts.variance[:, :1]) / np.maximum(image.max(axis=1, keepdims=True), 1e-9)
     steep = np.maximum(amplitude, 0.1 * least)
     jacobian = np.stack([image, steep * slope_x, steep * slope_y, np.ones_like(image)], axis=1)
-    weights = stamps.good / bell.variance(stamps.variance, np.maximum(light, 0.0))
+    weights = cutouts.good / psf.variance(cutouts.variance, np.maximum(light, 0.0))
     return jacobian, values - light - params[:, 3, None], weights
 
 
-def _of(fit: Fit, some: Mask) -> Fit:
-    return Fit(fit.params[some], fit.normal[some], fit.residual[some], fit.jacobian[some], fit.weights[some])
-
-
-def _some(stamps: Cutouts, some: Mask) -> Cutouts:
-    return replace(
-        stamps,
-        values=stamps.values[some],
-        variance=stamps.variance[some],
-        good=stamps.good[some],
-        x0=stamps.x0[some],
-        y0=stamps.y0[some],
-    )
-
-
-def _profiles(fit: Fit, x: Array, y: Array, drift: Array, image: Epsf, stamps: Cutouts) -> Profiles:
+def _profiles(fit: Fit, x: Array, y: Array, drift: Array, image: Epsf, cutouts: Cutouts) -> Profiles:
     sigmas = np.sqrt(np.maximum(np.einsum("nii->ni", covariances(fit.normal)), 0.0))
     flux = fit.params[:, 0]
     top = float(image.pixels.max())
-    core = stamps.good & (fit.jacobian[:, 0] > _CORE * top)
+    core = cutouts.good & (fit.jacobian[:, 0] > _CORE * top)
     pixels = np.maximum(core.sum(axis=1), 1)
     amplitude = flux * top
     misfit = np.sqrt((fit.residual**2 * core).sum(axis=1) / pixels) / np.maximum(amplitude, 1e-12)
@@ -537,6 +567,6 @@ def _profiles(fit: Fit, x: Array, y: Array, drift: Array, image: Epsf, stamps: C
         major_fwhm_px=image.major_fwhm_px * ones,
         angle_deg=image.angle_deg * ones,
         misfit=misfit,
-        chi2=(fit.weights * fit.residual**2).sum(axis=1) / np.maximum(stamps.good.sum(axis=1) - 4.0, 1.0),
+        chi2=(fit.weights * fit.residual**2).sum(axis=1) / np.maximum(cutouts.good.sum(axis=1) - 4.0, 1.0),
         converged=(drift < _FAR_PX) & (flux > 0) & np.isfinite(sigmas).all(axis=1),
     )

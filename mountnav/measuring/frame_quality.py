@@ -7,20 +7,23 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from mountnav.measuring.background import Background
-from mountnav.measuring.measurements import Flag, SkyQuality, StarImages
-from mountnav.measuring.psf import Psf
+from mountnav.measuring.detection import SURROUND_SIGMAS
+from mountnav.measuring.measurements import NO_STAR, TRAILED, SkyQuality, StarImages
+from mountnav.measuring.psf import LEAST_VARIANCE_PX2, Psf
 
 Array = NDArray[np.float64]
 
-_NO_STAR = int(Flag.NO_PEAK | Flag.TRAIL | Flag.BLEED)
 _UNDERSAMPLED_PX = 2.0
+"""FWHM below which images count as undersampled, px: Nyquist's two pixels."""
 _DEFOCUSED_PX = 8.0
-_TRAILED = 0.4
+"""FWHM above which images count as defocused, px. Chosen by hand; a seeing of 4″ at 0.5″/px is as wide."""
 _FEWEST_STARS = 3
+"""Stars below which nothing is said of the images."""
 _LIMIT_SIGMA = 5.0
+"""Height of a star of the limiting flux in the smoothed frame: the default of
+`MeasuringSettings.threshold_sigma`, also where that is set otherwise."""
 _FINE = 5
-_SURROUND_SIGMAS = 4.0  # as in detection.smooth
-_LEAST_VARIANCE_PX2 = 0.03
+"""Positions across a bin, in each direction, over which a star's height is averaged."""
 
 
 def ellipse_of(p: float, q: float, r: float, fwhm_per_width: float) -> tuple[float, float, float]:
@@ -39,7 +42,7 @@ def ellipse_of(p: float, q: float, r: float, fwhm_per_width: float) -> tuple[flo
     """
     variance = np.linalg.inv(np.array([[p, q], [q, r]])) - np.eye(2) / 12.0
     values, vectors = np.linalg.eigh(variance)
-    minor, major = fwhm_per_width * np.sqrt(np.maximum(values, _LEAST_VARIANCE_PX2))
+    minor, major = fwhm_per_width * np.sqrt(np.maximum(values, LEAST_VARIANCE_PX2))
     angle = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
     return float(minor), float(major), (angle + 90.0) % 180.0 - 90.0
 
@@ -51,19 +54,19 @@ def image_kind(stars: int, minor_px: float | None, major_px: float | None, *, ho
     width = float(np.sqrt(minor_px * major_px))
     if hollow:
         return StarImages.DEFOCUSED
-    if 1.0 - minor_px / major_px > _TRAILED:
+    if 1.0 - minor_px / major_px > TRAILED:
         return StarImages.TRAILED
     if width > _DEFOCUSED_PX:
         return StarImages.DEFOCUSED
     return StarImages.UNDERSAMPLED if width < _UNDERSAMPLED_PX else StarImages.WELL_SAMPLED
 
 
-def psf_image(p: float, q: float, r: float, bell: Psf, half_px: int) -> Array:
-    """Return a star of unit flux as the pixels see it, its place in the middle of a pixel, (side, side)."""
+def psf_image(p: float, q: float, r: float, psf: Psf, half_px: int) -> Array:
+    """Return the pixels of a star of unit flux centered on the middle pixel, shape (side, side)."""
     offset = np.arange(-half_px, half_px + 1, dtype=np.float64)
     u, v = offset[None, :], offset[:, None]
-    height, _ = bell.of(p * u * u + 2.0 * q * u * v + r * v * v)
-    return np.asarray(height * np.sqrt(p * r - q * q) / bell.volume)
+    height, _ = psf.of(p * u * u + 2.0 * q * u * v + r * v * v)
+    return np.asarray(height * np.sqrt(p * r - q * q) / psf.volume)
 
 
 def limiting_flux(star: Array, noise: float, noise_ratio: float, sigma_px: float, bin_px: int) -> float:
@@ -86,17 +89,17 @@ def limiting_flux(star: Array, noise: float, noise_ratio: float, sigma_px: float
     -------
     float
     """
-    box = 2 * round(_SURROUND_SIGMAS * sigma_px / bin_px) + 1
+    box = 2 * round(SURROUND_SIGMAS * sigma_px / bin_px) + 1
     smoothed = _smoothed(np.pad(star, 2 * box * bin_px), sigma_px, bin_px, box)
     row, column = np.unravel_index(int(smoothed.argmax()), smoothed.shape)
-    # the mean over the places that a star may have within its bin
+    # the mean over the positions that a star may have within its bin
     steps = (np.arange(_FINE) + 0.5) / _FINE - 0.5
     dy, dx = np.meshgrid(bin_px * steps, bin_px * steps, indexing="ij")
     seen = ndimage.map_coordinates(smoothed, [row + dy, column + dx], order=3)
     if noise_ratio > 1.0:
         spread = noise_ratio / (2.0 * np.sqrt(np.pi) * max(sigma_px / bin_px, 0.3)) / bin_px
     else:
-        # what the same steps make of a single bright pixel tells what they leave of independent noise
+        # what the same steps make of a single bright pixel shows what they leave of independent noise
         point = np.zeros((1, 1))
         point[0, 0] = 1.0
         answer = _smoothed(np.pad(point, 3 * box * bin_px), sigma_px, bin_px, box)
@@ -146,7 +149,7 @@ def sky_quality(
     -------
     SkyQuality
     """
-    stars = int(np.count_nonzero((flags & _NO_STAR) == 0))
+    stars = int(np.count_nonzero((flags & NO_STAR) == 0))
     minor, major, angle = ellipse if ellipse is not None else (None, None, None)
     kind = image_kind(stars, minor, major, hollow=hollow)
     noise = float(np.median(background.noise))

@@ -1,4 +1,4 @@
-"""The fit of bells to many stamps at once: a damped Gauss-Newton iteration [S23 §0.2]."""
+"""The fit of PSFs to many cutouts at once: a damped Gauss-Newton iteration [S23 §0.2]."""
 
 from __future__ import annotations
 
@@ -8,24 +8,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.measuring.cutouts import Cutouts
-from mountnav.measuring.psf import Array, Psf, Reals, ShapePrior
+from mountnav.measuring.psf import LEAST_VARIANCE_PX2, NODE_WEIGHTS, NODES, Array, Psf, Reals, ShapePrior
 
 Pixels = NDArray[np.float32]
 
 ROUNDS = 12
-"""So many steps at most, unless told otherwise."""
+"""So many steps at most, unless the caller sets another number."""
 PARAMETERS = 7
 """Amplitude, x, y, p, q, r, local sky."""
 _STILL_PX = 5e-4
+"""A star whose position moves by less than this in a step, px, has converged: a fifth of the error of the
+best stars (docs/measuring.md)."""
 _STRAGGLERS = 0.03
-_FEW_MOVING = 0.7
-_EVEN = 1e-6
+"""Share of stars that may still move when the iteration ends: what doesn't converge never ends it."""
+_REPACK_BELOW = 0.7
+"""Share of moving stars below which the iteration goes on with those alone: copying them costs about a
+step."""
+_COST_ROUNDING = 1e-6
+"""Relative rise of χ² that is rounding in single precision and no step in the wrong direction."""
 _NARROWEST_SIGMA_PX = 0.3
-_LEAST_VARIANCE_PX2 = 0.03
+"""Least width σ of a fit, px: a hot pixel's."""
 _SHAPE = np.arange(3, 6)
-# three-point Gauss-Legendre rule over a pixel
-_NODES = (np.sqrt(0.6) / 2.0 * np.array([-1.0, 0.0, 1.0])).astype(np.float32)
-_NODE_WEIGHTS = (np.array([5.0, 8.0, 5.0]) / 18.0).astype(np.float32)
+"""Where p, q, r stand among the parameters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,34 +42,40 @@ class Fit:
     jacobian: Reals
     weights: Reals
 
+    def part(self, some: NDArray[np.bool_]) -> Fit:
+        """Those of some sources."""
+        return Fit(
+            self.params[some], self.normal[some], self.residual[some], self.jacobian[some], self.weights[some]
+        )
+
 
 def fit_psfs(
-    stamps: Cutouts,
+    cutouts: Cutouts,
     x_px: Array,
     y_px: Array,
     width_px: float,
-    bell: Psf,
+    psf: Psf,
     *,
     shape: ShapePrior | None = None,
     rounds: int = ROUNDS,
     height: Array | None = None,
 ) -> Fit:
-    """Do the work of `profile.fit_profiles`; the fit's inside is for those who judge its residuals."""
-    count = stamps.values.shape[0]
+    """Do the work of `psf_fitting.fit_profiles`; the fit's inside is for callers that judge its residuals."""
+    count = cutouts.values.shape[0]
     # single precision for the pixels, double for what is fitted: noise is far coarser than either
-    dx, dy = stamps.dx[None, :].astype(np.float32), stamps.dy[None, :].astype(np.float32)
-    half = float(stamps.dx.max())
-    mask = stamps.good
-    values = np.where(mask, stamps.values, 0.0).astype(np.float32)
-    variance = stamps.variance.astype(np.float32)
-    start_u = dx - (x_px - stamps.x0)[:, None].astype(np.float32)
-    start_v = dy - (y_px - stamps.y0)[:, None].astype(np.float32)
+    dx, dy = cutouts.dx[None, :].astype(np.float32), cutouts.dy[None, :].astype(np.float32)
+    half = float(cutouts.dx.max())
+    mask = cutouts.good
+    values = np.where(mask, cutouts.values, 0.0).astype(np.float32)
+    variance = cutouts.variance.astype(np.float32)
+    start_u = dx - (x_px - cutouts.x0)[:, None].astype(np.float32)
+    start_v = dy - (y_px - cutouts.y0)[:, None].astype(np.float32)
     form = np.exp(-0.5 * (start_u * start_u + start_v * start_v) / np.float32(width_px**2)) * mask
     amplitude = np.maximum((values * form).sum(axis=1) / np.maximum((form * form).sum(axis=1), 1e-3), 1e-9)
     inverse = 1.0 / width_px**2
     kept = np.zeros((count, PARAMETERS))
     kept[:, 0] = amplitude if height is None else height
-    kept[:, 1], kept[:, 2] = x_px - stamps.x0, y_px - stamps.y0
+    kept[:, 1], kept[:, 2] = x_px - cutouts.x0, y_px - cutouts.y0
     kept[:, 3], kept[:, 5] = inverse, inverse
     mean, precision = np.zeros(3), np.zeros((count, 3))
     if shape is not None:
@@ -73,28 +83,28 @@ def fit_psfs(
         precision[:] = shape.precision()
         kept[:, 3:6] = mean
     widest = half * 0.8
-    coarse = replace(bell, integrated=False)
+    coarse = replace(psf, integrated=False)
     now = coarse
     weights = _weights(kept, dx, dy, mask, variance, coarse)
     whole = _GaussNewton(values, mask, variance, precision, mean, weights, kept, np.full(count, 1e-2))
-    whole.look(dx, dy, now)
+    whole.restart(dx, dy, now)
     some, index = whole, None
-    switch = min(3, rounds // 2 - 1) if bell.integrated else -1
+    switch = min(3, rounds // 2 - 1) if psf.integrated else -1
     for turn in range(rounds):
         moving = some.step(dx, dy, now, half, widest)
         if turn in (1, 2):  # the photons' share of the variance follows the model, twice
             some.weigh(dx, dy, coarse)
         if turn == switch:
-            # near enough for the pixels' width to be told from the star's
-            now = bell
+            # near enough to separate the pixels' width from the star's
+            now = psf
             some.params[:, 0] *= some.params[:, 0] / np.maximum(seen_amplitude(some.params), 1e-12)
             some.damping = np.full(count, 1e-3)
-            some.look(dx, dy, now)
+            some.restart(dx, dy, now)
         if turn < max(3, switch + 2):
             continue
         if np.count_nonzero(moving) <= _STRAGGLERS * count:
             break
-        if np.count_nonzero(moving) < _FEW_MOVING * moving.size:  # go on with those alone
+        if np.count_nonzero(moving) < _REPACK_BELOW * moving.size:  # go on with those alone
             whole.put(index, some)
             index = np.flatnonzero(moving) if index is None else index[moving]
             some = whole.part(index)
@@ -106,7 +116,7 @@ def fit_psfs(
 
 @dataclass(slots=True)
 class _GaussNewton:
-    """Damped Gauss-Newton of many stamps at once: what it works on, and how far it has come."""
+    """Damped Gauss-Newton of many cutouts at once: what it works on, and how far it has come."""
 
     values: Pixels
     mask: NDArray[np.bool_]
@@ -120,26 +130,26 @@ class _GaussNewton:
     residual: Pixels = field(default_factory=lambda: np.zeros((0, 0), dtype=np.float32))
     cost: Array = field(default_factory=lambda: np.zeros(0))
 
-    def look(self, dx: Pixels, dy: Pixels, bell: Psf) -> None:
+    def restart(self, dx: Pixels, dy: Pixels, psf: Psf) -> None:
         """Start (again) from the parameters as they are."""
-        self.jacobian, self.residual = _linear(self.params, dx, dy, self.values, bell)
+        self.jacobian, self.residual = _linear(self.params, dx, dy, self.values, psf)
         self.cost = self._costs(self.params, self.residual)
 
-    def weigh(self, dx: Pixels, dy: Pixels, bell: Psf) -> None:
+    def weigh(self, dx: Pixels, dy: Pixels, psf: Psf) -> None:
         """Renew the weights by the model as it is."""
-        self.weights = _weights(self.params, dx, dy, self.mask, self.variance, bell)
+        self.weights = _weights(self.params, dx, dy, self.mask, self.variance, psf)
         self.cost = self._costs(self.params, self.residual)
 
-    def step(self, dx: Pixels, dy: Pixels, bell: Psf, half: float, widest: float) -> NDArray[np.bool_]:
-        """Take one step, where it leads down; tell which places still move."""
+    def step(self, dx: Pixels, dy: Pixels, psf: Psf, half: float, widest: float) -> NDArray[np.bool_]:
+        """Take one step where it lowers the cost; return which positions still move."""
         normal, weighted = _information(self.jacobian, self.weights, self.precision)
         gradient = (weighted @ self.residual[:, :, None])[:, :, 0].astype(np.float64)
         gradient[:, 3:6] += self.precision * (self.mean - self.params[:, 3:6])
         step = _solve(normal, gradient, self.damping)
         trial = _bounded(self.params + step, self.params, half, widest)
-        jacobian, residual = _linear(trial, dx, dy, self.values, bell)
+        jacobian, residual = _linear(trial, dx, dy, self.values, psf)
         cost = self._costs(trial, residual)
-        worse = ~(cost <= self.cost * (1.0 + _EVEN))
+        worse = ~(cost <= self.cost * (1.0 + _COST_ROUNDING))
         trial[worse], cost[worse] = self.params[worse], self.cost[worse]
         jacobian[worse], residual[worse] = self.jacobian[worse], self.residual[worse]
         self.damping = np.where(worse, self.damping * 8.0, self.damping * 0.2)
@@ -147,7 +157,7 @@ class _GaussNewton:
         return np.asarray(np.abs(step[:, 1:3]).max(axis=1) > _STILL_PX)
 
     def part(self, index: NDArray[np.intp]) -> _GaussNewton:
-        """Those of some stamps."""
+        """Those of some cutouts."""
         return _GaussNewton(
             self.values[index],
             self.mask[index],
@@ -186,50 +196,50 @@ def _narrowed(params: Array) -> tuple[Array, Array, Array]:
     """Take the pixels' own variance, 1/12, off the widths: p, q, r of the image that falls on the pixels."""
     p, q, r = params[:, 3], params[:, 4], params[:, 5]
     determinant = p * r - q * q
-    xx, yy = (np.maximum(w / determinant - 1.0 / 12.0, _LEAST_VARIANCE_PX2) for w in (r, p))
+    xx, yy = (np.maximum(w / determinant - 1.0 / 12.0, LEAST_VARIANCE_PX2) for w in (r, p))
     room = 0.97 * np.sqrt(xx * yy)
     xy = np.clip(-q / determinant, -room, room)
     determinant = xx * yy - xy * xy
     return yy / determinant, -xy / determinant, xx / determinant
 
 
-def _linear(params: Array, dx: Pixels, dy: Pixels, values: Pixels, bell: Psf) -> tuple[Pixels, Pixels]:
+def _linear(params: Array, dx: Pixels, dy: Pixels, values: Pixels, psf: Psf) -> tuple[Pixels, Pixels]:
     """Jacobian (n, 7, pixels) and residual data - model (n, pixels).
 
-    Integrated, only the model's value comes from points within the pixels; the slopes of the bell as wide
+    Integrated, only the model's value comes from points within the pixels; the slopes of the PSF as wide
     as it looks are near enough to lead there.
     """
-    if not bell.integrated:
-        jacobian = _slopes(params, params[:, 0], dx, dy, bell)
+    if not psf.integrated:
+        jacobian = _slopes(params, params[:, 0], dx, dy, psf)
     else:
-        jacobian = _slopes(params, seen_amplitude(params), dx, dy, bell)
+        jacobian = _slopes(params, seen_amplitude(params), dx, dy, psf)
         p, q, r = (w[:, None].astype(np.float32) for w in _narrowed(params))
         x, y = params[:, 1, None].astype(np.float32), params[:, 2, None].astype(np.float32)
         height = np.zeros((params.shape[0], dx.shape[1]), dtype=np.float32)
-        for shift_y, weight_y in zip(_NODES, _NODE_WEIGHTS, strict=True):
+        for shift_y, weight_y in zip(NODES, NODE_WEIGHTS, strict=True):
             v = dy - (y - shift_y)
             rv2, qv = r * v * v, np.float32(2.0) * q * v
-            for shift_x, weight_x in zip(_NODES, _NODE_WEIGHTS, strict=True):
+            for shift_x, weight_x in zip(NODES, NODE_WEIGHTS, strict=True):
                 u = dx - (x - shift_x)
-                height += (weight_x * weight_y) * bell.of((p * u + qv) * u + rv2)[0]
+                height += (weight_x * weight_y) * psf.of((p * u + qv) * u + rv2)[0]
         jacobian[:, 0] = height
     sky = params[:, 6, None].astype(np.float32)
     return jacobian, values - params[:, 0, None].astype(np.float32) * jacobian[:, 0] - sky
 
 
 def seen_amplitude(params: Array) -> Array:
-    """Amplitude of the bell of seen width that holds as much light as the narrowed one of amplitude a."""
+    """Amplitude of the PSF of seen width that holds as much light as the narrowed one of amplitude a."""
     p, q, r = _narrowed(params)
     seen = params[:, 3] * params[:, 5] - params[:, 4] ** 2
     return np.asarray(params[:, 0] * np.sqrt(seen / (p * r - q * q)))
 
 
-def _slopes(params: Array, amplitude: Array, dx: Pixels, dy: Pixels, bell: Psf) -> Pixels:
+def _slopes(params: Array, amplitude: Array, dx: Pixels, dy: Pixels, psf: Psf) -> Pixels:
     """Derivatives of the model by its parameters at points, (n, 7, points)."""
     x, y, p, q, r = (params[:, i, None].astype(np.float32) for i in range(1, 6))
     u, v = dx - x, dy - y
     along_x, along_y = p * u + q * v, q * u + r * v
-    height, slope = bell.of(along_x * u + along_y * v)
+    height, slope = psf.of(along_x * u + along_y * v)
     slope = amplitude[:, None].astype(np.float32) * slope
     jacobian = np.empty((params.shape[0], PARAMETERS, dx.shape[1]), dtype=np.float32)
     jacobian[:, 0] = height
@@ -248,14 +258,14 @@ def _slopes(params: Array, amplitude: Array, dx: Pixels, dy: Pixels, bell: Psf) 
 
 
 def _weights(
-    params: Array, dx: Pixels, dy: Pixels, mask: NDArray[np.bool_], variance: Pixels, bell: Psf
+    params: Array, dx: Pixels, dy: Pixels, mask: NDArray[np.bool_], variance: Pixels, psf: Psf
 ) -> Pixels:
     x, y, p, q, r = (params[:, i, None].astype(np.float32) for i in range(1, 6))
     u, v = dx - x, dy - y
-    amplitude = seen_amplitude(params) if bell.integrated else params[:, 0]
+    amplitude = seen_amplitude(params) if psf.integrated else params[:, 0]
     height = np.maximum(amplitude, 0.0)[:, None].astype(np.float32)
-    light = height * bell.of((p * u + 2.0 * q * v) * u + r * v * v)[0]
-    return np.asarray(mask / bell.variance(variance, light), dtype=np.float32)
+    light = height * psf.of((p * u + 2.0 * q * v) * u + r * v * v)[0]
+    return np.asarray(mask / psf.variance(variance, light), dtype=np.float32)
 
 
 def _solve(normal: Array, gradient: Array, damping: Array) -> Array:
@@ -267,7 +277,7 @@ def _solve(normal: Array, gradient: Array, damping: Array) -> Array:
 
 
 def _bounded(trial: Array, before: Array, half: float, widest: float) -> Array:
-    """Keep a step inside the stamp, and widths between a hot pixel's and the stamp's."""
+    """Keep a step inside the cutout, and widths between a hot pixel's and the cutout's."""
     trial = trial.copy()
     trial[:, 0] = np.clip(trial[:, 0], 0.2 * before[:, 0], 5.0 * before[:, 0])
     trial[:, 1:3] = before[:, 1:3] + np.clip(trial[:, 1:3] - before[:, 1:3], -1.5, 1.5)

@@ -7,18 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.spatial import KDTree
 
 from mountnav.errors import BadFrame
 from mountnav.frames import Frame
 from mountnav.measuring.artifacts import Artifacts, bad_lines, find_artifacts, find_cosmics, heal_lines
 from mountnav.measuring.background import Background, Image, estimate_background, fine_structure
-from mountnav.measuring.detection import Peaks, Smoothed, find_peaks, smooth, typical_fwhm
+from mountnav.measuring.detection import Peaks, Smoothed, find_peaks, first_of_twins, smooth, typical_fwhm
 from mountnav.measuring.epsf import Epsf, find_epsf, fit_epsf, smooth_with_epsf, without_sidelobes
 from mountnav.measuring.flags import FlagContext, flag_sources
 from mountnav.measuring.frame_quality import ellipse_of, limiting_flux, matched_limit, psf_image, sky_quality
-from mountnav.measuring.measurements import Flag, Measurements, SkyQuality
-from mountnav.measuring.psf import FWHM_PER_SIGMA, PIXEL_FWHM2, ShapePrior
+from mountnav.measuring.measurements import LEAST_FLUX_SIGMA, RESTLESS, Flag, Measurements, SkyQuality
+from mountnav.measuring.psf import FWHM_PER_SIGMA, ShapePrior, without_pixel_width
 from mountnav.measuring.psf_photometry import Fitted, fit_peaks, half_px, known_gain, nearest_other
 from mountnav.measuring.saturation import SaturatedPatch, saturation_level
 from mountnav.measuring.settings import MeasuringSettings
@@ -26,13 +25,23 @@ from mountnav.measuring.settings import MeasuringSettings
 Array = NDArray[np.float64]
 
 _SMALLEST_SIDE_PX = 16
+"""Shorter frames can't be measured, px: no mesh, no cutouts. Doubled or halved, nothing changed on the frames
+that were tried."""
 _LEAST_FINITE = 0.05
+"""Share of the pixels that must have a value. Doubled or halved, nothing changed on the frames that were
+tried."""
 _MOST_SATURATED = 0.5
+"""Share of saturated pixels above which a frame is refused. Doubled or halved, nothing changed on the frames
+that were tried."""
 _WIDE_FWHM_PX = 4.5
-_RESTLESS = 4.0
-_KNOTTY = 0.6
-_LEAST_FLUX_SIGMA = 2.5
+"""FWHM from which the frame is searched again at the stars' own width, px: the first smoothing has 2.8.
+Doubled, the limiting flux of painted stars of 8 px is 2.2 times brighter; halved, 20 of 136 faint painted
+stars of 3 px are lost."""
+_STRUCTURE_SIGMA = 0.6
+"""Level of a cell of the fine structure, in units of the noise per pixel, beside which sources are judged as
+on a nebula. Chosen by hand; at 0.8 nothing changed on the frames that were tried."""
 _LEAST_FLUX_SIGMA_WIDE = 3.5
+"""The same as `LEAST_FLUX_SIGMA` for wide stars, whose search finds more of the noise's own hills."""
 _DEFAULTS = MeasuringSettings()
 
 
@@ -171,7 +180,7 @@ def _search(
 
 
 def _one_peak_each(peaks: Peaks, blobs: list[SaturatedPatch], fwhm_px: float) -> tuple[Peaks, Array]:
-    """Let each saturated patch have one peak, at its place; return also the patch's radius at each peak."""
+    """Keep one peak per saturated patch, at its center; return also the patch's radius at each peak."""
     x, y, height = peaks.x_px.copy(), peaks.y_px.copy(), peaks.height
     keep = np.ones(x.size, dtype=bool)
     radius = np.zeros(x.size)
@@ -195,7 +204,7 @@ def _one_peak_each(peaks: Peaks, blobs: list[SaturatedPatch], fwhm_px: float) ->
 def _stars_first(
     search: _Search, image: Image, good: NDArray[np.bool_], background: Background, gain: float, most: int
 ) -> tuple[_Search, NDArray[np.bool_], tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Put cosmic rays behind the stars, lest they fill the list; tell them, and the pixels they spoil."""
+    """Put cosmic rays behind the stars, so that they don't fill the list; return the spoilt pixels too."""
     peaks, some = search.peaks, slice(0, most)
     x, y = peaks.x_px[some], peaks.y_px[some]
     narrow = search.fwhm_px
@@ -238,14 +247,14 @@ def _measured(
             image, clean, saturated, background, search.peaks, search.radius_px, search.fwhm_px, gain, most
         )
     else:
-        profiles, bell = fit_epsf(image, clean & ~saturated, x, y, noise, search.common, gain)
-        fitted = Fitted(profiles, bell, None, np.arange(x.size), np.full(x.size, np.inf))
+        profiles, psf = fit_epsf(image, clean & ~saturated, x, y, noise, search.common, gain)
+        fitted = Fitted(profiles, psf, None, np.arange(x.size), np.full(x.size, np.inf))
     fits, origin = fitted.profiles, fitted.origin
     x, y, noise, struck = x[origin], y[origin], noise[origin], struck[origin]
     neighbors = np.minimum(neighbors[origin], fitted.apart_px)
     setting = FlagContext(
         noise=noise,
-        restless=noise > _RESTLESS * np.percentile(background.noise, 25.0),
+        restless=noise > RESTLESS * np.percentile(background.noise, 25.0),
         knotty=_knotty(search.structure, float(np.median(background.noise)), x, y),
         good=good,
         saturated=saturated,
@@ -256,13 +265,13 @@ def _measured(
     flags, places_x, places_y = flag_sources(fits, x, y, neighbors, setting)
     error = search.noise_ratio
     flux_sigma = fits.flux_sigma * error
-    least = _LEAST_FLUX_SIGMA if search.fwhm_px <= _WIDE_FWHM_PX else _LEAST_FLUX_SIGMA_WIDE
+    least = LEAST_FLUX_SIGMA if search.fwhm_px <= _WIDE_FWHM_PX else _LEAST_FLUX_SIGMA_WIDE
     real = (fits.flux > least * flux_sigma) | ((flags & Flag.SATURATED) > 0)
     real &= fits.amplitude > 0
     flux = np.where(np.isfinite(fits.flux), fits.flux, 0.0)
     order = np.argsort(-flux, kind="stable")
     order = order[real[order]]
-    order = order[_first_of_twins(places_x[order], places_y[order], 0.4 * search.fwhm_px)]
+    order = order[first_of_twins(places_x[order], places_y[order], 0.4 * search.fwhm_px)]
     order = order[: settings.max_sources]
     return Measurements(
         x_px=places_x[order],
@@ -271,7 +280,7 @@ def _measured(
         y_sigma_px=fits.y_sigma_px[order] * error,
         flux=flux[order],
         flux_sigma=flux_sigma[order],
-        fwhm_px=_without_pixel(fits.minor_fwhm_px * fits.major_fwhm_px)[order],
+        fwhm_px=without_pixel_width(fits.minor_fwhm_px * fits.major_fwhm_px)[order],
         ellipticity=(1.0 - fits.minor_fwhm_px / fits.major_fwhm_px)[order],
         flags=flags[order],
         width_px=frame.width_px,
@@ -293,33 +302,19 @@ def _quality(
         limit = matched_limit(common.pixels, noise, search.noise_ratio)
         hollow = common.hollow
     else:
-        shape, hollow = fitted.shape or ShapePrior.round(search.fwhm_px, fitted.bell), False
-        ellipse = ellipse_of(shape.p, shape.q, shape.r, fitted.bell.fwhm_per_width)
-        star = psf_image(shape.p, shape.q, shape.r, fitted.bell, 2 * half_px(search.fwhm_px))
+        shape, hollow = fitted.shape or ShapePrior.round(search.fwhm_px, fitted.psf), False
+        ellipse = ellipse_of(shape.p, shape.q, shape.r, fitted.psf.fwhm_per_width)
+        star = psf_image(shape.p, shape.q, shape.r, fitted.psf, 2 * half_px(search.fwhm_px))
         limit = limiting_flux(star, noise, search.noise_ratio, search.smoothing_px, search.bin_px)
     return sky_quality(background, flags, saturated_share, ellipse, hollow=hollow, limit=limit)
 
 
 def _knotty(structure: Background | None, noise: float, x: Array, y: Array) -> NDArray[np.bool_]:
-    """Tell which places, shape (n,), lie on or beside what is no plain sky."""
+    """Which positions, shape (n,), lie on or beside what is no plain sky."""
     if structure is None:
         return np.zeros(x.size, dtype=bool)
-    knots = np.abs(structure.level) > _KNOTTY * noise
+    knots = np.abs(structure.level) > _STRUCTURE_SIGMA * noise
     near = ndimage.binary_dilation(knots, structure=np.ones((3, 3), dtype=bool))
     rows = (y * near.shape[0] / structure.height_px).astype(np.intp)
     columns = (x * near.shape[1] / structure.width_px).astype(np.intp)
     return np.asarray(near[np.clip(rows, 0, near.shape[0] - 1), np.clip(columns, 0, near.shape[1] - 1)])
-
-
-def _without_pixel(fwhm2: Array) -> Array:
-    """Width of the image itself, the pixels' own width taken off its square."""
-    return np.asarray(np.sqrt(np.maximum(fwhm2 - PIXEL_FWHM2, 0.04 * fwhm2)))
-
-
-def _first_of_twins(x: Array, y: Array, reach_px: float) -> NDArray[np.bool_]:
-    """Tell which of several fits that ran to the same place comes first."""
-    keep = np.ones(x.size, dtype=bool)
-    if x.size > 1:
-        pairs = KDTree(np.stack([x, y], axis=1)).query_pairs(reach_px, output_type="ndarray")
-        keep[pairs.max(axis=1)] = False
-    return keep

@@ -9,7 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 _FEWEST_PAIRS = 3
+"""Identified stars below which no zero point is stated: a median of two can't reject an outlier."""
 _FAR_MAG = 0.05
+"""Least scatter assumed of catalog magnitudes, mag: a handful of stars that agree by chance must not clip the
+rest. Doubled or halved, only zero points of fewer than some ten stars move."""
 
 
 class StarImages(StrEnum):
@@ -24,12 +27,13 @@ class StarImages(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SkyQuality:
-    """What a frame tells about the night. None means: can't be told.
+    """What a frame shows of the night. None means: not known.
 
     Attributes
     ----------
     stars : int
-        Star-like sources measured; of a frame solved at a glance those that the glance saw, at most 200.
+        Star-like sources measured; of a frame solved by its fast measurement alone those that this one found,
+        at most 200.
     images : StarImages
         What they look like.
     fwhm_px, ellipticity, elongation_deg : float or None
@@ -82,7 +86,7 @@ def with_plate(
         Catalog magnitudes and fluxes (ADU) of identified, unsaturated stars; what isn't finite or positive
         is passed over.
     bias_adu : float, optional
-        Level of an unlit pixel; the sky's surface brightness can't be told without.
+        Level of an unlit pixel; the sky's surface brightness isn't known without.
 
     Returns
     -------
@@ -130,6 +134,41 @@ class Flag(IntFlag):
     BLEED = 64
 
 
+NO_STAR = int(Flag.NO_PEAK | Flag.TRAIL | Flag.BLEED)
+"""The flags of what is no star: such sources are neither counted as stars nor summed up in `SkyQuality`."""
+TYPICAL_SNR = 15.0
+"""Flux over its error above which a clean source counts for the frame's typical star; chosen by hand.
+Doubled or halved, no figure of the crowded frames changed by 3 %."""
+TOO_NARROW = 0.62
+"""Minor axis over the typical star's below which a source is no star but a hot pixel or a ray; chosen by
+hand. At 0.81, 4 of 136 faint painted stars and 11 of 339 sources of a tetra3 frame are flagged in addition;
+at 0.24, three sources of noise pass."""
+TOO_WIDE = 2.0
+"""Width over the typical star's above which a source is no star but a knot, a galaxy or a blend; chosen by
+hand. Doubled, nothing changed on the frames that were tried; halved, one star in 28 of C00 is lost."""
+TOO_LONG = 0.25
+"""Ellipticity beyond the typical star's that makes a source elongated, where the frame itself is not trailed;
+chosen by hand. Doubled, 2 of 4 elongated sources of C00 pass."""
+LEAST_ELLIPTICITY = 0.4
+"""Ellipticity below which no source is called elongated (major over minor axis 1.7): tails of noise reach it;
+chosen by hand. Doubled, none of C00's sources is elongated; halved, five are instead of four."""
+TRAILED = 0.4
+"""Ellipticity of the typical star (major over minor axis 1.7) from which all stars of the frame count as
+trailed; chosen by hand. Doubled, nothing changed on the frames that were tried; halved, 4 of 26 knots of a
+painted nebula become elongated."""
+POOR_FIT = 0.15
+"""Residuals' rms in the core, as a share of the amplitude, above which a fit is no star's; chosen by hand.
+Doubled, 3 of 4 non-stars of a tetra3 frame pass; halved, the fast fits lose 2 of 126 and 4 of 122 painted
+stars."""
+RESTLESS = 4.0
+"""Local noise over that of the frame's quiet quarter above which a position is likely a tree, a roof or the
+heart of a nebula; chosen by hand. Halved, stars in an amplifier's glow are lost (3 of 22 painted ones)."""
+LEAST_FLUX_SIGMA = 2.5
+"""Flux over its error that a fit must keep to be listed: the search asks for 5 in the smoothed frame, and the
+fit of a faint star may end lower. Doubled, 16 of 126 painted faint stars are lost; halved, one false source
+came in the frames that were tried."""
+
+
 @dataclass(frozen=True, slots=True)
 class Measurements:
     """Detected sources, brightest first; each array has shape (n,).
@@ -155,7 +194,7 @@ class Measurements:
     elongation_deg
         Direction of the major axis, from +x towards +y, in [-90, 90); shape (n,), or None if not measured.
     quality
-        What the frame tells about the night; None for lists that no frame was measured for.
+        What the frame shows of the night; None for lists that no frame was measured for.
     """
 
     x_px: Array

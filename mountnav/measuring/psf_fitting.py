@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,25 +10,44 @@ from numpy.typing import NDArray
 
 from mountnav.measuring.cutouts import Cutouts
 from mountnav.measuring.least_squares import PARAMETERS, ROUNDS, Fit, covariances, fit_psfs, seen_amplitude
-from mountnav.measuring.psf import Array, Psf, ShapePrior
+from mountnav.measuring.psf import MOST_WING, Array, Psf, ShapePrior
 
 _WINGS = (0.0, 0.15, 0.3, 0.45)
-_MOST_WING = 0.5
-_PRIOR_WING = 0.1
+"""Wings that are tried; the best lies on a parabola through three of them. Typical seeing has 0.3 (a Moffat
+exponent of 3.3). Doubled or halved, fluxes of painted Moffat stars scatter by 5 to 7 % more."""
+_WING_PRIOR = 0.1
+"""One-sigma width of the prior on the wings: where the frame can't decide, they stay Gaussian. At one sigma
+it weighs as much as a rise of −2 ln likelihood by 1. Doubled or halved, no figure changed by 3 %."""
 _FEWEST_FOR_PSF = 5
+"""Stars below which nothing is learned of wings, gain and misfit."""
 _BINS = 14
+"""Bins of equal number, by the light in the pixel, in which the residuals' variance is compared with the
+noise law. Doubled or halved, one source in 481 changes."""
 _LEAST_PER_BIN = 25
+"""Pixels in a bin at least: its median of χ² is then sure to 38 %. Doubled or halved, nothing changed on the
+frames that were tried."""
 _MEDIAN_CHI2 = 0.4549
-_SURE_GAIN = 4.0
-_UNLIKE = 2.0
-_SURE_MISFIT = 2.0
-_LAWFUL = 0.4
+"""Median of χ² with one degree of freedom."""
+_GAIN_SIGMAS = 4.0
+"""The gain is learned only if the photons' share stands out by so many of its own sigmas. Chosen by hand."""
+_GAIN_CONTRADICTION = 2.0
+"""A gain from the header is overruled only if the measured one differs by this factor: cards are wrong in
+kind (per binned pixel, in another mode), not by percents."""
+_MISFIT_SIGMAS = 2.0
+"""A misfit below so many of its own sigmas counts as none. Chosen by hand."""
+_MOST_LAW_ERROR = 0.4
+"""Natural logarithm of the residuals' variance over the law's, in the worst fifth of the bins, up to which
+photons may explain it: 0.4 is a factor of 1.5. Above, the residuals are the wings' misfit and tell no gain.
+Chosen by hand."""
 _MOST_MISFIT = 0.1
-_OUTLIER = 3.0
+"""Largest misfit that goes into the errors, as a share of the light in the pixel: beyond it the fit is poor,
+and flagged as such."""
+_BLEND_CHI2_RATIO = 3.0
+"""A star whose χ² is more than this many times the usual one is a blend and says nothing of the wings."""
 
 
 def learn_psf(
-    stamps: Cutouts,
+    cutouts: Cutouts,
     x_px: Array,
     y_px: Array,
     width_px: float,
@@ -36,7 +56,7 @@ def learn_psf(
     integrated: bool,
     card: bool,
 ) -> Psf:
-    """Find the wings, the gain and the misfit that the stamps of a frame's bright stars tell of.
+    """Find the wings, the gain and the misfit that the cutouts of a frame's bright stars show.
 
     The wing is the one whose fits leave the least χ². Then the squared residuals, freed from what the fit
     took up itself (the leverage), are compared with the light in the pixel: sky noise at none, photons in
@@ -44,7 +64,7 @@ def learn_psf(
 
     Parameters
     ----------
-    stamps : Stamps
+    cutouts : Cutouts
         Of unsaturated stars well above the noise; some may be blends or worse.
     x_px, y_px : ndarray, shape (n,)
         Where to start, pixels of the frame.
@@ -59,34 +79,34 @@ def learn_psf(
 
     Returns
     -------
-    Bell
+    Psf
     """
-    bell = Psf(0.0, gain_e_adu, 0.0, integrated)
+    psf = Psf(0.0, gain_e_adu, 0.0, integrated)
     if x_px.size < _FEWEST_FOR_PSF:
-        return bell
-    first = fit_psfs(stamps, x_px, y_px, width_px, bell)
+        return psf
+    first = fit_psfs(cutouts, x_px, y_px, width_px, psf)
     alike = _alike(first, width_px)
     if alike.sum() < _FEWEST_FOR_PSF:
-        return bell
-    stamps, x_px, y_px = _part(stamps, alike), x_px[alike], y_px[alike]
-    fits = [fit_psfs(stamps, x_px, y_px, width_px, replace(bell, wing=wing)) for wing in _WINGS]
-    # the same weights for all: a fatter bell must not win by believing in more noise
+        return psf
+    cutouts, x_px, y_px = cutouts.part(alike), x_px[alike], y_px[alike]
+    fits = [fit_psfs(cutouts, x_px, y_px, width_px, replace(psf, wing=wing)) for wing in _WINGS]
+    # the same weights for all: a fatter PSF must not win by believing in more noise
     chi2 = np.stack([(fits[1].weights * fit.residual**2).sum(axis=1) for fit in fits])
     best = chi2.min(axis=0)
     # a blend's χ² says nothing of wings
-    usual = best <= _OUTLIER * np.median(best)
+    usual = best <= _BLEND_CHI2_RATIO * np.median(best)
     # each star by the logarithm of its own χ²: stars count alike however bright they are
-    unlikely = stamps.values.shape[1] * np.log(chi2[:, usual]).sum(axis=1)
-    wing = _lowest(unlikely + (np.array(_WINGS) / _PRIOR_WING) ** 2)
-    bell = replace(bell, wing=wing)
+    unlikely = cutouts.values.shape[1] * np.log(chi2[:, usual]).sum(axis=1)
+    wing = _lowest(unlikely + (np.array(_WINGS) / _WING_PRIOR) ** 2)
+    psf = replace(psf, wing=wing)
     for _ in range(2):
-        fit = fit_psfs(stamps, x_px, y_px, width_px, bell)
-        bell = with_noise_law(bell, fit, stamps, gain_e_adu, card=card)
-    return bell
+        fit = fit_psfs(cutouts, x_px, y_px, width_px, psf)
+        psf = with_noise_law(psf, fit, cutouts, gain_e_adu, card=card)
+    return psf
 
 
 def _alike(fit: Fit, width_px: float) -> NDArray[np.bool_]:
-    """Tell which fits are about as wide as the typical one: no hot pixels, no smudges."""
+    """Which fits are about as wide as the typical one: no hot pixels, no smudges."""
     p, q, r = fit.params[:, 3], fit.params[:, 4], fit.params[:, 5]
     width = np.maximum(p * r - q * q, 1e-12) ** -0.25
     plausible = (width > 0.6 * width_px) & (width < 1.7 * width_px)
@@ -96,17 +116,6 @@ def _alike(fit: Fit, width_px: float) -> NDArray[np.bool_]:
     return np.asarray((width > 0.75 * typical) & (width < 1.4 * typical))
 
 
-def _part(stamps: Cutouts, some: NDArray[np.bool_]) -> Cutouts:
-    return replace(
-        stamps,
-        values=stamps.values[some],
-        variance=stamps.variance[some],
-        good=stamps.good[some],
-        x0=stamps.x0[some],
-        y0=stamps.y0[some],
-    )
-
-
 def _lowest(total: Array) -> float:
     """Where the parabola through the lowest value and its neighbors is lowest."""
     wings = np.array(_WINGS)
@@ -114,21 +123,21 @@ def _lowest(total: Array) -> float:
     before, here, after = total[i - 1 : i + 2]
     bend = before - 2.0 * here + after
     step = 0.5 * (before - after) / bend if bend > 0 else float(np.sign(before - after))
-    return float(np.clip(wings[i] + np.clip(step, -1.5, 1.5) * (wings[1] - wings[0]), 0.0, _MOST_WING))
+    return float(np.clip(wings[i] + np.clip(step, -1.5, 1.5) * (wings[1] - wings[0]), 0.0, MOST_WING))
 
 
-def with_noise_law(bell: Psf, fit: Fit, stamps: Cutouts, gain: float, *, card: bool) -> Psf:
-    """Learn gain and misfit from the residuals; what they can't tell stays."""
+def with_noise_law(psf: Psf, fit: Fit, cutouts: Cutouts, gain: float, *, card: bool) -> Psf:
+    """Learn gain and misfit from the residuals; what they don't determine stays."""
     light = fit.params[:, 0, None] * fit.jacobian[:, 0]
     covariance = covariances(fit.normal)
     leverage = fit.weights * np.einsum(
         "nip,nij,njp->np", fit.jacobian, covariance, fit.jacobian, optimize=True
     )
-    use = stamps.good & (light > 0.3 * np.sqrt(stamps.variance)) & (leverage < 0.8)
+    use = cutouts.good & (light > 0.3 * np.sqrt(cutouts.variance)) & (leverage < 0.8)
     if use.sum() < 4 * _LEAST_PER_BIN:
-        return bell
+        return psf
     square = fit.residual[use] ** 2 / (1.0 - leverage[use])
-    light, sky = light[use], stamps.variance[use]
+    light, sky = light[use], cutouts.variance[use]
     order = np.argsort(light)
     parts = np.array_split(order, min(_BINS, order.size // _LEAST_PER_BIN))
     # the median of χ² of one degree is 0.4549, and sure to about 1.9 times the root of 1 / n
@@ -139,27 +148,27 @@ def with_noise_law(bell: Psf, fit: Fit, stamps: Cutouts, gain: float, *, card: b
     table = np.stack([middle, middle**2], axis=1) / sure[:, None]
     right = (level - ground) / sure
     if not (np.isfinite(table).all() and np.isfinite(right).all()):
-        return bell
+        return psf
     per_photon, misfit2 = nonnegative_pair(table, right)
     spread = np.linalg.pinv(table.T @ table)
-    clear = per_photon > _SURE_GAIN * np.sqrt(spread[0, 0])
-    # photons are a law for faint and bright pixels alike; wings that no bell fits are not
+    clear = per_photon > _GAIN_SIGMAS * np.sqrt(spread[0, 0])
+    # photons are a law for faint and bright pixels alike; wings that no PSF fits are not
     law = ground + per_photon * middle + misfit2 * middle**2
     off = np.abs(np.log(level / np.maximum(law, 1e-30)))
-    clear &= float(np.percentile(off, 80.0)) < _LAWFUL
-    if clear and (not card or not 1.0 / _UNLIKE < per_photon * gain < _UNLIKE):
+    clear &= float(np.percentile(off, 80.0)) < _MOST_LAW_ERROR
+    if clear and (not card or not 1.0 / _GAIN_CONTRADICTION < per_photon * gain < _GAIN_CONTRADICTION):
         gain = 1.0 / per_photon
     else:
         misfit2 = float((table[:, 1] @ (right - table[:, 0] / gain)) / (table[:, 1] @ table[:, 1]))
-    if misfit2 < _SURE_MISFIT / np.sqrt(table[:, 1] @ table[:, 1]):
+    if misfit2 < _MISFIT_SIGMAS / np.sqrt(table[:, 1] @ table[:, 1]):
         misfit2 = 0.0
-    return replace(bell, gain_e_adu=float(gain), misfit=float(min(np.sqrt(misfit2), _MOST_MISFIT)))
+    return replace(psf, gain_e_adu=float(gain), misfit=float(min(np.sqrt(misfit2), _MOST_MISFIT)))
 
 
 def nonnegative_pair(table: Array, right: Array) -> tuple[float, float]:
     """Least squares of two unknowns neither of which may be negative.
 
-    Two unknowns leave four cases, so that scipy.optimize, dear to import, isn't needed.
+    Two unknowns leave four cases, so that scipy.optimize, expensive to import, isn't needed.
 
     Parameters
     ----------
@@ -182,6 +191,8 @@ def nonnegative_pair(table: Array, right: Array) -> tuple[float, float]:
 
 
 _FAR_DRIFT_SIGMAS = 2.5
+"""A fit that ended farther from its start than so many of its own sigmas (and than 1.5 px) is no fit of that
+peak."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,8 +201,8 @@ class Profiles:
 
     ``minor_fwhm_px`` and ``major_fwhm_px`` are along the ellipse's axes, the pixels' own width included;
     ``angle_deg`` is the major axis' direction from +x towards +y; ``misfit`` is the residuals' rms inside the
-    core over the amplitude, ``chi2`` the reduced one of the whole stamp; ``converged`` tells whether place
-    and shape are those of a star.
+    core over the amplitude, ``chi2`` the reduced one of the whole cutout; ``converged`` tells whether
+    position and shape are those of a star.
     """
 
     x_px: Array
@@ -208,35 +219,56 @@ class Profiles:
     chi2: Array
     converged: NDArray[np.bool_]
 
+    @classmethod
+    def zeros(cls, count: int) -> Profiles:
+        """Profiles of so many sources, to be filled by `put`."""
+        numbers = {name: np.zeros(count) for name in cls.__dataclass_fields__ if name != "converged"}
+        return cls(**numbers, converged=np.zeros(count, dtype=bool))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Profiles]) -> Profiles:
+        """Several ones after each other."""
+        names = cls.__dataclass_fields__
+        return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+    def copied(self) -> Profiles:
+        """A copy whose arrays can be changed."""
+        return Profiles(**{name: getattr(self, name).copy() for name in Profiles.__dataclass_fields__})
+
+    def put(self, which: NDArray[np.intp], part: Profiles) -> None:
+        """Overwrite those of the sources ``which``, in place."""
+        for name in Profiles.__dataclass_fields__:
+            getattr(self, name)[which] = getattr(part, name)
+
 
 def fit_profiles(
-    stamps: Cutouts,
+    cutouts: Cutouts,
     x_px: Array,
     y_px: Array,
     width_px: float,
-    bell: Psf,
+    psf: Psf,
     *,
     shape: ShapePrior | None = None,
     rounds: int = ROUNDS,
     height: Array | None = None,
 ) -> Profiles:
-    """Fit amplitude, place, an elliptical width and a local sky to each stamp.
+    """Fit amplitude, position, an elliptical width and a local sky to each cutout.
 
-    The model is a B(p u² + 2 q u v + r v²) + b with u, v relative to the place and B the frame's bell. All
-    stamps go through a damped Gauss-Newton iteration together. A pixel's variance is that of the sky plus
-    that of the star's own photons; with these weights the place's error is the Cramér-Rao bound of the
+    The model is a B(p u² + 2 q u v + r v²) + b with u, v relative to the position and B the frame's PSF. All
+    cutouts go through a damped Gauss-Newton iteration together. A pixel's variance is that of the sky plus
+    that of the star's own photons; with these weights the position's error is the Cramér-Rao bound of the
     model, and the reported sigmas are its inverse information matrix. Saturated pixels are left out, so that
-    the wings alone place a saturated star.
+    the wings alone fix the position of a saturated star.
 
     Parameters
     ----------
-    stamps : Stamps
+    cutouts : Cutouts
     x_px, y_px : ndarray, shape (n,)
         Where to start, pixels of the frame.
     width_px : float
         Width to start from, pixels: a Gaussian's sigma.
-    bell : Bell
-    shape : Shape, optional
+    psf : Psf
+    shape : ShapePrior, optional
         Known beforehand: for saturated stars and blends.
     rounds : int, optional
         At most so many.
@@ -247,12 +279,12 @@ def fit_profiles(
     -------
     Profiles
     """
-    fit = fit_psfs(stamps, x_px, y_px, width_px, bell, shape=shape, rounds=rounds, height=height)
-    return _profiles(fit, stamps, float(stamps.dx.max()), width_px, bell)
+    fit = fit_psfs(cutouts, x_px, y_px, width_px, psf, shape=shape, rounds=rounds, height=height)
+    return _profiles(fit, cutouts, float(cutouts.dx.max()), width_px, psf)
 
 
-def _profiles(fit: Fit, stamps: Cutouts, half: float, sigma: float, bell: Psf) -> Profiles:
-    params, normal, residual, mask = fit.params, fit.normal, fit.residual, stamps.good
+def _profiles(fit: Fit, cutouts: Cutouts, half: float, sigma: float, psf: Psf) -> Profiles:
+    params, normal, residual, mask = fit.params, fit.normal, fit.residual, cutouts.good
     a, x, y, p, q, r, _ = params.T
     covariance = covariances(normal)
     # where nearly all pixels are masked the matrix is singular: such a fit knows nothing, and says so
@@ -262,8 +294,8 @@ def _profiles(fit: Fit, stamps: Cutouts, half: float, sigma: float, bell: Psf) -
     mean, swing = 0.5 * (p + r), np.hypot(0.5 * (p - r), q)
     narrow = 1.0 / np.sqrt(mean + swing)
     wide = 1.0 / np.sqrt(np.maximum(mean - swing, 1e-6))
-    area = bell.volume * narrow * wide
-    a = seen_amplitude(params) if bell.integrated else a
+    area = psf.volume * narrow * wide
+    a = seen_amplitude(params) if psf.integrated else a
     # flux = a · volume / √(pr − q²): its error takes the shape's covariance along
     slope = np.zeros_like(params)
     slope[:, 0] = area * a / np.maximum(params[:, 0], 1e-12)
@@ -273,7 +305,7 @@ def _profiles(fit: Fit, stamps: Cutouts, half: float, sigma: float, bell: Psf) -
     flux_variance = np.einsum("ni,nij,nj->n", slope, covariance, slope)
     known &= flux_variance > 0.0
     flux_sigma = np.where(known, np.sqrt(np.maximum(flux_variance, 0.0)), np.abs(a * area))
-    u, v = stamps.dx[None, :] - x[:, None], stamps.dy[None, :] - y[:, None]
+    u, v = cutouts.dx[None, :] - x[:, None], cutouts.dy[None, :] - y[:, None]
     core = mask & (p[:, None] * u * u + 2.0 * q[:, None] * u * v + r[:, None] * v * v < 4.0)
     pixels = np.maximum(core.sum(axis=1), 1)
     misfit = np.sqrt((residual**2 * core).sum(axis=1) / pixels) / np.maximum(a, 1e-12)
@@ -282,15 +314,15 @@ def _profiles(fit: Fit, stamps: Cutouts, half: float, sigma: float, bell: Psf) -
         (drift < max(_FAR_DRIFT_SIGMAS * sigma, 1.5)) & (a > 0) & known & np.isfinite(sigmas).all(axis=1)
     )
     return Profiles(
-        x_px=stamps.x0 + x,
-        y_px=stamps.y0 + y,
+        x_px=cutouts.x0 + x,
+        y_px=cutouts.y0 + y,
         x_sigma_px=sigmas[:, 1],
         y_sigma_px=sigmas[:, 2],
         amplitude=a,
         flux=a * area,
         flux_sigma=flux_sigma,
-        minor_fwhm_px=bell.fwhm_per_width * narrow,
-        major_fwhm_px=bell.fwhm_per_width * wide,
+        minor_fwhm_px=psf.fwhm_per_width * narrow,
+        major_fwhm_px=psf.fwhm_per_width * wide,
         # the model's Q grows fastest along the minor axis; the major one is square to it
         angle_deg=np.degrees(0.5 * np.arctan2(-2.0 * q, r - p)),
         misfit=misfit,
@@ -299,10 +331,10 @@ def _profiles(fit: Fit, stamps: Cutouts, half: float, sigma: float, bell: Psf) -
     )
 
 
-def inverse_widths(fits: Profiles, bell: Psf) -> tuple[Array, Array, Array]:
+def inverse_widths(fits: Profiles, psf: Psf) -> tuple[Array, Array, Array]:
     """Return p, q, r of Q = p u² + 2 q u v + r v², each of shape (n,)."""
     angle = np.radians(fits.angle_deg)
-    along, across = ((bell.fwhm_per_width / w) ** 2 for w in (fits.major_fwhm_px, fits.minor_fwhm_px))
+    along, across = ((psf.fwhm_per_width / w) ** 2 for w in (fits.major_fwhm_px, fits.minor_fwhm_px))
     cos, sin = np.cos(angle), np.sin(angle)
     return (
         along * cos * cos + across * sin * sin,
@@ -312,9 +344,9 @@ def inverse_widths(fits: Profiles, bell: Psf) -> tuple[Array, Array, Array]:
 
 
 def light_on(
-    fits: Profiles, which: NDArray[np.intp], x0: Array, y0: Array, stamps: Cutouts, bell: Psf
+    fits: Profiles, which: NDArray[np.intp], x0: Array, y0: Array, cutouts: Cutouts, psf: Psf
 ) -> Array:
-    """Light of fitted stars on stamps of the same form as others, shape (len(which), pixels).
+    """Light of fitted stars on cutouts of the same form as others, shape (len(which), pixels).
 
     Parameters
     ----------
@@ -322,16 +354,16 @@ def light_on(
     which : ndarray of int, shape (k,)
         Whose light.
     x0, y0 : ndarray, shape (k,)
-        Center pixel of the stamp that it falls on.
-    stamps : Stamps
+        Center pixel of the cutout that it falls on.
+    cutouts : Cutouts
         For the form alone.
-    bell : Bell
+    psf : Psf
 
     Returns
     -------
     ndarray
     """
-    u = x0[:, None] + stamps.dx - fits.x_px[which, None]
-    v = y0[:, None] + stamps.dy - fits.y_px[which, None]
-    p, q, r = (w[which, None] for w in inverse_widths(fits, bell))
-    return np.asarray(fits.amplitude[which, None] * bell.of(p * u * u + 2.0 * q * u * v + r * v * v)[0])
+    u = x0[:, None] + cutouts.dx - fits.x_px[which, None]
+    v = y0[:, None] + cutouts.dy - fits.y_px[which, None]
+    p, q, r = (w[which, None] for w in inverse_widths(fits, psf))
+    return np.asarray(fits.amplitude[which, None] * psf.of(p * u * u + 2.0 * q * u * v + r * v * v)[0])

@@ -10,12 +10,22 @@ from scipy import ndimage
 
 from mountnav.measuring.background import Image
 
-_BELOW_CARD = 0.995
+_CARD_SHARE = 0.995
+"""Share of the header's saturation level from which a pixel is full: cards state the converter's end, which
+not every pixel reaches. At 0.99 or 0.9975 nothing changed on the frames that were tried."""
 _PILE_SHARE = 0.004
+"""Depth of the pile-up at the frame's maximum, as a share of its height above the sky. Doubled or halved,
+nothing changed on the frames that were tried."""
 _PILE_PIXELS = 12
+"""Pixels within that depth that make a pile-up ..."""
 _PILE_PIXELS_EXACT = 4
-_CLEAR_STEPS = 30.0
+"""... or pixels at exactly the maximum."""
+_LEAST_RISE_ADU = 30.0
+"""A maximum less than so many ADU above the sky is no full well. Doubled or halved, nothing changed on the
+frames that were tried."""
 _TYPE_SHARE = 0.985
+"""Share of an integer type's range from which a pixel is full, whatever the card says. At 0.97 or 0.9925
+nothing changed on the frames that were tried."""
 
 
 def saturation_level(
@@ -41,13 +51,13 @@ def saturation_level(
     -------
     float
     """
-    level = np.inf if card is None else _BELOW_CARD * card
+    level = np.inf if card is None else _CARD_SHARE * card
     if pixels.dtype.kind == "u" or (pixels.dtype.kind == "i" and pixels.dtype.itemsize <= 2):
         level = min(
             level, _TYPE_SHARE * (2.0 ** (8 * pixels.dtype.itemsize - (pixels.dtype.kind == "i")) - 1.0)
         )
     top = float(np.nanmax(image))
-    if top - sky < max(_CLEAR_STEPS, 20.0 * noise):
+    if top - sky < max(_LEAST_RISE_ADU, 20.0 * noise):
         return level
     exact = int(np.count_nonzero(image == top))
     margin = _PILE_SHARE * (top - sky)
@@ -60,12 +70,25 @@ def saturation_level(
 Array = NDArray[np.float64]
 
 _BLEED_RATIO = 3.0
+"""Length over mean width of a saturated patch along a column or row from which charge has run. Doubled or
+halved, nothing changed on the frames that were tried."""
 _BLOCK_PX = 6
+"""Length of the blocks in which a tail is followed, px. Doubled or halved, nothing changed on the frames that
+were tried."""
 _TAIL_RATIO = 3.0
+"""Brightness of a block over that at the same distance across from which it belongs to a tail: halos and
+spikes look alike both ways. Doubled or halved, nothing changed on the frames that were tried."""
 _TAIL_SIGMA = 6.0
+"""And in units of the noise of a block's median. Doubled or halved, nothing changed on the frames that were
+tried."""
 _LEAST_BLOCKS = 2
+"""Blocks of the shortest tail. Doubled or halved, nothing changed on the frames that were tried."""
 _GAP_BLOCKS = 1
+"""Dark blocks within a tail that don't end it. Doubled or halved, nothing changed on the frames that were
+tried."""
 _MOST_STARS = 300
+"""Saturated patches at most whose tails are followed, the largest: bounds the time. Doubled or halved,
+nothing changed on the frames that were tried."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +127,7 @@ class Bleed:
     bottom: int
 
     def touches(self, x_px: Array, y_px: Array, margin_px: float) -> NDArray[np.bool_]:
-        """Tell which places, shape (n,), lie on it or within a margin of it."""
+        """Which positions, shape (n,), lie on it or within a margin of it."""
         return np.asarray(
             (x_px > self.left - margin_px)
             & (x_px < self.right + margin_px)
@@ -125,7 +148,7 @@ def find_saturated_patches(saturated: NDArray[np.bool_], fwhm_px: float) -> list
 
     Returns
     -------
-    list of Blob
+    list of SaturatedPatch
     """
     blobs: list[SaturatedPatch] = []
     lines = np.flatnonzero(saturated.any(axis=1))
@@ -182,7 +205,7 @@ def find_bleeds(sky_free: Image, blobs: list[SaturatedPatch], noise: float, fwhm
     Parameters
     ----------
     sky_free : ndarray of float32, shape (height, width)
-    blobs : list of Blob
+    blobs : list of SaturatedPatch
     noise : float
         Noise per pixel.
     fwhm_px : float

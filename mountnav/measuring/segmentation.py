@@ -57,7 +57,7 @@ class LightSegments:
     parts: LightSegments | None = None
 
     def at(self, x_px: Array, y_px: Array) -> Index:
-        """Index of the patch that lies at a place or right beside it, -1 for none; shape (n,).
+        """Index of the patch that lies at a position or right beside it, -1 for none; shape (n,).
 
         Parameters
         ----------
@@ -80,7 +80,7 @@ def segment_light(pixels: NDArray[np.generic], bins: Image | None = None) -> Lig
     ----------
     pixels : ndarray, shape (height, width)
     bins : ndarray, optional
-        The frame by `light_path.in_bins`, if it is at hand: enough for a large one.
+        The frame by `star_trail.in_bins`, if it is at hand: enough for a large one.
 
     Returns
     -------

@@ -2,7 +2,7 @@
 
 A point is what a plate believes in. If the mount drifted, was struck, or two exposures lie in one, each
 star's light fell along the same path, and measuring may have cut that path in pieces: a plate then fits one
-piece of every star as well as another. The mean of the frame about the stars' places shows the whole path,
+piece of every star as well as another. The mean of the frame about the stars' positions shows the whole path,
 far below what a single star shows, and its center of light tells where the plate should have been.
 """
 
@@ -23,23 +23,23 @@ Mask = NDArray[np.bool_]
 
 REACH_PX = 420
 """How far from a star light of its own is looked for, pixels: longer paths run out of the window and are
-told as such. Twice as far costs four times the time."""
+reported as such. Twice as far costs four times the time."""
 FAR_BIN_PX = 4
-"""The look for light far from the stars is at bins of this: a trail stays visible, the cost falls by 16."""
+"""The search for light far from the stars is at bins of this: a trail stays visible, the cost falls by 16."""
 _RIM_BINS = 10
 """So many bins beyond the farthest light are measured along, for their level."""
 _FINE_BIN_PX = 2
 """What was found there is measured in these."""
 _STARS = 48
-"""Brightest stars that are asked. Fewer see less of faint light; more are fainter each and cost time."""
+"""Brightest stars that are used. Fewer show less of faint light; more are fainter each and cost time."""
 _NEAR_STARS = 24
-"""Of them in the near look: its light is bright."""
+"""Of them in the near search: its light is bright."""
 FEW_STARS = 12
-"""Where fewer stars than this were identified, all that should be there are asked for light elsewhere."""
+"""Where fewer stars than this were identified, all that should be there are searched for light elsewhere."""
 _FEWEST = 4
 """Fewer stars than this say nothing of a common path."""
 _TAME_SIGMA = 3.0
-"""Bins count no more than this in the first look, so that no bright neighbor looks like a path."""
+"""Bins count no more than this in the first search, so that no bright neighbor looks like a path."""
 _SEEN_SIGMA = 5.5
 """A bin of the mean image above this many of its own sigmas is light of the stars. Of 40,000 bins chance
 brings one up to 4.0 to 5.2 (the shared frames); doubled, faint halves of a path would be overlooked."""
@@ -51,14 +51,14 @@ The shared frames reach 4.8; longer rays meet rims and crowds, and reach 15."""
 _RAY_HALF_SIGMAS = dict.fromkeys(_RAY_SIGMAS, 2.5)
 """And each half of the stars has to show it."""
 _RAY_LEVEL = 15
-"""So many directions together tell the level of the one in their midst: 30°."""
+"""So many directions together give the level of the one in their midst: 30°."""
 _TAIL_STARS = 12
-"""Brightest stars that are asked for a long tail, each weighted by its light: a tail is as bright as its
+"""Brightest stars that are searched for a long tail, each weighted by its light: a tail is as bright as its
 star, and the few brightest show what the mean over all doesn't. Doubled, it costs twice as much and gains
 little."""
 _TAIL_HALO = 0.015
 """From this share of light beyond a point's image on a long tail is looked for: a tail of 400 px that has
-half of the light leaves 2 % of it within the near look; drawn points have 0 to 1 %."""
+half of the light leaves 2 % of it within the near search; drawn points have 0 to 1 %."""
 _TAIL_RAYS, _TAIL_STEP_BINS = 360, 2
 """Directions, 1° apart: at 200 px a tail is as wide as that; and the step along them, as wide as the sums."""
 _TAIL_BINS = (25, 50, 75, 100)
@@ -71,7 +71,7 @@ _TAIL_ALONE = 0.5
 """A tail has less than this share of its sum on the other side of the star: spikes have as much, and pull the
 middle nowhere."""
 _TAIL_LEVEL = 9
-"""So many directions together tell the level of the one in their midst: a tail is one or two degrees wide.
+"""So many directions together give the level of the one in their midst: a tail is one or two degrees wide.
 With three times as many, trees, roofs and the glow of the horizon look like tails (12.7 sigmas, halves
 7.9)."""
 _TAIL_WEIGHT = 4.0
@@ -83,13 +83,13 @@ _RAY_LEAST_NOISE = 0.7
 _GROWN_SIGMA = 3.0
 """What hangs together with such a bin above this belongs to it."""
 _CORE_FWHM, _CORE_PX = 3.0, 14.0
-"""The first look leaves out the star itself, so many widths and at least so many pixels about it."""
+"""The first search leaves out the star itself, so many widths and at least so many pixels about it."""
 NEAR_PX = 28
-"""The near look sees so far, in the frame's own pixels."""
+"""The near search sees so far, in the frame's own pixels."""
 _NEAR_SHARE = 0.004
-"""Light above this share of the peak counts in the near look: below it are wings, halos and neighbors."""
+"""Light above this share of the peak counts in the near search: below it are wings, halos and neighbors."""
 _LIGHT_PX = 8.0
-"""So far about its place the light of a reflected star is summed: two bins, by which the place is known."""
+"""Radius within which the light of a reflected star is summed: two bins, as well as its position is known."""
 _ROUND = 0.94
 """Mean images of plain frames have axis ratios of 0.95 to 1.00; trails from 4 px on and shaken tubes have
 0.1 to 0.93."""
@@ -110,7 +110,7 @@ second."""
 
 @dataclass(frozen=True, slots=True)
 class StarTrail:
-    """The path of the stars' light relative to the places that were given.
+    """The path of the stars' light relative to the positions that were given.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ class StarTrail:
     sigma_px : float
         Of that, per coordinate.
     extent_px : float
-        The farthest light from the given place.
+        The farthest light from the given position.
     differs_px : float
         By how much the center of light differs between halves of the field.
     cut : bool
@@ -127,14 +127,14 @@ class StarTrail:
     far : bool
         There is light beyond the star images.
     stars : int
-        That were asked.
+        How many were used.
     axis_ratio : float
-        Narrowest over widest rms width of the star's image; 1 if it is round, 0 where it was not asked.
+        Narrowest over widest rms width of the star's image; 1 if it is round, 0 where it was not measured.
     halo_share : float
         Of the light near by, what lies too far off for a point and is too faint to have a part in the center
-        of light; 0 where it was not asked.
+        of light; 0 where it was not measured.
     where : ndarray of bool, shape (side, side), optional
-        Where the light is that has a part in the center, in bins of two pixels about the given place; None
+        Where the light is that has a part in the center, in bins of two pixels about the given position; None
         where it is the star's image alone.
     """
 
@@ -151,7 +151,7 @@ class StarTrail:
     where: Mask | None = field(default=None, compare=False, repr=False)
 
     def holds(self, dx_px: float, dy_px: float) -> bool:
-        """Whether light so far from the given place has a part in the center of light."""
+        """Whether light so far from the given position has a part in the center of light."""
         if self.where is None:
             return math.hypot(dx_px, dy_px) <= self.extent_px
         half = self.where.shape[0] // 2
@@ -163,7 +163,7 @@ class StarTrail:
 
     @property
     def drawn_out(self) -> bool:
-        """Whether this is no image of a point: then nothing but the light tells which place is meant."""
+        """Whether this is no image of a point: then nothing but the light shows which position is meant."""
         return self.far or self.axis_ratio < _ROUND
 
     @property
@@ -173,7 +173,7 @@ class StarTrail:
 
     @property
     def off_px(self) -> float:
-        """How far the center of light lies from the given place."""
+        """How far the center of light lies from the given position."""
         return float(np.hypot(self.dx_px, self.dy_px))
 
 
@@ -199,11 +199,11 @@ def star_trail(
     flux : ndarray, shape (n,)
         Their light, to a common scale.
     clear : ndarray of bool, shape (n,)
-        Neither saturated nor otherwise spoilt: only these tell how the light is shared out.
+        Neither saturated nor otherwise spoilt: only these show how the light is distributed.
     fwhm_px : float
         Width of a star's image.
     others : (ndarray, ndarray), optional
-        Places of all stars that should be seen, brightest first, found or not, and of those beyond the
+        Positions of all stars that should be seen, brightest first, found or not, and of those beyond the
         frame whose light elsewhere would lie in it: where few were found, the others tell as well whether
         there is light elsewhere.
     plane : (ndarray, ndarray), optional
@@ -231,14 +231,16 @@ def star_trail(
     if not seen.any() and near is not None and near.halo_share > _TAIL_HALO:
         seen = _tails(plane, x_px[every], y_px[every], flux[every], fwhm_px)
     if not seen.any() and every.size < FEW_STARS:
-        asked = others if others is not None else (x_px[every], y_px[every])
-        seen = _far_light_of_few(pixels, asked[0][:_STARS], asked[1][:_STARS], fwhm_px, runs_out=runs_out)
+        expected = others if others is not None else (x_px[every], y_px[every])
+        seen = _far_light_of_few(
+            pixels, expected[0][:_STARS], expected[1][:_STARS], fwhm_px, runs_out=runs_out
+        )
     if seen.any() or near is None:
         return _whole(pixels, x_px[fine], y_px[fine], flux[fine], seen)
     return near
 
 
-# -- the near look: the star image itself --------------------------------------------------------------------
+# -- the near search: the star image itself ------------------------------------------------------------------
 
 
 def _star_image(
@@ -246,14 +248,14 @@ def _star_image(
 ) -> StarTrail | None:
     """The mean image within some widths of the star, and its center of light."""
     half = NEAR_PX
-    stamps = _cutouts(pixels, x, y, half).astype(np.float32)
+    cutouts = _cutouts(pixels, x, y, half).astype(np.float32)
     offset = np.arange(-half, half + 1, dtype=np.float64)
     away = np.hypot(offset[:, None], offset[None, :])
     rim = away > half - 5
-    ground, _ = _median(np.ascontiguousarray(stamps[:, rim].T))
-    stamps -= ground[:, None, None].astype(np.float32)
-    stamps /= flux[:, None, None].astype(np.float32)
-    mean, count = _median(stamps)
+    ground, _ = _median(np.ascontiguousarray(cutouts[:, rim].T))
+    cutouts -= ground[:, None, None].astype(np.float32)
+    cutouts /= flux[:, None, None].astype(np.float32)
+    mean, count = _median(cutouts)
     if count.min() < min(_FEWEST, x.size) - 1:
         return None
     mean -= np.median(mean[rim])
@@ -269,7 +271,7 @@ def _star_image(
     light = np.where(mask, mean, 0.0)
     dx, dy = _center(light, offset)
     # each star's own center over the same patch: their scatter is the error
-    own = np.nan_to_num(stamps * mask)
+    own = np.nan_to_num(cutouts * mask)
     total = own.sum(axis=(1, 2))
     sound = total > 0.3 * np.median(total)
     own_x = (own.sum(axis=1) @ offset)[sound] / total[sound]
@@ -322,21 +324,21 @@ def _center(light: Array, offset: Array) -> tuple[float, float]:
 
 
 def _cutouts(pixels: NDArray[np.generic], x: Array, y: Array, half: int) -> Array:
-    """Squares round places, moved by parts of a pixel; NaN beyond the frame; shape (n, side, side)."""
+    """Squares round positions, moved by parts of a pixel; NaN beyond the frame; shape (n, side, side)."""
     left, low = np.floor(x).astype(int), np.floor(y).astype(int)
     offset = np.arange(-half, half + 2)
     rows, columns = low[:, None] + offset, left[:, None] + offset
     height, width = pixels.shape
     cut = pixels[np.clip(rows, 0, height - 1)[:, :, None], np.clip(columns, 0, width - 1)[:, None, :]]
-    stamps = cut.astype(np.float64)
-    stamps[np.broadcast_to(((rows < 0) | (rows >= height))[:, :, None], stamps.shape)] = np.nan
-    stamps[np.broadcast_to(((columns < 0) | (columns >= width))[:, None, :], stamps.shape)] = np.nan
+    cutouts = cut.astype(np.float64)
+    cutouts[np.broadcast_to(((rows < 0) | (rows >= height))[:, :, None], cutouts.shape)] = np.nan
+    cutouts[np.broadcast_to(((columns < 0) | (columns >= width))[:, None, :], cutouts.shape)] = np.nan
     u, v = (x - left)[:, None, None], (y - low)[:, None, None]
-    stamps = stamps[:, :, :-1] * (1 - u) + stamps[:, :, 1:] * u
-    return np.asarray(stamps[:, :-1] * (1 - v) + stamps[:, 1:] * v)
+    cutouts = cutouts[:, :, :-1] * (1 - u) + cutouts[:, :, 1:] * u
+    return np.asarray(cutouts[:, :-1] * (1 - v) + cutouts[:, 1:] * v)
 
 
-# -- the far look: is there light of the stars elsewhere? ----------------------------------------------------
+# -- the far search: is there light of the stars elsewhere? --------------------------------------------------
 
 
 def in_bins(pixels: NDArray[np.generic]) -> tuple[Image, Image]:
@@ -364,8 +366,8 @@ def _far_light_of_few(
     cover = np.zeros_like(tame)
     for row, column in ((0, 0), (0, 1), (1, 0), (1, 1)):
         part, known = tamed(pixels[row * step :, column * step :])
-        place = (slice(row, row + 2 * part.shape[0], 2), slice(column, column + 2 * part.shape[1], 2))
-        tame[place], cover[place] = part, known
+        position = (slice(row, row + 2 * part.shape[0], 2), slice(column, column + 2 * part.shape[1], 2))
+        tame[position], cover[position] = part, known
     seen = np.zeros((2 * (REACH_PX // FAR_BIN_PX) + 1,) * 2, dtype=bool)
     # the middle of an overlapping bin lies a pixel beyond that of its first half
     middle_x, middle_y = x - 0.5 * step, y - 0.5 * step
@@ -388,19 +390,19 @@ def _far_light(
 ) -> Mask:
     """Where the tamed mean image stands out, in bins of `FAR_BIN_PX`; all False for plain stars.
 
-    If the light runs out of the near look, what hangs together with the star belongs to it, however faint.
-    The plane has a bin every `step` pixels; the look begins so many of these `ahead`.
+    If the light runs out of the near search, what hangs together with the star belongs to it, however faint.
+    The plane has a bin every `step` pixels; the search begins so many of these `ahead`.
     """
     tame, cover = plane
     half = REACH_PX // FAR_BIN_PX
     side = 2 * half + 1
-    # two halves of the stars, so that what only one of them shows is told from what all have
+    # two halves of the stars, so that what only one of them shows is distinguished from what all have
     total, count = np.zeros((2, side, side), dtype=np.float32), np.zeros((2, side, side), dtype=np.float32)
     every = FAR_BIN_PX // step
     for k, (window, frame) in enumerate(_windows(x, y, step, half, tame.shape, every=every, ahead=ahead)):
         total[k % 2][window] += tame[frame]
         count[k % 2][window] += cover[frame]
-    # places beyond the frame count only where their light would be in it
+    # positions beyond the frame count only where their light would be in it
     most = float(count.sum(axis=0).max())
     known = count.sum(axis=0) >= max(3.0, _COVERED * most)
     seen: Mask = np.zeros((side, side), dtype=bool)
@@ -409,7 +411,7 @@ def _far_light(
     scaled = _scaled(total.sum(axis=0), count.sum(axis=0), known)
     offset = np.arange(-half, half + 1) * FAR_BIN_PX
     away = np.hypot(offset[:, None], offset[None, :])
-    # images wider than the near look sees are paths themselves
+    # images wider than the near search sees are paths themselves
     core_px = min(max(_CORE_FWHM * fwhm_px, _CORE_PX), NEAR_PX - FAR_BIN_PX)
     outside = known & (away >= core_px)
     seen = outside & (scaled > _SEEN_SIGMA)
@@ -474,8 +476,9 @@ def _rays(scaled: Array, outside: Mask, core_px: float, limits: dict[int, float]
 def _tails(plane: tuple[Image, Image], x: Array, y: Array, flux: Array, fwhm_px: float) -> Mask:
     """The straight way from the star along which the light of the brightest adds up, on one side alone.
 
-    What rested at one place for a part of the exposure and moved evenly for the rest is a point with a tail,
-    which may have more light than the point and still be far below the noise in every bin of the mean image.
+    What rested at one position for a part of the exposure and moved evenly for the rest is a point with a
+    tail, which may have more light than the point and still be far below the noise in every bin of the mean
+    image.
 
     Parameters
     ----------
@@ -508,7 +511,7 @@ def _tails(plane: tuple[Image, Image], x: Array, y: Array, flux: Array, fwhm_px:
     radius = np.arange(core_px / FAR_BIN_PX, half, _TAIL_STEP_BINS)
     away_x, away_y = np.outer(np.cos(angle), radius), np.outer(np.sin(angle), radius)
     height, width = tame.shape
-    # two halves of the stars, each along every ray: light by light, and what so much light could have told
+    # two halves of the stars, each along every ray: sums of light times light, and of its square as weight
     sums, weights = (np.zeros((2, _TAIL_RAYS, radius.size)) for _ in range(2))
     light = np.minimum(flux, _TAIL_WEIGHT * float(np.median(flux[:_TAIL_STARS])))
     for k in range(min(_TAIL_STARS, x.size)):
@@ -530,8 +533,8 @@ def _tails(plane: tuple[Image, Image], x: Array, y: Array, flux: Array, fwhm_px:
         every = _ray_sigmas(some_sums.sum(axis=0), some_weights.sum(axis=0))
         first, second = (_ray_sigmas(a, b) for a, b in zip(some_sums, some_weights, strict=True))
         opposite = np.roll(every, _TAIL_RAYS // 2)
-        told = (every > _TAIL_SIGMAS) & (np.minimum(first, second) > _TAIL_HALF_SIGMAS)
-        for ray in np.flatnonzero(told & (opposite < _TAIL_ALONE * every)):
+        found = (every > _TAIL_SIGMAS) & (np.minimum(first, second) > _TAIL_HALF_SIGMAS)
+        for ray in np.flatnonzero(found & (opposite < _TAIL_ALONE * every)):
             for along in range(steps * _TAIL_STEP_BINS):
                 away = core_px / FAR_BIN_PX + along
                 row, column = (
@@ -581,7 +584,7 @@ def _windows(
     every: int = 1,
     ahead: tuple[int, int] = (0, 0),
 ) -> list[tuple[tuple[slice, slice], tuple[slice, slice]]]:
-    """For each place the part of its window that the plane covers, and the plane's part.
+    """For each position the part of its window that the plane covers, and the plane's part.
 
     A window has `half` bins on each side of its middle, `every` so many bins of the plane apart, and begins
     so many rows and columns `ahead`.
@@ -604,10 +607,11 @@ def _windows(
 def brighter_image(
     pixels: NDArray[np.generic], x_px: Array, y_px: Array, plane: tuple[Image, Image] | None = None
 ) -> tuple[float, str]:
-    """Look for a mirrored set of the same stars, and compare its light with that at the places themselves.
+    """Look for a mirrored set of the same stars, and compare its light with that at the positions themselves.
 
-    A reflection within the optics puts a fainter copy of every star at its place mirrored about the optical
-    axis. A plate that fits the copies is as sure as one that fits the stars, but turned by half a turn.
+    A reflection within the optics puts a fainter copy of every star at its position mirrored about the
+    optical axis. A plate that fits the copies is as sure as one that fits the stars, but turned by half a
+    turn.
 
     Parameters
     ----------
@@ -620,8 +624,8 @@ def brighter_image(
     Returns
     -------
     ratio : float
-        Median light of the mirrored places over that of the stars' own, where the plate has no star at the
-        mirrored place; 0 if no such set is seen, or if most of its light is that of stars.
+        Median light of the mirrored positions over that of the stars' own, where the plate has no star at the
+        mirrored position; 0 if no such set is seen, or if most of its light is that of stars.
     how : str
         "turned", "mirrored in x", "mirrored in y".
     """
@@ -660,8 +664,8 @@ def brighter_image(
         if inside.sum() < _FEWEST:
             continue
         at_x, at_y = there_x * FAR_BIN_PX + 1.5, there_y * FAR_BIN_PX + 1.5
-        # two stars that lie opposite to each other about some place aren't images of each other: light that
-        # the plate has a star for is that star's
+        # two stars that lie opposite to each other about some position aren't images of each other: light
+        # that the plate has a star for is that star's
         away = np.hypot(at_x[:, None] - x, at_y[:, None] - y).min(axis=1)
         strange = inside & (away > _LIGHT_PX)
         if strange.sum() < 0.5 * inside.sum():
@@ -675,13 +679,13 @@ def brighter_image(
 
 
 def _light_at(pixels: NDArray[np.generic], x: Array, y: Array) -> Array:
-    """Light within `_LIGHT_PX` of places above their surroundings, shape (n,)."""
+    """Light within `_LIGHT_PX` of positions above their surroundings, shape (n,)."""
     half = 14
-    stamps = _cutouts(pixels, np.clip(x, 0, pixels.shape[1] - 1), np.clip(y, 0, pixels.shape[0] - 1), half)
+    cutouts = _cutouts(pixels, np.clip(x, 0, pixels.shape[1] - 1), np.clip(y, 0, pixels.shape[0] - 1), half)
     offset = np.arange(-half, half + 1)
     away = np.hypot(offset[:, None], offset[None, :])
-    ground = np.nanmedian(stamps[:, away > 10], axis=1)
-    return np.asarray(np.nansum((stamps - ground[:, None, None]) * (away <= _LIGHT_PX), axis=(1, 2)))
+    ground = np.nanmedian(cutouts[:, away > 10], axis=1)
+    return np.asarray(np.nansum((cutouts - ground[:, None, None]) * (away <= _LIGHT_PX), axis=(1, 2)))
 
 
 # -- the whole path ------------------------------------------------------------------------------------------
@@ -690,7 +694,7 @@ def _light_at(pixels: NDArray[np.generic], x: Array, y: Array) -> Array:
 def _whole(pixels: NDArray[np.generic], x: Array, y: Array, flux: Array, seen: Mask) -> StarTrail:
     """Measure the path: the median image over the stars in the star's own light, and its center."""
     bin_px = _FINE_BIN_PX
-    # no farther out than there is light, and a rim that tells the level without
+    # no farther out than there is light, and a rim that gives the level without light
     middle_bin = seen.shape[0] // 2
     out = int(np.abs(np.argwhere(seen) - middle_bin).max()) if seen.any() else middle_bin
     reach = min(middle_bin, max(out, NEAR_PX // FAR_BIN_PX) + _RIM_BINS)
@@ -716,7 +720,7 @@ def _whole(pixels: NDArray[np.generic], x: Array, y: Array, flux: Array, seen: M
     away = np.hypot(offset[:, None], offset[None, :])
     mean = mean - float(np.median(mean[known]))
     noise = 1.4826 * float(np.median(np.abs(mean[known]))) + 1e-12
-    # the tamed look says where there is light: this mean, which counts bright neighbors in full, only
+    # the tamed search says where there is light: this mean, which counts bright neighbors in full, only
     # how much
     share = FAR_BIN_PX // bin_px
     room = np.zeros((side, side), dtype=bool)
@@ -751,7 +755,7 @@ def _whole(pixels: NDArray[np.generic], x: Array, y: Array, flux: Array, seen: M
             image = image - float(np.median(image[known & (seen_by >= 2)]))
             # what one half doesn't see is as the whole has it
             own_x, own_y = _center(np.where(ok, image, light), offset)
-            # each half's places lie otherwise in their bins: 0.3 px of 24 stars
+            # each half's positions lie otherwise in their bins: 0.3 px of 24 stars
             centers.append(
                 (own_x - bin_px * float(shift_x[some].mean()), own_y - bin_px * float(shift_y[some].mean()))
             )
@@ -760,7 +764,7 @@ def _whole(pixels: NDArray[np.generic], x: Array, y: Array, flux: Array, seen: M
             if len(centers) == 2
             else np.inf
         )
-    # halves of one field: chance tells the first difference, chance and a path that isn't common the others
+    # halves of one field: chance makes the first difference, chance and a path that isn't common the others
     differs = max(halves[1:])
     noise_px = max(sigma, 0.5 * halves[0], 0.25 * differs)
     sigma = float(np.hypot(noise_px, _LENGTH_SHARE * extent))

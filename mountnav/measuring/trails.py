@@ -17,8 +17,12 @@ Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 _SIDE_BINS = 3
+"""Distance of the two neighbors that a line has to outshine, bins: farther than a blurred trail is wide.
+Halved, a painted trail is lost and 19 false sources come; doubled, no figure changed by 3 %."""
 _MOST_A_LEVEL = 1500
+"""Pieces at most that are kept of each length, the strongest: bounds the time."""
 _SAMPLE_STEP = 7
+"""Every so many sums are the sample that gives the scatter of all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,14 +104,14 @@ def _standing_out(sums: Image, level: int, threshold: float, height: int) -> Arr
         return np.zeros((0, 5))
     middle, low = sample[sample.size // 2], sample[int(0.158655 * sample.size)]
     scatter = max(float(middle - low), 1e-6)
-    places = np.flatnonzero(ridge > middle + threshold * scatter)
-    if places.size == 0:
+    positions = np.flatnonzero(ridge > middle + threshold * scatter)
+    if positions.size == 0:
         return np.zeros((0, 5))
-    strength = (ridge.ravel()[places] - middle) / scatter
-    if places.size > _MOST_A_LEVEL:
+    strength = (ridge.ravel()[positions] - middle) / scatter
+    if positions.size > _MOST_A_LEVEL:
         best = np.argpartition(-strength, _MOST_A_LEVEL)[:_MOST_A_LEVEL]
-        places, strength = places[best], strength[best]
-    block, slope, x = np.unravel_index(places, ridge.shape)
+        positions, strength = positions[best], strength[best]
+    block, slope, x = np.unravel_index(positions, ridge.shape)
     rows = 2**level
     x0 = x + float(_SIDE_BINS)
     y0 = block * float(rows)
@@ -122,7 +126,7 @@ class Trail:
     Attributes
     ----------
     x_px, y_px : float
-        Its origin, from which places along it are counted.
+        Its origin, from which positions along it are counted.
     along_x, along_y : float
         Unit direction.
     bend : tuple of three float
@@ -156,17 +160,17 @@ class Trail:
     @property
     def along_axis(self) -> bool:
         """It runs exactly along a column or row: charge that ran over, or pixels that are bad."""
-        ends = np.array(self.places(np.array([self.start_px, self.end_px])))
+        ends = np.array(self.positions(np.array([self.start_px, self.end_px])))
         return bool(np.abs(ends[:, 1] - ends[:, 0]).min() < max(1.0, 0.004 * self.length_px))
 
-    def places(self, along_px: Array) -> tuple[Array, Array]:
-        """Return x and y, each of shape (n,), of places on its ridge."""
+    def positions(self, along_px: Array) -> tuple[Array, Array]:
+        """Return x and y, each of shape (n,), of positions on its ridge."""
         side = self.bend[0] + along_px * (self.bend[1] + along_px * self.bend[2])
         x = self.x_px + along_px * self.along_x - side * self.along_y
         return x, self.y_px + along_px * self.along_y + side * self.along_x
 
     def touches(self, x_px: Array, y_px: Array, margin_px: float) -> NDArray[np.bool_]:
-        """Tell which places, shape (n,), lie on it or within a margin of it."""
+        """Which positions, shape (n,), lie on it or within a margin of it."""
         dx, dy = x_px - self.x_px, y_px - self.y_px
         along = dx * self.along_x + dy * self.along_y
         across = dy * self.along_x - dx * self.along_y
@@ -194,18 +198,45 @@ Place = TypeVar("Place", float, NDArray[np.float64])
 CUT_SIGMA = 3.0
 """No pixel counts for less than minus so much of the noise, nor for more in the coarse picture."""
 _PIECE_PX = 20.0
+"""Length of the pieces in which a line is followed, px: the median along one doesn't see single stars.
+Halved, one star of 124 is lost to a painted trail; doubled, no figure changed by 3 %."""
 _LEAST_RIDGE = 0.6
-_SURE = 8.0
-_COVERED = 0.7
+"""Least height of the typical piece over its sides, in noises of the smoothed frame. Chosen by hand; doubled
+or halved, nothing changed on the frames that were tried."""
+_LEAST_SIGNIFICANCE = 8.0
+"""Least significance of all pieces together, in sigmas. Chosen by hand; doubled or halved, nothing changed on
+the frames that were tried."""
+_LEAST_COVERED = 0.7
+"""Share of the pieces that must show the ridge, unless it is dashed. Chosen by hand; doubled or halved,
+nothing changed on the frames that were tried."""
 _WIDEST_FWHM = 2.2
+"""Width over that of a smoothed star above which a line is no trail but a band of light. Chosen by hand;
+doubled or halved, nothing changed on the frames that were tried."""
 _SPIKE_FADES = 0.4
+"""Far over near height of a line on a bright star below which it is the star's own spike. Chosen by hand;
+doubled or halved, nothing changed on the frames that were tried."""
 _SPIKE_STAR = 15.0
+"""Height of that star over the line's. Chosen by hand; doubled or halved, nothing changed on the frames that
+were tried."""
 _WING_SIGMA = 0.7
+"""The trail's full width is where it falls below so many noises. At 0.85 two more faint stars beside a
+painted trail keep their pixels; at 0.4 nothing changed."""
 _STEEPEST_BEND = 0.12
+"""Slope against the first direction beyond which the fit slid onto another line. Chosen by hand; doubled or
+halved, nothing changed on the frames that were tried."""
 _MANY_PIECES = 8
+"""With so many pieces their evenness is judged by the strict bound, else by the other one. Chosen by hand;
+doubled or halved, nothing changed on the frames that were tried."""
 _DASH_RIDGE = 2.0
+"""Least height of dashes, in noises of the smoothed frame. Chosen by hand; doubled or halved, nothing changed
+on the frames that were tried."""
 _UNEVEN = (0.45, 0.9)
+"""Half spread of the pieces' heights up to which a line is even: a share of the typical height, and noises on
+top. Halved, a painted trail is lost and 19 false sources come; doubled, nothing changed on the frames that
+were tried."""
 _UNEVEN_SHORT = (0.2, 0.7)
+"""The same for lines of few pieces, among which one star makes much, and for dashes. Chosen by hand; doubled
+or halved, nothing changed on the frames that were tried."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,15 +250,15 @@ class _Line:
     bend: tuple[float, float, float]
 
     def side(self, along: Place) -> Place:
-        """Its offset towards the normal at places along it."""
+        """Its offset towards the normal at positions along it."""
         return self.bend[0] + along * (self.bend[1] + along * self.bend[2])
 
     def slope(self, along: float) -> float:
         """How fast that grows."""
         return self.bend[1] + 2.0 * self.bend[2] * along
 
-    def places(self, along: Array, side: Array) -> tuple[Array, Array]:
-        """X and y of places so far along and beside the straight line."""
+    def positions(self, along: Array, side: Array) -> tuple[Array, Array]:
+        """X and y of positions so far along and beside the straight line."""
         return (
             self.x + along * self.along_x - side * self.along_y,
             self.y + along * self.along_y + side * self.along_x,
@@ -270,8 +301,8 @@ class TrailFollower:
     def _strip(self, line: _Line, along: Array, across: Array) -> Array:
         """Values beside the line, shape (len(along), len(across)); NaN outside the picture."""
         x, y = (
-            np.rint(place).astype(int)
-            for place in line.places(along[:, None], line.side(along)[:, None] + across[None, :])
+            np.rint(position).astype(int)
+            for position in line.positions(along[:, None], line.side(along)[:, None] + across[None, :])
         )
         height, width = self.picture.shape
         inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
@@ -342,7 +373,7 @@ class TrailFollower:
         return self._to_the_edge(line, start, end)
 
     def _in_picture(self, line: _Line) -> tuple[float, float]:
-        """Between which places along it, at most, the line is in the picture."""
+        """Between which positions along it, at most, the line is in the picture."""
         diagonal = float(np.hypot(*self.picture.shape))
         first, last = -diagonal, diagonal
         off = max(abs(line.side(t)) for t in (first, 0.0, last)) + self.outer
@@ -359,7 +390,7 @@ class TrailFollower:
         near = self.outer + 2.0 * self.piece
         height, width = self.picture.shape
         along = np.arange(start - near, end + near + 1.0)
-        x, y = line.places(along, line.side(along))
+        x, y = line.positions(along, line.side(along))
         inside = along[(x > -0.5) & (x < width - 0.5) & (y > -0.5) & (y < height - 0.5)]
         if inside.size == 0:
             return start, end
@@ -379,7 +410,11 @@ class TrailFollower:
             typical = dashes
         sure = float(np.clip(ridge, -1.5, 2.5).mean()) * np.sqrt(ridge.size) / 0.6
         covered = float(np.mean(ridge > 0.3 * min(typical, 2.0)))
-        if typical < _LEAST_RIDGE or sure < _SURE or (covered < _COVERED and dashes is None):
+        if (
+            typical < _LEAST_RIDGE
+            or sure < _LEAST_SIGNIFICANCE
+            or (covered < _LEAST_COVERED and dashes is None)
+        ):
             return None
         profile, across = self._profile(line, start, end, mean=dashes is not None)
         width = _width(profile, across, 0.5)
@@ -404,7 +439,7 @@ class TrailFollower:
         return np.asarray(profile - np.median(np.r_[profile[:3], profile[-3:]])), across
 
     def _is_spike(self, line: _Line, middle: Array, on: Array) -> bool:
-        """Tell whether the line fades on both sides of a bright star on it, as diffraction spikes do."""
+        """Whether the line fades on both sides of a bright star on it, as diffraction spikes do."""
         strip = self._strip(line, np.arange(middle[0], middle[-1] + 1.0), np.arange(-3.0, 4.0))
         bright = np.nan_to_num(strip, nan=-np.inf).max(axis=1)
         star = int(bright.argmax())
@@ -436,7 +471,7 @@ def _dashes(ridge: Array) -> float | None:
 
 
 def _even(ridge: Array, typical: float) -> bool:
-    """Tell whether the pieces are alike, as those of a trail are and stars in a row aren't."""
+    """Whether the pieces are alike, as those of a trail are and stars in a row aren't."""
     low, high = np.percentile(ridge, [20.0, 80.0])
     share, noise = _UNEVEN if ridge.size >= _MANY_PIECES else _UNEVEN_SHORT
     return bool(0.5 * (high - low) < share * typical + noise)
@@ -457,13 +492,27 @@ def _width(profile: Array, across: Array, level: float) -> float:
 
 
 _MOST_BINS = 448
+"""Longest side of the coarse picture in which lines are sought, bins: the time goes with its square. Halved,
+a painted trail is lost and 19 false sources come; doubled, nothing changed on the frames that were tried."""
 _THRESHOLD = 6.0
+"""Least strength of a piece, in units of the scatter of all pieces of its length. Doubled or halved, nothing
+changed on the frames that were tried."""
 _LEAST_LENGTH_PX = 50.0
+"""Shortest trail, px ..."""
 _LEAST_LENGTH_FWHM = 12.0
+"""... and in star widths: stars in a row are as long. Doubled or halved, nothing changed on the frames that
+were tried."""
 _MOST_TRIALS = 25
+"""Pieces at most that are followed, the strongest: bounds the time. Doubled or halved, nothing changed on the
+frames that were tried."""
 _MOST_FAILURES = 10
+"""Failures in a row after which the search ends. Doubled or halved, nothing changed on the frames that were
+tried."""
 _MOST_TRAILS = 20
+"""Trails at most in a frame: with more it is no sky. Doubled or halved, nothing changed on the frames that
+were tried."""
 _SAME_BINS = 5.0
+"""Pieces that lie within so many bins of another one are the same line."""
 
 
 def find_trails(smoothed: Smoothed, fwhm_px: float) -> list[Trail]:
@@ -518,9 +567,9 @@ def find_trails(smoothed: Smoothed, fwhm_px: float) -> list[Trail]:
 
 
 def _on(trail: Trail, other: Trail, margin: float) -> bool:
-    """Tell whether a trail runs mostly on another one."""
+    """Whether a trail runs mostly on another one."""
     along = np.linspace(trail.start_px, trail.end_px, 21)
-    return bool(other.touches(*trail.places(along), margin).mean() > 0.4)
+    return bool(other.touches(*trail.positions(along), margin).mean() > 0.4)
 
 
 def _coarse(picture: Image, share: int) -> Image:
@@ -540,7 +589,7 @@ def _ends(segments: LineSegments, best: int, share: int) -> tuple[float, float, 
 
 
 def _alike(segments: LineSegments, best: int) -> NDArray[np.bool_]:
-    """Tell which pieces are nearly the same as the best, or lie within it."""
+    """Which pieces are nearly the same as the best, or lie within it."""
     x0, y0 = segments.x0[best], segments.y0[best]
     dx, dy = segments.x1[best] - x0, segments.y1[best] - y0
     length = float(np.hypot(dx, dy))

@@ -32,7 +32,7 @@ def spots(
 
 
 def star(fwhm_px: float, beta: float, points: Array, x: float, y: float, half: int) -> Array:
-    """One star of one electron on a stamp of (2 half + 1)², integrated over the pixels."""
+    """One star of one electron on a cutout of (2 half + 1)², integrated over the pixels."""
     edges = np.arange(-half, half + 2) - 0.5
     if beta == 0.0:
         scale = fwhm_px / 2.354820045 * np.sqrt(2.0)
@@ -42,12 +42,12 @@ def star(fwhm_px: float, beta: float, points: Array, x: float, y: float, half: i
     fine = (np.arange(FINE) + 0.5) / FINE - 0.5
     steps = (np.arange(-half, half + 1)[:, None] + fine).ravel()
     alpha2 = 0.25 * fwhm_px**2 / (2.0 ** (1.0 / beta) - 1.0)
-    bell = np.zeros((steps.size, steps.size))
+    psf = np.zeros((steps.size, steps.size))
     for px, py in points:
-        bell += (1.0 + ((steps[None, :] - x - px) ** 2 + (steps[:, None] - y - py) ** 2) / alpha2) ** -beta
-    bell *= (beta - 1.0) / (np.pi * alpha2) / points.shape[0]
+        psf += (1.0 + ((steps[None, :] - x - px) ** 2 + (steps[:, None] - y - py) ** 2) / alpha2) ** -beta
+    psf *= (beta - 1.0) / (np.pi * alpha2) / points.shape[0]
     side = 2 * half + 1
-    return np.asarray(bell.reshape(side, FINE, side, FINE).mean(axis=(1, 3)))
+    return np.asarray(psf.reshape(side, FINE, side, FINE).mean(axis=(1, 3)))
 
 
 def painted(
@@ -74,8 +74,8 @@ def painted(
     truth = np.pad(np.broadcast_to(np.asarray(sky, dtype=np.float64), size), 2 * half)
     for cx, cy, total in zip(x, y, electrons, strict=True):
         column, row = round(cx), round(cy)
-        stamp = star(fwhm_px, beta, smear, cx - column, cy - row, half)
-        truth[row + half : row + 3 * half + 1, column + half : column + 3 * half + 1] += total * stamp
+        cutout = star(fwhm_px, beta, smear, cx - column, cy - row, half)
+        truth[row + half : row + 3 * half + 1, column + half : column + 3 * half + 1] += total * cutout
     truth = truth[2 * half : -2 * half, 2 * half : -2 * half]
     return np.asarray(rng.poisson(truth) + rng.normal(0.0, read_noise, size))
 
@@ -88,7 +88,7 @@ def as_frame(image: Array, top: float = 65535.0, gain: float | None = 1.0) -> Fr
 
 
 def scattered(count: int, size: tuple[int, int], seed: int, margin: float = 20.0) -> tuple[Array, Array]:
-    """Places on a jittered grid, so that no two stars touch."""
+    """Positions on a jittered grid, so that no two stars touch."""
     rng = np.random.default_rng(seed)
     side = int(np.ceil(np.sqrt(count)))
     step_x, step_y = (size[1] - 2 * margin) / side, (size[0] - 2 * margin) / side

@@ -18,7 +18,7 @@ READ_NOISE = 5.0
 def field(
     count: int, seed: int, faint: float = 150.0, size: tuple[int, int] = SIZE
 ) -> tuple[Array, Array, Array]:
-    """Places and electrons of stars, many faint and few bright."""
+    """Positions and electrons of stars, many faint and few bright."""
     rng = np.random.default_rng(seed)
     x, y = rng.uniform(8, size[1] - 9, count), rng.uniform(8, size[0] - 9, count)
     bright, slope = 3e5, 0.9
@@ -29,7 +29,7 @@ def field(
 def stamped(
     x: Array, y: Array, electrons: Array, size: tuple[int, int] = SIZE, fwhm_px: float = FWHM_PX
 ) -> Array:
-    """Mean image of Gaussian stars, drawn in stamps."""
+    """Mean image of Gaussian stars, drawn in cutouts."""
     sigma = fwhm_px / 2.3548
     image, half = np.zeros(size), int(np.ceil(5 * sigma)) + 2
     for cx, cy, total in zip(x, y, electrons, strict=True):
@@ -38,8 +38,8 @@ def stamped(
         if top >= bottom or left >= right:
             continue
         rows, columns = np.arange(top, bottom)[:, None], np.arange(left, right)[None, :]
-        bell = np.exp(-((rows - cy) ** 2 + (columns - cx) ** 2) / (2 * sigma**2))
-        image[top:bottom, left:right] += total / (2 * np.pi * sigma**2) * bell
+        psf = np.exp(-((rows - cy) ** 2 + (columns - cx) ** 2) / (2 * sigma**2))
+        image[top:bottom, left:right] += total / (2 * np.pi * sigma**2) * psf
     return image
 
 

@@ -67,7 +67,7 @@ def add_cosmics(image: Array, count: int, seed: int) -> tuple[Array, Array]:
 
 
 def add_hot_pixels(image: Array, count: int, seed: int) -> tuple[Array, Array]:
-    """Add single hot pixels; return their places."""
+    """Add single hot pixels; return their positions."""
     rng = np.random.default_rng(seed)
     x, y = rng.integers(15, image.shape[1] - 15, count), rng.integers(15, image.shape[0] - 15, count)
     np.add.at(image, (y, x), np.exp(rng.uniform(np.log(500.0), np.log(30_000.0), count)))

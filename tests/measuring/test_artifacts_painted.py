@@ -60,11 +60,11 @@ def test_bleeding_stars_keep_their_places_and_their_tails_make_no_stars(sideways
     assert (false & (found.flux > 5.0 * found.flux_sigma)).sum() <= 2
     # stars off the columns don't notice
     along, across = (0, 1) if sideways else (1, 0)
-    places = np.c_[plain.x_px, plain.y_px]
-    off = np.abs(places[:, [across]] - wells[None, :, across]).min(axis=1) > 12.0
+    positions = np.c_[plain.x_px, plain.y_px]
+    off = np.abs(positions[:, [across]] - wells[None, :, across]).min(axis=1) > 12.0
     off &= (plain.flux > 3e3) & (plain.flags == 0)
     assert along != across
-    distance, index = tree.query(places[off])
+    distance, index = tree.query(positions[off])
     assert np.percentile(distance, 98) < 0.05
     assert ((found.flags[index] & Flag.BLEED) == 0).all()
 
@@ -105,11 +105,11 @@ def test_cosmic_rays_are_told_from_stars(fwhm_px: float) -> None:
     ray_x, ray_y = add_cosmics(image, 400, seed=2)
     hot_x, hot_y = add_hot_pixels(image, 100, seed=3)
     found = measured(image)
-    places = np.c_[found.x_px, found.y_px]
+    positions = np.c_[found.x_px, found.y_px]
     hits = np.r_[np.c_[ray_x, ray_y], np.c_[hot_x, hot_y]]
-    star_far, star = KDTree(np.c_[x, y]).query(places)
+    star_far, star = KDTree(np.c_[x, y]).query(positions)
     is_star = star_far < 1.0
-    hit_far = KDTree(hits).query(places)[0]
+    hit_far = KDTree(hits).query(positions)[0]
     flagged = (found.flags & NO_STAR) > 0
     passed = ~is_star & ~flagged & (star_far > 3.0 * fwhm_px) & (found.flux > 5.0 * found.flux_sigma)
     clean_stars = is_star & (hit_far > 16.0) & (electrons[star] > 1500.0)

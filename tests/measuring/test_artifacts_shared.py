@@ -48,11 +48,11 @@ def test_a_spoilt_frame_keeps_its_stars(shared: Path, name: str) -> None:
 
     star_like = (found.flags & NO_STAR) == 0
     best = np.flatnonzero(star_like)[:100]
-    places = np.c_[found.x_px, found.y_px]
-    to_listed = KDTree(stars[:, :2]).query(places[best])[0]
+    positions = np.c_[found.x_px, found.y_px]
+    to_listed = KDTree(stars[:, :2]).query(positions[best])[0]
     # the list of the truth ends at the 500 brightest; fainter ones are those that the plain frame shows
     usual = (plain.flags & NO_STAR) == 0
-    to_plain = KDTree(np.c_[plain.x_px, plain.y_px][usual]).query(places[best])[0]
+    to_plain = KDTree(np.c_[plain.x_px, plain.y_px][usual]).query(positions[best])[0]
     false = int(((to_listed > 2.0) & (to_plain > 1.0)).sum())
 
     moved = moves(stars[:300, :2], plain, found, truth["w"], truth["h"])

@@ -33,7 +33,7 @@ def measured(image: np.ndarray) -> Measurements:
 
 
 def signal_to_noise(sky: np.ndarray, through: np.ndarray | float) -> np.ndarray:
-    """Of an optimal measurement of each star at its place."""
+    """Of an optimal measurement of each star at its position."""
     here = np.rint(Y).astype(int), np.rint(X).astype(int)
     share = np.broadcast_to(through, SIZE)[here]
     light, level = ELECTRONS * share, (sky * through)[here]

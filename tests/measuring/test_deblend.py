@@ -1,4 +1,4 @@
-"""Two stars in one another's light: both found, both in their places, both flagged; lone stars stay one."""
+"""Two stars in one another's light: both found at their positions and flagged; lone stars stay one."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ def test_both_stars_of_a_blend_are_where_they_are(
     found = measure(as_frame(image))
     tree = KDTree(np.c_[found.x_px, found.y_px])
     blended = (found.flags & int(Flag.BLENDED)) > 0
-    for places, electrons in ((first, 5e4), (second, 5e4 * ratio)):
-        distance, index = tree.query(places)
+    for positions, electrons in ((first, 5e4), (second, 5e4 * ratio)):
+        distance, index = tree.query(positions)
         assert (distance < 0.3 * fwhm_px).mean() >= 0.9
         good = distance < 0.3 * fwhm_px
-        off = (np.c_[found.x_px, found.y_px][index] - places)[good]
+        off = (np.c_[found.x_px, found.y_px][index] - positions)[good]
         sigma = np.c_[found.x_sigma_px, found.y_sigma_px][index][good]
         outward = (off * along[good]).sum(axis=1)
         sure = np.sqrt((sigma**2).mean(axis=1))
@@ -64,7 +64,7 @@ def test_both_stars_of_a_blend_are_where_they_are(
 
 def test_stars_of_many_shapes_have_no_typical_one() -> None:
     # drawn out along y, along x and along the diagonal: the medians of p, q and r are 0.2, 0.3 and 0.2
-    bell = Psf()
+    psf = Psf()
     shapes = [((1.0, 0.3), (0.3, 0.1)), ((0.1, 0.3), (0.3, 1.0)), ((0.2, 0.19), (0.19, 0.2))] * 4
     values, vectors = np.linalg.eigh(np.array(shapes))
     ones = np.ones(len(shapes))
@@ -76,8 +76,8 @@ def test_stars_of_many_shapes_have_no_typical_one() -> None:
         amplitude=ones,
         flux=1000.0 * ones,
         flux_sigma=ones,
-        minor_fwhm_px=bell.fwhm_per_width / np.sqrt(values[:, 1]),
-        major_fwhm_px=bell.fwhm_per_width / np.sqrt(values[:, 0]),
+        minor_fwhm_px=psf.fwhm_per_width / np.sqrt(values[:, 1]),
+        major_fwhm_px=psf.fwhm_per_width / np.sqrt(values[:, 0]),
         angle_deg=np.degrees(np.arctan2(vectors[:, 1, 0], vectors[:, 0, 0])),
         misfit=0.0 * ones,
         chi2=ones,
@@ -86,5 +86,5 @@ def test_stars_of_many_shapes_have_no_typical_one() -> None:
     wide_px = float(np.median(np.sqrt(fits.minor_fwhm_px * fits.major_fwhm_px)))
     alike = Profiles(**{name: getattr(fits, name)[2::3].repeat(3) for name in Profiles.__dataclass_fields__})
     every = ones > 0
-    assert typical_shape(alike, every, wide_px, bell) is not None
-    assert typical_shape(fits, every, wide_px, bell) is None
+    assert typical_shape(alike, every, wide_px, psf) is not None
+    assert typical_shape(fits, every, wide_px, psf) is None

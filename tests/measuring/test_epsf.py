@@ -1,4 +1,4 @@
-"""Trailed and defocused frames: one source per star, its middle in its place, flagged and named."""
+"""Trailed and defocused frames: one source per star, its middle in its position, flagged and named."""
 
 from __future__ import annotations
 

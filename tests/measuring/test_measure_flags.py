@@ -27,7 +27,7 @@ class Scene:
 
 @pytest.fixture(scope="module")
 def judged() -> tuple[Scene, np.ndarray, np.ndarray]:
-    """Flags and distance of the source nearest to each place, and the scene."""
+    """Flags and distance of the source nearest to each position, and the scene."""
     fwhm = 3.0
     chance = np.random.default_rng(71)
     x, y = scattered(225, SIZE, seed=72, margin=30.0)
@@ -49,8 +49,8 @@ def judged() -> tuple[Scene, np.ndarray, np.ndarray]:
     for k in np.flatnonzero(cause == "galaxy"):
         smear = spots(trail_px=14.0, trail_deg=float(np.degrees(turn[k])))
         column, row = round(x[k]), round(y[k])
-        stamp = electrons[k] * star(fwhm, 0.0, smear, x[k] - column, y[k] - row, 20)
-        image[row - 20 : row + 21, column - 20 : column + 21] += stamp
+        cutout = electrons[k] * star(fwhm, 0.0, smear, x[k] - column, y[k] - row, 20)
+        image[row - 20 : row + 21, column - 20 : column + 21] += cutout
     x[cause == "hot"], y[cause == "hot"] = np.rint(x[cause == "hot"]), np.rint(y[cause == "hot"])
     for k in np.flatnonzero(cause == "hot"):
         image[int(y[k]), int(x[k])] += chance.uniform(1_500.0, 20_000.0)

@@ -52,7 +52,7 @@ def test_stated_errors_match_the_scatter_between_real_frames(shared: Path, band:
     here = (snr > band[0]) & (snr < band[1])
     print(f"\n{here.sum()} stars: place {spread(of_place[here]):.2f}, flux {spread(of_flux[here]):.2f}")
     assert here.sum() > 100
-    # what no bell explains of an image counts as error, and in part repeats itself from frame to frame
+    # what no PSF explains of an image counts as error, and in part repeats itself from frame to frame
     assert 0.4 < spread(of_place[here]) < 1.4
     assert 0.4 < spread(of_flux[here]) < 1.3
 

@@ -23,7 +23,7 @@ NAMES = ("flat", "gradient", "moonlight", "vignetting", "amplifier glow", "nebul
 
 @cache
 def skies() -> dict[str, Array]:
-    """Electrons of sky per pixel; all have the same at the faintest place."""
+    """Electrons of sky per pixel; all have the same at the faintest position."""
     row, column = np.indices(SIZE) / 800.0
     grain = ndimage.gaussian_filter(np.random.default_rng(81).normal(size=SIZE), 60.0)
     return {

@@ -29,7 +29,7 @@ def test_undersampled_stars_keep_their_place_wherever_they_fall_on_the_pixels(
         strip[side * k : side * (k + 1)] = 1e5 * star(fwhm_px, beta, spots(), *phase[k], side // 2)
     row = side // 2 + side * np.arange(count)
     column = np.full(count, side // 2)
-    stamps = make_cutouts(
+    cutouts = make_cutouts(
         strip,
         np.ones(strip.shape, dtype=bool),
         column.astype(float),
@@ -39,8 +39,8 @@ def test_undersampled_stars_keep_their_place_wherever_they_fall_on_the_pixels(
     )
     errors = {}
     for integrated in (False, True):
-        bell = Psf(0.0 if beta == 0.0 else 1.0 / beta, 1.5, 0.0, integrated)
-        fits = fit_profiles(stamps, column * 1.0, row * 1.0, np.hypot(fwhm_px, 0.68) / SIGMA, bell)
+        psf = Psf(0.0 if beta == 0.0 else 1.0 / beta, 1.5, 0.0, integrated)
+        fits = fit_profiles(cutouts, column * 1.0, row * 1.0, np.hypot(fwhm_px, 0.68) / SIGMA, psf)
         errors[integrated] = np.hypot(fits.x_px - column - phase[:, 0], fits.y_px - row - phase[:, 1]).max()
         if integrated:
             assert np.median(fits.flux) == pytest.approx(1e5, rel=0.01)
@@ -86,7 +86,7 @@ def test_sigmas_are_honest_though_no_card_tells_the_gain(gain: float) -> None:
 def test_as_scipy_has_it(seed: int, count: int, *, positive: bool) -> None:
     rng = np.random.default_rng(seed)
     table = rng.normal(size=(count, 2)) * 10.0 ** rng.uniform(-3, 3, 2)
-    if positive:  # as the table of a bell is: brightness and its square
+    if positive:  # as the table of a PSF is: brightness and its square
         table = np.abs(table)
     right = 10.0 * rng.normal(size=count)
     ours = np.array(nonnegative_pair(table, right))

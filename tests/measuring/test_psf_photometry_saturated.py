@@ -1,4 +1,4 @@
-"""Saturated stars by their wings: place and flux against the exact truth of rendered frames, with bleed."""
+"""Saturated stars by their wings: position and flux against the truth of rendered frames, with bleed."""
 
 from __future__ import annotations
 

@@ -13,12 +13,19 @@ from mountnav.measuring.calibration.raw_files import FloatImage
 Map = NDArray[np.uint8]
 
 _CELL = 64
+"""Side of the cells whose median is a pixel's surroundings, px."""
 #: A dark pixel that stands so many frame noises above its surroundings looks like a star.
 HOT_SIGMA = 10.0
 _HOT_CELL_SIGMA = 8.0
+"""A hot pixel also stands so many of its cell's own scatters above it: cells near an amplifier's glow scatter
+more."""
 _LOW_RESPONSE, _HIGH_RESPONSE = 0.6, 1.5
+"""Response over that of its color nearby below and above which a pixel is dead: a flat can't mend what it
+hardly sees."""
 _NOISY_RATIO = 6.0
+"""Scatter from bias to bias over the typical pixel's from which a pixel is noisy."""
 _NOISY_COLUMN_RATIO = 2.5
+"""The same of a column's median."""
 #: Never more than this share of a chip is bad: else the map is wrong, not the chip.
 MOST_BAD = 0.05
 

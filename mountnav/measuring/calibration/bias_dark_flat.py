@@ -41,7 +41,9 @@ from mountnav.measuring.calibration.stacking import (
 T = TypeVar("T")
 
 _BAND_ROWS = 256
+"""Rows that are worked on together: bounds the memory."""
 _MEDIAN_SAMPLE = 16_000_000
+"""Pixels at most whose median is taken: bounds the memory, and is sure to 0.03 % of the scatter."""
 
 
 @dataclass(slots=True)
@@ -147,7 +149,7 @@ def at_one_level(seen: Sequence[Inspection]) -> Callable[[int, int, FloatImage],
 
 
 def common_facts(files: Sequence[RawFile]) -> CameraSetup:
-    """Settings of a stack: what any of its headers tells, mean exposure and temperature."""
+    """Settings of a stack: what any of its headers states, mean exposure and temperature."""
     first = files[0].facts
     every = [file.facts for file in files]
     exposures = sorted(file.facts.exposure_s for file in files if file.facts.exposure_s is not None)
@@ -187,7 +189,10 @@ def median_of(sheet: FloatImage) -> float:
 
 
 _SAME_EXPOSURE = 0.01
+"""Relative difference up to which two exposure times are the same: shutters and rounded cards differ by
+less."""
 _TEMPERATURE_GAP_C = 5.0
+"""A gap of this many degrees parts darks of one exposure: dark current doubles every 6° or so."""
 
 
 def build_bias(bench: BuildContext, files: Sequence[RawFile]) -> None:
@@ -316,7 +321,10 @@ def _dark_groups(files: Sequence[RawFile]) -> list[list[RawFile]]:
 
 
 _DARK_NEAR_C = 10.0
+"""A dark serves a flat up to this many degrees apart: flats are short and bright, so that its error hardly
+counts."""
 _LEAST_RESPONSE = 0.05
+"""Response below which a corner has no light to divide by."""
 
 
 def build_flats(bench: BuildContext, files: Sequence[RawFile]) -> None:

@@ -74,7 +74,7 @@ def build(
         Level of a pixel without light, for `lights` without a bias.
     settings : StackSettings, optional
     assumed : mapping, optional
-        Settings of the camera for frames whose headers don't tell them, see
+        Settings of the camera for frames whose headers don't state them, see
         `mountnav.measuring.calibration.camera_setup.assumptions`.
 
     Returns

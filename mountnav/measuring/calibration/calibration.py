@@ -29,8 +29,11 @@ from mountnav.measuring.saturation import saturation_level
 __all__ = ["Calibration", "CalibrationPolicy", "CalibrationReport", "masters_in"]
 
 
-_ROOM = 1.02
+_FULL_MARGIN = 1.02
+"""Saturated pixels are lifted to this many times the highest of the others, so that rounding doesn't mix
+them."""
 _SAMPLE = 4_000_000
+"""Pixels at most by which sky and noise are estimated: bounds the time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +82,7 @@ def keep_full(
         The same before.
     full : Full
     bad : ndarray of bool, shape (height, width), optional
-        Pixels that tell nothing.
+        Pixels that are not used.
 
     Returns
     -------
@@ -94,7 +97,7 @@ def keep_full(
         saturated &= ~bad
         telling &= ~bad
     highest = float(pixels.max(where=telling, initial=1.0))
-    level = _ROOM * highest
+    level = _FULL_MARGIN * highest
     if saturated.any():
         # above the level by rounding at most: their height means nothing
         pixels[saturated] = np.float32(level * 1.001)
@@ -103,8 +106,11 @@ def keep_full(
 
 
 _BAND_ROWS = 128
+"""Rows that are worked on together: bounds the memory."""
 _LEAST_RESPONSE = 0.05
+"""Response below which a pixel is left out instead of being divided: its noise would grow twentyfold."""
 _SAME_EXPOSURE = 0.01
+"""Relative difference up to which a dark that holds the bias has the frame's exposure."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,11 +242,6 @@ class Calibration:
         ]
         return levels[0] if levels and max(levels) - min(levels) < 1.0 else None
 
-    def bias_adu_of(self, frame: Frame) -> float | None:
-        """Level of a pixel without light in this raw frame; None if no bias fits."""
-        bias = self._chosen(frame, setup_from_header(frame.header, frame.width_px, frame.height_px)).bias
-        return None if bias is None else bias.level_adu
-
     def applied(self, frame: Frame) -> tuple[Frame, CalibrationReport]:
         """Calibrate a frame with the masters that fit it.
 
@@ -255,7 +256,7 @@ class Calibration:
         Returns
         -------
         Frame
-            float32 pixels, the same place, time and hint; its header tells what was done (CALSTAT, MNBIAS,
+            float32 pixels, the same position, time and hint; its header tells what was done (CALSTAT, MNBIAS,
             MNDARK, MNFLAT). The frame itself if nothing fits, or all was done before.
         CalibrationReport
 
@@ -507,7 +508,7 @@ def _calibrated(frame: Frame, chosen: _Chosen) -> FloatImage:
 
 
 def _bad_pixels(chosen: _Chosen, frame: Frame, pixels: FloatImage) -> NDArray[np.bool_]:
-    """Tell which pixels are bad in this frame: hot ones only if they get hot in its exposure."""
+    """Which pixels are bad in this frame: hot ones only if they get hot in its exposure."""
     if chosen.bad is None:
         return np.zeros(pixels.shape, dtype=bool)
     flags = chosen.bad.flags()
@@ -520,7 +521,7 @@ def _bad_pixels(chosen: _Chosen, frame: Frame, pixels: FloatImage) -> NDArray[np
             signal = chosen.dark_factor * dark.pixels()[y, x].astype(np.float64)
             usual = chosen.dark_factor * (dark.level_adu or 0.0)
             still = signal - usual < HOT_SIGMA * dark.noise_adu
-            # one that is full has told nothing, whatever the dark says
+            # one that is full is useless, whatever the dark says
             still &= ~(frame.pixels[y, x].astype(np.float64) >= (frame.saturation_adu or np.inf))
             hot[y[still], x[still]] = False
         bad |= hot

@@ -1,4 +1,4 @@
-"""How the camera was set, as a header tells it, and whether two frames were taken alike."""
+"""How the camera was set, as a header states it, and whether two frames were taken alike."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _OFFSET_CARDS = ("OFFSET", "BLKLEVEL")
 _KIND_CARDS = ("IMAGETYP", "IMAGETYPE", "OBSTYPE", "FRAME", "PICTTYPE")
 _MASTER_CARD = "MNMASTER"
 _NO_FILTER = ("", "none", "no filter", "n/a", "unknown")
-#: Cards of other programs that a calibrated frame carries, and which step each tells of.
+#: Cards of other programs that a calibrated frame carries, and which step each stands for.
 _DONE_CARDS = {
     "B": ("BIASCORR", "BIASCOR", "ZEROCOR"),
     "D": ("DARKCORR", "DARKCOR"),
@@ -89,7 +89,7 @@ def setup_from_header(header: Header, width_px: int, height_px: int) -> CameraSe
 
     Returns
     -------
-    CameraFacts
+    CameraSetup
     """
     return CameraSetup(
         width_px=width_px,
@@ -125,7 +125,7 @@ def kind_from_header(header: Header) -> Kind | None:
 
 
 def is_master(header: Header) -> bool:
-    """Tell whether a frame is itself a stack: ours, or called a master by the program that made it."""
+    """Whether a frame is itself a stack: ours, or called a master by the program that made it."""
     return _MASTER_CARD in header or any("master" in str(header.get(key, "")).lower() for key in _KIND_CARDS)
 
 
@@ -140,7 +140,7 @@ def pattern_from_header(header: Header) -> str | None:
 
 
 def steps_done(header: Header) -> str:
-    """Tell which steps a header says were done already, as letters: B(ias), D(ark), F(lat).
+    """Which steps a header says were done already, as letters: B(ias), D(ark), F(lat).
 
     ``CALSTAT`` (MaxIm and its followers, and ourselves), the cards of IRAF and its followers, and the word
     "calibrated" in the frame's type. A dark that was subtracted took the bias with it.
@@ -160,7 +160,7 @@ def steps_done(header: Header) -> str:
 def zero_left_adu(header: Header) -> float | None:
     """Return the level of a pixel without light in a frame that was calibrated elsewhere; None for a raw one.
 
-    Programs that keep the pixels positive leave an offset in them and tell it in ``PEDESTAL`` (some as what
+    Programs that keep the pixels positive leave an offset in them and state it in ``PEDESTAL`` (some as what
     was added, some as what is to be added back).
     """
     if "B" not in steps_done(header):
@@ -169,7 +169,7 @@ def zero_left_adu(header: Header) -> float | None:
 
 
 def same_filter(one: str | None, other: str | None) -> bool:
-    """Tell whether two filter names mean the same; a name that isn't known is the same as no other name."""
+    """Whether two filter names mean the same; a name that isn't known is the same as no other name."""
     return (one or "").casefold() == (other or "").casefold()
 
 
@@ -222,7 +222,7 @@ _FIRST_PIXEL = {"first column": "left_px", "first row": "top_px", "color pattern
 
 
 def assumptions(said: Sequence[str]) -> dict[str, float | str | tuple[int, int]]:
-    """Read `gain=200`, `readout=Slow`, `binning=2` as fields of `CameraFacts`.
+    """Read `gain=200`, `readout=Slow`, `binning=2` as fields of `CameraSetup`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A first look at each frame of a stack: its level, its noise, and whether it is what it is said to be."""
+"""The inspection of each frame of a stack: its level, its noise, and whether it is what it is said to be."""
 
 from __future__ import annotations
 
@@ -21,29 +21,46 @@ from mountnav.measuring.calibration.camera_setup import (
 from mountnav.measuring.calibration.raw_files import FloatImage, RawFile
 
 _BANDS = 16
+"""Bands of rows that are looked at, spread over the frame."""
 _BAND_ROWS = 64
+"""Rows of each."""
 _STAR_SIGMA = 8.0
+"""Rise of a patch over the scatter of all from which it may be a star."""
 _NEIGHBOR_SHARE = 0.2
+"""A star's four neighbors have this share of its pixel's light on the mean: hot pixels have none."""
 _LEAST_NEIGHBOR_SHARE = 0.06
+"""And each of them this: a cosmic ray's track lights two of them only."""
 _LOCAL_CELL = 16
+"""Side of the cells whose medians are the local level, px: wider than stars."""
 _STARS = 12
+"""Patches from which a frame shows stars ..."""
 _STARS_PER_MPX = 6.0
+"""... and per megapixel: cosmic rays of a long dark look like some."""
 _MOST_SATURATED = 0.001
+"""Share of saturated pixels above which a frame can't serve as a flat."""
 _MOST_FULL = 0.9
+"""Median over the saturation level above which a flat is no longer linear."""
 _LEAST_FLAT_SNR = 10.0
+"""Light over the noise per pixel below which a flat is too faint: ten such frames leave 3 % of noise."""
 _MOST_DARK_SHARE = 0.5
+"""Median over the saturation level above which a bias or dark has seen light."""
 _LONGEST_BIAS_S = 2.0
+"""A bias of a longer exposure is a dark, s: some cameras state their least exposure."""
 _TEMPERATURE_SPREAD_C = 3.0
+"""Spread of a stack's temperatures that is noted, degrees."""
 _ODD_LEVEL_SIGMA = 5.0
+"""A frame of a stack is odd if its level differs by so many noises of a pixel ..."""
 _ODD_LEVEL_SPREADS = 10.0
+"""... so many scatters of the stack's levels ..."""
 _ODD_LEVEL_SHARE = 0.02
+"""... and this share of the level: all three, so that steady stacks and drifting ones both pass."""
 #: What a flat of one even color has: each of the four phases of a 2 × 2 block on its own.
 PHASES = tuple((row, column) for row in (0, 1) for column in (0, 1))
 
 
 @dataclass(frozen=True, slots=True)
 class Inspection:
-    """What a first look at a frame showed.
+    """What the inspection of a frame showed.
 
     Attributes
     ----------
@@ -72,7 +89,7 @@ class Inspection:
 
     @property
     def starry(self) -> bool:
-        """Whether it shows more stars than cosmic rays could feign."""
+        """Whether it shows more stars than cosmic rays could imitate."""
         return self.stars >= max(_STARS, _STARS_PER_MPX * self.mpx)
 
 
@@ -139,12 +156,12 @@ def _smooth_level(pixels: FloatImage) -> FloatImage:
     return np.asarray(_joined(_joined(np.median(cells, axis=2), y).T, x).T, dtype=np.float32)
 
 
-def _joined(table: NDArray[np.floating], places: NDArray[np.float64]) -> NDArray[np.float64]:
+def _joined(table: NDArray[np.floating], positions: NDArray[np.float64]) -> NDArray[np.float64]:
     """Straight lines along the first axis, drawn out beyond its ends."""
     if table.shape[0] == 1:
-        return np.repeat(np.asarray(table, dtype=np.float64), places.size, axis=0)
-    first = np.clip(np.floor(places).astype(int), 0, table.shape[0] - 2)
-    share = (places - first)[:, None]
+        return np.repeat(np.asarray(table, dtype=np.float64), positions.size, axis=0)
+    first = np.clip(np.floor(positions).astype(int), 0, table.shape[0] - 2)
+    share = (positions - first)[:, None]
     return np.asarray(table[first] * (1.0 - share) + table[first + 1] * share)
 
 
@@ -225,14 +242,14 @@ def require_alike(files: Sequence[RawFile], kind: Kind) -> list[str]:
 
 
 def require_all_known(files: Sequence[RawFile]) -> None:
-    """Refuse a stack of which some frames tell a setting of the camera and others don't.
+    """Refuse a stack of which some headers state a setting of the camera and others don't.
 
     The others may have been taken with another one, and the master would claim what only some of them said.
 
     Raises
     ------
     BadRequest
-        It names the setting, how many don't tell it, and how to tell it for them.
+        It names the setting, how many headers lack it, and how to state it for them.
     """
     for file in files[1:]:
         found = unknown_beside_known(files[0].facts, file.facts)
@@ -265,7 +282,7 @@ def require_kind(file: RawFile, seen: Inspection, kind: Kind, zero_adu: float | 
     Parameters
     ----------
     file : RawFile
-    seen : Survey
+    seen : Inspection
     kind : Kind
         What it is given as.
     zero_adu : float or None
@@ -359,7 +376,7 @@ def temperature_notes(files: Sequence[RawFile], kind: Kind) -> list[str]:
 def without_repeats(
     files: Sequence[RawFile], seen: Sequence[Inspection]
 ) -> tuple[list[RawFile], list[Inspection], list[str]]:
-    """Drop copies of the same frame: they would feign a noise that isn't there."""
+    """Drop copies of the same frame: they would make the noise look smaller than it is."""
     first: dict[int, RawFile] = {}
     kept_files, kept, notes = [], [], []
     for file, one in zip(files, seen, strict=True):
@@ -373,7 +390,7 @@ def without_repeats(
 
 
 def is_colored(files: Sequence[RawFile], seen: Sequence[Inspection]) -> bool:
-    """Tell whether flats are of a color mosaic: by card, or by levels that stand apart in all of them."""
+    """Whether flats are of a color mosaic: by card, or by levels that stand apart in all of them."""
     if any(file.facts.pattern for file in files):
         return True
     stands_apart = 0

@@ -17,13 +17,20 @@ from mountnav.measuring.calibration.raw_files import FloatImage
 Array = NDArray[np.float64]
 
 _LEAST_GROUP = 3
+"""Frames from which a median parts what they share from what is each one's own."""
 _BAND_ROWS = 256
+"""Rows that are worked on together: bounds the memory."""
 _CLIP_ROUNDS = 8
+"""Rounds at most in which a cell's stars are clipped."""
 _CELL_ROUNDS = 6
+"""Rounds at most in which cells of sources are left out of the surface."""
 _LEAST_CELL_SHARE = 0.25
+"""Share of the cells that must have a value."""
 _SAME_PLACE_SHARE = 0.3
-_BRIGHTEST_CELLS = 40
+"""Share of the source cells that lie on the same positions in all frames from which they see the same
+field."""
 _LEAST_RESPONSE = 0.05
+"""Response below which a corner has no light to divide by."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -311,7 +318,7 @@ def _clipped_median(values: FloatImage, whole: bool) -> tuple[float, float]:
     low, high = 0, values.size
     for _ in range(_CLIP_ROUNDS):
         middle = float(values[(low + high) // 2])
-        # stars only add: the lower side tells the noise
+        # stars only add: the lower side gives the noise
         sigma = middle - float(values[low + int(0.1587 * (high - low))])
         new = (
             int(np.searchsorted(values, middle - 4.0 * sigma)),
@@ -328,7 +335,9 @@ def _monomials(order: int) -> tuple[tuple[int, int], ...]:
 
 
 _GRADIENT_TERMS = _monomials(2)
+"""Exponents (x, y) of the surface that a frame's own gradient is: quadratic, so that no nebula fits it."""
 _SKY_TERMS = _monomials(4)
+"""Exponents of the surface from which sources stand off: of degree 4, which holds vignetting."""
 
 
 def _surface(
@@ -384,7 +393,7 @@ def _symmetric(mesh: Array, known: NDArray[np.bool_]) -> Array:
 
 
 def _same_field(meshes: Sequence[Mesh]) -> bool:
-    """Tell whether sources lie on the same cells in all frames: the group wasn't moved between exposures."""
+    """Whether sources lie on the same cells in all frames: the group wasn't moved between exposures."""
     masks = np.stack([mesh.sources for mesh in meshes])
     ever = masks.any(axis=0).sum()
     always = masks.all(axis=0).sum()
@@ -403,15 +412,15 @@ def _spread(mesh: Array, first: int, stop: int, width_px: int, height_px: int) -
     return np.ascontiguousarray(_splined(tall.T, x).T, dtype=np.float32)
 
 
-def _splined(table: Array, places: Array) -> Array:
+def _splined(table: Array, positions: Array) -> Array:
     """Spline along the first axis, straight beyond the outermost centers."""
     from scipy.interpolate import CubicSpline
 
     count = table.shape[0]
     spline = CubicSpline(np.arange(count), table, axis=0, bc_type="natural")
-    inside = np.clip(places, 0.0, count - 1.0)
+    inside = np.clip(positions, 0.0, count - 1.0)
     values = spline(inside)
-    beyond = (places - inside)[:, None]
+    beyond = (positions - inside)[:, None]
     slopes = np.where(beyond < 0, table[1] - table[0], table[-1] - table[-2])
     return np.asarray(values + beyond * slopes)
 

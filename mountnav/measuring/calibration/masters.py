@@ -1,4 +1,4 @@
-"""Masters as FITS files: float32 pixels, and cards that tell how they were made."""
+"""Masters as FITS files: float32 pixels, and cards that say how they were made."""
 
 from __future__ import annotations
 
@@ -17,10 +17,15 @@ from mountnav.measuring.calibration.raw_files import FloatImage
 from mountnav.version import version
 
 _BLOCK_BYTES = 2880
+"""Length of a FITS block, bytes (FITS standard 4.0, section 3.1)."""
 _COPY_BYTES = 1 << 22
+"""Bytes that are copied at once: bounds the memory."""
 _PIXELS_DTYPE = {Kind.BAD_PIXELS: ("u1", 8)}
+"""Type of the pixels on disk and BITPIX, of maps of flags ..."""
 _FLOAT = (">f4", -32)
+"""... and of all other masters: half of what doubles need, and finer than any stack's noise."""
 _MOST_LISTED = 200
+"""Files of a stack that are listed in the header: it stays readable."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +36,7 @@ class Master:
     ----------
     path : Path
     kind : Kind
-    facts : CameraFacts
+    facts : CameraSetup
         Settings the frames were taken with; exposure and temperature are their means.
     frames : int
         How many were stacked.
@@ -54,7 +59,7 @@ class Master:
     start_byte : int
         Where the pixels begin.
     stamp : tuple of int
-        Number, length and time of the file: tells if it was replaced since.
+        Number, length and time of the file: shows if it was replaced since.
     """
 
     path: Path
@@ -111,7 +116,7 @@ def _stamp(path: Path) -> tuple[int, int, int]:
 
 @dataclass(frozen=True, slots=True)
 class MasterFacts:
-    """What a new master's header shall tell; see `Master` for the meaning."""
+    """What a new master's header shall say; see `Master` for the meaning."""
 
     kind: Kind
     facts: CameraSetup

@@ -39,7 +39,10 @@ _ENDINGS = (
 )
 _SATURATION_CARDS = ("SATURATE", "SATLEVEL", "SATURATI", "SATUR")
 _SMALLEST_SIDE_PX = 16
+"""Smaller frames can't be calibration frames, px: headers of other things."""
 _UNSIGNED = {8: 0.0, 16: 32768.0, 32: 2147483648.0}
+"""BZERO by which FITS stores unsigned integers, by their number of bits (FITS standard 4.0, section
+5.2.5)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +56,7 @@ class RawFile:
     facts : CameraFacts
     header : dict
     full_adu : float
-        Level from which a pixel counts as saturated by header or type; infinity if neither tells.
+        Level from which a pixel counts as saturated by header or type; infinity if neither states it.
     data_path, start_byte, dtype, zero, scale
         Where the numbers lie, and how they become ADU.
     """
@@ -102,12 +105,12 @@ class RawFile:
         return pixels.reshape(stop - first, width)
 
 
-def listed_files(places: Sequence[Path | str]) -> list[Path]:
+def listed_files(given: Sequence[Path | str]) -> list[Path]:
     """Return the FITS files that files, folders and patterns name, each once, in order of their names.
 
     Parameters
     ----------
-    places : sequence of Path or str
+    given : sequence of Path or str
         A folder means the FITS files in it (not below it); ``*``, ``?`` and ``[`` make a pattern.
 
     Returns
@@ -117,21 +120,21 @@ def listed_files(places: Sequence[Path | str]) -> list[Path]:
     Raises
     ------
     BadRequest
-        A place is not there, or names no FITS file.
+        A path is not there, or names no FITS file.
     """
     found: dict[Path, Path] = {}
-    for place in map(Path, places):
-        if place.is_dir():
-            some = [path for path in place.iterdir() if path.is_file() and _is_fits_name(path)]
-        elif place.is_file():
-            some = [place]
-        elif any(sign in place.name for sign in "*?["):
-            some = [path for path in place.parent.glob(place.name) if path.is_file() and _is_fits_name(path)]
+    for entry in map(Path, given):
+        if entry.is_dir():
+            some = [path for path in entry.iterdir() if path.is_file() and _is_fits_name(path)]
+        elif entry.is_file():
+            some = [entry]
+        elif any(sign in entry.name for sign in "*?["):
+            some = [path for path in entry.parent.glob(entry.name) if path.is_file() and _is_fits_name(path)]
         else:
-            raise BadRequest(f"{place} is not there", advice="give FITS files, folders or patterns")
+            raise BadRequest(f"{entry} is not there", advice="give FITS files, folders or patterns")
         if not some:
             raise BadRequest(
-                f"{place} holds no FITS file", advice="*.fits, *.fit, *.fts, also .fz, .gz, .bz2"
+                f"{entry} holds no FITS file", advice="*.fits, *.fit, *.fts, also .fz, .gz, .bz2"
             )
         for path in some:
             found.setdefault(path.resolve(), path)

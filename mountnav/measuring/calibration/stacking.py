@@ -15,7 +15,8 @@ from mountnav.measuring.calibration.raw_files import FloatImage, RawFile
 Array = NDArray[np.float64]
 
 _LEAST_FOR_OWN_SCATTER = 6
-#: Fewer frames don't tell a pixel's own scatter.
+"""Frames from which a pixel's own scatter is believed, beside the band's typical one."""
+#: Fewer frames don't give a pixel's own scatter.
 LEAST_FOR_NOISY = 5
 
 
@@ -204,11 +205,17 @@ def _middle_and_scatter(cube: FloatImage, missing: bool) -> tuple[FloatImage, Fl
 
 
 _PAIRS = 4
+"""Pairs of frames at most from which noise and gain are taken."""
 _BANDS = 8
+"""Bands of rows of each that are looked at."""
 _BAND_ROWS = 64
+"""Rows of each."""
 _BLOCK = 16
+"""Side of the blocks whose variance is taken, px: large for the statistics, small for gradients."""
 _LEAST_BLOCKS = 8
+"""Blocks that are needed for a gain."""
 _LEAST_EXCESS = 0.05
+"""Photon noise over read noise (variances) from which a block gives the gain."""
 
 
 def read_noise_adu(files: Sequence[RawFile]) -> float | None:

@@ -8,19 +8,28 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from mountnav.measuring.measurements import Flag
+from mountnav.measuring.measurements import (
+    LEAST_ELLIPTICITY,
+    TOO_LONG,
+    TOO_NARROW,
+    TOO_WIDE,
+    TYPICAL_SNR,
+    Flag,
+)
 from mountnav.measuring.psf import FWHM_PER_SIGMA
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.float32]
 
 _CENTROID_ROUNDS = 3
+"""How often the window follows the centroid."""
 _MOST_STEP_PX = 1.0
+"""Largest step of the window, px: beyond it the centroid is a neighbor's."""
 
 
 @dataclass(frozen=True, slots=True)
 class Patches:
-    """Squares of pixels, all inside the frame: near its rim the place isn't in the middle.
+    """Squares of pixels, all inside the frame: near its rim the position isn't in the middle.
 
     Attributes
     ----------
@@ -45,13 +54,9 @@ class Patches:
         rim.sort(axis=1)
         return np.asarray(rim[:, (rim.shape[1] - 1) // 2])
 
-    def part(self, some: NDArray[np.intp] | NDArray[np.bool_]) -> Patches:
-        """Some of them."""
-        return Patches(self.values[some], self.left[some], self.top[some])
-
 
 def cut_patches(pixels: NDArray[np.generic], x_px: Array, y_px: Array, half_px: int) -> Patches:
-    """Cut squares of side 2 half_px + 1 round the nearest pixels of places.
+    """Cut squares of side 2 half_px + 1 round the nearest pixels of positions.
 
     Parameters
     ----------
@@ -85,7 +90,7 @@ class Moments:
     xx, xy, yy : ndarray
         The star's own second moments, the window's share taken out.
     sound : ndarray of bool
-        False where there was no light, or the place ran away.
+        False where there was no light, or the position ran away.
     """
 
     x_px: Array
@@ -95,6 +100,11 @@ class Moments:
     xy: Array
     yy: Array
     sound: NDArray[np.bool_]
+
+    def put(self, which: NDArray[np.intp], part: Moments) -> None:
+        """Overwrite those of the sources ``which``, in place."""
+        for name in Moments.__dataclass_fields__:
+            getattr(self, name)[which] = getattr(part, name)
 
 
 def windowed_moments(
@@ -176,13 +186,9 @@ def _without_window(seen: Array, sigma_px: Array) -> tuple[Array, Array, Array]:
 
 Mask = NDArray[np.bool_]
 
-# as in `flags`
-_TOO_NARROW = 0.62
-_TOO_WIDE = 2.0
-_TOO_LONG = 0.25
-_LEAST_ELLIPTICITY = 0.4
-_CLEAR_SNR = 15.0
 _TYPICAL_STARS = 120
+"""Sources at most whose medians are the typical star, spread over all magnitudes: stretched pictures swell
+the brightest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,7 +230,7 @@ class Typical:
 
 def typical_of(shapes: Shapes, clean: Mask, snr: Array) -> Typical:
     """Medians over clean sources."""
-    some = np.flatnonzero(clean & (snr > _CLEAR_SNR))
+    some = np.flatnonzero(clean & (snr > TYPICAL_SNR))
     if some.size > _TYPICAL_STARS:  # not the brightest alone: stretched pictures swell those
         some = some[np.linspace(0, some.size - 1, _TYPICAL_STARS).astype(np.intp)]
     if some.size == 0:
@@ -236,7 +242,7 @@ def typical_of(shapes: Shapes, clean: Mask, snr: Array) -> Typical:
 def flags_of(
     shapes: Shapes, typical: Typical, snr: Array, *, full: Mask, edge: Mask, odd: Mask, neighbor_px: Array
 ) -> NDArray[np.int64]:
-    """Flag sources by the same bounds as `flags.judge`, as far as moments can tell.
+    """Flag sources by the same bounds as `flags.flag_sources`, as far as moments show them.
 
     Parameters
     ----------
@@ -259,11 +265,11 @@ def flags_of(
     flags[edge] |= Flag.EDGE
     narrow = (
         shapes.minor_fwhm_px * (1.0 + slack)
-        < _TOO_NARROW * typical.fwhm_px * (1.0 - typical.ellipticity) ** 0.5
+        < TOO_NARROW * typical.fwhm_px * (1.0 - typical.ellipticity) ** 0.5
     )
-    wide = shapes.fwhm_px * (1.0 - slack) > _TOO_WIDE * typical.fwhm_px
+    wide = shapes.fwhm_px * (1.0 - slack) > TOO_WIDE * typical.fwhm_px
     flags[(narrow | wide | odd) & ~full] |= Flag.NO_PEAK
-    long = shapes.ellipticity > max(_LEAST_ELLIPTICITY, typical.ellipticity + _TOO_LONG) + slack
+    long = shapes.ellipticity > max(LEAST_ELLIPTICITY, typical.ellipticity + TOO_LONG) + slack
     flags[long] |= Flag.ELONGATED
     flags[neighbor_px < 1.5 * typical.fwhm_px + 1.0] |= Flag.BLENDED
     return flags
@@ -295,25 +301,16 @@ def position_errors(
 
 
 def nearest_px(x_px: Array, y_px: Array) -> Array:
-    """Distance of each place to the nearest other one, shape (n,)."""
+    """Distance of each position to the nearest other one, shape (n,)."""
     if x_px.size < 2:
         return np.full(x_px.size, np.inf)
-    places = np.column_stack([x_px, y_px])
-    distance, _ = KDTree(places).query(places, k=2)
+    positions = np.column_stack([x_px, y_px])
+    distance, _ = KDTree(positions).query(positions, k=2)
     return np.asarray(distance, dtype=np.float64)[:, 1]
 
 
-def first_of_twins(x_px: Array, y_px: Array, reach_px: float) -> Mask:
-    """Tell which of several sources at the same place comes first, shape (n,)."""
-    keep = np.ones(x_px.size, dtype=bool)
-    if x_px.size > 1:
-        pairs = KDTree(np.column_stack([x_px, y_px])).query_pairs(reach_px, output_type="ndarray")
-        keep[pairs.max(axis=1)] = False
-    return keep
-
-
 def edge_of(x_px: Array, y_px: Array, width_px: int, height_px: int, fwhm_px: float) -> Mask:
-    """Tell which places are within a star's width of the rim, shape (n,)."""
+    """Which positions are within a star's width of the rim, shape (n,)."""
     margin = max(2.0, fwhm_px)
     edge = (x_px < margin) | (y_px < margin)
     edge |= (x_px > width_px - 1 - margin) | (y_px > height_px - 1 - margin)

@@ -1,4 +1,4 @@
-"""What a glance knows of a frame as a whole: sky, noise, where pixels are full."""
+"""What the fast measurement knows of a frame as a whole: sky, noise, where pixels are full."""
 
 from __future__ import annotations
 
@@ -24,16 +24,22 @@ from mountnav.measuring.settings import MeasuringSettings
 Array = NDArray[np.float64]
 
 _SMALLEST_SIDE_PX = 64
+"""Smaller frames are left to the full measurement, px: they are fast anyway."""
 _BIN_BY_4_PX = 5_000_000
+"""Frames of more pixels are summed in bins of 4 × 4 ..."""
 _BIN_BY_2_PX = 1_000_000
+"""... and of 2 × 2: the coarse plane then has 0.25 to 1.25 million bins at most for 20 Mpx."""
 _MOST_MISSING = 0.05
+"""Share of the bins that may lack a pixel, or the frame is left to the full measurement."""
 _LEAST_NOISE = 0.5
+"""Least noise of a tile over that of independent pixels: tiles cut off at zero or full show none."""
 _MOST_RATIO = 4.0
+"""Largest noise ratio of correlated pixels that is believed: a frame of clouds or leaves shows more."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A frame and what a glance found out about it.
+    """A frame and what the fast measurement found out about it.
 
     Attributes
     ----------
@@ -65,7 +71,7 @@ class Scene:
     noise_ratio: float
 
     def cut(self, x_px: Array, y_px: Array, half_px: int) -> Patches:
-        """Cut squares round places, shape (n,); missing pixels get the sky's level."""
+        """Cut squares round positions, shape (n,); missing pixels get the sky's level."""
         half = min(half_px, (min(self.frame.pixels.shape) - 1) // 2)
         patches = cut_patches(self.frame.pixels, x_px, y_px, half)
         if self.frame.pixels.dtype.kind == "f":
@@ -75,12 +81,12 @@ class Scene:
         return patches
 
     def noise_at(self, x_px: Array, y_px: Array) -> Array:
-        """Noise per pixel at places, shape (n,): the frame's, in proportion to the tiles' own."""
+        """Noise per pixel at positions, shape (n,): the frame's, in proportion to the tiles' own."""
         own = self.sky.at(self.sky.noise, *self.bins(x_px, y_px))
         return np.asarray(own * (self.noise_adu / float(np.median(self.sky.noise))))
 
     def bins(self, x_px: Array, y_px: Array) -> tuple[Array, Array]:
-        """Column and row of the coarse plane for places of the frame."""
+        """Column and row of the coarse plane for positions of the frame."""
         middle = 0.5 * (self.bin_px - 1)
         return (x_px - middle) / self.bin_px, (y_px - middle) / self.bin_px
 
@@ -96,7 +102,7 @@ def survey_frame(frame: Frame, settings: MeasuringSettings) -> tuple[Scene, Imag
     Returns
     -------
     (Scene, ndarray) or None
-        With the coarse plane; None if the frame isn't one for a glance.
+        With the coarse plane; None if the frame isn't one for the fast measurement.
     """
     pixels = frame.pixels
     if frame.mosaic or pixels.ndim != 2 or min(pixels.shape) < _SMALLEST_SIDE_PX:

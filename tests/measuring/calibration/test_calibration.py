@@ -677,9 +677,9 @@ class TestRefusals:
         assert any("d8.fits is a copy of d0.fits" in note for note in report.notes)
 
     def test_a_folder_without_masters(self, folder: Path) -> None:
-        for place in (folder, folder / "none"):
+        for position in (folder, folder / "none"):
             with pytest.raises(BadRequest):
-                Calibration.load(place)
+                Calibration.load(position)
 
     def test_masters_replaced_while_in_use(self, folder: Path, camera: SyntheticCamera) -> None:
         build(folder / "m", bias=[folder / "b*"])

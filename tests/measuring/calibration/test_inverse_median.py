@@ -101,8 +101,8 @@ def test_a_group_gives_the_response_and_even_frames(camera: SyntheticCamera) -> 
 
 
 def test_a_nebula_that_moves_is_neither_eaten_nor_printed_into_the_others(camera: SyntheticCamera) -> None:
-    places = [(200.0, 220.0), (330.0, 150.0), (420.0, 300.0), (250.0, 330.0), (380.0, 240.0)]
-    fields = [Field(camera, seed, nebula_at=place) for seed, place in enumerate(places, start=1)]
+    positions = [(200.0, 220.0), (330.0, 150.0), (420.0, 300.0), (250.0, 330.0), (380.0, 240.0)]
+    fields = [Field(camera, seed, nebula_at=position) for seed, position in enumerate(positions, start=1)]
     found = inverse_median([field.frame for field in fields], zero_adu=ZERO_ADU)
     assert np.std(found.response_rows(0, HEIGHT) / response_of(camera)) < 0.03
     without = Field(camera, 1).frame
@@ -219,8 +219,8 @@ def test_light_frames_of_a_mosaic_make_a_flat(tmp_path: Path, camera: SyntheticC
         )
     for seed in range(3):
         rng = np.random.default_rng(seed)
-        places = rng.uniform(10, WIDTH - 10, 60), rng.uniform(10, HEIGHT - 10, 60)
-        light = stars(camera, *places, np.full(60, 2e4), 3.0) + camera.colors(500.0, 900.0, 700.0)
+        positions = rng.uniform(10, WIDTH - 10, 60), rng.uniform(10, HEIGHT - 10, 60)
+        light = stars(camera, *positions, np.full(60, 2e4), 3.0) + camera.colors(500.0, 900.0, 700.0)
         write(tmp_path / f"l{seed}.fits", camera.exposed(light, 60.0, seed), **cards)
     build(tmp_path / "m", bias=[tmp_path / "b*.fit"], lights=[tmp_path / "l*.fits"])
     calibration = Calibration.load(tmp_path / "m")

@@ -1,4 +1,4 @@
-"""The glance on painted frames: what it finds, how well, and when it leaves a frame to `measure`."""
+"""The fast measurement on painted frames: what it finds, how well, when it leaves a frame to `measure`."""
 
 from __future__ import annotations
 

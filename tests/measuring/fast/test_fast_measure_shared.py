@@ -1,4 +1,4 @@
-"""The glance against the exact truth of rendered frames, and against `measure` on real ones."""
+"""The fast measurement against the exact truth of rendered frames, and against `measure` on real ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The parts of a glance by their mathematics: bins, moments, the drawn star."""
+"""The parts of the fast measurement by their mathematics: bins, moments, the drawn star."""
 
 from __future__ import annotations
 
