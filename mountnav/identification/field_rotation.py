@@ -45,7 +45,7 @@ UNEXPLAINED = 3.0
 """Light of so many times what the catalog lets expect isn't explained by the star: colors and variable stars
 make less."""
 BRIGHT_SHARE = 0.25
-"""Patches below this share of the identified stars' median light aren't counted as bright strangers: a
+"""LightSegments below this share of the identified stars' median light aren't counted as bright strangers: a
 second image as faint as that moves the middle by a fifth of the way."""
 UNEXPLAINED_SHARE = 0.1
 """With fewer strangers than this share of the bright patches points aren't asked for a second image of them
@@ -170,7 +170,7 @@ def centers_of_light(
 
     Parameters
     ----------
-    patches : Patches
+    patches : LightSegments
     x_px, y_px : ndarray, shape (n,)
         Where the plate has the stars, identified or not.
     light : ndarray, shape (n,)
@@ -291,7 +291,7 @@ def unexplained_light(
 
     Parameters
     ----------
-    patches : Patches
+    patches : LightSegments
     x_px, y_px, light : ndarray, shape (n,)
         Where a plate has all the stars that it knows of, and their light by the catalog.
 
@@ -335,11 +335,11 @@ def second_image(
 ) -> SecondImage | None:
     """Look for the same stars once more, elsewhere, and turned or grown: an exposure in two parts.
 
-    Where the second image lies at the same offset everywhere, `light_path` sees it too.
+    Where the second image lies at the same offset everywhere, `star_trail` sees it too.
 
     Parameters
     ----------
-    patches : Patches
+    patches : LightSegments
     x_px, y_px : ndarray, shape (n,)
         Where a plate has all the stars that it knows of.
     light : ndarray, shape (n,)

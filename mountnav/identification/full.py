@@ -156,7 +156,7 @@ OWN_STEPS = 1.0
 steps of the tiles: no place is farther than 0.58 from the nearest. Doubled, each hypothesis is tried in seven
 tiles; halved, places between tiles are nobody's."""
 AREAS_REMEMBERED = 40
-"""Patches of sky remembered at once."""
+"""LightSegments of sky remembered at once."""
 
 
 class OutOfTime(Exception):

@@ -112,7 +112,7 @@ class TrailCheck:
         The same, or with a plate moved to the middle of the light, or refused.
     measurements : Measurements
         Those its pairs point into: moved alike.
-    path : LightPath or None
+    path : StarTrail or None
     points : bool
         The plate stayed where it was: it is the stars' own.
     """
@@ -226,7 +226,7 @@ def _unfollowed_px2(path: StarTrail) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Field:
-    """What the whole field's patches of light tell, where `LightPath` is a mean over the stars.
+    """What the whole field's patches of light tell, where `StarTrail` is a mean over the stars.
 
     Attributes
     ----------
