@@ -11,14 +11,16 @@ from numpy.typing import NDArray
 
 from mountnav.errors import BadRequest
 from mountnav.identification.photometry import NOT_COMPARABLE, fit_photometry
+from mountnav.identification.plate import ARCSEC_PER_RAD
 from mountnav.identification.wcs import places_at_pixels
 from mountnav.measuring.measurements import Flag
 from mountnav.solution import IdentifiedPairs, Solution
 
 Array = NDArray[np.float64]
 
-ARCSEC_PER_RAD = 180.0 * 3600.0 / np.pi
 _FULL_LEVERAGE = 1.0 - 1e-6
+"""A pair of at least this leverage alone holds a parameter of the plate, and has no independent deviation. A
+guard against division by zero: leverages of other pairs are below 0.999."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 TAIL_Z2 = 8.0
 """Pairs with a squared deviation (both coordinates, in sigma²) beyond this lose weight: 2 % of the honest."""
 ROUNDS = 4
+"""Reweighted fits at most; it ends earlier where no weight changes by more than `SETTLED`. Chosen by hand."""
 SETTLED = 1e-3
 """Largest change of a weight that ends the rounds."""
 

@@ -143,7 +143,6 @@ EXTRA_PX = (0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.28)
 """Errors in question that neither centroid nor catalog knows of."""
 EXTRA_SPREAD = 1.2
 """Before any pair is seen the extra error is believed to be the floor, give or take a factor e^1.2."""
-STEP = 2.5
 SHEARS_FIRST = 2
 """Of the parameters that are not eliminated at once, so many are shears."""
 LEAST_SHARE = 1e-3

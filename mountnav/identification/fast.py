@@ -73,7 +73,7 @@ def identify_fast(
 
     Returns
     -------
-    AtAGlance
+    FastResult
         The odds are those of the coarse list; the plate rests on the precise one.
     """
     began = time.monotonic()

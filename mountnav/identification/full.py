@@ -264,7 +264,7 @@ class Search:
         epoch_yr: float,
         most_tiles: int,
     ) -> SearchArea:
-        """A `Patch`, remembered: every round visits the same tiles."""
+        """A `SearchArea`, kept for the next rounds: each of them visits the same tiles."""
         key = (center.ra_deg, center.dec_deg, radius_deg, step_deg, tile_deg, count, most_tiles)
         if key not in self._patches:
             if len(self._patches) >= AREAS_REMEMBERED:

@@ -163,15 +163,24 @@ def trials_factor(hypotheses: int) -> float:
 Index = NDArray[np.int64]
 
 MOST_STARS = 150
+"""Catalog stars predicted in the frame that are asked, the brightest: more cost time, and the odds of a true
+plate are below any limit by then."""
 FEW_STARS = 40
+"""With fewer stars than this they are dealt in three hands, so that two thirds are asked at a time, and the
+triangle also predicts alone. Chosen by hand."""
 LINEAR_PAIRS = 7
+"""With fewer pairs than this, the triangle's three included, the plate of a hand is a similarity: a linear
+one would follow single wrong pairs. Chosen by hand."""
 MANY_MEASUREMENTS = 60
+"""Measurements that are asked, the brightest: at least so many, and twice as many as stars. Chosen by hand;
+with more, chance pairs get closer, and stars fainter than the catalog add nothing."""
 FEW_MEASUREMENTS = 15
-"""At least so many of the brightest measurements are asked."""
+"""Where few of the measurements can be catalog stars the brightest are asked once more alone: so many, or
+three times as many as stars. It costs a factor of two in the odds."""
 NEAREST_PX = 0.1
 """No pair counts as closer than this: centroids are no better, and real ones may sit on a raster."""
 LEAST_CHANCE = 1e-300
-"""Below this a probability is not told apart from zero."""
+"""Least probability that is reported: below this one is not told apart from zero."""
 
 
 @dataclass(frozen=True, slots=True)

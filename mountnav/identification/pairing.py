@@ -93,6 +93,8 @@ def within_k_rej(deviation: Array, k_rej: float) -> Mask:
 REACH = 2.0
 """Stars farther than this many half frames from the center are not even asked."""
 LEAST_PER_FRAGMENT = 3
+"""A fragment of the frame never gives fewer pairs than this, however few the others give: poor fields keep
+all. Chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +119,7 @@ class Pairs:
 
 
 NO_PAIRS = Pairs(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
+"""No pairs at all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -341,15 +344,22 @@ def mutually_nearest(distance2: Array, star: Index, source: Index) -> Index:
 
 
 UNKNOWN_CENTROID_PX = 0.5
+"""Error per coordinate of a measurement that states none, pixels: that of a poor centroid. Chosen by hand."""
 UNKNOWN_CATALOG_ARCSEC = 1.0
+"""Error per coordinate of a catalog star that states none: that of old photographic catalogs. Chosen by
+hand."""
 SHARP_SHARE = 0.3
 """When more of the candidates than this have no peak, the stars are that sharp, and the flag says nothing."""
 SATURATED_FWHM = 0.02
 """What the wings of a saturated star don't tell of its place, in widths, beyond the fit's own error."""
 FEWEST_MEASUREMENTS = 60
+"""At least so many of the brightest measurements are paired, however few stars the catalog has in the frame;
+else twice as many as stars. Chosen by hand."""
 SPARE_PX = 3.0
 """How much farther than the strobe neighbors are remembered: most plates of one growth differ by less."""
 FEWEST_IN_GROUPS = 500
+"""At least so many of the brightest measurements are looked at for tight groups, else four times as many as
+pairs: fainter neighbors move no centroid. Chosen by hand."""
 
 
 class Candidates:

@@ -14,6 +14,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 ARCSEC_PER_RAD = 180.0 * 3600.0 / np.pi
+"""Arcseconds per radian."""
 SIMILARITY = 0
 """Degree that stands for a similarity: four parameters, for frames with a handful of stars."""
 INVERSE_PX = 1e-7

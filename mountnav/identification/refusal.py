@@ -22,6 +22,7 @@ SURE_STARS = 8
 CLOUD_SHARE = 0.2
 """Fewer star-like sources than this share of the promised ones: something is in the way."""
 WHOLE_SKY_DEG2 = 41252.96
+"""Area of the sky, square degrees: 4π (180/π)²."""
 DEEPER_FRAME = 10.0
 """A frame with so many times the catalog's stars is deeper by some magnitudes."""
 MANY_STARS = 300
@@ -29,7 +30,11 @@ MANY_STARS = 300
 PROMISED_LEAST = 12
 """A promise of fewer stars than this says nothing about the sky's state."""
 WIDE_FWHM_PX = 9.0
+"""Star images wider than this, pixels, explain a failure by defocus (`Reason.CLOUD_OR_DEFOCUS`). Chosen by
+hand: it changes the reason of a refusal, never whether a frame is solved."""
 CHANCE_WORTH_TELLING = 1e-3
+"""A refused hypothesis with odds below this is reported as one (`Reason.CHANCE`): chance brings one in at
+most 1,000 searches. It changes the reason, never whether a frame is solved."""
 CROWDED_STROBES = 0.4
 """Where chance fills more of the strobes than this, the paper's 70 % hardly tell plates apart. Of 48
 pairs that could be, a wrong plate has so many once in 12,000 hypotheses at 0.4, once in 7 at 0.6, and once in

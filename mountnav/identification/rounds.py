@@ -12,7 +12,10 @@ from mountnav.identification.settings import IdentificationSettings, Stage
 Scales = tuple[float, float]
 
 SCALE_LEAST_ARCSEC_PX = 0.3
+"""Finest scale that is searched where none is known, by triangles and in the index."""
 SCALE_MOST_ARCSEC_PX = 200.0
+"""Coarsest scale that is searched where none is known: a frame of 1,000 px is 56° wide then, and the tangent
+plane ends at some 60°."""
 SCALE_STEP = 1.6
 """With no scale given, it is sought in windows this wide."""
 WIDER = 1.3

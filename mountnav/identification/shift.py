@@ -19,6 +19,7 @@ Index = NDArray[np.int64]
 MOST_SOURCES = 300
 """So many of the brightest make the final shift; more cost time and gain nothing."""
 UNKNOWN_SIGMA_PX = 0.5
+"""Error per coordinate of a position that states none, pixels. Chosen by hand."""
 FEWEST_STAR_LIKE = 8
 """With fewer star-like measurements than this the flagged ones are taken as well."""
 
@@ -152,17 +153,25 @@ def _rank_in_region(x: Array, y: Array, box: tuple[float, float, float, float], 
 
 
 LEAST_PAIRS = 3
+"""Fewer pairs give no shift: two agree by chance."""
 NARROWEST_PX = 1.0
+"""No strobe is narrowed below this radius. Chosen by hand: centroids of faint sources scatter by some tenths
+of a pixel."""
 FLOOR_PX = 0.01
 """Error added to every pair's: what centroids don't know of."""
 CUT_SIGMA = 4.0
+"""Pairs farther off the mean than so many of their errors are left out: one honest pair in 3,000 (two
+coordinates)."""
 CHANCE_IN_PAIRS = 0.2
 """The first pairing's radius is such that chance makes at most this share of pairs."""
 SETTLED = 0.7
+"""A strobe that narrows to no less than this share isn't narrowed again."""
 RIVAL_BINS = 128
+"""Rival shifts are counted in no more bins than this along each coordinate: a limit of memory."""
 CROWD = 100
 """So many pairs vote on where the differences crowd."""
 LEAST_RIVAL = 4
+"""Fewer pairs make no rival shift: among hundreds of differences some agree by chance. Chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.catalog.stars import Stars
-from mountnav.identification.double_exposure import FAR_DIAGONALS, PER_FRAME, SecondField, find_second_field
-from mountnav.identification.field_rotation import (
-    Centers,
-    FieldMotion,
+from mountnav.identification.double_exposure import (
+    FAR_DIAGONALS,
+    PER_FRAME,
+    SecondField,
     SecondImage,
-    centers_of_light,
-    field_motion,
+    find_second_field,
     second_image,
     second_sources,
     unexplained_light,
 )
+from mountnav.identification.field_rotation import Centers, FieldMotion, centers_of_light, field_motion
 from mountnav.identification.pairing import predicted
 from mountnav.identification.plate import Plate
 from mountnav.identification.reference import Reference, Selection
@@ -150,7 +150,7 @@ def check_trails(
 
     Returns
     -------
-    InItsLight
+    TrailCheck
     """
     reference, stars = found.reference, found.stars
     assert reference is not None

@@ -14,8 +14,13 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 LEAST_FRAMES = 3
+"""Fewer points give no drift: two always lie on a line, and the rate has no error."""
 JUMP_MADS = 8.0
+"""A step that departs from the usual rate by more than so many times the scatter of the steps (by their
+median departure) is a jump. Chosen by hand."""
 FEW_STEPS = 4
+"""With fewer steps than this the usual rate is that of the calmest one, and no scatter of the steps is
+known."""
 FEWEST_FOR_OUTLIERS = 5
 """Points; of fewer none can be told to be the wrong one, and the calm of the rest is chance."""
 FEWEST_FOR_CORRELATION = 6
@@ -25,7 +30,10 @@ MOST_CORRELATED = 0.97
 ONE_SIGMA = 0.8413447460685429
 """Share of a normal deviate below one sigma."""
 TUKEY = 4.685
+"""Residuals beyond so many of their scatter have no weight: Tukey's biweight at the usual constant, which has
+95 % efficiency for normal errors."""
 MAD_TO_SIGMA = 1.4826
+"""Standard deviation of a normal distribution per median absolute deviation."""
 
 
 @dataclass(frozen=True, slots=True)

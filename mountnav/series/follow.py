@@ -154,8 +154,10 @@ def near_hint(frame: Frame, last: Solution | None, expected: Icrs | None) -> Hin
 
 
 AUDIT_SIGMAS = 5.0
+"""A full solution contradicts the shift if they differ by more than so many of their errors together, and by
+more than `AUDIT_LEAST_PX`. Chosen by hand."""
 AUDIT_LEAST_PX = 1.0
-"""A full solution that departs from the shift by less contradicts nothing."""
+"""A full solution that departs from the shift by less, pixels, contradicts nothing."""
 LIGHT_REACH_PX = 3.0
 """How near to a shift's place its source is looked for, to see its light. Plain means are off by up to 0.4 px
 (HATP-32); doubled, more neighbors are taken for it, and halved, a mean that is worse still loses its own."""

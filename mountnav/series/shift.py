@@ -28,8 +28,10 @@ from mountnav.solution import IdentifiedPairs, Solution
 Array = NDArray[np.float64]
 
 MOST_STEPS = 20
+"""Steps at most until the center is found; it ends earlier, at `STILL_ARCSEC`."""
 STILL_ARCSEC = 1e-5
-"""Steps for the center end here. Each is wrong by the field's curvature and by how north turns on the way."""
+"""A step shorter than this ends the search for the center. Each is wrong by the field's curvature and by how
+north turns on the way."""
 
 
 def plate_from_cards(cards: Mapping[str, str | int | float], *, width_px: int, height_px: int) -> Plate:
@@ -163,7 +165,7 @@ def move_plate(
 
     Returns
     -------
-    Moved
+    MovedPlate
         With orientation held to the celestial north, as an equatorial mount holds it.
     """
     share = weight / weight.sum()
@@ -221,7 +223,7 @@ def turn_plate(
 
     Parameters
     ----------
-    move : Moved
+    move : MovedPlate
         From `moved` with the same pairs.
     solved : Plate
         Of the solved frame.
@@ -230,7 +232,7 @@ def turn_plate(
 
     Returns
     -------
-    Moved
+    MovedPlate
         Its turn and stretch are those taken up.
     """
     plate, again, turn_deg, stretch = move.plate, move, 0.0, 0.0
@@ -260,6 +262,8 @@ def _at_rest(coefficients: Array) -> Array:
 Size = tuple[int, int]
 
 TREND_SIGMAS = 5.0
+"""A rotation or growth of the field of more than so many of its errors is significant: an honest fit has one
+in 10^6. Chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True)

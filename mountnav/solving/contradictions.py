@@ -9,9 +9,11 @@ from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.solution import Contradiction
 
-#: Ratios near a whole number are taken for a binning.
 _BINNINGS = (2, 3, 4)
+"""Binnings that a wrong scale is explained by, in words of advice."""
 _RATIO_ROOM = 0.12
+"""A ratio of scales this near to a binning (share) is taken for it: focal lengths are stated to some percent.
+Halved, longer tubes than stated get no advice; doubled, 2 and 3 would meet at 2.4."""
 
 
 def contradictions_of_hints(header: Hint, given: Hint | None = None) -> tuple[Contradiction, ...]:

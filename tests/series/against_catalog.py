@@ -35,7 +35,7 @@ class PlacedByCatalog:
     ----------
     preliminary : Preliminary
         Of the last pass.
-    move : Moved or None
+    move : MovedPlate or None
         The plate at the frame's place; None unless found.
     """
 

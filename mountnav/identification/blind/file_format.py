@@ -37,26 +37,39 @@ MAGIC = b"MNAVQUAD"
 VERSION = 1
 """Raised when the form changes, and when other quads are built: a cache holds one file for each version."""
 PREAMBLE_BYTES = 16
+"""Magic, version and length of the header text. Part of the format."""
 ALIGNMENT_BYTES = 4096
+"""Sections start at multiples of a memory page, so that they can be mapped. Part of the format."""
 LONGEST_HEADER_BYTES = 65536
+"""A longer header text is refused as damage: real ones have less than 4 kB, whatever the catalog."""
 _EARLIEST_YR, _LATEST_YR = 1800.0, 2300.0
 """Julian years that stars may be of: beyond, no catalog's proper motions hold; doubled, nonsense passes."""
 _MOST_ROWS = 1 << 40
 """Quads, stars or cells that a header may tell of: a thousand times those of the deepest index."""
 
 CELLS_PER_UNIT = 48
+"""Cells of the code raster per unit of a code: it divides the widths of the four numbers (0.5, 0.875, 1,
+1.75) into whole cells. Part of the format."""
 STEPS_PER_CELL = 256
+"""Steps within a cell: what one byte holds. Part of the format."""
 STEP = 1.0 / (CELLS_PER_UNIT * STEPS_PER_CELL)
 """What a code is told to: 8.1e-5 of the widest pair's distance."""
 LOW = np.array([0.0, 0.0, 0.0, -0.875])
+"""Least value of Re c, Im c, Re d and Im d (`quads.codes`)."""
 RASTER = (24, 42, 48, 84)
 """Cells along each number of the code."""
 STRIDES = np.array([RASTER[1] * RASTER[2] * RASTER[3], RASTER[2] * RASTER[3], RASTER[3], 1])
+"""A cell's number is the dot product of its four coordinates with these."""
 CELLS = RASTER[0] * RASTER[1] * RASTER[2] * RASTER[3]
+"""Number of cells."""
 
 STAR_BITS, DELTA_BITS = 22, 14
+"""Bits of a packed quad: number of star A, and distances in the list of B, C and D from it, 64 in all. Part
+of the format."""
 MOST_STARS = 1 << STAR_BITS
+"""Stars that 22 bits can number: 4.19 million. The embedded catalog's levels have 3.46 million."""
 DELTA_ZERO = 1 << (DELTA_BITS - 1)
+"""A packed distance of 0 is stored as this, so that distances of both signs fit."""
 
 Index = NDArray[np.int64]
 

@@ -22,7 +22,9 @@ Complex = NDArray[np.complex128]
 Index = NDArray[np.int64]
 
 _PAIRS = np.array(list(combinations(range(4), 2)))
+"""The six pairs of a quad's stars, any of which may be the widest."""
 _ORDERS = np.array([[a, b, *(c for c in range(4) if c not in (a, b))] for a, b in _PAIRS])
+"""For each of these pairs the order A, B, and the other two."""
 
 
 def codes(place: Complex) -> tuple[Array, Index]:
@@ -148,6 +150,10 @@ QUAD_QUERIES = (
     QuadQuery(0, 40, error_px=1.5, tolerance=8e-3, neighbors=9, side_deg=32.0),
     QuadQuery(0, 150, neighbors=8),
 )
+"""Rounds of a search, the cheap and likely first: the 10, 14, 18 and 24 brightest measurements; between them,
+looser ones for bent lenses (2 px), and frames taken as 24° and 38° wide; then quads of neighbors, for lists
+with many false sources. Chosen by hand on star lists of the real sky and on real frames: docs/blind.md has
+what each order finds."""
 
 
 def frame_quads(ask: QuadQuery, z: Complex) -> Index:
@@ -155,7 +161,7 @@ def frame_quads(ask: QuadQuery, z: Complex) -> Index:
 
     Parameters
     ----------
-    ask : Ask
+    ask : QuadQuery
     z : ndarray of complex, shape (n,)
         Chosen measurements, brightest first.
 
@@ -186,7 +192,7 @@ def frame_codes(
 
     Parameters
     ----------
-    ask : Ask
+    ask : QuadQuery
     z : ndarray of complex, shape (n,)
         Measurements, x + iy in pixels.
     quads : ndarray of int, shape (k, 4)

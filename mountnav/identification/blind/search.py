@@ -19,6 +19,7 @@ from mountnav.identification.blind.quads import QUAD_QUERIES, QuadQuery, frame_c
 from mountnav.identification.full import Hypothesis, Points, Search, match_radius
 from mountnav.identification.odds import Corners
 from mountnav.identification.plate import ARCSEC_PER_RAD, similarity_plate
+from mountnav.identification.rounds import SCALE_LEAST_ARCSEC_PX, SCALE_MOST_ARCSEC_PX
 from mountnav.identification.selection import spread_brightest
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.sky.coordinates import Icrs
@@ -167,7 +168,7 @@ def _raised(middle: Complex, axis: Array, ra_deg: Array, dec_deg: Array) -> Arra
     return moved
 
 
-SCALES = (0.3, 200.0)
+SCALES = (SCALE_LEAST_ARCSEC_PX, SCALE_MOST_ARCSEC_PX)
 """Arcsec per pixel, where none is known."""
 KNOWN_SCALE = 1.5
 """Bounds within this factor tell how wide the frame is."""
@@ -274,6 +275,8 @@ class FrameView:
 FIT_SHARE = 0.5
 """Root mean square of the four residuals, in the tolerance of the round: each may be off by that, not all."""
 LEAST_FIT_PX = 0.25
+"""But a root mean square below this, pixels, is good enough in any round: small quads are held to no less
+than the noise of centroids. Chosen by hand; doubled, more positions are tested and counted in the odds."""
 AROUND_SPACINGS = 2.5
 """Stars are predicted so far round the quad, in mean distances of the level's stars: some twenty."""
 CENTROID_PX = 0.15
@@ -352,8 +355,8 @@ def propose(
         Of their codes.
     quad : ndarray of int, shape (n,)
         Numbers in the index.
-    sky : IndexedSky
-    view : View
+    sky : IndexedStars
+    view : FrameView
 
     Returns
     -------
@@ -378,8 +381,8 @@ def chances(some: Candidates, sky: IndexedStars, view: FrameView) -> Array:
     Parameters
     ----------
     some : Candidates
-    sky : IndexedSky
-    view : View
+    sky : IndexedStars
+    view : FrameView
 
     Returns
     -------
@@ -423,6 +426,8 @@ FOLLOWED_UP_BELOW = 0.3
 FINALISTS = 6
 """Of a batch, so many places are followed up at most."""
 FIRST_ASKS = 3
+"""Rounds that are asked of a frame with a near hint, since triangles follow; later rounds touch so much of
+the file that its pages are released after each."""
 SAME_PLACE = 3
 """Quads that propose the same place are followed up so often: another quad's plate may fare better."""
 
