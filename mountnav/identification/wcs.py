@@ -88,6 +88,54 @@ def _add_sip(cards: Cards, plate: Plate, matrix: Array, width_px: int, height_px
         cards[f"AP_{i}_{j}"], cards[f"BP_{i}_{j}"] = float(a) / unit ** (i + j), float(b) / unit ** (i + j)
 
 
+def plate_from_cards(cards: Mapping[str, str | int | float], *, width_px: int, height_px: int) -> Plate:
+    """Read the plate back from a solution's WCS cards; inverse of `wcs_cards`.
+
+    Parameters
+    ----------
+    cards : mapping
+        TAN or TAN-SIP with CRPIX at the frame's center, as a `Solution` has them.
+    width_px, height_px : int
+
+    Returns
+    -------
+    Plate
+
+    Raises
+    ------
+    BadRequest
+        CRPIX isn't the center of such a frame, or a card is missing.
+    """
+    middle = ((width_px - 1) / 2.0, (height_px - 1) / 2.0)
+    try:
+        crpix = (float(cards["CRPIX1"]) - 1.0, float(cards["CRPIX2"]) - 1.0)
+        tangent = Icrs(float(cards["CRVAL1"]), float(cards["CRVAL2"]))
+        cd = np.array([[float(cards[f"CD{i}_{j}"]) for j in (1, 2)] for i in (1, 2)])
+    except KeyError as missing:
+        raise BadRequest(f"the WCS has no card {missing}", advice="give the cards of a solution") from None
+    if max(abs(crpix[0] - middle[0]), abs(crpix[1] - middle[1])) > 1e-6:
+        raise BadRequest("CRPIX is not the frame's center", advice="give the cards of a solution")
+    degree = int(cards.get("A_ORDER", 1))
+    unit = 0.5 * max(width_px, height_px)
+    xi, eta = [], []
+    for i, j in powers(degree):
+        along = float(cards.get(f"A_{i}_{j}", 0.0)) + (1.0 if (i, j) == (1, 0) else 0.0)
+        across = float(cards.get(f"B_{i}_{j}", 0.0)) + (1.0 if (i, j) == (0, 1) else 0.0)
+        value = cd @ (along, across) * 3600.0 * unit ** (i + j) if i + j else np.zeros(2)
+        xi.append(float(value[0]))
+        eta.append(float(value[1]))
+    return Plate(
+        tangent=tangent,
+        center_x_px=middle[0],
+        center_y_px=middle[1],
+        unit_px=unit,
+        degree=degree,
+        parity=-1 if np.linalg.det(cd) > 0 else 1,
+        xi=np.array(xi),
+        eta=np.array(eta),
+    )
+
+
 def _number(cards: Mapping[str, object], name: str) -> float:
     value = cards.get(name)
     if not isinstance(value, int | float):

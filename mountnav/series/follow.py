@@ -19,6 +19,7 @@ from mountnav.identification.preliminary import Preliminary
 from mountnav.identification.selection import all_finite
 from mountnav.identification.shift import mutual_pairs, sources_of
 from mountnav.identification.trail_check import MOVED_KEY, plate_stays
+from mountnav.identification.wcs import plate_from_cards
 from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Flag, Measurements
 from mountnav.measuring.star_trail import star_trail
@@ -35,7 +36,6 @@ from mountnav.series.shift import (
     follow_frame,
     icrs_at_pixels,
     pixels_at_icrs,
-    plate_from_cards,
     solution_of_move,
 )
 from mountnav.sky.coordinates import Icrs

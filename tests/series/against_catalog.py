@@ -61,7 +61,7 @@ def place_by_catalog(
     ----------
     measurements : Measurements
     plate : Plate
-        Of a solved frame of this telescope and camera (`mountnav.series.shift.plate_from_cards`).
+        Of a solved frame of this telescope and camera (`mountnav.identification.wcs.plate_from_cards`).
     center : Icrs
         Assumed center; wrong by less than half a frame.
     catalog : Catalog
