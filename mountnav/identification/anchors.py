@@ -56,7 +56,7 @@ class SearchedPart:
     scales : (float, float)
         Arcsec per pixel.
     measured : int
-        How many measurements took part: another list is searched anew.
+        How many measurements took part: another list is another search.
     """
 
     center: Icrs
@@ -86,7 +86,8 @@ class AnchorSources:
         Magnitudes of an unknown zero point; NaN where there is no flux.
     width_px, height_px : int
     piece_of : ndarray of int, shape (n,), or None
-        Which source each measurement is a piece of (`combs.pieces`); None: each is a source of its own.
+        Which source each measurement is a piece of (`selection.trail_pieces`); None: each is a source of its
+        own.
     """
 
     x_px: Array
@@ -295,11 +296,11 @@ def _chord(angle_rad: Array) -> Array:
 
 
 MEASUREMENTS_ASKED: Final = 40
-"""So many of the brightest other stars are asked."""
+"""Number of the brightest other stars whose nearest measurements are counted. Chosen by hand."""
 ANCHORS_TRIED: Final = 12
 """So many anchors of each level are tried for a hypothesis, the widest first: all are counted anyway."""
 SURE_BELOW: Final = 1e-20
-"""After an anchor of this chance no other is asked."""
+"""An anchor of this chance ends the search for a better one: no solution is allowed less than 1e-9."""
 ALIKE_MAG: Final = 0.75
 """A measurement is as bright as a star if its magnitude, by the pairs' zero point, is as near as this."""
 TAKEN_BELOW: Final = 0.01
@@ -327,8 +328,8 @@ def anchored_odds(
     counted, so one may be chosen freely from the pairs at hand. Its plate predicts the other stars, one
     after the other from the anchor's middle outward: for a wrong sky the distance to the nearest
     measurement that has no part in the plate is distributed as the density has it, and stays so when the
-    pairs found before have refined the plate, since they are left out. `together` tells how probable the
-    distances are; times the looks, times the anchors, it bounds the probability.
+    pairs found before have refined the plate, since they are left out. `berk_jones_p` gives the
+    probability of the distances; times the ways of asking, times the anchors, it bounds the probability.
 
     Parameters
     ----------
@@ -433,9 +434,9 @@ class Case:
         others = others[order]
         many, few = max(MANY_MEASUREMENTS, 2 * int(seen.size)), max(FEW_MEASUREMENTS, 3 * int(seen.size))
         counts = {min(count, int(self.sources.x_px.size)) for count in (many, few)}
-        looks = [(count, np.inf) for count in sorted(counts)] + [(int(self.sources.x_px.size), ALIKE_MAG)]
-        least = min(self._followed(plate, star, measurement, others, x, y, *look) for look in looks)
-        return len(looks) * least
+        ways = [(count, np.inf) for count in sorted(counts)] + [(int(self.sources.x_px.size), ALIKE_MAG)]
+        least = min(self._followed(plate, star, measurement, others, x, y, *way) for way in ways)
+        return len(ways) * least
 
     def _followed(
         self,

@@ -68,7 +68,7 @@ class CameraFit:
 
     @cached_property
     def influence(self) -> Influence:
-        """How much the pairs hold the plate, and how sure it is; told on demand, since few fits are asked."""
+        """Leverage of the pairs and covariance of the plate; computed on demand, since few fits need it."""
         answer = self._equations.answer(self.trust, self.belief)
         used = float((answer.smoother * answer.normal).sum())
         left_over, sigma2 = self._left_over, self._sigma2
@@ -137,7 +137,7 @@ def fit_camera(
     xi, eta : ndarray, shape (n,)
         Tangential coordinates of the stars about `like.tangent`, arcsec.
     known_arcsec : ndarray, shape (n,)
-        Error per coordinate of each pair, as far as centroid and catalog tell.
+        Error per coordinate of each pair, as far as centroid and catalog state it.
     degree : int
         0 (similarity) to 3.
     floor_px : float

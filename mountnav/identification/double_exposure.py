@@ -79,7 +79,7 @@ OWN_PLACE_PX, OWN_TURN_RAD = 20.0, 0.02
 ones."""
 FIELD_CHANCE = 1e-3
 """Another field is believed if chance makes one in fewer than this share of frames: only frames with many
-unexplained patches are searched, and few stars are bright enough to tell. Ten times as much would refuse one
+unexplained patches are searched, and few stars are bright enough to count. Ten times as much would refuse one
 in a
 hundred of these."""
 PAIRS_AT_ONCE = 20_000
@@ -147,7 +147,7 @@ def unexplained_light(
     Returns
     -------
     UnexplainedLight or None
-        None where no patch is known, so that nothing tells what a star's light is here.
+        None where no patch is explained, so that the light of a star is unknown here.
     """
     at = patches.at(x_px, y_px)
     own = np.bincount(at[at >= 0], light[at >= 0], minlength=patches.x_px.size)
@@ -279,11 +279,11 @@ def _second(
         near = (np.abs(there[:, :, None] - second) < IMAGE_NEAR_PX).any(axis=2)
         at = there + center
         inside = (at.real > 0) & (at.imag > 0) & (at.real < shape[1]) & (at.imag < shape[0])
-        told, asked = near.sum(axis=1), inside.sum(axis=1)
-        odds = bdtrc(told - 3.0, np.maximum(asked, told) - 2, min(share, 0.5)) * b.size
-        k = int(np.argmin(np.where(told > 3, odds, np.inf)))
-        if told[k] > 3 and odds[k] < chance:
-            best, hits, chance = int(part[k]), int(told[k]), float(odds[k])
+        hits_here, tested = near.sum(axis=1), inside.sum(axis=1)
+        odds = bdtrc(hits_here - 3.0, np.maximum(tested, hits_here) - 2, min(share, 0.5)) * b.size
+        k = int(np.argmin(np.where(hits_here > 3, odds, np.inf)))
+        if hits_here[k] > 3 and odds[k] < chance:
+            best, hits, chance = int(part[k]), int(hits_here[k]), float(odds[k])
     if best is None or chance > IMAGE_CHANCE:
         return None
     there = first + a[best] + b[best] * first
@@ -353,18 +353,18 @@ def find_second_field(
     for some in np.array_split(np.arange(first.size), first.size // PAIRS_AT_ONCE + 1):
         laid = second[some, None] + turn[some, None] * (seen - first[some, None])
         at = second[some] + turn[some] * (middle - first[some])
-        asked = (np.abs(laid - middle) < radius_px).sum(axis=1)
+        tested = (np.abs(laid - middle) < radius_px).sum(axis=1)
         near = tree.query(np.stack((laid.real, laid.imag), axis=-1), distance_upper_bound=FIELD_NEAR_PX)[0]
-        told = np.isfinite(near).sum(axis=1)
+        hits_here = np.isfinite(near).sum(axis=1)
         elsewhere = (np.abs(at - middle) > OWN_PLACE_PX) | (np.abs(turn[some] - 1.0) > OWN_TURN_RAD)
         # two of them were laid there
-        odds = bdtrc(told - 3.0, np.maximum(asked, told) - 2, share) * first.size
-        k = int(np.argmin(np.where(elsewhere & (told > 3), odds, np.inf)))
-        if elsewhere[k] and told[k] > 3 and odds[k] < least:
+        odds = bdtrc(hits_here - 3.0, np.maximum(tested, hits_here) - 2, share) * first.size
+        k = int(np.argmin(np.where(elsewhere & (hits_here > 3), odds, np.inf)))
+        if elsewhere[k] and hits_here[k] > 3 and odds[k] < least:
             least = float(odds[k])
             way = complex(turn[some][k])
             again = complex(first[some][k]) + (middle - complex(second[some][k])) / way
-            best = SecondField(_in_pixels(plate, again - middle), cmath.phase(way), int(told[k]))
+            best = SecondField(_in_pixels(plate, again - middle), cmath.phase(way), int(hits_here[k]))
     return best
 
 

@@ -69,7 +69,7 @@ def identify_fast(
     budget_s : float
         Processor time allowed for identification.
     reach : Reach
-        Only what the hint says and the whole sky are asked, however far it goes.
+        Only the hint and the whole sky are searched, however far it goes.
 
     Returns
     -------

@@ -36,8 +36,9 @@ trails whose pieces, lengths or neighbors differ. Doubled, fields that turned sl
 halved, plain trails would state too much."""
 TOLD_SIGMAS, TOLD_PX = 3.0, 0.5
 """Then a distance of so many of its errors, and of so many pixels, between their middle and the plate's
-places is told: neighbors in the same patches move the middle of all by up to 0.3 px where a plate is right.
-Doubled, 1.3 px of error would be untold; halved, short trails would state what their neighbors do."""
+positions is significant: neighbors in the same patches move the middle of all by up to 0.3 px where a plate
+is right. Doubled, 1.3 px of error would be left out; halved, short trails would state what their neighbors
+do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,8 +88,8 @@ class FieldMotion:
         """
         away_px = abs(self.center_px - common)
         unlike = drawn_out and self.scatter_px > UNLIKE * LEAST_SCATTER_PX
-        told = self.differs or (unlike and away_px > max(TOLD_PX, TOLD_SIGMAS * self.center_sigma_px))
-        return away_px if told else 0.0
+        significant = self.differs or (unlike and away_px > max(TOLD_PX, TOLD_SIGMAS * self.center_sigma_px))
+        return away_px if significant else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +121,7 @@ class Centers:
         Returns
         -------
         stars : int
-            That were asked.
+            Number of them.
         off_px : float
             Of the median of these stars.
         """
@@ -161,7 +162,7 @@ def centers_of_light(
     at = patches.at(x, y)
     total = np.bincount(at[at >= 0], light[at >= 0], minlength=patches.x_px.size)
     some = np.flatnonzero(at >= 0)
-    # two stars in one patch tell of neither, if the second isn't faint
+    # a patch with a second star that isn't faint gives the position of neither
     some = some[patches.whole[at[some]] & (light[some] >= OWN_SHARE * total[at[some]])][:STARS]
     place = x[some] + 1j * y[some] - center
     off = patches.x_px[at[some]] + 1j * patches.y_px[at[some]] - center - place

@@ -29,7 +29,7 @@ CELLS_PER_RADIUS = 6
 CLOSE_RADIUS_CELLS = 2
 """A third of the radius: a camera without distortion hits so well, and then fewer stars suffice."""
 FIRST_STARS = 60
-"""So many of the brightest stars are asked first; most hypotheses fail there."""
+"""Number of the brightest stars that are counted first; most hypotheses fail there."""
 FIRST_HITS = 4
 """Hits that earn a second look: the triangle's three, and one."""
 
@@ -104,7 +104,7 @@ class MatchGrid:
         inside = (x > least) & (x < right)
         inside &= y > least
         inside &= y < high
-        # what isn't in the frame is asked for in the corner, and left out
+        # what isn't in the frame is looked up in the corner, and left out
         x *= inside
         y *= inside
         flat = y.astype(np.int32)
@@ -153,8 +153,8 @@ FOLLOWED_UP_BELOW = 0.3
 """Expected number of chance matches as good as a hypothesis' raster count, below which it is followed up."""
 OWN_STEPS = 1.0
 """A tile's hypotheses are those whose frame has its center no farther from the tile's middle than so many
-steps of the tiles: no place is farther than 0.58 from the nearest. Doubled, each hypothesis is tried in seven
-tiles; halved, places between tiles are nobody's."""
+steps of the tiles: no position is farther than 0.58 from the nearest. Doubled, each hypothesis is tried in
+seven tiles; halved, positions between tiles belong to none."""
 AREAS_REMEMBERED = 40
 """LightSegments of sky remembered at once."""
 
@@ -222,7 +222,7 @@ class Search:
     strobe_chance : float
         Share of places where chance has a measurement of Ω_bl100 within Δr_ident.
     whole_sky : bool
-        The index of the whole sky was asked.
+        The index of the whole sky was searched.
     anchors : Anchors
         Which parts of the sky were searched, at what scales: the second kind of odds needs it.
     """
@@ -246,7 +246,7 @@ class Search:
             raise OutOfTime
 
     def pieces(self, x_px: Array, y_px: Array) -> Index:
-        """Which source each measurement is a piece of, remembered: every hypothesis asks for it."""
+        """Which source each measurement is a piece of, remembered: every hypothesis needs it."""
         key = x_px.tobytes()
         if key not in self._pieces:
             self._pieces[key] = trail_pieces(x_px, y_px)
@@ -392,10 +392,10 @@ def _flat(tile: Tile, patch: SearchArea) -> tuple[Array, Array]:
 
 
 def _corners(xi: Array, eta: Array, turn: Round, tile_deg: float, settings: IdentificationSettings) -> Index:
-    """Stars of a tile that make triangles, brightest first: in dear rounds over wide areas, its inner ones.
+    """Stars of a tile that make triangles, brightest first: in costly rounds over wide areas, its inner ones.
 
     Triangles grow with the third power of the stars, and stars at a tile's rim lie in few frames that are
-    this tile's: they are its neighbors' to ask.
+    this tile's: its neighbors use them.
     """
     share, most = settings.corner_radius / settings.tile_radius, turn.stage[1]
     inner = np.arange(xi.size)

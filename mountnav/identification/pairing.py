@@ -25,7 +25,7 @@ STAR_GROUP = "star group"
 MEASUREMENT_GROUP = "measurement group"
 DEVIATION = "deviation"
 RULES = (*BY_FLAG, STAR_GROUP, MEASUREMENT_GROUP, DEVIATION)
-"""Names of all rules, in the order in which they are asked: a candidate counts for the first that hits."""
+"""Names of all rules, in the order in which they are applied: a candidate counts for the first that hits."""
 
 
 def grouped(x_px: Array, y_px: Array, magnitude: Array, radius_px: float, depth_mag: float) -> Mask:
@@ -91,7 +91,7 @@ def within_k_rej(deviation: Array, k_rej: float) -> Mask:
 
 
 REACH = 2.0
-"""Stars farther than this many half frames from the center are not even asked."""
+"""Stars farther than this many half frames from the center aren't projected at all."""
 LEAST_PER_FRAGMENT = 3
 """A fragment of the frame never gives fewer pairs than this, however few the others give: poor fields keep
 all. Chosen by hand."""
@@ -243,7 +243,7 @@ def spread_over_fragments(
 
 
 class Neighborhood:
-    """Which stars and measurements lie close, found once and asked again under plates that differ little.
+    """Which stars and measurements lie close, found once and used again under plates that differ little.
 
     Parameters
     ----------
@@ -351,7 +351,7 @@ hand."""
 SHARP_SHARE = 0.3
 """When more of the candidates than this have no peak, the stars are that sharp, and the flag says nothing."""
 SATURATED_FWHM = 0.02
-"""What the wings of a saturated star don't tell of its place, in widths, beyond the fit's own error."""
+"""Error of a saturated star's position, in widths, beyond that of the fit to its wings."""
 FEWEST_MEASUREMENTS = 60
 """At least so many of the brightest measurements are paired, however few stars the catalog has in the frame;
 else twice as many as stars. Chosen by hand."""
@@ -443,7 +443,7 @@ class Candidates:
         counts = dict.fromkeys(RULES, 0)
         places = self.in_frame(plate)
         near, place = self._near(plate, places, strobe_px)
-        # sources that are no stars never were candidates of the fit: ask them about the stars left over
+        # sources that are no stars never were candidates of the fit: which of the stars left over are theirs?
         never = np.isfinite(m.x_px) & np.isfinite(m.y_px)
         never[self._usable] = False
         free = np.ones(len(places), dtype=bool)

@@ -229,7 +229,7 @@ class _Search:
         return 3.0 * least
 
     def refusal(self) -> Preliminary:
-        """Tell why nothing was found: the most telling refusal, with the totals."""
+        """Why nothing was found: the refusal of the hypothesis that got farthest, with the totals."""
         best = self._best
         outcome = best.outcome
         if outcome is Outcome.NO_SHIFT and self._chance >= self._settings.n_min_ack:
@@ -261,7 +261,7 @@ class _Search:
             )
 
     def _keep(self, refused: Preliminary) -> None:
-        """A hypothesis that was refused late tells more than one that was never acknowledged."""
+        """Order of refusals: one that came late says more than one that was never acknowledged."""
         weaker = self._best.outcome is Outcome.NO_SHIFT
         if weaker or refused.false_probability < self._best.false_probability:
             self._best = refused
@@ -308,7 +308,7 @@ class _Search:
         the shift was free to move to where most pairs lie: each place it can be told apart in is one more
         look, and so is each hypothesis.
         """
-        looks = float(self._hypotheses)
+        trials = float(self._hypotheses)
         share = self._share
         if self._settings.narrowing:
             places = self._strobes - (pairing.dx_px, pairing.dy_px)
@@ -318,13 +318,13 @@ class _Search:
             distance, nearest = self._second.confirming_tree.query(places, distance_upper_bound=strobe)
             hit = np.isfinite(np.asarray(distance))
             acknowledged, strobes = int(np.unique(np.asarray(nearest)[hit]).size), int(places.shape[0])
-            looks *= 4.0 * max(1.0, (self._radius_px / strobe) ** 2)
+            trials *= 4.0 * max(1.0, (self._radius_px / strobe) ** 2)
             share = self._local_share(strobe)
         chance = float(share.mean())
         if strobes < LEAST_STROBES:
             return 1.0, acknowledged, strobes
         tail = float(binomial_sf(np.array([acknowledged - 1]), np.array([strobes - 1]), chance)[0])
-        return float(np.clip(tail * looks, 1e-300, 1.0)), acknowledged, strobes
+        return float(np.clip(tail * trials, 1e-300, 1.0)), acknowledged, strobes
 
     def _local_share(self, radius_px: float) -> Array:
         """Chance that a strobe is filled: at the second list's density where it crowds, part by part."""

@@ -78,7 +78,7 @@ def required_share(lower: CameraFit, gain: float) -> float:
     ----------
     lower : CameraFit
     gain : float
-        The share asked for in general.
+        The share that is required in general.
 
     Returns
     -------
@@ -96,7 +96,7 @@ START_DRAWS = 150
 """Pairs of pairs, drawn at random, each of which gives a similarity; where there are fewer, all are tried.
 With 45 % wrong pairs 30 % of the draws hold none, so that none of 150 does once in 10^23."""
 START_MOST_PAIRS = 300
-"""More pairs than this, drawn at random, tell nothing more about the start, and cost time."""
+"""More pairs than this are thinned at random: they make the start no better, and cost time."""
 START_ROUGH_PAIRS = 100
 """Draws are tried first with so many of the pairs, evenly spread: most are far off, and a few pairs show
 which."""
@@ -153,7 +153,7 @@ def trimmed_similarity(z: Complex, w: Complex) -> tuple[complex, complex]:
     turn = np.concatenate((turn[near], np.ones(count + 1, dtype=complex)))
     shift = np.concatenate((shift[near], w - z, [0.0j]))
     if count > START_ROUGH_PAIRS:
-        # most draws are far off: a few evenly spread pairs tell which aren't
+        # most draws are far off: a few evenly spread pairs show which aren't
         some = np.linspace(0, count - 1, START_ROUGH_PAIRS).astype(np.int64)
         likely = np.argsort(_cost(z[some], w[some], turn, shift, START_ROUGH_PAIRS // 2 + 1), kind="stable")[
             :START_LIKELY
@@ -464,8 +464,8 @@ class Selection:
         strobe_px : float
             How far off it may be.
         rough : bool
-            The plate is only to tell where stars are to be measured: the number of pairs decides the degree,
-            not what the pairs gain by it, and nobody asks which rule threw out what.
+            The plate only serves to measure at the stars' positions: the number of pairs decides the degree,
+            not what the pairs gain by it, and rejections aren't counted by rule.
 
         Returns
         -------

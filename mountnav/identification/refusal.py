@@ -26,7 +26,7 @@ WHOLE_SKY_DEG2 = 41252.96
 DEEPER_FRAME = 10.0
 """A frame with so many times the catalog's stars is deeper by some magnitudes."""
 MANY_STARS = 300
-"""With so many in a field nobody asks how many more a catalog has."""
+"""With so many catalog stars in a field no more are counted: their number isn't the reason of a failure."""
 PROMISED_LEAST = 12
 """A promise of fewer stars than this says nothing about the sky's state."""
 WIDE_FWHM_PX = 9.0
@@ -36,9 +36,9 @@ CHANCE_WORTH_TELLING = 1e-3
 """A refused hypothesis with odds below this is reported as one (`Reason.CHANCE`): chance brings one in at
 most 1,000 searches. It changes the reason, never whether a frame is solved."""
 CROWDED_STROBES = 0.4
-"""Where chance fills more of the strobes than this, the paper's 70 % hardly tell plates apart. Of 48
-pairs that could be, a wrong plate has so many once in 12,000 hypotheses at 0.4, once in 7 at 0.6, and once in
-10^12 at 0.2. Doubled, crowding would never be told; halved, it would be where it does no harm."""
+"""Where chance fills more of the strobes than this, the paper's 70 % hardly separate plates. Of 48 pairs that
+could be, a wrong plate has so many once in 12,000 hypotheses at 0.4, once in 7 at 0.6, and once in 10^12 at
+0.2. Doubled, crowding would never be reported; halved, it would be where it does no harm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +133,7 @@ def refusal(
     settings : IdentificationSettings
     epoch_yr : float
     out_of_time_s : float, optional
-        The budget, if it was what ended the search: then the reason is that, and the likely one is told.
+        The budget, if that ended the search: it is the reason then, and the likely one stands in the detail.
 
     Returns
     -------
@@ -150,7 +150,7 @@ def refusal(
 
 
 def _mean_in_field(catalog: Catalog, hint: Hint, width_px: int, height_px: int) -> float | None:
-    """Stars in a field this size on the mean over the sky, for a frame whose place nobody knows."""
+    """Stars in a field this size on the mean over the sky, for a frame of unknown position."""
     low, high = hint.scale_low_arcsec_px, hint.scale_high_arcsec_px
     if not isinstance(catalog, PackedStore) or low is None or high is None or not 0 < low <= high:
         return None
@@ -258,7 +258,7 @@ def _likely(
     return Refusal(Reason.NO_MATCH, detail, numbers)
 
 
-def _counted(search: Search, asked: float, match_px: float) -> str:
+def _counted(search: Search, required: float, match_px: float) -> str:
     """How near the paper's count came, why no nearer, and what to do."""
     most = f"{search.most_published:.0%} of the pairs that could be"
     if search.strobe_chance > CROWDED_STROBES:
@@ -268,6 +268,6 @@ def _counted(search: Search, asked: float, match_px: float) -> str:
         )
     else:
         why = "the profile measured goes by the odds alone"
-    if search.most_published >= asked:
+    if search.most_published >= required:
         return f"; {most} were confirmed once, but so few that it may be chance; {why}"
-    return f"; at most {most} were confirmed, {asked:.0%} are asked for; {why}"
+    return f"; at most {most} were confirmed, {required:.0%} are asked for; {why}"

@@ -24,14 +24,15 @@ NEAREST_TRIANGLES = 2_000_000
 """Work of a round that looks at the nearest tiles only, in catalog triangles; about a second."""
 WHOLE_TRIANGLES = 20_000_000
 """Work of a round over the whole hinted area."""
-DEAR_NEAREST_TRIANGLES = 700_000
-"""Work of a dear round by the inner stars of the nearest tiles: 25 tiles of the middle stage, 7 of the last,
-as many as `NEAREST_TRIANGLES` are with all their stars."""
-DEAR_TRIANGLES = 6_700_000
+COSTLY_NEAREST_TRIANGLES = 700_000
+"""Work of a costly round by the inner stars of the nearest tiles: 25 tiles of the middle stage, 7 of the
+last, as many as `NEAREST_TRIANGLES` are with all their stars."""
+COSTLY_TRIANGLES = 6_700_000
 """Work of the middle stage over the whole hinted area: 243 tiles, two seconds. Doubled, a hopeless frame with
 a hint of 5° at 3 ″/px costs a second more; halved, its rim is searched by bright stars only."""
 LAST_TRIANGLES = 4_000_000
-"""Work of the last and dearest round: 43 tiles, two seconds. Doubled, a hopeless frame costs so much more."""
+"""Work of the last and most costly round: 43 tiles, two seconds. Doubled, a hopeless frame costs so much
+more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,13 +134,14 @@ def plan(
     -------
     list of three lists of Round
         The parts of several hints are tried one after the other: all first parts, then all second ones, and
-        last the dear ones, so that a wrong hint doesn't use up the time before the right one is asked.
+        last the costly ones, so that a wrong hint doesn't use up the time before the right one is tried.
     """
     low, high, radius = hint.scale_low_arcsec_px, hint.scale_high_arcsec_px, hint.radius_deg
     stages = settings.stages
     if low is None or high is None:
         windows = scale_windows(low, high)
-        # the cheap stage over all scales before the dear one over any, and the near tiles before the far ones
+        # the cheap stage over all scales before the costly one over any, and the near tiles before the far
+        # ones
         first = [
             Round(stage, window, 0.0, radius, most_triangles=NEAREST_TRIANGLES)
             for stage in stages[:2]
@@ -154,7 +156,8 @@ def plan(
     window = (low, high)
     first = [Round(stages[0], window, 0.0, radius)]
     first += [
-        Round(stage, window, 0.0, radius, most_triangles=DEAR_TRIANGLES, inner=True) for stage in stages[1:2]
+        Round(stage, window, 0.0, radius, most_triangles=COSTLY_TRIANGLES, inner=True)
+        for stage in stages[1:2]
     ]
     # the nearest tiles with all their stars: most hints mean these
     first += [Round(stage, window, 0.0, radius, most_triangles=NEAREST_TRIANGLES) for stage in stages[2:]]
@@ -177,7 +180,7 @@ def plan(
         for one in likely
     ]
     second += [
-        Round(stage, side, 0.0, radius, most_triangles=DEAR_NEAREST_TRIANGLES, inner=True)
+        Round(stage, side, 0.0, radius, most_triangles=COSTLY_NEAREST_TRIANGLES, inner=True)
         for stage in stages[1:2]
         for side in sides
     ]
@@ -187,12 +190,12 @@ def plan(
             window,
             0.0,
             radius,
-            from_triangles=DEAR_NEAREST_TRIANGLES,
+            from_triangles=COSTLY_NEAREST_TRIANGLES,
             most_triangles=LAST_TRIANGLES,
             inner=True,
         )
         for stage in stages[2:]
     ]
     cheap = [one for one in second if one.stage == stages[0]]
-    dear = [one for one in second if one.stage != stages[0]]
-    return [first[:1], cheap, first[1:] + dear]
+    costly = [round_ for round_ in second if round_.stage != stages[0]]
+    return [first[:1], cheap, first[1:] + costly]

@@ -42,8 +42,8 @@ class Reach:
     blind : {"after", "only", "never"}
         Whether the whole sky is searched after the hint failed, at once without asking any hint, or not.
     thorough : bool
-        Also what may be if the hint is wrong, and the dear rounds; else only what the hint says at first, and
-        the whole sky.
+        Also what may be if the hint is wrong, and the costly rounds; else only what the hint says at first,
+        and the whole sky.
     tried : int
         Hypotheses of an earlier search for the same frame: each was one more chance to be fooled.
     rough : bool
@@ -84,7 +84,7 @@ def identify(
         Julian year of the frame.
     settings : IdentificationSettings, optional
     budget_s : float
-        Processor time allowed; `budget.wall_limit_s` tells how long that may take.
+        Processor time allowed; `budget.wall_limit_s` is the wall time that may take.
     reach : Reach, optional
         How far the search goes; without it, as far as is possible without an index.
 
@@ -172,7 +172,7 @@ def _steps(
                 yield _Step(turn, one.center)
 
     only = reach.blind == "only"
-    # where the index has next to no stars it is asked last
+    # where the index has next to no stars it is searched last
     narrow = reach.indexed is not None and too_narrow_for_index(placed, shorter_px)
     near = narrow or all(_is_near(one, shorter_px) for one in placed)
     # the paper's own way is by triangles, where the hint says

@@ -106,7 +106,8 @@ def _region(value: Array, regions: int) -> Index:
 
 
 PIECES_MOST_SOURCES: Final = 300
-"""So many of the brightest measurements are asked: no more than that take part in the odds of most frames."""
+"""Number of the brightest measurements among which pieces are sought: no more than that take part in the odds
+of most frames."""
 PIECES_FEWEST_SOURCES: Final = 10
 """Among fewer no offset comes so often that it must be one of pieces."""
 PIECES_REACH_PX: Final = 420.0
@@ -164,11 +165,9 @@ def trail_pieces(x_px: Array, y_px: Array) -> Index:
     some = some[chance < PIECES_CHANCE]
     if some.size == 0:
         return alone
-    told = np.zeros(cells.shape, dtype=bool)
+    frequent = np.zeros(cells.shape, dtype=bool)
     for down, right in ((0, 0), (0, 1), (1, 0), (1, 1)):
-        told[np.minimum(some[:, 0] + down, rows - 1), np.minimum(some[:, 1] + right, columns - 1)] = True
-    together = told[row, column]
-    links = coo_array(
-        (np.ones(int(together.sum())), (i[together], j[together])), shape=(x_px.size, x_px.size)
-    )
+        frequent[np.minimum(some[:, 0] + down, rows - 1), np.minimum(some[:, 1] + right, columns - 1)] = True
+    linked = frequent[row, column]
+    links = coo_array((np.ones(int(linked.sum())), (i[linked], j[linked])), shape=(x_px.size, x_px.size))
     return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)

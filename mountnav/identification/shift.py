@@ -64,7 +64,7 @@ class Sources:
         return max(count, 1) / ((right - left) * (high - low))
 
     def strobe_px(self, other: Sources, settings: PreliminarySettings) -> float:
-        """The first strobe's radius: R_rej, or narrower where `chance_most` asks for it."""
+        """The first strobe's radius: R_rej, or narrower where `chance_most` requires it."""
         if settings.chance_most >= 1.0:
             return settings.r_rej_px
         filled = -math.log(1.0 - settings.chance_most)
@@ -268,7 +268,7 @@ def _narrowed(
         d = _differences(first, second, one, two)
         center = np.median(d[_near(d, _crowd(d, strobe), strobe)], axis=0)
         deviation = np.hypot(d[:, 0] - center[0], d[:, 1] - center[1])
-        narrower = _telling_strobe(deviation, strobe, density)
+        narrower = _least_likely_strobe(deviation, strobe, density)
         settled = step > 0 and narrower > SETTLED * strobe
         strobe = narrower
         if settled:
@@ -351,7 +351,7 @@ def _crowd(d: Array, strobe_px: float) -> Array:
     return np.asarray(np.median(d[squared[most] <= reach**2], axis=0))
 
 
-def _telling_strobe(deviation: Array, strobe_px: float, density_px2: float) -> float:
+def _least_likely_strobe(deviation: Array, strobe_px: float, density_px2: float) -> float:
     """The radius whose content is least likely by chance, widened by half for the tail of the true."""
     radii = strobe_px * 0.7 ** np.arange(12)
     radii = radii[radii >= NARROWEST_PX] if strobe_px > NARROWEST_PX else radii[:1]
@@ -360,8 +360,8 @@ def _telling_strobe(deviation: Array, strobe_px: float, density_px2: float) -> f
     chance = -np.expm1(-density_px2 * math.pi * radii**2)
     share = np.clip(share, chance, 1.0 - 1e-9)
     # Kullback-Leibler divergence: the exponent of the binomial tail
-    telling = share * np.log(share / chance) + (1.0 - share) * np.log((1.0 - share) / (1.0 - chance))
-    return float(min(strobe_px, max(NARROWEST_PX, 1.5 * radii[int(np.argmax(telling))])))
+    divergence = share * np.log(share / chance) + (1.0 - share) * np.log((1.0 - share) / (1.0 - chance))
+    return float(min(strobe_px, max(NARROWEST_PX, 1.5 * radii[int(np.argmax(divergence))])))
 
 
 def rival_share(first: Sources, second: Sources, pairing: Pairing) -> float:

@@ -50,15 +50,16 @@ StarsInCone = Callable[[Icrs, float, float | None], Stars | None]
 
 _SPOILT = int(Flag.SATURATED | Flag.BLEED)
 SURE_PX = 0.75
-"""A center of light whose error is greater isn't given: three sigma of it must stay within the 3 px that
-a place may be off."""
+"""A center of light with a larger error, pixels, isn't given: three sigma of it must stay within the 3 px
+that a position may be off."""
 MOVED_PX = 0.75
-"""A center of light nearer to the plate's places than this is that of an uneven star image, not of a
-path: the plate stays with the peaks, as catalogs do, and the difference goes into its error."""
+"""A center of light nearer to the plate's positions than this is that of an uneven star image, not of a path:
+the plate stays with the peaks, as catalogs do, and the difference goes into its error."""
 MOVED_SHARE_FWHM, MOVED_MOST_PX = 0.1, 1.5
-"""The same for wide images: this share of their width, up to half of the 3 px that a place may be off."""
+"""The same for wide images: this share of their width, up to half of the 3 px that a position may be off."""
 MOVED_SIGMAS = 4.0
-"""And farther off by fewer of its sigmas than this it can't be told from there: the frame is refused."""
+"""A center of light that is farther off, but by fewer of its sigmas than this, isn't known to be elsewhere:
+the frame is refused."""
 COMPLETE_MAG = 0.75
 """Of sources so much brighter than the faintest star that the catalog has in the frame it has nearly all:
 Tycho-2 has 99 % to V = 11.0 and 90 % to 11.5. Halved, deep narrow frames would be refused."""
@@ -73,26 +74,26 @@ TELLING_SIGMAS = 3.0
 MOVED_SHARE = 0.02
 """Error of a move, besides that of its center of light: the share of light that is too faint to be seen."""
 GHOST_RATIO = 0.7
-"""A mirrored set of the same stars that is brighter than this share of the identified ones may be the
-stars themselves:
-reflections keep a few percent, seldom half."""
+"""A mirrored set of the same stars that is brighter than this share of the identified ones may be the stars
+themselves: reflections keep a few percent, seldom half."""
 HALO_PX = 1.0
 """Error of the middle of a drawn-out image, per coordinate, per share of its light that lies beyond what a
 point has and is too faint to be in the center of light: 0.98 px rms of the 13 drawn shaken tubes with more
 than 2 % of such light (`benchmarks.trailed`: seeds 60000 to 60211, and shaken ones from 41000 and 62000;
-0.2 to 2.8 px per share, both coordinates together). Doubled, the errors of shaken frames would be told twice
-too large."""
+0.2 to 2.8 px per share, both coordinates together). Doubled, the errors of shaken frames would be stated
+twice too large."""
 CORNER_PX = 3.0
-"""Centers of light that leave the plate's places by more than this toward the corners (and more than an image
-is wide) are those of a field that turned or grew: as far as a place may be off."""
+"""Centers of light that leave the plate's positions by more than this toward the corners (and more than an
+image is wide) are those of a field that turned or grew: as far as a position may be off."""
 LEAST_CORNER_PX, CORNER_SHARE = 1.0, 0.1
 """Below this, or below this share of the offset at the center, the offset is common to all stars, and the
-mean path tells it: pieces of a gapped trail are cut a little otherwise where it is bright."""
+mean path has it: pieces of a gapped trail are cut a little otherwise where it is bright."""
 FEWEST_BRIGHT = 3
-"""Fewer bright stars than this tell nothing of the others."""
+"""Fewer bright stars than this say nothing of the others."""
 BESIDE_PX = 1.5
-"""The brightest stars' light lies within half a pixel where they tell the same as the others, and 3 to 10 px
-off where the others are pieces: half of what a place may be off."""
+"""Limit of the brightest stars' distance from the common path. Their light lies within half a pixel of it
+where they agree with the others, and 3 to 10 px off where the others are pieces: half of what a position may
+be off."""
 LONG_RATIO = 0.5
 """Images narrower than this are trails longer than two widths, whose pieces may lie a pixel and more off."""
 MOVED_KEY = "moved_px"
@@ -134,7 +135,7 @@ def check_trails(
     """Look where the light of the identified stars fell, and put the plate where its middle is.
 
     Pieces of trails, or one of two exposures, hold a plate as well as stars do: the odds that so many stars
-    are found by chance are as small. Only the light that is left over tells.
+    are found by chance are as small. Only the light that is left over shows it.
 
     Parameters
     ----------
@@ -146,7 +147,7 @@ def check_trails(
     settings : IdentificationSettings
     sky : callable, optional
         Gives the stars of a cone to a magnitude, at the frame's epoch, of the catalog that the frame was
-        identified with: where few were identified, those beyond the frame's edges are asked as well.
+        identified with: where few were identified, those beyond the frame's edges are used as well.
 
     Returns
     -------
@@ -202,7 +203,7 @@ def check_trails(
         return TrailCheck(found, moved[1], path, points=False)
     scale = reference.plate.scale_arcsec_px()
     own_px2 = 0.5 * float(np.trace(reference.center_covariance_arcsec2)) / scale**2
-    # the plate's own error is a part of how far the light lies beside it: told once
+    # the plate's own error is a part of how far the light lies beside it: counted once
     variance_px2 = max(0.0, _unfollowed_px2(path) - own_px2)
     variance_px2 += field.variance_px2(0j, drawn_out=path.drawn_out)
     if variance_px2 > 0.0:
@@ -226,7 +227,7 @@ def _unfollowed_px2(path: StarTrail) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Field:
-    """What the whole field's patches of light tell, where `StarTrail` is a mean over the stars.
+    """What the patches of light of the whole field show, where `StarTrail` is a mean over the stars.
 
     Attributes
     ----------
@@ -275,8 +276,8 @@ class _Field:
         common = 0j if plate_stays(path, fwhm_px) else complex(path.dx_px, path.dy_px)
         if motion is not None and motion.differs:
             off_px = abs(motion.center_px - common)
-            told = self.corner_px > max(LEAST_CORNER_PX, CORNER_SHARE * abs(motion.center_px))
-            if self.corner_px > max(CORNER_PX, fwhm_px) or (told and off_px > _moved_px(fwhm_px)):
+            significant = self.corner_px > max(LEAST_CORNER_PX, CORNER_SHARE * abs(motion.center_px))
+            if self.corner_px > max(CORNER_PX, fwhm_px) or (significant and off_px > _moved_px(fwhm_px)):
                 return (
                     f"the light of {motion.stars} stars lies {off_px:.1f} px beside their places at the "
                     f"frame's center and {self.corner_px:.1f} px more toward its corners: the field turned, "
@@ -373,7 +374,7 @@ def _bright_strangers(
     """Why the bright light that is no star's forbids a plate on few stars; empty where it doesn't.
 
     Two exposures in one have as many bright sources that a plate doesn't explain as it explains. Where few
-    stars were identified neither their mean image nor another place of the sky tells that: no star's second
+    stars were identified neither their mean image nor another field of the sky shows that: no star's second
     image but two or three lie in the frame.
     """
     if len(reference.pairs) >= FEW_STARS:
@@ -523,7 +524,7 @@ def _moved(
     elsewhere_px2: float,
     settings: IdentificationSettings,
 ) -> tuple[Reference, Measurements] | None:
-    """The plate anew, each source moved to where its star's light has its middle; its error holds the move's.
+    """The plate fitted again, each source moved to the middle of its star's light; its error holds the move's.
 
     `elsewhere_px2` is the error (squared, per coordinate) of a move that isn't the same all over the field.
     """

@@ -78,7 +78,7 @@ def make_triangles(
         Keep this many.
     wanted : callable, optional
         Tells by largest angle, smallest angle and logarithm of the longest side which triangles are of use:
-        most of a catalog's are not, and to order their corners costs more than to ask.
+        most of a catalog's are not, and to order their corners costs more than to look them up.
 
     Returns
     -------
@@ -130,7 +130,7 @@ def _shape(sides: list[Array], squared: Array) -> tuple[Array, Array, Array]:
 
 
 def _by_side(corners: list[Index], sides: list[Array], twice_area: Array) -> Index:
-    """Order corners by the opposite side, the longest first, in place; tell which way they turn then."""
+    """Order corners by the opposite side, the longest first, in place; returns which way they turn then."""
     parity = np.where(twice_area >= 0, 1, -1)
     for one, other in ((0, 1), (1, 2), (0, 1)):
         swap = sides[other] > sides[one]

@@ -1,4 +1,4 @@
-"""Judges a hypothesis: its odds (or the paper's count rule), the plate that grows from it, is that sound.
+"""Judges a hypothesis: its odds (or the paper's count rule), and the plate that grows from it.
 
 The count rule of the paper: enough of Ω_bl100 must find a star of Ω_star200 [S23 §2.2]. Each list holds what
 there is, if that is less than its name says: with a catalog of 16 stars in the frame no more than 16 of a
@@ -199,7 +199,7 @@ def verified(
             match_px=strobe_px,
             limit=settings.false_probability_max,
         )
-        # should no sound plate grow, these odds are what the refusal tells of
+        # should no sound plate grow, the refusal reports these odds
         search.best_probability = min(search.best_probability, probability)
         probability = min(probability, again)
     if probability > settings.false_probability_max:
@@ -237,7 +237,7 @@ def with_better_stars(
     epoch_yr: float,
     settings: IdentificationSettings,
 ) -> Identified:
-    """Fit the plate anew to the stars of a more precise catalog than the one that it was found with.
+    """Fit the plate again, to the stars of a more precise catalog than the one that it was found with.
 
     Parameters
     ----------
