@@ -202,7 +202,7 @@ class Solution:
     catalog : str
         Which catalog was used.
     catalog_steps : tuple of str
-        How that catalog's stars were come by: which one was chosen and why, what was asked and what failed.
+        How that catalog's stars were come by: which one was chosen and why, what was tried and what failed.
     errors : ErrorBudget or None
         Where the residuals come from; None where only a shift was fit.
     """
@@ -258,7 +258,7 @@ class Verdict:
     contradictions : tuple of Contradiction
         Hints that turned out wrong; a wrong hint never makes a wrong answer.
     quality : SkyQuality or None
-        What the frame tells about the night, solved or not.
+        What the frame shows of the night, solved or not.
     notes : tuple of str
         What else should be known of this verdict: masters that were not applied, a date that is unknown.
     seen_px : ndarray of float32, shape (n, 2)

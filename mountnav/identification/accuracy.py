@@ -179,7 +179,7 @@ def magnitude_deviations(pairs: IdentifiedPairs) -> Array:
     -------
     ndarray, shape (n,)
         NaN for saturated stars, for those without a flux or without a magnitude of their own in the catalog's
-        band, for variable and extended ones; all NaN if fewer than three pairs tell the zero point.
+        band, for variable and extended ones; all NaN if fewer than three pairs hold the zero point.
     """
     photometry = fit_photometry(pairs)
     if photometry is None:

@@ -37,7 +37,8 @@ LARGEST_COLOR_TERM = 1.0
 """No color term is larger: what is far beyond the expected size is chance."""
 CLIP_SIGMAS = 3.5
 """Pairs farther off than so many of their errors are left out: one honest pair in 2,000. Halved, one in
-twelve honest pairs would go, and the scatter would be told too small."""
+twelve honest pairs would go, and the scatter would be stated too
+small."""
 LEAST_SCATTER_MAG = 0.001
 """Least scatter of a pair beyond what its errors state, magnitudes: a guard against a scatter of zero. Chosen
 by hand."""
@@ -120,7 +121,7 @@ def instrumental_magnitudes(flux: Array) -> Array:
 
 
 def fit_for_photometry(pairs: IdentifiedPairs) -> Chosen:
-    """Which pairs may tell the zero point.
+    """Which pairs the zero point is fitted to.
 
     Parameters
     ----------

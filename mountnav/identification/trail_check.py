@@ -524,7 +524,7 @@ def _moved(
     elsewhere_px2: float,
     settings: IdentificationSettings,
 ) -> tuple[Reference, Measurements] | None:
-    """The plate fitted again, each source moved to the middle of its star's light; its error holds the move's.
+    """The plate fitted again, each source moved to the middle of its star's light, with the move's error.
 
     `elsewhere_px2` is the error (squared, per coordinate) of a move that isn't the same all over the field.
     """

@@ -22,9 +22,9 @@ FEW_STEPS = 4
 """With fewer steps than this the usual rate is that of the calmest one, and no scatter of the steps is
 known."""
 FEWEST_FOR_OUTLIERS = 5
-"""Points; of fewer none can be told to be the wrong one, and the calm of the rest is chance."""
+"""Points; of fewer none can be shown to be the wrong one, and the calm of the rest is chance."""
 FEWEST_FOR_CORRELATION = 6
-"""Points; of fewer the correlation of neighbors can't be told from chance."""
+"""Points; of fewer the correlation of neighbors can't be distinguished from chance."""
 MOST_CORRELATED = 0.97
 """So alike are neighbors at most held to be: the error is eight times that of independent ones then."""
 ONE_SIGMA = 0.8413447460685429
@@ -213,7 +213,7 @@ def fit_drift(track: Track) -> Drift | None:
 def _serial_factor(z: Array, weight: Array) -> float:
     """By how much a line's error exceeds that of independent residuals.
 
-    Seeing, wind and a worm's period make neighbors alike; then n residuals tell as little of a rate as
+    Seeing, wind and a worm's period make neighbors alike; then n residuals say as little of a rate as
     n (1 - ρ) / (1 + ρ) independent ones, with ρ their correlation from one to the next [AR(1); e.g.
     Priestley, Spectral Analysis and Time Series, 5.3]. The estimate of ρ about a fitted line is low by
     (2 + 4 ρ) / n, which is given back.

@@ -62,7 +62,7 @@ class SeriesMemory:
         self._ids: dict[int, Index] = {}
 
     def carry(self, size: Size, old: Plate | None, new: Plate | None) -> None:
-        """Go on in the pixels of another anchor; begin anew where either has no plate."""
+        """Go on in the pixels of another anchor; start again where either has no plate."""
         memory = self._of_size.get(size)
         if memory is None or old is None or new is None:
             self._of_size[size] = Persistence(self._frames)
@@ -300,13 +300,13 @@ class SeriesFollower:
         look = replace(look, result=replace(look.result, times=replace(look.result.times, full_s=spent)))
         if verdict.solution is None:
             self._failures[look.size] = self._failures.get(look.size, 0) + 1
-            told = f"full solution: {verdict.reason}"
+            failure = f"full solution: {verdict.reason}"
             if found is None:
                 if anchor.plate is None and len(look.measurements) > MORE_SOURCES * anchor.sources.x_px.size:
-                    return self._new_anchor(look, None, (why, told))
-                return self._lost(look, (why, told))
+                    return self._new_anchor(look, None, (why, failure))
+                return self._lost(look, (why, failure))
             self._since_full[look.size] += 1
-            return self._result(look, anchor, found, (why, told))
+            return self._result(look, anchor, found, (why, failure))
         self._failures[look.size] = 0
         self._since_full[look.size] = 0
         self._last = verdict.solution
@@ -368,7 +368,8 @@ class SeriesFollower:
             return True
         pairing, chosen = found.pairing, found.pairing.second
         if not self._settings.preliminary.narrowing:
-            # the plain mean pairs a few dozen sources at most: too few to tell their light from neighbors
+            # the plain mean pairs a few dozen sources at most: too few to separate their light from
+            # neighbors'
             shift = np.array([pairing.dx_px, pairing.dy_px])
             more = mutual_pairs(anchor.sources, look.sources, shift, LIGHT_REACH_PX)[1]
             chosen = np.union1d(chosen, more)

@@ -1,4 +1,4 @@
-"""What a series tells: of each frame, of each segment between jumps, and of the whole."""
+"""Settings and results of a series: of each frame, of each segment between jumps, and of the whole."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class SeriesSettings:
         When fewer than this share of the most acknowledgements so far are left, the frame is solved fully.
     trend_px : float
         Turn or stretch of the field that amounts to more than this in the frame's corner (and to more than 5
-        of its errors) asks for a full solution.
+        of its errors) calls for a full solution.
     persistent_frames : int
         Frames that make a source persistent.
     jump_px : float

@@ -169,7 +169,7 @@ def move_plate(
 def turn_plate(
     move: MovedPlate, solved: Plate, ra_deg: Array, dec_deg: Array, x_px: Array, y_px: Array, weight: Array
 ) -> MovedPlate:
-    """Let the plate turn and stretch as the residuals ask, and move it again.
+    """Turn and stretch the plate by what the residuals show, and move it again.
 
     Parameters
     ----------
@@ -302,7 +302,7 @@ def follow_frame(anchor: Anchor, look: MeasuredFrame, settings: SeriesSettings) 
 
 
 def field_turns(move: MovedPlate, settings: SeriesSettings) -> bool:
-    """Whether the field has turned or stretched by more than a shift tells."""
+    """Whether the field has turned or stretched by more than a shift can follow."""
     return move.trend_px > settings.trend_px and move.trend_sigma > TREND_SIGMAS
 
 

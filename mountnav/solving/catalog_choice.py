@@ -139,8 +139,8 @@ def _turns(
 ) -> list[tuple[Choice, Reach]]:
     """In which order the catalogs are tried, and how far each goes.
 
-    What the hint says is asked of all of them before any is asked what may be if the hint is wrong. The index
-    is asked once: at first, or by the thorough search where the frame is too narrow for it.
+    All of them are tried with what the hint says before any is tried as if the hint were wrong. The index
+    is searched once: at first, or by the thorough search where the frame is too narrow for it.
     """
     if len(choices) == 1:
         return [(choices[0], reach)]
@@ -187,7 +187,7 @@ def with_best_catalog(
         is configured for these.
         Without a reference where no catalog that may be used holds it.
     steps : tuple of str
-        Why that catalog, and what was asked in vain: for provenance.
+        Why that catalog, and what was tried in vain: for provenance.
     """
     if not isinstance(catalog, CatalogSet) or found.reference is None or found.stars is None:
         return found, choices[0].steps
@@ -266,13 +266,13 @@ def with_catalog_advice(
     hint : Hint
     frame : Frame
     stars_seen : int
-        Star-like sources measured: they tell how deep the frame is.
+        Star-like sources measured: they show how deep the frame is.
 
     Returns
     -------
     Identified
     """
-    from mountnav.catalog.doctor.diagnosis import advice_for  # only asked when a frame was refused
+    from mountnav.catalog.doctor.diagnosis import advice_for  # only needed when a frame was refused
 
     height_px, width_px = frame.pixels.shape[:2]
     field = field_deg2(hint, width_px, height_px)

@@ -1,4 +1,4 @@
-"""What may be set about a solve, apart from what solves: whoever only hands it on needs nothing of that."""
+"""Settings of a solve, without the code that solves: callers who only pass them on import nothing heavy."""
 
 from __future__ import annotations
 

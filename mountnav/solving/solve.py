@@ -437,7 +437,7 @@ def _brightest_px(measurements: Measurements) -> NDArray[np.float32]:
 def _wrong_hints(
     header: Hint, given: Hint | None, solution: Solution | None, identified: Identified
 ) -> tuple[Contradiction, ...]:
-    """Which hints were wrong: told by the solution, else by the hints themselves."""
+    """Which hints were wrong: by the solution, else by what they say of each other."""
     if solution is None:
         return contradictions_of_hints(header, given) + identified.contradictions
     found: list[Contradiction] = []
@@ -448,7 +448,7 @@ def _wrong_hints(
 
 
 def _quality(quality: SkyQuality | None, solution: Solution, zero_adu: float | None) -> SkyQuality | None:
-    """What the frame tells about the night, now that its scale and its stars are known."""
+    """What the frame shows of the night, now that its scale and its stars are known."""
     if quality is None:
         return None
     pairs = solution.identified

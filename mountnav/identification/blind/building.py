@@ -1,6 +1,6 @@
 """Building the index: levels of star density, each star's quads with its neighbors, codes, one file.
 
-A frame shows its brightest stars, and their distances tell only the size of its field. So the index has
+A frame shows its brightest stars, and their distances depend on the size of its field alone. So the index has
 levels: of each part of the sky its brightest stars, as many as a field of some size needs.
 """
 
@@ -141,7 +141,7 @@ def build(
         Replaced only when the new file is complete.
     levels : int
     progress : callable, optional
-        Told the share that is done, 0 to 1.
+        Called with the share that is done, 0 to 1.
 
     Returns
     -------
@@ -153,21 +153,21 @@ def build(
     OSError
         The file can't be written.
     """
-    tell = progress or (lambda share: None)
-    tell(0.0)
+    report = progress or (lambda share: None)
+    report(0.0)
     everything = CatalogRows(catalog.path)
     rows = np.arange(len(everything))
     vectors, mag = everything.vectors(rows, epoch_yr=EPOCH_YR), everything.magnitudes(rows)
-    tell(0.05)
+    report(0.05)
     made = make_levels(vectors, mag, levels)
-    tell(0.3)
+    report(0.3)
     number_of_levels = np.cumsum([0, *(level.rows.size for level in made)])
     total, done = int(number_of_levels[-1]), 0
     parts: list[tuple[NDArray[np.int32], NDArray[np.uint8], NDArray[np.uint64], NDArray[np.uint32]]] = []
     for level, first in zip(made, number_of_levels, strict=False):
         for stars, share in _quads(level, vectors[level.rows]):
             parts.append(_coded(stars, int(first), vectors, level.rows))
-            tell(0.3 + 0.55 * (done + share * level.rows.size) / total)
+            report(0.3 + 0.55 * (done + share * level.rows.size) / total)
         done += level.rows.size
     cell, place, packed, mark = (np.concatenate([part[k] for part in parts]) for k in range(4))
     parts.clear()
@@ -176,7 +176,7 @@ def build(
     order = np.argsort(key, kind="stable")  # the finest level keeps it
     key = key[order]
     order = order[np.concatenate(([True], key[1:] != key[:-1]))] if order.size else order
-    tell(0.95)
+    report(0.95)
     cells = np.concatenate(([0], np.cumsum(np.bincount(cell[order], minlength=CELLS)))).astype("<u4")
     header = Header(
         catalog=catalog.name,
@@ -197,7 +197,7 @@ def build(
             "grid": np.concatenate([level.offsets for level in made]).astype("<u4"),
         },
     )
-    tell(1.0)
+    report(1.0)
     return header
 
 

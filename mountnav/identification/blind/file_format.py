@@ -15,7 +15,7 @@
             grid     u32          for each level, first star of each cell of its grid, and the end
 
 All numbers are little-endian. Quads are sorted by their cell. A code's four numbers run over 0..0.5,
-0..0.875, 0..1 and -0.875..0.875; a cell is 1/48 wide, the place within it told in steps of a 256th of that.
+0..0.875, 0..1 and -0.875..0.875; a cell is 1/48 wide, the place within it in steps of a 256th of that.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ LONGEST_HEADER_BYTES = 65536
 _EARLIEST_YR, _LATEST_YR = 1800.0, 2300.0
 """Julian years that stars may be of: beyond, no catalog's proper motions hold; doubled, nonsense passes."""
 _MOST_ROWS = 1 << 40
-"""Quads, stars or cells that a header may tell of: a thousand times those of the deepest index."""
+"""A header with more quads, stars or cells than this is refused as damage: a thousand times those of the
+deepest index."""
 
 CELLS_PER_UNIT = 48
 """Cells of the code raster per unit of a code: it divides the widths of the four numbers (0.5, 0.875, 1,
@@ -53,7 +54,7 @@ CELLS_PER_UNIT = 48
 STEPS_PER_CELL = 256
 """Steps within a cell: what one byte holds. Part of the format."""
 STEP = 1.0 / (CELLS_PER_UNIT * STEPS_PER_CELL)
-"""What a code is told to: 8.1e-5 of the widest pair's distance."""
+"""Resolution of a stored code: 8.1e-5 of the widest pair's distance. Part of the format."""
 LOW = np.array([0.0, 0.0, 0.0, -0.875])
 """Least value of Re c, Im c, Re d and Im d (`quads.codes`)."""
 RASTER = (24, 42, 48, 84)
@@ -162,7 +163,7 @@ def decode_header(start: bytes, *, file: str) -> tuple[Header, int]:
 
 
 def damaged(file: str, what: str) -> BadSettings:
-    """The error that tells what is wrong with an index file, to be raised by the caller."""
+    """The error that says what is wrong with an index file, to be raised by the caller."""
     return BadSettings(what, device=file, advice="build it anew: mountnav catalog index --force")
 
 

@@ -131,7 +131,8 @@ def densities(count: int) -> list[tuple[int, int, float]]:
 MOST_TOLERANCE = 0.99 * 0.5 * STEPS_PER_CELL * STEP
 """Half a cell, 0.0103: a wider question would reach three cells of a row."""
 MANY = 4000
-"""Questions that touch so much of the file that it is let go of at once; a frame mostly asks 200 to 3000."""
+"""A search for more codes than this touches so much of the file that its pages are released at once; a frame
+mostly has 200 to 3000."""
 
 
 class BlindIndex:
@@ -208,7 +209,7 @@ class BlindIndex:
         return f"BlindIndex({self.name!r}, {len(self)} quads, {self.path})"
 
     def alike(self, code: Array, tolerance: Array) -> tuple[Index, Index]:
-        """Quads of the sky shaped like those asked for.
+        """Quads of the sky shaped like those given.
 
         Parameters
         ----------
@@ -219,7 +220,7 @@ class BlindIndex:
 
         Returns
         -------
-        asked, quad : ndarray of int, shape (m,)
+        given, quad : ndarray of int, shape (m,)
             Which question, and the number of the quad.
         """
         step, reach = stepped(code), np.minimum(tolerance, MOST_TOLERANCE)[:, None] / STEP
@@ -228,15 +229,15 @@ class BlindIndex:
         low_cell = np.clip(low // STEPS_PER_CELL, 0, top)
         high_cell = np.clip(high // STEPS_PER_CELL, 0, top)
         spans = high_cell > low_cell
-        asked, cells = [], []
+        given, cells = [], []
         for corner in product((0, 1), repeat=4):
             there = np.flatnonzero(np.all(spans | (np.array(corner) == 0), axis=1))
             if there.size:
-                asked.append(there)
+                given.append(there)
                 cells.append(low_cell[there] + np.array(corner))
-        if not asked:
+        if not given:
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
-        which, cell = np.concatenate(asked), np.concatenate(cells)
+        which, cell = np.concatenate(given), np.concatenate(cells)
         number = cell @ STRIDES
         first, end = self._cells[number].astype(np.int64), self._cells[number + 1].astype(np.int64)
         slot, quad = self._runs(first, end, len(self))

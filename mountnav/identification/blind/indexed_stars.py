@@ -97,7 +97,7 @@ class CatalogRows:
 
 
 class IndexedStars:
-    """What the search asks the sky.
+    """The sky as the search needs it: quads by code, stars round positions, unit vectors at the epoch.
 
     Parameters
     ----------

@@ -171,11 +171,11 @@ def _raised(middle: Complex, axis: Array, ra_deg: Array, dec_deg: Array) -> Arra
 SCALES = (SCALE_LEAST_ARCSEC_PX, SCALE_MOST_ARCSEC_PX)
 """Arcsec per pixel, where none is known."""
 KNOWN_SCALE = 1.5
-"""Bounds within this factor tell how wide the frame is."""
+"""The scale counts as known if its bounds lie within this factor."""
 WIDEST_DEG = 76.0
 """No frame diagonal beyond this is believed: 40° by 60° has one of 68.6°."""
 MOST_POINTS = 300
-"""So many of the brightest measurements are asked whether other stars fall on them."""
+"""Number of the brightest measurements that predicted stars may fall on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,7 +244,7 @@ class FrameView:
 
     @property
     def scale_known(self) -> bool:
-        """Whether the scale's bounds tell how wide the frame is."""
+        """Whether the scale is known well enough to lay the frame on the sphere."""
         return self.scales[1] <= KNOWN_SCALE * self.scales[0]
 
     def focal_px(self, side_deg: float) -> float | None:
@@ -321,7 +321,7 @@ class Candidates:
         )
 
     def keys(self) -> list[bytes]:
-        """What tells one candidate from another: its measurements and stars."""
+        """Key of each candidate: its measurements and stars."""
         rows = np.concatenate((np.rint(8.0 * self.corners.real).astype(np.int64), self.stars), axis=1)
         return [row.tobytes() for row in rows]
 
@@ -403,10 +403,10 @@ def chances(some: Candidates, sky: IndexedStars, view: FrameView) -> Array:
         circle, star, vectors = sky.around(int(level), axis[here], np.minimum(2.0 * half[here], around))
         which = here[circle]
         place = fit.pixels(which, vectors)
-        asked = np.flatnonzero(view.inside(place) & (some.stars[which] != star[:, None]).all(axis=1))
-        if asked.size == 0:
+        visible = np.flatnonzero(view.inside(place) & (some.stars[which] != star[:, None]).all(axis=1))
+        if visible.size == 0:
             continue
-        which, place = which[asked], place[asked]
+        which, place = which[visible], place[visible]
         away = np.abs(place - middle[which])
         reach = 1.0 + 3.0 * np.maximum(fit.residual_px[which], CENTROID_PX) * (1.0 + away / span[which])
         reach = np.minimum(reach + BENT * away, view.reach_px)
@@ -425,9 +425,9 @@ FOLLOWED_UP_BELOW = 0.3
 """Expected number of places as good by chance, below which a place is followed up."""
 FINALISTS = 6
 """Of a batch, so many places are followed up at most."""
-FIRST_ASKS = 3
-"""Rounds that are asked of a frame with a near hint, since triangles follow; later rounds touch so much of
-the file that its pages are released after each."""
+FIRST_QUERIES = 3
+"""Rounds for a frame with a near hint, since triangles follow; later rounds touch so much of the file that
+its pages are released after each."""
 SAME_PLACE = 3
 """Quads that propose the same place are followed up so often: another quad's plate may fare better."""
 
@@ -486,8 +486,8 @@ def blind_hypotheses(
         points, scales, center, radius_deg, match_radius(settings, points.width_px, points.height_px)
     )
     try:
-        asks = QUAD_QUERIES[:FIRST_ASKS] if first_only else QUAD_QUERIES
-        yield from _rounds(points, sky, view, settings, search, asks)
+        queries = QUAD_QUERIES[:FIRST_QUERIES] if first_only else QUAD_QUERIES
+        yield from _rounds(points, sky, view, settings, search, queries)
     finally:
         sky.rest()
 
@@ -498,31 +498,31 @@ def _rounds(
     view: FrameView,
     settings: IdentificationSettings,
     search: Search,
-    asks: Sequence[QuadQuery],
+    queries: Sequence[QuadQuery],
 ) -> Iterator[Hypothesis]:
     """What each round proposes."""
     seen: set[bytes] = set()
-    told: list[Array] = []
+    followed_up: list[Array] = []
     before = search.hypotheses
-    for number, ask in enumerate(asks):
+    for number, query in enumerate(queries):
         search.check_time()
-        if ask.side_deg and view.scale_known:
+        if query.side_deg and view.scale_known:
             continue  # every round has its quads laid on the sphere then
         chosen = spread_brightest(
-            points.x_px, points.y_px, ask.count, regions=settings.m_reg, cap=settings.region_cap
+            points.x_px, points.y_px, query.count, regions=settings.m_reg, cap=settings.region_cap
         )
         z = points.x_px[chosen] + 1j * points.y_px[chosen]
-        quads = frame_quads(ask, z)
+        quads = frame_quads(query, z)
         if not len(quads):
             continue
-        code, corners, tolerance = frame_codes(ask, z, quads, view.center, view.focal_px(ask.side_deg))
-        asked, quad = sky.index.alike(code, tolerance)
-        some = _fresh(propose(z[corners[asked]], tolerance[asked], quad, sky, view), seen)
+        code, corners, tolerance = frame_codes(query, z, quads, view.center, view.focal_px(query.side_deg))
+        which, quad = sky.index.alike(code, tolerance)
+        some = _fresh(propose(z[corners[which]], tolerance[which], quad, sky, view), seen)
         for start, end in ((0, FIRST), *((at, at + BATCH) for at in range(FIRST, len(some), BATCH))):
             search.check_time()
             part = some.only(np.arange(start, min(end, len(some))))
-            yield from _promising(part, sky, view, search, told, before)
-        if number >= FIRST_ASKS:
+            yield from _promising(part, sky, view, search, followed_up, before)
+        if number >= FIRST_QUERIES:
             sky.rest()  # most of the file would be mapped in the end
 
 
@@ -537,7 +537,12 @@ def _fresh(some: Candidates, seen: set[bytes]) -> Candidates:
 
 
 def _promising(
-    some: Candidates, sky: IndexedStars, view: FrameView, search: Search, told: list[Array], before: int
+    some: Candidates,
+    sky: IndexedStars,
+    view: FrameView,
+    search: Search,
+    followed_up: list[Array],
+    before: int,
 ) -> Iterator[Hypothesis]:
     """Those round whose quad other stars fall on measurements, best first.
 
@@ -552,9 +557,9 @@ def _promising(
     for number in good[np.argsort(chance[good], kind="stable")]:
         axis = some.fit.axis[number]
         near = 0.1 * view.diagonal_px * abs(some.fit.turn[number]) / ARCSEC_PER_RAD
-        if sum(float(((axis - one) ** 2).sum()) < near**2 for one in told) >= SAME_PLACE:
+        if sum(float(((axis - one) ** 2).sum()) < near**2 for one in followed_up) >= SAME_PLACE:
             continue
-        told.append(axis)
+        followed_up.append(axis)
         yield some.hypothesis(int(number), sky, view)
         left -= 1
         if left == 0:
