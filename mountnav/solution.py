@@ -246,13 +246,10 @@ class Verdict:
 
     Attributes
     ----------
-    solution : Solution or None
-    reason : Reason or None
     detail : str
         For people, with the numbers behind it.
     measured : int
         Sources measured; for a frame solved at a glance, those that the glance found.
-    times : Times
     numbers : mapping
         The numbers behind the reason, by name with unit ("measured", "catalog_stars", "hypotheses", ...).
     contradictions : tuple of Contradiction

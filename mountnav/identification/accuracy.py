@@ -67,7 +67,6 @@ class Indicators:
         How many deviations these are.
     mean, standard_deviation : float
         The latter with N - 1.
-    least_modulus, most_modulus : float
     """
 
     number: int
@@ -83,7 +82,6 @@ class AccuracyRow:
 
     Attributes
     ----------
-    rejected_percent : float
     ra, dec : Indicators
         Arcsec, of the same measurements: the worst are those of the largest Δ_αδ.
     mag : Indicators
@@ -101,16 +99,11 @@ def deviations(solution: Solution, *, every: bool = False, leave_one_out: bool =
 
     Parameters
     ----------
-    solution : Solution
     every : bool
         Also the pairs that were rejected by their deviation (K_rej), not only those in the fit.
     leave_one_out : bool
         Give each pair of the fit the deviation from a plate that was fit without it: that of a star that had
         no part in the fit, with the plate's own error in it. See `fit_factor`.
-
-    Returns
-    -------
-    Deviations
     """
     pairs = solution.identified
     ra_deg, dec_deg = places_at_pixels(solution.wcs, pairs.x_px, pairs.y_px)
@@ -171,10 +164,6 @@ def east_north_arcsec(ra_deg: Array, dec_deg: Array, ra0_deg: Array, dec0_deg: A
 def magnitude_deviations(pairs: IdentifiedPairs) -> Array:
     """Δm of each pair, m_mea by the frame's own zero point and color term [S23 eq. 26].
 
-    Parameters
-    ----------
-    pairs : IdentifiedPairs
-
     Returns
     -------
     ndarray, shape (n,)
@@ -198,7 +187,6 @@ def fit_factor(pairs: int, parameters: float) -> float:
 
     Parameters
     ----------
-    pairs : int
     parameters : float
         Per coordinate, as many as the pairs really determine: the sum of their leverages.
         Summed over frames if several are taken together.
@@ -270,7 +258,6 @@ def accuracy_table(found: Deviations, rejected_percent: Sequence[float]) -> tupl
 
     Parameters
     ----------
-    found : Deviations
     rejected_percent : sequence of float
         The paper has 0, 5 and 10.
 

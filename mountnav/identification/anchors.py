@@ -51,8 +51,6 @@ class SearchedPart:
 
     Attributes
     ----------
-    center : Icrs
-    radius_deg : float
     scales : (float, float)
         Arcsec per pixel.
     measured : int
@@ -84,7 +82,6 @@ class AnchorSources:
         Brightest first.
     mag : ndarray, shape (n,)
         Magnitudes of an unknown zero point; NaN where there is no flux.
-    width_px, height_px : int
     piece_of : ndarray of int, shape (n,), or None
         Which source each measurement is a piece of (`selection.trail_pieces`); None: each is a source of its
         own.
@@ -171,9 +168,6 @@ class Anchors:
         ----------
         chances : ndarray, shape (levels,)
             The best anchor's of each of `LEVELS`.
-        sources : Sources
-        catalog : Catalog
-        epoch_yr : float
         limit : float
             The counting ends when the odds exceed this.
 
@@ -240,9 +234,6 @@ class Anchors:
             Distance of the measurements.
         mag : ndarray, shape (n,)
             The fainter star's.
-        sources : Sources
-        catalog : Catalog
-        epoch_yr : float
 
         Returns
         -------
@@ -337,11 +328,8 @@ def anchored_odds(
         The hypothesis; only its pairs matter.
     stars : Stars
         Of the whole frame, brightest first.
-    sources : Sources
-    anchors : Anchors
     catalog : Catalog
         Asked for the stars of the areas searched, once.
-    epoch_yr : float
     match_px : float
         How far off the hypothesis may be.
     limit : float

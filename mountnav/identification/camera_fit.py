@@ -33,8 +33,6 @@ class CameraFit:
 
     Attributes
     ----------
-    plate : Plate
-    belief : Belief
     trust : ndarray, shape (n,)
         Weight of each pair against long tails, 1 for those in the bell.
     """
@@ -146,10 +144,6 @@ def fit_camera(
         Of an earlier fit, to be kept.
     near : Belief, optional
         Of an earlier fit, to start from.
-
-    Returns
-    -------
-    CameraFit
     """
     unit = like.unit_px
     u, v = (x_px - like.center_x_px) / unit, (y_px - like.center_y_px) / unit

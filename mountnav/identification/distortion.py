@@ -203,8 +203,6 @@ class NormalEquations:
         What the parameters shall explain, in the same units.
     known2 : ndarray, shape (n,)
         Known squared error of each pair, in the same units.
-    unit_px : float
-    degree : int
     """
 
     def __init__(self, u: Array, v: Array, off: Array, known2: Array, unit_px: float, degree: int) -> None:
@@ -252,7 +250,6 @@ class NormalEquations:
         ----------
         trust : ndarray, shape (n,)
             Weights against outliers, 1 for pairs in good standing.
-        belief : Belief
 
         Returns
         -------
@@ -279,10 +276,6 @@ class NormalEquations:
             The extra error that is expected.
         near : Belief or None
             An earlier belief: its extra error changes by one step at most.
-
-        Returns
-        -------
-        Belief
         """
         extra_px = np.array(EXTRA_PX)
         if self._every is None:
@@ -378,7 +371,6 @@ def _evidence(bordered: Array, strengths: Strengths) -> Array:
     ----------
     bordered : ndarray, shape (n, parameters + 1, parameters + 1)
         Normal equations; the square of the border's pivot is what remains unexplained.
-    strengths : Strengths
 
     Returns
     -------

@@ -140,7 +140,6 @@ def unexplained_light(
 
     Parameters
     ----------
-    patches : LightSegments
     x_px, y_px, light : ndarray, shape (n,)
         Where a plate has all the stars that it knows of, and their light by the catalog.
 
@@ -188,21 +187,15 @@ def second_image(
 
     Parameters
     ----------
-    patches : LightSegments
     x_px, y_px : ndarray, shape (n,)
         Where a plate has all the stars that it knows of.
     light : ndarray, shape (n,)
         Theirs by the catalog, to a common scale.
-    center : complex
     shape : (int, int)
         Of the frame: height, width.
     drawn_out : bool
         Whether the images are no points: then it is looked for however faint it may be, else only where
         there are bright patches that no star explains.
-
-    Returns
-    -------
-    SecondImage or None
     """
     found = unexplained_light(patches, x_px, y_px, light)
     if found is None or min(found.known.size, found.x_px.size) < FEWEST:
@@ -226,7 +219,6 @@ def second_sources(
         All that was measured.
     identified : ndarray of int, shape (m,)
         Those that the plate has a star for.
-    center : complex
     shape : (int, int)
         Of the frame: height, width.
 
@@ -319,8 +311,6 @@ def find_second_field(
 
     Parameters
     ----------
-    unexplained : UnexplainedLight
-    plate : Plate
     ra_deg, dec_deg : ndarray, shape (n,)
         Stars within `FAR_DIAGONALS` of the plate's center, `PER_FRAME` of them for each area of the frame.
     shape : (int, int)

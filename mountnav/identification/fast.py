@@ -60,12 +60,8 @@ def identify_fast(
     ----------
     frame : Frame
         Calibrated, no mosaic.
-    catalog : Catalog
-    hint : Hint
     epoch_yr : float
         Julian year of the frame.
-    settings : IdentificationSettings
-    measuring : MeasuringSettings
     budget_s : float
         Processor time allowed for identification.
     reach : Reach

@@ -53,10 +53,8 @@ class FieldMotion:
         Per coordinate.
     turn : complex
         Change per pixel: the real part grows, the imaginary one turns.
-    turn_sigma : float
     scatter_px : float
         Of single stars about this.
-    stars : int
     """
 
     center_px: complex
@@ -116,7 +114,6 @@ class Centers:
         ----------
         path : complex
             Of the light, pixels, the same for all.
-        motion : FieldMotion or None
 
         Returns
         -------
@@ -145,17 +142,12 @@ def centers_of_light(
 
     Parameters
     ----------
-    patches : LightSegments
     x_px, y_px : ndarray, shape (n,)
         Where the plate has the stars, identified or not.
     light : ndarray, shape (n,)
         Theirs by the catalog, to a common scale.
     center : complex
         The frame's, pixels: x + iy.
-
-    Returns
-    -------
-    Centers
     """
     order = np.argsort(-light, kind="stable")
     x, y, light = x_px[order], y_px[order], light[order]
@@ -172,10 +164,6 @@ def centers_of_light(
 
 def field_motion(centers: Centers) -> FieldMotion | None:
     """Fit off = a + b·place to what most stars say: least median of squares, then all that are near it.
-
-    Parameters
-    ----------
-    centers : Centers
 
     Returns
     -------

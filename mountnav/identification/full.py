@@ -170,7 +170,6 @@ class Points:
     Attributes
     ----------
     x_px, y_px : ndarray, shape (n,)
-    width_px, height_px : int
     """
 
     x_px: Array
@@ -305,18 +304,12 @@ def hypotheses(
         Star-like measurements, brightest first.
     turn : Round
         Which stars make triangles, between what scales, how far off.
-    catalog : Catalog
     center : Icrs
         The assumed center.
     epoch_yr : float
         Julian year of the frame.
-    settings : IdentificationSettings
     search : Search
         Counts what is tried; the odds need it.
-
-    Yields
-    ------
-    Hypothesis
 
     Raises
     ------

@@ -53,10 +53,8 @@ def strobe_chances(
     ----------
     x_px, y_px : ndarray, shape (n,)
         The measurements.
-    radius_px : float
     width_px, height_px : int
         Size of the frame.
-    cells : int
 
     Returns
     -------
@@ -90,7 +88,6 @@ def local_density(
         The measurements.
     at_x_px, at_y_px : ndarray, shape (k,)
         Predicted places inside the frame.
-    width_px, height_px : int
     cells : int
         The frame is cut in cells × cells parts.
     neighbors : int
@@ -147,14 +144,6 @@ def trials_factor(hypotheses: int) -> float:
     A search that stops at the first hypothesis n with n·chance below a limit is fooled with up to
     limit·(1 + 1/2 + ... + 1/n), which grows with the search. With 2·n·(1 + ln n)² in place of n the sum stays
     below the limit however long the search: Σ 1/(n·(1 + ln n)²) < 2.
-
-    Parameters
-    ----------
-    hypotheses : int
-
-    Returns
-    -------
-    float
     """
     tried = max(hypotheses, 1)
     return float(2.0 * tried * (1.0 + np.log(tried)) ** 2)
@@ -205,12 +194,10 @@ class Witnesses:
     ----------
     plate : Plate
         What the triangle proposed, untouched by any fit to other stars.
-    corners : Corners
     stars : Stars
         Of the whole frame, brightest first.
     x_px, y_px : ndarray, shape (n,)
         Star-like measurements, brightest first.
-    width_px, height_px : int
     match_px : float
         How far off the triangle's plate may be.
     source : ndarray of int, shape (n,), optional

@@ -36,7 +36,6 @@ def grouped(x_px: Array, y_px: Array, magnitude: Array, radius_px: float, depth_
     x_px, y_px, magnitude : ndarray, shape (n,)
     radius_px : float
         r_star_group or r_mea_group.
-    depth_mag : float
 
     Returns
     -------
@@ -80,7 +79,6 @@ def within_k_rej(deviation: Array, k_rej: float) -> Mask:
     ----------
     deviation : ndarray, shape (n,)
         Moduli Δ_αδ, any unit.
-    k_rej : float
 
     Returns
     -------
@@ -154,17 +152,10 @@ def predicted(
 
     Parameters
     ----------
-    plate : Plate
-    stars : Stars
-    width_px, height_px : int
     margin_px : float
         Stars so far outside the frame's edges are taken as well.
     projected : two ndarrays, shape (len(stars),), optional
         What `plate.project` makes of the stars, if that is known.
-
-    Returns
-    -------
-    Predicted
     """
     xi, eta = projected if projected is not None else plate.project(stars.ra_deg, stars.dec_deg)
     reach = REACH * plate.unit_px * plate.scale_arcsec_px()
@@ -183,12 +174,10 @@ def nearest_pairs(
 
     Parameters
     ----------
-    places : Predicted
     measurement : ndarray of int, shape (m,)
         The measurements that may take part.
     x_px, y_px : ndarray
         Of all measurements.
-    strobe_px : float
 
     Returns
     -------
@@ -219,7 +208,6 @@ def spread_over_fragments(
     ----------
     x_px, y_px, mag : ndarray, shape (n,)
         Places and magnitudes of the pairs.
-    width_px, height_px : int
     fragments : int
         The frame is cut in fragments × fragments parts.
     cap : float
@@ -286,7 +274,6 @@ class Neighborhood:
         ----------
         places : Predicted
             See `holds`.
-        most : int
         strobe_px : float
             No pair lies farther apart.
 
@@ -367,12 +354,10 @@ class Candidates:
 
     Parameters
     ----------
-    measurements : Measurements
     usable : ndarray of int
         Indices of star-like measurements, brightest first.
     stars : Stars
         Of the whole frame and a margin, brightest first.
-    settings : IdentificationSettings
     """
 
     def __init__(

@@ -123,10 +123,6 @@ def instrumental_magnitudes(flux: Array) -> Array:
 def fit_for_photometry(pairs: IdentifiedPairs) -> Chosen:
     """Which pairs the zero point is fitted to.
 
-    Parameters
-    ----------
-    pairs : IdentifiedPairs
-
     Returns
     -------
     ndarray of bool, shape (n,)
@@ -144,10 +140,6 @@ def fit_photometry(pairs: IdentifiedPairs) -> Photometry | None:
     Each pair weighs by the error of its flux and by the scatter that the pairs themselves show; those beyond
     `CLIP_SIGMAS` are left out. A star without a color is taken at the pivot, with the spread of colors as its
     error.
-
-    Parameters
-    ----------
-    pairs : IdentifiedPairs
 
     Returns
     -------

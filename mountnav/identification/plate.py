@@ -229,10 +229,6 @@ def fit_plate(
         One-sigma error of a pair, arcsec.
     degree : int
         0 (similarity) to 3.
-
-    Returns
-    -------
-    Plate
     """
     u, v = (x_px - like.center_x_px) / like.unit_px, (y_px - like.center_y_px) / like.unit_px
     weight = 1.0 / sigma

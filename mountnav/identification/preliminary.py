@@ -61,7 +61,6 @@ class Preliminary:
 
     Attributes
     ----------
-    outcome : Outcome
     pairing : Pairing or None
         The pairs and their shift; x1 = x2 + shift [S23 eq. 1, 2]. None unless found.
     tries : int
@@ -121,7 +120,6 @@ def preliminary(
 
     Parameters
     ----------
-    first, second : Measurements
     settings : PreliminarySettings, optional
         The paper's values by default.
 
@@ -143,13 +141,8 @@ def find_shift(
     ----------
     first, second : Sources
         Prepared with the same settings; either may be catalog stars projected into pixels.
-    settings : PreliminarySettings
     same_chip : bool
         Both come from one camera, so that hot pixels may stand at the same places.
-
-    Returns
-    -------
-    Preliminary
     """
     if min(first.proposing.size, second.proposing.size) < LEAST_STROBES:
         return Preliminary(

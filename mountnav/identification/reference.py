@@ -42,13 +42,8 @@ def cross_validated(fit: CameraFit, sigma_arcsec: Array) -> float:
 
     Parameters
     ----------
-    fit : CameraFit
     sigma_arcsec : ndarray, shape (n,)
         The same for all fits that are to be compared.
-
-    Returns
-    -------
-    float
     """
     apart = fit.influence.apart_arcsec / sigma_arcsec
     return float(np.sqrt(np.mean(np.minimum(apart, OUTLYING * np.median(apart)) ** 2)))
@@ -61,11 +56,6 @@ def gains(lower: CameraFit, higher: CameraFit, share: float) -> bool:
     ----------
     lower, higher : CameraFit
         Of the same pairs.
-    share : float
-
-    Returns
-    -------
-    bool
     """
     sigma = higher.sigma_arcsec
     return cross_validated(higher, sigma) <= share * cross_validated(lower, sigma)
@@ -76,7 +66,6 @@ def required_share(lower: CameraFit, gain: float) -> float:
 
     Parameters
     ----------
-    lower : CameraFit
     gain : float
         The share that is required in general.
 
@@ -276,14 +265,8 @@ def identified_pairs(reference: Reference, stars: Stars, measurements: Measureme
 
     Parameters
     ----------
-    reference : Reference
     stars : Stars
         The list that the pairs point into.
-    measurements : Measurements
-
-    Returns
-    -------
-    IdentifiedPairs
     """
     plate = reference.plate
     measurement = np.concatenate((reference.pairs.measurement, reference.outliers.measurement))
@@ -320,12 +303,10 @@ class Selection:
 
     Parameters
     ----------
-    measurements : Measurements
     usable : ndarray of int
         Indices of star-like measurements, brightest first.
     stars : Stars
         Of the whole frame and a margin, brightest first.
-    settings : IdentificationSettings
     """
 
     def __init__(
@@ -496,7 +477,6 @@ class Selection:
 
         Parameters
         ----------
-        plate : Plate
         strobe_px : float
             How far off it may be, anywhere in the frame.
 

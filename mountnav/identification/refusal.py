@@ -43,14 +43,7 @@ could be, a wrong plate has so many once in 12,000 hypotheses at 0.4, once in 7 
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """A reason and what it rests on.
-
-    Attributes
-    ----------
-    reason : Reason
-    detail : str
-    numbers : dict of str to float
-    """
+    """A reason and what it rests on."""
 
     reason: Reason
     detail: str
@@ -59,10 +52,6 @@ class Refusal:
 
 def promised_depth_mag(scale_arcsec_px: float) -> float:
     """Magnitude that a camera of this scale reaches in any useful exposure.
-
-    Parameters
-    ----------
-    scale_arcsec_px : float
 
     Returns
     -------
@@ -82,14 +71,6 @@ def in_field(
     mag_limit: float | None = None,
 ) -> float | None:
     """How many stars the catalog has in a field this size, on the mean over the hinted area.
-
-    Parameters
-    ----------
-    catalog : Catalog
-    hint : Hint
-    width_px, height_px : int
-    epoch_yr : float
-    mag_limit : float, optional
 
     Returns
     -------
@@ -125,19 +106,10 @@ def refusal(
 
     Parameters
     ----------
-    measurements : Measurements
-    catalog : Catalog
-    hint : Hint
     search : Search
         What was tried.
-    settings : IdentificationSettings
-    epoch_yr : float
     out_of_time_s : float, optional
         The budget, if that ended the search: it is the reason then, and the likely one stands in the detail.
-
-    Returns
-    -------
-    Refusal
     """
     likely = _likely(measurements, catalog, hint, search, settings, epoch_yr)
     if out_of_time_s is None:

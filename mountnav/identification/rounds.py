@@ -77,10 +77,6 @@ def scale_windows(low: float | None, high: float | None) -> list[Scales]:
     ----------
     low, high : float or None
         Bounds, arcsec per pixel; None means `SCALE_LEAST_ARCSEC_PX` and `SCALE_MOST_ARCSEC_PX`.
-
-    Returns
-    -------
-    list of (float, float)
     """
     least = low if low is not None else SCALE_LEAST_ARCSEC_PX
     most = high if high is not None else SCALE_MOST_ARCSEC_PX
@@ -98,8 +94,6 @@ def outward_deg(
 
     Parameters
     ----------
-    hint : Hint
-    scale_arcsec_px : float
     shorter_px : int
         The frame's shorter side.
     settings : IdentificationSettings
@@ -122,10 +116,8 @@ def plan(
 
     Parameters
     ----------
-    hint : Hint
     shorter_px : int
         The frame's shorter side.
-    settings : IdentificationSettings
     flagged : bool
         Whether there are flagged measurements that could take part: a sharp frame's stars may all look
         like hot pixels.

@@ -75,14 +75,11 @@ def identify(
 
     Parameters
     ----------
-    measurements : Measurements
-    catalog : Catalog
     hint : Hint
         What it says is tried first, then its alternatives, then the whole sky if there is an index, then
         what may be if the hint is wrong: other scales, places farther out.
     epoch_yr : float
         Julian year of the frame.
-    settings : IdentificationSettings, optional
     budget_s : float
         Processor time allowed; `budget.wall_limit_s` is the wall time that may take.
     reach : Reach, optional
@@ -215,7 +212,6 @@ def too_narrow_for_index(believed: list[Hint], shorter_px: int) -> bool:
 
     Parameters
     ----------
-    believed : list of Hint
     shorter_px : int
         The frame's shorter side.
     """
@@ -234,11 +230,6 @@ def _is_near(hint: Hint, shorter_px: int) -> bool:
 
 def without_place(hint: Hint, reach: Reach) -> Refusal | None:
     """Refuse, before anything is measured or searched, what has neither a place nor an index to find one.
-
-    Parameters
-    ----------
-    hint : Hint
-    reach : Reach
 
     Returns
     -------

@@ -26,7 +26,6 @@ def tiles(center: Icrs, radius_deg: float, step_deg: float) -> list[Icrs]:
 
     Parameters
     ----------
-    center : Icrs
     radius_deg : float
         Radius of the circle, at most 60.
     step_deg : float
@@ -98,15 +97,12 @@ class SearchArea:
 
     Parameters
     ----------
-    catalog : Catalog
-    center : Icrs
     radius_deg : float
         Of the area in which the frame's center is sought.
     step_deg, tile_deg : float
         Distance of neighboring tiles, and the radius of a tile's stars.
     count : int
         The catalog is read so deep that even a poor tile has so many stars, if the catalog has them.
-    epoch_yr : float
     most_tiles : int
         The nearest so many are kept.
     """

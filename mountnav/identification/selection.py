@@ -24,10 +24,6 @@ NO_STAR = int(Flag.NO_PEAK | Flag.TRAIL | Flag.BLEED)
 def star_like(measurements: Measurements) -> Index:
     """Measurements that can be stars, brightest first.
 
-    Parameters
-    ----------
-    measurements : Measurements
-
     Returns
     -------
     ndarray of int, shape (k,)

@@ -90,11 +90,6 @@ def make_sources(
         What the caller calls them.
     box : (float, float, float, float)
         Left, low, right, high edge of the area.
-    settings : PreliminarySettings
-
-    Returns
-    -------
-    Sources
     """
     rank = _rank_in_region(x_px, y_px, box, settings.m_reg)
     proposing = np.flatnonzero(rank < settings.n_mea_reg)
@@ -118,11 +113,6 @@ def make_sources(
 
 def sources_of(measurements: Measurements, settings: PreliminarySettings) -> Sources:
     """Prepare a frame's measurements.
-
-    Parameters
-    ----------
-    measurements : Measurements
-    settings : PreliminarySettings
 
     Returns
     -------
@@ -216,12 +206,10 @@ def paired(
 
     Parameters
     ----------
-    first, second : Sources
     shift : ndarray, shape (2,)
         Conditional shift, pixels.
     radius_px : float
         Radius of the strobes.
-    settings : PreliminarySettings
 
     Returns
     -------
@@ -315,7 +303,6 @@ def mutual_pairs(first: Sources, second: Sources, shift: Array, radius_px: float
         Of each the `MOST_SOURCES` brightest.
     shift : ndarray, shape (2,)
         Pixels.
-    radius_px : float
 
     Returns
     -------
@@ -369,7 +356,6 @@ def rival_share(first: Sources, second: Sources, pairing: Pairing) -> float:
 
     Parameters
     ----------
-    first, second : Sources
     pairing : Pairing
         The shift in question.
 

@@ -113,7 +113,6 @@ class TrailCheck:
         The same, or with a plate moved to the middle of the light, or refused.
     measurements : Measurements
         Those its pairs point into: moved alike.
-    path : StarTrail or None
     points : bool
         The plate stayed where it was: it is the stars' own.
     """
@@ -141,17 +140,11 @@ def check_trails(
     ----------
     found : Identified
         With a reference.
-    measurements : Measurements
     pixels : ndarray, shape (height, width)
         Those that were measured.
-    settings : IdentificationSettings
     sky : callable, optional
         Gives the stars of a cone to a magnitude, at the frame's epoch, of the catalog that the frame was
         identified with: where few were identified, those beyond the frame's edges are used as well.
-
-    Returns
-    -------
-    TrailCheck
     """
     reference, stars = found.reference, found.stars
     assert reference is not None
@@ -231,9 +224,6 @@ class _Field:
 
     Attributes
     ----------
-    centers : Centers
-    motion : FieldMotion or None
-    second : SecondImage or None
     half_px : float
         From the frame's center to its corners.
     """

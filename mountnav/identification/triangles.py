@@ -79,10 +79,6 @@ def make_triangles(
     wanted : callable, optional
         Tells by largest angle, smallest angle and logarithm of the longest side which triangles are of use:
         most of a catalog's are not, and to order their corners costs more than to look them up.
-
-    Returns
-    -------
-    Triangles
     """
     count = int(x.size)
     triples, opposite = _triples(count)

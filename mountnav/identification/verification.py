@@ -34,10 +34,8 @@ class Identified:
 
     Attributes
     ----------
-    reference : Reference or None
     stars : Stars or None
         The list that `reference.pairs.star` points into.
-    reason : Reason or None
     detail : str
         For people.
     false_probability : float
@@ -145,14 +143,10 @@ def verified(
 
     Parameters
     ----------
-    one : Hypothesis
-    measurements : Measurements
     usable : ndarray of int
         Which measurements take part, brightest first.
-    catalog : Catalog
     epoch_yr : float
         Julian year of the frame.
-    settings : IdentificationSettings
     search : Search
         How many hypotheses were tried so far: the odds need it.
     rough : bool
@@ -246,10 +240,8 @@ def with_better_stars(
     measurements : Measurements
         Those its pairs point into.
     usable : ndarray of int
-    catalog : Catalog
     epoch_yr : float
         Julian year of the frame.
-    settings : IdentificationSettings
 
     Returns
     -------
@@ -277,16 +269,10 @@ def stars_of_frame(plate: Plate, measurements: Measurements, catalog: Catalog, e
 
     Parameters
     ----------
-    plate : Plate
     measurements : Measurements
         For the frame's size.
-    catalog : Catalog
     epoch_yr : float
         Julian year of the frame.
-
-    Returns
-    -------
-    Stars
     """
     diagonal_deg = math.hypot(measurements.width_px, measurements.height_px) * plate.scale_arcsec_px() / 3600
     return stars_round(catalog, plate.center(), 0.52 * diagonal_deg, PLATE_STARS, epoch_yr=epoch_yr)
@@ -311,13 +297,10 @@ def sound(
 
     Parameters
     ----------
-    reference : Reference
     selection : Selection
         What it was grown with.
-    measurements : Measurements
     believed : Plate
         What it grew from.
-    settings : IdentificationSettings
     strobe_px : float
         How far off `believed` may have been.
     """

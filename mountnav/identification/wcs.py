@@ -30,7 +30,6 @@ def wcs_cards(plate: Plate, *, width_px: int, height_px: int) -> Cards:
     ----------
     plate : Plate
         With its tangent point at the frame's center.
-    width_px, height_px : int
 
     Returns
     -------
@@ -95,11 +94,6 @@ def plate_from_cards(cards: Mapping[str, str | int | float], *, width_px: int, h
     ----------
     cards : mapping
         TAN or TAN-SIP with CRPIX at the frame's center, as a `Solution` has them.
-    width_px, height_px : int
-
-    Returns
-    -------
-    Plate
 
     Raises
     ------
@@ -195,10 +189,6 @@ def icrs_at_pixel(cards: Mapping[str, object], x_px: float, y_px: float) -> Icrs
         See `places_at_pixels`.
     x_px, y_px : float
         0-based; the center of the file's first pixel is (0, 0).
-
-    Returns
-    -------
-    Icrs
 
     Raises
     ------

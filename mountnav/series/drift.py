@@ -119,7 +119,6 @@ def jumps(track: Track, least_arcsec: float) -> list[int]:
 
     Parameters
     ----------
-    track : Track
     least_arcsec : float
         Nothing smaller counts.
 
@@ -243,10 +242,6 @@ def _serial_factor(z: Array, weight: Array) -> float:
 
 def joined(drifts: list[Drift]) -> Drift | None:
     """Weighted mean of segments' rates; errors grow where the segments disagree.
-
-    Parameters
-    ----------
-    drifts : list of Drift
 
     Returns
     -------

@@ -172,10 +172,8 @@ class SeriesFollower:
 
     Parameters
     ----------
-    catalog : Catalog
     hint : Hint, optional
         For full solutions; goes before what the headers say.
-    settings : SeriesSettings, optional
     """
 
     def __init__(
@@ -201,10 +199,6 @@ class SeriesFollower:
 
     def add(self, frame: Frame) -> FrameResult:
         """Take the next frame.
-
-        Parameters
-        ----------
-        frame : Frame
 
         Returns
         -------
@@ -244,11 +238,6 @@ class SeriesFollower:
         ----------
         source : str
             The file.
-        why : str
-
-        Returns
-        -------
-        FrameResult
         """
         return self._done(
             FrameResult(len(self._results), source, None, Mode.NONE, notes=(f"{Reason.BAD_FRAME}: {why}",))
@@ -498,14 +487,8 @@ def follow(
     ----------
     frames : iterable of Frame or Path
         In order of time; files are read one by one, those that can't be read are reported.
-    catalog : Catalog
     hint : Hint, optional
         For full solutions; goes before what the headers say.
-    settings : SeriesSettings, optional
-
-    Returns
-    -------
-    SeriesReport
     """
     follower = SeriesFollower(catalog, hint=hint, settings=settings)
     for one in frames:

@@ -25,9 +25,6 @@ def series_report(
 
     Parameters
     ----------
-    frames : tuple of FrameResult
-    settings : SeriesSettings
-    persistent : PersistentSources, optional
     anchor : int, optional
         The frame that `persistent` is given in.
 

@@ -108,9 +108,6 @@ class FrameResult:
     ----------
     number : int
         Position in the series, from 0.
-    source : str
-    mid_exposure_utc : datetime or None
-    mode : Mode
     solution : Solution or None
         Full, or with mode "preliminary": the anchor's plate moved; its pairs' stars are then the anchor's
         measurements (no magnitudes).
@@ -128,7 +125,6 @@ class FrameResult:
         0 for a frame that could not be read.
     notes : tuple of str
         What happened: why it was solved fully, why it was not placed.
-    times : SeriesTimes
     """
 
     number: int
@@ -160,7 +156,6 @@ class Segment:
     ----------
     frames : tuple of int
         Their numbers, in order of time.
-    drift : Drift or None
     reason : str
         Why there is no drift.
     jump : Offset or None
@@ -181,7 +176,6 @@ class SeriesReport:
     ----------
     frames : tuple of FrameResult
         With persistence known from the whole series.
-    segments : tuple of Segment
     drift : Drift or None
         Of all segments together, jumps left out.
     reason : str

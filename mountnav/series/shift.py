@@ -234,9 +234,6 @@ class MeasuredFrame:
 
     Attributes
     ----------
-    result : FrameResult
-    measurements : Measurements
-    sources : Sources
     still : bool
         The light of its sources is where they were found: pieces of trails are no places to follow by.
     """

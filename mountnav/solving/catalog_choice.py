@@ -36,7 +36,6 @@ def catalogs_for(
     ----------
     catalog : Catalog
         A plain one is the only choice.
-    hint : Hint
     frame : Frame
         For its size.
     blind : {"after", "only", "never"}
@@ -84,12 +83,8 @@ def identify_with_catalogs(
 
     Parameters
     ----------
-    choices : tuple of Choice
-    measurements : Measurements
-    hint : Hint
     reach : Reach
         The whole sky is searched once.
-    settings : SolveSettings
     epoch_yr : float
         Julian year of the frame.
     budget_s : float
@@ -170,13 +165,10 @@ def with_best_catalog(
 
     Parameters
     ----------
-    catalog : Catalog
     choices : tuple of Choice
         Those for the place that was believed.
     found : Identified
         With a reference.
-    measurements : Measurements
-    settings : IdentificationSettings
     epoch_yr : float
         Julian year of the frame.
 
@@ -262,15 +254,8 @@ def with_catalog_advice(
     ----------
     found : Identified
         The refusal.
-    catalog : Catalog
-    hint : Hint
-    frame : Frame
     stars_seen : int
         Star-like sources measured: they show how deep the frame is.
-
-    Returns
-    -------
-    Identified
     """
     from mountnav.catalog.doctor.diagnosis import advice_for  # only needed when a frame was refused
 

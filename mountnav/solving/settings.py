@@ -19,8 +19,6 @@ class SolveSettings:
 
     Attributes
     ----------
-    measuring : MeasuringSettings
-    identification : IdentificationSettings
     budget_s : float
         Processor time for identification; measuring comes on top. It never takes longer than
         `mountnav.identification.budget.wall_limit_s` of it.

@@ -53,11 +53,6 @@ __all__ = ["SolveSettings", "epoch_of", "merged_hint", "solve", "solve_file"]
 def merged_hint(header: Hint, given: Hint | None) -> Hint:
     """The given hint, and where it is silent the header's.
 
-    Parameters
-    ----------
-    header : Hint
-    given : Hint or None
-
     Returns
     -------
     Hint
@@ -113,12 +108,10 @@ def solve(
 
     Parameters
     ----------
-    frame : Frame
     catalog : Catalog
         One, or a `CatalogSet` of several, of which the frame's field, position and epoch choose.
     hint : Hint, optional
         Goes before what the frame's header says, field by field.
-    settings : SolveSettings, optional
     measurements : Measurements, optional
         What `measure` made of this frame already; it is neither calibrated nor measured again then.
 
@@ -152,15 +145,12 @@ class _Job:
     ----------
     frame : Frame
         Calibrated and without a mosaic once it is read.
-    catalog : Catalog
     given : Hint or None
         What the caller says.
     believed : Hint
         That, and where it is silent the header's.
-    settings : SolveSettings
     epoch_yr : float
         Julian year of the frame; the present one where its date is unknown.
-    reach : Reach
     began_s : float
         On `time.monotonic`.
     read_s : float
@@ -206,7 +196,6 @@ class _Measured:
 
     Attributes
     ----------
-    measurements : Measurements
     count : int
         Sources seen: of a frame solved fast, those that were detected.
     measure_s : float
@@ -215,7 +204,6 @@ class _Measured:
         Processor time that a fast search has taken of the budget.
     tried : int
         Hypotheses that it tried: the odds of what follows count them.
-    solved_fast : _Checked or None
     """
 
     measurements: Measurements
@@ -477,13 +465,10 @@ def solve_file(
     ----------
     source : Path, str or bytes
         A path, or the file's content.
-    catalog : Catalog
-    hint : Hint, optional
     name : str, optional
         What to call it in messages.
     hdu : int or str, optional
         Which extension of a FITS file holds the image; chosen if left out.
-    settings : SolveSettings, optional
 
     Returns
     -------

@@ -59,20 +59,14 @@ def place_by_catalog(
 
     Parameters
     ----------
-    measurements : Measurements
     plate : Plate
         Of a solved frame of this telescope and camera (`mountnav.identification.wcs.plate_from_cards`).
     center : Icrs
         Assumed center; wrong by less than half a frame.
-    catalog : Catalog
     epoch_yr : float
         Julian year of the frame.
     settings : PreliminarySettings, optional
         The measured profile if left out: with R_rej = 20 px and 70 % no catalog matches a frame.
-
-    Returns
-    -------
-    PlacedByCatalog
     """
     settings = settings or PreliminarySettings.measured()
     frame = sources_of(measurements, settings)

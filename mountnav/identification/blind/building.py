@@ -136,10 +136,8 @@ def build(
 
     Parameters
     ----------
-    catalog : PackedStore
     path : Path
         Replaced only when the new file is complete.
-    levels : int
     progress : callable, optional
         Called with the share that is done, 0 to 1.
 

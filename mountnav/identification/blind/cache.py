@@ -17,10 +17,6 @@ Progress = Callable[[float], None]
 def index_path(catalog: PackedStore) -> Path:
     """Where the index of a catalog lies or would lie.
 
-    Parameters
-    ----------
-    catalog : PackedStore
-
     Returns
     -------
     Path
@@ -37,7 +33,6 @@ def cached_index(
 
     Parameters
     ----------
-    catalog : PackedStore
     progress : callable, optional
         Told the share that is done, 0 to 1, if it is built here.
     force : bool
@@ -78,10 +73,6 @@ def cached_index(
 
 def installed_index(catalog: PackedStore) -> BlindIndex | None:
     """Open the index of a catalog if it was built before. Builds nothing.
-
-    Parameters
-    ----------
-    catalog : PackedStore
 
     Returns
     -------

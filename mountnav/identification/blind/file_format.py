@@ -85,7 +85,6 @@ class Header:
         Which catalog the rows are of: its name and the hash of its sections.
     epoch_yr : float
         Julian year for which shapes were computed.
-    quads : int
     level_stars : list of int
         Stars of each level, the finest first.
     """
@@ -211,10 +210,6 @@ def mapped(path: Path) -> mmap.mmap:
     ----------
     path : Path
         Not empty.
-
-    Returns
-    -------
-    mmap.mmap
 
     Raises
     ------

@@ -284,7 +284,6 @@ class BlindIndex:
 
         Parameters
         ----------
-        level : int
         ra_deg, dec_deg, radius_deg : ndarray, shape (n,)
 
         Returns

@@ -101,7 +101,6 @@ class IndexedStars:
 
     Parameters
     ----------
-    index : BlindIndex
     catalog : Catalog
         The packed catalog that the index was made from.
     epoch_yr : float
@@ -139,7 +138,6 @@ class IndexedStars:
 
         Parameters
         ----------
-        level : int
         axis : ndarray, shape (n, 3)
             Unit vectors of the circles' centers.
         radius_rad : ndarray, shape (n,)

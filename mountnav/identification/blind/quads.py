@@ -161,7 +161,6 @@ def frame_quads(query: QuadQuery, z: Complex) -> Index:
 
     Parameters
     ----------
-    query : QuadQuery
     z : ndarray of complex, shape (n,)
         Chosen measurements, brightest first.
 
@@ -192,7 +191,6 @@ def frame_codes(
 
     Parameters
     ----------
-    query : QuadQuery
     z : ndarray of complex, shape (n,)
         Measurements, x + iy in pixels.
     quads : ndarray of int, shape (k, 4)

@@ -99,10 +99,6 @@ def placed(z: Complex, vectors: Array, center: complex) -> Placed:
         Their stars.
     center : complex
         The frame's center in pixels.
-
-    Returns
-    -------
-    Placed
     """
     count = len(z)
     axis = vectors.sum(axis=1)
@@ -188,12 +184,10 @@ class FrameView:
         The brightest measurements, x + iy in pixels, brightest first.
     tree : cKDTree
         The same.
-    width_px, height_px : int
     scales : (float, float)
         Bounds, arcsec per pixel.
     axis : ndarray, shape (3,), or None
         The frame's center lies within `radius_rad` of it.
-    radius_rad : float
     reach_px : float
         No star is said to fall on a measurement farther off than that.
     """
@@ -298,7 +292,6 @@ class Candidates:
     level : ndarray of int, shape (n,)
     vectors : ndarray, shape (n, 4, 3)
         The stars' unit vectors.
-    fit : Placed
     """
 
     corners: Complex
@@ -355,8 +348,6 @@ def propose(
         Of their codes.
     quad : ndarray of int, shape (n,)
         Numbers in the index.
-    sky : IndexedStars
-    view : FrameView
 
     Returns
     -------
@@ -377,12 +368,6 @@ def propose(
 
 def chances(some: Candidates, sky: IndexedStars, view: FrameView) -> Array:
     """How probable it is that so many stars round the quad fall on measurements by chance.
-
-    Parameters
-    ----------
-    some : Candidates
-    sky : IndexedStars
-    view : FrameView
 
     Returns
     -------
@@ -453,15 +438,12 @@ def blind_hypotheses(
         Star-like measurements, brightest first.
     index : BlindIndex
         Made from `catalog`.
-    catalog : Catalog
     scales : (float, float) or None
         Bounds of the scale, arcsec per pixel, if known.
     center : Icrs or None
         The frame's center is within `radius_deg` of it, if known.
-    radius_deg : float
     epoch_yr : float
         Julian year of the frame.
-    settings : IdentificationSettings
     search : Search
         Counts the places at which other stars than the quad's own were looked for; the odds need it.
     first_only : bool
