@@ -152,7 +152,7 @@ class Anchors:
 
     def searched(self, area: SearchedPart) -> None:
         """Remember that an area is searched from now on."""
-        if not any(one.covers(area) for one in self.areas):
+        if not any(part.covers(area) for part in self.areas):
             self.areas.append(area)
 
     def odds(
@@ -207,7 +207,7 @@ class Anchors:
             if sky is not None:
                 for number, level in enumerate(LEVELS):
                     apart = sources.apart(level)
-                    lower, upper = (_chord(apart * one / ARCSEC_PER_RAD) for one in area.scales)
+                    lower, upper = (_chord(apart * scale / ARCSEC_PER_RAD) for scale in area.scales)
                     below = np.searchsorted(sky.chords, lower, side="right")
                     pairs = np.searchsorted(sky.chords, upper, side="right") - below
                     counts[number] = 4.0 * float(pairs.sum())  # either way round, either parity
@@ -246,8 +246,8 @@ class Anchors:
             sky = self._sky(area, sources, catalog, epoch_yr)
             if sky is None:
                 return np.zeros(apart_px.size, dtype=bool)
-            low, high = (_chord(apart_px * one / ARCSEC_PER_RAD) for one in area.scales)
-            inside = [np.linalg.norm(one - sky.middle, axis=1) <= sky.chord for one in (first, second)]
+            low, high = (_chord(apart_px * scale / ARCSEC_PER_RAD) for scale in area.scales)
+            inside = [np.linalg.norm(axes - sky.middle, axis=1) <= sky.chord for axes in (first, second)]
             among |= inside[0] & inside[1] & (chord > low) & (chord <= high) & (mag <= sky.mag_limit)
         return among
 
@@ -362,9 +362,9 @@ def _best(case: Case, anchors: Anchors, stars: Stars, catalog: Catalog, epoch_yr
         chances = np.ones(len(LEVELS))
         for number in range(len(LEVELS)):
             able = np.flatnonzero(among & (level == number))
-            for one in able[np.argsort(-apart[able], kind="stable")][:ANCHORS_TRIED]:
+            for anchor in able[np.argsort(-apart[able], kind="stable")][:ANCHORS_TRIED]:
                 if chances.min() > SURE_BELOW:
-                    chances[number] = min(chances[number], case.chance(a[one], b[one]))
+                    chances[number] = min(chances[number], case.chance(a[anchor], b[anchor]))
         anchors.chances[key] = np.maximum(chances, LEAST_CHANCE)
     return anchors.chances[key]
 
@@ -394,7 +394,7 @@ class Case:
         if x.size == 0 or mx.size == 0:
             return np.zeros((0, 2), dtype=np.int64)
         distance, nearest = (
-            np.asarray(one) for one in cKDTree(np.column_stack((mx, my))).query(np.column_stack((x, y)))
+            np.asarray(part) for part in cKDTree(np.column_stack((mx, my))).query(np.column_stack((x, y)))
         )
         near = np.flatnonzero(distance <= self._match_px)
         return np.column_stack((star[near], nearest[near])).astype(np.int64)

@@ -340,20 +340,20 @@ def find_second_field(
     tree = KDTree(np.column_stack((there.real, there.imag)))
     share = min(0.5, there.size * (FIELD_NEAR_PX / radius_px) ** 2)
     least, best = FIELD_CHANCE, None
-    for some in np.array_split(np.arange(first.size), first.size // PAIRS_AT_ONCE + 1):
-        laid = second[some, None] + turn[some, None] * (seen - first[some, None])
-        at = second[some] + turn[some] * (middle - first[some])
+    for ways in np.array_split(np.arange(first.size), first.size // PAIRS_AT_ONCE + 1):
+        laid = second[ways, None] + turn[ways, None] * (seen - first[ways, None])
+        at = second[ways] + turn[ways] * (middle - first[ways])
         tested = (np.abs(laid - middle) < radius_px).sum(axis=1)
         near = tree.query(np.stack((laid.real, laid.imag), axis=-1), distance_upper_bound=FIELD_NEAR_PX)[0]
         hits_here = np.isfinite(near).sum(axis=1)
-        elsewhere = (np.abs(at - middle) > OWN_PLACE_PX) | (np.abs(turn[some] - 1.0) > OWN_TURN_RAD)
+        elsewhere = (np.abs(at - middle) > OWN_PLACE_PX) | (np.abs(turn[ways] - 1.0) > OWN_TURN_RAD)
         # two of them were laid there
         odds = bdtrc(hits_here - 3.0, np.maximum(tested, hits_here) - 2, share) * first.size
         k = int(np.argmin(np.where(elsewhere & (hits_here > 3), odds, np.inf)))
         if elsewhere[k] and hits_here[k] > 3 and odds[k] < least:
             least = float(odds[k])
-            way = complex(turn[some][k])
-            again = complex(first[some][k]) + (middle - complex(second[some][k])) / way
+            way = complex(turn[ways][k])
+            again = complex(first[ways][k]) + (middle - complex(second[ways][k])) / way
             best = SecondField(_in_pixels(plate, again - middle), cmath.phase(way), int(hits_here[k]))
     return best
 

@@ -99,7 +99,7 @@ class MatchGrid:
         to_y = np.stack((back.imag, back.real, start.imag), axis=1) * (sign / self._cell)[:, None]
         x, y = to_x.astype(np.float32) @ along, to_y.astype(np.float32) @ along
         least, right, high = (
-            np.float32(one / self._cell) for one in (-0.5, self._width - 0.5, self._height - 0.5)
+            np.float32(edge_px / self._cell) for edge_px in (-0.5, self._width - 0.5, self._height - 0.5)
         )
         inside = (x > least) & (x < right)
         inside &= y > least

@@ -286,7 +286,7 @@ class Witnesses:
         if x.size == 0 or mx.size == 0:
             return 1.0
         distance, nearest = (
-            np.asarray(one) for one in cKDTree(np.column_stack((mx, my))).query(np.column_stack((x, y)))
+            np.asarray(part) for part in cKDTree(np.column_stack((mx, my))).query(np.column_stack((x, y)))
         )
         dense = local_density(
             self._x[:brightest], self._y[:brightest], x, y, width_px=self._width, height_px=self._height
@@ -310,7 +310,7 @@ class Witnesses:
         tree = cKDTree(np.column_stack((self._x, self._y)))
         for radius in (self._match_px, strobe_px):
             x, y = plate.pixels(self._xi[teaching], self._eta[teaching])
-            distance, nearest = (np.asarray(one) for one in tree.query(np.column_stack((x, y))))
+            distance, nearest = (np.asarray(part) for part in tree.query(np.column_stack((x, y))))
             near = distance <= radius
             found = np.flatnonzero(teaching)[near]
             used = nearest[near].astype(np.int64)

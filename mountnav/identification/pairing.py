@@ -191,7 +191,7 @@ def nearest_pairs(
     predictions = np.column_stack((places.x_px, places.y_px))
     sources = np.column_stack((x_px[measurement], y_px[measurement]))
     distance, nearest = (
-        np.asarray(one) for one in cKDTree(sources).query(predictions, distance_upper_bound=strobe_px)
+        np.asarray(part) for part in cKDTree(sources).query(predictions, distance_upper_bound=strobe_px)
     )
     found = np.flatnonzero(np.isfinite(distance))
     back = np.asarray(cKDTree(predictions).query(sources[nearest[found]])[1])

@@ -201,8 +201,8 @@ class _Search:
             good = good[np.argsort(odds, kind="stable")][
                 : int((odds * self._hypotheses < TESTED_BELOW).sum())
             ]
-        for one in good:
-            result = self._judged(shifts[one], int(acknowledged[one]), int(strobes[one]))
+        for candidate in good:
+            result = self._judged(shifts[candidate], int(acknowledged[candidate]), int(strobes[candidate]))
             if result.found or self._settings.first_wins:
                 return result
             self._keep(result)

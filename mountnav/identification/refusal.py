@@ -87,7 +87,7 @@ def in_field(
     fields = math.pi * radius_deg**2 / field_deg2
     # a deep catalog's stars needn't be read by the million to know that there are enough
     deep = depth_for(catalog, hint.center, MANY_STARS, field_deg2)
-    limits = [one for one in (mag_limit, deep) if one is not None]
+    limits = [limit for limit in (mag_limit, deep) if limit is not None]
     stars = catalog.cone(hint.center, radius_deg, epoch_yr=epoch_yr, mag_limit=min(limits, default=None))
     return len(stars) / fields
 

@@ -168,8 +168,8 @@ def plan(
     )
     likely = sorted(others, key=lambda one: abs(math.log(one[0] * one[1] / (low * high))))
     second += [
-        Round(stages[0], one, 0.0, radius, most_triangles=NEAREST_TRIANGLES // 4, most_tiles=200)
-        for one in likely
+        Round(stages[0], scales, 0.0, radius, most_triangles=NEAREST_TRIANGLES // 4, most_tiles=200)
+        for scales in likely
     ]
     second += [
         Round(stage, side, 0.0, radius, most_triangles=COSTLY_NEAREST_TRIANGLES, inner=True)
@@ -188,6 +188,6 @@ def plan(
         )
         for stage in stages[2:]
     ]
-    cheap = [one for one in second if one.stage == stages[0]]
-    costly = [round_ for round_ in second if round_.stage != stages[0]]
+    cheap = [step for step in second if step.stage == stages[0]]
+    costly = [step for step in second if step.stage != stages[0]]
     return [first[:1], cheap, first[1:] + costly]

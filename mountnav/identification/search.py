@@ -92,8 +92,8 @@ def identify(
     """
     settings, reach = settings or IdentificationSettings(), reach or Reach()
     index = reach.index
-    believed = [_reconciled(one) for one in (hint, *hint.alternatives)]
-    placed = [] if reach.blind == "only" else [one for one in believed if one.center is not None]
+    believed = [_reconciled(reading) for reading in (hint, *hint.alternatives)]
+    placed = [] if reach.blind == "only" else [reading for reading in believed if reading.center is not None]
     search = Search(Budget.of(budget_s), hypotheses=reach.tried)
     late: float | None = None
     nowhere = without_place(hint, reach)
@@ -161,7 +161,7 @@ def _steps(
 ) -> Iterator[_Step]:
     """What is tried in turn: what the hints say, the whole sky, then what may be if the hints are wrong."""
     shorter_px = min(measurements.width_px, measurements.height_px)
-    plans = [(one, plan(one, shorter_px, settings, flagged=flagged)) for one in placed]
+    plans = [(reading, plan(reading, shorter_px, settings, flagged=flagged)) for reading in placed]
 
     def part(number: int) -> Iterator[_Step]:
         for one, parts in plans:
@@ -171,7 +171,7 @@ def _steps(
     only = reach.blind == "only"
     # where the index has next to no stars it is searched last
     narrow = reach.indexed is not None and too_narrow_for_index(placed, shorter_px)
-    near = narrow or all(_is_near(one, shorter_px) for one in placed)
+    near = narrow or all(_is_near(reading, shorter_px) for reading in placed)
     # the paper's own way is by triangles, where the hint says
     if index is not None and not only and settings.v_min_ident is None:
         yield from _asked_of_index(placed, first_only=near)
@@ -192,13 +192,15 @@ def _asked_of_index(placed: list[Hint], *, first_only: bool) -> Iterator[_Step]:
 
     Where triangles follow, the later rounds of the index are left to the look over the whole sky.
     """
-    steps = [_Step(None, one.center, one.radius_deg, _scales(one), first_only) for one in placed]
+    steps = [
+        _Step(None, reading.center, reading.radius_deg, _scales(reading), first_only) for reading in placed
+    ]
     yield from dict.fromkeys(steps)
 
 
 def _whole_sky(believed: list[Hint]) -> Iterator[_Step]:
     """First at the scales that are believed, then at any."""
-    steps = [_Step(None, None, scales=_scales(one)) for one in believed]
+    steps = [_Step(None, None, scales=_scales(reading)) for reading in believed]
     yield from dict.fromkeys([*steps, _Step(None, None)])
 
 
@@ -215,8 +217,8 @@ def too_narrow_for_index(believed: list[Hint], shorter_px: int) -> bool:
     shorter_px : int
         The frame's shorter side.
     """
-    highs = [one.scale_high_arcsec_px for one in believed]
-    known = [one for one in highs if one is not None]
+    highs = [reading.scale_high_arcsec_px for reading in believed]
+    known = [high for high in highs if high is not None]
     return bool(highs) and len(known) == len(highs) and shorter_px * max(known) / 3600.0 < INDEX_LEAST_DEG
 
 
@@ -236,7 +238,9 @@ def without_place(hint: Hint, reach: Reach) -> Refusal | None:
     Refusal or None
         None when a search makes sense.
     """
-    placed = reach.blind != "only" and any(one.center is not None for one in (hint, *hint.alternatives))
+    placed = reach.blind != "only" and any(
+        reading.center is not None for reading in (hint, *hint.alternatives)
+    )
     if placed or (reach.index is not None and reach.blind != "never"):
         return None
     why = "and blind search is switched off" if reach.blind == "never" else "and there is no index of the sky"
@@ -317,8 +321,8 @@ def _attempt(
             search=search,
             first_only=step.first_only,
         )
-    for one in proposals:
-        found = verified(one, measurements, usable, catalog, epoch_yr, settings, search, rough=rough)
+    for hypothesis in proposals:
+        found = verified(hypothesis, measurements, usable, catalog, epoch_yr, settings, search, rough=rough)
         if found is not None:
             return replace(found, blind=turn is None and step.center is None)
     return None

@@ -124,7 +124,8 @@ class SearchArea:
         reach_deg = min(radius_deg, step_deg * (np.sqrt(most_tiles * np.sqrt(3.0) / 2 / np.pi) + 1.0))
         self._places = tiles(center, reach_deg, step_deg)[:most_tiles]
         axes = _axes(
-            np.array([one.ra_deg for one in self._places]), np.array([one.dec_deg for one in self._places])
+            np.array([place.ra_deg for place in self._places]),
+            np.array([place.dec_deg for place in self._places]),
         )
         self._off_deg = 2.0 * np.degrees(np.arcsin(np.minimum(np.linalg.norm(axes - axes[0], axis=1) / 2, 1)))
         cone_deg = min(float(self._off_deg.max()) + tile_deg, 180.0)

@@ -314,10 +314,10 @@ def _field(
     centers = centers_of_light(patches, there.x_px, there.y_px, light, center)
     # arcs are whole where their pieces are joined; a point beside its star is a second one where they aren't
     second = None
-    for some in (patches, patches.parts):
-        if second is None and some is not None:
+    for seen in (patches, patches.parts):
+        if second is None and seen is not None:
             second = second_image(
-                some, there.x_px, there.y_px, light, center, (height, width), drawn_out=drawn_out
+                seen, there.x_px, there.y_px, light, center, (height, width), drawn_out=drawn_out
             )
     if second is None and drawn_out:
         second = second_sources(
@@ -346,8 +346,8 @@ def _second_field(
         return None
     light = 10.0 ** (-0.4 * np.where(np.isfinite(stars.mag[there.star]), stars.mag[there.star], np.inf))
     around: Stars | None = None
-    for some in (patches, patches.parts):
-        left = None if some is None else unexplained_light(some, there.x_px, there.y_px, light)
+    for seen in (patches, patches.parts):
+        left = None if seen is None else unexplained_light(seen, there.x_px, there.y_px, light)
         if left is None or not left.many:
             continue
         if around is None:

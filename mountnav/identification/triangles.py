@@ -94,8 +94,8 @@ def make_triangles(
     high = (squared >= 4.0 * min_height**2 * longest) & (longest >= min_longest**2) & (longest > 0)
     high = np.flatnonzero(high)[:limit]
     if wanted is not None:
-        high = high[wanted(*_shape([one[high] for one in sides], squared[high]))]
-    corners, sides = [one.take(chosen[high]) for one in triples], [one[high] for one in sides]
+        high = high[wanted(*_shape([side[high] for side in sides], squared[high]))]
+    corners, sides = [corner.take(chosen[high]) for corner in triples], [side[high] for side in sides]
     a, b, c = corners
     twice_area = (x[b] - x[a]) * (y[c] - y[a]) - (y[b] - y[a]) * (x[c] - x[a])
     parity = _by_side(corners, sides, twice_area)
@@ -274,7 +274,7 @@ class TriangleIndex:
             for part in np.split(np.arange(likely.size), parts)
             if part.size
         ]
-        frame = np.concatenate([one for one, _ in found])
+        frame = np.concatenate([frame_part for frame_part, _ in found])
         catalog = np.concatenate([other for _, other in found])
         # two angles within Δγ leave the third free to differ by 2 Δγ
         third = np.abs(self._triangles.angles_rad[frame, 1] - triangles.angles_rad[catalog, 1])

@@ -83,7 +83,7 @@ class Track:
     def east_north_arcsec(self) -> tuple[Array, Array]:
         """Δα·cos δ (δ: the mean of the track) and Δδ from the first point, arcsec; shape (n,) each."""
         cosine = math.cos(math.radians(float(np.mean(self.dec_deg))))
-        east = np.array([half_turn_deg(float(one)) for one in self.ra_deg - self.ra_deg[0]])
+        east = np.array([half_turn_deg(float(off_deg)) for off_deg in self.ra_deg - self.ra_deg[0]])
         return east * 3600.0 * cosine, (self.dec_deg - self.dec_deg[0]) * 3600.0
 
 
@@ -146,7 +146,7 @@ def jumps(track: Track, least_arcsec: float) -> list[int]:
         changed, track.anchor_sigma_arcsec[1:] ** 2 + track.anchor_sigma_arcsec[:-1] ** 2, 0.0
     )
     limit = np.maximum(max(least_arcsec, JUMP_MADS * scatter), 5.0 * np.sqrt(variance))
-    return [int(one) + 1 for one in np.flatnonzero(off > limit)]
+    return [int(step) + 1 for step in np.flatnonzero(off > limit)]
 
 
 def fit_drift(track: Track) -> Drift | None:
@@ -250,14 +250,14 @@ def joined(drifts: list[Drift]) -> Drift | None:
     """
     if len(drifts) < 2:
         return drifts[0] if drifts else None
-    rates = np.array([(one.ra_arcsec_min, one.dec_arcsec_min) for one in drifts])
-    errors = np.array([(one.ra_sigma_arcsec_min, one.dec_sigma_arcsec_min) for one in drifts])
+    rates = np.array([(drift.ra_arcsec_min, drift.dec_arcsec_min) for drift in drifts])
+    errors = np.array([(drift.ra_sigma_arcsec_min, drift.dec_sigma_arcsec_min) for drift in drifts])
     weight = 1.0 / np.maximum(errors, 1e-9) ** 2
     mean = (weight * rates).sum(axis=0) / weight.sum(axis=0)
     chi2 = (weight * (rates - mean) ** 2).sum(axis=0) / (len(drifts) - 1)
     sigma = np.sqrt(np.maximum(chi2, 1.0) / weight.sum(axis=0))
-    frames = np.array([one.frames for one in drifts], dtype=float)
-    rms = np.array([one.rms_arcsec for one in drifts])
+    frames = np.array([drift.frames for drift in drifts], dtype=float)
+    rms = np.array([drift.rms_arcsec for drift in drifts])
     return Drift(
         float(mean[0]),
         float(mean[1]),
@@ -265,7 +265,7 @@ def joined(drifts: list[Drift]) -> Drift | None:
         float(sigma[1]),
         float(np.sqrt((frames * rms**2).sum() / frames.sum())),
         int(frames.sum()),
-        sum(one.outliers for one in drifts),
+        sum(drift.outliers for drift in drifts),
     )
 
 

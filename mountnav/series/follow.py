@@ -245,8 +245,8 @@ class SeriesFollower:
 
     def report(self) -> SeriesReport:
         """Sum up: persistence known from the whole series, segments between jumps, drift."""
-        frames = [self._memory.recounted(one) for one in self._results]
-        sizes = [(one.width_px, one.height_px) for one in frames if self._memory.knows(one)]
+        frames = [self._memory.recounted(result) for result in self._results]
+        sizes = [(frame.width_px, frame.height_px) for frame in frames if self._memory.knows(frame)]
         size = max(set(sizes), key=sizes.count) if sizes else None
         return series_report(
             tuple(frames),
@@ -491,14 +491,14 @@ def follow(
         For full solutions; goes before what the headers say.
     """
     follower = SeriesFollower(catalog, hint=hint, settings=settings)
-    for one in frames:
-        if isinstance(one, Path):
+    for frame_or_path in frames:
+        if isinstance(frame_or_path, Path):
             try:
-                frame = read_frame(one, raw=True)
+                frame = read_frame(frame_or_path, raw=True)
             except BadFrame as fault:
-                follower.add_unread(str(one), fault.what)
+                follower.add_unread(str(frame_or_path), fault.what)
                 continue
             follower.add(frame)
         else:
-            follower.add(one)
+            follower.add(frame_or_path)
     return follower.report()

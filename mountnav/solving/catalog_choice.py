@@ -139,7 +139,7 @@ def _turns(
     """
     if len(choices) == 1:
         return [(choices[0], reach)]
-    placed = [one for one in (hint, *hint.alternatives) if one.center is not None]
+    placed = [reading for reading in (hint, *hint.alternatives) if reading.center is not None]
     shorter_px = min(measurements.width_px, measurements.height_px)
     late = reach.indexed is not None and too_narrow_for_index(placed, shorter_px)
     without = replace(reach, index=None, indexed=None)
@@ -147,9 +147,9 @@ def _turns(
     first, *others = choices
     return [
         (first, replace(quick, thorough=False)),
-        *((one, replace(without, thorough=False)) for one in others),
+        *((choice, replace(without, thorough=False)) for choice in others),
         (first, thorough),
-        *((one, without) for one in others),
+        *((choice, without) for choice in others),
     ]
 
 
@@ -186,7 +186,7 @@ def with_best_catalog(
     plate = found.reference.plate
     width_px, height_px = measurements.width_px, measurements.height_px
     field = width_px * height_px * (plate.scale_arcsec_px() / 3600.0) ** 2
-    used = next((one for one in choices if one.catalog.name == found.stars.source), None)
+    used = next((choice for choice in choices if choice.catalog.name == found.stars.source), None)
     if used is None or used is not choices[0] or math.isnan(used.expected):
         there = catalog.choices(plate.center(), field, epoch_yr=epoch_yr)[0]
         if there.catalog.name != found.stars.source:
@@ -220,7 +220,7 @@ def _as_ordered(
     The index proposes places by its own stars, whichever catalogs were ordered; a solution never rests on
     them then.
     """
-    allowed = {one.name for one in shelf.usable}
+    allowed = {usable.name for usable in shelf.usable}
     assert found.stars is not None
     assert found.reference is not None
     if found.stars.source in allowed:

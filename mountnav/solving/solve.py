@@ -62,12 +62,12 @@ def merged_hint(header: Hint, given: Hint | None) -> Hint:
     if given is None:
         return header
     merged = _over(header, given)
-    others = [_over(one, given) for one in header.alternatives] + list(given.alternatives)
-    others += [_over(given, one) for one in (header, *header.alternatives)]
+    others = [_over(alternative, given) for alternative in header.alternatives] + list(given.alternatives)
+    others += [_over(given, alternative) for alternative in (header, *header.alternatives)]
     plain = replace(merged, alternatives=())
     kept: list[Hint] = []
-    for one in others:
-        bare = replace(one, alternatives=())
+    for other in others:
+        bare = replace(other, alternatives=())
         if bare != plain and bare not in kept:
             kept.append(bare)
     return replace(merged, alternatives=tuple(kept))

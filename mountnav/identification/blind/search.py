@@ -396,7 +396,7 @@ def chances(some: Candidates, sky: IndexedStars, view: FrameView) -> Array:
         reach = 1.0 + 3.0 * np.maximum(fit.residual_px[which], CENTROID_PX) * (1.0 + away / span[which])
         reach = np.minimum(reach + BENT * away, view.reach_px)
         distance, nearest = (
-            np.asarray(one) for one in view.tree.query(np.column_stack((place.real, place.imag)))
+            np.asarray(part) for part in view.tree.query(np.column_stack((place.real, place.imag)))
         )
         own = (np.abs(some.corners[which] - view.z[nearest][:, None]) < 1e-6).any(axis=1)
         hits += np.bincount(which, weights=(distance <= reach) & ~own, minlength=count)
@@ -539,7 +539,10 @@ def _promising(
     for number in good[np.argsort(chance[good], kind="stable")]:
         axis = some.fit.axis[number]
         near = 0.1 * view.diagonal_px * abs(some.fit.turn[number]) / ARCSEC_PER_RAD
-        if sum(float(((axis - one) ** 2).sum()) < near**2 for one in followed_up) >= SAME_PLACE:
+        if (
+            sum(float(((axis - axis_before) ** 2).sum()) < near**2 for axis_before in followed_up)
+            >= SAME_PLACE
+        ):
             continue
         followed_up.append(axis)
         yield some.hypothesis(int(number), sky, view)
