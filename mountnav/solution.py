@@ -1,4 +1,4 @@
-"""Solution: what a solved frame says, and Verdict: solved, or why not."""
+"""Solution of a frame, and Verdict: the solution, or the reason for none."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class IdentifiedPairs:
     used : ndarray of bool
         In the fit; False for those that were rejected by their deviation (K_rej).
     leverage : ndarray
-        How much each pair holds the plate at its own place: its deviation is (1 - leverage) times the one
+        How much each pair holds the plate at its own position: its deviation is (1 - leverage) times the one
         from a plate that was fit without it. 0 for those not in the fit.
     color_mag : ndarray
         The stars' color index `color_name`; NaN where unknown.
@@ -116,7 +116,7 @@ class ErrorBudget:
     Attributes
     ----------
     centroid_arcsec : float
-        Noise of the measured places.
+        Noise of the measured positions.
     catalog_arcsec : float
         The catalog's own errors at the frame's epoch.
     other_arcsec : float
@@ -129,7 +129,7 @@ class ErrorBudget:
 
     @property
     def expected_arcsec(self) -> float:
-        """All of it together."""
+        """All parts together, in quadrature."""
         return float(np.sqrt(self.centroid_arcsec**2 + self.catalog_arcsec**2 + self.other_arcsec**2))
 
     @property
@@ -168,7 +168,7 @@ class Contradiction:
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """A frame's place in the sky.
+    """A frame's position in the sky.
 
     Attributes
     ----------
@@ -187,14 +187,14 @@ class Solution:
     pairs, rejected : int
         Pairs in the fit, and pairs thrown out.
     false_probability : float
-        Chance that a wrong place would have looked as good.
+        Chance that a wrong position would have looked as good.
     mode : str
         Which identification and model: e.g. "full/cubic", or "blind/linear" when it was found over the whole
         sky, not where the hint said.
     wcs : dict
         FITS cards (1-based CRPIX), TAN or TAN-SIP.
     center_covariance_arcsec2 : ndarray, shape (2, 2)
-        Of the center's place: east, north.
+        Of the center's position: east, north.
     identified : IdentifiedPairs
         The pairs, those in the fit and those rejected by their deviation.
     rejected_by : dict

@@ -140,7 +140,7 @@ def _along_axes(solution: Solution) -> tuple[Array, Array]:
 
 
 def east_north_arcsec(ra_deg: Array, dec_deg: Array, ra0_deg: Array, dec0_deg: Array) -> tuple[Array, Array]:
-    """Small offsets of places from others, along east and north there [S23 eq. 24, 25].
+    """Small offsets of positions from others, along east and north there [S23 eq. 24, 25].
 
     Δα cos δ and Δδ to second order of the offset, but right at the poles and over RA 0 too.
 

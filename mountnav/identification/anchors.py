@@ -158,7 +158,7 @@ class Anchors:
     def odds(
         self, chances: Array, sources: AnchorSources, catalog: Catalog, epoch_yr: float, limit: float
     ) -> float:
-        """Odds of the best of the anchors at hand.
+        """Odds of the best of the hypothesis' anchors.
 
         With n anchors searched so far and n₀ in the first area the chance of one is multiplied by
         2·n·(1 + ln n/n₀)²: the first area's anchors take half of the limit, ∫ dn/(2n(1 + ln n/n₀)²) = ½ is
@@ -224,7 +224,7 @@ class Anchors:
         catalog: Catalog,
         epoch_yr: float,
     ) -> NDArray[np.bool_]:
-        """Tell which anchors are among those counted.
+        """Which anchors are among those counted.
 
         Parameters
         ----------
@@ -437,7 +437,7 @@ class Case:
         brightest: int,
         alike_mag: float,
     ) -> float:
-        """Ask the others in turn, each with the plate of all that were found before."""
+        """Predict the others one after the other, each with the plate of all that were found before."""
         mx, my = self.sources.x_px[:brightest], self.sources.y_px[:brightest]
         part = self._part(mx, my)
         width, height = self.sources.width_px, self.sources.height_px

@@ -81,7 +81,7 @@ class CameraFit:
 
 @dataclass(frozen=True, slots=True)
 class Influence:
-    """What a fit's pairs do to it.
+    """How the pairs of a fit hold it: leverage, leave-one-out distances, covariance of the center.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class Influence:
         Distance of each pair from a plate that was fit without it (leave-one-out); exact for one strength of
         distortion, to a few percent for the average over several.
     leverage : ndarray, shape (n,)
-        How much each pair holds the plate at its own place, mean of both coordinates.
+        How much each pair holds the plate at its own position, mean of both coordinates.
     center_covariance_arcsec2 : ndarray, shape (2, 2)
         East and north, scaled up by the residuals.
     """

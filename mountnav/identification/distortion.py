@@ -151,7 +151,7 @@ LEAST_SHARE = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """What is believed of a camera and its errors.
+    """Posterior of a camera's strengths and of the extra error: which are probable, with their weights.
 
     Attributes
     ----------
@@ -216,7 +216,7 @@ class NormalEquations:
         self._every: tuple[Array, Array] | None = None
 
     def those(self, chosen: NDArray[np.bool_]) -> NormalEquations:
-        """Of some of the pairs."""
+        """The equations of some of the pairs."""
         some = copy(self)
         some._rows, some._off = self._rows[:, chosen], self._off[:, chosen]
         some._summed, some._known2 = self._summed[:, chosen], self._known2[chosen]
@@ -260,7 +260,7 @@ class NormalEquations:
         return solved.mean
 
     def answer(self, trust: Array, belief: Belief) -> Answer:
-        """How sure the parameters are; arguments as of `parameters`."""
+        """Parameters with their errors; arguments as of `parameters`."""
         bordered = self._equations(trust / self.sigma2(belief.extra_px))
         solved = _Solved(bordered, belief)
         smoother = solved.smoother()

@@ -369,7 +369,7 @@ def _in_pixels(plate: Plate, offset: complex) -> complex:
 
 
 def _ways(seen: Complex, there: Complex, least_px: float) -> tuple[Complex, Complex, Complex]:
-    """Each way to lay two of the brightest unexplained upon two stars that are as far apart.
+    """Each way to lay two of the brightest unexplained patches upon two stars that are as far apart.
 
     Returns
     -------

@@ -12,7 +12,7 @@ from mountnav.identification.reference import Selection
 from mountnav.identification.search import Reach, identify
 from mountnav.identification.selection import star_like
 from mountnav.identification.settings import IdentificationSettings
-from mountnav.identification.verification import KEPT_SHARE, Identified, reach_of, sound, stars_of_frame
+from mountnav.identification.verification import KEPT_SHARE, Identified, is_sound, reach_of, stars_of_frame
 from mountnav.measuring.fast import measure_fast
 from mountnav.measuring.measurements import Measurements
 from mountnav.measuring.settings import MeasuringSettings
@@ -20,7 +20,7 @@ from mountnav.measuring.settings import MeasuringSettings
 
 @dataclass(frozen=True, slots=True)
 class FastResult:
-    """What a glance came to.
+    """What the fast search of a frame found.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ def identify_fast(
     measure_s = looked_s + time.monotonic() - again
     selection = Selection(precise, star_like(precise), stars, settings)
     reference = selection.refine(plate, reach_px)
-    if reference is None or not sound(reference, selection, precise, plate, settings, reach_px):
+    if reference is None or not is_sound(reference, selection, precise, plate, settings, reach_px):
         return FastResult(seen=seen, tried=tried, measure_s=measure_s)
     numbers = found.numbers | {"pairs": float(len(reference.pairs)), "seen": float(seen)}
     detail = f"{len(reference.pairs)} pairs, {reference.rejected} rejected, {tried} hypotheses, at a glance"

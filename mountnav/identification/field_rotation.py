@@ -43,7 +43,7 @@ do."""
 
 @dataclass(frozen=True, slots=True)
 class FieldMotion:
-    """How the centers of light of the stars' own patches lie about a plate's places.
+    """Offset, rotation and growth of the stars' centers of light against a plate's positions.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class FieldMotion:
 
     @property
     def differs(self) -> bool:
-        """Whether it is another one here than there."""
+        """Whether the rotation or growth is significant."""
         return abs(self.turn) > TELLING_SIGMAS * self.turn_sigma
 
     def beside_px(self, common: complex, *, drawn_out: bool) -> float:
@@ -92,7 +92,7 @@ class FieldMotion:
 
 @dataclass(frozen=True, slots=True)
 class Centers:
-    """Where the middle of single stars' light lies beside a plate's places, brightest star first; shape (n,).
+    """Offsets of single stars' centers of light from a plate's positions, brightest star first; shape (n,).
 
     Attributes
     ----------

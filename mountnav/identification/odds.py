@@ -139,7 +139,7 @@ def berk_jones_p(chances: Array) -> float:
 
 
 def trials_factor(hypotheses: int) -> float:
-    """By what the chance of one hypothesis is multiplied when so many were tried, one after the other.
+    """Factor by which the chance of one hypothesis is multiplied when so many were tried one after the other.
 
     A search that stops at the first hypothesis n with n·chance below a limit is fooled with up to
     limit·(1 + 1/2 + ... + 1/n), which grows with the search. With 2·n·(1 + ln n)² in place of n the sum stays
@@ -187,7 +187,7 @@ class Corners:
     dec_deg: Array
 
 
-class Witnesses:
+class Confirmation:
     """Measurements and stars that had no part in one hypothesis, and the odds that they confirm it by chance.
 
     Parameters
@@ -279,7 +279,7 @@ class Witnesses:
         return float(np.clip(len(lessons) * len(self._numbers_tested) * least, LEAST_CHANCE, 1.0))
 
     def _agreement(self, x: Array, y: Array, used: Index, brightest: int) -> float:
-        """How probable it is that predicted places lie so near to the brightest measurements by chance."""
+        """How probable it is that predicted positions lie so near to the brightest measurements by chance."""
         unused = ~np.isin(self._source, self._source[used])
         mx, my = self._x[:brightest][unused[:brightest]], self._y[:brightest][unused[:brightest]]
         source = np.unique(self._source[:brightest][unused[:brightest]], return_inverse=True)[1]
@@ -292,7 +292,7 @@ class Witnesses:
             self._x[:brightest], self._y[:brightest], x, y, width_px=self._width, height_px=self._height
         )
         chance = -np.expm1(-dense * np.pi * np.maximum(distance, NEAREST_PX) ** 2)
-        # a source confirms one star: two stars of a pair at the same place are one event, and so are two
+        # a source confirms one star: two stars of a pair at the same position are one event, and so are two
         # stars that lie as far apart as the pieces of a trail
         order = np.argsort(chance, kind="stable")
         best = np.full(mx.size, -1)
@@ -327,6 +327,6 @@ class Witnesses:
 
 
 def _among(values: Array, few: Array) -> NDArray[np.bool_]:
-    """Which of the values are one of a few."""
+    """Which of the values are among a few others."""
     among: NDArray[np.bool_] = (values[:, None] == few).any(axis=1)
     return among

@@ -148,7 +148,7 @@ def predicted(
     margin_px: float = 0.0,
     projected: tuple[Array, Array] | None = None,
 ) -> Predicted:
-    """Put stars in the frame.
+    """Predict which stars lie in the frame, and where.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def nearest_pairs(
     pairs : Pairs
         Brightest star first.
     place : ndarray of int, shape (len(pairs),)
-        Which of the predicted places each is.
+        Which of the predicted positions each is.
     """
     if len(places) == 0 or measurement.size == 0:
         return NO_PAIRS, np.zeros(0, dtype=np.int64)
@@ -261,7 +261,7 @@ class Neighborhood:
         self._groups = places.star[close]
 
     def holds(self, places: Predicted, strobe_px: float) -> bool:
-        """Whether all that may lie within a strobe under these places is remembered."""
+        """Whether all that may lie within a strobe under these positions is remembered."""
         x, y = self._then[:, places.star]
         moved2 = (x - places.x_px) ** 2 + (y - places.y_px) ** 2
         # NaN: a star that wasn't in the frame then
@@ -282,7 +282,7 @@ class Neighborhood:
         pairs : Pairs
             Brightest star first.
         place : ndarray of int, shape (len(pairs),)
-            Which of the predicted places each is.
+            Which of the predicted positions each is.
         """
         now = np.full((2, self._then.shape[1]), np.nan)
         now[:, places.star] = places.x_px, places.y_px
@@ -295,7 +295,7 @@ class Neighborhood:
         return Pairs(source, star), np.searchsorted(places.star, star)
 
     def grouped_stars(self, places: Predicted, magnitude: Array, radius_px: float, depth_mag: float) -> Mask:
-        """Stars in a tight group, shape (len(places),); arguments as of `rejection.in_groups`."""
+        """Stars in a tight group, shape (len(places),); arguments as of `in_groups`."""
         number = np.full(self._then.shape[1], -1)
         number[places.star] = np.arange(len(places))
         close = number[self._groups]
@@ -387,7 +387,7 @@ class Candidates:
         return int(self._usable.size)
 
     def projected(self, plate: Plate) -> tuple[Array, Array]:
-        """Tangential coordinates of all stars, arcsec: reckoned once for each tangent point."""
+        """Tangential coordinates of all stars, arcsec: computed once for each tangent point."""
         if plate.tangent not in self._projected:
             self._projected[plate.tangent] = plate.project(self._stars.ra_deg, self._stars.dec_deg)
         return self._projected[plate.tangent]
@@ -477,7 +477,7 @@ class Candidates:
         return self._settings.star_group_fwhm * self._fwhm_px
 
     def _near(self, plate: Plate, places: Predicted, strobe_px: float) -> tuple[Pairs, Index]:
-        """Mutually nearest star and measurement within the strobe; and which place each star has."""
+        """Mutually nearest star and measurement within the strobe; and which position each star has."""
         if len(places) == 0 or self._usable.size == 0:
             return NO_PAIRS, NO_PAIRS.star
         # no more of the brightest measurements than could belong to the catalog's stars

@@ -108,7 +108,7 @@ class Plate:
         return x, y
 
     def project(self, ra_deg: Array, dec_deg: Array) -> tuple[Array, Array]:
-        """Tangential coordinates ξ, η (arcsec) of places on the sky; NaN behind."""
+        """Tangential coordinates ξ, η (arcsec) of positions on the sky; NaN behind."""
         xi, eta = gnomonic(ra_deg, dec_deg, self.tangent.ra_deg, self.tangent.dec_deg)
         return np.asarray(xi) * ARCSEC_PER_RAD, np.asarray(eta) * ARCSEC_PER_RAD
 

@@ -126,7 +126,7 @@ def preliminary(
     Returns
     -------
     Preliminary
-        With (1, 2): the second frame's places plus the shift are the first's.
+        With (1, 2): the second frame's positions plus the shift are the first's.
     """
     settings = settings or PreliminarySettings()
     return find_shift(sources_of(first, settings), sources_of(second, settings), settings)
@@ -142,7 +142,7 @@ def find_shift(
     first, second : Sources
         Prepared with the same settings; either may be catalog stars projected into pixels.
     same_chip : bool
-        Both come from one camera, so that hot pixels may stand at the same places.
+        Both come from one camera, so that hot pixels may stand at the same positions.
     """
     if min(first.proposing.size, second.proposing.size) < LEAST_STROBES:
         return Preliminary(
@@ -157,7 +157,7 @@ def find_shift(
 
 
 class _Search:
-    """One search: what was tried, and the best that was refused."""
+    """One search: the hypotheses that were tried, and the refusal that got farthest."""
 
     def __init__(
         self, first: Sources, second: Sources, settings: PreliminarySettings, same_chip: bool

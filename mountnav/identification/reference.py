@@ -228,11 +228,11 @@ class Reference:
     outliers : Pairs
         Which these are.
     rejected_by : dict
-        How many candidates each rule threw out, by the names in `rejection.RULES`.
+        How many candidates each rule threw out, by the names in `pairing.RULES`.
     leverage : ndarray, shape (n,)
-        How much each pair holds the plate at its own place.
+        How much each pair holds the plate at its own position.
     center_covariance_arcsec2 : ndarray, shape (2, 2)
-        Of the center's place: east, north.
+        Of the center's position: east, north.
     extra_px : float
         Error per coordinate beyond those of centroid and catalog, as the pairs show it.
     """

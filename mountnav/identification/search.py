@@ -174,7 +174,7 @@ def _steps(
     near = narrow or all(_is_near(reading, shorter_px) for reading in placed)
     # the paper's own way is by triangles, where the hint says
     if index is not None and not only and settings.v_min_ident is None:
-        yield from _asked_of_index(placed, first_only=near)
+        yield from _index_steps(placed, first_only=near)
     if near:
         yield from part(0)
     sky = index is not None and reach.blind != "never" and (reach.thorough or not narrow)
@@ -187,7 +187,7 @@ def _steps(
         yield from part(2)
 
 
-def _asked_of_index(placed: list[Hint], *, first_only: bool) -> Iterator[_Step]:
+def _index_steps(placed: list[Hint], *, first_only: bool) -> Iterator[_Step]:
     """Where the hints say, looked up in the index: some milliseconds, where triangles cost ten times that.
 
     Where triangles follow, the later rounds of the index are left to the look over the whole sky.
@@ -199,7 +199,7 @@ def _asked_of_index(placed: list[Hint], *, first_only: bool) -> Iterator[_Step]:
 
 
 def _whole_sky(believed: list[Hint]) -> Iterator[_Step]:
-    """First at the scales that are believed, then at any."""
+    """Steps of the whole sky: first at the scales that are believed, then at any."""
     steps = [_Step(None, None, scales=_scales(reading)) for reading in believed]
     yield from dict.fromkeys([*steps, _Step(None, None)])
 
@@ -231,7 +231,7 @@ def _is_near(hint: Hint, shorter_px: int) -> bool:
 
 
 def without_place(hint: Hint, reach: Reach) -> Refusal | None:
-    """Refuse, before anything is measured or searched, what has neither a place nor an index to find one.
+    """Refuse, before anything is measured or searched, what has neither a position nor an index to find one.
 
     Returns
     -------
@@ -255,7 +255,7 @@ def _refused(
 
 
 def _empty_bounds(hint: Hint) -> tuple[Contradiction, ...]:
-    """Say so, if no scale lies between the bounds."""
+    """The contradiction, if no scale lies between the bounds."""
     low, high = hint.scale_low_arcsec_px, hint.scale_high_arcsec_px
     if low is None or high is None or 0 < low <= high:
         return ()
@@ -285,7 +285,7 @@ def _attempt(
     *,
     rough: bool,
 ) -> Identified | None:
-    """One step."""
+    """Try one step."""
     width, height = measurements.width_px, measurements.height_px
     if usable.size < settings.min_pairs:
         return None

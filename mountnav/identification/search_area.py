@@ -22,7 +22,7 @@ WIDEST_FRAME_DEG = 60.0
 
 
 def tiles(center: Icrs, radius_deg: float, step_deg: float) -> list[Icrs]:
-    """Cover a circle on the sky with a hexagonal grid of places, nearest first.
+    """Cover a circle on the sky with a hexagonal grid of positions, nearest first.
 
     Parameters
     ----------

@@ -80,7 +80,7 @@ def make_sources(
     box: tuple[float, float, float, float],
     settings: PreliminarySettings,
 ) -> Sources:
-    """Prepare a list of places, brightest first.
+    """Prepare a list of positions, brightest first.
 
     Parameters
     ----------

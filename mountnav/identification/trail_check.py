@@ -26,7 +26,7 @@ from mountnav.identification.plate import Plate
 from mountnav.identification.reference import Reference, Selection
 from mountnav.identification.selection import star_like
 from mountnav.identification.settings import IdentificationSettings
-from mountnav.identification.verification import KEPT_SHARE, Identified, reach_of, sound
+from mountnav.identification.verification import KEPT_SHARE, Identified, is_sound, reach_of
 from mountnav.measuring.background import Image
 from mountnav.measuring.measurements import Flag, Measurements
 from mountnav.measuring.segmentation import LightSegments, segment_light
@@ -63,14 +63,15 @@ the frame is refused."""
 COMPLETE_MAG = 0.75
 """Of sources so much brighter than the faintest star that the catalog has in the frame it has nearly all:
 Tycho-2 has 99 % to V = 11.0 and 90 % to 11.5. Halved, deep narrow frames would be refused."""
-FEWEST_STRANGERS, STRANGE_SHARE = 2, 0.5
+FEWEST_UNEXPLAINED, UNEXPLAINED_BRIGHT_SHARE = 2, 0.5
 """So many sources as bright, and so large a share of the stars that are as bright, aren't planets, variable
 stars and satellites any more: of two exposures as bright there are as many as stars."""
 SURE_MOVED_PX = 1.0
 """A moved plate whose center isn't known better, all errors together, isn't given: three of them make the
-3 px that a place may be off. Doubled, one of 1,000 drawn frames was 3.5 px off."""
+3 px that a position may be off. Doubled, one of 1,000 drawn frames was 3.5 px off."""
 TELLING_SIGMAS = 3.0
-"""The middle of the light, looked for once more about the moved places, may lie so many of its errors off."""
+"""The middle of the light, looked for once more about the moved positions, may lie so many of its errors
+off."""
 MOVED_SHARE = 0.02
 """Error of a move, besides that of its center of light: the share of light that is too faint to be seen."""
 GHOST_RATIO = 0.7
@@ -105,7 +106,7 @@ show 0.00 to 0.02 px."""
 
 @dataclass(frozen=True, slots=True)
 class TrailCheck:
-    """What the light of its stars makes of a solution.
+    """A solution after the check against the light of its stars: kept, moved or refused.
 
     Attributes
     ----------
@@ -171,7 +172,7 @@ def check_trails(
     why = field.contradicts(path, fwhm_px)
     if why:
         return TrailCheck(_as_turned(found, field, why), measurements, path, points=False)
-    why = _bright_strangers(patches, reference, stars, measurements)
+    why = _bright_unexplained(patches, reference, stars, measurements)
     if why:
         return TrailCheck(_as_unexplained(found, why), measurements, path, points=False)
     other = _second_field(patches, reference, stars, measurements, sky)
@@ -235,7 +236,7 @@ class _Field:
 
     @property
     def corner_px(self) -> float:
-        """How far the centers of light leave the plate's places from the center to a corner."""
+        """How far the centers of light leave the plate's positions from the center to a corner."""
         return 0.0 if self.motion is None else abs(self.motion.turn) * self.half_px
 
     def variance_px2(self, common: complex, *, drawn_out: bool) -> float:
@@ -305,7 +306,7 @@ class _Field:
 def _field(
     patches: LightSegments, reference: Reference, stars: Stars, measurements: Measurements, *, drawn_out: bool
 ) -> _Field:
-    """Look at the patches of light all over the frame, identified or not."""
+    """Offsets, motion and second image by the patches of light all over the frame, identified or not."""
     width, height = measurements.width_px, measurements.height_px
     there = predicted(reference.plate, stars, width_px=width, height_px=height)
     center = complex(0.5 * (width - 1), 0.5 * (height - 1))
@@ -338,7 +339,7 @@ def _second_field(
     measurements: Measurements,
     sky: StarsInCone | None,
 ) -> SecondField | None:
-    """Look whether the light that isn't the identified stars' is that of another place's stars."""
+    """Another field whose stars the light shows that isn't the identified stars'."""
     plate, shape = reference.plate, (measurements.height_px, measurements.width_px)
     there = predicted(plate, stars, width_px=shape[1], height_px=shape[0])
     mag = np.sort(stars.mag[there.star][np.isfinite(stars.mag[there.star])])
@@ -358,7 +359,7 @@ def _second_field(
     return None
 
 
-def _bright_strangers(
+def _bright_unexplained(
     patches: LightSegments, reference: Reference, stars: Stars, measurements: Measurements
 ) -> str:
     """Why the bright light that is no star's forbids a plate on few stars; empty where it doesn't.
@@ -385,7 +386,7 @@ def _bright_strangers(
     if not np.isfinite(middle) or middle > faintest - COMPLETE_MAG:
         return ""
     strange, own = int((left.flux > bright).sum()), int((known >= bright).sum())
-    if strange < max(FEWEST_STRANGERS, STRANGE_SHARE * own):
+    if strange < max(FEWEST_UNEXPLAINED, UNEXPLAINED_BRIGHT_SHARE * own):
         return ""
     return (
         f"{strange} sources brighter than the middle of the {known.size} identified stars are none that the "
@@ -400,7 +401,7 @@ def _as_unexplained(found: Identified, why: str) -> Identified:
 def _stars_about(
     plate: Plate, stars: Stars, shape: tuple[int, int], faintest_mag: float, sky: StarsInCone | None
 ) -> Stars:
-    """The bright stars as far about the frame as another place may lie; else those at hand."""
+    """The bright stars as far about the frame as another field may lie; else those already read."""
     radius_deg = FAR_DIAGONALS * math.hypot(*shape) * plate.scale_arcsec_px() / 3600.0
     more = None if sky is None else sky(plate.center(), radius_deg, faintest_mag)
     around = stars if more is None else more
@@ -408,7 +409,7 @@ def _stars_about(
 
 
 def _in_path(path: StarTrail, other: SecondField, half_px: float) -> bool:
-    """Whether another place is so near, and turned so little, that the mean path has its light."""
+    """Whether another field is so near, and turned so little, that the mean path has its light."""
     near = path.holds(other.offset_px.real, other.offset_px.imag)
     return near and abs(other.turn_rad) * half_px <= CORNER_PX
 
@@ -432,7 +433,7 @@ def _as_turned(found: Identified, field: _Field, why: str) -> Identified:
 
 
 def _center_known(path: StarTrail) -> bool:
-    """Whether the center of light is known well enough to be a place."""
+    """Whether the center of light is known well enough to be given as a position."""
     return not path.cut and path.sigma_px <= SURE_PX
 
 
@@ -442,7 +443,7 @@ def plate_stays(path: StarTrail, fwhm_px: float = 0.0) -> bool:
 
 
 def _moved_px(fwhm_px: float) -> float:
-    """From where on a center of light is another place: wide images are uneven by a tenth of their width."""
+    """Distance from which on the plate is moved: wide images are uneven by a tenth of their width."""
     return float(np.clip(MOVED_SHARE_FWHM * fwhm_px, MOVED_PX, MOVED_MOST_PX))
 
 
@@ -526,7 +527,7 @@ def _moved(
     if again is None or len(again.pairs) < KEPT_SHARE * len(reference.pairs):
         selection = Selection(there, np.unique(reference.pairs.measurement), stars, settings)
         again = selection.refine(plate, reach_px)
-    if again is None or not sound(again, selection, there, plate, settings, reach_px):
+    if again is None or not is_sound(again, selection, there, plate, settings, reach_px):
         return None
     scale = again.plate.scale_arcsec_px()
     sigma_px = math.hypot(path.sigma_px, MOVED_SHARE * path.off_px)
@@ -542,7 +543,7 @@ def _not_its_middle(
     sky: StarsInCone | None,
     plane: tuple[Image, Image],
 ) -> str:
-    """Why a moved plate isn't the middle of the path; empty where the light lies evenly about its places.
+    """Why a moved plate isn't the middle of the path; empty where the light lies evenly about its positions.
 
     A path of which one piece was not seen from where it was first looked at is looked at from elsewhere now:
     what then has its middle elsewhere is not that path's.

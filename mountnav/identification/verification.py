@@ -19,7 +19,7 @@ from mountnav.catalog.star_counts import stars_round
 from mountnav.catalog.stars import Catalog, Stars
 from mountnav.identification.anchors import AnchorSources, anchored_odds
 from mountnav.identification.full import Hypothesis, Search, match_radius
-from mountnav.identification.odds import Witnesses, trials_factor
+from mountnav.identification.odds import Confirmation, trials_factor
 from mountnav.identification.plate import Plate
 from mountnav.identification.reference import Reference, Selection
 from mountnav.identification.selection import Index, spread_brightest
@@ -30,7 +30,7 @@ from mountnav.solution import Contradiction, Reason
 
 @dataclass(frozen=True, slots=True)
 class Identified:
-    """What came of a search.
+    """Result of a search: the reference with its stars, or the reason for none.
 
     Attributes
     ----------
@@ -39,7 +39,8 @@ class Identified:
     detail : str
         For people.
     false_probability : float
-        Chance that a wrong place would have looked as good: that of one hypothesis times all that were tried.
+        Chance that a wrong position would have looked as good: that of one hypothesis times all that were
+        tried.
     numbers : dict of str to float
         The numbers behind it.
     contradictions : tuple of Contradiction
@@ -139,7 +140,7 @@ def verified(
     *,
     rough: bool = False,
 ) -> Identified | None:
-    """Ask what the odds of a hypothesis are, and grow its plate.
+    """Compute the odds of a hypothesis, and grow its plate.
 
     Parameters
     ----------
@@ -169,7 +170,7 @@ def verified(
             return None
     strobe_px = match_radius(settings, width, height)
     piece_of = search.pieces(x, y)
-    witnesses = Witnesses(
+    confirmation = Confirmation(
         one.plate,
         one.corners,
         stars,
@@ -180,7 +181,7 @@ def verified(
         match_px=strobe_px,
         source=piece_of,
     )
-    chance = witnesses.chance()
+    chance = confirmation.chance()
     probability = min(1.0, chance * trials_factor(search.hypotheses))
     if probability > settings.false_probability_max and chance < WORTH_COUNTING:
         again = anchored_odds(
@@ -201,7 +202,7 @@ def verified(
         return None
     selection = Selection(measurements, usable, stars, settings)
     reference = selection.grow(one.plate, strobe_px, rough=rough)
-    if reference is None or not sound(reference, selection, measurements, one.plate, settings, strobe_px):
+    if reference is None or not is_sound(reference, selection, measurements, one.plate, settings, strobe_px):
         return None
     numbers = {
         "pairs": float(len(reference.pairs)),
@@ -259,7 +260,7 @@ def with_better_stars(
     again = selection.refine(plate, reach_px)
     if again is None or len(again.pairs) < KEPT_SHARE * len(reference.pairs):
         return found
-    if not sound(again, selection, measurements, plate, settings, reach_px):
+    if not is_sound(again, selection, measurements, plate, settings, reach_px):
         return found
     return replace(found, reference=again, stars=stars)
 
@@ -285,7 +286,7 @@ def reach_of(reference: Reference) -> float:
     return float(np.clip(1.5 + 4.0 * off_px, LEAST_REACH_PX, MOST_REACH_PX))
 
 
-def sound(
+def is_sound(
     reference: Reference,
     selection: Selection,
     measurements: Measurements,
@@ -293,7 +294,7 @@ def sound(
     settings: IdentificationSettings,
     strobe_px: float,
 ) -> bool:
-    """Tell whether a final plate is still a camera's, and rests on pairs from more than a corner.
+    """Whether a final plate is still a camera's, and rests on pairs from more than a corner.
 
     Parameters
     ----------

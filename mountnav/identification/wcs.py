@@ -1,4 +1,4 @@
-"""FITS cards of a plate, TAN or TAN-SIP, and places at pixels through such cards. CRPIX counts from 1."""
+"""FITS cards of a plate, TAN or TAN-SIP, and positions at pixels through such cards. CRPIX counts from 1."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GRID = 21
 def wcs_cards(plate: Plate, *, width_px: int, height_px: int) -> Cards:
     """Write a plate as FITS WCS cards.
 
-    CRPIX is the frame's center and CRVAL its place, so that the polynomials translate term by term:
+    CRPIX is the frame's center and CRVAL its position, so that the polynomials translate term by term:
     (ξ, η) = CD · (u + A(u, v), v + B(u, v)). The inverse AP, BP is a least-squares fit, good to a small
     part of a pixel.
 
@@ -181,7 +181,7 @@ def places_at_pixels(cards: Mapping[str, object], x_px: Array, y_px: Array) -> t
 
 
 def icrs_at_pixel(cards: Mapping[str, object], x_px: float, y_px: float) -> Icrs:
-    """Give the place at one pixel.
+    """Give the position at one pixel.
 
     Parameters
     ----------

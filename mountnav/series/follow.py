@@ -48,7 +48,7 @@ Index = NDArray[np.int64]
 
 
 class SeriesMemory:
-    """The sources of a series.
+    """The sources of a series, by frame size: which were seen in how many frames.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def solve_in_series(
     near: Hint | None,
     hint: Hint | None,
 ) -> tuple[Verdict, float]:
-    """Solve near where it is believed to be, then as caller and header say; the verdict, and the seconds."""
+    """Solve near where the series should be, then by caller's and header's hints; verdict and seconds."""
     began = time.perf_counter()
     solving = settings.solving
     verdict = None

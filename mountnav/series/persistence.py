@@ -108,7 +108,7 @@ class Persistence:
         return ids
 
     def persistent(self, ids: Index) -> NDArray[np.bool_]:
-        """Tell which of these sources have been seen in enough frames by now; shape as `ids`."""
+        """Which of these sources have been seen in enough frames by now; shape as `ids`."""
         enough = self._id[self._count >= self._least]
         known: NDArray[np.bool_] = np.isin(ids, np.concatenate((enough, self._out_of_sight)))
         return known

@@ -25,7 +25,7 @@ class Mode(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SeriesSettings:
-    """What may be set about a series.
+    """Settings of a series.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ class SeriesTimes:
 
 @dataclass(frozen=True, slots=True)
 class FrameResult:
-    """What came of one frame.
+    """Result of one frame of a series.
 
     Attributes
     ----------

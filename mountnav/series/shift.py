@@ -42,7 +42,7 @@ def icrs_at_pixels(plate: Plate, x_px: Array, y_px: Array) -> tuple[Array, Array
 
 
 def pixels_at_icrs(plate: Plate, ra_deg: Array, dec_deg: Array) -> tuple[Array, Array]:
-    """Pixels (shape (n,)) of places, through a plate; NaN for places behind."""
+    """Pixels (shape (n,)) of positions, through a plate; NaN for positions behind."""
     xi, eta = plate.project(ra_deg, dec_deg)
     return plate.pixels(xi, eta)
 
@@ -230,12 +230,12 @@ class Anchor:
 
 @dataclass(frozen=True, slots=True)
 class MeasuredFrame:
-    """A frame without its pixels.
+    """A measured frame of a series, without its pixels.
 
     Attributes
     ----------
     still : bool
-        The light of its sources is where they were found: pieces of trails are no places to follow by.
+        The light of its sources is where they were found: pieces of trails are no positions to follow by.
     """
 
     result: FrameResult
@@ -251,7 +251,7 @@ class MeasuredFrame:
 
 @dataclass(frozen=True, slots=True)
 class Followed:
-    """What the shift says of a frame."""
+    """A frame placed by its shift from the anchor."""
 
     preliminary: Preliminary
     shift: Shift

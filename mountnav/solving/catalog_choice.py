@@ -161,12 +161,12 @@ def with_best_catalog(
     settings: IdentificationSettings,
     epoch_yr: float,
 ) -> tuple[Identified, tuple[str, ...]]:
-    """Take the stars of the catalog that suits the place where the frame turned out to be.
+    """Take the stars of the catalog that suits the position where the frame turned out to be.
 
     Parameters
     ----------
     choices : tuple of Choice
-        Those for the place that was believed.
+        Those for the position that was believed.
     found : Identified
         With a reference.
     epoch_yr : float
@@ -248,7 +248,7 @@ def _as_ordered(
 def with_catalog_advice(
     found: Identified, catalog: Catalog, hint: Hint, frame: Frame, stars_seen: int
 ) -> Identified:
-    """Let a refusal for want of catalog stars say which catalog would help.
+    """Add to a refusal for want of catalog stars which catalog would help.
 
     Parameters
     ----------

@@ -67,7 +67,7 @@ def contradictions_with(hint: Hint, center: Icrs, scale_arcsec_px: float) -> tup
     hint : Hint
         What was believed: the header's, or merged with the caller's.
     center : Icrs
-        The solved place of the frame's geometric center.
+        The solved position of the frame's geometric center.
     scale_arcsec_px : float
         The solved scale.
 

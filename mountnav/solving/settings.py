@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class SolveSettings:
-    """What may be set about a solve.
+    """Settings of a solve.
 
     Attributes
     ----------

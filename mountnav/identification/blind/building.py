@@ -44,7 +44,7 @@ BLEND_SHARE = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """One density.
+    """A level of the index: the brightest stars of each part of the sky, to one density.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Level:
 
 
 def make_levels(vectors: Array, mag: Array, count: int) -> list[Level]:
-    """Thin a catalog.
+    """Thin a catalog to one list of stars for each density.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def _quads(level: Level, vectors: Array) -> Iterator[tuple[Index, float]]:
         return
     tree = cKDTree(vectors, balanced_tree=False, compact_nodes=False)
     near = np.array(tree.query(vectors, k=NEIGHBORS + 1)[1], dtype=np.int64)
-    near[:, 0] = np.arange(count)  # of two stars at one place either may come first
+    near[:, 0] = np.arange(count)  # of two stars at one position either may come first
     poor = level.whole if count > COARSE else np.ones(count, dtype=bool)
     for start in range(0, count, CHUNK):
         part, few = near[start : start + CHUNK], poor[start : start + CHUNK]
@@ -222,7 +222,7 @@ def _coded(
     code, order = codes(flattened(vectors[rows[stars]]))
     step = np.floor(stepped(code))
     top = np.array(RASTER) * STEPS_PER_CELL
-    sound = np.all((step >= 0) & (step < top), axis=1)  # four stars at one place have no shape
+    sound = np.all((step >= 0) & (step < top), axis=1)  # four stars at one position have no shape
     stars = np.take_along_axis(stars, order, axis=1)
     packed, fits = pack(first + stars[sound])
     steps = step[sound][fits].astype(np.int64)

@@ -15,7 +15,7 @@
             grid     u32          for each level, first star of each cell of its grid, and the end
 
 All numbers are little-endian. Quads are sorted by their cell. A code's four numbers run over 0..0.5,
-0..0.875, 0..1 and -0.875..0.875; a cell is 1/48 wide, the place within it in steps of a 256th of that.
+0..0.875, 0..1 and -0.875..0.875; a cell is 1/48 wide, the position within it in steps of a 256th of that.
 """
 
 from __future__ import annotations
@@ -225,10 +225,10 @@ def mapped(path: Path) -> mmap.mmap:
 
 
 def unmap(whole: mmap.mmap) -> None:
-    """Let go of the pages that were looked at; the system keeps what it has room for, for the next look.
+    """Release the pages that were read; the system keeps what it has room for, for the next search.
 
-    The system maps a file in pieces much larger than a look: unasked, the whole file would count as this
-    process' memory after a few searches.
+    The system maps a file in pieces much larger than what is read of it: without this, the whole file would
+    count as this process' memory after a few searches.
     """
     if hasattr(mmap, "MADV_DONTNEED"):
         with suppress(OSError):

@@ -72,7 +72,7 @@ class Grid:
         return int(self.first_cell[-1])
 
     def cell(self, ra_deg: Array, dec_deg: Array) -> Index:
-        """Cell numbers of places; shape (n,)."""
+        """Cell numbers of positions; shape (n,)."""
         bands = self.first_cell.size - 1
         band = np.clip(((dec_deg + 90.0) / self.height_deg).astype(np.int64), 0, bands - 1)
         count = np.diff(self.first_cell)[band]
@@ -255,7 +255,7 @@ class BlindIndex:
         return which[slot], quad
 
     def rest(self) -> None:
-        """Let go of the file's pages: a search leaves 10 to 100 MB of them, and the next finds them again."""
+        """Release the file's pages: a search leaves 10 to 100 MB of them, and the next finds them again."""
         unmap(self._mapped)
 
     def stars(self, quad: Index) -> Index:
@@ -280,7 +280,7 @@ class BlindIndex:
         return np.searchsorted(self.first_star, star, side="right") - 1
 
     def around(self, level: int, ra_deg: Array, dec_deg: Array, radius_deg: Array) -> tuple[Index, Index]:
-        """Stars of a level round places, at the index' epoch, and some more.
+        """Stars of a level round positions, at the index' epoch, and some more.
 
         Parameters
         ----------

@@ -64,7 +64,7 @@ class CatalogRows:
         return int(self._stars.size)
 
     def rest(self) -> None:
-        """Let go of the pages that were looked at."""
+        """Release the pages that were read."""
         unmap(self._mapped)
 
     def vectors(self, rows: Index, *, epoch_yr: float) -> Array:
@@ -154,7 +154,7 @@ class IndexedStars:
         return circle[inside], star[inside], vectors[inside]
 
     def rest(self) -> None:
-        """Let go of memory that only a search needs."""
+        """Release memory that only a search needs."""
         self.index.rest()
         self._rows.rest()
 

@@ -109,7 +109,7 @@ CODE_FLOOR = 4e-4
 
 @dataclass(frozen=True, slots=True)
 class QuadQuery:
-    """One round of questions.
+    """One round of the search: which quads of the frame, and how exactly their codes have to fit.
 
     Attributes
     ----------

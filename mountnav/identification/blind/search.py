@@ -37,7 +37,7 @@ LEAST_DEPTH = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Placed:
+class FrameSimilarities:
     """Similarities w = turn·z + shift (z conjugate where mirrored) of n frames; w = ξ + iη in arcsec.
 
     Attributes
@@ -60,9 +60,9 @@ class Placed:
     mirrored: NDArray[np.bool_]
     residual_px: Array
 
-    def only(self, chosen: Index) -> Placed:
+    def only(self, chosen: Index) -> FrameSimilarities:
         """Some of them."""
-        return Placed(
+        return FrameSimilarities(
             self.axis[chosen],
             self.ra_deg[chosen],
             self.dec_deg[chosen],
@@ -88,8 +88,8 @@ class Placed:
         return out
 
 
-def placed(z: Complex, vectors: Array, center: complex) -> Placed:
-    """Fit similarities to four pairs each.
+def fit_similarities(z: Complex, vectors: Array, center: complex) -> FrameSimilarities:
+    """Fit a similarity to each set of four pairs.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def placed(z: Complex, vectors: Array, center: complex) -> Placed:
         turn, shift = _similarity(seen, w)
     off = w - turn[:, None] * seen - shift[:, None]
     residual = np.sqrt(np.mean(off.real**2 + off.imag**2, axis=1)) / np.abs(turn)
-    return Placed(axis, ra_deg, dec_deg, turn, shift, mirrored, residual)
+    return FrameSimilarities(axis, ra_deg, dec_deg, turn, shift, mirrored, residual)
 
 
 def _similarity(z: Complex, w: Complex) -> tuple[Complex, Complex]:
@@ -138,7 +138,7 @@ def _side(place: Complex) -> Array:
 
 
 def _axes(ra_deg: Array, dec_deg: Array) -> tuple[Array, Array]:
-    """East and north at places."""
+    """East and north at positions."""
     ra, dec = np.radians(ra_deg), np.radians(dec_deg)
     sin_ra, cos_ra, sin_dec, cos_dec = np.sin(ra), np.cos(ra), np.sin(dec), np.cos(dec)
     east = np.stack((-sin_ra, cos_ra, np.zeros_like(ra)), axis=1)
@@ -176,7 +176,7 @@ MOST_POINTS = 300
 
 @dataclass(frozen=True, slots=True)
 class FrameView:
-    """A frame, and what is known of it.
+    """The frame as it is searched for: its measurements, and what is known of its scale and position.
 
     Attributes
     ----------
@@ -255,8 +255,8 @@ class FrameView:
         within: NDArray[np.bool_] = (x > 0) & (x < self.width_px - 1) & (y > 0) & (y < self.height_px - 1)
         return within
 
-    def possible(self, fit: Placed) -> NDArray[np.bool_]:
-        """Which similarities agree with what is known of scale and place, and are a camera's at all."""
+    def possible(self, fit: FrameSimilarities) -> NDArray[np.bool_]:
+        """Which similarities agree with what is known of scale and position, and are a camera's at all."""
         scale = np.abs(fit.turn)
         good = (scale >= 0.99 * self.scales[0]) & (scale <= 1.01 * self.scales[1])
         good &= scale * self.diagonal_px <= 2.0 * math.tan(math.radians(0.5 * WIDEST_DEG)) * ARCSEC_PER_RAD
@@ -298,7 +298,7 @@ class Candidates:
     stars: Index
     level: Index
     vectors: Array
-    fit: Placed
+    fit: FrameSimilarities
 
     def __len__(self) -> int:
         return int(self.level.size)
@@ -338,7 +338,7 @@ class Candidates:
 def propose(
     corners: Complex, tolerance: Array, quad: Index, sky: IndexedStars, view: FrameView
 ) -> Candidates:
-    """What like-shaped quads say of the frame's place, where that can be.
+    """What like-shaped quads say of the frame's position, where that can be.
 
     Parameters
     ----------
@@ -352,11 +352,11 @@ def propose(
     Returns
     -------
     Candidates
-        Nothing but the four stars and what is known of scale and place was used.
+        Nothing but the four stars and what is known of scale and position was used.
     """
     stars = sky.index.stars(quad)
     vectors = sky.vectors(stars)
-    fit = placed(corners, vectors, view.center)
+    fit = fit_similarities(corners, vectors, view.center)
     length = np.abs(corners[:, 0] - corners[:, 1])
     most = np.maximum(FIT_SHARE * tolerance * length, LEAST_FIT_PX)
     kept = np.flatnonzero(view.possible(fit) & (fit.residual_px <= most))
@@ -372,7 +372,7 @@ def chances(some: Candidates, sky: IndexedStars, view: FrameView) -> Array:
     Returns
     -------
     ndarray, shape (n,)
-        Of each place, by the Poisson law; the quad's own four don't count. A screen, not the odds.
+        Of each position, by the Poisson law; the quad's own four don't count. A screen, not the odds.
     """
     fit, count = some.fit, len(some)
     middle = some.corners.mean(axis=1)
@@ -407,14 +407,14 @@ def chances(some: Candidates, sky: IndexedStars, view: FrameView) -> Array:
 FIRST, BATCH = 48, 1000
 """Places tested at once, best fitting quads first: mostly the right one is among the first few."""
 FOLLOWED_UP_BELOW = 0.3
-"""Expected number of places as good by chance, below which a place is followed up."""
+"""Expected number of positions as good by chance, below which a position is followed up."""
 FINALISTS = 6
-"""Of a batch, so many places are followed up at most."""
+"""Of a batch, so many positions are followed up at most."""
 FIRST_QUERIES = 3
 """Rounds for a frame with a near hint, since triangles follow; later rounds touch so much of the file that
 its pages are released after each."""
 SAME_PLACE = 3
-"""Quads that propose the same place are followed up so often: another quad's plate may fare better."""
+"""Quads that propose the same position are followed up so often: another quad's plate may fare better."""
 
 
 def blind_hypotheses(
@@ -445,7 +445,7 @@ def blind_hypotheses(
     epoch_yr : float
         Julian year of the frame.
     search : Search
-        Counts the places at which other stars than the quad's own were looked for; the odds need it.
+        Counts the positions at which other stars than the quad's own were looked for; the odds need it.
     first_only : bool
         Only the first rounds, which find most frames in some milliseconds.
 
@@ -482,7 +482,7 @@ def _rounds(
     search: Search,
     queries: Sequence[QuadQuery],
 ) -> Iterator[Hypothesis]:
-    """What each round proposes."""
+    """Candidates of all rounds, one round after the other."""
     seen: set[bytes] = set()
     followed_up: list[Array] = []
     before = search.hypotheses
@@ -509,7 +509,7 @@ def _rounds(
 
 
 def _fresh(some: Candidates, seen: set[bytes]) -> Candidates:
-    """Those that no earlier round proposed."""
+    """Candidates that no earlier round proposed."""
     fresh = []
     for number, key in enumerate(some.keys()):
         if key not in seen:
