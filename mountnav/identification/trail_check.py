@@ -21,7 +21,7 @@ from mountnav.identification.double_exposure import (
     unexplained_light,
 )
 from mountnav.identification.field_rotation import Centers, FieldMotion, centers_of_light, field_motion
-from mountnav.identification.pairing import predicted
+from mountnav.identification.pairing import Predicted, predicted
 from mountnav.identification.plate import Plate
 from mountnav.identification.reference import Reference, Selection
 from mountnav.identification.selection import star_like
@@ -150,51 +150,91 @@ def check_trails(
     reference, stars = found.reference, found.stars
     assert reference is not None
     assert stars is not None
-    x, y = _star_pixels(reference, stars)
-    of_pairs = reference.pairs.measurement
-    clear = (measurements.flags[of_pairs] & _SPOILT) == 0
-    fwhm_px = _fwhm_px(measurements, of_pairs)
-    others = _expected(reference, stars, measurements)
+    fwhm_px = _fwhm_px(measurements, reference.pairs.measurement)
     bins = in_bins(pixels)
-    plane = tamed(pixels, bins)
-    ratio, how = brighter_image(pixels, *others, plane)
+    frame = _Frame(stars, measurements, pixels, tamed(pixels, bins), fwhm_px, sky)
+    ratio, how = brighter_image(pixels, *_expected(reference, stars, measurements), frame.plane)
     if ratio > GHOST_RATIO:
-        refused = _as_ghosts(found, ratio, how)
-        return TrailCheck(refused, measurements, None, points=False)
-    flux = measurements.flux[of_pairs]
-    if x.size < FEW_STARS and sky is not None:
-        others = _round_about(reference, stars, measurements, sky)
-    path = star_trail(pixels, x, y, flux, clear, fwhm_px, others=others, plane=plane)
+        return TrailCheck(_as_ghosts(found, ratio, how), measurements, None, points=False)
+    path = frame.trail(reference)
     if path is None:
         return TrailCheck(found, measurements, None, points=True)
     patches = segment_light(pixels, bins[0])
     field = _field(patches, reference, stars, measurements, drawn_out=path.drawn_out)
-    why = field.contradicts(path, fwhm_px)
+    refused = _contradicted(found, reference, path, field, patches, frame)
+    if refused is not None:
+        return TrailCheck(refused, measurements, path, points=False)
+    if plate_stays(path, fwhm_px):
+        return TrailCheck(_kept(found, reference, path, field), measurements, path, points=True)
+    return _moved_to_light(found, reference, path, field, frame, settings)
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """The frame whose light is looked at, and what stays the same wherever a plate lies.
+
+    Attributes
+    ----------
+    stars : Stars
+        The list that pairs point into.
+    measurements : Measurements
+        As they were found, before any move.
+    pixels : ndarray, shape (height, width)
+    plane : (Image, Image)
+        The pixels in bins, cut so that no bright star counts for much (`star_trail.tamed`).
+    fwhm_px : float
+        Median over the identified sources.
+    sky : callable or None
+        Gives the stars of a cone.
+    """
+
+    stars: Stars
+    measurements: Measurements
+    pixels: NDArray[np.generic]
+    plane: tuple[Image, Image]
+    fwhm_px: float
+    sky: StarsInCone | None
+
+    def trail(self, reference: Reference, measurements: Measurements | None = None) -> StarTrail | None:
+        """Where the light of the pairs' stars fell, by their mean image about the plate's positions."""
+        m = self.measurements if measurements is None else measurements
+        of_pairs = reference.pairs.measurement
+        x, y = _star_pixels(reference, self.stars)
+        clear = (m.flags[of_pairs] & _SPOILT) == 0
+        if x.size < FEW_STARS and self.sky is not None:
+            others = _round_about(reference, self.stars, m, self.sky)
+        else:
+            others = _expected(reference, self.stars, m)
+        return star_trail(
+            self.pixels, x, y, m.flux[of_pairs], clear, self.fwhm_px, others=others, plane=self.plane
+        )
+
+
+def _contradicted(
+    found: Identified,
+    reference: Reference,
+    path: StarTrail,
+    field: _Field,
+    patches: LightSegments,
+    frame: _Frame,
+) -> Identified | None:
+    """The refusal, if the light shows that the plate isn't that of the exposure's middle; else None."""
+    why = field.contradicts(path, frame.fwhm_px)
     if why:
-        return TrailCheck(_as_turned(found, field, why), measurements, path, points=False)
-    why = _bright_unexplained(patches, reference, stars, measurements)
+        return _as_turned(found, field, why)
+    why = _bright_unexplained(patches, reference, frame.stars, frame.measurements)
     if why:
-        return TrailCheck(_as_unexplained(found, why), measurements, path, points=False)
-    other = _second_field(patches, reference, stars, measurements, sky)
+        return _as_unexplained(found, why)
+    other = _second_field(patches, reference, frame.stars, frame.measurements, frame.sky)
     if other is not None and not _in_path(path, other, field.half_px):
-        return TrailCheck(_as_two_fields(found, other), measurements, path, points=False)
-    if not _center_known(path) or _moved_px(fwhm_px) < path.off_px <= MOVED_SIGMAS * path.sigma_px:
-        return TrailCheck(_refused(found, path), measurements, path, points=False)
-    if not plate_stays(path, fwhm_px):
-        # pieces of a path that is seen whole lie otherwise than its middle, and are in it
-        elsewhere_px2 = field.variance_px2(complex(path.dx_px, path.dy_px), drawn_out=False)
-        moved = _moved(reference, stars, measurements, path, elsewhere_px2, settings)
-        why = "" if moved is None else _not_its_middle(moved, stars, pixels, fwhm_px, path, sky, plane)
-        if moved is None or why:
-            return TrailCheck(_refused(found, path, why), measurements, path, points=False)
-        numbers = found.numbers | {
-            MOVED_KEY: path.off_px,
-            "path_extent_px": path.extent_px,
-            "path_sigma_px": path.sigma_px,
-        }
-        detail = f"{found.detail}, moved by {path.off_px:.1f} px to the middle of the stars' light"
-        found = replace(found, reference=moved[0], detail=detail, numbers=numbers)
-        return TrailCheck(found, moved[1], path, points=False)
+        return _as_two_fields(found, other)
+    if not _center_known(path) or _moved_px(frame.fwhm_px) < path.off_px <= MOVED_SIGMAS * path.sigma_px:
+        return _refused(found, path)
+    return None
+
+
+def _kept(found: Identified, reference: Reference, path: StarTrail, field: _Field) -> Identified:
+    """The solution where it was; its error holds what the light lies beside it."""
     scale = reference.plate.scale_arcsec_px()
     own_px2 = 0.5 * float(np.trace(reference.center_covariance_arcsec2)) / scale**2
     # the plate's own error is a part of how far the light lies beside it: counted once
@@ -202,7 +242,32 @@ def check_trails(
     variance_px2 += field.variance_px2(0j, drawn_out=path.drawn_out)
     if variance_px2 > 0.0:
         reference = _with_error(reference, variance_px2 * scale**2)
-    return TrailCheck(replace(found, reference=reference), measurements, path, points=True)
+    return replace(found, reference=reference)
+
+
+def _moved_to_light(
+    found: Identified,
+    reference: Reference,
+    path: StarTrail,
+    field: _Field,
+    frame: _Frame,
+    settings: IdentificationSettings,
+) -> TrailCheck:
+    """The solution moved to the middle of its stars' light, or refused where that isn't the middle."""
+    # pieces of a path that is seen whole lie otherwise than its middle, and are in it
+    elsewhere_px2 = field.variance_px2(complex(path.dx_px, path.dy_px), drawn_out=False)
+    moved = _moved(reference, frame.stars, frame.measurements, path, elsewhere_px2, settings)
+    why = "" if moved is None else _not_its_middle(moved, path, frame)
+    if moved is None or why:
+        return TrailCheck(_refused(found, path, why), frame.measurements, path, points=False)
+    numbers = found.numbers | {
+        MOVED_KEY: path.off_px,
+        "path_extent_px": path.extent_px,
+        "path_sigma_px": path.sigma_px,
+    }
+    detail = f"{found.detail}, moved by {path.off_px:.1f} px to the middle of the stars' light"
+    found = replace(found, reference=moved[0], detail=detail, numbers=numbers)
+    return TrailCheck(found, moved[1], path, points=False)
 
 
 def _unfollowed_px2(path: StarTrail) -> float:
@@ -308,10 +373,8 @@ def _field(
 ) -> _Field:
     """Offsets, motion and second image by the patches of light all over the frame, identified or not."""
     width, height = measurements.width_px, measurements.height_px
-    there = predicted(reference.plate, stars, width_px=width, height_px=height)
     center = complex(0.5 * (width - 1), 0.5 * (height - 1))
-    mag = stars.mag[there.star]
-    light = 10.0 ** (-0.4 * np.where(np.isfinite(mag), mag, np.inf))
+    there, _, light = _in_frame(reference.plate, stars, measurements)
     centers = centers_of_light(patches, there.x_px, there.y_px, light, center)
     # arcs are whole where their pieces are joined; a point beside its star is a second one where they aren't
     second = None
@@ -332,6 +395,13 @@ def _field(
     return _Field(centers, field_motion(centers), second, abs(center))
 
 
+def _in_frame(plate: Plate, stars: Stars, measurements: Measurements) -> tuple[Predicted, Array, Array]:
+    """Stars that the plate puts in the frame, their magnitudes, and their light to a common scale."""
+    there = predicted(plate, stars, width_px=measurements.width_px, height_px=measurements.height_px)
+    mag = stars.mag[there.star]
+    return there, mag, 10.0 ** (-0.4 * np.where(np.isfinite(mag), mag, np.inf))
+
+
 def _second_field(
     patches: LightSegments,
     reference: Reference,
@@ -341,11 +411,10 @@ def _second_field(
 ) -> SecondField | None:
     """Another field whose stars the light shows that isn't the identified stars'."""
     plate, shape = reference.plate, (measurements.height_px, measurements.width_px)
-    there = predicted(plate, stars, width_px=shape[1], height_px=shape[0])
-    mag = np.sort(stars.mag[there.star][np.isfinite(stars.mag[there.star])])
+    there, mag, light = _in_frame(plate, stars, measurements)
+    mag = np.sort(mag[np.isfinite(mag)])
     if mag.size == 0:
         return None
-    light = 10.0 ** (-0.4 * np.where(np.isfinite(stars.mag[there.star]), stars.mag[there.star], np.inf))
     around: Stars | None = None
     for seen in (patches, patches.parts):
         left = None if seen is None else unexplained_light(seen, there.x_px, there.y_px, light)
@@ -370,11 +439,7 @@ def _bright_unexplained(
     """
     if len(reference.pairs) >= FEW_STARS:
         return ""
-    there = predicted(
-        reference.plate, stars, width_px=measurements.width_px, height_px=measurements.height_px
-    )
-    mag = stars.mag[there.star]
-    light = 10.0 ** (-0.4 * np.where(np.isfinite(mag), mag, np.inf))
+    there, mag, light = _in_frame(reference.plate, stars, measurements)
     left = unexplained_light(patches, there.x_px, there.y_px, light)
     if left is None:
         return ""
@@ -534,15 +599,7 @@ def _moved(
     return _with_error(again, (sigma_px**2 + elsewhere_px2) * scale**2), there
 
 
-def _not_its_middle(
-    moved: tuple[Reference, Measurements],
-    stars: Stars,
-    pixels: NDArray[np.generic],
-    fwhm_px: float,
-    path: StarTrail,
-    sky: StarsInCone | None,
-    plane: tuple[Image, Image],
-) -> str:
+def _not_its_middle(moved: tuple[Reference, Measurements], path: StarTrail, frame: _Frame) -> str:
     """Why a moved plate isn't the middle of the path; empty where the light lies evenly about its positions.
 
     A path of which one piece was not seen from where it was first looked at is looked at from elsewhere now:
@@ -553,18 +610,11 @@ def _not_its_middle(
     sigma_px = math.sqrt(0.5 * float(np.trace(reference.center_covariance_arcsec2))) / scale
     if sigma_px > SURE_MOVED_PX:
         return f"its middle is only known to {sigma_px:.1f} px"
-    x, y = _star_pixels(reference, stars)
-    of_pairs = reference.pairs.measurement
-    clear = (measurements.flags[of_pairs] & _SPOILT) == 0
-    if x.size < FEW_STARS and sky is not None:
-        others = _round_about(reference, stars, measurements, sky)
-    else:
-        others = _expected(reference, stars, measurements)
-    again = star_trail(pixels, x, y, measurements.flux[of_pairs], clear, fwhm_px, others=others, plane=plane)
+    again = frame.trail(reference, measurements)
     if again is None or again.cut:
         return "seen from its middle it reaches farther than can be seen"
     sigma_px = min(SURE_PX, max(path.sigma_px, again.sigma_px))
-    if again.off_px <= _moved_px(fwhm_px) + TELLING_SIGMAS * sigma_px:
+    if again.off_px <= _moved_px(frame.fwhm_px) + TELLING_SIGMAS * sigma_px:
         return ""
     return f"seen from its middle it has another one, {again.off_px:.0f} px away"
 
