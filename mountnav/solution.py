@@ -236,6 +236,11 @@ SEEN_AT_MOST = 1000
 """So many measured places a verdict carries along; more are of no use to who looks at the frame."""
 
 
+MOVED_KEY = "moved_px"
+"""Among a verdict's numbers: how far the plate was moved to the middle of the light; absent where it
+stayed."""
+
+
 def _nothing_seen() -> NDArray[np.float32]:
     return np.zeros((0, 2), dtype=np.float32)
 
@@ -277,3 +282,8 @@ class Verdict:
     def solved(self) -> bool:
         """Whether there is a solution."""
         return self.solution is not None
+
+    @property
+    def moved(self) -> bool:
+        """Whether the plate was moved from where its sources were found to the middle of their light."""
+        return MOVED_KEY in self.numbers

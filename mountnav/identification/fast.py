@@ -86,7 +86,7 @@ def identify_fast(
         budget_s=budget_s,
         reach=replace(reach, thorough=False, rough=True),
     )
-    seen, tried = len(look.measurements), int(found.numbers.get("hypotheses", reach.tried))
+    seen, tried = len(look.measurements), found.tried
     coarse = found.reference
     if coarse is None or found.stars is None:
         return FastResult(seen=seen, tried=tried, measure_s=looked_s)

@@ -28,36 +28,18 @@ RULES = (*BY_FLAG, STAR_GROUP, MEASUREMENT_GROUP, DEVIATION)
 """Names of all rules, in the order in which they are applied: a candidate counts for the first that hits."""
 
 
-def grouped(x_px: Array, y_px: Array, magnitude: Array, radius_px: float, depth_mag: float) -> Mask:
-    """Points in a tight group: with a neighbor within the radius that is not fainter by `depth_mag`.
-
-    Parameters
-    ----------
-    x_px, y_px, magnitude : ndarray, shape (n,)
-    radius_px : float
-        r_star_group or r_mea_group.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-    """
-    if x_px.size < 2:
-        return np.zeros(x_px.size, dtype=bool)
-    close = cKDTree(np.column_stack((x_px, y_px))).query_pairs(radius_px, output_type="ndarray")
-    return in_groups(close, x_px, y_px, magnitude, radius_px, depth_mag)
-
-
 def in_groups(
     close: Index, x_px: Array, y_px: Array, magnitude: Array, radius_px: float, depth_mag: float
 ) -> Mask:
-    """`grouped`, when it is known which points may be close.
+    """Points in a tight group: with a neighbor within the radius that is not fainter by `depth_mag`.
 
     Parameters
     ----------
     close : ndarray of int, shape (k, 2)
         All couples of points within the radius, and perhaps some others.
-    x_px, y_px, magnitude, radius_px, depth_mag
-        As of `grouped`.
+    x_px, y_px, magnitude : ndarray, shape (n,)
+    radius_px : float
+        r_star_group or r_mea_group.
 
     Returns
     -------

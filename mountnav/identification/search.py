@@ -251,7 +251,9 @@ def _refused(
     why: Refusal, probability: float, disproved: tuple[Contradiction, ...], search: Search
 ) -> Identified:
     numbers = why.numbers | {"hypotheses": float(search.hypotheses)}
-    return Identified(None, None, why.reason, why.detail, probability, numbers, disproved)
+    return Identified(
+        None, None, why.reason, why.detail, probability, numbers, disproved, tried=search.hypotheses
+    )
 
 
 def _empty_bounds(hint: Hint) -> tuple[Contradiction, ...]:

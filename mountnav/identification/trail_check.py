@@ -40,9 +40,9 @@ from mountnav.measuring.star_trail import (
     tamed,
 )
 from mountnav.sky.coordinates import Icrs
-from mountnav.solution import Reason
+from mountnav.solution import MOVED_KEY, Reason
 
-__all__ = ["MOVED_KEY", "StarsInCone", "TrailCheck", "check_trails", "plate_stays"]
+__all__ = ["StarsInCone", "TrailCheck", "check_trails", "plate_stays"]
 
 Array = NDArray[np.float64]
 StarsInCone = Callable[[Icrs, float, float | None], Stars | None]
@@ -97,8 +97,6 @@ where they agree with the others, and 3 to 10 px off where the others are pieces
 be off."""
 LONG_RATIO = 0.5
 """Images narrower than this are trails longer than two widths, whose pieces may lie a pixel and more off."""
-MOVED_KEY = "moved_px"
-"""Among a verdict's numbers: how far the plate was moved; absent where it stayed."""
 TOLD_PX, TOLD_SIGMAS = 0.03, 3.0
 """Differences below this, or so many of their sigmas, are those of pixels and noise: undisturbed frames
 show 0.00 to 0.02 px."""

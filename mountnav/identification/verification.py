@@ -48,6 +48,8 @@ class Identified:
         (`mountnav.solving.contradictions`).
     blind : bool
         Found over the whole sky, not where the hint said.
+    tried : int
+        Hypotheses tried so far: a later search for the same frame has to count them.
     """
 
     reference: Reference | None
@@ -58,6 +60,7 @@ class Identified:
     numbers: dict[str, float] = field(default_factory=dict)
     contradictions: tuple[Contradiction, ...] = ()
     blind: bool = False
+    tried: int = 0
 
 
 Array = NDArray[np.float64]
@@ -221,6 +224,7 @@ def verified(
         f"{search.tiles_tried} tiles",
         probability,
         numbers,
+        tried=search.hypotheses,
     )
 
 

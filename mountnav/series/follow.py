@@ -18,7 +18,7 @@ from mountnav.identification.plate import Plate
 from mountnav.identification.preliminary import Preliminary
 from mountnav.identification.selection import all_finite
 from mountnav.identification.shift import mutual_pairs, sources_of
-from mountnav.identification.trail_check import MOVED_KEY, plate_stays
+from mountnav.identification.trail_check import plate_stays
 from mountnav.identification.wcs import plate_from_cards
 from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Flag, Measurements
@@ -299,7 +299,7 @@ class SeriesFollower:
         self._failures[look.size] = 0
         self._since_full[look.size] = 0
         self._last = verdict.solution
-        if drawn_out or MOVED_KEY in verdict.numbers:
+        if drawn_out or verdict.moved:
             # where its sources were found isn't where its light has its middle: nothing is followed from it
             return replace(look.result, mode=Mode.FULL, solution=verdict.solution, notes=(why,))
         if found is not None and found.move is not None and self._keeps(found, look.size):
@@ -320,7 +320,7 @@ class SeriesFollower:
             if len(look.measurements) < 1 or verdict.reason is Reason.TRAILED:
                 return replace(look.result, notes=notes)
             self._failures[look.size] = 1
-        elif MOVED_KEY in verdict.numbers:
+        elif verdict.moved:
             self._last = verdict.solution
             notes = (*notes, "its stars' light is drawn out or doubled: nothing is followed from it")
             return replace(look.result, mode=Mode.FULL, solution=verdict.solution, notes=notes)

@@ -124,7 +124,7 @@ def identify_with_catalogs(
             return found
         if choice is choices[0] or refused is None:
             refused = found
-        tried = int(found.numbers.get("hypotheses", tried))
+        tried = found.tried
     assert refused is not None
     return refused
 
