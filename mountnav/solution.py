@@ -233,7 +233,7 @@ class Solution:
 
 
 SEEN_AT_MOST = 1000
-"""So many measured places a verdict carries along; more are of no use to who looks at the frame."""
+"""Number of measured positions that a verdict carries along, the brightest: enough to draw over a frame."""
 
 
 MOVED_KEY = "moved_px"

@@ -34,15 +34,20 @@ LEVELS: Final = (6, 12, 24, 48, 96, 192)
 PARTS_OF_LIMIT: Final = (1 / 4, 1 / 4, 1 / 4, 1 / 8, 1 / 16, 1 / 16)
 """What each level has of the limit: few stars are found by bright ones."""
 APART: Final = 0.25
-"""Least distance of an anchor's measurements, in shorter frame sides."""
+"""Least distance of an anchor's measurements, in shorter frame sides. Halved, an anchor's plate is twice as
+uncertain on the frame's far side, and there are more anchors to count."""
 ANCHOR_STARS: Final = 30
-"""Anchors are the catalog's stars so deep that a poor frame holds so many."""
+"""Anchors are the catalog's stars so deep that a poor frame holds so many. More stars make more anchors, and
+with them odds that prove less."""
 SHARE: Final = 0.15
-"""Share of the limit that belongs to this test: the other's sum Σ 1/(n(1 + ln n)²) is 1.69 < 2·(1 − 0.15)."""
+"""Share of the limit that belongs to this test: the other's sum Σ 1/(n(1 + ln n)²) is 1.69 < 2·(1 − 0.15).
+Doubled, the two tests together would exceed the limit."""
 PASSES: Final = 7
-"""A frame is looked at so often: at a glance, and in full, twice with each of up to three catalogs."""
+"""Number of searches of one frame: fast, and in full, twice with each of up to three catalogs. The odds are
+multiplied for them; halved, they would promise too much."""
 MOST_STARS: Final = 5000
-"""In an area with more stars the anchors are so many that this test decides nothing."""
+"""In an area with more stars the anchors are so many that this test decides nothing. It saves the
+counting."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,15 +294,19 @@ def _chord(angle_rad: Array) -> Array:
 MEASUREMENTS_ASKED: Final = 40
 """Number of the brightest other stars whose nearest measurements are counted. Chosen by hand."""
 ANCHORS_TRIED: Final = 12
-"""So many anchors of each level are tried for a hypothesis, the widest first: all are counted anyway."""
+"""Number of anchors of each level that are tried for a hypothesis, the widest first. As all anchors are
+counted, the number changes time and power of the test, not its honesty."""
 SURE_BELOW: Final = 1e-20
 """An anchor of this chance ends the search for a better one: no solution is allowed less than 1e-9."""
 ALIKE_MAG: Final = 0.75
-"""A measurement is as bright as a star if its magnitude, by the pairs' zero point, is as near as this."""
+"""A measurement is as bright as a star if its magnitude, by the pairs' zero point, is as near as this. Chosen
+by hand: catalog bands differ from a camera's by some tenths of a magnitude."""
 TAKEN_BELOW: Final = 0.01
-"""A star this near to a measurement takes part in the plate that predicts the next one."""
+"""A star this near to a measurement takes part in the plate that predicts the next one. Larger, chance pairs
+would bend that plate."""
 LEAST_PAIRS: Final = 5
-"""An anchor and two more prove nothing."""
+"""Fewest pairs, the anchor's two included, with which a hypothesis is tested: an anchor and two more pairs
+prove nothing."""
 PARTS: Final = 4
 """The frame is cut in PARTS × PARTS parts to see where it is crowded."""
 

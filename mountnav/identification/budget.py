@@ -10,7 +10,8 @@ WALL_FACTOR = 8.0
 core is overloaded; doubled, a caller waits twice as long for its answer there."""
 
 WALL_LEAST_S = 10.0
-"""Wall time allowed beside that, for short budgets: catalogs on slow disks and over the network."""
+"""Wall time allowed beside that, for short budgets: catalogs on slow disks and over the network. Chosen by
+hand."""
 
 
 def wall_limit_s(budget_s: float) -> float:

@@ -140,13 +140,16 @@ STRENGTHS = {degree: _strengths(degree, basis) for degree, basis in BASES.items(
 
 
 EXTRA_PX = (0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.28)
-"""Errors in question that neither centroid nor catalog knows of."""
+"""Errors in question that neither centroid nor catalog knows of. Each is twice the one before, from what no
+centroid reaches to more than a pixel."""
 EXTRA_SPREAD = 1.2
-"""Before any pair is seen the extra error is believed to be the floor, give or take a factor e^1.2."""
+"""Before any pair is seen the extra error is believed to be the floor, give or take a factor e^1.2. Chosen by
+hand."""
 SHEARS_FIRST = 2
-"""Of the parameters that are not eliminated at once, so many are shears."""
+"""Number of shear parameters among those that are not eliminated at once: a plate has two."""
 LEAST_SHARE = 1e-3
-"""Strengths less probable than this share of the best are left out of the average."""
+"""Strengths less probable than this share of the best are left out of the average. They would change a result
+by less than that share."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,12 +27,14 @@ Complex = NDArray[np.complex128]
 Index = NDArray[np.int64]
 
 SEEDS = 12
-"""Number of the brightest stars or unexplained patches, pairs of which propose where the others may lie."""
+"""Number of the brightest stars or unexplained patches, pairs of which propose where the others may lie.
+Chosen by hand: time grows with its square."""
 OTHERS = 60
-"""Number of the brightest patches that no star explains which are used."""
+"""Number of the brightest patches that no star explains which are used. Chosen by hand: more cost time, and
+chance agrees more often."""
 UNEXPLAINED = 3.0
 """A patch with more than so many times the light that the catalog gives its stars isn't explained by them.
-Colors and variable stars make less."""
+Colors and variable stars make less. Chosen by hand."""
 BRIGHT_SHARE = 0.25
 """Unexplained patches below this share of the identified stars' median light aren't counted as bright: a
 second image as faint as that moves the middle by a fifth of the way."""
@@ -55,7 +57,7 @@ CROWD, CROWD_REACH_PX = 400, 60.0
 searched, and how far (pixels) from the identified ones. Doubled, each costs four times the time."""
 ALIKE_LIGHT = 0.3
 """The two images of a star have at least this share of each other's light, where any source may be the
-second."""
+second. Chosen by hand."""
 
 PER_FRAME = 40
 """Number of catalog stars, brightest first, per area of the frame that are compared with the unexplained

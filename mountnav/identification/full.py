@@ -25,13 +25,15 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 CELLS_PER_RADIUS = 6
-"""Cells to a radius."""
+"""Cells of the raster to Δr_ident: a place is rounded by a twelfth of the radius. Doubled, the raster takes
+four times the memory."""
 CLOSE_RADIUS_CELLS = 2
-"""A third of the radius: a camera without distortion hits so well, and then fewer stars suffice."""
+"""A third of the radius: a camera without distortion hits so well, and then fewer stars suffice. In cells."""
 FIRST_STARS = 60
 """Number of the brightest stars that are counted first; most hypotheses fail there."""
 FIRST_HITS = 4
-"""Hits that earn a second look: the triangle's three, and one."""
+"""Hits that earn a second look: the triangle's three, and one. With more, true plates of poor catalogs fail
+there."""
 
 
 _CLOSE_BITS, _FAR = 16, 0xFFFF
@@ -148,7 +150,8 @@ def _different(owner: NDArray[np.int16]) -> Array:
 CHUNK = 4000
 """Hypotheses tried at once: 4000 × 60 complex numbers fit a processor's cache."""
 FINALISTS = 3
-"""Of a chunk, so many of the best hypotheses are followed up."""
+"""Number of the best hypotheses of a chunk that are followed up. Chosen by hand: each costs a
+verification."""
 FOLLOWED_UP_BELOW = 0.3
 """Expected number of chance matches as good as a hypothesis' raster count, below which it is followed up."""
 OWN_STEPS = 1.0
@@ -156,7 +159,7 @@ OWN_STEPS = 1.0
 steps of the tiles: no position is farther than 0.58 from the nearest. Doubled, each hypothesis is tried in
 seven tiles; halved, positions between tiles belong to none."""
 AREAS_REMEMBERED = 40
-"""LightSegments of sky remembered at once."""
+"""Search areas remembered at once: every round visits the same. A limit of memory."""
 
 
 class OutOfTime(Exception):

@@ -71,7 +71,8 @@ def within_k_rej(deviation: Array, k_rej: float) -> Mask:
 
 
 REACH = 2.0
-"""Stars farther than this many half frames from the center aren't projected at all."""
+"""Stars farther than this many half frames from the center aren't projected at all. A polynomial is wild out
+there. Halved, stars in the corners would be lost."""
 LEAST_PER_FRAGMENT = 3
 """A fragment of the frame never gives fewer pairs than this, however few the others give: poor fields keep
 all. Chosen by hand."""
@@ -318,14 +319,16 @@ UNKNOWN_CATALOG_ARCSEC = 1.0
 """Error per coordinate of a catalog star that states none: that of old photographic catalogs. Chosen by
 hand."""
 SHARP_SHARE = 0.3
-"""When more of the candidates than this have no peak, the stars are that sharp, and the flag says nothing."""
+"""When more of the candidates than this have no peak, the stars are that sharp, and the flag says nothing.
+Chosen by hand."""
 SATURATED_FWHM = 0.02
-"""Error of a saturated star's position, in widths, beyond that of the fit to its wings."""
+"""Error of a saturated star's position, in widths, beyond that of the fit to its wings. Chosen by hand."""
 FEWEST_MEASUREMENTS = 60
 """At least so many of the brightest measurements are paired, however few stars the catalog has in the frame;
 else twice as many as stars. Chosen by hand."""
 SPARE_PX = 3.0
-"""How much farther than the strobe neighbors are remembered: most plates of one growth differ by less."""
+"""How much farther than the strobe neighbors are remembered: most plates of one growth differ by less. It
+saves time and changes no result: what it doesn't cover is looked up again."""
 FEWEST_IN_GROUPS = 500
 """At least so many of the brightest measurements are looked at for tight groups, else four times as many as
 pairs: fainter neighbors move no centroid. Chosen by hand."""

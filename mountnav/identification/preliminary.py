@@ -22,15 +22,16 @@ Index = NDArray[np.int64]
 LEAST_STROBES = 4
 """Fewer strobes than this never prove a shift."""
 STILL_PX = 1.0
-"""A shift nearer to zero than this is also what hot pixels show."""
+"""A shift nearer to zero than this is also what hot pixels show. Chosen by hand."""
 TESTED_BELOW = 0.1
 """Only hypotheses whose first odds, times all hypotheses so far, are below this are looked into."""
 MOST_JUDGED = 20
-"""After so many refused hypotheses the lists are taken for patterned, and the search ends."""
+"""After so many refused hypotheses the lists are taken for patterned, and the search ends. A limit of
+time."""
 FREE_SHARE = 0.15
 """Where strobes are crowded, one is advised that chance fills so seldom: as the measured profile has it."""
 RIVAL_MOST = 0.6
-"""Another shift that holds more than this share of the pairs makes both doubtful."""
+"""Another shift that holds more than this share of the pairs makes both doubtful. Chosen by hand."""
 
 
 class Outcome(StrEnum):

@@ -90,7 +90,7 @@ START_ROUGH_PAIRS = 100
 """Draws are tried first with so many of the pairs, evenly spread: most are far off, and a few pairs show
 which."""
 START_LIKELY = 40
-"""So many draws that do best with `START_ROUGH_PAIRS` of the pairs are tried with all."""
+"""So many draws that do best with `START_ROUGH_PAIRS` of the pairs are tried with all. It saves time."""
 START_STEPS = 8
 """Concentration steps (refits to the better half) at most; it ends earlier where a step gains less than
 `START_GAIN`. Chosen by hand."""
@@ -200,7 +200,8 @@ earlier, when the pairs stay the same. Chosen by hand."""
 REJECTIONS = 20
 """Rejections by K_rej within one fit at most. It ends earlier, when no pair goes; this bounds the work."""
 CLEARLY = 0.8
-"""A cross-validated residual below this share of the next lower degree's needs no further comparison."""
+"""A cross-validated residual below this share of the next lower degree's needs no further comparison. It
+saves three fits where a distortion is plain."""
 CENTERINGS = 5
 """Fits at most until the tangent point is the frame's center; it ends earlier, within `CENTERED_ARCSEC`."""
 CENTERED_ARCSEC = 0.05

@@ -18,17 +18,21 @@ from mountnav.measuring.measurements import Measurements, StarImages
 from mountnav.solution import Reason
 
 SURE_STARS = 8
-"""With fewer stars than this a failure is laid to their number."""
+"""With fewer stars than this a failure is laid to their number. Chosen by hand: it changes the reason of a
+refusal, never whether a frame is solved."""
 CLOUD_SHARE = 0.2
-"""Fewer star-like sources than this share of the promised ones: something is in the way."""
+"""Fewer star-like sources than this share of the promised ones: something is in the way. Chosen by hand: it
+changes the reason of a refusal, never whether a frame is solved."""
 WHOLE_SKY_DEG2 = 41252.96
 """Area of the sky, square degrees: 4π (180/π)²."""
 DEEPER_FRAME = 10.0
-"""A frame with so many times the catalog's stars is deeper by some magnitudes."""
+"""A frame with so many times the catalog's stars is deeper by some magnitudes. Chosen by hand: it changes the
+reason of a refusal, never whether a frame is solved."""
 MANY_STARS = 300
 """With so many catalog stars in a field no more are counted: their number isn't the reason of a failure."""
 PROMISED_LEAST = 12
-"""A promise of fewer stars than this says nothing about the sky's state."""
+"""A promise of fewer stars than this says nothing about the sky's state. Chosen by hand: it changes the
+reason of a refusal, never whether a frame is solved."""
 WIDE_FWHM_PX = 9.0
 """Star images wider than this, pixels, explain a failure by defocus (`Reason.CLOUD_OR_DEFOCUS`). Chosen by
 hand: it changes the reason of a refusal, never whether a frame is solved."""

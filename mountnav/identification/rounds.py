@@ -17,13 +17,15 @@ SCALE_MOST_ARCSEC_PX = 200.0
 """Coarsest scale that is searched where none is known: a frame of 1,000 px is 56° wide then, and the tangent
 plane ends at some 60°."""
 SCALE_STEP = 1.6
-"""With no scale given, it is sought in windows this wide."""
+"""With no scale given, it is sought in windows this wide. Wider ones have more tiles than a coarse scale
+needs; narrower ones more rounds."""
 WIDER = 1.3
-"""When the hinted scale fails, its bounds are widened by this factor before it is taken as unknown."""
+"""When the hinted scale fails, its bounds are widened by this factor before it is taken as unknown. Chosen by
+hand."""
 NEAREST_TRIANGLES = 2_000_000
 """Work of a round that looks at the nearest tiles only, in catalog triangles; about a second."""
 WHOLE_TRIANGLES = 20_000_000
-"""Work of a round over the whole hinted area."""
+"""Work of a round over the whole hinted area. Doubled, a hopeless frame costs so much more time."""
 COSTLY_NEAREST_TRIANGLES = 700_000
 """Work of a costly round by the inner stars of the nearest tiles: 25 tiles of the middle stage, 7 of the
 last, as many as `NEAREST_TRIANGLES` are with all their stars."""

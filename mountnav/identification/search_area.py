@@ -70,7 +70,8 @@ Index = NDArray[np.int64]
 
 
 ASKED_DIRECTLY = 8
-"""So many tiles are cut out by distance; only then a tree is built, which most searches never need."""
+"""So many tiles are cut out by distance; only then a tree is built, which most searches never need. It
+changes time, no result."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -111,11 +111,12 @@ PIECES_REACH_PX: Final = 420.0
 PIECES_CELL_PX: Final = 2.0
 """Offsets are counted in cells of this, two by two of them together: pieces are placed to a pixel."""
 PIECES_CELLS_AROUND: Final = 15
-"""The level that chance has is that of so many cells on each side: crowds have more pairs close by."""
+"""The level that chance has is that of so many cells on each side: crowds have more pairs close by. Chosen by
+hand."""
 PIECES_CHANCE: Final = 1e-6
 """An offset that comes so often that chance brings it in fewer frames than this is one of pieces."""
 PIECES_LEAST_PAIRS: Final = 5
-"""And at least so many pairs have it."""
+"""And at least so many pairs have it. Chosen by hand."""
 
 
 def trail_pieces(x_px: Array, y_px: Array) -> Index:

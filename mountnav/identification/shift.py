@@ -21,7 +21,7 @@ MOST_SOURCES = 300
 UNKNOWN_SIGMA_PX = 0.5
 """Error per coordinate of a position that states none, pixels. Chosen by hand."""
 FEWEST_STAR_LIKE = 8
-"""With fewer star-like measurements than this the flagged ones are taken as well."""
+"""With fewer star-like measurements than this the flagged ones are taken as well. Chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,18 +148,18 @@ NARROWEST_PX = 1.0
 """No strobe is narrowed below this radius. Chosen by hand: centroids of faint sources scatter by some tenths
 of a pixel."""
 FLOOR_PX = 0.01
-"""Error added to every pair's: what centroids don't know of."""
+"""Error added to every pair's: what centroids don't know of. Chosen by hand."""
 CUT_SIGMA = 4.0
 """Pairs farther off the mean than so many of their errors are left out: one honest pair in 3,000 (two
 coordinates)."""
 CHANCE_IN_PAIRS = 0.2
-"""The first pairing's radius is such that chance makes at most this share of pairs."""
+"""The first pairing's radius is such that chance makes at most this share of pairs. Chosen by hand."""
 SETTLED = 0.7
 """A strobe that narrows to no less than this share isn't narrowed again."""
 RIVAL_BINS = 128
 """Rival shifts are counted in no more bins than this along each coordinate: a limit of memory."""
 CROWD = 100
-"""So many pairs vote on where the differences crowd."""
+"""So many pairs vote on where the differences crowd. The brightest. Time grows with its square."""
 LEAST_RIVAL = 4
 """Fewer pairs make no rival shift: among hundreds of differences some agree by chance. Chosen by hand."""
 

@@ -70,8 +70,8 @@ SURE_MOVED_PX = 1.0
 """A moved plate whose center isn't known better, all errors together, isn't given: three of them make the
 3 px that a position may be off. Doubled, one of 1,000 drawn frames was 3.5 px off."""
 TELLING_SIGMAS = 3.0
-"""The middle of the light, looked for once more about the moved positions, may lie so many of its errors
-off."""
+"""The middle of the light, looked for once more about the moved positions, may lie so many of its errors off.
+Three sigma: one honest frame in a hundred (two coordinates) lies farther off."""
 MOVED_SHARE = 0.02
 """Error of a move, besides that of its center of light: the share of light that is too faint to be seen."""
 GHOST_RATIO = 0.7

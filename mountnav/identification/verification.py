@@ -121,13 +121,14 @@ def count_rule_share(
 
 
 PLATE_STARS = 1000
-"""Stars fetched for the plate, brightest first."""
+"""Number of stars read for the plate, brightest first: a limit of time and memory."""
 WORTH_COUNTING = 1e-5
-"""Below this chance of one hypothesis the anchors are counted, if the search was too long for its odds."""
+"""Below this chance of one hypothesis the anchors are counted, if the search was too long for its odds.
+Counting reads the searched area's stars, so it isn't done for hypotheses that are chance."""
 LEAST_REACH_PX, MOST_REACH_PX = 2.5, 8.0
 """How near to a predicted place its source is looked for: the coarse plate's own deviations, within these."""
 KEPT_SHARE = 0.7
-"""A catalog that loses more of the pairs than this leaves is not the better one here."""
+"""A catalog that loses more of the pairs than this leaves is not the better one here. Chosen by hand."""
 CENTER_SIGMA_PX = 2.0
 """A plate that leaves the frame's center less certain than this rests on a corner and is refused."""
 

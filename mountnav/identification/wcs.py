@@ -16,7 +16,8 @@ Array = NDArray[np.float64]
 Cards = dict[str, str | int | float]
 
 GRID = 21
-"""The inverse polynomials are fit on so many points per side."""
+"""Points per side on which the inverse polynomials are fitted: many more than the ten coefficients of a
+cubic."""
 
 
 def wcs_cards(plate: Plate, *, width_px: int, height_px: int) -> Cards:

@@ -108,9 +108,10 @@ class SeriesMemory:
 
 
 SCALE_SHARE = 0.02
-"""How well the scale of a series is known once a frame is solved."""
+"""Share by which the scale of a frame may differ from that of the last solved one: temperature and focus
+change it by less."""
 NEAR_BUDGET_S = 10.0
-"""Wall time of a full solution where the series is believed to be; then come the caller's hints."""
+"""Processor time of a full solution where the series should be, seconds; then come the caller's hints."""
 
 
 def solve_in_series(
@@ -162,9 +163,9 @@ LIGHT_REACH_PX = 3.0
 """How near to a shift's place its source is looked for, to see its light. Plain means are off by up to 0.4 px
 (HATP-32); doubled, more neighbors are taken for it, and halved, a mean that is worse still loses its own."""
 MORE_SOURCES = 1.5
-"""With so many times the sources a frame takes the place of an unsolved first one."""
+"""With so many times the sources a frame takes the place of an unsolved first one. Chosen by hand."""
 MOST_WAITING = 50
-"""So many frames before the first solved one are kept, to be placed afterwards."""
+"""So many frames before the first solved one are kept, to be placed afterwards. A limit of memory."""
 
 
 class SeriesFollower:

@@ -12,7 +12,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 PATIENCE = 10
-"""A source seen too seldom and not at all in so many frames is forgotten."""
+"""A source seen too seldom and not at all in so many frames is forgotten. Frames. A limit of memory; dithered
+series need several."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,7 @@ from mountnav.solving.settings import SolveSettings
 _log = logging.getLogger(__name__)
 
 SHARE_OF_FIRST = 0.6
-"""Of the time left, for each catalog, if there are others to try."""
+"""Share of the time left that each catalog may take while there are others to try."""
 
 
 def catalogs_for(

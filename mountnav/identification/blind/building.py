@@ -39,7 +39,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 BLEND_SHARE = 0.02
-"""Of two stars nearer than this share of the mean distance the fainter is left out: they look like one."""
+"""Of two stars nearer than this share of the mean distance the fainter is left out: they look like one.
+Chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,14 +118,16 @@ LEVELS = 13
 NEIGHBORS = 6
 """Nearest neighbors of which quads are made: the highest rank in `USUAL` and `MORE`."""
 USUAL = ((1, 2, 4), (1, 3, 5), (2, 3, 4))
-"""Which neighbors, by rank of distance, make quads with a star."""
+"""Which neighbors, by rank of distance, make quads with a star. Other ranks that were tried, and what they
+lose, stand in docs/blind.md."""
 MORE = (*USUAL, (1, 2, 3), (1, 3, 4), (2, 4, 5), (1, 2, 5), (2, 3, 6))
 """The same where a frame has few stars, since the level holds all that the catalog has; and in coarse levels,
 where they cost little: wide frames are bent, and lose quads to that."""
 COARSE = 130_000
-"""Stars of a level that is called coarse."""
+"""Stars of a level that is called coarse. Chosen by hand: so the five further quads a star cost little of the
+file."""
 CHUNK = 200_000
-"""Quads computed at once."""
+"""Quads computed at once: some 20 MB of vectors. It changes memory, no result."""
 
 Progress = Callable[[float], None]
 

@@ -167,11 +167,12 @@ def _raised(middle: Complex, axis: Array, ra_deg: Array, dec_deg: Array) -> Arra
 SCALES = (SCALE_LEAST_ARCSEC_PX, SCALE_MOST_ARCSEC_PX)
 """Arcsec per pixel, where none is known."""
 KNOWN_SCALE = 1.5
-"""The scale counts as known if its bounds lie within this factor."""
+"""The scale counts as known if its bounds lie within this factor. Chosen by hand."""
 WIDEST_DEG = 76.0
 """No frame diagonal beyond this is believed: 40° by 60° has one of 68.6°."""
 MOST_POINTS = 300
-"""Number of the brightest measurements that predicted stars may fall on."""
+"""Number of the brightest measurements that predicted stars may fall on. More cost time, and chance pairs get
+closer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,7 +273,8 @@ LEAST_FIT_PX = 0.25
 """But a root mean square below this, pixels, is good enough in any round: small quads are held to no less
 than the noise of centroids. Chosen by hand; doubled, more positions are tested and counted in the odds."""
 AROUND_SPACINGS = 2.5
-"""Stars are predicted so far round the quad, in mean distances of the level's stars: some twenty."""
+"""Stars are predicted so far round the quad, in mean distances of the level's stars: some twenty. Chosen by
+hand."""
 CENTROID_PX = 0.15
 """A quad that fits better than this does so by luck."""
 BENT = 5e-4
@@ -405,11 +407,13 @@ def chances(some: Candidates, sky: IndexedStars, view: FrameView) -> Array:
 
 
 FIRST, BATCH = 48, 1000
-"""Places tested at once, best fitting quads first: mostly the right one is among the first few."""
+"""Positions tested at once, best fitting quads first: mostly the right one is among the first few, and one
+batch of the others costs little more than a few. It changes time, and by how many hypotheses the odds are
+multiplied."""
 FOLLOWED_UP_BELOW = 0.3
 """Expected number of positions as good by chance, below which a position is followed up."""
 FINALISTS = 6
-"""Of a batch, so many positions are followed up at most."""
+"""Of a batch, so many positions are followed up at most. Chosen by hand: each costs a verification."""
 FIRST_QUERIES = 3
 """Rounds for a frame with a near hint, since triangles follow; later rounds touch so much of the file that
 its pages are released after each."""
