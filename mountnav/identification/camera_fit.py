@@ -19,6 +19,7 @@ from mountnav.identification.plate import Plate, products
 
 Array = NDArray[np.float64]
 
+
 TAIL_Z2 = 8.0
 """Pairs with a squared deviation (both coordinates, in sigma²) beyond this lose weight: 2 % of the honest."""
 ROUNDS = 4

@@ -13,6 +13,7 @@ from mountnav.catalog.stars import Stars
 from mountnav.identification.plate import SIMILARITY, Plate, fit_plate
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 
 def binomial_sf(hits: Array, trials: Array, chance: Array | float) -> Array:
@@ -148,8 +149,6 @@ def trials_factor(hypotheses: int) -> float:
     tried = max(hypotheses, 1)
     return float(2.0 * tried * (1.0 + np.log(tried)) ** 2)
 
-
-Index = NDArray[np.int64]
 
 MOST_STARS = 150
 """Number of catalog stars predicted in the frame that are tested, the brightest. More cost time: the odds of

@@ -25,8 +25,9 @@ from mountnav.solution import IdentifiedPairs
 
 __all__ = ["Pairs", "Reference", "Selection", "identified_pairs"]
 
-
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Index = NDArray[np.int64]
 
 FEWEST_PAIRS = {SIMILARITY: 2, 1: 5, 2: 7, 3: 7}
 """Fewest pairs for each degree. Low, because terms that the pairs don't support stay near zero anyway."""
@@ -78,8 +79,6 @@ def required_share(lower: CameraFit, gain: float) -> float:
     """
     return 1.02 if lower.plate.degree == QUADRATIC else gain
 
-
-Complex = NDArray[np.complex128]
 
 START_DRAWS = 150
 """Pairs of pairs, drawn at random, each of which gives a similarity; where there are fewer, all are tried.
@@ -191,8 +190,6 @@ def _concentrated(
         shift = complex(middle_w - turn * middle_z)
     return cost, turn, shift
 
-
-Index = NDArray[np.int64]
 
 ROUNDS = 6
 """Fits at one degree at most, each with the pairs that the last plate finds in a narrower strobe; it ends

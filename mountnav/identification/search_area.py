@@ -16,6 +16,7 @@ from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import gnomonic_inverse
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 WIDEST_FRAME_DEG = 60.0
 """No frame diagonal beyond this is tried: the tangent plane ends."""
@@ -64,9 +65,6 @@ def tiles(center: Icrs, radius_deg: float, step_deg: float) -> list[Icrs]:
 def arcsec(value_rad: Array) -> Array:
     """Radians to arcseconds."""
     return np.asarray(value_rad, dtype=float) * ARCSEC_PER_RAD
-
-
-Index = NDArray[np.int64]
 
 
 ASKED_DIRECTLY = 8

@@ -45,6 +45,7 @@ from mountnav.solution import MOVED_KEY, Reason
 __all__ = ["StarsInCone", "TrailCheck", "check_trails", "plate_stays"]
 
 Array = NDArray[np.float64]
+
 StarsInCone = Callable[[Icrs, float, float | None], Stars | None]
 """From a center, a radius in degrees and a magnitude to stars, brightest first; None if they can't be had."""
 

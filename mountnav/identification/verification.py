@@ -27,6 +27,8 @@ from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.measurements import Measurements
 from mountnav.solution import Contradiction, Reason
 
+Array = NDArray[np.float64]
+
 
 @dataclass(frozen=True, slots=True)
 class Identified:
@@ -61,9 +63,6 @@ class Identified:
     contradictions: tuple[Contradiction, ...] = ()
     blind: bool = False
     tried: int = 0
-
-
-Array = NDArray[np.float64]
 
 
 def count_rule_share(

@@ -13,6 +13,7 @@ from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import gnomonic_inverse
 
 Array = NDArray[np.float64]
+
 Cards = dict[str, str | int | float]
 
 GRID = 21

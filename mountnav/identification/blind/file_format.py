@@ -33,6 +33,8 @@ from mountnav.errors import BadSettings
 from mountnav.files import open_buffered
 from mountnav.parsing import json_of
 
+Index = NDArray[np.int64]
+
 MAGIC = b"MNAVQUAD"
 VERSION = 1
 """Raised when the form changes, and when other quads are built: a cache holds one file for each version."""
@@ -71,8 +73,6 @@ MOST_STARS = 1 << STAR_BITS
 """Stars that 22 bits can number: 4.19 million. The embedded catalog's levels have 3.46 million."""
 DELTA_ZERO = 1 << (DELTA_BITS - 1)
 """A packed distance of 0 is stored as this, so that distances of both signs fit."""
-
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)

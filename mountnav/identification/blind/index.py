@@ -30,6 +30,7 @@ from mountnav.identification.blind.file_format import (
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+
 SKY_DEG2 = 41252.96
 """Area of the sky, square degrees: 4π (180/π)²."""
 FINEST_NSIDE = 128
