@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from mountnav.errors import BadRequest
 from mountnav.identification.photometry import NOT_COMPARABLE, fit_photometry
 from mountnav.identification.plate import ARCSEC_PER_RAD
-from mountnav.identification.wcs import places_at_pixels
 from mountnav.measuring.measurements import Flag
-from mountnav.solution import IdentifiedPairs, Solution
+from mountnav.solution import IdentifiedPairs, Solution, places_at_pixels
 
 Array = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""FITS cards of a plate, TAN or TAN-SIP, and positions at pixels through such cards. CRPIX counts from 1."""
+"""FITS cards of a plate, TAN or TAN-SIP, written and read. CRPIX counts from 1."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from mountnav.errors import BadRequest
 from mountnav.identification.plate import Plate, powers
 from mountnav.sky.coordinates import Icrs
-from mountnav.sky.sphere import gnomonic_inverse
+from mountnav.solution import icrs_at_pixel, places_at_pixels, sip_distorted
+
+__all__ = ["icrs_at_pixel", "places_at_pixels", "plate_from_cards", "wcs_cards"]
 
 Array = NDArray[np.float64]
 
@@ -81,7 +83,7 @@ def _add_sip(cards: Cards, plate: Plate, matrix: Array, width_px: int, height_px
             np.linspace(-0.5, 0.5, GRID) * width_px, np.linspace(-0.5, 0.5, GRID) * height_px
         )
     )
-    to_u, to_v = _distorted(cards, u, v)
+    to_u, to_v = sip_distorted(cards, u, v)
     rows = np.column_stack([(to_u / unit) ** i * (to_v / unit) ** j for i, j in powers(order)])
     got = np.linalg.lstsq(rows, np.column_stack((u - to_u, v - to_v)), rcond=None)[0]
     cards["AP_ORDER"] = cards["BP_ORDER"] = order
@@ -130,72 +132,3 @@ def plate_from_cards(cards: Mapping[str, str | int | float], *, width_px: int, h
         xi=np.array(xi),
         eta=np.array(eta),
     )
-
-
-def _number(cards: Mapping[str, object], name: str) -> float:
-    value = cards.get(name)
-    if not isinstance(value, int | float):
-        raise BadRequest(f"the WCS has no card {name}", advice="give the cards of a solved frame")
-    return float(value)
-
-
-def _distorted(cards: Mapping[str, object], u: Array, v: Array) -> tuple[Array, Array]:
-    """U + A(u, v) and v + B(u, v) of the SIP convention."""
-    out = []
-    for letter, base in (("A", u), ("B", v)):
-        order = int(_number(cards, f"{letter}_ORDER")) if f"{letter}_ORDER" in cards else 0
-        value = base.copy()
-        for i, j in powers(order):
-            factor = cards.get(f"{letter}_{i}_{j}", 0.0)
-            if isinstance(factor, int | float) and factor:
-                value = value + float(factor) * u**i * v**j
-        out.append(value)
-    return out[0], out[1]
-
-
-def places_at_pixels(cards: Mapping[str, object], x_px: Array, y_px: Array) -> tuple[Array, Array]:
-    """Right ascension and declination (degrees, shape (n,)) at pixels (0-based) through TAN or TAN-SIP cards.
-
-    Parameters
-    ----------
-    cards : mapping
-        CRPIX (1-based), CRVAL, CD, and A_/B_ terms if any.
-    x_px, y_px : ndarray, shape (n,)
-
-    Raises
-    ------
-    BadRequest
-        A card is missing, or the projection is none of TAN and TAN-SIP.
-    """
-    if str(cards.get("CTYPE1", "")) not in ("RA---TAN", "RA---TAN-SIP"):
-        raise BadRequest(
-            f"CTYPE1 is {cards.get('CTYPE1')!r}", advice="only RA---TAN and RA---TAN-SIP are understood"
-        )
-    u, v = _distorted(
-        cards,
-        np.asarray(x_px, dtype=float) + 1.0 - _number(cards, "CRPIX1"),
-        np.asarray(y_px, dtype=float) + 1.0 - _number(cards, "CRPIX2"),
-    )
-    xi = np.radians(_number(cards, "CD1_1") * u + _number(cards, "CD1_2") * v)
-    eta = np.radians(_number(cards, "CD2_1") * u + _number(cards, "CD2_2") * v)
-    ra, dec = gnomonic_inverse(xi, eta, _number(cards, "CRVAL1"), _number(cards, "CRVAL2"))
-    return np.asarray(ra) % 360.0, np.asarray(dec)
-
-
-def icrs_at_pixel(cards: Mapping[str, object], x_px: float, y_px: float) -> Icrs:
-    """Give the position at one pixel.
-
-    Parameters
-    ----------
-    cards : mapping
-        See `places_at_pixels`.
-    x_px, y_px : float
-        0-based; the center of the file's first pixel is (0, 0).
-
-    Raises
-    ------
-    BadRequest
-        As `places_at_pixels`.
-    """
-    ra, dec = places_at_pixels(cards, np.array([x_px]), np.array([y_px]))
-    return Icrs(float(ra[0]), float(dec[0]))

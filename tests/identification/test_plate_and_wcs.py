@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from mountnav.errors import BadRequest
 from mountnav.identification.plate import Plate, fit_plate, powers, similarity_plate
-from mountnav.identification.wcs import icrs_at_pixel, places_at_pixels, wcs_cards
+from mountnav.identification.wcs import wcs_cards
 from mountnav.sky.coordinates import Icrs
+from mountnav.solution import icrs_at_pixel, places_at_pixels
 
 WIDTH, HEIGHT = 1200, 800
 

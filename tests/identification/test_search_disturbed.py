@@ -10,9 +10,10 @@ from benchmarks.wrong_answers import displaced_hints, listed, noise_frames, rand
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.errors import BadFrame
 from mountnav.identification.search import identify
-from mountnav.identification.wcs import icrs_at_pixel, wcs_cards
+from mountnav.identification.wcs import wcs_cards
 from mountnav.measuring.measure import measure
 from mountnav.sky.sphere import separation_arcsec
+from mountnav.solution import icrs_at_pixel
 
 
 def disturbed(m, rng):
