@@ -21,7 +21,8 @@ Array = NDArray[np.float64]
 
 
 TAIL_Z2 = 8.0
-"""Pairs with a squared deviation (both coordinates, in sigma²) beyond this lose weight: 2 % of the honest."""
+"""Pairs with a squared deviation (both coordinates, in sigma²) beyond this lose weight: 2 % of the honest.
+Doubled or halved, the tests of search, refusal and plate pass all the same."""
 ROUNDS = 4
 """Reweighted fits at most; it ends earlier where no weight changes by more than `SETTLED`. Chosen by hand."""
 SETTLED = 1e-3

@@ -137,6 +137,7 @@ def _strengths(degree: int, basis: Basis) -> Strengths:
 
 BASES = {degree: _basis(degree) for degree in range(SIMILARITY, 4)}
 STRENGTHS = {degree: _strengths(degree, basis) for degree, basis in BASES.items()}
+"""Terms and strengths for each degree of a plate, from a similarity to a cubic."""
 
 
 EXTRA_PX = (0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.28)
@@ -144,7 +145,7 @@ EXTRA_PX = (0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.28)
 centroid reaches to more than a pixel."""
 EXTRA_SPREAD = 1.2
 """Before any pair is seen the extra error is believed to be the floor, give or take a factor e^1.2. Chosen by
-hand."""
+hand. Doubled or halved, the tests of search, refusal and plate pass all the same."""
 SHEARS_FIRST = 2
 """Number of shear parameters among those that are not eliminated at once: a plate has two."""
 LEAST_SHARE = 1e-3

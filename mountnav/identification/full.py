@@ -150,10 +150,11 @@ def _different(owner: NDArray[np.int16]) -> Array:
 CHUNK = 4000
 """Hypotheses tried at once: 4000 × 60 complex numbers fit a processor's cache."""
 FINALISTS = 3
-"""Number of the best hypotheses of a chunk that are followed up. Chosen by hand: each costs a
-verification."""
+"""Number of the best hypotheses of a chunk that are followed up. Chosen by hand: each costs a verification.
+Doubled or halved, the tests of search, refusal and plate pass all the same."""
 FOLLOWED_UP_BELOW = 0.3
-"""Expected number of chance matches as good as a hypothesis' raster count, below which it is followed up."""
+"""Expected number of chance matches as good as a hypothesis' raster count, below which it is followed up.
+Doubled or halved, the tests of search, refusal and plate pass all the same."""
 OWN_STEPS = 1.0
 """A tile's hypotheses are those whose frame has its center no farther from the tile's middle than so many
 steps of the tiles: no position is farther than 0.58 from the nearest. Doubled, each hypothesis is tried in
