@@ -1,4 +1,4 @@
-"""Solution: what a solved frame says, and Verdict: solved, or why not."""
+"""Solution of a frame with its WCS, and Verdict: the solution, or the reason for none."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class IdentifiedPairs:
     used : ndarray of bool
         In the fit; False for those that were rejected by their deviation (K_rej).
     leverage : ndarray
-        How much each pair holds the plate at its own place: its deviation is (1 - leverage) times the one
+        How much each pair holds the plate at its own position: its deviation is (1 - leverage) times the one
         from a plate that was fit without it. 0 for those not in the fit.
     color_mag : ndarray
         The stars' color index `color_name`; NaN where unknown.
@@ -117,7 +117,7 @@ class ErrorBudget:
     Attributes
     ----------
     centroid_arcsec : float
-        Noise of the measured places.
+        Noise of the measured positions.
     catalog_arcsec : float
         The catalog's own errors at the frame's epoch.
     other_arcsec : float
@@ -130,7 +130,7 @@ class ErrorBudget:
 
     @property
     def expected_arcsec(self) -> float:
-        """All of it together."""
+        """All parts together, in quadrature."""
         return float(np.sqrt(self.centroid_arcsec**2 + self.catalog_arcsec**2 + self.other_arcsec**2))
 
     @property
@@ -169,7 +169,7 @@ class Contradiction:
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """A frame's place in the sky.
+    """A frame's position in the sky.
 
     Attributes
     ----------
@@ -188,14 +188,14 @@ class Solution:
     pairs, rejected : int
         Pairs in the fit, and pairs thrown out.
     false_probability : float
-        Chance that a wrong place would have looked as good.
+        Chance that a wrong position would have looked as good.
     mode : str
         Which identification and model: e.g. "full/cubic", or "blind/linear" when it was found over the whole
         sky, not where the hint said.
     wcs : dict
         FITS cards (1-based CRPIX), TAN or TAN-SIP.
     center_covariance_arcsec2 : ndarray, shape (2, 2)
-        Of the center's place: east, north.
+        Of the center's position: east, north.
     identified : IdentifiedPairs
         The pairs, those in the fit and those rejected by their deviation.
     rejected_by : dict
@@ -203,7 +203,7 @@ class Solution:
     catalog : str
         Which catalog was used.
     catalog_steps : tuple of str
-        How that catalog's stars were come by: which one was chosen and why, what was asked and what failed.
+        How that catalog's stars were come by: which one was chosen and why, what was tried and what failed.
     errors : ErrorBudget or None
         Where the residuals come from; None where only a shift was fit.
     """
@@ -232,7 +232,12 @@ class Solution:
 
 
 SEEN_AT_MOST = 1000
-"""So many measured places a verdict carries along; more are of no use to who looks at the frame."""
+"""Number of measured positions that a verdict carries along, the brightest: enough to draw over a frame."""
+
+
+MOVED_KEY = "moved_px"
+"""Among a verdict's numbers: how far the plate was moved to the middle of the light; absent where it
+stayed."""
 
 
 def _nothing_seen() -> NDArray[np.float32]:
@@ -245,19 +250,16 @@ class Verdict:
 
     Attributes
     ----------
-    solution : Solution or None
-    reason : Reason or None
     detail : str
         For people, with the numbers behind it.
     measured : int
         Sources measured; for a frame solved at a glance, those that the glance found.
-    times : Times
     numbers : mapping
         The numbers behind the reason, by name with unit ("measured", "catalog_stars", "hypotheses", ...).
     contradictions : tuple of Contradiction
         Hints that turned out wrong; a wrong hint never makes a wrong answer.
     quality : SkyQuality or None
-        What the frame tells about the night, solved or not.
+        What the frame shows of the night, solved or not.
     notes : tuple of str
         What else should be known of this verdict: masters that were not applied, a date that is unknown.
     seen_px : ndarray of float32, shape (n, 2)
@@ -279,3 +281,8 @@ class Verdict:
     def solved(self) -> bool:
         """Whether there is a solution."""
         return self.solution is not None
+
+    @property
+    def moved(self) -> bool:
+        """Whether the plate was moved from where its sources were found to the middle of their light."""
+        return MOVED_KEY in self.numbers

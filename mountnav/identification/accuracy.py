@@ -11,14 +11,16 @@ from numpy.typing import NDArray
 
 from mountnav.errors import BadRequest
 from mountnav.identification.photometry import NOT_COMPARABLE, fit_photometry
+from mountnav.identification.plate import ARCSEC_PER_RAD
 from mountnav.measuring.measurements import Flag
 from mountnav.sky.wcs import places_at_pixels
 from mountnav.solution import IdentifiedPairs, Solution
 
 Array = NDArray[np.float64]
 
-ARCSEC_PER_RAD = 180.0 * 3600.0 / np.pi
 _FULL_LEVERAGE = 1.0 - 1e-6
+"""A pair of at least this leverage alone holds a parameter of the plate, and has no independent deviation. A
+guard against division by zero: leverages of other pairs are below 0.999."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +67,6 @@ class Indicators:
         How many deviations these are.
     mean, standard_deviation : float
         The latter with N - 1.
-    least_modulus, most_modulus : float
     """
 
     number: int
@@ -81,7 +82,6 @@ class AccuracyRow:
 
     Attributes
     ----------
-    rejected_percent : float
     ra, dec : Indicators
         Arcsec, of the same measurements: the worst are those of the largest Δ_αδ.
     mag : Indicators
@@ -99,16 +99,11 @@ def deviations(solution: Solution, *, every: bool = False, leave_one_out: bool =
 
     Parameters
     ----------
-    solution : Solution
     every : bool
         Also the pairs that were rejected by their deviation (K_rej), not only those in the fit.
     leave_one_out : bool
         Give each pair of the fit the deviation from a plate that was fit without it: that of a star that had
         no part in the fit, with the plate's own error in it. See `fit_factor`.
-
-    Returns
-    -------
-    Deviations
     """
     pairs = solution.identified
     ra_deg, dec_deg = places_at_pixels(solution.wcs, pairs.x_px, pairs.y_px)
@@ -145,7 +140,7 @@ def _along_axes(solution: Solution) -> tuple[Array, Array]:
 
 
 def east_north_arcsec(ra_deg: Array, dec_deg: Array, ra0_deg: Array, dec0_deg: Array) -> tuple[Array, Array]:
-    """Small offsets of places from others, along east and north there [S23 eq. 24, 25].
+    """Small offsets of positions from others, along east and north there [S23 eq. 24, 25].
 
     Δα cos δ and Δδ to second order of the offset, but right at the poles and over RA 0 too.
 
@@ -169,15 +164,11 @@ def east_north_arcsec(ra_deg: Array, dec_deg: Array, ra0_deg: Array, dec0_deg: A
 def magnitude_deviations(pairs: IdentifiedPairs) -> Array:
     """Δm of each pair, m_mea by the frame's own zero point and color term [S23 eq. 26].
 
-    Parameters
-    ----------
-    pairs : IdentifiedPairs
-
     Returns
     -------
     ndarray, shape (n,)
         NaN for saturated stars, for those without a flux or without a magnitude of their own in the catalog's
-        band, for variable and extended ones; all NaN if fewer than three pairs tell the zero point.
+        band, for variable and extended ones; all NaN if fewer than three pairs hold the zero point.
     """
     photometry = fit_photometry(pairs)
     if photometry is None:
@@ -196,7 +187,6 @@ def fit_factor(pairs: int, parameters: float) -> float:
 
     Parameters
     ----------
-    pairs : int
     parameters : float
         Per coordinate, as many as the pairs really determine: the sum of their leverages.
         Summed over frames if several are taken together.
@@ -268,7 +258,6 @@ def accuracy_table(found: Deviations, rejected_percent: Sequence[float]) -> tupl
 
     Parameters
     ----------
-    found : Deviations
     rejected_percent : sequence of float
         The paper has 0, 5 and 10.
 

@@ -34,15 +34,20 @@ LEVELS: Final = (6, 12, 24, 48, 96, 192)
 PARTS_OF_LIMIT: Final = (1 / 4, 1 / 4, 1 / 4, 1 / 8, 1 / 16, 1 / 16)
 """What each level has of the limit: few stars are found by bright ones."""
 APART: Final = 0.25
-"""Least distance of an anchor's measurements, in shorter frame sides."""
+"""Least distance of an anchor's measurements, in shorter frame sides. Halved, an anchor's plate is twice as
+uncertain on the frame's far side, and there are more anchors to count."""
 ANCHOR_STARS: Final = 30
-"""Anchors are the catalog's stars so deep that a poor frame holds so many."""
+"""Anchors are the catalog's stars so deep that a poor frame holds so many. More stars make more anchors, and
+with them odds that prove less."""
 SHARE: Final = 0.15
-"""Share of the limit that belongs to this test: the other's sum Σ 1/(n(1 + ln n)²) is 1.69 < 2·(1 − 0.15)."""
+"""Share of the limit that belongs to this test: the other's sum Σ 1/(n(1 + ln n)²) is 1.69 < 2·(1 − 0.15).
+Doubled, the two tests together would exceed the limit."""
 PASSES: Final = 7
-"""A frame is looked at so often: at a glance, and in full, twice with each of up to three catalogs."""
+"""Number of searches of one frame: fast, and in full, twice with each of up to three catalogs. The odds are
+multiplied for them; halved, they would promise too much."""
 MOST_STARS: Final = 5000
-"""In an area with more stars the anchors are so many that this test decides nothing."""
+"""In an area with more stars the anchors are so many that this test decides nothing. It saves the
+counting."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +56,10 @@ class SearchedPart:
 
     Attributes
     ----------
-    center : Icrs
-    radius_deg : float
     scales : (float, float)
         Arcsec per pixel.
     measured : int
-        How many measurements took part: another list is searched anew.
+        How many measurements took part: another list is another search.
     """
 
     center: Icrs
@@ -84,9 +87,9 @@ class AnchorSources:
         Brightest first.
     mag : ndarray, shape (n,)
         Magnitudes of an unknown zero point; NaN where there is no flux.
-    width_px, height_px : int
     piece_of : ndarray of int, shape (n,), or None
-        Which source each measurement is a piece of (`combs.pieces`); None: each is a source of its own.
+        Which source each measurement is a piece of (`selection.trail_pieces`); None: each is a source of its
+        own.
     """
 
     x_px: Array
@@ -154,13 +157,13 @@ class Anchors:
 
     def searched(self, area: SearchedPart) -> None:
         """Remember that an area is searched from now on."""
-        if not any(one.covers(area) for one in self.areas):
+        if not any(part.covers(area) for part in self.areas):
             self.areas.append(area)
 
     def odds(
         self, chances: Array, sources: AnchorSources, catalog: Catalog, epoch_yr: float, limit: float
     ) -> float:
-        """Odds of the best of the anchors at hand.
+        """Odds of the best of the hypothesis' anchors.
 
         With n anchors searched so far and n₀ in the first area the chance of one is multiplied by
         2·n·(1 + ln n/n₀)²: the first area's anchors take half of the limit, ∫ dn/(2n(1 + ln n/n₀)²) = ½ is
@@ -170,9 +173,6 @@ class Anchors:
         ----------
         chances : ndarray, shape (levels,)
             The best anchor's of each of `LEVELS`.
-        sources : Sources
-        catalog : Catalog
-        epoch_yr : float
         limit : float
             The counting ends when the odds exceed this.
 
@@ -212,7 +212,7 @@ class Anchors:
             if sky is not None:
                 for number, level in enumerate(LEVELS):
                     apart = sources.apart(level)
-                    lower, upper = (_chord(apart * one / ARCSEC_PER_RAD) for one in area.scales)
+                    lower, upper = (_chord(apart * scale / ARCSEC_PER_RAD) for scale in area.scales)
                     below = np.searchsorted(sky.chords, lower, side="right")
                     pairs = np.searchsorted(sky.chords, upper, side="right") - below
                     counts[number] = 4.0 * float(pairs.sum())  # either way round, either parity
@@ -229,7 +229,7 @@ class Anchors:
         catalog: Catalog,
         epoch_yr: float,
     ) -> NDArray[np.bool_]:
-        """Tell which anchors are among those counted.
+        """Which anchors are among those counted.
 
         Parameters
         ----------
@@ -239,9 +239,6 @@ class Anchors:
             Distance of the measurements.
         mag : ndarray, shape (n,)
             The fainter star's.
-        sources : Sources
-        catalog : Catalog
-        epoch_yr : float
 
         Returns
         -------
@@ -254,8 +251,8 @@ class Anchors:
             sky = self._sky(area, sources, catalog, epoch_yr)
             if sky is None:
                 return np.zeros(apart_px.size, dtype=bool)
-            low, high = (_chord(apart_px * one / ARCSEC_PER_RAD) for one in area.scales)
-            inside = [np.linalg.norm(one - sky.middle, axis=1) <= sky.chord for one in (first, second)]
+            low, high = (_chord(apart_px * scale / ARCSEC_PER_RAD) for scale in area.scales)
+            inside = [np.linalg.norm(axes - sky.middle, axis=1) <= sky.chord for axes in (first, second)]
             among |= inside[0] & inside[1] & (chord > low) & (chord <= high) & (mag <= sky.mag_limit)
         return among
 
@@ -295,17 +292,21 @@ def _chord(angle_rad: Array) -> Array:
 
 
 MEASUREMENTS_ASKED: Final = 40
-"""So many of the brightest other stars are asked."""
+"""Number of the brightest other stars whose nearest measurements are counted. Chosen by hand."""
 ANCHORS_TRIED: Final = 12
-"""So many anchors of each level are tried for a hypothesis, the widest first: all are counted anyway."""
+"""Number of anchors of each level that are tried for a hypothesis, the widest first. As all anchors are
+counted, the number changes time and power of the test, not its honesty."""
 SURE_BELOW: Final = 1e-20
-"""After an anchor of this chance no other is asked."""
+"""An anchor of this chance ends the search for a better one: no solution is allowed less than 1e-9."""
 ALIKE_MAG: Final = 0.75
-"""A measurement is as bright as a star if its magnitude, by the pairs' zero point, is as near as this."""
+"""A measurement is as bright as a star if its magnitude, by the pairs' zero point, is as near as this. Chosen
+by hand: catalog bands differ from a camera's by some tenths of a magnitude."""
 TAKEN_BELOW: Final = 0.01
-"""A star this near to a measurement takes part in the plate that predicts the next one."""
+"""A star this near to a measurement takes part in the plate that predicts the next one. Larger, chance pairs
+would bend that plate."""
 LEAST_PAIRS: Final = 5
-"""An anchor and two more prove nothing."""
+"""Fewest pairs, the anchor's two included, with which a hypothesis is tested: an anchor and two more pairs
+prove nothing."""
 PARTS: Final = 4
 """The frame is cut in PARTS × PARTS parts to see where it is crowded."""
 
@@ -327,8 +328,8 @@ def anchored_odds(
     counted, so one may be chosen freely from the pairs at hand. Its plate predicts the other stars, one
     after the other from the anchor's middle outward: for a wrong sky the distance to the nearest
     measurement that has no part in the plate is distributed as the density has it, and stays so when the
-    pairs found before have refined the plate, since they are left out. `together` tells how probable the
-    distances are; times the looks, times the anchors, it bounds the probability.
+    pairs found before have refined the plate, since they are left out. `berk_jones_p` gives the
+    probability of the distances; times the ways of asking, times the anchors, it bounds the probability.
 
     Parameters
     ----------
@@ -336,11 +337,8 @@ def anchored_odds(
         The hypothesis; only its pairs matter.
     stars : Stars
         Of the whole frame, brightest first.
-    sources : Sources
-    anchors : Anchors
     catalog : Catalog
         Asked for the stars of the areas searched, once.
-    epoch_yr : float
     match_px : float
         How far off the hypothesis may be.
     limit : float
@@ -373,9 +371,9 @@ def _best(case: Case, anchors: Anchors, stars: Stars, catalog: Catalog, epoch_yr
         chances = np.ones(len(LEVELS))
         for number in range(len(LEVELS)):
             able = np.flatnonzero(among & (level == number))
-            for one in able[np.argsort(-apart[able], kind="stable")][:ANCHORS_TRIED]:
+            for anchor in able[np.argsort(-apart[able], kind="stable")][:ANCHORS_TRIED]:
                 if chances.min() > SURE_BELOW:
-                    chances[number] = min(chances[number], case.chance(a[one], b[one]))
+                    chances[number] = min(chances[number], case.chance(a[anchor], b[anchor]))
         anchors.chances[key] = np.maximum(chances, LEAST_CHANCE)
     return anchors.chances[key]
 
@@ -405,7 +403,7 @@ class Case:
         if x.size == 0 or mx.size == 0:
             return np.zeros((0, 2), dtype=np.int64)
         distance, nearest = (
-            np.asarray(one) for one in cKDTree(np.column_stack((mx, my))).query(np.column_stack((x, y)))
+            np.asarray(part) for part in cKDTree(np.column_stack((mx, my))).query(np.column_stack((x, y)))
         )
         near = np.flatnonzero(distance <= self._match_px)
         return np.column_stack((star[near], nearest[near])).astype(np.int64)
@@ -433,9 +431,9 @@ class Case:
         others = others[order]
         many, few = max(MANY_MEASUREMENTS, 2 * int(seen.size)), max(FEW_MEASUREMENTS, 3 * int(seen.size))
         counts = {min(count, int(self.sources.x_px.size)) for count in (many, few)}
-        looks = [(count, np.inf) for count in sorted(counts)] + [(int(self.sources.x_px.size), ALIKE_MAG)]
-        least = min(self._followed(plate, star, measurement, others, x, y, *look) for look in looks)
-        return len(looks) * least
+        ways = [(count, np.inf) for count in sorted(counts)] + [(int(self.sources.x_px.size), ALIKE_MAG)]
+        least = min(self._followed(plate, star, measurement, others, x, y, *way) for way in ways)
+        return len(ways) * least
 
     def _followed(
         self,
@@ -448,7 +446,7 @@ class Case:
         brightest: int,
         alike_mag: float,
     ) -> float:
-        """Ask the others in turn, each with the plate of all that were found before."""
+        """Predict the others one after the other, each with the plate of all that were found before."""
         mx, my = self.sources.x_px[:brightest], self.sources.y_px[:brightest]
         part = self._part(mx, my)
         width, height = self.sources.width_px, self.sources.height_px

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 WALL_FACTOR = 8.0
 """Wall time allowed for each second of processor time. A machine that gives a search less than an eighth of a
-core is overloaded; doubled, whoever waits for an answer waits twice as long there."""
+core is overloaded; doubled, a caller waits twice as long for its answer there."""
 
 WALL_LEAST_S = 10.0
-"""Wall time allowed beside that, for short budgets: catalogs on slow disks and over the network."""
+"""Wall time allowed beside that, for short budgets: catalogs on slow disks and over the network. Chosen by
+hand."""
 
 
 def wall_limit_s(budget_s: float) -> float:

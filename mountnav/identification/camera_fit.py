@@ -19,9 +19,12 @@ from mountnav.identification.plate import Plate, products
 
 Array = NDArray[np.float64]
 
+
 TAIL_Z2 = 8.0
-"""Pairs with a squared deviation (both coordinates, in sigma²) beyond this lose weight: 2 % of the honest."""
+"""Pairs with a squared deviation (both coordinates, in sigma²) beyond this lose weight: 2 % of the honest.
+Doubled or halved, the tests of search, refusal and plate pass all the same."""
 ROUNDS = 4
+"""Reweighted fits at most; it ends earlier where no weight changes by more than `SETTLED`. Chosen by hand."""
 SETTLED = 1e-3
 """Largest change of a weight that ends the rounds."""
 
@@ -32,8 +35,6 @@ class CameraFit:
 
     Attributes
     ----------
-    plate : Plate
-    belief : Belief
     trust : ndarray, shape (n,)
         Weight of each pair against long tails, 1 for those in the bell.
     """
@@ -67,7 +68,7 @@ class CameraFit:
 
     @cached_property
     def influence(self) -> Influence:
-        """How much the pairs hold the plate, and how sure it is; told on demand, since few fits are asked."""
+        """Leverage of the pairs and covariance of the plate; computed on demand, since few fits need it."""
         answer = self._equations.answer(self.trust, self.belief)
         used = float((answer.smoother * answer.normal).sum())
         left_over, sigma2 = self._left_over, self._sigma2
@@ -82,7 +83,7 @@ class CameraFit:
 
 @dataclass(frozen=True, slots=True)
 class Influence:
-    """What a fit's pairs do to it.
+    """How the pairs of a fit hold it: leverage, leave-one-out distances, covariance of the center.
 
     Attributes
     ----------
@@ -90,7 +91,7 @@ class Influence:
         Distance of each pair from a plate that was fit without it (leave-one-out); exact for one strength of
         distortion, to a few percent for the average over several.
     leverage : ndarray, shape (n,)
-        How much each pair holds the plate at its own place, mean of both coordinates.
+        How much each pair holds the plate at its own position, mean of both coordinates.
     center_covariance_arcsec2 : ndarray, shape (2, 2)
         East and north, scaled up by the residuals.
     """
@@ -136,7 +137,7 @@ def fit_camera(
     xi, eta : ndarray, shape (n,)
         Tangential coordinates of the stars about `like.tangent`, arcsec.
     known_arcsec : ndarray, shape (n,)
-        Error per coordinate of each pair, as far as centroid and catalog tell.
+        Error per coordinate of each pair, as far as centroid and catalog state it.
     degree : int
         0 (similarity) to 3.
     floor_px : float
@@ -145,10 +146,6 @@ def fit_camera(
         Of an earlier fit, to be kept.
     near : Belief, optional
         Of an earlier fit, to start from.
-
-    Returns
-    -------
-    CameraFit
     """
     unit = like.unit_px
     u, v = (x_px - like.center_x_px) / unit, (y_px - like.center_y_px) / unit

@@ -137,22 +137,25 @@ def _strengths(degree: int, basis: Basis) -> Strengths:
 
 BASES = {degree: _basis(degree) for degree in range(SIMILARITY, 4)}
 STRENGTHS = {degree: _strengths(degree, basis) for degree, basis in BASES.items()}
+"""Terms and strengths for each degree of a plate, from a similarity to a cubic."""
 
 
 EXTRA_PX = (0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.28)
-"""Errors in question that neither centroid nor catalog knows of."""
+"""Errors in question that neither centroid nor catalog knows of. Each is twice the one before, from what no
+centroid reaches to more than a pixel."""
 EXTRA_SPREAD = 1.2
-"""Before any pair is seen the extra error is believed to be the floor, give or take a factor e^1.2."""
-STEP = 2.5
+"""Before any pair is seen the extra error is believed to be the floor, give or take a factor e^1.2. Chosen by
+hand. Doubled or halved, the tests of search, refusal and plate pass all the same."""
 SHEARS_FIRST = 2
-"""Of the parameters that are not eliminated at once, so many are shears."""
+"""Number of shear parameters among those that are not eliminated at once: a plate has two."""
 LEAST_SHARE = 1e-3
-"""Strengths less probable than this share of the best are left out of the average."""
+"""Strengths less probable than this share of the best are left out of the average. They would change a result
+by less than that share."""
 
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """What is believed of a camera and its errors.
+    """Posterior of a camera's strengths and of the extra error: which are probable, with their weights.
 
     Attributes
     ----------
@@ -204,8 +207,6 @@ class NormalEquations:
         What the parameters shall explain, in the same units.
     known2 : ndarray, shape (n,)
         Known squared error of each pair, in the same units.
-    unit_px : float
-    degree : int
     """
 
     def __init__(self, u: Array, v: Array, off: Array, known2: Array, unit_px: float, degree: int) -> None:
@@ -219,7 +220,7 @@ class NormalEquations:
         self._every: tuple[Array, Array] | None = None
 
     def those(self, chosen: NDArray[np.bool_]) -> NormalEquations:
-        """Of some of the pairs."""
+        """The equations of some of the pairs."""
         some = copy(self)
         some._rows, some._off = self._rows[:, chosen], self._off[:, chosen]
         some._summed, some._known2 = self._summed[:, chosen], self._known2[chosen]
@@ -253,7 +254,6 @@ class NormalEquations:
         ----------
         trust : ndarray, shape (n,)
             Weights against outliers, 1 for pairs in good standing.
-        belief : Belief
 
         Returns
         -------
@@ -264,7 +264,7 @@ class NormalEquations:
         return solved.mean
 
     def answer(self, trust: Array, belief: Belief) -> Answer:
-        """How sure the parameters are; arguments as of `parameters`."""
+        """Parameters with their errors; arguments as of `parameters`."""
         bordered = self._equations(trust / self.sigma2(belief.extra_px))
         solved = _Solved(bordered, belief)
         smoother = solved.smoother()
@@ -280,10 +280,6 @@ class NormalEquations:
             The extra error that is expected.
         near : Belief or None
             An earlier belief: its extra error changes by one step at most.
-
-        Returns
-        -------
-        Belief
         """
         extra_px = np.array(EXTRA_PX)
         if self._every is None:
@@ -379,7 +375,6 @@ def _evidence(bordered: Array, strengths: Strengths) -> Array:
     ----------
     bordered : ndarray, shape (n, parameters + 1, parameters + 1)
         Normal equations; the square of the border's pivot is what remains unexplained.
-    strengths : Strengths
 
     Returns
     -------

@@ -1,8 +1,9 @@
-"""Does a frame show two skies? Another place's stars among the light that no identified star explains.
+"""Double exposures: the same stars seen a second time near by, or the stars of another field far away.
 
-A shutter that stayed open over a slew, or a frame exposed twice, holds the stars of two places. A plate fits
-either of them, with the same odds. Near by, the same stars are seen twice (`field_motion.second_image`);
-farther away they aren't, and only the catalog tells that what is left over is a sky as well.
+A shutter that stayed open over a slew, or a frame exposed twice, holds the stars of two positions. A plate
+fits either of them, with the same odds. Near by, the same stars are seen twice (`second_image`,
+`second_sources`). Farther away they aren't, and only the catalog shows that the light which the plate's
+stars don't explain is that of other stars (`find_second_field`).
 """
 
 from __future__ import annotations
@@ -16,48 +17,288 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from scipy.special import bdtrc
 
-from mountnav.identification.field_rotation import FEWEST, OTHERS, SEEDS, UnexplainedLight
+from mountnav.identification.field_rotation import FEWEST, STARS
 from mountnav.identification.plate import Plate
+from mountnav.measuring.segmentation import LightSegments
+from mountnav.measuring.star_trail import REACH_PX
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+Index = NDArray[np.int64]
+
+SEEDS = 12
+"""Number of the brightest stars or unexplained patches, pairs of which propose where the others may lie.
+Chosen by hand: time grows with its square."""
+OTHERS = 60
+"""Number of the brightest patches that no star explains which are used. Chosen by hand: more cost time, and
+chance agrees more often."""
+UNEXPLAINED = 3.0
+"""A patch with more than so many times the light that the catalog gives its stars isn't explained by them.
+Colors and variable stars make less. Chosen by hand."""
+BRIGHT_SHARE = 0.25
+"""Unexplained patches below this share of the identified stars' median light aren't counted as bright: a
+second image as faint as that moves the middle by a fifth of the way."""
+UNEXPLAINED_SHARE = 0.1
+"""Frames of points with a smaller share of unexplained patches among the bright ones aren't searched for a
+second image: of one with a third of the light less than half are bright enough, and in a crowd half of these
+lie in other stars' patches. Half of all frames reach half of it, which would cost time; doubled, such a
+second image
+is overlooked."""
+IMAGE_GREATEST_TURN = 0.3
+"""A second image is rotated (radians) and grown (share) by no more than this: 400 px over a frame of
+1,300."""
+IMAGE_NEAR_PX = 3.0
+"""A patch within this distance of where a star's second image should lie is that image: patches are placed so
+well."""
+IMAGE_CHANCE = 1e-6
+"""A second image is believed if chance makes one in fewer than this share of frames."""
+CROWD, CROWD_REACH_PX = 400, 60.0
+"""Where no patch shows a second image of drawn-out stars: number of the brightest measured sources that are
+searched, and how far (pixels) from the identified ones. Doubled, each costs four times the time."""
+ALIKE_LIGHT = 0.3
+"""The two images of a star have at least this share of each other's light, where any source may be the
+second. Chosen by hand."""
 
 PER_FRAME = 40
-"""So many of the brightest stars per area of the frame are held against the strangers: the brightest dozen
-of these are among them even where each place has half of the light. Doubled, chance agrees twice as often and
-the look costs four times the time."""
+"""Number of catalog stars, brightest first, per area of the frame that are compared with the unexplained
+patches: the brightest dozen of these are among them even where each field has half of the light. Doubled,
+chance
+agrees twice as often, and the search costs four times the time."""
 FAR_DIAGONALS = 1.5
-"""The other place's stars are looked for so far from the frame's center, in diagonals of the frame: there no
-part of the one field is in the other. Doubled, the look costs sixteen times the time."""
-GREATEST_TURN_RAD = 0.3
-"""Between two places a mount's field turns by no more: a frame of 3° moved by its width at 80° of
+"""How far from the frame's center the other field's stars are searched, in diagonals of the frame: beyond, no
+part of the one field is in the other. Doubled, the search costs sixteen times the time."""
+FIELD_GREATEST_TURN_RAD = 0.3
+"""Between two positions a mount's field turns by no more: a frame of 3° moved by its width at 80° of
 declination. Doubled, chance agrees twice as often."""
-NEAR_PX = 4.0
-"""A stranger so near to a star is that star: patches of light are placed to a pixel, and a tangent plane that
-is extended by a wide frame's width is bent by two. Doubled, chance agrees four times as often."""
+FIELD_NEAR_PX = 4.0
+"""A patch within this distance of a predicted star is that star: patches of light are placed to a pixel, and
+a tangent plane that is extended by a wide frame's width is bent by two. Doubled, chance agrees four times as
+often."""
 LEAST_APART = 0.15
-"""Of the frame's shorter side: strangers nearer to each other tell no rotation."""
+"""Least distance of the two patches or stars that propose a rotation, in shorter sides of the frame."""
 OWN_PLACE_PX, OWN_TURN_RAD = 20.0, 0.02
-"""What lies so near to the plate is the plate itself: its faint stars, and pieces of its bright ones."""
-CHANCE = 1e-3
-"""Another place that chance makes in fewer frames than this is one: only frames with many strangers are
-asked, and few stars are bright enough to tell. Ten times as much would refuse one in a hundred of these."""
+"""A field nearer to the plate than both is the plate itself: its faint stars, and pieces of its bright
+ones."""
+FIELD_CHANCE = 1e-3
+"""Another field is believed if chance makes one in fewer than this share of frames: only frames with many
+unexplained patches are searched, and few stars are bright enough to count. Ten times as much would refuse one
+in a
+hundred of these."""
 PAIRS_AT_ONCE = 20_000
-"""Ways to lay the strangers on the sky that are tried in one go: 20 MB of memory."""
+"""Ways to lay the unexplained patches on the sky that are tried at once: 20 MB of memory."""
+
+
+@dataclass(frozen=True, slots=True)
+class SecondImage:
+    """A second set of the same stars in a frame.
+
+    Attributes
+    ----------
+    center_px : complex
+        How far from the first at the frame's center.
+    turn : complex
+        And how that changes per pixel.
+    ratio : float
+        Of its light to that of the first.
+    stars : int
+        That were found in it.
+    """
+
+    center_px: complex
+    turn: complex
+    ratio: float
+    stars: int
+
+    @property
+    def pull_px(self) -> float:
+        """How far the middle of both lies from the first, at the frame's center."""
+        return abs(self.center_px) * self.ratio / (1.0 + self.ratio)
+
+
+@dataclass(frozen=True, slots=True)
+class UnexplainedLight:
+    """The bright patches of light that no star of a plate explains, brightest first; shape (n,).
+
+    Attributes
+    ----------
+    x_px, y_px, flux : ndarray
+    known : ndarray of int
+        Indices of the brightest patches that the plate's stars do explain.
+    many : bool
+        So many of them are bright that they may be stars as well as the known ones are.
+    """
+
+    x_px: Array
+    y_px: Array
+    flux: Array
+    known: Index
+    many: bool
+
+
+def unexplained_light(
+    patches: LightSegments, x_px: Array, y_px: Array, light: Array
+) -> UnexplainedLight | None:
+    """Part the patches of light into those that a plate's stars explain and the others.
+
+    Parameters
+    ----------
+    x_px, y_px, light : ndarray, shape (n,)
+        Where a plate has all the stars that it knows of, and their light by the catalog.
+
+    Returns
+    -------
+    UnexplainedLight or None
+        None where no patch is explained, so that the light of a star is unknown here.
+    """
+    at = patches.at(x_px, y_px)
+    own = np.bincount(at[at >= 0], light[at >= 0], minlength=patches.x_px.size)
+    known = np.flatnonzero(own > 0)
+    if known.size == 0:
+        return None
+    brightest = known[np.argsort(-own[known], kind="stable")][:STARS]
+    per_light = float(np.median(patches.flux[brightest] / own[brightest]))
+    # a faint star that happens to lie in a bright patch doesn't explain it
+    strange = patches.flux > UNEXPLAINED * per_light * own
+    known = known[~strange[known]]
+    if known.size == 0:
+        return None
+    known = known[np.argsort(-patches.flux[known], kind="stable")][:STARS]
+    bright = BRIGHT_SHARE * float(np.median(patches.flux[known[: STARS // 2]]))
+    others = np.flatnonzero(strange)
+    others = others[np.argsort(-patches.flux[others], kind="stable")][:OTHERS]
+    count = int((patches.flux[others] > bright).sum())
+    fewest = UNEXPLAINED_SHARE * (count + int((patches.flux[known] > bright).sum()))
+    return UnexplainedLight(
+        patches.x_px[others], patches.y_px[others], patches.flux[others], known, count >= max(FEWEST, fewest)
+    )
+
+
+def second_image(
+    patches: LightSegments,
+    x_px: Array,
+    y_px: Array,
+    light: Array,
+    center: complex,
+    shape: tuple[int, int],
+    *,
+    drawn_out: bool = True,
+) -> SecondImage | None:
+    """Look for the same stars once more, elsewhere, and turned or grown: an exposure in two parts.
+
+    Where the second image lies at the same offset everywhere, `star_trail` sees it too.
+
+    Parameters
+    ----------
+    x_px, y_px : ndarray, shape (n,)
+        Where a plate has all the stars that it knows of.
+    light : ndarray, shape (n,)
+        Theirs by the catalog, to a common scale.
+    shape : (int, int)
+        Of the frame: height, width.
+    drawn_out : bool
+        Whether the images are no points: then it is looked for however faint it may be, else only where
+        there are bright patches that no star explains.
+    """
+    found = unexplained_light(patches, x_px, y_px, light)
+    if found is None or min(found.known.size, found.x_px.size) < FEWEST:
+        return None
+    if not (drawn_out or found.many):
+        return None
+    known = found.known
+    first = patches.x_px[known] + 1j * patches.y_px[known] - center
+    second = found.x_px + 1j * found.y_px - center
+    return _second(first, patches.flux[known], second, found.flux, center, shape)
+
+
+def second_sources(
+    x_px: Array, y_px: Array, flux: Array, identified: Index, center: complex, shape: tuple[int, int]
+) -> SecondImage | None:
+    """Look for the second image of a crowd among the measured sources, where patches of light run together.
+
+    Parameters
+    ----------
+    x_px, y_px, flux : ndarray, shape (n,)
+        All that was measured.
+    identified : ndarray of int, shape (m,)
+        Those that the plate has a star for.
+    shape : (int, int)
+        Of the frame: height, width.
+
+    Returns
+    -------
+    SecondImage or None
+        Near by alone (`CROWD_REACH_PX`): farther off the images lie in patches of their own.
+    """
+    lit = identified[np.isfinite(flux[identified]) & (flux[identified] > 0)]
+    lit = lit[np.argsort(-flux[lit], kind="stable")][:STARS]
+    if lit.size < FEWEST:
+        return None
+    every = np.flatnonzero(np.isfinite(flux) & (flux > ALIKE_LIGHT * flux[lit].min()))
+    every = every[np.argsort(-flux[every], kind="stable")][:CROWD]
+    place = x_px + 1j * y_px - center
+    return _second(place[lit], flux[lit], place[every], flux[every], center, shape, CROWD_REACH_PX)
+
+
+def _second(
+    first: Complex,
+    first_flux: Array,
+    second: Complex,
+    second_flux: Array,
+    center: complex,
+    shape: tuple[int, int],
+    reach_px: float = REACH_PX,
+) -> SecondImage | None:
+    """The similarity near to none that puts most of the first upon some of the second."""
+    seeds = min(SEEDS, first.size)
+    d = second[None, :] - first[:seeds, None]
+    alike = np.ones(d.shape, dtype=bool)
+    if reach_px < REACH_PX:
+        light = second_flux[None, :] / first_flux[:seeds, None]
+        alike = (light > ALIKE_LIGHT) & (light < 1.0 / ALIKE_LIGHT)
+    i, j = np.nonzero((np.abs(d) < reach_px) & (np.abs(d) > IMAGE_NEAR_PX) & alike)
+    p, q = np.triu_indices(i.size, 1)
+    apart = first[i[q]] - first[i[p]]
+    wide = (i[p] != i[q]) & (j[p] != j[q]) & (np.abs(apart) > LEAST_APART * min(shape))
+    p, q, apart = p[wide], q[wide], apart[wide]
+    b = (d[i[q], j[q]] - d[i[p], j[p]]) / apart
+    small = np.abs(b) < IMAGE_GREATEST_TURN
+    b, p = b[small], p[small]
+    if b.size == 0:
+        return None
+    a = d[i[p], j[p]] - b * first[i[p]]
+    best, hits, chance = None, 0, 1.0
+    share = math.pi * IMAGE_NEAR_PX**2 * second.size / (shape[0] * shape[1])
+    for part in np.array_split(np.arange(b.size), b.size * first.size * second.size // 4_000_000 + 1):
+        there = first + a[part, None] + b[part, None] * first
+        near = (np.abs(there[:, :, None] - second) < IMAGE_NEAR_PX).any(axis=2)
+        at = there + center
+        inside = (at.real > 0) & (at.imag > 0) & (at.real < shape[1]) & (at.imag < shape[0])
+        hits_here, tested = near.sum(axis=1), inside.sum(axis=1)
+        odds = bdtrc(hits_here - 3.0, np.maximum(tested, hits_here) - 2, min(share, 0.5)) * b.size
+        k = int(np.argmin(np.where(hits_here > 3, odds, np.inf)))
+        if hits_here[k] > 3 and odds[k] < chance:
+            best, hits, chance = int(part[k]), int(hits_here[k]), float(odds[k])
+    if best is None or chance > IMAGE_CHANCE:
+        return None
+    there = first + a[best] + b[best] * first
+    away = np.abs(there[:, None] - second)
+    near_by = away.min(axis=1) < IMAGE_NEAR_PX
+    ratio = float(np.median(second_flux[away.argmin(axis=1)[near_by]] / first_flux[near_by]))
+    return SecondImage(complex(a[best]), complex(b[best]), ratio, hits)
 
 
 @dataclass(frozen=True, slots=True)
 class SecondField:
-    """Another place whose stars a frame shows besides.
+    """Another field whose stars a frame shows besides its own.
 
     Attributes
     ----------
     offset_px : complex
-        How far from where the plate has it a star at the frame's center is seen again.
+        From where the plate has a star at the frame's center to where it is seen again.
     turn_rad : float
-        By how much the other place is turned to the plate's.
+        Rotation of the other field against the plate's.
     stars : int
-        Strangers that are stars there.
+        Unexplained patches that are stars there.
     """
 
     offset_px: complex
@@ -66,14 +307,12 @@ class SecondField:
 
 
 def find_second_field(
-    strangers: UnexplainedLight, plate: Plate, ra_deg: Array, dec_deg: Array, shape: tuple[int, int]
+    unexplained: UnexplainedLight, plate: Plate, ra_deg: Array, dec_deg: Array, shape: tuple[int, int]
 ) -> SecondField | None:
-    """Look for a place of the sky that explains the strangers, seen with the plate's own scale and parity.
+    """Look for another field whose stars explain the patches, at the plate's own scale and parity.
 
     Parameters
     ----------
-    strangers : Strangers
-    plate : Plate
     ra_deg, dec_deg : ndarray, shape (n,)
         Stars within `FAR_DIAGONALS` of the plate's center, `PER_FRAME` of them for each area of the frame.
     shape : (int, int)
@@ -81,15 +320,15 @@ def find_second_field(
 
     Returns
     -------
-    SecondSky or None
-        None where chance would bring as much in more than `CHANCE` of all frames, or where too few strangers
-        are left to tell.
+    SecondField or None
+        None where chance would bring as much in more than `FIELD_CHANCE` of all frames, or where too few
+        patches are left.
     """
-    if strangers.x_px.size < FEWEST or ra_deg.size < FEWEST:
+    if unexplained.x_px.size < FEWEST or ra_deg.size < FEWEST:
         return None
     # in the tangent plane, in pixels: polynomials hold within the frame only
     scale = plate.scale_arcsec_px()
-    seen = _complex(plate.tangential(strangers.x_px[:OTHERS], strangers.y_px[:OTHERS])) / scale
+    seen = _complex(plate.tangential(unexplained.x_px[:OTHERS], unexplained.y_px[:OTHERS])) / scale
     there = _complex(plate.project(ra_deg, dec_deg)) / scale
     there = there[np.isfinite(there)]
     middle = complex(plate.xi[0], plate.eta[0]) / scale
@@ -101,23 +340,23 @@ def find_second_field(
     if first.size == 0:
         return None
     tree = KDTree(np.column_stack((there.real, there.imag)))
-    share = min(0.5, there.size * (NEAR_PX / radius_px) ** 2)
-    least, best = CHANCE, None
-    for some in np.array_split(np.arange(first.size), first.size // PAIRS_AT_ONCE + 1):
-        laid = second[some, None] + turn[some, None] * (seen - first[some, None])
-        at = second[some] + turn[some] * (middle - first[some])
-        asked = (np.abs(laid - middle) < radius_px).sum(axis=1)
-        near = tree.query(np.stack((laid.real, laid.imag), axis=-1), distance_upper_bound=NEAR_PX)[0]
-        told = np.isfinite(near).sum(axis=1)
-        elsewhere = (np.abs(at - middle) > OWN_PLACE_PX) | (np.abs(turn[some] - 1.0) > OWN_TURN_RAD)
+    share = min(0.5, there.size * (FIELD_NEAR_PX / radius_px) ** 2)
+    least, best = FIELD_CHANCE, None
+    for ways in np.array_split(np.arange(first.size), first.size // PAIRS_AT_ONCE + 1):
+        laid = second[ways, None] + turn[ways, None] * (seen - first[ways, None])
+        at = second[ways] + turn[ways] * (middle - first[ways])
+        tested = (np.abs(laid - middle) < radius_px).sum(axis=1)
+        near = tree.query(np.stack((laid.real, laid.imag), axis=-1), distance_upper_bound=FIELD_NEAR_PX)[0]
+        hits_here = np.isfinite(near).sum(axis=1)
+        elsewhere = (np.abs(at - middle) > OWN_PLACE_PX) | (np.abs(turn[ways] - 1.0) > OWN_TURN_RAD)
         # two of them were laid there
-        odds = bdtrc(told - 3.0, np.maximum(asked, told) - 2, share) * first.size
-        k = int(np.argmin(np.where(elsewhere & (told > 3), odds, np.inf)))
-        if elsewhere[k] and told[k] > 3 and odds[k] < least:
+        odds = bdtrc(hits_here - 3.0, np.maximum(tested, hits_here) - 2, share) * first.size
+        k = int(np.argmin(np.where(elsewhere & (hits_here > 3), odds, np.inf)))
+        if elsewhere[k] and hits_here[k] > 3 and odds[k] < least:
             least = float(odds[k])
-            way = complex(turn[some][k])
-            again = complex(first[some][k]) + (middle - complex(second[some][k])) / way
-            best = SecondField(_in_pixels(plate, again - middle), cmath.phase(way), int(told[k]))
+            way = complex(turn[ways][k])
+            again = complex(first[ways][k]) + (middle - complex(second[ways][k])) / way
+            best = SecondField(_in_pixels(plate, again - middle), cmath.phase(way), int(hits_here[k]))
     return best
 
 
@@ -132,12 +371,12 @@ def _in_pixels(plate: Plate, offset: complex) -> complex:
 
 
 def _ways(seen: Complex, there: Complex, least_px: float) -> tuple[Complex, Complex, Complex]:
-    """Each way to lay two of the brightest strangers upon two stars that are as far apart.
+    """Each way to lay two of the brightest unexplained patches upon two stars that are as far apart.
 
     Returns
     -------
     first, second, turn : ndarray of complex, shape (n,)
-        A stranger's place, that of its star, and the rotation from one to the other.
+        A patch's position, that of its star, and the rotation from one to the other.
     """
     k, m = np.triu_indices(there.size, 1)
     far = np.abs(there[m] - there[k])
@@ -149,11 +388,11 @@ def _ways(seen: Complex, there: Complex, least_px: float) -> tuple[Complex, Comp
         length = abs(apart)
         if length < least_px:
             continue
-        low, high = np.searchsorted(far, (length - NEAR_PX, length + NEAR_PX))
+        low, high = np.searchsorted(far, (length - FIELD_NEAR_PX, length + FIELD_NEAR_PX))
         for a, b in ((k[low:high], m[low:high]), (m[low:high], k[low:high])):
             turn = (there[b] - there[a]) / apart
             turn /= np.abs(turn)
-            some = np.abs(np.angle(turn)) < GREATEST_TURN_RAD
+            some = np.abs(np.angle(turn)) < FIELD_GREATEST_TURN_RAD
             firsts.append(np.full(int(some.sum()), 0.5 * (seen[i] + seen[j])))
             seconds.append(0.5 * (there[a[some]] + there[b[some]]))
             turns.append(turn[some])

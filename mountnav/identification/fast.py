@@ -12,7 +12,7 @@ from mountnav.identification.reference import Selection
 from mountnav.identification.search import Reach, identify
 from mountnav.identification.selection import star_like
 from mountnav.identification.settings import IdentificationSettings
-from mountnav.identification.verification import KEPT_SHARE, Identified, reach_of, sound, stars_of_frame
+from mountnav.identification.verification import KEPT_SHARE, Identified, is_sound, reach_of, stars_of_frame
 from mountnav.measuring.fast import measure_fast
 from mountnav.measuring.measurements import Measurements
 from mountnav.measuring.settings import MeasuringSettings
@@ -20,7 +20,7 @@ from mountnav.measuring.settings import MeasuringSettings
 
 @dataclass(frozen=True, slots=True)
 class FastResult:
-    """What a glance came to.
+    """What the fast search of a frame found.
 
     Attributes
     ----------
@@ -60,20 +60,16 @@ def identify_fast(
     ----------
     frame : Frame
         Calibrated, no mosaic.
-    catalog : Catalog
-    hint : Hint
     epoch_yr : float
         Julian year of the frame.
-    settings : IdentificationSettings
-    measuring : MeasuringSettings
     budget_s : float
         Processor time allowed for identification.
     reach : Reach
-        Only what the hint says and the whole sky are asked, however far it goes.
+        Only the hint and the whole sky are searched, however far it goes.
 
     Returns
     -------
-    AtAGlance
+    FastResult
         The odds are those of the coarse list; the plate rests on the precise one.
     """
     began = time.monotonic()
@@ -90,7 +86,7 @@ def identify_fast(
         budget_s=budget_s,
         reach=replace(reach, thorough=False, rough=True),
     )
-    seen, tried = len(look.measurements), int(found.numbers.get("hypotheses", reach.tried))
+    seen, tried = len(look.measurements), found.tried
     coarse = found.reference
     if coarse is None or found.stars is None:
         return FastResult(seen=seen, tried=tried, measure_s=looked_s)
@@ -106,7 +102,7 @@ def identify_fast(
     measure_s = looked_s + time.monotonic() - again
     selection = Selection(precise, star_like(precise), stars, settings)
     reference = selection.refine(plate, reach_px)
-    if reference is None or not sound(reference, selection, precise, plate, settings, reach_px):
+    if reference is None or not is_sound(reference, selection, precise, plate, settings, reach_px):
         return FastResult(seen=seen, tried=tried, measure_s=measure_s)
     numbers = found.numbers | {"pairs": float(len(reference.pairs)), "seen": float(seen)}
     detail = f"{len(reference.pairs)} pairs, {reference.rejected} rejected, {tried} hypotheses, at a glance"

@@ -25,13 +25,15 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 CELLS_PER_RADIUS = 6
-"""Cells to a radius."""
+"""Cells of the raster to Δr_ident: a place is rounded by a twelfth of the radius. Doubled, the raster takes
+four times the memory."""
 CLOSE_RADIUS_CELLS = 2
-"""A third of the radius: a camera without distortion hits so well, and then fewer stars suffice."""
+"""A third of the radius: a camera without distortion hits so well, and then fewer stars suffice. In cells."""
 FIRST_STARS = 60
-"""So many of the brightest stars are asked first; most hypotheses fail there."""
+"""Number of the brightest stars that are counted first; most hypotheses fail there."""
 FIRST_HITS = 4
-"""Hits that earn a second look: the triangle's three, and one."""
+"""Hits that earn a second look: the triangle's three, and one. With more, true plates of poor catalogs fail
+there."""
 
 
 _CLOSE_BITS, _FAR = 16, 0xFFFF
@@ -58,7 +60,7 @@ class MatchGrid:
         columns = int(np.ceil(width_px / self._cell)) + 1
         rows = int(np.ceil(height_px / self._cell)) + 1
         # zeros: pages that no measurement touches are never written
-        self._board = np.zeros((rows, columns), dtype=np.int32)
+        self._cells = np.zeros((rows, columns), dtype=np.int32)
         self._paint(x_px[::-1] / self._cell, y_px[::-1] / self._cell)
         self.chances = tuple(
             float(strobe_chances(x_px, y_px, radius, width_px=width_px, height_px=height_px).mean())
@@ -67,8 +69,8 @@ class MatchGrid:
         """Chance of a hit within the radius, and within the close one."""
 
     def _paint(self, x: Array, y: Array) -> None:
-        """Write measurements' numbers, from 1, round their places (in cells); the last owns what overlaps."""
-        rows, columns = self._board.shape
+        """Write measurements' numbers, from 1, round their positions (in cells); the last wins overlaps."""
+        rows, columns = self._cells.shape
         for reach, bits in ((CELLS_PER_RADIUS, 0), (CLOSE_RADIUS_CELLS, _CLOSE_BITS)):
             offset = np.arange(-reach - 1, reach + 2)
             down, right = (side.ravel() for side in np.meshgrid(offset, offset, indexing="ij"))
@@ -79,8 +81,8 @@ class MatchGrid:
             hit &= (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
             number = np.broadcast_to((x.size - np.arange(x.size))[:, None], hit.shape)[hit]
             row, column = row[hit], column[hit]
-            below = self._board[row, column] & _FAR if bits else 0
-            self._board[row, column] = below | (number << bits)
+            below = self._cells[row, column] & _FAR if bits else 0
+            self._cells[row, column] = below | (number << bits)
 
     def _owners(
         self,
@@ -89,7 +91,7 @@ class MatchGrid:
         mirrored: NDArray[np.bool_],
         w: NDArray[np.complex128],
     ) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-        """What each predicted place's cell holds, and whether it is in the frame; shape (n, stars) each."""
+        """Measurement in each predicted position's cell, and whether it is in the frame; shape (n, stars)."""
         back = 1.0 / turn
         start = -shift * back
         sign = np.where(mirrored, -1.0, 1.0)
@@ -99,18 +101,18 @@ class MatchGrid:
         to_y = np.stack((back.imag, back.real, start.imag), axis=1) * (sign / self._cell)[:, None]
         x, y = to_x.astype(np.float32) @ along, to_y.astype(np.float32) @ along
         least, right, high = (
-            np.float32(one / self._cell) for one in (-0.5, self._width - 0.5, self._height - 0.5)
+            np.float32(edge_px / self._cell) for edge_px in (-0.5, self._width - 0.5, self._height - 0.5)
         )
         inside = (x > least) & (x < right)
         inside &= y > least
         inside &= y < high
-        # what isn't in the frame is asked for in the corner, and left out
+        # what isn't in the frame is looked up in the corner, and left out
         x *= inside
         y *= inside
         flat = y.astype(np.int32)
-        flat *= self._board.shape[1]
+        flat *= self._cells.shape[1]
         flat += x.astype(np.int32)
-        return self._board.ravel().take(flat) * inside, inside
+        return self._cells.ravel().take(flat) * inside, inside
 
     def promising(
         self,
@@ -148,15 +150,17 @@ def _different(owner: NDArray[np.int16]) -> Array:
 CHUNK = 4000
 """Hypotheses tried at once: 4000 × 60 complex numbers fit a processor's cache."""
 FINALISTS = 3
-"""Of a chunk, so many of the best hypotheses are followed up."""
+"""Number of the best hypotheses of a chunk that are followed up. Chosen by hand: each costs a verification.
+Doubled or halved, the tests of search, refusal and plate pass all the same."""
 FOLLOWED_UP_BELOW = 0.3
-"""Expected number of chance matches as good as a hypothesis' raster count, below which it is followed up."""
+"""Expected number of chance matches as good as a hypothesis' raster count, below which it is followed up.
+Doubled or halved, the tests of search, refusal and plate pass all the same."""
 OWN_STEPS = 1.0
 """A tile's hypotheses are those whose frame has its center no farther from the tile's middle than so many
-steps of the tiles: no place is farther than 0.58 from the nearest. Doubled, each hypothesis is tried in seven
-tiles; halved, places between tiles are nobody's."""
+steps of the tiles: no position is farther than 0.58 from the nearest. Doubled, each hypothesis is tried in
+seven tiles; halved, positions between tiles belong to none."""
 AREAS_REMEMBERED = 40
-"""Patches of sky remembered at once."""
+"""Search areas remembered at once: every round visits the same. A limit of memory."""
 
 
 class OutOfTime(Exception):
@@ -170,7 +174,6 @@ class Points:
     Attributes
     ----------
     x_px, y_px : ndarray, shape (n,)
-    width_px, height_px : int
     """
 
     x_px: Array
@@ -179,7 +182,7 @@ class Points:
     height_px: int
 
     def first(self, chosen: Index) -> Points:
-        """Only those."""
+        """The points with these indices."""
         return Points(self.x_px[chosen], self.y_px[chosen], self.width_px, self.height_px)
 
 
@@ -201,7 +204,7 @@ class Hypothesis:
 
 @dataclass(slots=True)
 class Search:
-    """What one search has cost and seen so far.
+    """Counters and caches of one search: what it tried, what it saw, what it has left to spend.
 
     Attributes
     ----------
@@ -220,9 +223,9 @@ class Search:
     most_published : float
         Largest share of the pairs that could be, in the paper's count.
     strobe_chance : float
-        Share of places where chance has a measurement of Ω_bl100 within Δr_ident.
+        Share of positions where chance has a measurement of Ω_bl100 within Δr_ident.
     whole_sky : bool
-        The index of the whole sky was asked.
+        The index of the whole sky was searched.
     anchors : Anchors
         Which parts of the sky were searched, at what scales: the second kind of odds needs it.
     """
@@ -237,7 +240,7 @@ class Search:
     most_published: float = 0.0
     strobe_chance: float = 0.0
     anchors: Anchors = field(default_factory=Anchors)
-    _patches: dict[tuple[float, ...], SearchArea] = field(default_factory=dict)
+    _areas: dict[tuple[float, ...], SearchArea] = field(default_factory=dict)
     _pieces: dict[bytes, Index] = field(default_factory=dict)
 
     def check_time(self) -> None:
@@ -246,13 +249,13 @@ class Search:
             raise OutOfTime
 
     def pieces(self, x_px: Array, y_px: Array) -> Index:
-        """Which source each measurement is a piece of, remembered: every hypothesis asks for it."""
+        """Which source each measurement is a piece of, remembered: every hypothesis needs it."""
         key = x_px.tobytes()
         if key not in self._pieces:
             self._pieces[key] = trail_pieces(x_px, y_px)
         return self._pieces[key]
 
-    def patch(
+    def area(
         self,
         catalog: Catalog,
         center: Icrs,
@@ -264,12 +267,12 @@ class Search:
         epoch_yr: float,
         most_tiles: int,
     ) -> SearchArea:
-        """A `Patch`, remembered: every round visits the same tiles."""
+        """A `SearchArea`, kept for the next rounds: each of them visits the same tiles."""
         key = (center.ra_deg, center.dec_deg, radius_deg, step_deg, tile_deg, count, most_tiles)
-        if key not in self._patches:
-            if len(self._patches) >= AREAS_REMEMBERED:
-                self._patches.clear()
-            self._patches[key] = SearchArea(
+        if key not in self._areas:
+            if len(self._areas) >= AREAS_REMEMBERED:
+                self._areas.clear()
+            self._areas[key] = SearchArea(
                 catalog,
                 center,
                 radius_deg,
@@ -279,7 +282,7 @@ class Search:
                 epoch_yr=epoch_yr,
                 most_tiles=most_tiles,
             )
-        return self._patches[key]
+        return self._areas[key]
 
 
 def match_radius(settings: IdentificationSettings, width_px: int, height_px: int) -> float:
@@ -305,18 +308,12 @@ def hypotheses(
         Star-like measurements, brightest first.
     turn : Round
         Which stars make triangles, between what scales, how far off.
-    catalog : Catalog
     center : Icrs
         The assumed center.
     epoch_yr : float
         Julian year of the frame.
-    settings : IdentificationSettings
     search : Search
         Counts what is tried; the odds need it.
-
-    Yields
-    ------
-    Hypothesis
 
     Raises
     ------
@@ -342,16 +339,16 @@ def hypotheses(
         scale_low=turn.scales[0],
         scale_high=turn.scales[1],
     )
-    board = MatchGrid(
+    grid = MatchGrid(
         confirm.x_px,
         confirm.y_px,
         match_radius(settings, width, height),
         width_px=width,
         height_px=height,
     )
-    search.strobe_chance = max(search.strobe_chance, board.chances[0])
+    search.strobe_chance = max(search.strobe_chance, grid.chances[0])
     tile_deg = min(settings.tile_radius * float(np.hypot(width, height)) * scale / 3600.0, 40.0)
-    patch = search.patch(
+    area = search.area(
         catalog,
         center,
         turn.outer_deg,
@@ -362,8 +359,8 @@ def hypotheses(
         most_tiles=turn.most_tiles,
     )
     work = 0
-    for number in range(len(patch)):
-        tile = patch.tile(number)
+    for number in range(len(area)):
+        tile = area.tile(number)
         if tile.off_deg < turn.inner_deg:
             continue
         search.check_time()
@@ -371,31 +368,31 @@ def hypotheses(
         search.reach_deg = max(search.reach_deg, tile.off_deg)
         if tile.stars.size < settings.min_pairs:
             continue
-        places = _flat(tile, patch)
+        places = _flat(tile, area)
         chosen = _corners(*places, turn, tile_deg, settings)
         count = int(chosen.size)
         work += count * (count - 1) * (count - 2) // 6
         if work <= turn.from_triangles:
             continue  # an earlier round was here
         yield from _in_tile(
-            tile, places, chosen, patch, turn, frame, frame_triangles, index, board, settings, search
+            tile, places, chosen, area, turn, frame, frame_triangles, index, grid, settings, search
         )
         if work > turn.most_triangles:
             return
 
 
-def _flat(tile: Tile, patch: SearchArea) -> tuple[Array, Array]:
+def _flat(tile: Tile, area: SearchArea) -> tuple[Array, Array]:
     """Its stars about its middle, arcsec in the tangent plane."""
-    ra_deg, dec_deg = patch.stars.ra_deg[tile.stars], patch.stars.dec_deg[tile.stars]
+    ra_deg, dec_deg = area.stars.ra_deg[tile.stars], area.stars.dec_deg[tile.stars]
     xi_rad, eta_rad = gnomonic(ra_deg, dec_deg, tile.place.ra_deg, tile.place.dec_deg)
     return arcsec(np.asarray(xi_rad)), arcsec(np.asarray(eta_rad))
 
 
 def _corners(xi: Array, eta: Array, turn: Round, tile_deg: float, settings: IdentificationSettings) -> Index:
-    """Stars of a tile that make triangles, brightest first: in dear rounds over wide areas, its inner ones.
+    """Stars of a tile that make triangles, brightest first: in costly rounds over wide areas, its inner ones.
 
     Triangles grow with the third power of the stars, and stars at a tile's rim lie in few frames that are
-    this tile's: they are its neighbors' to ask.
+    this tile's: its neighbors use them.
     """
     share, most = settings.corner_radius / settings.tile_radius, turn.stage[1]
     inner = np.arange(xi.size)
@@ -412,17 +409,17 @@ def _in_tile(
     tile: Tile,
     places: tuple[Array, Array],
     chosen: Index,
-    patch: SearchArea,
+    area: SearchArea,
     turn: Round,
     frame: Points,
     frame_triangles: Triangles,
     index: TriangleIndex,
-    board: MatchGrid,
+    grid: MatchGrid,
     settings: IdentificationSettings,
     search: Search,
 ) -> Iterator[Hypothesis]:
     """Hypotheses of one tile, best of each chunk first."""
-    ra_deg, dec_deg = patch.stars.ra_deg[tile.stars], patch.stars.dec_deg[tile.stars]
+    ra_deg, dec_deg = area.stars.ra_deg[tile.stars], area.stars.dec_deg[tile.stars]
     xi, eta = places
     cap, regions, scales = settings.region_cap, settings.m_reg, turn.scales
     proved = spread_brightest(xi, eta, settings.n_confirm_stars, regions=regions, cap=cap)
@@ -453,15 +450,15 @@ def _in_tile(
         own = np.abs(there) <= own_arcsec
         factor, shift, mirrored, kept = factor[own], shift[own], mirrored[own], kept[own]
         search.hypotheses += int(factor.size)
-        look = board.promising(factor, shift, mirrored, w_proof)
+        look = grid.promising(factor, shift, mirrored, w_proof)
         if look.size == 0:
             continue
         a, b = a[kept[look]], b[kept[look]]
         factor, shift, mirrored = factor[look], shift[look], mirrored[look]
-        hits, close, predicted = board.count(factor, shift, mirrored, w_proof)
+        hits, close, predicted = grid.count(factor, shift, mirrored, w_proof)
         chance = 2.0 * np.minimum(
-            binomial_sf(hits - 3, predicted - 3, board.chances[0]),
-            binomial_sf(close - 3, predicted - 3, board.chances[1]),
+            binomial_sf(hits - 3, predicted - 3, grid.chances[0]),
+            binomial_sf(close - 3, predicted - 3, grid.chances[1]),
         )
         good = (hits - 3 >= 2) & (chance * search.hypotheses < FOLLOWED_UP_BELOW)
         ranked = np.flatnonzero(good)[np.argsort(chance[good], kind="stable")]

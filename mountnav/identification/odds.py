@@ -13,6 +13,7 @@ from mountnav.catalog.stars import Stars
 from mountnav.identification.plate import SIMILARITY, Plate, fit_plate
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 
 def binomial_sf(hits: Array, trials: Array, chance: Array | float) -> Array:
@@ -26,7 +27,7 @@ def binomial_sf(hits: Array, trials: Array, chance: Array | float) -> Array:
     Returns
     -------
     ndarray, shape (n,)
-        1 where no hit is asked for, 0 where more hits than trials are.
+        1 for no hits, 0 for more hits than trials.
     """
     k = np.asarray(hits, dtype=float)
     n = np.asarray(trials, dtype=float)
@@ -53,10 +54,8 @@ def strobe_chances(
     ----------
     x_px, y_px : ndarray, shape (n,)
         The measurements.
-    radius_px : float
     width_px, height_px : int
         Size of the frame.
-    cells : int
 
     Returns
     -------
@@ -90,12 +89,11 @@ def local_density(
         The measurements.
     at_x_px, at_y_px : ndarray, shape (k,)
         Predicted places inside the frame.
-    width_px, height_px : int
     cells : int
         The frame is cut in cells × cells parts.
     neighbors : int
-        The nearest so many measurements tell of a crowd that is smaller than a part: a cluster laid on
-        another cluster makes many close pairs by chance.
+        Number of nearest measurements that show a crowd smaller than a part: a cluster laid on another
+        cluster makes many close pairs by chance.
 
     Returns
     -------
@@ -110,7 +108,7 @@ def local_density(
     if x_px.size >= neighbors and at_x_px.size:
         tree = cKDTree(np.column_stack((x_px, y_px)))
         away = np.asarray(tree.query(np.column_stack((at_x_px, at_y_px)), k=[neighbors])[0])[:, 0]
-        # the nearest of all may be the very match that is judged; the others of the crowd tell its density
+        # the nearest of all may be the very match that is judged; the others of the crowd give its density
         dense = np.maximum(dense, (neighbors - 1) / (np.pi * np.maximum(away, 1.0) ** 2))
     return dense
 
@@ -119,7 +117,7 @@ def berk_jones_p(chances: Array) -> float:
     """Probability that chance brings so many so small uniform values [Berk & Jones 1979].
 
     The k-th smallest of n uniform values falls below p with the binomial probability of k or more successes
-    in n trials of chance p. The least of these over all k is multiplied by n, the number of looks: neither a
+    in n trials of chance p. The least of these over all k is multiplied by n, the number of tests: neither a
     strobe nor the number of true pairs has to be known beforehand, and closer pairs count for more.
 
     Parameters
@@ -142,36 +140,35 @@ def berk_jones_p(chances: Array) -> float:
 
 
 def trials_factor(hypotheses: int) -> float:
-    """By what the chance of one hypothesis is multiplied when so many were tried, one after the other.
+    """Factor by which the chance of one hypothesis is multiplied when so many were tried one after the other.
 
     A search that stops at the first hypothesis n with n·chance below a limit is fooled with up to
     limit·(1 + 1/2 + ... + 1/n), which grows with the search. With 2·n·(1 + ln n)² in place of n the sum stays
     below the limit however long the search: Σ 1/(n·(1 + ln n)²) < 2.
-
-    Parameters
-    ----------
-    hypotheses : int
-
-    Returns
-    -------
-    float
     """
     tried = max(hypotheses, 1)
     return float(2.0 * tried * (1.0 + np.log(tried)) ** 2)
 
 
-Index = NDArray[np.int64]
-
 MOST_STARS = 150
+"""Number of catalog stars predicted in the frame that are tested, the brightest. More cost time: the odds of
+a true plate are below any limit by then."""
 FEW_STARS = 40
+"""With fewer stars than this they are dealt in three hands, so that two thirds are tested at a time, and the
+triangle also predicts alone. Chosen by hand."""
 LINEAR_PAIRS = 7
+"""With fewer pairs than this, the triangle's three included, the plate of a hand is a similarity: a linear
+one would follow single wrong pairs. Chosen by hand."""
 MANY_MEASUREMENTS = 60
+"""Number of the brightest measurements that are used: at least so many, and twice as many as stars. Chosen by
+hand; with more, chance pairs get closer, and stars fainter than the catalog add nothing."""
 FEW_MEASUREMENTS = 15
-"""At least so many of the brightest measurements are asked."""
+"""Where few of the measurements can be catalog stars the brightest are tested once more alone: so many, or
+three times as many as stars. It costs a factor of two in the odds."""
 NEAREST_PX = 0.1
 """No pair counts as closer than this: centroids are no better, and real ones may sit on a raster."""
 LEAST_CHANCE = 1e-300
-"""Below this a probability is not told apart from zero."""
+"""Least probability that is reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,24 +186,22 @@ class Corners:
     dec_deg: Array
 
 
-class Witnesses:
-    """The measurements and stars that can speak about one hypothesis.
+class Confirmation:
+    """Measurements and stars that had no part in one hypothesis, and the odds that they confirm it by chance.
 
     Parameters
     ----------
     plate : Plate
         What the triangle proposed, untouched by any fit to other stars.
-    corners : Corners
     stars : Stars
         Of the whole frame, brightest first.
     x_px, y_px : ndarray, shape (n,)
         Star-like measurements, brightest first.
-    width_px, height_px : int
     match_px : float
         How far off the triangle's plate may be.
     source : ndarray of int, shape (n,), optional
-        Which source each measurement is a piece of (`combs.pieces`): a source speaks once, and not at all if
-        a piece of it made the plate. Each is a source of its own if this is left out.
+        Which source each measurement is a piece of (`selection.trail_pieces`): a source counts once, and not
+        at all if a piece of it made the plate. Each is a source of its own if this is left out.
     """
 
     def __init__(
@@ -237,7 +232,7 @@ class Witnesses:
         self._x, self._y, self._source = x_px[bright][free], y_px[bright][free], source[free]
         few = max(FEW_MEASUREMENTS, 3 * int(seen.size))
         # a poor catalog's stars are the brightest in the frame; among fewer measurements a pair says more
-        self._looks = (self._x.size, few) if few < self._x.size else (self._x.size,)
+        self._numbers_tested = (self._x.size, few) if few < self._x.size else (self._x.size,)
         corner_xi, corner_eta = self._plate.project(corners.ra_deg, corners.dec_deg)
         self._corners = (corners.x_px, corners.y_px, corner_xi, corner_eta)
 
@@ -254,10 +249,10 @@ class Witnesses:
         the triangle and that hand's pairs make a plate, and all other stars are predicted with it. For a
         wrong plate the distance from a predicted star to the nearest measurement that had no part in the
         plate is distributed as the density there has it, so the chance of one as near is uniform;
-        `together` tells how probable all of them are. Neither the triangle's three stars and measurements,
-        nor anything fit to the stars asked, takes part. Each hand teaches once, if stars are few the
-        triangle also alone and the brightest measurements are also asked alone: the least probability is
-        multiplied by the number of looks.
+        `berk_jones_p` gives the probability of all of them. Neither the triangle's three stars and
+        measurements, nor anything fit to the stars tested, takes part. Each hand teaches once, if stars are
+        few the triangle also alone, and the brightest measurements are also tested alone: the least
+        probability is multiplied by the number of tests.
 
         Returns
         -------
@@ -278,25 +273,25 @@ class Witnesses:
             taught, used = self._taught(teaching)
             x, y = taught.pixels(self._xi[~teaching], self._eta[~teaching])
             inside = self._inside(x, y)
-            for brightest in self._looks:
+            for brightest in self._numbers_tested:
                 least = min(least, self._agreement(x[inside], y[inside], used, brightest))
-        return float(np.clip(len(lessons) * len(self._looks) * least, LEAST_CHANCE, 1.0))
+        return float(np.clip(len(lessons) * len(self._numbers_tested) * least, LEAST_CHANCE, 1.0))
 
     def _agreement(self, x: Array, y: Array, used: Index, brightest: int) -> float:
-        """How probable it is that predicted places lie so near to the brightest measurements by chance."""
+        """How probable it is that predicted positions lie so near to the brightest measurements by chance."""
         unused = ~np.isin(self._source, self._source[used])
         mx, my = self._x[:brightest][unused[:brightest]], self._y[:brightest][unused[:brightest]]
         source = np.unique(self._source[:brightest][unused[:brightest]], return_inverse=True)[1]
         if x.size == 0 or mx.size == 0:
             return 1.0
         distance, nearest = (
-            np.asarray(one) for one in cKDTree(np.column_stack((mx, my))).query(np.column_stack((x, y)))
+            np.asarray(part) for part in cKDTree(np.column_stack((mx, my))).query(np.column_stack((x, y)))
         )
         dense = local_density(
             self._x[:brightest], self._y[:brightest], x, y, width_px=self._width, height_px=self._height
         )
         chance = -np.expm1(-dense * np.pi * np.maximum(distance, NEAREST_PX) ** 2)
-        # a source speaks for one star: two stars of a pair at the same place are one event, and so are two
+        # a source confirms one star: two stars of a pair at the same position are one event, and so are two
         # stars that lie as far apart as the pieces of a trail
         order = np.argsort(chance, kind="stable")
         best = np.full(mx.size, -1)
@@ -314,7 +309,7 @@ class Witnesses:
         tree = cKDTree(np.column_stack((self._x, self._y)))
         for radius in (self._match_px, strobe_px):
             x, y = plate.pixels(self._xi[teaching], self._eta[teaching])
-            distance, nearest = (np.asarray(one) for one in tree.query(np.column_stack((x, y))))
+            distance, nearest = (np.asarray(part) for part in tree.query(np.column_stack((x, y))))
             near = distance <= radius
             found = np.flatnonzero(teaching)[near]
             used = nearest[near].astype(np.int64)
@@ -331,6 +326,6 @@ class Witnesses:
 
 
 def _among(values: Array, few: Array) -> NDArray[np.bool_]:
-    """Which of the values are one of a few."""
+    """Which of the values are among a few others."""
     among: NDArray[np.bool_] = (values[:, None] == few).any(axis=1)
     return among

@@ -25,40 +25,21 @@ STAR_GROUP = "star group"
 MEASUREMENT_GROUP = "measurement group"
 DEVIATION = "deviation"
 RULES = (*BY_FLAG, STAR_GROUP, MEASUREMENT_GROUP, DEVIATION)
-"""Names of all rules, in the order in which they are asked: a candidate counts for the first that hits."""
-
-
-def grouped(x_px: Array, y_px: Array, magnitude: Array, radius_px: float, depth_mag: float) -> Mask:
-    """Points in a tight group: with a neighbor within the radius that is not fainter by `depth_mag`.
-
-    Parameters
-    ----------
-    x_px, y_px, magnitude : ndarray, shape (n,)
-    radius_px : float
-        r_star_group or r_mea_group.
-    depth_mag : float
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-    """
-    if x_px.size < 2:
-        return np.zeros(x_px.size, dtype=bool)
-    close = cKDTree(np.column_stack((x_px, y_px))).query_pairs(radius_px, output_type="ndarray")
-    return in_groups(close, x_px, y_px, magnitude, radius_px, depth_mag)
+"""Names of all rules, in the order in which they are applied: a candidate counts for the first that hits."""
 
 
 def in_groups(
     close: Index, x_px: Array, y_px: Array, magnitude: Array, radius_px: float, depth_mag: float
 ) -> Mask:
-    """`grouped`, when it is known which points may be close.
+    """Points in a tight group: with a neighbor within the radius that is not fainter by `depth_mag`.
 
     Parameters
     ----------
     close : ndarray of int, shape (k, 2)
         All couples of points within the radius, and perhaps some others.
-    x_px, y_px, magnitude, radius_px, depth_mag
-        As of `grouped`.
+    x_px, y_px, magnitude : ndarray, shape (n,)
+    radius_px : float
+        r_star_group or r_mea_group.
 
     Returns
     -------
@@ -80,7 +61,6 @@ def within_k_rej(deviation: Array, k_rej: float) -> Mask:
     ----------
     deviation : ndarray, shape (n,)
         Moduli Δ_αδ, any unit.
-    k_rej : float
 
     Returns
     -------
@@ -91,8 +71,11 @@ def within_k_rej(deviation: Array, k_rej: float) -> Mask:
 
 
 REACH = 2.0
-"""Stars farther than this many half frames from the center are not even asked."""
+"""Stars farther than this many half frames from the center aren't projected at all. A polynomial is wild out
+there. Halved, stars in the corners would be lost."""
 LEAST_PER_FRAGMENT = 3
+"""A fragment of the frame never gives fewer pairs than this, however few the others give: poor fields keep
+all. Chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +100,7 @@ class Pairs:
 
 
 NO_PAIRS = Pairs(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
+"""No pairs at all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,21 +131,14 @@ def predicted(
     margin_px: float = 0.0,
     projected: tuple[Array, Array] | None = None,
 ) -> Predicted:
-    """Put stars in the frame.
+    """Predict which stars lie in the frame, and where.
 
     Parameters
     ----------
-    plate : Plate
-    stars : Stars
-    width_px, height_px : int
     margin_px : float
         Stars so far outside the frame's edges are taken as well.
     projected : two ndarrays, shape (len(stars),), optional
         What `plate.project` makes of the stars, if that is known.
-
-    Returns
-    -------
-    Predicted
     """
     xi, eta = projected if projected is not None else plate.project(stars.ra_deg, stars.dec_deg)
     reach = REACH * plate.unit_px * plate.scale_arcsec_px()
@@ -180,26 +157,24 @@ def nearest_pairs(
 
     Parameters
     ----------
-    places : Predicted
     measurement : ndarray of int, shape (m,)
         The measurements that may take part.
     x_px, y_px : ndarray
         Of all measurements.
-    strobe_px : float
 
     Returns
     -------
     pairs : Pairs
         Brightest star first.
     place : ndarray of int, shape (len(pairs),)
-        Which of the predicted places each is.
+        Which of the predicted positions each is.
     """
     if len(places) == 0 or measurement.size == 0:
         return NO_PAIRS, np.zeros(0, dtype=np.int64)
     predictions = np.column_stack((places.x_px, places.y_px))
     sources = np.column_stack((x_px[measurement], y_px[measurement]))
     distance, nearest = (
-        np.asarray(one) for one in cKDTree(sources).query(predictions, distance_upper_bound=strobe_px)
+        np.asarray(part) for part in cKDTree(sources).query(predictions, distance_upper_bound=strobe_px)
     )
     found = np.flatnonzero(np.isfinite(distance))
     back = np.asarray(cKDTree(predictions).query(sources[nearest[found]])[1])
@@ -216,7 +191,6 @@ def spread_over_fragments(
     ----------
     x_px, y_px, mag : ndarray, shape (n,)
         Places and magnitudes of the pairs.
-    width_px, height_px : int
     fragments : int
         The frame is cut in fragments × fragments parts.
     cap : float
@@ -240,7 +214,7 @@ def spread_over_fragments(
 
 
 class Neighborhood:
-    """Which stars and measurements lie close, found once and asked again under plates that differ little.
+    """Which stars and measurements lie close, found once and used again under plates that differ little.
 
     Parameters
     ----------
@@ -270,7 +244,7 @@ class Neighborhood:
         self._groups = places.star[close]
 
     def holds(self, places: Predicted, strobe_px: float) -> bool:
-        """Whether all that may lie within a strobe under these places is remembered."""
+        """Whether all that may lie within a strobe under these positions is remembered."""
         x, y = self._then[:, places.star]
         moved2 = (x - places.x_px) ** 2 + (y - places.y_px) ** 2
         # NaN: a star that wasn't in the frame then
@@ -283,7 +257,6 @@ class Neighborhood:
         ----------
         places : Predicted
             See `holds`.
-        most : int
         strobe_px : float
             No pair lies farther apart.
 
@@ -292,7 +265,7 @@ class Neighborhood:
         pairs : Pairs
             Brightest star first.
         place : ndarray of int, shape (len(pairs),)
-            Which of the predicted places each is.
+            Which of the predicted positions each is.
         """
         now = np.full((2, self._then.shape[1]), np.nan)
         now[:, places.star] = places.x_px, places.y_px
@@ -305,7 +278,7 @@ class Neighborhood:
         return Pairs(source, star), np.searchsorted(places.star, star)
 
     def grouped_stars(self, places: Predicted, magnitude: Array, radius_px: float, depth_mag: float) -> Mask:
-        """Stars in a tight group, shape (len(places),); arguments as of `rejection.in_groups`."""
+        """Stars in a tight group, shape (len(places),); arguments as of `in_groups`."""
         number = np.full(self._then.shape[1], -1)
         number[places.star] = np.arange(len(places))
         close = number[self._groups]
@@ -341,15 +314,24 @@ def mutually_nearest(distance2: Array, star: Index, source: Index) -> Index:
 
 
 UNKNOWN_CENTROID_PX = 0.5
+"""Error per coordinate of a measurement that states none, pixels: that of a poor centroid. Chosen by hand."""
 UNKNOWN_CATALOG_ARCSEC = 1.0
+"""Error per coordinate of a catalog star that states none: that of old photographic catalogs. Chosen by
+hand."""
 SHARP_SHARE = 0.3
-"""When more of the candidates than this have no peak, the stars are that sharp, and the flag says nothing."""
+"""When more of the candidates than this have no peak, the stars are that sharp, and the flag says nothing.
+Chosen by hand."""
 SATURATED_FWHM = 0.02
-"""What the wings of a saturated star don't tell of its place, in widths, beyond the fit's own error."""
+"""Error of a saturated star's position, in widths, beyond that of the fit to its wings. Chosen by hand."""
 FEWEST_MEASUREMENTS = 60
+"""At least so many of the brightest measurements are paired, however few stars the catalog has in the frame;
+else twice as many as stars. Chosen by hand."""
 SPARE_PX = 3.0
-"""How much farther than the strobe neighbors are remembered: most plates of one growth differ by less."""
+"""How much farther than the strobe neighbors are remembered: most plates of one growth differ by less. It
+saves time and changes no result: what it doesn't cover is looked up again."""
 FEWEST_IN_GROUPS = 500
+"""At least so many of the brightest measurements are looked at for tight groups, else four times as many as
+pairs: fainter neighbors move no centroid. Chosen by hand."""
 
 
 class Candidates:
@@ -357,12 +339,10 @@ class Candidates:
 
     Parameters
     ----------
-    measurements : Measurements
     usable : ndarray of int
         Indices of star-like measurements, brightest first.
     stars : Stars
         Of the whole frame and a margin, brightest first.
-    settings : IdentificationSettings
     """
 
     def __init__(
@@ -392,7 +372,7 @@ class Candidates:
         return int(self._usable.size)
 
     def projected(self, plate: Plate) -> tuple[Array, Array]:
-        """Tangential coordinates of all stars, arcsec: reckoned once for each tangent point."""
+        """Tangential coordinates of all stars, arcsec: computed once for each tangent point."""
         if plate.tangent not in self._projected:
             self._projected[plate.tangent] = plate.project(self._stars.ra_deg, self._stars.dec_deg)
         return self._projected[plate.tangent]
@@ -433,7 +413,7 @@ class Candidates:
         counts = dict.fromkeys(RULES, 0)
         places = self.in_frame(plate)
         near, place = self._near(plate, places, strobe_px)
-        # sources that are no stars never were candidates of the fit: ask them about the stars left over
+        # sources that are no stars never were candidates of the fit: which of the stars left over are theirs?
         never = np.isfinite(m.x_px) & np.isfinite(m.y_px)
         never[self._usable] = False
         free = np.ones(len(places), dtype=bool)
@@ -482,7 +462,7 @@ class Candidates:
         return self._settings.star_group_fwhm * self._fwhm_px
 
     def _near(self, plate: Plate, places: Predicted, strobe_px: float) -> tuple[Pairs, Index]:
-        """Mutually nearest star and measurement within the strobe; and which place each star has."""
+        """Mutually nearest star and measurement within the strobe; and which position each star has."""
         if len(places) == 0 or self._usable.size == 0:
             return NO_PAIRS, NO_PAIRS.star
         # no more of the brightest measurements than could belong to the catalog's stars

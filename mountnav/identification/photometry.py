@@ -23,27 +23,43 @@ Array = NDArray[np.float64]
 Chosen = NDArray[np.bool_]
 
 FEWEST_STARS = 3
+"""Fewer pairs give no zero point: two agree by chance, and their scatter has no error."""
 FEWEST_COLORED = 8
+"""Pairs with a color; fewer hold no color term. Chosen by hand."""
 LEAST_SPREAD_MAG = 0.1
+"""Spread of the pairs' colors; stars that are more alike hold no color term. Chosen by hand."""
 LARGEST_COLOR_TERM_SIGMA = 0.2
-"""A color term is taken only of pairs that hold it: so many, of colors so far apart, its error so small."""
+"""A color term with a larger error, magnitudes per magnitude, isn't taken."""
 COLOR_TERM_PRIOR = 0.5
+"""Expected size of a color term, magnitudes per magnitude: a camera without a filter against V has a few
+tenths."""
 LARGEST_COLOR_TERM = 1.0
-"""A camera without a filter against V has a few tenths; what is far beyond is chance."""
+"""No color term is larger: what is far beyond the expected size is chance."""
 CLIP_SIGMAS = 3.5
+"""Pairs farther off than so many of their errors are left out: one honest pair in 2,000. Halved, one in
+twelve honest pairs would go, and the scatter would be stated too
+small."""
 LEAST_SCATTER_MAG = 0.001
+"""Least scatter of a pair beyond what its errors state, magnitudes: a guard against a scatter of zero. Chosen
+by hand."""
 ROUNDS = 50
+"""Fits at most, each with the pairs that the one before keeps. It ends when these stay the same; this only
+bounds what swings between two sets."""
 BISECTIONS = 60
+"""Halvings of the bracket when the scatter is sought: 2^-60 of it is beyond double precision."""
 STUDENT = 0.6
 """68.3 % of Student's t lie within 1 + 0.6/ν: 1.3 at ν = 2, where the scatter is hardly known."""
 _MAG_PER_LN = 2.5 / math.log(10.0)
+"""Magnitudes per unit of the natural logarithm of flux."""
 _SIGMA_PER_MAD = 1.4826
+"""Standard deviation of a normal distribution per median absolute deviation."""
 
 SPOILED = Flag.SATURATED | Flag.EDGE | Flag.NO_PEAK | Flag.BLENDED | Flag.TRAIL | Flag.BLEED
 """Measurements whose flux isn't that of one star."""
 NOT_COMPARABLE = StarFlag.NO_MAGNITUDE | StarFlag.OTHER_BAND | StarFlag.VARIABLE | StarFlag.EXTENDED
 """Stars whose magnitude means nothing for a star's flux in this band."""
 NOT_FOR_THE_FIT = NOT_COMPARABLE | StarFlag.DOUBTFUL | StarFlag.DOUBLE
+"""Stars that have no part in the fit: these, and those whose magnitude is doubtful or that of two stars."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,11 +121,7 @@ def instrumental_magnitudes(flux: Array) -> Array:
 
 
 def fit_for_photometry(pairs: IdentifiedPairs) -> Chosen:
-    """Which pairs may tell the zero point.
-
-    Parameters
-    ----------
-    pairs : IdentifiedPairs
+    """Which pairs the zero point is fitted to.
 
     Returns
     -------
@@ -128,10 +140,6 @@ def fit_photometry(pairs: IdentifiedPairs) -> Photometry | None:
     Each pair weighs by the error of its flux and by the scatter that the pairs themselves show; those beyond
     `CLIP_SIGMAS` are left out. A star without a color is taken at the pivot, with the spread of colors as its
     error.
-
-    Parameters
-    ----------
-    pairs : IdentifiedPairs
 
     Returns
     -------

@@ -14,10 +14,12 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 ARCSEC_PER_RAD = 180.0 * 3600.0 / np.pi
+"""Arcseconds per radian."""
 SIMILARITY = 0
 """Degree that stands for a similarity: four parameters, for frames with a handful of stars."""
 INVERSE_PX = 1e-7
-"""Steps of the inverse smaller than this end it."""
+"""Newton's steps of the inverse end when one is smaller than this, pixels: far below any centroid's error,
+far above double precision."""
 NAMES = ("similarity", "linear", "quadratic", "cubic")
 
 
@@ -107,7 +109,7 @@ class Plate:
         return x, y
 
     def project(self, ra_deg: Array, dec_deg: Array) -> tuple[Array, Array]:
-        """Tangential coordinates ξ, η (arcsec) of places on the sky; NaN behind."""
+        """Tangential coordinates ξ, η (arcsec) of positions on the sky; NaN behind."""
         xi, eta = gnomonic(ra_deg, dec_deg, self.tangent.ra_deg, self.tangent.dec_deg)
         return np.asarray(xi) * ARCSEC_PER_RAD, np.asarray(eta) * ARCSEC_PER_RAD
 
@@ -228,10 +230,6 @@ def fit_plate(
         One-sigma error of a pair, arcsec.
     degree : int
         0 (similarity) to 3.
-
-    Returns
-    -------
-    Plate
     """
     u, v = (x_px - like.center_x_px) / like.unit_px, (y_px - like.center_y_px) / like.unit_px
     weight = 1.0 / sigma

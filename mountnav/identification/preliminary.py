@@ -22,15 +22,16 @@ Index = NDArray[np.int64]
 LEAST_STROBES = 4
 """Fewer strobes than this never prove a shift."""
 STILL_PX = 1.0
-"""A shift nearer to zero than this is also what hot pixels show."""
+"""A shift nearer to zero than this is also what hot pixels show. Chosen by hand."""
 TESTED_BELOW = 0.1
 """Only hypotheses whose first odds, times all hypotheses so far, are below this are looked into."""
 MOST_JUDGED = 20
-"""After so many refused hypotheses the lists are taken for patterned, and the search ends."""
+"""After so many refused hypotheses the lists are taken for patterned, and the search ends. A limit of
+time."""
 FREE_SHARE = 0.15
 """Where strobes are crowded, one is advised that chance fills so seldom: as the measured profile has it."""
 RIVAL_MOST = 0.6
-"""Another shift that holds more than this share of the pairs makes both doubtful."""
+"""Another shift that holds more than this share of the pairs makes both doubtful. Chosen by hand."""
 
 
 class Outcome(StrEnum):
@@ -61,7 +62,6 @@ class Preliminary:
 
     Attributes
     ----------
-    outcome : Outcome
     pairing : Pairing or None
         The pairs and their shift; x1 = x2 + shift [S23 eq. 1, 2]. None unless found.
     tries : int
@@ -121,14 +121,13 @@ def preliminary(
 
     Parameters
     ----------
-    first, second : Measurements
     settings : PreliminarySettings, optional
         The paper's values by default.
 
     Returns
     -------
     Preliminary
-        With (1, 2): the second frame's places plus the shift are the first's.
+        With (1, 2): the second frame's positions plus the shift are the first's.
     """
     settings = settings or PreliminarySettings()
     return find_shift(sources_of(first, settings), sources_of(second, settings), settings)
@@ -143,13 +142,8 @@ def find_shift(
     ----------
     first, second : Sources
         Prepared with the same settings; either may be catalog stars projected into pixels.
-    settings : PreliminarySettings
     same_chip : bool
-        Both come from one camera, so that hot pixels may stand at the same places.
-
-    Returns
-    -------
-    Preliminary
+        Both come from one camera, so that hot pixels may stand at the same positions.
     """
     if min(first.proposing.size, second.proposing.size) < LEAST_STROBES:
         return Preliminary(
@@ -164,7 +158,7 @@ def find_shift(
 
 
 class _Search:
-    """One search: what was tried, and the best that was refused."""
+    """One search: the hypotheses that were tried, and the refusal that got farthest."""
 
     def __init__(
         self, first: Sources, second: Sources, settings: PreliminarySettings, same_chip: bool
@@ -208,8 +202,8 @@ class _Search:
             good = good[np.argsort(odds, kind="stable")][
                 : int((odds * self._hypotheses < TESTED_BELOW).sum())
             ]
-        for one in good:
-            result = self._judged(shifts[one], int(acknowledged[one]), int(strobes[one]))
+        for candidate in good:
+            result = self._judged(shifts[candidate], int(acknowledged[candidate]), int(strobes[candidate]))
             if result.found or self._settings.first_wins:
                 return result
             self._keep(result)
@@ -229,7 +223,7 @@ class _Search:
         return 3.0 * least
 
     def refusal(self) -> Preliminary:
-        """Tell why nothing was found: the most telling refusal, with the totals."""
+        """Why nothing was found: the refusal of the hypothesis that got farthest, with the totals."""
         best = self._best
         outcome = best.outcome
         if outcome is Outcome.NO_SHIFT and self._chance >= self._settings.n_min_ack:
@@ -261,7 +255,7 @@ class _Search:
             )
 
     def _keep(self, refused: Preliminary) -> None:
-        """A hypothesis that was refused late tells more than one that was never acknowledged."""
+        """Order of refusals: one that came late says more than one that was never acknowledged."""
         weaker = self._best.outcome is Outcome.NO_SHIFT
         if weaker or refused.false_probability < self._best.false_probability:
             self._best = refused
@@ -308,7 +302,7 @@ class _Search:
         the shift was free to move to where most pairs lie: each place it can be told apart in is one more
         look, and so is each hypothesis.
         """
-        looks = float(self._hypotheses)
+        trials = float(self._hypotheses)
         share = self._share
         if self._settings.narrowing:
             places = self._strobes - (pairing.dx_px, pairing.dy_px)
@@ -318,13 +312,13 @@ class _Search:
             distance, nearest = self._second.confirming_tree.query(places, distance_upper_bound=strobe)
             hit = np.isfinite(np.asarray(distance))
             acknowledged, strobes = int(np.unique(np.asarray(nearest)[hit]).size), int(places.shape[0])
-            looks *= 4.0 * max(1.0, (self._radius_px / strobe) ** 2)
+            trials *= 4.0 * max(1.0, (self._radius_px / strobe) ** 2)
             share = self._local_share(strobe)
         chance = float(share.mean())
         if strobes < LEAST_STROBES:
             return 1.0, acknowledged, strobes
         tail = float(binomial_sf(np.array([acknowledged - 1]), np.array([strobes - 1]), chance)[0])
-        return float(np.clip(tail * looks, 1e-300, 1.0)), acknowledged, strobes
+        return float(np.clip(tail * trials, 1e-300, 1.0)), acknowledged, strobes
 
     def _local_share(self, radius_px: float) -> Array:
         """Chance that a strobe is filled: at the second list's density where it crowds, part by part."""

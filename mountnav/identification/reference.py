@@ -25,13 +25,17 @@ from mountnav.solution import IdentifiedPairs
 
 __all__ = ["Pairs", "Reference", "Selection", "identified_pairs"]
 
-
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Index = NDArray[np.int64]
 
 FEWEST_PAIRS = {SIMILARITY: 2, 1: 5, 2: 7, 3: 7}
 """Fewest pairs for each degree. Low, because terms that the pairs don't support stay near zero anyway."""
 QUADRATIC = 2
+"""Degree of the quadratic plate."""
 OUTLYING = 5.0
+"""Cross-validated distances count for no more than so many times their median: a pair that is wrong decides
+no degree. Chosen by hand. Doubled or halved, the tests of search, refusal and plate pass all the same."""
 
 
 def cross_validated(fit: CameraFit, sigma_arcsec: Array) -> float:
@@ -39,13 +43,8 @@ def cross_validated(fit: CameraFit, sigma_arcsec: Array) -> float:
 
     Parameters
     ----------
-    fit : CameraFit
     sigma_arcsec : ndarray, shape (n,)
         The same for all fits that are to be compared.
-
-    Returns
-    -------
-    float
     """
     apart = fit.influence.apart_arcsec / sigma_arcsec
     return float(np.sqrt(np.mean(np.minimum(apart, OUTLYING * np.median(apart)) ** 2)))
@@ -58,11 +57,6 @@ def gains(lower: CameraFit, higher: CameraFit, share: float) -> bool:
     ----------
     lower, higher : CameraFit
         Of the same pairs.
-    share : float
-
-    Returns
-    -------
-    bool
     """
     sigma = higher.sigma_arcsec
     return cross_validated(higher, sigma) <= share * cross_validated(lower, sigma)
@@ -73,9 +67,8 @@ def required_share(lower: CameraFit, gain: float) -> float:
 
     Parameters
     ----------
-    lower : CameraFit
     gain : float
-        The share asked for in general.
+        The share that is required in general.
 
     Returns
     -------
@@ -87,20 +80,25 @@ def required_share(lower: CameraFit, gain: float) -> float:
     return 1.02 if lower.plate.degree == QUADRATIC else gain
 
 
-Complex = NDArray[np.complex128]
-
 START_DRAWS = 150
+"""Pairs of pairs, drawn at random, each of which gives a similarity; where there are fewer, all are tried.
+With 45 % wrong pairs 30 % of the draws hold none, so that none of 150 does once in 10^23."""
 START_MOST_PAIRS = 300
-"""More pairs than this tell nothing more about the start."""
+"""More pairs than this are thinned at random: they make the start no better, and cost time."""
 START_ROUGH_PAIRS = 100
+"""Draws are tried first with so many of the pairs, evenly spread: most are far off, and a few pairs show
+which."""
 START_LIKELY = 40
-"""So many draws that do best with `ROUGH_PAIRS` of the pairs are tried with all."""
+"""So many draws that do best with `START_ROUGH_PAIRS` of the pairs are tried with all. It saves time."""
 START_STEPS = 8
+"""Concentration steps (refits to the better half) at most; it ends earlier where a step gains less than
+`START_GAIN`. Chosen by hand."""
 START_GAIN = 1e-3
 """A step that gains less ends the refitting: it is a start, and a fit follows."""
 START_TURN_MOST = 0.1
 """A draw that changes scale or rotation by more than this share is a slip: the triangle's plate is better."""
 START_SEED = 20230511
+"""Seed of the draws: the same pairs always give the same plate. Any number does."""
 
 
 def trimmed_similarity(z: Complex, w: Complex) -> tuple[complex, complex]:
@@ -143,7 +141,7 @@ def trimmed_similarity(z: Complex, w: Complex) -> tuple[complex, complex]:
     turn = np.concatenate((turn[near], np.ones(count + 1, dtype=complex)))
     shift = np.concatenate((shift[near], w - z, [0.0j]))
     if count > START_ROUGH_PAIRS:
-        # most draws are far off: a few evenly spread pairs tell which aren't
+        # most draws are far off: a few evenly spread pairs show which aren't
         some = np.linspace(0, count - 1, START_ROUGH_PAIRS).astype(np.int64)
         likely = np.argsort(_cost(z[some], w[some], turn, shift, START_ROUGH_PAIRS // 2 + 1), kind="stable")[
             :START_LIKELY
@@ -193,13 +191,16 @@ def _concentrated(
     return cost, turn, shift
 
 
-Index = NDArray[np.int64]
-
 ROUNDS = 6
+"""Fits at one degree at most, each with the pairs that the last plate finds in a narrower strobe; it ends
+earlier, when the pairs stay the same. Chosen by hand."""
 REJECTIONS = 20
+"""Rejections by K_rej within one fit at most. It ends earlier, when no pair goes; this bounds the work."""
 CLEARLY = 0.8
-"""A cross-validated residual below this share of the next lower degree's needs no further comparison."""
+"""A cross-validated residual below this share of the next lower degree's needs no further comparison. It
+saves three fits where a distortion is plain."""
 CENTERINGS = 5
+"""Fits at most until the tangent point is the frame's center; it ends earlier, within `CENTERED_ARCSEC`."""
 CENTERED_ARCSEC = 0.05
 """A tangent point so near to the center is moved there without a new fit: nothing changes by a hundredth."""
 
@@ -225,11 +226,11 @@ class Reference:
     outliers : Pairs
         Which these are.
     rejected_by : dict
-        How many candidates each rule threw out, by the names in `rejection.RULES`.
+        How many candidates each rule threw out, by the names in `pairing.RULES`.
     leverage : ndarray, shape (n,)
-        How much each pair holds the plate at its own place.
+        How much each pair holds the plate at its own position.
     center_covariance_arcsec2 : ndarray, shape (2, 2)
-        Of the center's place: east, north.
+        Of the center's position: east, north.
     extra_px : float
         Error per coordinate beyond those of centroid and catalog, as the pairs show it.
     """
@@ -262,14 +263,8 @@ def identified_pairs(reference: Reference, stars: Stars, measurements: Measureme
 
     Parameters
     ----------
-    reference : Reference
     stars : Stars
         The list that the pairs point into.
-    measurements : Measurements
-
-    Returns
-    -------
-    IdentifiedPairs
     """
     plate = reference.plate
     measurement = np.concatenate((reference.pairs.measurement, reference.outliers.measurement))
@@ -306,12 +301,10 @@ class Selection:
 
     Parameters
     ----------
-    measurements : Measurements
     usable : ndarray of int
         Indices of star-like measurements, brightest first.
     stars : Stars
         Of the whole frame and a margin, brightest first.
-    settings : IdentificationSettings
     """
 
     def __init__(
@@ -450,8 +443,8 @@ class Selection:
         strobe_px : float
             How far off it may be.
         rough : bool
-            The plate is only to tell where stars are to be measured: the number of pairs decides the degree,
-            not what the pairs gain by it, and nobody asks which rule threw out what.
+            The plate only serves to measure at the stars' positions: the number of pairs decides the degree,
+            not what the pairs gain by it, and rejections aren't counted by rule.
 
         Returns
         -------
@@ -482,7 +475,6 @@ class Selection:
 
         Parameters
         ----------
-        plate : Plate
         strobe_px : float
             How far off it may be, anywhere in the frame.
 

@@ -18,34 +18,36 @@ from mountnav.measuring.measurements import Measurements, StarImages
 from mountnav.solution import Reason
 
 SURE_STARS = 8
-"""With fewer stars than this a failure is laid to their number."""
+"""With fewer stars than this a failure is laid to their number. Chosen by hand: it changes the reason of a
+refusal, never whether a frame is solved."""
 CLOUD_SHARE = 0.2
-"""Fewer star-like sources than this share of the promised ones: something is in the way."""
+"""Fewer star-like sources than this share of the promised ones: something is in the way. Chosen by hand: it
+changes the reason of a refusal, never whether a frame is solved."""
 WHOLE_SKY_DEG2 = 41252.96
+"""Area of the sky, square degrees: 4π (180/π)²."""
 DEEPER_FRAME = 10.0
-"""A frame with so many times the catalog's stars is deeper by some magnitudes."""
+"""A frame with so many times the catalog's stars is deeper by some magnitudes. Chosen by hand: it changes the
+reason of a refusal, never whether a frame is solved."""
 MANY_STARS = 300
-"""With so many in a field nobody asks how many more a catalog has."""
+"""With so many catalog stars in a field no more are counted: their number isn't the reason of a failure."""
 PROMISED_LEAST = 12
-"""A promise of fewer stars than this says nothing about the sky's state."""
+"""A promise of fewer stars than this says nothing about the sky's state. Chosen by hand: it changes the
+reason of a refusal, never whether a frame is solved."""
 WIDE_FWHM_PX = 9.0
+"""Star images wider than this, pixels, explain a failure by defocus (`Reason.CLOUD_OR_DEFOCUS`). Chosen by
+hand: it changes the reason of a refusal, never whether a frame is solved."""
 CHANCE_WORTH_TELLING = 1e-3
+"""A refused hypothesis with odds below this is reported as one (`Reason.CHANCE`): chance brings one in at
+most 1,000 searches. It changes the reason, never whether a frame is solved."""
 CROWDED_STROBES = 0.4
-"""Where chance fills more of the strobes than this, the paper's 70 % hardly tell plates apart. Of 48
-pairs that could be, a wrong plate has so many once in 12,000 hypotheses at 0.4, once in 7 at 0.6, and once in
-10^12 at 0.2. Doubled, crowding would never be told; halved, it would be where it does no harm."""
+"""Where chance fills more of the strobes than this, the paper's 70 % hardly separate plates. Of 48 pairs that
+could be, a wrong plate has so many once in 12,000 hypotheses at 0.4, once in 7 at 0.6, and once in 10^12 at
+0.2. Doubled, crowding would never be reported; halved, it would be where it does no harm."""
 
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """A reason and what it rests on.
-
-    Attributes
-    ----------
-    reason : Reason
-    detail : str
-    numbers : dict of str to float
-    """
+    """A reason and what it rests on."""
 
     reason: Reason
     detail: str
@@ -54,10 +56,6 @@ class Refusal:
 
 def promised_depth_mag(scale_arcsec_px: float) -> float:
     """Magnitude that a camera of this scale reaches in any useful exposure.
-
-    Parameters
-    ----------
-    scale_arcsec_px : float
 
     Returns
     -------
@@ -78,14 +76,6 @@ def in_field(
 ) -> float | None:
     """How many stars the catalog has in a field this size, on the mean over the hinted area.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    hint : Hint
-    width_px, height_px : int
-    epoch_yr : float
-    mag_limit : float, optional
-
     Returns
     -------
     float or None
@@ -101,7 +91,7 @@ def in_field(
     fields = math.pi * radius_deg**2 / field_deg2
     # a deep catalog's stars needn't be read by the million to know that there are enough
     deep = depth_for(catalog, hint.center, MANY_STARS, field_deg2)
-    limits = [one for one in (mag_limit, deep) if one is not None]
+    limits = [limit for limit in (mag_limit, deep) if limit is not None]
     stars = catalog.cone(hint.center, radius_deg, epoch_yr=epoch_yr, mag_limit=min(limits, default=None))
     return len(stars) / fields
 
@@ -120,19 +110,10 @@ def refusal(
 
     Parameters
     ----------
-    measurements : Measurements
-    catalog : Catalog
-    hint : Hint
     search : Search
         What was tried.
-    settings : IdentificationSettings
-    epoch_yr : float
     out_of_time_s : float, optional
-        The budget, if it was what ended the search: then the reason is that, and the likely one is told.
-
-    Returns
-    -------
-    Refusal
+        The budget, if that ended the search: it is the reason then, and the likely one stands in the detail.
     """
     likely = _likely(measurements, catalog, hint, search, settings, epoch_yr)
     if out_of_time_s is None:
@@ -145,7 +126,7 @@ def refusal(
 
 
 def _mean_in_field(catalog: Catalog, hint: Hint, width_px: int, height_px: int) -> float | None:
-    """Stars in a field this size on the mean over the sky, for a frame whose place nobody knows."""
+    """Stars in a field this size on the mean over the sky, for a frame of unknown position."""
     low, high = hint.scale_low_arcsec_px, hint.scale_high_arcsec_px
     if not isinstance(catalog, PackedStore) or low is None or high is None or not 0 < low <= high:
         return None
@@ -253,7 +234,7 @@ def _likely(
     return Refusal(Reason.NO_MATCH, detail, numbers)
 
 
-def _counted(search: Search, asked: float, match_px: float) -> str:
+def _counted(search: Search, required: float, match_px: float) -> str:
     """How near the paper's count came, why no nearer, and what to do."""
     most = f"{search.most_published:.0%} of the pairs that could be"
     if search.strobe_chance > CROWDED_STROBES:
@@ -263,6 +244,6 @@ def _counted(search: Search, asked: float, match_px: float) -> str:
         )
     else:
         why = "the profile measured goes by the odds alone"
-    if search.most_published >= asked:
+    if search.most_published >= required:
         return f"; {most} were confirmed once, but so few that it may be chance; {why}"
-    return f"; at most {most} were confirmed, {asked:.0%} are asked for; {why}"
+    return f"; at most {most} were confirmed, {required:.0%} are asked for; {why}"

@@ -12,23 +12,29 @@ from mountnav.identification.settings import IdentificationSettings, Stage
 Scales = tuple[float, float]
 
 SCALE_LEAST_ARCSEC_PX = 0.3
+"""Finest scale that is searched where none is known, by triangles and in the index."""
 SCALE_MOST_ARCSEC_PX = 200.0
+"""Coarsest scale that is searched where none is known: a frame of 1,000 px is 56° wide then, and the tangent
+plane ends at some 60°."""
 SCALE_STEP = 1.6
-"""With no scale given, it is sought in windows this wide."""
+"""With no scale given, it is sought in windows this wide. Wider ones have more tiles than a coarse scale
+needs; narrower ones more rounds."""
 WIDER = 1.3
-"""When the hinted scale fails, its bounds are widened by this factor before it is taken as unknown."""
+"""When the hinted scale fails, its bounds are widened by this factor before it is taken as unknown. Chosen by
+hand."""
 NEAREST_TRIANGLES = 2_000_000
 """Work of a round that looks at the nearest tiles only, in catalog triangles; about a second."""
 WHOLE_TRIANGLES = 20_000_000
-"""Work of a round over the whole hinted area."""
-DEAR_NEAREST_TRIANGLES = 700_000
-"""Work of a dear round by the inner stars of the nearest tiles: 25 tiles of the middle stage, 7 of the last,
-as many as `NEAREST_TRIANGLES` are with all their stars."""
-DEAR_TRIANGLES = 6_700_000
+"""Work of a round over the whole hinted area. Doubled, a hopeless frame costs so much more time."""
+COSTLY_NEAREST_TRIANGLES = 700_000
+"""Work of a costly round by the inner stars of the nearest tiles: 25 tiles of the middle stage, 7 of the
+last, as many as `NEAREST_TRIANGLES` are with all their stars."""
+COSTLY_TRIANGLES = 6_700_000
 """Work of the middle stage over the whole hinted area: 243 tiles, two seconds. Doubled, a hopeless frame with
 a hint of 5° at 3 ″/px costs a second more; halved, its rim is searched by bright stars only."""
 LAST_TRIANGLES = 4_000_000
-"""Work of the last and dearest round: 43 tiles, two seconds. Doubled, a hopeless frame costs so much more."""
+"""Work of the last and most costly round: 43 tiles, two seconds. Doubled, a hopeless frame costs so much
+more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +79,6 @@ def scale_windows(low: float | None, high: float | None) -> list[Scales]:
     ----------
     low, high : float or None
         Bounds, arcsec per pixel; None means `SCALE_LEAST_ARCSEC_PX` and `SCALE_MOST_ARCSEC_PX`.
-
-    Returns
-    -------
-    list of (float, float)
     """
     least = low if low is not None else SCALE_LEAST_ARCSEC_PX
     most = high if high is not None else SCALE_MOST_ARCSEC_PX
@@ -94,8 +96,6 @@ def outward_deg(
 
     Parameters
     ----------
-    hint : Hint
-    scale_arcsec_px : float
     shorter_px : int
         The frame's shorter side.
     settings : IdentificationSettings
@@ -118,10 +118,8 @@ def plan(
 
     Parameters
     ----------
-    hint : Hint
     shorter_px : int
         The frame's shorter side.
-    settings : IdentificationSettings
     flagged : bool
         Whether there are flagged measurements that could take part: a sharp frame's stars may all look
         like hot pixels.
@@ -130,13 +128,14 @@ def plan(
     -------
     list of three lists of Round
         The parts of several hints are tried one after the other: all first parts, then all second ones, and
-        last the dear ones, so that a wrong hint doesn't use up the time before the right one is asked.
+        last the costly ones, so that a wrong hint doesn't use up the time before the right one is tried.
     """
     low, high, radius = hint.scale_low_arcsec_px, hint.scale_high_arcsec_px, hint.radius_deg
     stages = settings.stages
     if low is None or high is None:
         windows = scale_windows(low, high)
-        # the cheap stage over all scales before the dear one over any, and the near tiles before the far ones
+        # the cheap stage over all scales before the costly one over any, and the near tiles before the far
+        # ones
         first = [
             Round(stage, window, 0.0, radius, most_triangles=NEAREST_TRIANGLES)
             for stage in stages[:2]
@@ -151,7 +150,8 @@ def plan(
     window = (low, high)
     first = [Round(stages[0], window, 0.0, radius)]
     first += [
-        Round(stage, window, 0.0, radius, most_triangles=DEAR_TRIANGLES, inner=True) for stage in stages[1:2]
+        Round(stage, window, 0.0, radius, most_triangles=COSTLY_TRIANGLES, inner=True)
+        for stage in stages[1:2]
     ]
     # the nearest tiles with all their stars: most hints mean these
     first += [Round(stage, window, 0.0, radius, most_triangles=NEAREST_TRIANGLES) for stage in stages[2:]]
@@ -170,11 +170,11 @@ def plan(
     )
     likely = sorted(others, key=lambda one: abs(math.log(one[0] * one[1] / (low * high))))
     second += [
-        Round(stages[0], one, 0.0, radius, most_triangles=NEAREST_TRIANGLES // 4, most_tiles=200)
-        for one in likely
+        Round(stages[0], scales, 0.0, radius, most_triangles=NEAREST_TRIANGLES // 4, most_tiles=200)
+        for scales in likely
     ]
     second += [
-        Round(stage, side, 0.0, radius, most_triangles=DEAR_NEAREST_TRIANGLES, inner=True)
+        Round(stage, side, 0.0, radius, most_triangles=COSTLY_NEAREST_TRIANGLES, inner=True)
         for stage in stages[1:2]
         for side in sides
     ]
@@ -184,12 +184,12 @@ def plan(
             window,
             0.0,
             radius,
-            from_triangles=DEAR_NEAREST_TRIANGLES,
+            from_triangles=COSTLY_NEAREST_TRIANGLES,
             most_triangles=LAST_TRIANGLES,
             inner=True,
         )
         for stage in stages[2:]
     ]
-    cheap = [one for one in second if one.stage == stages[0]]
-    dear = [one for one in second if one.stage != stages[0]]
-    return [first[:1], cheap, first[1:] + dear]
+    cheap = [step for step in second if step.stage == stages[0]]
+    costly = [step for step in second if step.stage != stages[0]]
+    return [first[:1], cheap, first[1:] + costly]

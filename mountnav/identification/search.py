@@ -42,8 +42,8 @@ class Reach:
     blind : {"after", "only", "never"}
         Whether the whole sky is searched after the hint failed, at once without asking any hint, or not.
     thorough : bool
-        Also what may be if the hint is wrong, and the dear rounds; else only what the hint says at first, and
-        the whole sky.
+        Also what may be if the hint is wrong, and the costly rounds; else only what the hint says at first,
+        and the whole sky.
     tried : int
         Hypotheses of an earlier search for the same frame: each was one more chance to be fooled.
     rough : bool
@@ -75,16 +75,13 @@ def identify(
 
     Parameters
     ----------
-    measurements : Measurements
-    catalog : Catalog
     hint : Hint
         What it says is tried first, then its alternatives, then the whole sky if there is an index, then
         what may be if the hint is wrong: other scales, places farther out.
     epoch_yr : float
         Julian year of the frame.
-    settings : IdentificationSettings, optional
     budget_s : float
-        Processor time allowed; `budget.wall_limit_s` tells how long that may take.
+        Processor time allowed; `budget.wall_limit_s` is the wall time that may take.
     reach : Reach, optional
         How far the search goes; without it, as far as is possible without an index.
 
@@ -95,8 +92,8 @@ def identify(
     """
     settings, reach = settings or IdentificationSettings(), reach or Reach()
     index = reach.index
-    believed = [_reconciled(one) for one in (hint, *hint.alternatives)]
-    placed = [] if reach.blind == "only" else [one for one in believed if one.center is not None]
+    believed = [_reconciled(reading) for reading in (hint, *hint.alternatives)]
+    placed = [] if reach.blind == "only" else [reading for reading in believed if reading.center is not None]
     search = Search(Budget.of(budget_s), hypotheses=reach.tried)
     late: float | None = None
     nowhere = without_place(hint, reach)
@@ -164,7 +161,7 @@ def _steps(
 ) -> Iterator[_Step]:
     """What is tried in turn: what the hints say, the whole sky, then what may be if the hints are wrong."""
     shorter_px = min(measurements.width_px, measurements.height_px)
-    plans = [(one, plan(one, shorter_px, settings, flagged=flagged)) for one in placed]
+    plans = [(reading, plan(reading, shorter_px, settings, flagged=flagged)) for reading in placed]
 
     def part(number: int) -> Iterator[_Step]:
         for one, parts in plans:
@@ -172,12 +169,12 @@ def _steps(
                 yield _Step(turn, one.center)
 
     only = reach.blind == "only"
-    # where the index has next to no stars it is asked last
+    # where the index has next to no stars it is searched last
     narrow = reach.indexed is not None and too_narrow_for_index(placed, shorter_px)
-    near = narrow or all(_is_near(one, shorter_px) for one in placed)
+    near = narrow or all(_is_near(reading, shorter_px) for reading in placed)
     # the paper's own way is by triangles, where the hint says
     if index is not None and not only and settings.v_min_ident is None:
-        yield from _asked_of_index(placed, first_only=near)
+        yield from _index_steps(placed, first_only=near)
     if near:
         yield from part(0)
     sky = index is not None and reach.blind != "never" and (reach.thorough or not narrow)
@@ -190,18 +187,20 @@ def _steps(
         yield from part(2)
 
 
-def _asked_of_index(placed: list[Hint], *, first_only: bool) -> Iterator[_Step]:
+def _index_steps(placed: list[Hint], *, first_only: bool) -> Iterator[_Step]:
     """Where the hints say, looked up in the index: some milliseconds, where triangles cost ten times that.
 
     Where triangles follow, the later rounds of the index are left to the look over the whole sky.
     """
-    steps = [_Step(None, one.center, one.radius_deg, _scales(one), first_only) for one in placed]
+    steps = [
+        _Step(None, reading.center, reading.radius_deg, _scales(reading), first_only) for reading in placed
+    ]
     yield from dict.fromkeys(steps)
 
 
 def _whole_sky(believed: list[Hint]) -> Iterator[_Step]:
-    """First at the scales that are believed, then at any."""
-    steps = [_Step(None, None, scales=_scales(one)) for one in believed]
+    """Steps of the whole sky: first at the scales that are believed, then at any."""
+    steps = [_Step(None, None, scales=_scales(reading)) for reading in believed]
     yield from dict.fromkeys([*steps, _Step(None, None)])
 
 
@@ -215,12 +214,11 @@ def too_narrow_for_index(believed: list[Hint], shorter_px: int) -> bool:
 
     Parameters
     ----------
-    believed : list of Hint
     shorter_px : int
         The frame's shorter side.
     """
-    highs = [one.scale_high_arcsec_px for one in believed]
-    known = [one for one in highs if one is not None]
+    highs = [reading.scale_high_arcsec_px for reading in believed]
+    known = [high for high in highs if high is not None]
     return bool(highs) and len(known) == len(highs) and shorter_px * max(known) / 3600.0 < INDEX_LEAST_DEG
 
 
@@ -233,19 +231,16 @@ def _is_near(hint: Hint, shorter_px: int) -> bool:
 
 
 def without_place(hint: Hint, reach: Reach) -> Refusal | None:
-    """Refuse, before anything is measured or searched, what has neither a place nor an index to find one.
-
-    Parameters
-    ----------
-    hint : Hint
-    reach : Reach
+    """Refuse, before anything is measured or searched, what has neither a position nor an index to find one.
 
     Returns
     -------
     Refusal or None
         None when a search makes sense.
     """
-    placed = reach.blind != "only" and any(one.center is not None for one in (hint, *hint.alternatives))
+    placed = reach.blind != "only" and any(
+        reading.center is not None for reading in (hint, *hint.alternatives)
+    )
     if placed or (reach.index is not None and reach.blind != "never"):
         return None
     why = "and blind search is switched off" if reach.blind == "never" else "and there is no index of the sky"
@@ -256,11 +251,13 @@ def _refused(
     why: Refusal, probability: float, disproved: tuple[Contradiction, ...], search: Search
 ) -> Identified:
     numbers = why.numbers | {"hypotheses": float(search.hypotheses)}
-    return Identified(None, None, why.reason, why.detail, probability, numbers, disproved)
+    return Identified(
+        None, None, why.reason, why.detail, probability, numbers, disproved, tried=search.hypotheses
+    )
 
 
 def _empty_bounds(hint: Hint) -> tuple[Contradiction, ...]:
-    """Say so, if no scale lies between the bounds."""
+    """The contradiction, if no scale lies between the bounds."""
     low, high = hint.scale_low_arcsec_px, hint.scale_high_arcsec_px
     if low is None or high is None or 0 < low <= high:
         return ()
@@ -290,7 +287,7 @@ def _attempt(
     *,
     rough: bool,
 ) -> Identified | None:
-    """One step."""
+    """Try one step."""
     width, height = measurements.width_px, measurements.height_px
     if usable.size < settings.min_pairs:
         return None
@@ -326,8 +323,8 @@ def _attempt(
             search=search,
             first_only=step.first_only,
         )
-    for one in proposals:
-        found = verified(one, measurements, usable, catalog, epoch_yr, settings, search, rough=rough)
+    for hypothesis in proposals:
+        found = verified(hypothesis, measurements, usable, catalog, epoch_yr, settings, search, rough=rough)
         if found is not None:
             return replace(found, blind=turn is None and step.center is None)
     return None

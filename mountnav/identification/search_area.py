@@ -16,17 +16,17 @@ from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import gnomonic_inverse
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 WIDEST_FRAME_DEG = 60.0
 """No frame diagonal beyond this is tried: the tangent plane ends."""
 
 
 def tiles(center: Icrs, radius_deg: float, step_deg: float) -> list[Icrs]:
-    """Cover a circle on the sky with a hexagonal grid of places, nearest first.
+    """Cover a circle on the sky with a hexagonal grid of positions, nearest first.
 
     Parameters
     ----------
-    center : Icrs
     radius_deg : float
         Radius of the circle, at most 60.
     step_deg : float
@@ -67,11 +67,9 @@ def arcsec(value_rad: Array) -> Array:
     return np.asarray(value_rad, dtype=float) * ARCSEC_PER_RAD
 
 
-Index = NDArray[np.int64]
-
-
 ASKED_DIRECTLY = 8
-"""So many tiles are cut out by distance; only then a tree is built, which most searches never need."""
+"""So many tiles are cut out by distance; only then a tree is built, which most searches never need. It
+changes time, no result."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,15 +96,12 @@ class SearchArea:
 
     Parameters
     ----------
-    catalog : Catalog
-    center : Icrs
     radius_deg : float
         Of the area in which the frame's center is sought.
     step_deg, tile_deg : float
         Distance of neighboring tiles, and the radius of a tile's stars.
     count : int
         The catalog is read so deep that even a poor tile has so many stars, if the catalog has them.
-    epoch_yr : float
     most_tiles : int
         The nearest so many are kept.
     """
@@ -128,7 +123,8 @@ class SearchArea:
         reach_deg = min(radius_deg, step_deg * (np.sqrt(most_tiles * np.sqrt(3.0) / 2 / np.pi) + 1.0))
         self._places = tiles(center, reach_deg, step_deg)[:most_tiles]
         axes = _axes(
-            np.array([one.ra_deg for one in self._places]), np.array([one.dec_deg for one in self._places])
+            np.array([place.ra_deg for place in self._places]),
+            np.array([place.dec_deg for place in self._places]),
         )
         self._off_deg = 2.0 * np.degrees(np.arcsin(np.minimum(np.linalg.norm(axes - axes[0], axis=1) / 2, 1)))
         cone_deg = min(float(self._off_deg.max()) + tile_deg, 180.0)

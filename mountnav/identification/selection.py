@@ -24,10 +24,6 @@ NO_STAR = int(Flag.NO_PEAK | Flag.TRAIL | Flag.BLEED)
 def star_like(measurements: Measurements) -> Index:
     """Measurements that can be stars, brightest first.
 
-    Parameters
-    ----------
-    measurements : Measurements
-
     Returns
     -------
     ndarray of int, shape (k,)
@@ -106,7 +102,8 @@ def _region(value: Array, regions: int) -> Index:
 
 
 PIECES_MOST_SOURCES: Final = 300
-"""So many of the brightest measurements are asked: no more than that take part in the odds of most frames."""
+"""Number of the brightest measurements among which pieces are sought: no more than that take part in the odds
+of most frames."""
 PIECES_FEWEST_SOURCES: Final = 10
 """Among fewer no offset comes so often that it must be one of pieces."""
 PIECES_REACH_PX: Final = 420.0
@@ -114,11 +111,12 @@ PIECES_REACH_PX: Final = 420.0
 PIECES_CELL_PX: Final = 2.0
 """Offsets are counted in cells of this, two by two of them together: pieces are placed to a pixel."""
 PIECES_CELLS_AROUND: Final = 15
-"""The level that chance has is that of so many cells on each side: crowds have more pairs close by."""
+"""The level that chance has is that of so many cells on each side: crowds have more pairs close by. Chosen by
+hand."""
 PIECES_CHANCE: Final = 1e-6
 """An offset that comes so often that chance brings it in fewer frames than this is one of pieces."""
 PIECES_LEAST_PAIRS: Final = 5
-"""And at least so many pairs have it."""
+"""And at least so many pairs have it. Chosen by hand."""
 
 
 def trail_pieces(x_px: Array, y_px: Array) -> Index:
@@ -164,11 +162,9 @@ def trail_pieces(x_px: Array, y_px: Array) -> Index:
     some = some[chance < PIECES_CHANCE]
     if some.size == 0:
         return alone
-    told = np.zeros(cells.shape, dtype=bool)
+    frequent = np.zeros(cells.shape, dtype=bool)
     for down, right in ((0, 0), (0, 1), (1, 0), (1, 1)):
-        told[np.minimum(some[:, 0] + down, rows - 1), np.minimum(some[:, 1] + right, columns - 1)] = True
-    together = told[row, column]
-    links = coo_array(
-        (np.ones(int(together.sum())), (i[together], j[together])), shape=(x_px.size, x_px.size)
-    )
+        frequent[np.minimum(some[:, 0] + down, rows - 1), np.minimum(some[:, 1] + right, columns - 1)] = True
+    linked = frequent[row, column]
+    links = coo_array((np.ones(int(linked.sum())), (i[linked], j[linked])), shape=(x_px.size, x_px.size))
     return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)

@@ -49,7 +49,7 @@ class IdentificationSettings:
     tile_radius : float
         Radius of a tile's stars in frame diagonals.
     corner_radius : float
-        In dear rounds over wide areas triangles are made of the stars within so many diagonals, and of as
+        In costly rounds over wide areas triangles are made of the stars within so many diagonals, and of as
         many fewer as that part is smaller; as large as `tile_radius`, of all of a tile's.
     outward_fields, outward_max_deg : float
         When nothing is found within the hinted radius, the center is sought so many shorter frame sides
@@ -66,7 +66,7 @@ class IdentificationSettings:
         Neighbors fainter by more than this make no group.
     floor_px : float
         Position error per coordinate that neither centroid nor catalog knows of, as expected before any pair
-        is seen; the pairs then tell what it is.
+        is seen; the pairs then show what it is.
     fragments : int
         The frame is cut in fragments × fragments parts that give pairs alike [S23 §3.1].
     fragment_cap : float

@@ -19,8 +19,9 @@ Index = NDArray[np.int64]
 MOST_SOURCES = 300
 """So many of the brightest make the final shift; more cost time and gain nothing."""
 UNKNOWN_SIGMA_PX = 0.5
+"""Error per coordinate of a position that states none, pixels. Chosen by hand."""
 FEWEST_STAR_LIKE = 8
-"""With fewer star-like measurements than this the flagged ones are taken as well."""
+"""With fewer star-like measurements than this the flagged ones are taken as well. Chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +64,7 @@ class Sources:
         return max(count, 1) / ((right - left) * (high - low))
 
     def strobe_px(self, other: Sources, settings: PreliminarySettings) -> float:
-        """The first strobe's radius: R_rej, or narrower where `chance_most` asks for it."""
+        """The first strobe's radius: R_rej, or narrower where `chance_most` requires it."""
         if settings.chance_most >= 1.0:
             return settings.r_rej_px
         filled = -math.log(1.0 - settings.chance_most)
@@ -79,7 +80,7 @@ def make_sources(
     box: tuple[float, float, float, float],
     settings: PreliminarySettings,
 ) -> Sources:
-    """Prepare a list of places, brightest first.
+    """Prepare a list of positions, brightest first.
 
     Parameters
     ----------
@@ -89,11 +90,6 @@ def make_sources(
         What the caller calls them.
     box : (float, float, float, float)
         Left, low, right, high edge of the area.
-    settings : PreliminarySettings
-
-    Returns
-    -------
-    Sources
     """
     rank = _rank_in_region(x_px, y_px, box, settings.m_reg)
     proposing = np.flatnonzero(rank < settings.n_mea_reg)
@@ -117,11 +113,6 @@ def make_sources(
 
 def sources_of(measurements: Measurements, settings: PreliminarySettings) -> Sources:
     """Prepare a frame's measurements.
-
-    Parameters
-    ----------
-    measurements : Measurements
-    settings : PreliminarySettings
 
     Returns
     -------
@@ -152,17 +143,25 @@ def _rank_in_region(x: Array, y: Array, box: tuple[float, float, float, float], 
 
 
 LEAST_PAIRS = 3
+"""Fewer pairs give no shift: two agree by chance."""
 NARROWEST_PX = 1.0
+"""No strobe is narrowed below this radius. Chosen by hand: centroids of faint sources scatter by some tenths
+of a pixel."""
 FLOOR_PX = 0.01
-"""Error added to every pair's: what centroids don't know of."""
+"""Error added to every pair's: what centroids don't know of. Chosen by hand."""
 CUT_SIGMA = 4.0
+"""Pairs farther off the mean than so many of their errors are left out: one honest pair in 3,000 (two
+coordinates)."""
 CHANCE_IN_PAIRS = 0.2
-"""The first pairing's radius is such that chance makes at most this share of pairs."""
+"""The first pairing's radius is such that chance makes at most this share of pairs. Chosen by hand."""
 SETTLED = 0.7
+"""A strobe that narrows to no less than this share isn't narrowed again."""
 RIVAL_BINS = 128
+"""Rival shifts are counted in no more bins than this along each coordinate: a limit of memory."""
 CROWD = 100
-"""So many pairs vote on where the differences crowd."""
+"""So many pairs vote on where the differences crowd. The brightest. Time grows with its square."""
 LEAST_RIVAL = 4
+"""Fewer pairs make no rival shift: among hundreds of differences some agree by chance. Chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,12 +206,10 @@ def paired(
 
     Parameters
     ----------
-    first, second : Sources
     shift : ndarray, shape (2,)
         Conditional shift, pixels.
     radius_px : float
         Radius of the strobes.
-    settings : PreliminarySettings
 
     Returns
     -------
@@ -259,7 +256,7 @@ def _narrowed(
         d = _differences(first, second, one, two)
         center = np.median(d[_near(d, _crowd(d, strobe), strobe)], axis=0)
         deviation = np.hypot(d[:, 0] - center[0], d[:, 1] - center[1])
-        narrower = _telling_strobe(deviation, strobe, density)
+        narrower = _least_likely_strobe(deviation, strobe, density)
         settled = step > 0 and narrower > SETTLED * strobe
         strobe = narrower
         if settled:
@@ -306,7 +303,6 @@ def mutual_pairs(first: Sources, second: Sources, shift: Array, radius_px: float
         Of each the `MOST_SOURCES` brightest.
     shift : ndarray, shape (2,)
         Pixels.
-    radius_px : float
 
     Returns
     -------
@@ -342,7 +338,7 @@ def _crowd(d: Array, strobe_px: float) -> Array:
     return np.asarray(np.median(d[squared[most] <= reach**2], axis=0))
 
 
-def _telling_strobe(deviation: Array, strobe_px: float, density_px2: float) -> float:
+def _least_likely_strobe(deviation: Array, strobe_px: float, density_px2: float) -> float:
     """The radius whose content is least likely by chance, widened by half for the tail of the true."""
     radii = strobe_px * 0.7 ** np.arange(12)
     radii = radii[radii >= NARROWEST_PX] if strobe_px > NARROWEST_PX else radii[:1]
@@ -351,8 +347,8 @@ def _telling_strobe(deviation: Array, strobe_px: float, density_px2: float) -> f
     chance = -np.expm1(-density_px2 * math.pi * radii**2)
     share = np.clip(share, chance, 1.0 - 1e-9)
     # Kullback-Leibler divergence: the exponent of the binomial tail
-    telling = share * np.log(share / chance) + (1.0 - share) * np.log((1.0 - share) / (1.0 - chance))
-    return float(min(strobe_px, max(NARROWEST_PX, 1.5 * radii[int(np.argmax(telling))])))
+    divergence = share * np.log(share / chance) + (1.0 - share) * np.log((1.0 - share) / (1.0 - chance))
+    return float(min(strobe_px, max(NARROWEST_PX, 1.5 * radii[int(np.argmax(divergence))])))
 
 
 def rival_share(first: Sources, second: Sources, pairing: Pairing) -> float:
@@ -360,7 +356,6 @@ def rival_share(first: Sources, second: Sources, pairing: Pairing) -> float:
 
     Parameters
     ----------
-    first, second : Sources
     pairing : Pairing
         The shift in question.
 

@@ -10,23 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.catalog.stars import Stars
-from mountnav.identification.double_exposure import FAR_DIAGONALS, PER_FRAME, SecondField, find_second_field
-from mountnav.identification.field_rotation import (
-    Centers,
-    FieldMotion,
+from mountnav.identification.double_exposure import (
+    FAR_DIAGONALS,
+    PER_FRAME,
+    SecondField,
     SecondImage,
-    centers_of_light,
-    field_motion,
+    find_second_field,
     second_image,
     second_sources,
     unexplained_light,
 )
-from mountnav.identification.pairing import predicted
+from mountnav.identification.field_rotation import Centers, FieldMotion, centers_of_light, field_motion
+from mountnav.identification.pairing import Predicted, predicted
 from mountnav.identification.plate import Plate
 from mountnav.identification.reference import Reference, Selection
 from mountnav.identification.selection import star_like
 from mountnav.identification.settings import IdentificationSettings
-from mountnav.identification.verification import KEPT_SHARE, Identified, reach_of, sound
+from mountnav.identification.verification import KEPT_SHARE, Identified, is_sound, reach_of
 from mountnav.measuring.background import Image
 from mountnav.measuring.measurements import Flag, Measurements
 from mountnav.measuring.segmentation import LightSegments, segment_light
@@ -40,63 +40,64 @@ from mountnav.measuring.star_trail import (
     tamed,
 )
 from mountnav.sky.coordinates import Icrs
-from mountnav.solution import Reason
+from mountnav.solution import MOVED_KEY, Reason
 
-__all__ = ["MOVED_KEY", "StarsInCone", "TrailCheck", "check_trails", "plate_stays"]
+__all__ = ["StarsInCone", "TrailCheck", "check_trails", "plate_stays"]
 
 Array = NDArray[np.float64]
+
 StarsInCone = Callable[[Icrs, float, float | None], Stars | None]
 """From a center, a radius in degrees and a magnitude to stars, brightest first; None if they can't be had."""
 
 _SPOILT = int(Flag.SATURATED | Flag.BLEED)
 SURE_PX = 0.75
-"""A center of light whose error is greater isn't given: three sigma of it must stay within the 3 px that
-a place may be off."""
+"""A center of light with a larger error, pixels, isn't given: three sigma of it must stay within the 3 px
+that a position may be off."""
 MOVED_PX = 0.75
-"""A center of light nearer to the plate's places than this is that of an uneven star image, not of a
-path: the plate stays with the peaks, as catalogs do, and the difference goes into its error."""
+"""A center of light nearer to the plate's positions than this is that of an uneven star image, not of a path:
+the plate stays with the peaks, as catalogs do, and the difference goes into its error."""
 MOVED_SHARE_FWHM, MOVED_MOST_PX = 0.1, 1.5
-"""The same for wide images: this share of their width, up to half of the 3 px that a place may be off."""
+"""The same for wide images: this share of their width, up to half of the 3 px that a position may be off."""
 MOVED_SIGMAS = 4.0
-"""And farther off by fewer of its sigmas than this it can't be told from there: the frame is refused."""
+"""A center of light that is farther off, but by fewer of its sigmas than this, isn't known to be elsewhere:
+the frame is refused."""
 COMPLETE_MAG = 0.75
 """Of sources so much brighter than the faintest star that the catalog has in the frame it has nearly all:
 Tycho-2 has 99 % to V = 11.0 and 90 % to 11.5. Halved, deep narrow frames would be refused."""
-FEWEST_STRANGERS, STRANGE_SHARE = 2, 0.5
+FEWEST_UNEXPLAINED, UNEXPLAINED_BRIGHT_SHARE = 2, 0.5
 """So many sources as bright, and so large a share of the stars that are as bright, aren't planets, variable
 stars and satellites any more: of two exposures as bright there are as many as stars."""
 SURE_MOVED_PX = 1.0
 """A moved plate whose center isn't known better, all errors together, isn't given: three of them make the
-3 px that a place may be off. Doubled, one of 1,000 drawn frames was 3.5 px off."""
+3 px that a position may be off. Doubled, one of 1,000 drawn frames was 3.5 px off."""
 TELLING_SIGMAS = 3.0
-"""The middle of the light, looked for once more about the moved places, may lie so many of its errors off."""
+"""The middle of the light, looked for once more about the moved positions, may lie so many of its errors off.
+Three sigma: one honest frame in a hundred (two coordinates) lies farther off."""
 MOVED_SHARE = 0.02
 """Error of a move, besides that of its center of light: the share of light that is too faint to be seen."""
 GHOST_RATIO = 0.7
-"""A mirrored set of the same stars that is brighter than this share of the identified ones may be the
-stars themselves:
-reflections keep a few percent, seldom half."""
+"""A mirrored set of the same stars that is brighter than this share of the identified ones may be the stars
+themselves: reflections keep a few percent, seldom half."""
 HALO_PX = 1.0
 """Error of the middle of a drawn-out image, per coordinate, per share of its light that lies beyond what a
 point has and is too faint to be in the center of light: 0.98 px rms of the 13 drawn shaken tubes with more
 than 2 % of such light (`benchmarks.trailed`: seeds 60000 to 60211, and shaken ones from 41000 and 62000;
-0.2 to 2.8 px per share, both coordinates together). Doubled, the errors of shaken frames would be told twice
-too large."""
+0.2 to 2.8 px per share, both coordinates together). Doubled, the errors of shaken frames would be stated
+twice too large."""
 CORNER_PX = 3.0
-"""Centers of light that leave the plate's places by more than this toward the corners (and more than an image
-is wide) are those of a field that turned or grew: as far as a place may be off."""
+"""Centers of light that leave the plate's positions by more than this toward the corners (and more than an
+image is wide) are those of a field that turned or grew: as far as a position may be off."""
 LEAST_CORNER_PX, CORNER_SHARE = 1.0, 0.1
 """Below this, or below this share of the offset at the center, the offset is common to all stars, and the
-mean path tells it: pieces of a gapped trail are cut a little otherwise where it is bright."""
+mean path has it: pieces of a gapped trail are cut a little otherwise where it is bright."""
 FEWEST_BRIGHT = 3
-"""Fewer bright stars than this tell nothing of the others."""
+"""Fewer bright stars than this say nothing of the others."""
 BESIDE_PX = 1.5
-"""The brightest stars' light lies within half a pixel where they tell the same as the others, and 3 to 10 px
-off where the others are pieces: half of what a place may be off."""
+"""Limit of the brightest stars' distance from the common path. Their light lies within half a pixel of it
+where they agree with the others, and 3 to 10 px off where the others are pieces: half of what a position may
+be off."""
 LONG_RATIO = 0.5
 """Images narrower than this are trails longer than two widths, whose pieces may lie a pixel and more off."""
-MOVED_KEY = "moved_px"
-"""Among a verdict's numbers: how far the plate was moved; absent where it stayed."""
 TOLD_PX, TOLD_SIGMAS = 0.03, 3.0
 """Differences below this, or so many of their sigmas, are those of pixels and noise: undisturbed frames
 show 0.00 to 0.02 px."""
@@ -104,7 +105,7 @@ show 0.00 to 0.02 px."""
 
 @dataclass(frozen=True, slots=True)
 class TrailCheck:
-    """What the light of its stars makes of a solution.
+    """A solution after the check against the light of its stars: kept, moved or refused.
 
     Attributes
     ----------
@@ -112,7 +113,6 @@ class TrailCheck:
         The same, or with a plate moved to the middle of the light, or refused.
     measurements : Measurements
         Those its pairs point into: moved alike.
-    path : LightPath or None
     points : bool
         The plate stayed where it was: it is the stars' own.
     """
@@ -134,80 +134,139 @@ def check_trails(
     """Look where the light of the identified stars fell, and put the plate where its middle is.
 
     Pieces of trails, or one of two exposures, hold a plate as well as stars do: the odds that so many stars
-    are found by chance are as small. Only the light that is left over tells.
+    are found by chance are as small. Only the light that is left over shows it.
 
     Parameters
     ----------
     found : Identified
         With a reference.
-    measurements : Measurements
     pixels : ndarray, shape (height, width)
         Those that were measured.
-    settings : IdentificationSettings
     sky : callable, optional
         Gives the stars of a cone to a magnitude, at the frame's epoch, of the catalog that the frame was
-        identified with: where few were identified, those beyond the frame's edges are asked as well.
-
-    Returns
-    -------
-    InItsLight
+        identified with: where few were identified, those beyond the frame's edges are used as well.
     """
     reference, stars = found.reference, found.stars
     assert reference is not None
     assert stars is not None
-    x, y = _star_pixels(reference, stars)
-    of_pairs = reference.pairs.measurement
-    clear = (measurements.flags[of_pairs] & _SPOILT) == 0
-    fwhm_px = _fwhm_px(measurements, of_pairs)
-    others = _expected(reference, stars, measurements)
+    fwhm_px = _fwhm_px(measurements, reference.pairs.measurement)
     bins = in_bins(pixels)
-    plane = tamed(pixels, bins)
-    ratio, how = brighter_image(pixels, *others, plane)
+    frame = _Frame(stars, measurements, pixels, tamed(pixels, bins), fwhm_px, sky)
+    ratio, how = brighter_image(pixels, *_expected(reference, stars, measurements), frame.plane)
     if ratio > GHOST_RATIO:
-        refused = _as_ghosts(found, ratio, how)
-        return TrailCheck(refused, measurements, None, points=False)
-    flux = measurements.flux[of_pairs]
-    if x.size < FEW_STARS and sky is not None:
-        others = _round_about(reference, stars, measurements, sky)
-    path = star_trail(pixels, x, y, flux, clear, fwhm_px, others=others, plane=plane)
+        return TrailCheck(_as_ghosts(found, ratio, how), measurements, None, points=False)
+    path = frame.trail(reference)
     if path is None:
         return TrailCheck(found, measurements, None, points=True)
     patches = segment_light(pixels, bins[0])
     field = _field(patches, reference, stars, measurements, drawn_out=path.drawn_out)
-    why = field.contradicts(path, fwhm_px)
+    refused = _contradicted(found, reference, path, field, patches, frame)
+    if refused is not None:
+        return TrailCheck(refused, measurements, path, points=False)
+    if plate_stays(path, fwhm_px):
+        return TrailCheck(_kept(found, reference, path, field), measurements, path, points=True)
+    return _moved_to_light(found, reference, path, field, frame, settings)
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """The frame whose light is looked at, and what stays the same wherever a plate lies.
+
+    Attributes
+    ----------
+    stars : Stars
+        The list that pairs point into.
+    measurements : Measurements
+        As they were found, before any move.
+    pixels : ndarray, shape (height, width)
+    plane : (Image, Image)
+        The pixels in bins, cut so that no bright star counts for much (`star_trail.tamed`).
+    fwhm_px : float
+        Median over the identified sources.
+    sky : callable or None
+        Gives the stars of a cone.
+    """
+
+    stars: Stars
+    measurements: Measurements
+    pixels: NDArray[np.generic]
+    plane: tuple[Image, Image]
+    fwhm_px: float
+    sky: StarsInCone | None
+
+    def trail(self, reference: Reference, measurements: Measurements | None = None) -> StarTrail | None:
+        """Where the light of the pairs' stars fell, by their mean image about the plate's positions."""
+        m = self.measurements if measurements is None else measurements
+        of_pairs = reference.pairs.measurement
+        x, y = _star_pixels(reference, self.stars)
+        clear = (m.flags[of_pairs] & _SPOILT) == 0
+        if x.size < FEW_STARS and self.sky is not None:
+            others = _round_about(reference, self.stars, m, self.sky)
+        else:
+            others = _expected(reference, self.stars, m)
+        return star_trail(
+            self.pixels, x, y, m.flux[of_pairs], clear, self.fwhm_px, others=others, plane=self.plane
+        )
+
+
+def _contradicted(
+    found: Identified,
+    reference: Reference,
+    path: StarTrail,
+    field: _Field,
+    patches: LightSegments,
+    frame: _Frame,
+) -> Identified | None:
+    """The refusal, if the light shows that the plate isn't that of the exposure's middle; else None."""
+    why = field.contradicts(path, frame.fwhm_px)
     if why:
-        return TrailCheck(_as_turned(found, field, why), measurements, path, points=False)
-    why = _bright_strangers(patches, reference, stars, measurements)
+        return _as_turned(found, field, why)
+    why = _bright_unexplained(patches, reference, frame.stars, frame.measurements)
     if why:
-        return TrailCheck(_as_unexplained(found, why), measurements, path, points=False)
-    other = _second_field(patches, reference, stars, measurements, sky)
+        return _as_unexplained(found, why)
+    other = _second_field(patches, reference, frame.stars, frame.measurements, frame.sky)
     if other is not None and not _in_path(path, other, field.half_px):
-        return TrailCheck(_as_two_fields(found, other), measurements, path, points=False)
-    if not _center_known(path) or _moved_px(fwhm_px) < path.off_px <= MOVED_SIGMAS * path.sigma_px:
-        return TrailCheck(_refused(found, path), measurements, path, points=False)
-    if not plate_stays(path, fwhm_px):
-        # pieces of a path that is seen whole lie otherwise than its middle, and are in it
-        elsewhere_px2 = field.variance_px2(complex(path.dx_px, path.dy_px), drawn_out=False)
-        moved = _moved(reference, stars, measurements, path, elsewhere_px2, settings)
-        why = "" if moved is None else _not_its_middle(moved, stars, pixels, fwhm_px, path, sky, plane)
-        if moved is None or why:
-            return TrailCheck(_refused(found, path, why), measurements, path, points=False)
-        numbers = found.numbers | {
-            MOVED_KEY: path.off_px,
-            "path_extent_px": path.extent_px,
-            "path_sigma_px": path.sigma_px,
-        }
-        detail = f"{found.detail}, moved by {path.off_px:.1f} px to the middle of the stars' light"
-        found = replace(found, reference=moved[0], detail=detail, numbers=numbers)
-        return TrailCheck(found, moved[1], path, points=False)
+        return _as_two_fields(found, other)
+    if not _center_known(path) or _moved_px(frame.fwhm_px) < path.off_px <= MOVED_SIGMAS * path.sigma_px:
+        return _refused(found, path)
+    return None
+
+
+def _kept(found: Identified, reference: Reference, path: StarTrail, field: _Field) -> Identified:
+    """The solution where it was; its error holds what the light lies beside it."""
     scale = reference.plate.scale_arcsec_px()
     own_px2 = 0.5 * float(np.trace(reference.center_covariance_arcsec2)) / scale**2
-    # the plate's own error is a part of how far the light lies beside it: told once
+    # the plate's own error is a part of how far the light lies beside it: counted once
     variance_px2 = max(0.0, _unfollowed_px2(path) - own_px2)
     variance_px2 += field.variance_px2(0j, drawn_out=path.drawn_out)
     if variance_px2 > 0.0:
         reference = _with_error(reference, variance_px2 * scale**2)
-    return TrailCheck(replace(found, reference=reference), measurements, path, points=True)
+    return replace(found, reference=reference)
+
+
+def _moved_to_light(
+    found: Identified,
+    reference: Reference,
+    path: StarTrail,
+    field: _Field,
+    frame: _Frame,
+    settings: IdentificationSettings,
+) -> TrailCheck:
+    """The solution moved to the middle of its stars' light, or refused where that isn't the middle."""
+    # pieces of a path that is seen whole lie otherwise than its middle, and are in it
+    elsewhere_px2 = field.variance_px2(complex(path.dx_px, path.dy_px), drawn_out=False)
+    moved = _moved(reference, frame.stars, frame.measurements, path, elsewhere_px2, settings)
+    why = "" if moved is None else _not_its_middle(moved, path, frame)
+    if moved is None or why:
+        return TrailCheck(_refused(found, path, why), frame.measurements, path, points=False)
+    numbers = found.numbers | {
+        MOVED_KEY: path.off_px,
+        "path_extent_px": path.extent_px,
+        "path_sigma_px": path.sigma_px,
+    }
+    detail = f"{found.detail}, moved by {path.off_px:.1f} px to the middle of the stars' light"
+    found = replace(found, reference=moved[0], detail=detail, numbers=numbers)
+    return TrailCheck(found, moved[1], path, points=False)
 
 
 def _unfollowed_px2(path: StarTrail) -> float:
@@ -226,13 +285,10 @@ def _unfollowed_px2(path: StarTrail) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Field:
-    """What the whole field's patches of light tell, where `LightPath` is a mean over the stars.
+    """What the patches of light of the whole field show, where `StarTrail` is a mean over the stars.
 
     Attributes
     ----------
-    centers : Centers
-    motion : FieldMotion or None
-    second : SecondImage or None
     half_px : float
         From the frame's center to its corners.
     """
@@ -244,7 +300,7 @@ class _Field:
 
     @property
     def corner_px(self) -> float:
-        """How far the centers of light leave the plate's places from the center to a corner."""
+        """How far the centers of light leave the plate's positions from the center to a corner."""
         return 0.0 if self.motion is None else abs(self.motion.turn) * self.half_px
 
     def variance_px2(self, common: complex, *, drawn_out: bool) -> float:
@@ -275,8 +331,8 @@ class _Field:
         common = 0j if plate_stays(path, fwhm_px) else complex(path.dx_px, path.dy_px)
         if motion is not None and motion.differs:
             off_px = abs(motion.center_px - common)
-            told = self.corner_px > max(LEAST_CORNER_PX, CORNER_SHARE * abs(motion.center_px))
-            if self.corner_px > max(CORNER_PX, fwhm_px) or (told and off_px > _moved_px(fwhm_px)):
+            significant = self.corner_px > max(LEAST_CORNER_PX, CORNER_SHARE * abs(motion.center_px))
+            if self.corner_px > max(CORNER_PX, fwhm_px) or (significant and off_px > _moved_px(fwhm_px)):
                 return (
                     f"the light of {motion.stars} stars lies {off_px:.1f} px beside their places at the "
                     f"frame's center and {self.corner_px:.1f} px more toward its corners: the field turned, "
@@ -314,19 +370,17 @@ class _Field:
 def _field(
     patches: LightSegments, reference: Reference, stars: Stars, measurements: Measurements, *, drawn_out: bool
 ) -> _Field:
-    """Look at the patches of light all over the frame, identified or not."""
+    """Offsets, motion and second image by the patches of light all over the frame, identified or not."""
     width, height = measurements.width_px, measurements.height_px
-    there = predicted(reference.plate, stars, width_px=width, height_px=height)
     center = complex(0.5 * (width - 1), 0.5 * (height - 1))
-    mag = stars.mag[there.star]
-    light = 10.0 ** (-0.4 * np.where(np.isfinite(mag), mag, np.inf))
+    there, _, light = _in_frame(reference.plate, stars, measurements)
     centers = centers_of_light(patches, there.x_px, there.y_px, light, center)
     # arcs are whole where their pieces are joined; a point beside its star is a second one where they aren't
     second = None
-    for some in (patches, patches.parts):
-        if second is None and some is not None:
+    for seen in (patches, patches.parts):
+        if second is None and seen is not None:
             second = second_image(
-                some, there.x_px, there.y_px, light, center, (height, width), drawn_out=drawn_out
+                seen, there.x_px, there.y_px, light, center, (height, width), drawn_out=drawn_out
             )
     if second is None and drawn_out:
         second = second_sources(
@@ -340,6 +394,13 @@ def _field(
     return _Field(centers, field_motion(centers), second, abs(center))
 
 
+def _in_frame(plate: Plate, stars: Stars, measurements: Measurements) -> tuple[Predicted, Array, Array]:
+    """Stars that the plate puts in the frame, their magnitudes, and their light to a common scale."""
+    there = predicted(plate, stars, width_px=measurements.width_px, height_px=measurements.height_px)
+    mag = stars.mag[there.star]
+    return there, mag, 10.0 ** (-0.4 * np.where(np.isfinite(mag), mag, np.inf))
+
+
 def _second_field(
     patches: LightSegments,
     reference: Reference,
@@ -347,16 +408,15 @@ def _second_field(
     measurements: Measurements,
     sky: StarsInCone | None,
 ) -> SecondField | None:
-    """Look whether the light that isn't the identified stars' is that of another place's stars."""
+    """Another field whose stars the light shows that isn't the identified stars'."""
     plate, shape = reference.plate, (measurements.height_px, measurements.width_px)
-    there = predicted(plate, stars, width_px=shape[1], height_px=shape[0])
-    mag = np.sort(stars.mag[there.star][np.isfinite(stars.mag[there.star])])
+    there, mag, light = _in_frame(plate, stars, measurements)
+    mag = np.sort(mag[np.isfinite(mag)])
     if mag.size == 0:
         return None
-    light = 10.0 ** (-0.4 * np.where(np.isfinite(stars.mag[there.star]), stars.mag[there.star], np.inf))
     around: Stars | None = None
-    for some in (patches, patches.parts):
-        left = None if some is None else unexplained_light(some, there.x_px, there.y_px, light)
+    for seen in (patches, patches.parts):
+        left = None if seen is None else unexplained_light(seen, there.x_px, there.y_px, light)
         if left is None or not left.many:
             continue
         if around is None:
@@ -367,22 +427,18 @@ def _second_field(
     return None
 
 
-def _bright_strangers(
+def _bright_unexplained(
     patches: LightSegments, reference: Reference, stars: Stars, measurements: Measurements
 ) -> str:
     """Why the bright light that is no star's forbids a plate on few stars; empty where it doesn't.
 
     Two exposures in one have as many bright sources that a plate doesn't explain as it explains. Where few
-    stars were identified neither their mean image nor another place of the sky tells that: no star's second
+    stars were identified neither their mean image nor another field of the sky shows that: no star's second
     image but two or three lie in the frame.
     """
     if len(reference.pairs) >= FEW_STARS:
         return ""
-    there = predicted(
-        reference.plate, stars, width_px=measurements.width_px, height_px=measurements.height_px
-    )
-    mag = stars.mag[there.star]
-    light = 10.0 ** (-0.4 * np.where(np.isfinite(mag), mag, np.inf))
+    there, mag, light = _in_frame(reference.plate, stars, measurements)
     left = unexplained_light(patches, there.x_px, there.y_px, light)
     if left is None:
         return ""
@@ -394,7 +450,7 @@ def _bright_strangers(
     if not np.isfinite(middle) or middle > faintest - COMPLETE_MAG:
         return ""
     strange, own = int((left.flux > bright).sum()), int((known >= bright).sum())
-    if strange < max(FEWEST_STRANGERS, STRANGE_SHARE * own):
+    if strange < max(FEWEST_UNEXPLAINED, UNEXPLAINED_BRIGHT_SHARE * own):
         return ""
     return (
         f"{strange} sources brighter than the middle of the {known.size} identified stars are none that the "
@@ -409,7 +465,7 @@ def _as_unexplained(found: Identified, why: str) -> Identified:
 def _stars_about(
     plate: Plate, stars: Stars, shape: tuple[int, int], faintest_mag: float, sky: StarsInCone | None
 ) -> Stars:
-    """The bright stars as far about the frame as another place may lie; else those at hand."""
+    """The bright stars as far about the frame as another field may lie; else those already read."""
     radius_deg = FAR_DIAGONALS * math.hypot(*shape) * plate.scale_arcsec_px() / 3600.0
     more = None if sky is None else sky(plate.center(), radius_deg, faintest_mag)
     around = stars if more is None else more
@@ -417,7 +473,7 @@ def _stars_about(
 
 
 def _in_path(path: StarTrail, other: SecondField, half_px: float) -> bool:
-    """Whether another place is so near, and turned so little, that the mean path has its light."""
+    """Whether another field is so near, and turned so little, that the mean path has its light."""
     near = path.holds(other.offset_px.real, other.offset_px.imag)
     return near and abs(other.turn_rad) * half_px <= CORNER_PX
 
@@ -441,7 +497,7 @@ def _as_turned(found: Identified, field: _Field, why: str) -> Identified:
 
 
 def _center_known(path: StarTrail) -> bool:
-    """Whether the center of light is known well enough to be a place."""
+    """Whether the center of light is known well enough to be given as a position."""
     return not path.cut and path.sigma_px <= SURE_PX
 
 
@@ -451,7 +507,7 @@ def plate_stays(path: StarTrail, fwhm_px: float = 0.0) -> bool:
 
 
 def _moved_px(fwhm_px: float) -> float:
-    """From where on a center of light is another place: wide images are uneven by a tenth of their width."""
+    """Distance from which on the plate is moved: wide images are uneven by a tenth of their width."""
     return float(np.clip(MOVED_SHARE_FWHM * fwhm_px, MOVED_PX, MOVED_MOST_PX))
 
 
@@ -523,7 +579,7 @@ def _moved(
     elsewhere_px2: float,
     settings: IdentificationSettings,
 ) -> tuple[Reference, Measurements] | None:
-    """The plate anew, each source moved to where its star's light has its middle; its error holds the move's.
+    """The plate fitted again, each source moved to the middle of its star's light, with the move's error.
 
     `elsewhere_px2` is the error (squared, per coordinate) of a move that isn't the same all over the field.
     """
@@ -535,23 +591,15 @@ def _moved(
     if again is None or len(again.pairs) < KEPT_SHARE * len(reference.pairs):
         selection = Selection(there, np.unique(reference.pairs.measurement), stars, settings)
         again = selection.refine(plate, reach_px)
-    if again is None or not sound(again, selection, there, plate, settings, reach_px):
+    if again is None or not is_sound(again, selection, there, plate, settings, reach_px):
         return None
     scale = again.plate.scale_arcsec_px()
     sigma_px = math.hypot(path.sigma_px, MOVED_SHARE * path.off_px)
     return _with_error(again, (sigma_px**2 + elsewhere_px2) * scale**2), there
 
 
-def _not_its_middle(
-    moved: tuple[Reference, Measurements],
-    stars: Stars,
-    pixels: NDArray[np.generic],
-    fwhm_px: float,
-    path: StarTrail,
-    sky: StarsInCone | None,
-    plane: tuple[Image, Image],
-) -> str:
-    """Why a moved plate isn't the middle of the path; empty where the light lies evenly about its places.
+def _not_its_middle(moved: tuple[Reference, Measurements], path: StarTrail, frame: _Frame) -> str:
+    """Why a moved plate isn't the middle of the path; empty where the light lies evenly about its positions.
 
     A path of which one piece was not seen from where it was first looked at is looked at from elsewhere now:
     what then has its middle elsewhere is not that path's.
@@ -561,18 +609,11 @@ def _not_its_middle(
     sigma_px = math.sqrt(0.5 * float(np.trace(reference.center_covariance_arcsec2))) / scale
     if sigma_px > SURE_MOVED_PX:
         return f"its middle is only known to {sigma_px:.1f} px"
-    x, y = _star_pixels(reference, stars)
-    of_pairs = reference.pairs.measurement
-    clear = (measurements.flags[of_pairs] & _SPOILT) == 0
-    if x.size < FEW_STARS and sky is not None:
-        others = _round_about(reference, stars, measurements, sky)
-    else:
-        others = _expected(reference, stars, measurements)
-    again = star_trail(pixels, x, y, measurements.flux[of_pairs], clear, fwhm_px, others=others, plane=plane)
+    again = frame.trail(reference, measurements)
     if again is None or again.cut:
         return "seen from its middle it reaches farther than can be seen"
     sigma_px = min(SURE_PX, max(path.sigma_px, again.sigma_px))
-    if again.off_px <= _moved_px(fwhm_px) + TELLING_SIGMAS * sigma_px:
+    if again.off_px <= _moved_px(frame.fwhm_px) + TELLING_SIGMAS * sigma_px:
         return ""
     return f"seen from its middle it has another one, {again.off_px:.0f} px away"
 

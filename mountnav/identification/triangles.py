@@ -78,11 +78,7 @@ def make_triangles(
         Keep this many.
     wanted : callable, optional
         Tells by largest angle, smallest angle and logarithm of the longest side which triangles are of use:
-        most of a catalog's are not, and to order their corners costs more than to ask.
-
-    Returns
-    -------
-    Triangles
+        most of a catalog's are not, and to order their corners costs more than to look them up.
     """
     count = int(x.size)
     triples, opposite = _triples(count)
@@ -98,8 +94,8 @@ def make_triangles(
     high = (squared >= 4.0 * min_height**2 * longest) & (longest >= min_longest**2) & (longest > 0)
     high = np.flatnonzero(high)[:limit]
     if wanted is not None:
-        high = high[wanted(*_shape([one[high] for one in sides], squared[high]))]
-    corners, sides = [one.take(chosen[high]) for one in triples], [one[high] for one in sides]
+        high = high[wanted(*_shape([side[high] for side in sides], squared[high]))]
+    corners, sides = [corner.take(chosen[high]) for corner in triples], [side[high] for side in sides]
     a, b, c = corners
     twice_area = (x[b] - x[a]) * (y[c] - y[a]) - (y[b] - y[a]) * (x[c] - x[a])
     parity = _by_side(corners, sides, twice_area)
@@ -130,7 +126,7 @@ def _shape(sides: list[Array], squared: Array) -> tuple[Array, Array, Array]:
 
 
 def _by_side(corners: list[Index], sides: list[Array], twice_area: Array) -> Index:
-    """Order corners by the opposite side, the longest first, in place; tell which way they turn then."""
+    """Order corners by the opposite side, the longest first, in place; returns which way they turn then."""
     parity = np.where(twice_area >= 0, 1, -1)
     for one, other in ((0, 1), (1, 2), (0, 1)):
         swap = sides[other] > sides[one]
@@ -278,7 +274,7 @@ class TriangleIndex:
             for part in np.split(np.arange(likely.size), parts)
             if part.size
         ]
-        frame = np.concatenate([one for one, _ in found])
+        frame = np.concatenate([frame_part for frame_part, _ in found])
         catalog = np.concatenate([other for _, other in found])
         # two angles within Δγ leave the third free to differ by 2 Δγ
         third = np.abs(self._triangles.angles_rad[frame, 1] - triangles.angles_rad[catalog, 1])

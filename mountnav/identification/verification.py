@@ -1,4 +1,4 @@
-"""Judges a hypothesis: its odds (or the paper's count rule), the plate that grows from it, is that sound.
+"""Judges a hypothesis: its odds (or the paper's count rule), and the plate that grows from it.
 
 The count rule of the paper: enough of Ω_bl100 must find a star of Ω_star200 [S23 §2.2]. Each list holds what
 there is, if that is less than its name says: with a catalog of 16 stars in the frame no more than 16 of a
@@ -19,7 +19,7 @@ from mountnav.catalog.star_counts import stars_round
 from mountnav.catalog.stars import Catalog, Stars
 from mountnav.identification.anchors import AnchorSources, anchored_odds
 from mountnav.identification.full import Hypothesis, Search, match_radius
-from mountnav.identification.odds import Witnesses, trials_factor
+from mountnav.identification.odds import Confirmation, trials_factor
 from mountnav.identification.plate import Plate
 from mountnav.identification.reference import Reference, Selection
 from mountnav.identification.selection import Index, spread_brightest
@@ -27,21 +27,22 @@ from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.measurements import Measurements
 from mountnav.solution import Contradiction, Reason
 
+Array = NDArray[np.float64]
+
 
 @dataclass(frozen=True, slots=True)
 class Identified:
-    """What came of a search.
+    """Result of a search: the reference with its stars, or the reason for none.
 
     Attributes
     ----------
-    reference : Reference or None
     stars : Stars or None
         The list that `reference.pairs.star` points into.
-    reason : Reason or None
     detail : str
         For people.
     false_probability : float
-        Chance that a wrong place would have looked as good: that of one hypothesis times all that were tried.
+        Chance that a wrong position would have looked as good: that of one hypothesis times all that were
+        tried.
     numbers : dict of str to float
         The numbers behind it.
     contradictions : tuple of Contradiction
@@ -49,6 +50,8 @@ class Identified:
         (`mountnav.solving.contradictions`).
     blind : bool
         Found over the whole sky, not where the hint said.
+    tried : int
+        Hypotheses tried so far: a later search for the same frame has to count them.
     """
 
     reference: Reference | None
@@ -59,9 +62,7 @@ class Identified:
     numbers: dict[str, float] = field(default_factory=dict)
     contradictions: tuple[Contradiction, ...] = ()
     blind: bool = False
-
-
-Array = NDArray[np.float64]
+    tried: int = 0
 
 
 def count_rule_share(
@@ -119,13 +120,14 @@ def count_rule_share(
 
 
 PLATE_STARS = 1000
-"""Stars fetched for the plate, brightest first."""
+"""Number of stars read for the plate, brightest first: a limit of time and memory."""
 WORTH_COUNTING = 1e-5
-"""Below this chance of one hypothesis the anchors are counted, if the search was too long for its odds."""
+"""Below this chance of one hypothesis the anchors are counted, if the search was too long for its odds.
+Counting reads the searched area's stars, so it isn't done for hypotheses that are chance."""
 LEAST_REACH_PX, MOST_REACH_PX = 2.5, 8.0
 """How near to a predicted place its source is looked for: the coarse plate's own deviations, within these."""
 KEPT_SHARE = 0.7
-"""A catalog that loses more of the pairs than this leaves is not the better one here."""
+"""A catalog that loses more of the pairs than this leaves is not the better one here. Chosen by hand."""
 CENTER_SIGMA_PX = 2.0
 """A plate that leaves the frame's center less certain than this rests on a corner and is refused."""
 
@@ -141,18 +143,14 @@ def verified(
     *,
     rough: bool = False,
 ) -> Identified | None:
-    """Ask what the odds of a hypothesis are, and grow its plate.
+    """Compute the odds of a hypothesis, and grow its plate.
 
     Parameters
     ----------
-    one : Hypothesis
-    measurements : Measurements
     usable : ndarray of int
         Which measurements take part, brightest first.
-    catalog : Catalog
     epoch_yr : float
         Julian year of the frame.
-    settings : IdentificationSettings
     search : Search
         How many hypotheses were tried so far: the odds need it.
     rough : bool
@@ -175,7 +173,7 @@ def verified(
             return None
     strobe_px = match_radius(settings, width, height)
     piece_of = search.pieces(x, y)
-    witnesses = Witnesses(
+    confirmation = Confirmation(
         one.plate,
         one.corners,
         stars,
@@ -186,7 +184,7 @@ def verified(
         match_px=strobe_px,
         source=piece_of,
     )
-    chance = witnesses.chance()
+    chance = confirmation.chance()
     probability = min(1.0, chance * trials_factor(search.hypotheses))
     if probability > settings.false_probability_max and chance < WORTH_COUNTING:
         again = anchored_odds(
@@ -199,7 +197,7 @@ def verified(
             match_px=strobe_px,
             limit=settings.false_probability_max,
         )
-        # should no sound plate grow, these odds are what the refusal tells of
+        # should no sound plate grow, the refusal reports these odds
         search.best_probability = min(search.best_probability, probability)
         probability = min(probability, again)
     if probability > settings.false_probability_max:
@@ -207,7 +205,7 @@ def verified(
         return None
     selection = Selection(measurements, usable, stars, settings)
     reference = selection.grow(one.plate, strobe_px, rough=rough)
-    if reference is None or not sound(reference, selection, measurements, one.plate, settings, strobe_px):
+    if reference is None or not is_sound(reference, selection, measurements, one.plate, settings, strobe_px):
         return None
     numbers = {
         "pairs": float(len(reference.pairs)),
@@ -226,6 +224,7 @@ def verified(
         f"{search.tiles_tried} tiles",
         probability,
         numbers,
+        tried=search.hypotheses,
     )
 
 
@@ -237,7 +236,7 @@ def with_better_stars(
     epoch_yr: float,
     settings: IdentificationSettings,
 ) -> Identified:
-    """Fit the plate anew to the stars of a more precise catalog than the one that it was found with.
+    """Fit the plate again, to the stars of a more precise catalog than the one that it was found with.
 
     Parameters
     ----------
@@ -246,10 +245,8 @@ def with_better_stars(
     measurements : Measurements
         Those its pairs point into.
     usable : ndarray of int
-    catalog : Catalog
     epoch_yr : float
         Julian year of the frame.
-    settings : IdentificationSettings
 
     Returns
     -------
@@ -267,7 +264,7 @@ def with_better_stars(
     again = selection.refine(plate, reach_px)
     if again is None or len(again.pairs) < KEPT_SHARE * len(reference.pairs):
         return found
-    if not sound(again, selection, measurements, plate, settings, reach_px):
+    if not is_sound(again, selection, measurements, plate, settings, reach_px):
         return found
     return replace(found, reference=again, stars=stars)
 
@@ -277,16 +274,10 @@ def stars_of_frame(plate: Plate, measurements: Measurements, catalog: Catalog, e
 
     Parameters
     ----------
-    plate : Plate
     measurements : Measurements
         For the frame's size.
-    catalog : Catalog
     epoch_yr : float
         Julian year of the frame.
-
-    Returns
-    -------
-    Stars
     """
     diagonal_deg = math.hypot(measurements.width_px, measurements.height_px) * plate.scale_arcsec_px() / 3600
     return stars_round(catalog, plate.center(), 0.52 * diagonal_deg, PLATE_STARS, epoch_yr=epoch_yr)
@@ -299,7 +290,7 @@ def reach_of(reference: Reference) -> float:
     return float(np.clip(1.5 + 4.0 * off_px, LEAST_REACH_PX, MOST_REACH_PX))
 
 
-def sound(
+def is_sound(
     reference: Reference,
     selection: Selection,
     measurements: Measurements,
@@ -307,17 +298,14 @@ def sound(
     settings: IdentificationSettings,
     strobe_px: float,
 ) -> bool:
-    """Tell whether a final plate is still a camera's, and rests on pairs from more than a corner.
+    """Whether a final plate is still a camera's, and rests on pairs from more than a corner.
 
     Parameters
     ----------
-    reference : Reference
     selection : Selection
         What it was grown with.
-    measurements : Measurements
     believed : Plate
         What it grew from.
-    settings : IdentificationSettings
     strobe_px : float
         How far off `believed` may have been.
     """

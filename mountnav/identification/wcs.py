@@ -1,24 +1,30 @@
-"""FITS cards of a plate, TAN or TAN-SIP; CRPIX counts from 1. `mountnav.sky.wcs` reads them."""
+"""FITS cards of a plate, TAN or TAN-SIP, and the plate of such cards; `mountnav.sky.wcs` reads positions."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mountnav.errors import BadRequest
 from mountnav.identification.plate import Plate, powers
-from mountnav.sky.wcs import distorted
+from mountnav.sky.coordinates import Icrs
+from mountnav.sky.wcs import sip_distorted
 
 Array = NDArray[np.float64]
+
 Cards = dict[str, str | int | float]
 
 GRID = 21
-"""The inverse polynomials are fit on so many points per side."""
+"""Points per side on which the inverse polynomials are fitted: many more than the ten coefficients of a
+cubic."""
 
 
 def wcs_cards(plate: Plate, *, width_px: int, height_px: int) -> Cards:
     """Write a plate as FITS WCS cards.
 
-    CRPIX is the frame's center and CRVAL its place, so that the polynomials translate term by term:
+    CRPIX is the frame's center and CRVAL its position, so that the polynomials translate term by term:
     (ξ, η) = CD · (u + A(u, v), v + B(u, v)). The inverse AP, BP is a least-squares fit, good to a small
     part of a pixel.
 
@@ -26,7 +32,6 @@ def wcs_cards(plate: Plate, *, width_px: int, height_px: int) -> Cards:
     ----------
     plate : Plate
         With its tangent point at the frame's center.
-    width_px, height_px : int
 
     Returns
     -------
@@ -76,9 +81,52 @@ def _add_sip(cards: Cards, plate: Plate, matrix: Array, width_px: int, height_px
             np.linspace(-0.5, 0.5, GRID) * width_px, np.linspace(-0.5, 0.5, GRID) * height_px
         )
     )
-    to_u, to_v = distorted(cards, u, v)
+    to_u, to_v = sip_distorted(cards, u, v)
     rows = np.column_stack([(to_u / unit) ** i * (to_v / unit) ** j for i, j in powers(order)])
     got = np.linalg.lstsq(rows, np.column_stack((u - to_u, v - to_v)), rcond=None)[0]
     cards["AP_ORDER"] = cards["BP_ORDER"] = order
     for (i, j), (a, b) in zip(powers(order), got, strict=True):
         cards[f"AP_{i}_{j}"], cards[f"BP_{i}_{j}"] = float(a) / unit ** (i + j), float(b) / unit ** (i + j)
+
+
+def plate_from_cards(cards: Mapping[str, str | int | float], *, width_px: int, height_px: int) -> Plate:
+    """Read the plate back from a solution's WCS cards; inverse of `wcs_cards`.
+
+    Parameters
+    ----------
+    cards : mapping
+        TAN or TAN-SIP with CRPIX at the frame's center, as a `Solution` has them.
+
+    Raises
+    ------
+    BadRequest
+        CRPIX isn't the center of such a frame, or a card is missing.
+    """
+    middle = ((width_px - 1) / 2.0, (height_px - 1) / 2.0)
+    try:
+        crpix = (float(cards["CRPIX1"]) - 1.0, float(cards["CRPIX2"]) - 1.0)
+        tangent = Icrs(float(cards["CRVAL1"]), float(cards["CRVAL2"]))
+        cd = np.array([[float(cards[f"CD{i}_{j}"]) for j in (1, 2)] for i in (1, 2)])
+    except KeyError as missing:
+        raise BadRequest(f"the WCS has no card {missing}", advice="give the cards of a solution") from None
+    if max(abs(crpix[0] - middle[0]), abs(crpix[1] - middle[1])) > 1e-6:
+        raise BadRequest("CRPIX is not the frame's center", advice="give the cards of a solution")
+    degree = int(cards.get("A_ORDER", 1))
+    unit = 0.5 * max(width_px, height_px)
+    xi, eta = [], []
+    for i, j in powers(degree):
+        along = float(cards.get(f"A_{i}_{j}", 0.0)) + (1.0 if (i, j) == (1, 0) else 0.0)
+        across = float(cards.get(f"B_{i}_{j}", 0.0)) + (1.0 if (i, j) == (0, 1) else 0.0)
+        value = cd @ (along, across) * 3600.0 * unit ** (i + j) if i + j else np.zeros(2)
+        xi.append(float(value[0]))
+        eta.append(float(value[1]))
+    return Plate(
+        tangent=tangent,
+        center_x_px=middle[0],
+        center_y_px=middle[1],
+        unit_px=unit,
+        degree=degree,
+        parity=-1 if np.linalg.det(cd) > 0 else 1,
+        xi=np.array(xi),
+        eta=np.array(eta),
+    )

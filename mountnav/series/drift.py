@@ -14,18 +14,26 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 LEAST_FRAMES = 3
+"""Fewer points give no drift: two always lie on a line, and the rate has no error."""
 JUMP_MADS = 8.0
+"""A step that departs from the usual rate by more than so many times the scatter of the steps (by their
+median departure) is a jump. Chosen by hand."""
 FEW_STEPS = 4
+"""With fewer steps than this the usual rate is that of the calmest one, and no scatter of the steps is
+known."""
 FEWEST_FOR_OUTLIERS = 5
-"""Points; of fewer none can be told to be the wrong one, and the calm of the rest is chance."""
+"""Points; of fewer none can be shown to be the wrong one, and the calm of the rest is chance."""
 FEWEST_FOR_CORRELATION = 6
-"""Points; of fewer the correlation of neighbors can't be told from chance."""
+"""Points; of fewer the correlation of neighbors can't be distinguished from chance."""
 MOST_CORRELATED = 0.97
 """So alike are neighbors at most held to be: the error is eight times that of independent ones then."""
 ONE_SIGMA = 0.8413447460685429
 """Share of a normal deviate below one sigma."""
 TUKEY = 4.685
+"""Residuals beyond so many of their scatter have no weight: Tukey's biweight at the usual constant, which has
+95 % efficiency for normal errors."""
 MAD_TO_SIGMA = 1.4826
+"""Standard deviation of a normal distribution per median absolute deviation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +83,7 @@ class Track:
     def east_north_arcsec(self) -> tuple[Array, Array]:
         """Δα·cos δ (δ: the mean of the track) and Δδ from the first point, arcsec; shape (n,) each."""
         cosine = math.cos(math.radians(float(np.mean(self.dec_deg))))
-        east = np.array([half_turn_deg(float(one)) for one in self.ra_deg - self.ra_deg[0]])
+        east = np.array([half_turn_deg(float(off_deg)) for off_deg in self.ra_deg - self.ra_deg[0]])
         return east * 3600.0 * cosine, (self.dec_deg - self.dec_deg[0]) * 3600.0
 
 
@@ -111,7 +119,6 @@ def jumps(track: Track, least_arcsec: float) -> list[int]:
 
     Parameters
     ----------
-    track : Track
     least_arcsec : float
         Nothing smaller counts.
 
@@ -139,7 +146,7 @@ def jumps(track: Track, least_arcsec: float) -> list[int]:
         changed, track.anchor_sigma_arcsec[1:] ** 2 + track.anchor_sigma_arcsec[:-1] ** 2, 0.0
     )
     limit = np.maximum(max(least_arcsec, JUMP_MADS * scatter), 5.0 * np.sqrt(variance))
-    return [int(one) + 1 for one in np.flatnonzero(off > limit)]
+    return [int(step) + 1 for step in np.flatnonzero(off > limit)]
 
 
 def fit_drift(track: Track) -> Drift | None:
@@ -205,7 +212,7 @@ def fit_drift(track: Track) -> Drift | None:
 def _serial_factor(z: Array, weight: Array) -> float:
     """By how much a line's error exceeds that of independent residuals.
 
-    Seeing, wind and a worm's period make neighbors alike; then n residuals tell as little of a rate as
+    Seeing, wind and a worm's period make neighbors alike; then n residuals say as little of a rate as
     n (1 - ρ) / (1 + ρ) independent ones, with ρ their correlation from one to the next [AR(1); e.g.
     Priestley, Spectral Analysis and Time Series, 5.3]. The estimate of ρ about a fitted line is low by
     (2 + 4 ρ) / n, which is given back.
@@ -236,10 +243,6 @@ def _serial_factor(z: Array, weight: Array) -> float:
 def joined(drifts: list[Drift]) -> Drift | None:
     """Weighted mean of segments' rates; errors grow where the segments disagree.
 
-    Parameters
-    ----------
-    drifts : list of Drift
-
     Returns
     -------
     Drift or None
@@ -247,14 +250,14 @@ def joined(drifts: list[Drift]) -> Drift | None:
     """
     if len(drifts) < 2:
         return drifts[0] if drifts else None
-    rates = np.array([(one.ra_arcsec_min, one.dec_arcsec_min) for one in drifts])
-    errors = np.array([(one.ra_sigma_arcsec_min, one.dec_sigma_arcsec_min) for one in drifts])
+    rates = np.array([(drift.ra_arcsec_min, drift.dec_arcsec_min) for drift in drifts])
+    errors = np.array([(drift.ra_sigma_arcsec_min, drift.dec_sigma_arcsec_min) for drift in drifts])
     weight = 1.0 / np.maximum(errors, 1e-9) ** 2
     mean = (weight * rates).sum(axis=0) / weight.sum(axis=0)
     chi2 = (weight * (rates - mean) ** 2).sum(axis=0) / (len(drifts) - 1)
     sigma = np.sqrt(np.maximum(chi2, 1.0) / weight.sum(axis=0))
-    frames = np.array([one.frames for one in drifts], dtype=float)
-    rms = np.array([one.rms_arcsec for one in drifts])
+    frames = np.array([drift.frames for drift in drifts], dtype=float)
+    rms = np.array([drift.rms_arcsec for drift in drifts])
     return Drift(
         float(mean[0]),
         float(mean[1]),
@@ -262,7 +265,7 @@ def joined(drifts: list[Drift]) -> Drift | None:
         float(sigma[1]),
         float(np.sqrt((frames * rms**2).sum() / frames.sum())),
         int(frames.sum()),
-        sum(one.outliers for one in drifts),
+        sum(drift.outliers for drift in drifts),
     )
 
 

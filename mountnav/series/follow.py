@@ -18,7 +18,8 @@ from mountnav.identification.plate import Plate
 from mountnav.identification.preliminary import Preliminary
 from mountnav.identification.selection import all_finite
 from mountnav.identification.shift import mutual_pairs, sources_of
-from mountnav.identification.trail_check import MOVED_KEY, plate_stays
+from mountnav.identification.trail_check import plate_stays
+from mountnav.identification.wcs import plate_from_cards
 from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Flag, Measurements
 from mountnav.measuring.star_trail import star_trail
@@ -35,7 +36,6 @@ from mountnav.series.shift import (
     follow_frame,
     icrs_at_pixels,
     pixels_at_icrs,
-    plate_from_cards,
     solution_of_move,
 )
 from mountnav.sky.coordinates import Icrs
@@ -48,7 +48,7 @@ Index = NDArray[np.int64]
 
 
 class SeriesMemory:
-    """The sources of a series.
+    """The sources of a series, by frame size: which were seen in how many frames.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class SeriesMemory:
         self._ids: dict[int, Index] = {}
 
     def carry(self, size: Size, old: Plate | None, new: Plate | None) -> None:
-        """Go on in the pixels of another anchor; begin anew where either has no plate."""
+        """Go on in the pixels of another anchor; start again where either has no plate."""
         memory = self._of_size.get(size)
         if memory is None or old is None or new is None:
             self._of_size[size] = Persistence(self._frames)
@@ -108,9 +108,10 @@ class SeriesMemory:
 
 
 SCALE_SHARE = 0.02
-"""How well the scale of a series is known once a frame is solved."""
+"""Share by which the scale of a frame may differ from that of the last solved one: temperature and focus
+change it by less."""
 NEAR_BUDGET_S = 10.0
-"""Wall time of a full solution where the series is believed to be; then come the caller's hints."""
+"""Processor time of a full solution where the series should be, seconds; then come the caller's hints."""
 
 
 def solve_in_series(
@@ -122,7 +123,7 @@ def solve_in_series(
     near: Hint | None,
     hint: Hint | None,
 ) -> tuple[Verdict, float]:
-    """Solve near where it is believed to be, then as caller and header say; the verdict, and the seconds."""
+    """Solve near where the series should be, then by caller's and header's hints; verdict and seconds."""
     began = time.perf_counter()
     solving = settings.solving
     verdict = None
@@ -154,15 +155,17 @@ def near_hint(frame: Frame, last: Solution | None, expected: Icrs | None) -> Hin
 
 
 AUDIT_SIGMAS = 5.0
+"""A full solution contradicts the shift if they differ by more than so many of their errors together, and by
+more than `AUDIT_LEAST_PX`. Chosen by hand."""
 AUDIT_LEAST_PX = 1.0
-"""A full solution that departs from the shift by less contradicts nothing."""
+"""A full solution that departs from the shift by less, pixels, contradicts nothing."""
 LIGHT_REACH_PX = 3.0
 """How near to a shift's place its source is looked for, to see its light. Plain means are off by up to 0.4 px
 (HATP-32); doubled, more neighbors are taken for it, and halved, a mean that is worse still loses its own."""
 MORE_SOURCES = 1.5
-"""With so many times the sources a frame takes the place of an unsolved first one."""
+"""With so many times the sources a frame takes the place of an unsolved first one. Chosen by hand."""
 MOST_WAITING = 50
-"""So many frames before the first solved one are kept, to be placed afterwards."""
+"""So many frames before the first solved one are kept, to be placed afterwards. A limit of memory."""
 
 
 class SeriesFollower:
@@ -170,10 +173,8 @@ class SeriesFollower:
 
     Parameters
     ----------
-    catalog : Catalog
     hint : Hint, optional
         For full solutions; goes before what the headers say.
-    settings : SeriesSettings, optional
     """
 
     def __init__(
@@ -199,10 +200,6 @@ class SeriesFollower:
 
     def add(self, frame: Frame) -> FrameResult:
         """Take the next frame.
-
-        Parameters
-        ----------
-        frame : Frame
 
         Returns
         -------
@@ -242,11 +239,6 @@ class SeriesFollower:
         ----------
         source : str
             The file.
-        why : str
-
-        Returns
-        -------
-        FrameResult
         """
         return self._done(
             FrameResult(len(self._results), source, None, Mode.NONE, notes=(f"{Reason.BAD_FRAME}: {why}",))
@@ -254,8 +246,8 @@ class SeriesFollower:
 
     def report(self) -> SeriesReport:
         """Sum up: persistence known from the whole series, segments between jumps, drift."""
-        frames = [self._memory.recounted(one) for one in self._results]
-        sizes = [(one.width_px, one.height_px) for one in frames if self._memory.knows(one)]
+        frames = [self._memory.recounted(result) for result in self._results]
+        sizes = [(frame.width_px, frame.height_px) for frame in frames if self._memory.knows(frame)]
         size = max(set(sizes), key=sizes.count) if sizes else None
         return series_report(
             tuple(frames),
@@ -298,17 +290,17 @@ class SeriesFollower:
         look = replace(look, result=replace(look.result, times=replace(look.result.times, full_s=spent)))
         if verdict.solution is None:
             self._failures[look.size] = self._failures.get(look.size, 0) + 1
-            told = f"full solution: {verdict.reason}"
+            failure = f"full solution: {verdict.reason}"
             if found is None:
                 if anchor.plate is None and len(look.measurements) > MORE_SOURCES * anchor.sources.x_px.size:
-                    return self._new_anchor(look, None, (why, told))
-                return self._lost(look, (why, told))
+                    return self._new_anchor(look, None, (why, failure))
+                return self._lost(look, (why, failure))
             self._since_full[look.size] += 1
-            return self._result(look, anchor, found, (why, told))
+            return self._result(look, anchor, found, (why, failure))
         self._failures[look.size] = 0
         self._since_full[look.size] = 0
         self._last = verdict.solution
-        if drawn_out or MOVED_KEY in verdict.numbers:
+        if drawn_out or verdict.moved:
             # where its sources were found isn't where its light has its middle: nothing is followed from it
             return replace(look.result, mode=Mode.FULL, solution=verdict.solution, notes=(why,))
         if found is not None and found.move is not None and self._keeps(found, look.size):
@@ -329,7 +321,7 @@ class SeriesFollower:
             if len(look.measurements) < 1 or verdict.reason is Reason.TRAILED:
                 return replace(look.result, notes=notes)
             self._failures[look.size] = 1
-        elif MOVED_KEY in verdict.numbers:
+        elif verdict.moved:
             self._last = verdict.solution
             notes = (*notes, "its stars' light is drawn out or doubled: nothing is followed from it")
             return replace(look.result, mode=Mode.FULL, solution=verdict.solution, notes=notes)
@@ -366,7 +358,8 @@ class SeriesFollower:
             return True
         pairing, chosen = found.pairing, found.pairing.second
         if not self._settings.preliminary.narrowing:
-            # the plain mean pairs a few dozen sources at most: too few to tell their light from neighbors
+            # the plain mean pairs a few dozen sources at most: too few to separate their light from
+            # neighbors'
             shift = np.array([pairing.dx_px, pairing.dy_px])
             more = mutual_pairs(anchor.sources, look.sources, shift, LIGHT_REACH_PX)[1]
             chosen = np.union1d(chosen, more)
@@ -495,24 +488,18 @@ def follow(
     ----------
     frames : iterable of Frame or Path
         In order of time; files are read one by one, those that can't be read are reported.
-    catalog : Catalog
     hint : Hint, optional
         For full solutions; goes before what the headers say.
-    settings : SeriesSettings, optional
-
-    Returns
-    -------
-    SeriesReport
     """
     follower = SeriesFollower(catalog, hint=hint, settings=settings)
-    for one in frames:
-        if isinstance(one, Path):
+    for frame_or_path in frames:
+        if isinstance(frame_or_path, Path):
             try:
-                frame = read_frame(one, raw=True)
+                frame = read_frame(frame_or_path, raw=True)
             except BadFrame as fault:
-                follower.add_unread(str(one), fault.what)
+                follower.add_unread(str(frame_or_path), fault.what)
                 continue
             follower.add(frame)
         else:
-            follower.add(one)
+            follower.add(frame_or_path)
     return follower.report()

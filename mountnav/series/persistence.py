@@ -12,7 +12,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 PATIENCE = 10
-"""A source seen too seldom and not at all in so many frames is forgotten."""
+"""A source seen too seldom and not at all in so many frames is forgotten. Frames. A limit of memory; dithered
+series need several."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +109,7 @@ class Persistence:
         return ids
 
     def persistent(self, ids: Index) -> NDArray[np.bool_]:
-        """Tell which of these sources have been seen in enough frames by now; shape as `ids`."""
+        """Which of these sources have been seen in enough frames by now; shape as `ids`."""
         enough = self._id[self._count >= self._least]
         known: NDArray[np.bool_] = np.isin(ids, np.concatenate((enough, self._out_of_sight)))
         return known

@@ -25,9 +25,6 @@ def series_report(
 
     Parameters
     ----------
-    frames : tuple of FrameResult
-    settings : SeriesSettings
-    persistent : PersistentSources, optional
     anchor : int, optional
         The frame that `persistent` is given in.
 
@@ -36,21 +33,21 @@ def series_report(
     SeriesReport
         Frames without a time or a center take no part in the drift.
     """
-    placed = [one for one in frames if one.solution is not None]
-    timed = [one for one in placed if one.mid_exposure_utc is not None]
+    placed = [frame for frame in frames if frame.solution is not None]
+    timed = [frame for frame in placed if frame.mid_exposure_utc is not None]
     if not timed:
         reason = "no frame tells when it was taken" if placed else "no frame was solved"
         return SeriesReport(frames, (), None, reason, persistent, anchor)
     timed.sort(key=lambda one: (one.mid_exposure_utc, one.number))
     track = _track(timed)
-    scales = [one.solution.scale_arcsec_px for one in timed if one.solution is not None]
+    scales = [frame.solution.scale_arcsec_px for frame in timed if frame.solution is not None]
     edges = [0, *jumps(track, settings.jump_px * float(np.median(scales))), len(timed)]
     bounds = list(pairwise(edges))
     parts = [fit_drift(track.part(start, stop)) for start, stop in bounds]
-    whole = joined([one for one in parts if one is not None])
+    whole = joined([drift for drift in parts if drift is not None])
     segments = [
         Segment(
-            frames=tuple(one.number for one in timed[start:stop]),
+            frames=tuple(frame.number for frame in timed[start:stop]),
             drift=drift,
             reason="" if drift else _no_drift(stop - start),
             jump=_jump(track, timed, start, whole) if start else None,
@@ -60,7 +57,7 @@ def series_report(
     reason = ""
     if whole is None:
         missing = len(placed) - len(timed)
-        reason = _no_drift(max(len(one.frames) for one in segments))
+        reason = _no_drift(max(len(segment.frames) for segment in segments))
         if missing:
             reason += f"; {missing} frames don't tell when they were taken"
     return SeriesReport(frames, tuple(segments), whole, reason, persistent, anchor)
@@ -93,28 +90,28 @@ def _center(frame: FrameResult) -> Icrs:
 
 def _track(timed: list[FrameResult]) -> Track:
     start = timed[0].mid_exposure_utc
-    by_number = {one.number: one for one in timed}
+    by_number = {frame.number: frame for frame in timed}
     minutes, ra, dec, sigma, anchor, anchor_sigma = [], [], [], [], [], []
-    for one in timed:
-        assert one.mid_exposure_utc is not None
+    for frame in timed:
+        assert frame.mid_exposure_utc is not None
         assert start is not None
-        assert one.solution is not None
-        place = _center(one)
-        minutes.append((one.mid_exposure_utc - start).total_seconds() / 60.0)
+        assert frame.solution is not None
+        place = _center(frame)
+        minutes.append((frame.mid_exposure_utc - start).total_seconds() / 60.0)
         ra.append(place.ra_deg)
         dec.append(place.dec_deg)
-        if one.followed is not None and one.shift is not None:
-            anchor.append(one.shift.anchor)
-            of = by_number.get(one.shift.anchor)
-            own = one.solution.center_sigma_arcsec
+        if frame.followed is not None and frame.shift is not None:
+            anchor.append(frame.shift.anchor)
+            of = by_number.get(frame.shift.anchor)
+            own = frame.solution.center_sigma_arcsec
             anchor_sigma.append(of.solution.center_sigma_arcsec if of and of.solution else own)
-            error_px = 0.5 * (one.shift.dx_sigma_px + one.shift.dy_sigma_px)
-            sigma.append(error_px * one.solution.scale_arcsec_px)
+            error_px = 0.5 * (frame.shift.dx_sigma_px + frame.shift.dy_sigma_px)
+            sigma.append(error_px * frame.solution.scale_arcsec_px)
         else:
-            anchor.append(one.number)
-            anchor_sigma.append(one.solution.center_sigma_arcsec)
+            anchor.append(frame.number)
+            anchor_sigma.append(frame.solution.center_sigma_arcsec)
             sigma.append(
-                0.01 * one.solution.scale_arcsec_px
+                0.01 * frame.solution.scale_arcsec_px
             )  # followed from itself: its own noise is the anchor's
     return Track(
         np.array(minutes),
@@ -129,5 +126,5 @@ def _track(timed: list[FrameResult]) -> Track:
 
 def _scale_sigma(timed: list[FrameResult]) -> float:
     """Relative error of the anchors' scale: the largest one, since one anchor may be followed all night."""
-    anchors = [one.solution for one in timed if one.followed is None and one.solution is not None]
-    return max((scale_sigma(one) for one in anchors), default=0.0)
+    anchors = [frame.solution for frame in timed if frame.followed is None and frame.solution is not None]
+    return max((scale_sigma(anchor) for anchor in anchors), default=0.0)

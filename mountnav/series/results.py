@@ -1,4 +1,4 @@
-"""What a series tells: of each frame, of each segment between jumps, and of the whole."""
+"""Settings and results of a series: of each frame, of each segment between jumps, and of the whole."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Mode(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SeriesSettings:
-    """What may be set about a series.
+    """Settings of a series.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class SeriesSettings:
         When fewer than this share of the most acknowledgements so far are left, the frame is solved fully.
     trend_px : float
         Turn or stretch of the field that amounts to more than this in the frame's corner (and to more than 5
-        of its errors) asks for a full solution.
+        of its errors) calls for a full solution.
     persistent_frames : int
         Frames that make a source persistent.
     jump_px : float
@@ -102,15 +102,12 @@ class SeriesTimes:
 
 @dataclass(frozen=True, slots=True)
 class FrameResult:
-    """What came of one frame.
+    """Result of one frame of a series.
 
     Attributes
     ----------
     number : int
         Position in the series, from 0.
-    source : str
-    mid_exposure_utc : datetime or None
-    mode : Mode
     solution : Solution or None
         Full, or with mode "preliminary": the anchor's plate moved; its pairs' stars are then the anchor's
         measurements (no magnitudes).
@@ -128,7 +125,6 @@ class FrameResult:
         0 for a frame that could not be read.
     notes : tuple of str
         What happened: why it was solved fully, why it was not placed.
-    times : SeriesTimes
     """
 
     number: int
@@ -160,7 +156,6 @@ class Segment:
     ----------
     frames : tuple of int
         Their numbers, in order of time.
-    drift : Drift or None
     reason : str
         Why there is no drift.
     jump : Offset or None
@@ -181,7 +176,6 @@ class SeriesReport:
     ----------
     frames : tuple of FrameResult
         With persistence known from the whole series.
-    segments : tuple of Segment
     drift : Drift or None
         Of all segments together, jumps left out.
     reason : str

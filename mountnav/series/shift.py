@@ -8,14 +8,12 @@ and distortion, as long as telescope and camera stay the same and the field does
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.errors import BadRequest
-from mountnav.identification.plate import ARCSEC_PER_RAD, Plate, powers
+from mountnav.identification.plate import ARCSEC_PER_RAD, Plate
 from mountnav.identification.preliminary import Preliminary, find_shift
 from mountnav.identification.shift import Pairing, Sources
 from mountnav.identification.wcs import wcs_cards
@@ -28,56 +26,10 @@ from mountnav.solution import IdentifiedPairs, Solution
 Array = NDArray[np.float64]
 
 MOST_STEPS = 20
+"""Steps at most until the center is found; it ends earlier, at `STILL_ARCSEC`."""
 STILL_ARCSEC = 1e-5
-"""Steps for the center end here. Each is wrong by the field's curvature and by how north turns on the way."""
-
-
-def plate_from_cards(cards: Mapping[str, str | int | float], *, width_px: int, height_px: int) -> Plate:
-    """Read the plate back from a solution's WCS cards; inverse of `mountnav.identification.wcs.wcs_cards`.
-
-    Parameters
-    ----------
-    cards : mapping
-        TAN or TAN-SIP with CRPIX at the frame's center, as a `Solution` has them.
-    width_px, height_px : int
-
-    Returns
-    -------
-    Plate
-
-    Raises
-    ------
-    BadRequest
-        CRPIX isn't the center of such a frame, or a card is missing.
-    """
-    middle = ((width_px - 1) / 2.0, (height_px - 1) / 2.0)
-    try:
-        crpix = (float(cards["CRPIX1"]) - 1.0, float(cards["CRPIX2"]) - 1.0)
-        tangent = Icrs(float(cards["CRVAL1"]), float(cards["CRVAL2"]))
-        cd = np.array([[float(cards[f"CD{i}_{j}"]) for j in (1, 2)] for i in (1, 2)])
-    except KeyError as missing:
-        raise BadRequest(f"the WCS has no card {missing}", advice="give the cards of a solution") from None
-    if max(abs(crpix[0] - middle[0]), abs(crpix[1] - middle[1])) > 1e-6:
-        raise BadRequest("CRPIX is not the frame's center", advice="give the cards of a solution")
-    degree = int(cards.get("A_ORDER", 1))
-    unit = 0.5 * max(width_px, height_px)
-    xi, eta = [], []
-    for i, j in powers(degree):
-        along = float(cards.get(f"A_{i}_{j}", 0.0)) + (1.0 if (i, j) == (1, 0) else 0.0)
-        across = float(cards.get(f"B_{i}_{j}", 0.0)) + (1.0 if (i, j) == (0, 1) else 0.0)
-        value = cd @ (along, across) * 3600.0 * unit ** (i + j) if i + j else np.zeros(2)
-        xi.append(float(value[0]))
-        eta.append(float(value[1]))
-    return Plate(
-        tangent=tangent,
-        center_x_px=middle[0],
-        center_y_px=middle[1],
-        unit_px=unit,
-        degree=degree,
-        parity=-1 if np.linalg.det(cd) > 0 else 1,
-        xi=np.array(xi),
-        eta=np.array(eta),
-    )
+"""A step shorter than this ends the search for the center. Each is wrong by the field's curvature and by how
+north turns on the way."""
 
 
 def icrs_at_pixels(plate: Plate, x_px: Array, y_px: Array) -> tuple[Array, Array]:
@@ -90,7 +42,7 @@ def icrs_at_pixels(plate: Plate, x_px: Array, y_px: Array) -> tuple[Array, Array
 
 
 def pixels_at_icrs(plate: Plate, ra_deg: Array, dec_deg: Array) -> tuple[Array, Array]:
-    """Pixels (shape (n,)) of places, through a plate; NaN for places behind."""
+    """Pixels (shape (n,)) of positions, through a plate; NaN for positions behind."""
     xi, eta = plate.project(ra_deg, dec_deg)
     return plate.pixels(xi, eta)
 
@@ -163,7 +115,7 @@ def move_plate(
 
     Returns
     -------
-    Moved
+    MovedPlate
         With orientation held to the celestial north, as an equatorial mount holds it.
     """
     share = weight / weight.sum()
@@ -217,11 +169,11 @@ def move_plate(
 def turn_plate(
     move: MovedPlate, solved: Plate, ra_deg: Array, dec_deg: Array, x_px: Array, y_px: Array, weight: Array
 ) -> MovedPlate:
-    """Let the plate turn and stretch as the residuals ask, and move it again.
+    """Turn and stretch the plate by what the residuals show, and move it again.
 
     Parameters
     ----------
-    move : Moved
+    move : MovedPlate
         From `moved` with the same pairs.
     solved : Plate
         Of the solved frame.
@@ -230,7 +182,7 @@ def turn_plate(
 
     Returns
     -------
-    Moved
+    MovedPlate
         Its turn and stretch are those taken up.
     """
     plate, again, turn_deg, stretch = move.plate, move, 0.0, 0.0
@@ -260,6 +212,8 @@ def _at_rest(coefficients: Array) -> Array:
 Size = tuple[int, int]
 
 TREND_SIGMAS = 5.0
+"""A rotation or growth of the field of more than so many of its errors is significant: an honest fit has one
+in 10^6. Chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,15 +230,12 @@ class Anchor:
 
 @dataclass(frozen=True, slots=True)
 class MeasuredFrame:
-    """A frame without its pixels.
+    """A measured frame of a series, without its pixels.
 
     Attributes
     ----------
-    result : FrameResult
-    measurements : Measurements
-    sources : Sources
     still : bool
-        The light of its sources is where they were found: pieces of trails are no places to follow by.
+        The light of its sources is where they were found: pieces of trails are no positions to follow by.
     """
 
     result: FrameResult
@@ -300,7 +251,7 @@ class MeasuredFrame:
 
 @dataclass(frozen=True, slots=True)
 class Followed:
-    """What the shift says of a frame."""
+    """A frame placed by its shift from the anchor."""
 
     preliminary: Preliminary
     shift: Shift
@@ -348,7 +299,7 @@ def follow_frame(anchor: Anchor, look: MeasuredFrame, settings: SeriesSettings) 
 
 
 def field_turns(move: MovedPlate, settings: SeriesSettings) -> bool:
-    """Whether the field has turned or stretched by more than a shift tells."""
+    """Whether the field has turned or stretched by more than a shift can follow."""
     return move.trend_px > settings.trend_px and move.trend_sigma > TREND_SIGMAS
 
 

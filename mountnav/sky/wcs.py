@@ -21,14 +21,14 @@ def _number(cards: Mapping[str, object], name: str) -> float:
     return float(value)
 
 
-def distorted(cards: Mapping[str, object], u: Array, v: Array) -> tuple[Array, Array]:
+def sip_distorted(cards: Mapping[str, object], u: Array, v: Array) -> tuple[Array, Array]:
     """U + A(u, v) and v + B(u, v) of the SIP convention."""
     out = []
     for letter, base in (("A", u), ("B", v)):
         order = int(_number(cards, f"{letter}_ORDER")) if f"{letter}_ORDER" in cards else 0
         value = base.copy()
-        # by rising degree, as the plate sums its terms
-        for i, j in ((total - j, j) for total in range(order + 1) for j in range(total + 1)):
+        # by rising degree, as `identification.plate.powers` has them
+        for i, j in ((degree - j, j) for degree in range(max(order, 1) + 1) for j in range(degree + 1)):
             factor = cards.get(f"{letter}_{i}_{j}", 0.0)
             if isinstance(factor, int | float) and factor:
                 value = value + float(factor) * u**i * v**j
@@ -54,7 +54,7 @@ def places_at_pixels(cards: Mapping[str, object], x_px: Array, y_px: Array) -> t
         raise BadRequest(
             f"CTYPE1 is {cards.get('CTYPE1')!r}", advice="only RA---TAN and RA---TAN-SIP are understood"
         )
-    u, v = distorted(
+    u, v = sip_distorted(
         cards,
         np.asarray(x_px, dtype=float) + 1.0 - _number(cards, "CRPIX1"),
         np.asarray(y_px, dtype=float) + 1.0 - _number(cards, "CRPIX2"),
@@ -66,7 +66,7 @@ def places_at_pixels(cards: Mapping[str, object], x_px: Array, y_px: Array) -> t
 
 
 def icrs_at_pixel(cards: Mapping[str, object], x_px: float, y_px: float) -> Icrs:
-    """Give the place at one pixel.
+    """Give the position at one pixel.
 
     Parameters
     ----------
@@ -74,10 +74,6 @@ def icrs_at_pixel(cards: Mapping[str, object], x_px: float, y_px: float) -> Icrs
         See `places_at_pixels`.
     x_px, y_px : float
         0-based; the center of the file's first pixel is (0, 0).
-
-    Returns
-    -------
-    Icrs
 
     Raises
     ------

@@ -24,7 +24,7 @@ from mountnav.solving.settings import SolveSettings
 _log = logging.getLogger(__name__)
 
 SHARE_OF_FIRST = 0.6
-"""Of the time left, for each catalog, if there are others to try."""
+"""Share of the time left that each catalog may take while there are others to try."""
 
 
 def catalogs_for(
@@ -36,7 +36,6 @@ def catalogs_for(
     ----------
     catalog : Catalog
         A plain one is the only choice.
-    hint : Hint
     frame : Frame
         For its size.
     blind : {"after", "only", "never"}
@@ -84,12 +83,8 @@ def identify_with_catalogs(
 
     Parameters
     ----------
-    choices : tuple of Choice
-    measurements : Measurements
-    hint : Hint
     reach : Reach
         The whole sky is searched once.
-    settings : SolveSettings
     epoch_yr : float
         Julian year of the frame.
     budget_s : float
@@ -129,7 +124,7 @@ def identify_with_catalogs(
             return found
         if choice is choices[0] or refused is None:
             refused = found
-        tried = int(found.numbers.get("hypotheses", tried))
+        tried = found.tried
     assert refused is not None
     return refused
 
@@ -139,12 +134,12 @@ def _turns(
 ) -> list[tuple[Choice, Reach]]:
     """In which order the catalogs are tried, and how far each goes.
 
-    What the hint says is asked of all of them before any is asked what may be if the hint is wrong. The index
-    is asked once: at first, or by the thorough search where the frame is too narrow for it.
+    All of them are tried with what the hint says before any is tried as if the hint were wrong. The index
+    is searched once: at first, or by the thorough search where the frame is too narrow for it.
     """
     if len(choices) == 1:
         return [(choices[0], reach)]
-    placed = [one for one in (hint, *hint.alternatives) if one.center is not None]
+    placed = [reading for reading in (hint, *hint.alternatives) if reading.center is not None]
     shorter_px = min(measurements.width_px, measurements.height_px)
     late = reach.indexed is not None and too_narrow_for_index(placed, shorter_px)
     without = replace(reach, index=None, indexed=None)
@@ -152,9 +147,9 @@ def _turns(
     first, *others = choices
     return [
         (first, replace(quick, thorough=False)),
-        *((one, replace(without, thorough=False)) for one in others),
+        *((choice, replace(without, thorough=False)) for choice in others),
         (first, thorough),
-        *((one, without) for one in others),
+        *((choice, without) for choice in others),
     ]
 
 
@@ -166,17 +161,14 @@ def with_best_catalog(
     settings: IdentificationSettings,
     epoch_yr: float,
 ) -> tuple[Identified, tuple[str, ...]]:
-    """Take the stars of the catalog that suits the place where the frame turned out to be.
+    """Take the stars of the catalog that suits the position where the frame turned out to be.
 
     Parameters
     ----------
-    catalog : Catalog
     choices : tuple of Choice
-        Those for the place that was believed.
+        Those for the position that was believed.
     found : Identified
         With a reference.
-    measurements : Measurements
-    settings : IdentificationSettings
     epoch_yr : float
         Julian year of the frame.
 
@@ -187,14 +179,14 @@ def with_best_catalog(
         is configured for these.
         Without a reference where no catalog that may be used holds it.
     steps : tuple of str
-        Why that catalog, and what was asked in vain: for provenance.
+        Why that catalog, and what was tried in vain: for provenance.
     """
     if not isinstance(catalog, CatalogSet) or found.reference is None or found.stars is None:
         return found, choices[0].steps
     plate = found.reference.plate
     width_px, height_px = measurements.width_px, measurements.height_px
     field = width_px * height_px * (plate.scale_arcsec_px() / 3600.0) ** 2
-    used = next((one for one in choices if one.catalog.name == found.stars.source), None)
+    used = next((choice for choice in choices if choice.catalog.name == found.stars.source), None)
     if used is None or used is not choices[0] or math.isnan(used.expected):
         there = catalog.choices(plate.center(), field, epoch_yr=epoch_yr)[0]
         if there.catalog.name != found.stars.source:
@@ -228,7 +220,7 @@ def _as_ordered(
     The index proposes places by its own stars, whichever catalogs were ordered; a solution never rests on
     them then.
     """
-    allowed = {one.name for one in shelf.usable}
+    allowed = {usable.name for usable in shelf.usable}
     assert found.stars is not None
     assert found.reference is not None
     if found.stars.source in allowed:
@@ -256,23 +248,16 @@ def _as_ordered(
 def with_catalog_advice(
     found: Identified, catalog: Catalog, hint: Hint, frame: Frame, stars_seen: int
 ) -> Identified:
-    """Let a refusal for want of catalog stars say which catalog would help.
+    """Add to a refusal for want of catalog stars which catalog would help.
 
     Parameters
     ----------
     found : Identified
         The refusal.
-    catalog : Catalog
-    hint : Hint
-    frame : Frame
     stars_seen : int
-        Star-like sources measured: they tell how deep the frame is.
-
-    Returns
-    -------
-    Identified
+        Star-like sources measured: they show how deep the frame is.
     """
-    from mountnav.catalog.doctor.diagnosis import advice_for  # only asked when a frame was refused
+    from mountnav.catalog.doctor.diagnosis import advice_for  # only needed when a frame was refused
 
     height_px, width_px = frame.pixels.shape[:2]
     field = field_deg2(hint, width_px, height_px)

@@ -9,9 +9,11 @@ from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.solution import Contradiction
 
-#: Ratios near a whole number are taken for a binning.
 _BINNINGS = (2, 3, 4)
+"""Binnings that a wrong scale is explained by, in words of advice."""
 _RATIO_ROOM = 0.12
+"""A ratio of scales this near to a binning (share) is taken for it: focal lengths are stated to some percent.
+Halved, longer tubes than stated get no advice; doubled, 2 and 3 would meet at 2.4."""
 
 
 def contradictions_of_hints(header: Hint, given: Hint | None = None) -> tuple[Contradiction, ...]:
@@ -65,7 +67,7 @@ def contradictions_with(hint: Hint, center: Icrs, scale_arcsec_px: float) -> tup
     hint : Hint
         What was believed: the header's, or merged with the caller's.
     center : Icrs
-        The solved place of the frame's geometric center.
+        The solved position of the frame's geometric center.
     scale_arcsec_px : float
         The solved scale.
 

@@ -1,4 +1,4 @@
-"""What may be set about a solve, apart from what solves: whoever only hands it on needs nothing of that."""
+"""Settings of a solve, without the code that solves: callers who only pass them on import nothing heavy."""
 
 from __future__ import annotations
 
@@ -15,12 +15,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class SolveSettings:
-    """What may be set about a solve.
+    """Settings of a solve.
 
     Attributes
     ----------
-    measuring : MeasuringSettings
-    identification : IdentificationSettings
     budget_s : float
         Processor time for identification; measuring comes on top. It never takes longer than
         `mountnav.identification.budget.wall_limit_s` of it.

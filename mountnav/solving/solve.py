@@ -1,9 +1,9 @@
-"""The way through: calibrate, measure, identify, fit. The sky's troubles are answers, not errors."""
+"""The way of a frame: read, measure, identify, fit, judge. Troubles of the sky are verdicts, not errors."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from mountnav.frames import Frame, Hint
 from mountnav.identification.fast import FastResult, identify_fast
 from mountnav.identification.plate import NAMES
 from mountnav.identification.reference import Reference, identified_pairs
+from mountnav.identification.refusal import Refusal
 from mountnav.identification.search import Reach, without_place
 from mountnav.identification.selection import star_like
 from mountnav.identification.trail_check import StarsInCone, TrailCheck, check_trails
@@ -52,11 +53,6 @@ __all__ = ["SolveSettings", "epoch_of", "merged_hint", "solve", "solve_file"]
 def merged_hint(header: Hint, given: Hint | None) -> Hint:
     """The given hint, and where it is silent the header's.
 
-    Parameters
-    ----------
-    header : Hint
-    given : Hint or None
-
     Returns
     -------
     Hint
@@ -66,12 +62,12 @@ def merged_hint(header: Hint, given: Hint | None) -> Hint:
     if given is None:
         return header
     merged = _over(header, given)
-    others = [_over(one, given) for one in header.alternatives] + list(given.alternatives)
-    others += [_over(given, one) for one in (header, *header.alternatives)]
+    others = [_over(alternative, given) for alternative in header.alternatives] + list(given.alternatives)
+    others += [_over(given, alternative) for alternative in (header, *header.alternatives)]
     plain = replace(merged, alternatives=())
     kept: list[Hint] = []
-    for one in others:
-        bare = replace(one, alternatives=())
+    for other in others:
+        bare = replace(other, alternatives=())
         if bare != plain and bare not in kept:
             kept.append(bare)
     return replace(merged, alternatives=tuple(kept))
@@ -108,16 +104,14 @@ def solve(
     settings: SolveSettings | None = None,
     measurements: Measurements | None = None,
 ) -> Verdict:
-    """Find out where a frame was taken.
+    """Find out where a frame was taken: read, measure, identify, fit, judge.
 
     Parameters
     ----------
-    frame : Frame
     catalog : Catalog
-        One, or a `CatalogSet` of several, of which the frame's field, place and epoch choose.
+        One, or a `CatalogSet` of several, of which the frame's field, position and epoch choose.
     hint : Hint, optional
         Goes before what the frame's header says, field by field.
-    settings : SolveSettings, optional
     measurements : Measurements, optional
         What `measure` made of this frame already; it is neither calibrated nor measured again then.
 
@@ -126,145 +120,312 @@ def solve(
     Verdict
         Never raises for what the sky or the frame are like.
     """
-    settings = settings or SolveSettings()
-    began = time.monotonic()
-    believed = merged_hint(frame.hint, hint)
-    reach = Reach(settings.index, settings.blind)
-    nowhere = without_place(believed, reach)
+    job = _job(frame, catalog, hint, settings or SolveSettings())
+    nowhere = without_place(job.believed, job.reach)
     if nowhere is not None:
-        return Verdict(
-            None,
-            nowhere.reason,
-            f"{frame.source}: {nowhere.detail}",
-            0,
-            Times(total_s=time.monotonic() - began),
-            contradictions=contradictions_of_hints(frame.hint, hint),
-        )
-    notes: list[str] = []
-    zero_adu: float | None = None
-    utc = frame.mid_exposure_utc
-    epoch_yr = epoch_of(utc if utc is not None else utc_now())
-    found, measured, measure_s, searched_s = None, 0, 0.0, 0.0
-    choices: tuple[Choice, ...] = ()
-    lit: tuple[TrailCheck, tuple[str, ...]] | None = None
-
-    def light_of(one: Identified, its: Measurements) -> tuple[TrailCheck, tuple[str, ...]]:
-        best, chosen = with_best_catalog(catalog, choices, one, its, settings.identification, epoch_yr)
-        if best.reference is None:
-            return TrailCheck(best, its, None, points=True), chosen
-        sky = _sky_of(best.stars, catalog, choices, epoch_yr)
-        return check_trails(best, its, frame.pixels, settings.identification, sky=sky), chosen
-
+        return _unplaced(job, nowhere)
     try:
         if measurements is None:
-            if settings.calibration is not None:
-                frame, done = settings.calibration.applied(frame)
-                notes += [*done.not_applied, *done.warnings]
-                zero_adu = done.zero_adu
-            frame = demosaiced(frame)
-            measure_s = time.monotonic() - began
-        choices = catalogs_for(catalog, believed, frame, settings.blind, epoch_yr=epoch_yr)
-        reach = replace(reach, indexed=index_catalog(catalog, choices[0]))
-        if measurements is None:
-            if settings.glance and settings.identification.v_min_ident is None:
-                computed_s = time.thread_time()
-                try:
-                    first = identify_fast(
-                        frame,
-                        choices[0].catalog,
-                        believed,
-                        epoch_yr=epoch_yr,
-                        settings=settings.identification,
-                        measuring=settings.measuring,
-                        budget_s=settings.budget_s,
-                        reach=reach,
-                    )
-                except BadCatalog:
-                    if len(choices) == 1:
-                        raise
-                    first = FastResult(tried=reach.tried)  # the search in full passes the catalog over
-                found, measurements, measured = first.identified, first.measurements, first.seen
-                reach = replace(reach, tried=first.tried)
-                measure_s += first.measure_s
-                searched_s = max(0.0, time.thread_time() - computed_s - first.measure_s)
-            if found is not None and found.reference is not None:
-                assert measurements is not None
-                lit = light_of(found, measurements)
-                # pieces of trails pass for stars at a glance; measured in full, each trail may be one source
-                found = None if not lit[0].points else found
-            if found is None:
-                from mountnav.measuring.measure import measure  # dear to import, and a glance does without
-
-                lit = None
-                before = time.monotonic()
-                measurements = measure(frame, settings=settings.measuring)
-                measure_s += time.monotonic() - before
+            job = _read(job)
+        job = _with_catalogs(job)
+        measured = _measure(job) if measurements is None else _Measured(measurements, len(measurements))
     except BadFrame as fault:
-        spent = time.monotonic() - began
-        return Verdict(None, Reason.BAD_FRAME, str(fault), 0, Times(measure_s=spent, total_s=spent))
-    assert measurements is not None
-    if found is None:
-        measured = len(measurements)
-        left_s = settings.budget_s - searched_s
-        found = identify_with_catalogs(choices, measurements, believed, reach, settings, epoch_yr, left_s)
-    solution, quality, steps = None, measurements.quality, choices[0].steps
-    if found.reference is not None:
-        light, steps = lit or light_of(found, measurements)
-        found, measurements = light.found, light.measurements
-        if found.stars is not None:
-            steps = (*steps, *found.stars.steps)
-        if found.reference is not None and found.stars is not None:
-            solution = _solution(found, found.reference, found.stars, measurements, steps)
-            quality = _quality(quality, solution, zero_adu)
-    elif found.reason is Reason.CATALOG_TOO_SHALLOW:
-        found = with_catalog_advice(found, catalog, believed, frame, len(star_like(measurements)))
-    if solution is None and isinstance(catalog, CatalogSet):
-        notes += [f"catalog: {step}" for step in steps]
-    total_s = time.monotonic() - began
-    if utc is None:
-        notes.append("the date is unknown, so stars were taken at today's places")
+        spent_s = job.spent_s
+        return Verdict(None, Reason.BAD_FRAME, str(fault), 0, Times(measure_s=spent_s, total_s=spent_s))
+    identified = _identify(job, measured)
+    fitted = _fit(job, measured, identified)
+    return _judge(job, measured, fitted)
+
+
+@dataclass(frozen=True, slots=True)
+class _Job:
+    """One solve: what is asked, and what is known before anything is measured.
+
+    Attributes
+    ----------
+    frame : Frame
+        Calibrated and without a mosaic once it is read.
+    given : Hint or None
+        What the caller says.
+    believed : Hint
+        That, and where it is silent the header's.
+    epoch_yr : float
+        Julian year of the frame; the present one where its date is unknown.
+    began_s : float
+        On `time.monotonic`.
+    read_s : float
+        Wall time of calibration and of taking the mosaic apart.
+    choices : tuple of Choice
+        Catalogs for this frame, the best first.
+    notes : tuple of str
+        What calibration could not do.
+    zero_adu : float or None
+        Level of no light, as calibration knows it.
+    """
+
+    frame: Frame
+    catalog: Catalog
+    given: Hint | None
+    believed: Hint
+    settings: SolveSettings
+    epoch_yr: float
+    reach: Reach
+    began_s: float
+    read_s: float = 0.0
+    choices: tuple[Choice, ...] = ()
+    notes: tuple[str, ...] = ()
+    zero_adu: float | None = None
+
+    @property
+    def spent_s(self) -> float:
+        """Wall time so far."""
+        return time.monotonic() - self.began_s
+
+
+@dataclass(frozen=True, slots=True)
+class _Checked:
+    """A solution held against the light of its stars, and how its catalog's stars were come by."""
+
+    light: TrailCheck
+    catalog_steps: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Measured:
+    """The sources of a frame; and what was found with the brightest alone, where that was enough.
+
+    Attributes
+    ----------
+    count : int
+        Sources seen: of a frame solved fast, those that were detected.
+    measure_s : float
+        Wall time of reading and measuring.
+    searched_s : float
+        Processor time that a fast search has taken of the budget.
+    tried : int
+        Hypotheses that it tried: the odds of what follows count them.
+    """
+
+    measurements: Measurements
+    count: int
+    measure_s: float = 0.0
+    searched_s: float = 0.0
+    tried: int = 0
+    solved_fast: _Checked | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Fitted:
+    """What came of it: the solution, or a refusal that `found` gives the reason of."""
+
+    found: Identified
+    measurements: Measurements
+    solution: Solution | None
+    quality: SkyQuality | None
+    catalog_steps: tuple[str, ...]
+
+
+def _job(frame: Frame, catalog: Catalog, given: Hint | None, settings: SolveSettings) -> _Job:
+    utc = frame.mid_exposure_utc
+    return _Job(
+        frame=frame,
+        catalog=catalog,
+        given=given,
+        believed=merged_hint(frame.hint, given),
+        settings=settings,
+        epoch_yr=epoch_of(utc if utc is not None else utc_now()),
+        reach=Reach(settings.index, settings.blind),
+        began_s=time.monotonic(),
+    )
+
+
+def _unplaced(job: _Job, refusal: Refusal) -> Verdict:
+    """The verdict on a frame without a hint of where it is, where the whole sky may not be searched."""
+    return Verdict(
+        None,
+        refusal.reason,
+        f"{job.frame.source}: {refusal.detail}",
+        0,
+        Times(total_s=job.spent_s),
+        contradictions=contradictions_of_hints(job.frame.hint, job.given),
+    )
+
+
+# -- read ----------------------------------------------------------------------------------------------------
+
+
+def _read(job: _Job) -> _Job:
+    """Calibrate the frame, and take its mosaic apart."""
+    frame, notes, zero_adu = job.frame, job.notes, None
+    if job.settings.calibration is not None:
+        frame, done = job.settings.calibration.applied(frame)
+        notes = (*notes, *done.not_applied, *done.warnings)
+        zero_adu = done.zero_adu
+    frame = demosaiced(frame)
+    return replace(job, frame=frame, notes=notes, zero_adu=zero_adu, read_s=job.spent_s)
+
+
+def _with_catalogs(job: _Job) -> _Job:
+    """Choose the catalogs for the frame."""
+    blind = job.settings.blind
+    choices = catalogs_for(job.catalog, job.believed, job.frame, blind, epoch_yr=job.epoch_yr)
+    reach = replace(job.reach, indexed=index_catalog(job.catalog, choices[0]))
+    return replace(job, choices=choices, reach=reach)
+
+
+# -- measure -------------------------------------------------------------------------------------------------
+
+
+def _measure(job: _Job) -> _Measured:
+    """The frame's sources: the brightest alone where these solve it, else all of them."""
+    computed_s = time.thread_time()
+    fast = _identify_fast(job)
+    searched_s = max(0.0, time.thread_time() - computed_s - fast.measure_s)
+    measure_s = job.read_s + fast.measure_s
+    if fast.identified is not None:
+        assert fast.measurements is not None
+        checked = _check(job, fast.identified, fast.measurements)
+        # pieces of trails pass for stars in a fast search; measured in full, each trail may be one source
+        if checked.light.points:
+            return _Measured(fast.measurements, fast.seen, measure_s, searched_s, fast.tried, checked)
+    from mountnav.measuring.measure import (
+        measure,  # slow to import, and a frame that is solved fast does without
+    )
+
+    before_s = time.monotonic()
+    measurements = measure(job.frame, settings=job.settings.measuring)
+    measure_s += time.monotonic() - before_s
+    return _Measured(measurements, len(measurements), measure_s, searched_s, fast.tried)
+
+
+def _identify_fast(job: _Job) -> FastResult:
+    """Try with the brightest sources alone, where the settings allow it."""
+    settings, nothing = job.settings, FastResult(tried=job.reach.tried)
+    if not settings.glance or settings.identification.v_min_ident is not None:
+        return nothing
+    try:
+        return identify_fast(
+            job.frame,
+            job.choices[0].catalog,
+            job.believed,
+            epoch_yr=job.epoch_yr,
+            settings=settings.identification,
+            measuring=settings.measuring,
+            budget_s=settings.budget_s,
+            reach=job.reach,
+        )
+    except BadCatalog:
+        if len(job.choices) == 1:
+            raise
+        return nothing  # the search in full passes the catalog over
+
+
+# -- identify ------------------------------------------------------------------------------------------------
+
+
+def _identify(job: _Job, measured: _Measured) -> _Checked | Identified:
+    """Which stars the sources are: checked against their light, or the refusal of the search."""
+    if measured.solved_fast is not None:
+        return measured.solved_fast
+    found = identify_with_catalogs(
+        job.choices,
+        measured.measurements,
+        job.believed,
+        replace(job.reach, tried=measured.tried),
+        job.settings,
+        job.epoch_yr,
+        job.settings.budget_s - measured.searched_s,
+    )
+    return found if found.reference is None else _check(job, found, measured.measurements)
+
+
+def _check(job: _Job, found: Identified, measurements: Measurements) -> _Checked:
+    """Take the stars of the best catalog, and hold the solution against the light of these stars."""
+    settings = job.settings.identification
+    best, steps = with_best_catalog(job.catalog, job.choices, found, measurements, settings, job.epoch_yr)
+    if best.reference is None:
+        return _Checked(TrailCheck(best, measurements, None, points=True), steps)
+    cone = _stars_in_cone(best.stars, job)
+    return _Checked(check_trails(best, measurements, job.frame.pixels, settings, sky=cone), steps)
+
+
+# -- fit -----------------------------------------------------------------------------------------------------
+
+
+def _fit(job: _Job, measured: _Measured, identified: _Checked | Identified) -> _Fitted:
+    """The solution that the identified pairs hold, or the refusal with advice."""
+    measurements, quality = measured.measurements, measured.measurements.quality
+    if isinstance(identified, Identified):
+        if identified.reason is Reason.CATALOG_TOO_SHALLOW:
+            seen = len(star_like(measurements))
+            identified = with_catalog_advice(identified, job.catalog, job.believed, job.frame, seen)
+        return _Fitted(identified, measurements, None, quality, job.choices[0].steps)
+    found, measurements, steps = (
+        identified.light.found,
+        identified.light.measurements,
+        identified.catalog_steps,
+    )
+    if found.stars is not None:
+        steps = (*steps, *found.stars.steps)
+    if found.reference is None or found.stars is None:
+        return _Fitted(found, measurements, None, quality, steps)
+    solution = _solution(found, found.reference, found.stars, measurements, steps)
+    return _Fitted(found, measurements, solution, _quality(quality, solution, job.zero_adu), steps)
+
+
+# -- judge ---------------------------------------------------------------------------------------------------
+
+
+def _judge(job: _Job, measured: _Measured, fitted: _Fitted) -> Verdict:
+    """The verdict: the solution or the reason for none, wrong hints, notes, times."""
+    found, solution, notes = fitted.found, fitted.solution, job.notes
+    if solution is None and isinstance(job.catalog, CatalogSet):
+        notes = (*notes, *(f"catalog: {step}" for step in fitted.catalog_steps))
+    total_s = job.spent_s
+    if job.frame.mid_exposure_utc is None:
+        notes = (*notes, "the date is unknown, so stars were taken at today's places")
     return Verdict(
         solution=solution,
         reason=found.reason,
         detail=found.detail,
-        measured=measured,
-        times=Times(measure_s=measure_s, identify_s=total_s - measure_s, total_s=total_s),
+        measured=measured.count,
+        times=Times(measure_s=measured.measure_s, identify_s=total_s - measured.measure_s, total_s=total_s),
         numbers=found.numbers | ({"blind": 1.0} if found.blind else {}),
-        contradictions=_disproved(frame.hint, hint, solution, found),
-        quality=quality,
-        notes=tuple(notes),
-        seen_px=_places_px(measurements),
+        contradictions=_wrong_hints(job.frame.hint, job.given, solution, found),
+        quality=fitted.quality,
+        notes=notes,
+        seen_px=_brightest_px(fitted.measurements),
     )
 
 
-def _sky_of(
-    stars: Stars | None, catalog: Catalog, choices: tuple[Choice, ...], epoch_yr: float
-) -> StarsInCone | None:
-    """Where more stars of the same catalog are to be had; None if it is none of those at hand."""
-    known = [one.catalog for one in choices] + ([] if isinstance(catalog, CatalogSet) else [catalog])
-    of = next((one for one in known if stars is not None and one.name == stars.source), None)
+def _stars_in_cone(stars: Stars | None, job: _Job) -> StarsInCone | None:
+    """Where more stars of the same catalog are to be had; None if it is none of those installed."""
+    known = [choice.catalog for choice in job.choices]
+    if not isinstance(job.catalog, CatalogSet):
+        known.append(job.catalog)
+    of = next((catalog for catalog in known if stars is not None and catalog.name == stars.source), None)
     if of is None:
         return None
 
-    def sky(center: Icrs, radius_deg: float, mag_limit: float | None) -> Stars | None:
+    def cone(center: Icrs, radius_deg: float, mag_limit: float | None) -> Stars | None:
         try:
-            return of.cone(center, radius_deg, epoch_yr=epoch_yr, mag_limit=mag_limit)
+            return of.cone(center, radius_deg, epoch_yr=job.epoch_yr, mag_limit=mag_limit)
         except BadCatalog:
             return None  # an online catalog that was reached for the frame itself
 
-    return sky
+    return cone
 
 
-def _places_px(measurements: Measurements) -> NDArray[np.float32]:
-    """Where the brightest of them lie."""
+def _brightest_px(measurements: Measurements) -> NDArray[np.float32]:
+    """Where the brightest sources lie."""
     places = (measurements.x_px[:SEEN_AT_MOST], measurements.y_px[:SEEN_AT_MOST])
     return np.column_stack(places).astype(np.float32)
 
 
-def _disproved(
+def _wrong_hints(
     header: Hint, given: Hint | None, solution: Solution | None, identified: Identified
 ) -> tuple[Contradiction, ...]:
-    """Which hints were wrong: told by the solution, else by the hints themselves."""
+    """Which hints were wrong: by the solution, else by what they say of each other."""
     if solution is None:
         return contradictions_of_hints(header, given) + identified.contradictions
     found: list[Contradiction] = []
@@ -275,7 +436,7 @@ def _disproved(
 
 
 def _quality(quality: SkyQuality | None, solution: Solution, zero_adu: float | None) -> SkyQuality | None:
-    """What the frame tells about the night, now that its scale and its stars are known."""
+    """What the frame shows of the night, now that its scale and its stars are known."""
     if quality is None:
         return None
     pairs = solution.identified
@@ -304,13 +465,10 @@ def solve_file(
     ----------
     source : Path, str or bytes
         A path, or the file's content.
-    catalog : Catalog
-    hint : Hint, optional
     name : str, optional
         What to call it in messages.
     hdu : int or str, optional
         Which extension of a FITS file holds the image; chosen if left out.
-    settings : SolveSettings, optional
 
     Returns
     -------

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from benchmarks.trailed import RIGHT_PX, trial, ways
 from mountnav.catalog.embedded import embedded_catalog
-from mountnav.identification.double_exposure import find_second_field
-from mountnav.identification.field_rotation import UnexplainedLight
+from mountnav.identification.double_exposure import UnexplainedLight, find_second_field
 from mountnav.identification.plate import Plate, similarity_plate
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import gnomonic_inverse

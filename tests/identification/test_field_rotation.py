@@ -10,13 +10,8 @@ import pytest
 
 from benchmarks.trailed import RIGHT_PX, trial, ways
 from mountnav.catalog.embedded import embedded_catalog
-from mountnav.identification.field_rotation import (
-    Centers,
-    FieldMotion,
-    centers_of_light,
-    field_motion,
-    second_image,
-)
+from mountnav.identification.double_exposure import second_image
+from mountnav.identification.field_rotation import Centers, FieldMotion, centers_of_light, field_motion
 from mountnav.measuring.segmentation import segment_light
 from mountnav.solving.solve import solve
 

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.identification.anchors import AnchorSources, Case
 from mountnav.identification.odds import (
+    Confirmation,
     Corners,
-    Witnesses,
     berk_jones_p,
     binomial_sf,
     local_density,
@@ -106,7 +106,7 @@ def test_the_odds_of_wrong_plates_are_not_understated(kind, count):
             junk_x, junk_y = there.pixels(*there.project(others.ra_deg, others.dec_deg))
             seen = (junk_x > 0) & (junk_x < WIDTH) & (junk_y > 0) & (junk_y < HEIGHT)
             junk_x, junk_y = junk_x[seen][:count], junk_y[seen][:count]
-        witnesses = Witnesses(
+        confirmation = Confirmation(
             plate,
             corners,
             stars,
@@ -116,7 +116,7 @@ def test_the_odds_of_wrong_plates_are_not_understated(kind, count):
             height_px=HEIGHT,
             match_px=9.6,
         )
-        chances.append(witnesses.chance())
+        chances.append(confirmation.chance())
     claimed = np.array(chances)
     for level in (0.2, 0.05, 0.01):
         assert np.mean(claimed < level) <= level + 3 * math.sqrt(level / claimed.size)

@@ -1,13 +1,14 @@
 """Reference stars: what is rejected and why, and a plate that wrong pairs, order and drawing can't sway."""
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mountnav.identification.pairing import RULES, grouped, spread_over_fragments, within_k_rej
+from mountnav.identification.pairing import RULES, in_groups, spread_over_fragments, within_k_rej
 from mountnav.identification.reference import Selection, identified_pairs, trimmed_similarity
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.measurements import Flag
@@ -280,7 +281,9 @@ def test_no_pair_that_is_left_deviates_more_than_k_rej_times_the_mean():
 
 def test_groups_need_a_neighbor_of_comparable_brightness():
     x, y = np.array([0.0, 3.0, 50.0, 53.0]), np.zeros(4)
-    assert list(grouped(x, y, np.array([8.0, 9.0, 8.0, 12.0]), 5.0, 1.5)) == [True, True, False, True]
+    couples = np.array(list(combinations(range(4), 2)))
+    magnitude = np.array([8.0, 9.0, 8.0, 12.0])
+    assert list(in_groups(couples, x, y, magnitude, 5.0, 1.5)) == [True, True, False, True]
 
 
 def test_a_cluster_does_not_outvote_the_frame():

@@ -10,7 +10,7 @@ import pytest
 
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.identification.anchors import AnchorSources
-from mountnav.identification.odds import Corners, Witnesses
+from mountnav.identification.odds import Confirmation, Corners
 from mountnav.identification.plate import similarity_plate
 from mountnav.identification.selection import trail_pieces
 from mountnav.sky.coordinates import Icrs
@@ -68,10 +68,10 @@ def test_the_pieces_of_one_trail_confirm_a_wrong_plate_once(plates: int) -> None
         stars = replace(template.only(np.arange(at_x.size)), ra_deg=np.asarray(ra), dec_deg=np.asarray(dec))
         corners = Corners(x[:3], y[:3], stars.ra_deg[:3], stars.dec_deg[:3])
         for counted, source in ((True, trail_pieces(x, y)), (False, None)):
-            witnesses = Witnesses(
+            confirmation = Confirmation(
                 plate, corners, stars, x, y, width_px=WIDTH, height_px=HEIGHT, match_px=9.6, source=source
             )
-            claimed[counted].append(witnesses.chance())
+            claimed[counted].append(confirmation.chance())
     for level in (0.05, 0.01):
         most = level + 3 * math.sqrt(level / plates)
         assert np.mean(np.array(claimed[True]) < level) <= most

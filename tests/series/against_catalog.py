@@ -35,7 +35,7 @@ class PlacedByCatalog:
     ----------
     preliminary : Preliminary
         Of the last pass.
-    move : Moved or None
+    move : MovedPlate or None
         The plate at the frame's place; None unless found.
     """
 
@@ -59,20 +59,14 @@ def place_by_catalog(
 
     Parameters
     ----------
-    measurements : Measurements
     plate : Plate
-        Of a solved frame of this telescope and camera (`mountnav.series.shift.plate_from_cards`).
+        Of a solved frame of this telescope and camera (`mountnav.identification.wcs.plate_from_cards`).
     center : Icrs
         Assumed center; wrong by less than half a frame.
-    catalog : Catalog
     epoch_yr : float
         Julian year of the frame.
     settings : PreliminarySettings, optional
         The measured profile if left out: with R_rej = 20 px and 70 % no catalog matches a frame.
-
-    Returns
-    -------
-    PlacedByCatalog
     """
     settings = settings or PreliminarySettings.measured()
     frame = sources_of(measurements, settings)

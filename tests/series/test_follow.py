@@ -11,10 +11,11 @@ import pytest
 
 from mountnav.frames import Frame, Hint
 from mountnav.identification.settings import PreliminarySettings
+from mountnav.identification.wcs import plate_from_cards
 from mountnav.measuring.measure import measure
 from mountnav.series.follow import SeriesFollower, follow
 from mountnav.series.results import Mode, SeriesReport, SeriesSettings
-from mountnav.series.shift import icrs_at_pixels, plate_from_cards
+from mountnav.series.shift import icrs_at_pixels
 from mountnav.simulation.render import project
 from mountnav.simulation.trails import SatelliteTrail
 from mountnav.sky.coordinates import Icrs

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from mountnav.errors import BadRequest
 from mountnav.identification.plate import Plate, fit_plate, similarity_plate
-from mountnav.identification.wcs import wcs_cards
-from mountnav.series.shift import icrs_at_pixels, move_plate, pixels_at_icrs, plate_from_cards, turn_plate
+from mountnav.identification.wcs import plate_from_cards, wcs_cards
+from mountnav.series.shift import icrs_at_pixels, move_plate, pixels_at_icrs, turn_plate
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
 

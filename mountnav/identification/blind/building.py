@@ -1,6 +1,6 @@
 """Building the index: levels of star density, each star's quads with its neighbors, codes, one file.
 
-A frame shows its brightest stars, and their distances tell only the size of its field. So the index has
+A frame shows its brightest stars, and their distances depend on the size of its field alone. So the index has
 levels: of each part of the sky its brightest stars, as many as a field of some size needs.
 """
 
@@ -39,12 +39,13 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 BLEND_SHARE = 0.02
-"""Of two stars nearer than this share of the mean distance the fainter is left out: they look like one."""
+"""Of two stars nearer than this share of the mean distance the fainter is left out: they look like one.
+Chosen by hand."""
 
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """One density.
+    """A level of the index: the brightest stars of each part of the sky, to one density.
 
     Attributes
     ----------
@@ -65,7 +66,7 @@ class Level:
 
 
 def make_levels(vectors: Array, mag: Array, count: int) -> list[Level]:
-    """Thin a catalog.
+    """Thin a catalog to one list of stars for each density.
 
     Parameters
     ----------
@@ -112,16 +113,21 @@ def _blended(vectors: Array, reach_rad: float) -> NDArray[np.bool_]:
 EPOCH_YR = 2026.0
 """Shapes hold for this year. A star of 0.1″/yr has moved 1″ ten years on, less than a quad's tolerance."""
 LEVELS = 13
+"""Densities of stars, each half the one before: 48 to 0.012 per square degree, for fields of 0.6° to 40°
+(docs/blind.md)."""
 NEIGHBORS = 6
+"""Nearest neighbors of which quads are made: the highest rank in `USUAL` and `MORE`."""
 USUAL = ((1, 2, 4), (1, 3, 5), (2, 3, 4))
-"""Which neighbors, by rank of distance, make quads with a star."""
+"""Which neighbors, by rank of distance, make quads with a star. Other ranks that were tried, and what they
+lose, stand in docs/blind.md."""
 MORE = (*USUAL, (1, 2, 3), (1, 3, 4), (2, 4, 5), (1, 2, 5), (2, 3, 6))
 """The same where a frame has few stars, since the level holds all that the catalog has; and in coarse levels,
 where they cost little: wide frames are bent, and lose quads to that."""
 COARSE = 130_000
-"""Stars of a level that is called coarse."""
+"""Stars of a level that is called coarse. Chosen by hand: so the five further quads a star cost little of the
+file."""
 CHUNK = 200_000
-"""Quads computed at once."""
+"""Quads computed at once: some 20 MB of vectors. It changes memory, no result."""
 
 Progress = Callable[[float], None]
 
@@ -133,12 +139,10 @@ def build(
 
     Parameters
     ----------
-    catalog : PackedStore
     path : Path
         Replaced only when the new file is complete.
-    levels : int
     progress : callable, optional
-        Told the share that is done, 0 to 1.
+        Called with the share that is done, 0 to 1.
 
     Returns
     -------
@@ -150,21 +154,21 @@ def build(
     OSError
         The file can't be written.
     """
-    tell = progress or (lambda share: None)
-    tell(0.0)
+    report = progress or (lambda share: None)
+    report(0.0)
     everything = CatalogRows(catalog.path)
     rows = np.arange(len(everything))
     vectors, mag = everything.vectors(rows, epoch_yr=EPOCH_YR), everything.magnitudes(rows)
-    tell(0.05)
+    report(0.05)
     made = make_levels(vectors, mag, levels)
-    tell(0.3)
+    report(0.3)
     number_of_levels = np.cumsum([0, *(level.rows.size for level in made)])
     total, done = int(number_of_levels[-1]), 0
     parts: list[tuple[NDArray[np.int32], NDArray[np.uint8], NDArray[np.uint64], NDArray[np.uint32]]] = []
     for level, first in zip(made, number_of_levels, strict=False):
         for stars, share in _quads(level, vectors[level.rows]):
             parts.append(_coded(stars, int(first), vectors, level.rows))
-            tell(0.3 + 0.55 * (done + share * level.rows.size) / total)
+            report(0.3 + 0.55 * (done + share * level.rows.size) / total)
         done += level.rows.size
     cell, place, packed, mark = (np.concatenate([part[k] for part in parts]) for k in range(4))
     parts.clear()
@@ -173,7 +177,7 @@ def build(
     order = np.argsort(key, kind="stable")  # the finest level keeps it
     key = key[order]
     order = order[np.concatenate(([True], key[1:] != key[:-1]))] if order.size else order
-    tell(0.95)
+    report(0.95)
     cells = np.concatenate(([0], np.cumsum(np.bincount(cell[order], minlength=CELLS)))).astype("<u4")
     header = Header(
         catalog=catalog.name,
@@ -194,7 +198,7 @@ def build(
             "grid": np.concatenate([level.offsets for level in made]).astype("<u4"),
         },
     )
-    tell(1.0)
+    report(1.0)
     return header
 
 
@@ -205,7 +209,7 @@ def _quads(level: Level, vectors: Array) -> Iterator[tuple[Index, float]]:
         return
     tree = cKDTree(vectors, balanced_tree=False, compact_nodes=False)
     near = np.array(tree.query(vectors, k=NEIGHBORS + 1)[1], dtype=np.int64)
-    near[:, 0] = np.arange(count)  # of two stars at one place either may come first
+    near[:, 0] = np.arange(count)  # of two stars at one position either may come first
     poor = level.whole if count > COARSE else np.ones(count, dtype=bool)
     for start in range(0, count, CHUNK):
         part, few = near[start : start + CHUNK], poor[start : start + CHUNK]
@@ -221,7 +225,7 @@ def _coded(
     code, order = codes(flattened(vectors[rows[stars]]))
     step = np.floor(stepped(code))
     top = np.array(RASTER) * STEPS_PER_CELL
-    sound = np.all((step >= 0) & (step < top), axis=1)  # four stars at one place have no shape
+    sound = np.all((step >= 0) & (step < top), axis=1)  # four stars at one position have no shape
     stars = np.take_along_axis(stars, order, axis=1)
     packed, fits = pack(first + stars[sound])
     steps = step[sound][fits].astype(np.int64)

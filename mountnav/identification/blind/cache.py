@@ -17,10 +17,6 @@ Progress = Callable[[float], None]
 def index_path(catalog: PackedStore) -> Path:
     """Where the index of a catalog lies or would lie.
 
-    Parameters
-    ----------
-    catalog : PackedStore
-
     Returns
     -------
     Path
@@ -37,7 +33,6 @@ def cached_index(
 
     Parameters
     ----------
-    catalog : PackedStore
     progress : callable, optional
         Told the share that is done, 0 to 1, if it is built here.
     force : bool
@@ -46,7 +41,7 @@ def cached_index(
     Returns
     -------
     BlindIndex
-        Of processes that ask at the same time one builds, and the others wait for it.
+        Of processes that call it at the same time one builds, and the others wait for it.
 
     Raises
     ------
@@ -59,11 +54,11 @@ def cached_index(
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with locked(path.with_suffix(".lock")):
-            # another process may have built it meanwhile; a damaged one is built anew
+            # another process may have built it meanwhile; a damaged one is built again
             if force or (found := installed_index(catalog)) is None:
                 for left_behind in path.parent.glob(f"{path.name}.*.part"):
                     left_behind.unlink(missing_ok=True)  # by a process that was killed while it wrote
-                # imported here: whoever finds an index needs nothing of what builds it
+                # imported here: a caller who finds an index needs nothing of what builds it
                 from mountnav.identification.blind.building import build
 
                 build(catalog, path, progress=progress)
@@ -79,14 +74,10 @@ def cached_index(
 def installed_index(catalog: PackedStore) -> BlindIndex | None:
     """Open the index of a catalog if it was built before. Builds nothing.
 
-    Parameters
-    ----------
-    catalog : PackedStore
-
     Returns
     -------
     BlindIndex or None
-        None as well where the file is cut short, of another form or of other stars: it is to be built anew.
+        None as well where the file is cut short, of another form or of other stars: it has to be built again.
     """
     path = index_path(catalog)
     try:

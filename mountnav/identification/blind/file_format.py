@@ -15,7 +15,7 @@
             grid     u32          for each level, first star of each cell of its grid, and the end
 
 All numbers are little-endian. Quads are sorted by their cell. A code's four numbers run over 0..0.5,
-0..0.875, 0..1 and -0.875..0.875; a cell is 1/48 wide, the place within it told in steps of a 256th of that.
+0..0.875, 0..1 and -0.875..0.875; a cell is 1/48 wide, the position within it in steps of a 256th of that.
 """
 
 from __future__ import annotations
@@ -33,32 +33,46 @@ from mountnav.errors import BadSettings
 from mountnav.files import open_buffered
 from mountnav.parsing import json_of
 
+Index = NDArray[np.int64]
+
 MAGIC = b"MNAVQUAD"
 VERSION = 1
 """Raised when the form changes, and when other quads are built: a cache holds one file for each version."""
 PREAMBLE_BYTES = 16
+"""Magic, version and length of the header text. Part of the format."""
 ALIGNMENT_BYTES = 4096
+"""Sections start at multiples of a memory page, so that they can be mapped. Part of the format."""
 LONGEST_HEADER_BYTES = 65536
+"""A longer header text is refused as damage: real ones have less than 4 kB, whatever the catalog."""
 _EARLIEST_YR, _LATEST_YR = 1800.0, 2300.0
 """Julian years that stars may be of: beyond, no catalog's proper motions hold; doubled, nonsense passes."""
 _MOST_ROWS = 1 << 40
-"""Quads, stars or cells that a header may tell of: a thousand times those of the deepest index."""
+"""A header with more quads, stars or cells than this is refused as damage: a thousand times those of the
+deepest index."""
 
 CELLS_PER_UNIT = 48
+"""Cells of the code raster per unit of a code: it divides the widths of the four numbers (0.5, 0.875, 1,
+1.75) into whole cells. Part of the format."""
 STEPS_PER_CELL = 256
+"""Steps within a cell: what one byte holds. Part of the format."""
 STEP = 1.0 / (CELLS_PER_UNIT * STEPS_PER_CELL)
-"""What a code is told to: 8.1e-5 of the widest pair's distance."""
+"""Resolution of a stored code: 8.1e-5 of the widest pair's distance. Part of the format."""
 LOW = np.array([0.0, 0.0, 0.0, -0.875])
+"""Least value of Re c, Im c, Re d and Im d (`quads.codes`)."""
 RASTER = (24, 42, 48, 84)
 """Cells along each number of the code."""
 STRIDES = np.array([RASTER[1] * RASTER[2] * RASTER[3], RASTER[2] * RASTER[3], RASTER[3], 1])
+"""A cell's number is the dot product of its four coordinates with these."""
 CELLS = RASTER[0] * RASTER[1] * RASTER[2] * RASTER[3]
+"""Number of cells."""
 
 STAR_BITS, DELTA_BITS = 22, 14
+"""Bits of a packed quad: number of star A, and distances in the list of B, C and D from it, 64 in all. Part
+of the format."""
 MOST_STARS = 1 << STAR_BITS
+"""Stars that 22 bits can number: 4.19 million. The embedded catalog's levels have 3.46 million."""
 DELTA_ZERO = 1 << (DELTA_BITS - 1)
-
-Index = NDArray[np.int64]
+"""A packed distance of 0 is stored as this, so that distances of both signs fit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +85,6 @@ class Header:
         Which catalog the rows are of: its name and the hash of its sections.
     epoch_yr : float
         Julian year for which shapes were computed.
-    quads : int
     level_stars : list of int
         Stars of each level, the finest first.
     """
@@ -149,7 +162,7 @@ def decode_header(start: bytes, *, file: str) -> tuple[Header, int]:
 
 
 def damaged(file: str, what: str) -> BadSettings:
-    """The error that tells what is wrong with an index file, to be raised by the caller."""
+    """The error that says what is wrong with an index file, to be raised by the caller."""
     return BadSettings(what, device=file, advice="build it anew: mountnav catalog index --force")
 
 
@@ -198,10 +211,6 @@ def mapped(path: Path) -> mmap.mmap:
     path : Path
         Not empty.
 
-    Returns
-    -------
-    mmap.mmap
-
     Raises
     ------
     OSError
@@ -216,10 +225,10 @@ def mapped(path: Path) -> mmap.mmap:
 
 
 def unmap(whole: mmap.mmap) -> None:
-    """Let go of the pages that were looked at; the system keeps what it has room for, for the next look.
+    """Release the pages that were read; the system keeps what it has room for, for the next search.
 
-    The system maps a file in pieces much larger than a look: unasked, the whole file would count as this
-    process' memory after a few searches.
+    The system maps a file in pieces much larger than what is read of it: without this, the whole file would
+    count as this process' memory after a few searches.
     """
     if hasattr(mmap, "MADV_DONTNEED"):
         with suppress(OSError):

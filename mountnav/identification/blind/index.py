@@ -30,13 +30,16 @@ from mountnav.identification.blind.file_format import (
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+
 SKY_DEG2 = 41252.96
+"""Area of the sky, square degrees: 4π (180/π)²."""
 FINEST_NSIDE = 128
 """Cells of 0.21 square degrees."""
 CELL_STARS = (10, 5)
 """Brightest stars of a cell; two levels for each cell size, whose area grows by 4."""
 CELL_BANDS = 4
-"""A cell of the level's table is one band high and so many wide."""
+"""A cell of the level's table is one band high and so many wide. Chosen by hand: it changes how many cells a
+circle touches, no result."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +74,7 @@ class Grid:
         return int(self.first_cell[-1])
 
     def cell(self, ra_deg: Array, dec_deg: Array) -> Index:
-        """Cell numbers of places; shape (n,)."""
+        """Cell numbers of positions; shape (n,)."""
         bands = self.first_cell.size - 1
         band = np.clip(((dec_deg + 90.0) / self.height_deg).astype(np.int64), 0, bands - 1)
         count = np.diff(self.first_cell)[band]
@@ -130,7 +133,8 @@ def densities(count: int) -> list[tuple[int, int, float]]:
 MOST_TOLERANCE = 0.99 * 0.5 * STEPS_PER_CELL * STEP
 """Half a cell, 0.0103: a wider question would reach three cells of a row."""
 MANY = 4000
-"""Questions that touch so much of the file that it is let go of at once; a frame mostly asks 200 to 3000."""
+"""A search for more codes than this touches so much of the file that its pages are released at once; a frame
+mostly has 200 to 3000."""
 
 
 class BlindIndex:
@@ -207,7 +211,7 @@ class BlindIndex:
         return f"BlindIndex({self.name!r}, {len(self)} quads, {self.path})"
 
     def alike(self, code: Array, tolerance: Array) -> tuple[Index, Index]:
-        """Quads of the sky shaped like those asked for.
+        """Quads of the sky shaped like those given.
 
         Parameters
         ----------
@@ -218,7 +222,7 @@ class BlindIndex:
 
         Returns
         -------
-        asked, quad : ndarray of int, shape (m,)
+        given, quad : ndarray of int, shape (m,)
             Which question, and the number of the quad.
         """
         step, reach = stepped(code), np.minimum(tolerance, MOST_TOLERANCE)[:, None] / STEP
@@ -227,15 +231,15 @@ class BlindIndex:
         low_cell = np.clip(low // STEPS_PER_CELL, 0, top)
         high_cell = np.clip(high // STEPS_PER_CELL, 0, top)
         spans = high_cell > low_cell
-        asked, cells = [], []
+        given, cells = [], []
         for corner in product((0, 1), repeat=4):
             there = np.flatnonzero(np.all(spans | (np.array(corner) == 0), axis=1))
             if there.size:
-                asked.append(there)
+                given.append(there)
                 cells.append(low_cell[there] + np.array(corner))
-        if not asked:
+        if not given:
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
-        which, cell = np.concatenate(asked), np.concatenate(cells)
+        which, cell = np.concatenate(given), np.concatenate(cells)
         number = cell @ STRIDES
         first, end = self._cells[number].astype(np.int64), self._cells[number + 1].astype(np.int64)
         slot, quad = self._runs(first, end, len(self))
@@ -253,7 +257,7 @@ class BlindIndex:
         return which[slot], quad
 
     def rest(self) -> None:
-        """Let go of the file's pages: a search leaves 10 to 100 MB of them, and the next finds them again."""
+        """Release the file's pages: a search leaves 10 to 100 MB of them, and the next finds them again."""
         unmap(self._mapped)
 
     def stars(self, quad: Index) -> Index:
@@ -278,11 +282,10 @@ class BlindIndex:
         return np.searchsorted(self.first_star, star, side="right") - 1
 
     def around(self, level: int, ra_deg: Array, dec_deg: Array, radius_deg: Array) -> tuple[Index, Index]:
-        """Stars of a level round places, at the index' epoch, and some more.
+        """Stars of a level round positions, at the index' epoch, and some more.
 
         Parameters
         ----------
-        level : int
         ra_deg, dec_deg, radius_deg : ndarray, shape (n,)
 
         Returns

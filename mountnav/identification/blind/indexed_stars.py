@@ -64,7 +64,7 @@ class CatalogRows:
         return int(self._stars.size)
 
     def rest(self) -> None:
-        """Let go of the pages that were looked at."""
+        """Release the pages that were read."""
         unmap(self._mapped)
 
     def vectors(self, rows: Index, *, epoch_yr: float) -> Array:
@@ -97,11 +97,10 @@ class CatalogRows:
 
 
 class IndexedStars:
-    """What the search asks the sky.
+    """The sky as the search needs it: quads by code, stars round positions, unit vectors at the epoch.
 
     Parameters
     ----------
-    index : BlindIndex
     catalog : Catalog
         The packed catalog that the index was made from.
     epoch_yr : float
@@ -139,7 +138,6 @@ class IndexedStars:
 
         Parameters
         ----------
-        level : int
         axis : ndarray, shape (n, 3)
             Unit vectors of the circles' centers.
         radius_rad : ndarray, shape (n,)
@@ -156,7 +154,7 @@ class IndexedStars:
         return circle[inside], star[inside], vectors[inside]
 
     def rest(self) -> None:
-        """Let go of memory that only a search needs."""
+        """Release memory that only a search needs."""
         self.index.rest()
         self._rows.rest()
 

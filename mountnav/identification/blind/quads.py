@@ -1,9 +1,9 @@
-"""Quads and their codes: four stars told by shape alone, whatever the scale, rotation and parity.
+"""Quads and their codes: four stars recognized by shape alone, whatever the scale, rotation and parity.
 
 The widest pair of the four is A and B. In the frame where A is 0 and B is 1 the other two are the complex
 numbers c and d, within a lens of width 1 and height √3. Three things are left to choose, and are chosen alike
 for the sky and for a frame: A and B are exchanged (z → 1 − z) if Re c + Re d > 1; C and D if Re c > Re d; and
-the quad is seen from behind (z → conj z) if Im c < 0: a mirrored frame asks the same question as any other.
+the quad is seen from behind (z → conj z) if Im c < 0: a mirrored frame has the same code as any other.
 Compare Lang et al. 2010, AJ 139, 1782, §2.1.
 """
 
@@ -22,7 +22,9 @@ Complex = NDArray[np.complex128]
 Index = NDArray[np.int64]
 
 _PAIRS = np.array(list(combinations(range(4), 2)))
+"""The six pairs of a quad's stars, any of which may be the widest."""
 _ORDERS = np.array([[a, b, *(c for c in range(4) if c not in (a, b))] for a, b in _PAIRS])
+"""For each of these pairs the order A, B, and the other two."""
 
 
 def codes(place: Complex) -> tuple[Array, Index]:
@@ -102,12 +104,12 @@ def all_quads(count: int, *, since: int = 0) -> Index:
 
 
 CODE_FLOOR = 4e-4
-"""No code is asked for more exactly: the frame's tangent plane isn't the quad's, and lenses bend."""
+"""Least tolerance of a code: the frame's tangent plane isn't the quad's, and lenses bend."""
 
 
 @dataclass(frozen=True, slots=True)
 class QuadQuery:
-    """One round of questions.
+    """One round of the search: which quads of the frame, and how exactly their codes have to fit.
 
     Attributes
     ----------
@@ -148,14 +150,17 @@ QUAD_QUERIES = (
     QuadQuery(0, 40, error_px=1.5, tolerance=8e-3, neighbors=9, side_deg=32.0),
     QuadQuery(0, 150, neighbors=8),
 )
+"""Rounds of a search, the cheap and likely first: the 10, 14, 18 and 24 brightest measurements; between them,
+looser ones for bent lenses (2 px), and frames taken as 24° and 38° wide; then quads of neighbors, for lists
+with many false sources. Chosen by hand on star lists of the real sky and on real frames: docs/blind.md has
+what each order finds."""
 
 
-def frame_quads(ask: QuadQuery, z: Complex) -> Index:
+def frame_quads(query: QuadQuery, z: Complex) -> Index:
     """Quads of a round.
 
     Parameters
     ----------
-    ask : Ask
     z : ndarray of complex, shape (n,)
         Chosen measurements, brightest first.
 
@@ -163,30 +168,29 @@ def frame_quads(ask: QuadQuery, z: Complex) -> Index:
     -------
     ndarray of int, shape (k, 4)
     """
-    count = min(ask.count, z.size)
-    if count < 4 or count <= ask.since:
+    count = min(query.count, z.size)
+    if count < 4 or count <= query.since:
         return np.zeros((0, 4), dtype=np.int64)
-    if not ask.neighbors or ask.neighbors >= count - 1:
-        return all_quads(count, since=ask.since)[: ask.most]
+    if not query.neighbors or query.neighbors >= count - 1:
+        return all_quads(count, since=query.since)[: query.most]
     at = np.column_stack((z.real, z.imag))[:count]
-    near = np.asarray(cKDTree(at).query(at, k=ask.neighbors + 1)[1])
+    near = np.asarray(cKDTree(at).query(at, k=query.neighbors + 1)[1])
     near[:, 0] = np.arange(count)
-    chosen = np.array([(0, *three) for three in combinations(range(1, ask.neighbors + 1), 3)])
+    chosen = np.array([(0, *three) for three in combinations(range(1, query.neighbors + 1), 3)])
     quads = np.sort(near[:, chosen].reshape(-1, 4), axis=1)
     key = ((quads[:, 3] * count + quads[:, 2]) * count + quads[:, 1]) * count + quads[:, 0]
     _, first = np.unique(key, return_index=True)
-    kept: Index = quads[first[: ask.most]].astype(np.int64)
+    kept: Index = quads[first[: query.most]].astype(np.int64)
     return kept
 
 
 def frame_codes(
-    ask: QuadQuery, z: Complex, quads: Index, center: complex, focal_px: float | None
+    query: QuadQuery, z: Complex, quads: Index, center: complex, focal_px: float | None
 ) -> tuple[Array, Index, Array]:
     """Codes of a frame's quads and how far they may be off.
 
     Parameters
     ----------
-    ask : Ask
     z : ndarray of complex, shape (n,)
         Measurements, x + iy in pixels.
     quads : ndarray of int, shape (k, 4)
@@ -213,6 +217,6 @@ def frame_codes(
     corners = np.take_along_axis(quads, order, axis=1)
     length = np.abs(z[corners[:, 1]] - z[corners[:, 0]])
     with np.errstate(divide="ignore"):
-        tolerance = np.maximum(ask.error_px / length, CODE_FLOOR)
-    good = np.flatnonzero((tolerance <= ask.tolerance) & np.isfinite(code).all(axis=1))
+        tolerance = np.maximum(query.error_px / length, CODE_FLOOR)
+    good = np.flatnonzero((tolerance <= query.tolerance) & np.isfinite(code).all(axis=1))
     return code[good], corners[good], tolerance[good]

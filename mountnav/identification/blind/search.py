@@ -19,6 +19,7 @@ from mountnav.identification.blind.quads import QUAD_QUERIES, QuadQuery, frame_c
 from mountnav.identification.full import Hypothesis, Points, Search, match_radius
 from mountnav.identification.odds import Corners
 from mountnav.identification.plate import ARCSEC_PER_RAD, similarity_plate
+from mountnav.identification.rounds import SCALE_LEAST_ARCSEC_PX, SCALE_MOST_ARCSEC_PX
 from mountnav.identification.selection import spread_brightest
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.sky.coordinates import Icrs
@@ -36,7 +37,7 @@ LEAST_DEPTH = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Placed:
+class FrameSimilarities:
     """Similarities w = turn·z + shift (z conjugate where mirrored) of n frames; w = ξ + iη in arcsec.
 
     Attributes
@@ -59,9 +60,9 @@ class Placed:
     mirrored: NDArray[np.bool_]
     residual_px: Array
 
-    def only(self, chosen: Index) -> Placed:
+    def only(self, chosen: Index) -> FrameSimilarities:
         """Some of them."""
-        return Placed(
+        return FrameSimilarities(
             self.axis[chosen],
             self.ra_deg[chosen],
             self.dec_deg[chosen],
@@ -87,8 +88,8 @@ class Placed:
         return out
 
 
-def placed(z: Complex, vectors: Array, center: complex) -> Placed:
-    """Fit similarities to four pairs each.
+def fit_similarities(z: Complex, vectors: Array, center: complex) -> FrameSimilarities:
+    """Fit a similarity to each set of four pairs.
 
     Parameters
     ----------
@@ -98,10 +99,6 @@ def placed(z: Complex, vectors: Array, center: complex) -> Placed:
         Their stars.
     center : complex
         The frame's center in pixels.
-
-    Returns
-    -------
-    Placed
     """
     count = len(z)
     axis = vectors.sum(axis=1)
@@ -124,7 +121,7 @@ def placed(z: Complex, vectors: Array, center: complex) -> Placed:
         turn, shift = _similarity(seen, w)
     off = w - turn[:, None] * seen - shift[:, None]
     residual = np.sqrt(np.mean(off.real**2 + off.imag**2, axis=1)) / np.abs(turn)
-    return Placed(axis, ra_deg, dec_deg, turn, shift, mirrored, residual)
+    return FrameSimilarities(axis, ra_deg, dec_deg, turn, shift, mirrored, residual)
 
 
 def _similarity(z: Complex, w: Complex) -> tuple[Complex, Complex]:
@@ -141,7 +138,7 @@ def _side(place: Complex) -> Array:
 
 
 def _axes(ra_deg: Array, dec_deg: Array) -> tuple[Array, Array]:
-    """East and north at places."""
+    """East and north at positions."""
     ra, dec = np.radians(ra_deg), np.radians(dec_deg)
     sin_ra, cos_ra, sin_dec, cos_dec = np.sin(ra), np.cos(ra), np.sin(dec), np.cos(dec)
     east = np.stack((-sin_ra, cos_ra, np.zeros_like(ra)), axis=1)
@@ -167,19 +164,20 @@ def _raised(middle: Complex, axis: Array, ra_deg: Array, dec_deg: Array) -> Arra
     return moved
 
 
-SCALES = (0.3, 200.0)
+SCALES = (SCALE_LEAST_ARCSEC_PX, SCALE_MOST_ARCSEC_PX)
 """Arcsec per pixel, where none is known."""
 KNOWN_SCALE = 1.5
-"""Bounds within this factor tell how wide the frame is."""
+"""The scale counts as known if its bounds lie within this factor. Chosen by hand."""
 WIDEST_DEG = 76.0
 """No frame diagonal beyond this is believed: 40° by 60° has one of 68.6°."""
 MOST_POINTS = 300
-"""So many of the brightest measurements are asked whether other stars fall on them."""
+"""Number of the brightest measurements that predicted stars may fall on. More cost time, and chance pairs get
+closer."""
 
 
 @dataclass(frozen=True, slots=True)
 class FrameView:
-    """A frame, and what is known of it.
+    """The frame as it is searched for: its measurements, and what is known of its scale and position.
 
     Attributes
     ----------
@@ -187,12 +185,10 @@ class FrameView:
         The brightest measurements, x + iy in pixels, brightest first.
     tree : cKDTree
         The same.
-    width_px, height_px : int
     scales : (float, float)
         Bounds, arcsec per pixel.
     axis : ndarray, shape (3,), or None
         The frame's center lies within `radius_rad` of it.
-    radius_rad : float
     reach_px : float
         No star is said to fall on a measurement farther off than that.
     """
@@ -243,7 +239,7 @@ class FrameView:
 
     @property
     def scale_known(self) -> bool:
-        """Whether the scale's bounds tell how wide the frame is."""
+        """Whether the scale is known well enough to lay the frame on the sphere."""
         return self.scales[1] <= KNOWN_SCALE * self.scales[0]
 
     def focal_px(self, side_deg: float) -> float | None:
@@ -260,8 +256,8 @@ class FrameView:
         within: NDArray[np.bool_] = (x > 0) & (x < self.width_px - 1) & (y > 0) & (y < self.height_px - 1)
         return within
 
-    def possible(self, fit: Placed) -> NDArray[np.bool_]:
-        """Which similarities agree with what is known of scale and place, and are a camera's at all."""
+    def possible(self, fit: FrameSimilarities) -> NDArray[np.bool_]:
+        """Which similarities agree with what is known of scale and position, and are a camera's at all."""
         scale = np.abs(fit.turn)
         good = (scale >= 0.99 * self.scales[0]) & (scale <= 1.01 * self.scales[1])
         good &= scale * self.diagonal_px <= 2.0 * math.tan(math.radians(0.5 * WIDEST_DEG)) * ARCSEC_PER_RAD
@@ -274,8 +270,11 @@ class FrameView:
 FIT_SHARE = 0.5
 """Root mean square of the four residuals, in the tolerance of the round: each may be off by that, not all."""
 LEAST_FIT_PX = 0.25
+"""But a root mean square below this, pixels, is good enough in any round: small quads are held to no less
+than the noise of centroids. Chosen by hand; doubled, more positions are tested and counted in the odds."""
 AROUND_SPACINGS = 2.5
-"""Stars are predicted so far round the quad, in mean distances of the level's stars: some twenty."""
+"""Stars are predicted so far round the quad, in mean distances of the level's stars: some twenty. Chosen by
+hand."""
 CENTROID_PX = 0.15
 """A quad that fits better than this does so by luck."""
 BENT = 5e-4
@@ -295,14 +294,13 @@ class Candidates:
     level : ndarray of int, shape (n,)
     vectors : ndarray, shape (n, 4, 3)
         The stars' unit vectors.
-    fit : Placed
     """
 
     corners: Complex
     stars: Index
     level: Index
     vectors: Array
-    fit: Placed
+    fit: FrameSimilarities
 
     def __len__(self) -> int:
         return int(self.level.size)
@@ -318,7 +316,7 @@ class Candidates:
         )
 
     def keys(self) -> list[bytes]:
-        """What tells one candidate from another: its measurements and stars."""
+        """Key of each candidate: its measurements and stars."""
         rows = np.concatenate((np.rint(8.0 * self.corners.real).astype(np.int64), self.stars), axis=1)
         return [row.tobytes() for row in rows]
 
@@ -342,7 +340,7 @@ class Candidates:
 def propose(
     corners: Complex, tolerance: Array, quad: Index, sky: IndexedStars, view: FrameView
 ) -> Candidates:
-    """What like-shaped quads say of the frame's place, where that can be.
+    """What like-shaped quads say of the frame's position, where that can be.
 
     Parameters
     ----------
@@ -352,17 +350,15 @@ def propose(
         Of their codes.
     quad : ndarray of int, shape (n,)
         Numbers in the index.
-    sky : IndexedSky
-    view : View
 
     Returns
     -------
     Candidates
-        Nothing but the four stars and what is known of scale and place was used.
+        Nothing but the four stars and what is known of scale and position was used.
     """
     stars = sky.index.stars(quad)
     vectors = sky.vectors(stars)
-    fit = placed(corners, vectors, view.center)
+    fit = fit_similarities(corners, vectors, view.center)
     length = np.abs(corners[:, 0] - corners[:, 1])
     most = np.maximum(FIT_SHARE * tolerance * length, LEAST_FIT_PX)
     kept = np.flatnonzero(view.possible(fit) & (fit.residual_px <= most))
@@ -375,16 +371,10 @@ def propose(
 def chances(some: Candidates, sky: IndexedStars, view: FrameView) -> Array:
     """How probable it is that so many stars round the quad fall on measurements by chance.
 
-    Parameters
-    ----------
-    some : Candidates
-    sky : IndexedSky
-    view : View
-
     Returns
     -------
     ndarray, shape (n,)
-        Of each place, by the Poisson law; the quad's own four don't count. A screen, not the odds.
+        Of each position, by the Poisson law; the quad's own four don't count. A screen, not the odds.
     """
     fit, count = some.fit, len(some)
     middle = some.corners.mean(axis=1)
@@ -400,15 +390,15 @@ def chances(some: Candidates, sky: IndexedStars, view: FrameView) -> Array:
         circle, star, vectors = sky.around(int(level), axis[here], np.minimum(2.0 * half[here], around))
         which = here[circle]
         place = fit.pixels(which, vectors)
-        asked = np.flatnonzero(view.inside(place) & (some.stars[which] != star[:, None]).all(axis=1))
-        if asked.size == 0:
+        visible = np.flatnonzero(view.inside(place) & (some.stars[which] != star[:, None]).all(axis=1))
+        if visible.size == 0:
             continue
-        which, place = which[asked], place[asked]
+        which, place = which[visible], place[visible]
         away = np.abs(place - middle[which])
         reach = 1.0 + 3.0 * np.maximum(fit.residual_px[which], CENTROID_PX) * (1.0 + away / span[which])
         reach = np.minimum(reach + BENT * away, view.reach_px)
         distance, nearest = (
-            np.asarray(one) for one in view.tree.query(np.column_stack((place.real, place.imag)))
+            np.asarray(part) for part in view.tree.query(np.column_stack((place.real, place.imag)))
         )
         own = (np.abs(some.corners[which] - view.z[nearest][:, None]) < 1e-6).any(axis=1)
         hits += np.bincount(which, weights=(distance <= reach) & ~own, minlength=count)
@@ -417,14 +407,18 @@ def chances(some: Candidates, sky: IndexedStars, view: FrameView) -> Array:
 
 
 FIRST, BATCH = 48, 1000
-"""Places tested at once, best fitting quads first: mostly the right one is among the first few."""
+"""Positions tested at once, best fitting quads first: mostly the right one is among the first few, and one
+batch of the others costs little more than a few. It changes time, and by how many hypotheses the odds are
+multiplied."""
 FOLLOWED_UP_BELOW = 0.3
-"""Expected number of places as good by chance, below which a place is followed up."""
+"""Expected number of positions as good by chance, below which a position is followed up."""
 FINALISTS = 6
-"""Of a batch, so many places are followed up at most."""
-FIRST_ASKS = 3
+"""Of a batch, so many positions are followed up at most. Chosen by hand: each costs a verification."""
+FIRST_QUERIES = 3
+"""Rounds for a frame with a near hint, since triangles follow; later rounds touch so much of the file that
+its pages are released after each."""
 SAME_PLACE = 3
-"""Quads that propose the same place are followed up so often: another quad's plate may fare better."""
+"""Quads that propose the same position are followed up so often: another quad's plate may fare better."""
 
 
 def blind_hypotheses(
@@ -448,17 +442,14 @@ def blind_hypotheses(
         Star-like measurements, brightest first.
     index : BlindIndex
         Made from `catalog`.
-    catalog : Catalog
     scales : (float, float) or None
         Bounds of the scale, arcsec per pixel, if known.
     center : Icrs or None
         The frame's center is within `radius_deg` of it, if known.
-    radius_deg : float
     epoch_yr : float
         Julian year of the frame.
-    settings : IdentificationSettings
     search : Search
-        Counts the places at which other stars than the quad's own were looked for; the odds need it.
+        Counts the positions at which other stars than the quad's own were looked for; the odds need it.
     first_only : bool
         Only the first rounds, which find most frames in some milliseconds.
 
@@ -481,8 +472,8 @@ def blind_hypotheses(
         points, scales, center, radius_deg, match_radius(settings, points.width_px, points.height_px)
     )
     try:
-        asks = QUAD_QUERIES[:FIRST_ASKS] if first_only else QUAD_QUERIES
-        yield from _rounds(points, sky, view, settings, search, asks)
+        queries = QUAD_QUERIES[:FIRST_QUERIES] if first_only else QUAD_QUERIES
+        yield from _rounds(points, sky, view, settings, search, queries)
     finally:
         sky.rest()
 
@@ -493,36 +484,36 @@ def _rounds(
     view: FrameView,
     settings: IdentificationSettings,
     search: Search,
-    asks: Sequence[QuadQuery],
+    queries: Sequence[QuadQuery],
 ) -> Iterator[Hypothesis]:
-    """What each round proposes."""
+    """Candidates of all rounds, one round after the other."""
     seen: set[bytes] = set()
-    told: list[Array] = []
+    followed_up: list[Array] = []
     before = search.hypotheses
-    for number, ask in enumerate(asks):
+    for number, query in enumerate(queries):
         search.check_time()
-        if ask.side_deg and view.scale_known:
+        if query.side_deg and view.scale_known:
             continue  # every round has its quads laid on the sphere then
         chosen = spread_brightest(
-            points.x_px, points.y_px, ask.count, regions=settings.m_reg, cap=settings.region_cap
+            points.x_px, points.y_px, query.count, regions=settings.m_reg, cap=settings.region_cap
         )
         z = points.x_px[chosen] + 1j * points.y_px[chosen]
-        quads = frame_quads(ask, z)
+        quads = frame_quads(query, z)
         if not len(quads):
             continue
-        code, corners, tolerance = frame_codes(ask, z, quads, view.center, view.focal_px(ask.side_deg))
-        asked, quad = sky.index.alike(code, tolerance)
-        some = _fresh(propose(z[corners[asked]], tolerance[asked], quad, sky, view), seen)
+        code, corners, tolerance = frame_codes(query, z, quads, view.center, view.focal_px(query.side_deg))
+        which, quad = sky.index.alike(code, tolerance)
+        some = _fresh(propose(z[corners[which]], tolerance[which], quad, sky, view), seen)
         for start, end in ((0, FIRST), *((at, at + BATCH) for at in range(FIRST, len(some), BATCH))):
             search.check_time()
             part = some.only(np.arange(start, min(end, len(some))))
-            yield from _promising(part, sky, view, search, told, before)
-        if number >= FIRST_ASKS:
+            yield from _promising(part, sky, view, search, followed_up, before)
+        if number >= FIRST_QUERIES:
             sky.rest()  # most of the file would be mapped in the end
 
 
 def _fresh(some: Candidates, seen: set[bytes]) -> Candidates:
-    """Those that no earlier round proposed."""
+    """Candidates that no earlier round proposed."""
     fresh = []
     for number, key in enumerate(some.keys()):
         if key not in seen:
@@ -532,7 +523,12 @@ def _fresh(some: Candidates, seen: set[bytes]) -> Candidates:
 
 
 def _promising(
-    some: Candidates, sky: IndexedStars, view: FrameView, search: Search, told: list[Array], before: int
+    some: Candidates,
+    sky: IndexedStars,
+    view: FrameView,
+    search: Search,
+    followed_up: list[Array],
+    before: int,
 ) -> Iterator[Hypothesis]:
     """Those round whose quad other stars fall on measurements, best first.
 
@@ -547,9 +543,12 @@ def _promising(
     for number in good[np.argsort(chance[good], kind="stable")]:
         axis = some.fit.axis[number]
         near = 0.1 * view.diagonal_px * abs(some.fit.turn[number]) / ARCSEC_PER_RAD
-        if sum(float(((axis - one) ** 2).sum()) < near**2 for one in told) >= SAME_PLACE:
+        if (
+            sum(float(((axis - axis_before) ** 2).sum()) < near**2 for axis_before in followed_up)
+            >= SAME_PLACE
+        ):
             continue
-        told.append(axis)
+        followed_up.append(axis)
         yield some.hypothesis(int(number), sky, view)
         left -= 1
         if left == 0:
