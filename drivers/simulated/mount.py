@@ -9,6 +9,7 @@ from contextlib import asynccontextmanager
 
 from drivers.generic.coordinates import apart_arcsec, check_kind
 from drivers.generic.link_supervisor import LinkState
+from drivers.generic.syncing import SyncReadBack
 from drivers.simulated.behavior import MountBehavior
 from drivers.simulated.link import Cable, Listener, Trouble
 from mountnav.clock import Clock
@@ -23,10 +24,7 @@ from mountnav.devices import (
     SyncOutcome,
     SyncResult,
     TrackingRate,
-    miss_arcsec,
     moved_arcsec,
-    near_arcsec,
-    unseen,
 )
 from mountnav.errors import BadRequest, Busy, DeviceError, DeviceRefused, Refusal, RefusedButDone
 from mountnav.simulation.mechanics import Mechanics
@@ -340,27 +338,29 @@ class SimulatedMount(SimulatedState):
             raise DeviceRefused(f"the sync refused: {refusal}", device=self._name, reason=refusal)
         if "sync" in self.denies:
             raise await self._belied("the sync", before)
-        way_arcsec = apart_arcsec(before.place, place)
-        near = near_arcsec(way_arcsec, self.resolution_arcsec, self.behavior.near_arcsec)
-        began_s, told_utc = self._clock.monotonic_s(), self._clock.utc()
+        read_back = SyncReadBack(
+            place,
+            before,
+            resolution_arcsec=self.resolution_arcsec,
+            most_arcsec=self.behavior.near_arcsec,
+        )
+        began_s = self._clock.monotonic_s()
+        read_back.sent(self._clock.utc())
         while True:
             await self.cable.ask()
             self.cable.require(links)
             now, after_s = self._reading(), self._clock.monotonic_s() - began_s
-            seen = miss_arcsec(place, told_utc, now) <= near
-            if seen or after_s > self.behavior.sync_wait_s:
+            if read_back.shows(now) or after_s > self.behavior.sync_wait_s:
                 break
             await self._clock.sleep(0.2)
-        miss = apart_arcsec(now.place, place)
-        if not seen:
-            self._late = (place, near)
-            outcome = unseen(before, now, self.resolution_arcsec)
-            if outcome is SyncOutcome.ELSEWHERE:
-                self._went_elsewhere(miss)
-            return SyncResult(outcome, now, miss, after_s)
-        self._believe("a sync was seen")
-        late = after_s > self.behavior.late_s
-        return SyncResult(SyncOutcome.LATE if late else SyncOutcome.SEEN, now, miss, after_s)
+        result = read_back.result(now, after_s=after_s, late=after_s > self.behavior.late_s)
+        if result.outcome.seen:
+            self._believe("a sync was seen")
+            return result
+        self._late = (place, read_back.near_arcsec)
+        if result.outcome is SyncOutcome.ELSEWHERE:
+            self._went_elsewhere(result.miss_arcsec)
+        return result
 
     async def stop(self) -> None:
         """Stop all motion now; return when it rests.

@@ -204,12 +204,12 @@ def test_a_pause_of_the_machine_is_no_silence_under_a_fast_sky(speed: float, cou
     """What lasts seconds of the sky is a blink to us there: nobody was silent."""
     with in_virtual_time(FastClock(speed, ticks=lambda: 0.0)):
         mount = GenericMount(plain(), timing=replace(QUICK, heartbeat_s=1.0, silence_s=1.2), site=HERE)
-        tended = mount._tended
+        session = mount._session
         before = Readout(Apparent(10.0, 20.0, utc_now()), utc_now(), slewing=False)
         later = before.utc + timedelta(seconds=4.0)
         after = replace(before, place=Apparent(10.0, 20.05, later), utc=later)
-        tended.trust("for the test")
-        tended._watch_for_jumps(before, Believed(after))
+        session.trust("for the test")
+        session._watch_for_jumps(before, Believed(after))
         assert mount.trusted is counts
 
 
@@ -358,9 +358,9 @@ async def test_an_order_that_comes_during_a_stop_waits_for_its_end() -> None:
 async def test_a_stop_ends_an_order_that_waits_for_another_one() -> None:
     async with rigged() as rig:
         # as while another stop is carried out
-        rig.mount._tended.no_stop.clear()
+        rig.mount._session.no_stop.clear()
         slew = asyncio.create_task(rig.mount.slew(await rig.beside(-10.0, 3.0)))
-        await rig.until(lambda: rig.mount._tended.job is not None)
+        await rig.until(lambda: rig.mount._session.job is not None)
         await rig.mount.stop()
         assert await slew is SlewOutcome.STOPPED
         assert not any(order.startswith("slew") for order in rig.language.orders)
@@ -585,9 +585,9 @@ async def test_a_stop_that_was_lost_is_repeated_by_whoever_keeps_the_link() -> N
 
 async def test_a_long_rest_does_not_make_a_motion_look_like_rest() -> None:
     async with rigged(plain(slew_rate_deg_s=1.0)) as rig:
-        tended = rig.mount._tended
+        session = rig.mount._session
         await asyncio.sleep(1.3)
-        since = tended._since
+        since = session._since
         assert since is not None
         # however long it has rested, what it is compared with is a moment old
         assert (utc_now() - since.utc).total_seconds() < 1.3 + QUICK.heartbeat_s

@@ -84,7 +84,7 @@ async def test_a_refusal_that_is_one_stays_one() -> None:
 async def test_somebody_elses_motion_is_not_stopped_by_a_refusal() -> None:
     async with rigged() as rig:
         rig.language.mechanics.move("n", 0.5)
-        await rig.until(lambda: rig.mount._tended.in_motion)
+        await rig.until(lambda: rig.mount._session.in_motion)
         with pytest.raises(DeviceRefused, match="below horizon"):
             await rig.mount.slew(Apparent(0.0, -80.0, utc_now()))
         assert rig.language.mechanics.slewing()
