@@ -1,8 +1,8 @@
 """The serial ports of this machine: stable names, makers, who holds them, and what answers there.
 
 Probing asks each family's harmless greeting at its usual speeds; nothing that moves, syncs or sets. It still
-opens the port, and some boards start anew when theirs is opened. A port that another program holds is left
-alone.
+opens the port, and some boards reset when their port is opened. A port that another program holds is not
+opened.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from drivers.wire.line import SerialLine
 from mountnav.errors import DeviceError, DeviceMissing
 
 _STABLE = Path("/dev/serial/by-id")
+"""Where udev keeps names that stay the same when a device is plugged in again."""
 _PROCESSES = Path("/proc")
+"""Where Linux shows the open files of processes."""
 
 PROBING = (
     "drivers.nexstar.family",
@@ -28,9 +30,9 @@ PROBING = (
     "drivers.lx200.family",
     "drivers.ioptron.family",
 )
-"""What is asked, in this order: each has ``BAUDS`` and ``async probe(line) -> str | None``.
+"""The modules that probe, in this order: each has ``BAUDS`` and ``async probe(line) -> str | None``.
 
-Hand controls come first: they obey single letters, so that the others' greetings would mean orders to them
+Hand controls come first: they obey single letters, so that greetings of other families are orders to them
 (the M of ``:MountInfo#`` cancels a goto, its I begins to set the clock).
 """
 
@@ -46,9 +48,9 @@ class Port:
     names : tuple of str
         Names that stay the same when it is plugged in again.
     manufacturer, product, serial_number : str or None
-        As far as it tells.
+        As far as the device reports them.
     held_by : tuple of str
-        Programs that have it open, with their process ids; of those of other users we may not know.
+        Programs that have it open, with their process ids; programs of other users may be missing.
     """
 
     device: str
@@ -61,17 +63,17 @@ class Port:
 
 @dataclass(frozen=True, slots=True)
 class Probed:
-    """What a line answered.
+    """The result of probing a line.
 
     Attributes
     ----------
     address : str
     family : str
-        As in a mount's URL; empty if nothing known answered.
+        As in a mount's URL; empty if no known mount answered.
     baud : int or None
-        At which speed; None on TCP.
+        Speed; None on TCP.
     answer : str
-        What it calls itself, or why it was not asked.
+        What the mount calls itself, or why it was not asked.
     """
 
     address: str
@@ -104,7 +106,7 @@ def _stable_names() -> dict[str, list[str]]:
 
 
 def holders(device: str) -> tuple[str, ...]:
-    """Programs other than this one that have a device open, as far as the system lets us see."""
+    """Programs other than this one that have a device open, as far as the system shows them."""
     target = os.path.realpath(device)
     found = []
     for process in _PROCESSES.glob("[0-9]*"):
@@ -112,11 +114,11 @@ def holders(device: str) -> tuple[str, ...]:
             continue
         try:
             opened = {os.path.realpath(entry) for entry in (process / "fd").iterdir()}
-            # who holds a pseudo-terminal's master is the other end of the line: a fake mount
+            # the process with a pseudo-terminal's master is the other end of the line: a fake mount
             held = target in opened and not (target.startswith("/dev/pts/") and "/dev/ptmx" in opened)
             name = (process / "comm").read_text(encoding="utf-8", errors="replace").strip() if held else ""
         except OSError:
-            # it has ended, or is another user's
+            # the process has ended, or is another user's
             continue
         if held:
             found.append(f"{name} ({process.name})")
@@ -124,7 +126,7 @@ def holders(device: str) -> tuple[str, ...]:
 
 
 async def probe(address: str, modules: Iterable[str] = PROBING) -> Probed:
-    """Ask on a line who is there.
+    """Ask on a line which mount is there.
 
     Parameters
     ----------

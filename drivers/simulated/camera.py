@@ -1,4 +1,4 @@
-"""SimulatedCamera: waits out each exposure and sees what is truly there, never what the mount believes."""
+"""A camera that draws the sky where the telescope truly points, not where the mount believes to point."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ class SimulatedCamera:
     Parameters
     ----------
     truth : callable
-        Gives where the optical axis truly looks at an instant, e.g. `Mechanics.truth`.
+        Gives where the optical axis truly points at a time, e.g. `Mechanics.truth`.
     optics : SimulatedOptics
         Telescope and camera.
     catalog : Catalog
         Stars to draw.
     seed : int
-        Of the noise. Frame n of a camera with the same seed has the same noise.
+        Of the noise: frame n of a camera with the same seed has the same noise.
     name : str
         For messages.
     clock : callable
-        Gives the present instant; the same as the mechanics'.
+        Gives the present time; the same as the mechanics'.
     tube_angle_deg : callable, optional
-        Gives the position angle of the tube's own north at an instant, e.g. `Mechanics.tube_angle_deg`: the
-        picture stands on its head on the other side of the pier. Left out: north is always up.
+        Gives the position angle of the tube's own north at a time, e.g. `Mechanics.tube_angle_deg`: on the
+        other side of the pier the image is upside down. Left out: north is always up.
     """
 
     def __init__(
@@ -65,23 +65,23 @@ class SimulatedCamera:
         return self._name
 
     async def open(self) -> None:
-        """Nothing to get ready."""
+        """Do nothing."""
 
     async def close(self) -> None:
         """End a running exposure, if there is one."""
         await self.abort()
 
     async def expose(self, exposure_s: float) -> Frame:
-        """Wait out the exposure, then draw the sky at the truth of mid-exposure.
+        """Wait for the length of the exposure, then draw the sky at the true position of mid-exposure.
 
         Raises
         ------
         BadRequest
-            When the exposure time is not positive.
+            If the exposure time is not positive.
         Busy
-            When an exposure runs already.
+            If an exposure runs already.
         Cancelled
-            When `abort` ended it.
+            If `abort` ended it.
         """
         with self._turn.taken(exposure_s) as shot:
             number, self._frames = self._frames, self._frames + 1
