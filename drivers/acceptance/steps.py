@@ -74,6 +74,7 @@ s)."""
 _OTHER_REASONS = ("untrusted", "parked", "busy", "not-aligned", "not-tracking", "unsupported")
 """Reasons of a refusal that prove no limit."""
 _STOPPED_ENDS = (SlewOutcome.STOPPED, SlewOutcome.ARRIVED)
+"""How a slew may end that was stopped on its way."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,9 +161,7 @@ async def stop(trial: Trial) -> list[Finding]:
     sent = [entry.t_s for entry in log.entries(noted) if entry.way == "driver->mount"]
     findings = [
         Finding("stop", ended, fine=ended == "done", words=words),
-        Finding(
-            "stop.slew", outcome, fine=outcome in (SlewOutcome.STOPPED, SlewOutcome.ARRIVED), words=slew_words
-        ),
+        Finding("stop.slew", outcome, fine=outcome in _STOPPED_ENDS, words=slew_words),
         Finding("stop.to-rest", rest_s, "s"),
     ]
     if sent:
@@ -420,7 +419,6 @@ async def run_trial(
     ask: Ask,
     *,
     driver: str,
-    told: Callable[[StepResult], None] = lambda _: None,
 ) -> Capabilities:
     """Run steps on a mount, from an empty report.
 
@@ -434,11 +432,9 @@ async def run_trial(
         Called before each step, and before a position that isn't trusted is declared right.
     driver : str
         For the report.
-    told : callable
-        Called with the result of each step.
     """
     found = empty_report(trial, driver)
-    await run_steps(found, trial, steps, ask, told)
+    await run_steps(found, trial, steps, ask)
     return found
 
 
@@ -460,13 +456,13 @@ async def run_steps(
     trial: Trial,
     steps: Sequence[Step],
     ask: Ask,
-    told: Callable[[StepResult], None] = lambda _: None,
+    on_result: Callable[[StepResult], None] = lambda _: None,
 ) -> None:
     """Run the steps and add each result to the report at once, so that it is there however the trial ends."""
     for step in steps:
         result = await _one(trial, step, ask)
         found.steps.append(result)
-        told(result)
+        on_result(result)
 
 
 async def _one(trial: Trial, step: Step, ask: Ask) -> StepResult:

@@ -99,7 +99,7 @@ class Fault:
         `for_s`. ``run-away``: for `for_s`, slews of an `axis` go on past their target, until a stop.
         ``deaf-start``: for `for_s` after its port was opened it neither hears nor speaks, as a network
         adapter that makes its connection. ``reset-by-opening``: it forgets as well, as an Arduino that DTR
-        starts anew. Both each time the port is opened, `times` times; on TCP and in memory, for a
+        resets. Both each time the port is opened, `times` times; on TCP and in memory, for a
         pseudo-terminal doesn't tell when it is opened.
         To the line: ``vanish``: the port is gone for `for_s` and comes back under another name. ``hang-up``:
         the other end closes. ``reset``: it breaks off hard. ``black-hole``: for `for_s` the port can be

@@ -104,28 +104,28 @@ class ExposureTimes:
         before_s = (self._earliest - middle).total_seconds()
         return tolerance_s < before_s < _STALE_WITHIN_S
 
-    def middle(self, told: datetime | None, tolerance_s: float, by: TimeSource) -> tuple[datetime, str]:
+    def middle(self, reported: datetime | None, tolerance_s: float, by: TimeSource) -> tuple[datetime, str]:
         """Mid-exposure, and by whose clock.
 
         Parameters
         ----------
-        told : datetime or None
+        reported : datetime or None
             Mid-exposure by the camera.
         tolerance_s : float
             How far that may lie outside what our clock allows.
         by : TimeSource
         """
         ours = min(max(self.begun + self._half, self._earliest), self._latest)
-        if told is None:
+        if reported is None:
             return ours, f"our clock ({by.silent})"
-        if self.allow(told, tolerance_s):
-            return told, by.name
-        return ours, f"our clock ({by.off} {(told - ours).total_seconds():+.1f} s off)"
+        if self.allow(reported, tolerance_s):
+            return reported, by.name
+        return ours, f"our clock ({by.off} {(reported - ours).total_seconds():+.1f} s off)"
 
 
-def lasted_otherwise(told_s: float | None, exposure_s: float) -> bool:
+def lasted_otherwise(reported_s: float | None, exposure_s: float) -> bool:
     """Whether a reported exposure time differs from the one ordered; False if none is reported."""
-    return told_s is not None and abs(told_s - exposure_s) > _SAME_S + _SAME * exposure_s
+    return reported_s is not None and abs(reported_s - exposure_s) > _SAME_S + _SAME * exposure_s
 
 
 _ARCSEC_PER_RADIAN = 206264.806

@@ -22,8 +22,8 @@ _log = logging.getLogger(__name__)
 
 _CHECK_S = 0.1
 """Between two checks of a link for silence, s. Chosen: a tenth of the default `silence_s`, so that a silence
-is told in time; a lost line wakes the watch at once. Doubled, a silence is told 0.1 s later; halved, an idle
-service works twice as much."""
+is noticed in time; a lost line wakes the watch at once. Doubled, a silence is noticed 0.1 s later; halved, an
+idle service works twice as much."""
 _SHORTEST_BEAT_S = 0.02
 """s. A heartbeat that is due at once waits so long nevertheless, so that it can't spin. Chosen by hand: an
 exchange at 9600 baud. Doubled or halved, nothing shows at the default heartbeat of 0.5 s."""

@@ -29,7 +29,7 @@ from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.tasks import waited_for
 
 There = Callable[[Readout], bool | None]
-"""Whether a resting mount has done what it was ordered; None when it can't tell."""
+"""Whether a resting mount has done what it was ordered; None where a reading doesn't show it."""
 
 _BETWEEN_STOPS_S = 0.4
 """At least so long (s) between two stops: some mounts answer each, and the answers to readings need room on
@@ -269,7 +269,7 @@ class Motions:
                     session.distrust("it was silent on its way, and didn't arrive")
                 if not moved:
                     self._raise_why_not(sent, counts=arrived is not None)
-                # one that can't tell whether it has parked, and rests, has
+                # a mount that doesn't report whether it is parked has parked when it rests
                 return SlewOutcome.ARRIVED if arrived is None else SlewOutcome.STALLED
 
     async def _failed(self, before: Readout, now: Readout) -> DeviceRefused:

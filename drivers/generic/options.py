@@ -29,7 +29,9 @@ def require_known(options: Mapping[str, str], known: Iterable[str], what: str) -
     known = tuple(known)
     unknown = sorted(set(options) - set(known))
     if unknown:
-        near = [close[0] for one in unknown if (close := get_close_matches(one, known, n=1, cutoff=0.6))]
+        near = [
+            close[0] for option in unknown if (close := get_close_matches(option, known, n=1, cutoff=0.6))
+        ]
         meant = f"did you mean {', '.join(near)}? " if near else ""
         raise BadSettings(
             f"unknown option {', '.join(unknown)} for {what}", advice=f"{meant}known: {', '.join(known)}"

@@ -3,7 +3,8 @@
 A single odd answer is never published. At rest a reading counts when it is where the last one was. Any other
 is taken again at once, and counts when the two agree: no further apart than the mount goes in the moment
 between them, at the speed it was seen to have; or when three in a row lie on one steady motion (somebody at
-the hand control). What no mount can do at all - a jump faster than any motor - is believed only so, and told.
+the hand control). What no mount can do at all - a jump faster than any motor - is believed only in that way,
+and reported.
 """
 
 from __future__ import annotations

@@ -23,8 +23,9 @@ _IN_DEGREES_ARCSEC = 36.0
 """From here on messages give a motion in degrees: 0.01°, their last digit."""
 
 Stop = Callable[[], Awaitable[None]]
+"""Stops the mount until it is seen at rest; raises `DeviceError`."""
 Took = Callable[[Readout], bool | None]
-"""Whether a reading shows that the order was carried out; None where it can't tell."""
+"""Whether a reading shows that the order was carried out; None where it can't show that."""
 
 
 class Refusals:
@@ -33,8 +34,7 @@ class Refusals:
     Parameters
     ----------
     session : Session
-    stop : callable
-        Stops the mount until it is seen at rest; raises `DeviceError`.
+    stop : Stop
     """
 
     def __init__(self, session: Session, stop: Stop) -> None:
@@ -179,5 +179,5 @@ class Refusals:
             session.state, session.stop_owed = SlewState.LOST, True
             said = f"{said}, and could not be stopped: {trouble.what}"
             advice = "it may be moving: stop it, or cut its power"
-        session.tell("refused-but-done", {"order": order, "why": said})
+        session.emit("refused-but-done", {"order": order, "why": said})
         return RefusedButDone(said, device=session.name, advice=advice)

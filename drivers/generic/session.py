@@ -27,9 +27,10 @@ Listener = Callable[[str, Mapping[str, object]], None]
 
 _SAME_CLOCK_S = 5.0
 """s. A mount's clock that changed by more against ours during a silence shows that the mount was switched
-off. Chosen: clocks are told in whole seconds and answers may be late by one or two. Doubled, a mount whose
+off. Chosen: clocks carry whole seconds and answers may be late by one or two. Doubled, a mount whose
 clock starts 8 s behind after a reset passes for one that was only silent."""
 _ON_THE_WAY = (SlewState.ACCEPTED, SlewState.UNDER_WAY, SlewState.LOST)
+"""States of the last order in which the mount may still be moving."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,7 +232,7 @@ class Session:
         self.trusted = trusted
         self._connected = True
         facts = {"identity": report.identity, "trusted": trusted, "problems": list(report.problems)}
-        self.tell("link-back" if again else "connected", facts)
+        self.emit("link-back" if again else "connected", facts)
         if not trusted:
             self._why_untrusted = "nobody has looked at the sky since it was connected"
             if readout.fresh:
@@ -240,7 +241,7 @@ class Session:
                 self._why_untrusted = "its link was lost"
             elif doubt:
                 self._why_untrusted = doubt
-            self.tell("untrusted", {"why": self._why_untrusted})
+            self.emit("untrusted", {"why": self._why_untrusted})
 
     async def compare(self) -> ConnectReport:
         """Ask for clock and site again, and compare them with ours. Raises `DeviceError`."""
@@ -323,7 +324,7 @@ class Session:
         if self.job is not None:
             self.silent_on_its_way = True
             self.doubt = "it was silent on its way, and didn't come to where it was sent"
-        self.tell("link-silent", {"for_s": round(for_s, 1)})
+        self.emit("link-silent", {"for_s": round(for_s, 1)})
 
     async def _on_lost(self, why: str) -> None:
         self.language.log.note("event", meaning=f"link lost: {why}")
@@ -334,7 +335,7 @@ class Session:
         if self.job is not None or self.state in _ON_THE_WAY:
             self.state = SlewState.LOST
             self.stop_owed = True
-        self.tell("link-lost", {"why": why})
+        self.emit("link-lost", {"why": why})
         self.distrust("its link was lost")
         # a silent line is still open: close it, so that it is opened again and the greeting says who is there
         # now. A caller may have reopened it already: that new line is left open, unless a stop has still to
@@ -344,7 +345,7 @@ class Session:
                 await self.language.close()
 
     async def _on_back(self, after_s: float) -> None:
-        self.tell("link-back", {"after_s": round(after_s, 1)})
+        self.emit("link-back", {"after_s": round(after_s, 1)})
         before = None if self.report is None else self.report.clock_off_s
         try:
             clock = await self.language.read_clock()
@@ -361,7 +362,7 @@ class Session:
         """Trust the position from now on."""
         if not self.trusted:
             self.trusted = True
-            self.tell("trusted", {"why": why})
+            self.emit("trusted", {"why": why})
 
     def distrust(self, why: str) -> None:
         """Stop trusting the position."""
@@ -369,7 +370,7 @@ class Session:
         if self.trusted:
             self.trusted = False
             self.language.log.note("event", meaning=f"untrusted: {why}")
-            self.tell("untrusted", {"why": why})
+            self.emit("untrusted", {"why": why})
 
     def require_trust(self, what: str) -> None:
         """Raise `DeviceRefused` if the position is not trusted.
@@ -384,7 +385,7 @@ class Session:
         if self.job is not None:
             raise Busy(f"a {self.job} is running", device=self.name, advice=advice)
 
-    def tell(self, what: str, facts: Mapping[str, object]) -> None:
+    def emit(self, what: str, facts: Mapping[str, object]) -> None:
         """Send an event to all listeners."""
         for listener in self.listeners:
             listener(what, facts)
@@ -436,7 +437,7 @@ class Session:
 
     def went_elsewhere(self, miss_arcsec: float) -> None:
         """Report that a sync changed what the mount believes, but not to the place that was sent."""
-        self.tell("sync-elsewhere", {"miss_arcsec": round(miss_arcsec, 1)})
+        self.emit("sync-elsewhere", {"miss_arcsec": round(miss_arcsec, 1)})
         self.distrust(f"it took a sync for another place: it believes to be {miss_arcsec:.0f}″ from there")
 
     def forget_rest(self) -> None:
@@ -479,7 +480,7 @@ class Session:
         if off_arcsec > late.near_arcsec or apart_arcsec(before.place, late.place) <= late.near_arcsec:
             return False
         self.late_sync = None
-        self.tell("sync-late", {"miss_arcsec": round(off_arcsec, 1)})
+        self.emit("sync-late", {"miss_arcsec": round(off_arcsec, 1)})
         self.trust("a sync was seen, late")
         return True
 

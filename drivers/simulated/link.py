@@ -119,7 +119,7 @@ class Cable:
                 advice="look at the sky before anything moves",
             )
 
-    def tell(self, what: str, facts: Mapping[str, object]) -> None:
+    def emit(self, what: str, facts: Mapping[str, object]) -> None:
         """Send an event to all listeners."""
         for listener in self.listeners:
             listener(what, facts)
@@ -141,7 +141,7 @@ class Cable:
 
     def _on_silent(self, for_s: float) -> None:
         self.state = LinkState.SILENT
-        self.tell("link-silent", {"for_s": self._behavior.silence_s})
+        self.emit("link-silent", {"for_s": self._behavior.silence_s})
         if for_s > self._behavior.lost_after_s:
             self._after(
                 self._behavior.lost_after_s - self._behavior.silence_s,
@@ -153,12 +153,12 @@ class Cable:
 
     def _on_answer(self, after_s: float) -> None:
         self.state = LinkState.UP
-        self.tell("link-back", {"after_s": after_s})
+        self.emit("link-back", {"after_s": after_s})
 
     def _on_lost(self, why: str) -> None:
         self.links += 1
         self.state = LinkState.LOST
-        self.tell("link-lost", {"why": why})
+        self.emit("link-lost", {"why": why})
         self._lost(why)
         self._after(self._behavior.again_s, self._try_again)
 
@@ -174,7 +174,7 @@ class Cable:
         self.links += 1
         self.state = LinkState.UP
         self._quiet()
-        self.tell("link-back", {"identity": "simulated mount", "trusted": False, "problems": []})
+        self.emit("link-back", {"identity": "simulated mount", "trusted": False, "problems": []})
         self._back()
 
     def _after(self, seconds: float, call: Callable[..., None], *given: object) -> None:

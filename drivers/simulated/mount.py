@@ -138,7 +138,7 @@ class SimulatedState:
         """Connect. Moves nothing."""
         await self.cable.open()
         self._see_reboots()
-        self.cable.tell("connected", {"identity": self._name, "trusted": self._trusted, "problems": []})
+        self.cable.emit("connected", {"identity": self._name, "trusted": self._trusted, "problems": []})
 
     async def close(self) -> None:
         """Release the link."""
@@ -201,13 +201,13 @@ class SimulatedState:
     def _believe(self, why: str) -> None:
         if not self._trusted:
             self._trusted = True
-            self.cable.tell("trusted", {"why": why})
+            self.cable.emit("trusted", {"why": why})
 
     def _distrust(self, why: str) -> None:
         self._why_untrusted = why
         if self._trusted:
             self._trusted = False
-            self.cable.tell("untrusted", {"why": why})
+            self.cable.emit("untrusted", {"why": why})
 
     def _see_reboots(self) -> None:
         if self.mechanics.boots != self._boots:
@@ -216,7 +216,7 @@ class SimulatedState:
             self._distrust("it was switched off and on")
 
     def _went_elsewhere(self, miss_arcsec: float) -> None:
-        self.cable.tell("sync-elsewhere", {"miss_arcsec": round(miss_arcsec, 1)})
+        self.cable.emit("sync-elsewhere", {"miss_arcsec": round(miss_arcsec, 1)})
         self._distrust(f"it took a sync for another place: it believes to be {miss_arcsec:.0f}″ from there")
 
     def _see_a_late_sync(self, reading: MountReading) -> None:
@@ -225,7 +225,7 @@ class SimulatedState:
             miss_arcsec = apart_arcsec(reading.place, place)
             if miss_arcsec <= near_arcsec:
                 self._late = None
-                self.cable.tell("sync-late", {"miss_arcsec": round(miss_arcsec, 1)})
+                self.cable.emit("sync-late", {"miss_arcsec": round(miss_arcsec, 1)})
                 self._believe("a sync was seen, late")
 
     def _on_lost(self, why: str) -> None:
@@ -239,7 +239,7 @@ class SimulatedState:
             self._stop_owed = False
         self._see_reboots()
         if not self._trusted:
-            self.cable.tell("untrusted", {"why": self._why_untrusted})
+            self.cable.emit("untrusted", {"why": self._why_untrusted})
 
 
 _GUIDE_DEG_S = 0.5 * SIDEREAL_DEG_S
@@ -546,7 +546,7 @@ class SimulatedMount(SimulatedState):
 
     def _denied(self, order: str, what: str) -> RefusedButDone:
         said = f"{order}: said refused, but {what}"
-        self.cable.tell("refused-but-done", {"order": order, "why": said})
+        self.cable.emit("refused-but-done", {"order": order, "why": said})
         return RefusedButDone(
             said, device=self._name, advice="its position doesn't count: solve a frame and sync (recover)"
         )
