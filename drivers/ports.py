@@ -67,7 +67,6 @@ class Probed:
 
     Attributes
     ----------
-    address : str
     family : str
         As in a mount's URL; empty if no known mount answered.
     baud : int or None

@@ -44,12 +44,10 @@ class StepResult:
 
     Attributes
     ----------
-    name : str
     done : bool
         False if it was declined, or could not be tried.
     why_not : str
         Empty if it was done.
-    findings : list of Finding
     """
 
     name: str

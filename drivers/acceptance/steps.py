@@ -83,7 +83,6 @@ class Step:
 
     Attributes
     ----------
-    name : str
     asks : str
         What the owner is asked before: what will happen.
     moves : bool
@@ -282,7 +281,6 @@ def _judged_pulse(
     ----------
     moved_arcsec, across_arcsec : float
         On the sky, in the direction that was ordered, and perpendicular to it.
-    duration_s : float
     rate_deg_s : float or None
         Of the axis, as the mount reports it; if None, any usual rate counts.
     cos_dec : float

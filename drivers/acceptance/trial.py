@@ -76,7 +76,6 @@ class Trial:
         ----------
         key : str
             Of the findings.
-        place : Apparent or Icrs
         wanted : str
             The outcome that counts as fine.
         """

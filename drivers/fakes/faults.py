@@ -181,10 +181,8 @@ class Fault:
 
         Parameters
         ----------
-        command : bytes
         t_s : float
             Since the making of the fake.
-        slewing : bool
         chances : random.Random, optional
             For `chance`.
         """
@@ -439,13 +437,7 @@ class _File(_Table):
 
 @dataclass(frozen=True, slots=True)
 class FaultScript:
-    """The content of a faults file.
-
-    Attributes
-    ----------
-    faults : tuple of Fault
-    chance : RandomFaults or None
-    """
+    """The content of a faults file."""
 
     faults: tuple[Fault, ...] = ()
     chance: RandomFaults | None = None
@@ -456,7 +448,6 @@ def read_faults(path: Path | str, *, seed: int | None = None) -> FaultScript:
 
     Parameters
     ----------
-    path : Path or str
     seed : int, optional
         Replaces the one in the file.
 

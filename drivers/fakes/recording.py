@@ -28,7 +28,6 @@ class Recorder:
 
     Parameters
     ----------
-    fake : Fake
     path : Path
         Is overwritten.
     header : mapping
@@ -139,7 +138,6 @@ def profile_of(turns: list[tuple[bytes, bytes]], fake: WireFake) -> dict[bytes, 
 
     Parameters
     ----------
-    turns : list of (sent, answered)
     fake : WireFake
         A fake of the same protocol, which cuts bytes into commands.
     """

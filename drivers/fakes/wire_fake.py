@@ -131,7 +131,6 @@ class AnswerQueue:
         ----------
         answer : bytes
             May be empty.
-        now_s : float
         delay_s : float
             It is sent so much later; even later if the one before it is.
         gap_s : float

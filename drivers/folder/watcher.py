@@ -33,10 +33,8 @@ class NewFile:
 
     Attributes
     ----------
-    path : Path
     digest : str
         SHA-256 of its content, hexadecimal.
-    size_bytes : int
     written_utc : datetime
         When it was last written, by the clock of the file system.
     """
@@ -58,7 +56,6 @@ class FolderWatcher:
         Which files count, as a glob; ``**/`` for files in folders below.
     poll_s : float
         Between two listings; a file is complete when two listings show the same size and time.
-    clock : Clock, optional
     tell : callable, optional
         Called with a message when the folder vanishes, and when it is back.
 

@@ -30,7 +30,6 @@ class Shot:
 
     Parameters
     ----------
-    exposure_s : float
     device : str
         For messages.
     """
@@ -176,12 +175,7 @@ class CameraLanguage(Protocol):
 
 
 class GenericCamera:
-    """A `mountnav.devices.Camera`.
-
-    Parameters
-    ----------
-    language : CameraLanguage
-    """
+    """A `mountnav.devices.Camera`."""
 
     def __init__(self, language: CameraLanguage) -> None:
         self._language = language
@@ -228,10 +222,6 @@ class GenericCamera:
 
     async def expose(self, exposure_s: float) -> Frame:
         """Take one frame.
-
-        Parameters
-        ----------
-        exposure_s : float
 
         Returns
         -------

@@ -68,7 +68,6 @@ class ExposureTimes:
 
     Attributes
     ----------
-    exposure_s : float
     ordered : datetime
         When the order went out: the exposure began no earlier.
     begun : datetime
@@ -113,7 +112,6 @@ class ExposureTimes:
             Mid-exposure by the camera.
         tolerance_s : float
             How far that may lie outside what our clock allows.
-        by : TimeSource
         """
         ours = min(max(self.begun + self._half, self._earliest), self._latest)
         if reported is None:
@@ -150,7 +148,6 @@ def with_scale(frame: Frame, scale: float | None, source: str) -> Frame:
 
     Parameters
     ----------
-    frame : Frame
     scale : float or None
         In arcseconds per pixel.
     source : str

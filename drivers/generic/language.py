@@ -51,7 +51,6 @@ class Readout:
         How long the questions for the position took together: a moving mount went on meanwhile.
     slewing, tracking, parked, at_home : bool or None
         None where the mount doesn't report it.
-    pier_side : PierSide or None
     fresh : bool
         The mount shows that it was just switched on and knows nothing: not aligned, not initialized.
     doubtful : bool

@@ -43,8 +43,6 @@ class LinkSupervisor:
 
     Parameters
     ----------
-    language : Language
-    timing : Timing
     beat : callable
         Reads the mount once.
     reopen : callable
@@ -52,10 +50,6 @@ class LinkSupervisor:
     silent, lost, back : callable
         Called with the length of a silence so far (s), with the reason of a loss, and, when the mount answers
         again on the same link, with the length of the silence (s). `reopen` itself reports a new link.
-
-    Attributes
-    ----------
-    state : LinkState
     """
 
     def __init__(

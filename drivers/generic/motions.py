@@ -50,10 +50,6 @@ _STATES = {
 class Motions:
     """Moves one mount.
 
-    Parameters
-    ----------
-    session : Session
-
     Attributes
     ----------
     refusals : Refusals

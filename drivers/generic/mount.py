@@ -68,7 +68,6 @@ class GenericMount:
         The family's commands and answers, with their link.
     name : str, optional
         For messages; the language's address by default.
-    timing : Timing
     site : Site, optional
         Ours, to compare with the mount's.
     set_clock, set_site : bool

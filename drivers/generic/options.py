@@ -212,7 +212,6 @@ class MountOptions:
         Kind of coordinates.
     dialect : str or None
         Used instead of what the handshake finds.
-    timing : Timing
     set_clock, set_site : bool
         Whether connecting sets the mount's clock and site to ours.
     trust_on_connect : bool
@@ -282,7 +281,6 @@ def read_options(
 
     Parameters
     ----------
-    options : mapping of str to str
     driver : str
         For messages.
     baud, timeout_s, timing, epoch

@@ -54,7 +54,6 @@ class Believed:
 
     Attributes
     ----------
-    readout : Readout
     jump_arcsec : float
         By how much it lies further from the last one than any mount can move; 0 as a rule.
     leap_arcsec : float
@@ -71,7 +70,6 @@ class ReadingFilter:
 
     Parameters
     ----------
-    timing : Timing
     device : str
         For messages.
 

@@ -29,13 +29,7 @@ Took = Callable[[Readout], bool | None]
 
 
 class Refusals:
-    """Checks the refusals of one mount.
-
-    Parameters
-    ----------
-    session : Session
-    stop : Stop
-    """
+    """Checks the refusals of one mount."""
 
     def __init__(self, session: Session, stop: Stop) -> None:
         self._session = session

@@ -27,12 +27,7 @@ takes 0.2 s longer."""
 
 
 class SerialLanguage(Unskilled):
-    """The half of a `drivers.generic.language.Language` that concerns the link; a family adds the rest.
-
-    Parameters
-    ----------
-    link : Link
-    """
+    """The half of a `drivers.generic.language.Language` that concerns the link; a family adds the rest."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
@@ -135,7 +130,6 @@ class OptionalQuestions:
 
     Parameters
     ----------
-    link : Link
     alive : callable
         Asks a question that every mount of the family answers; raises `DeviceError` when this one doesn't.
     greetings : tuple of Command
@@ -180,7 +174,6 @@ class OptionalQuestions:
 
         Parameters
         ----------
-        command : Command
         ask : callable, optional
             Instead of the link's own way to ask.
 

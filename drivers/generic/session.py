@@ -71,11 +71,8 @@ class Session:
 
     Parameters
     ----------
-    language : Language
     name : str
         For messages.
-    timing : Timing
-    connecting : ConnectSettings
 
     Attributes
     ----------

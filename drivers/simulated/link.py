@@ -29,8 +29,6 @@ class Cable:
     ----------
     name : str
         Of the mount, for messages.
-    clock : Clock
-    behavior : MountBehavior
     back : callable
         Called when a lost link was opened again: nothing that was known before counts any more.
     lost : callable
@@ -40,7 +38,6 @@ class Cable:
     ----------
     links : int
         How often it was made or lost: what began under another count is given up.
-    state : LinkState
     listeners : list of callable
         Called with each event.
     """

@@ -266,9 +266,6 @@ class SimulatedMount(SimulatedState):
     ----------
     mechanics : Mechanics
         Made with the same clock.
-    clock : Clock
-    behavior : MountBehavior, optional
-    name : str
     trusted : bool
         Whether its position is trusted when it is opened first.
 

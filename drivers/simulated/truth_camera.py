@@ -26,7 +26,6 @@ class TruthCamera:
 
     Parameters
     ----------
-    mechanics : Mechanics
     clock : Clock
         The mechanics' own.
     script : SkyScript, optional
@@ -44,7 +43,6 @@ class TruthCamera:
         those of the exposure before it; both with the time of the present exposure.
     ails_from : int
         Number of the first frame with such a habit.
-    name : str
 
     Attributes
     ----------

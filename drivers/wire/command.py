@@ -30,7 +30,6 @@ class Command(Generic[T_co]):
 
     Attributes
     ----------
-    sent : bytes
     meaning : str
         In words, for messages.
     read : callable (buffer, final) -> Read or None

@@ -69,7 +69,6 @@ class Exchange:
     ----------
     line : ByteLine
         An opened line.
-    patience : Patience
 
     Attributes
     ----------
@@ -114,7 +113,6 @@ class Exchange:
 
         Parameters
         ----------
-        command : Command
         deadline_s : float, optional
             Used instead of the deadline of `Patience`.
 

@@ -443,7 +443,6 @@ class UdpLine:
     ----------
     host : str
         Name or address.
-    port : int
     log : WireLog, optional
         Where all bytes are noted, both ways.
     """

@@ -20,8 +20,6 @@ class Link:
 
     Parameters
     ----------
-    line : ByteLine
-    patience : Patience
     log : WireLog
         The log in which the line notes its bytes.
     """

@@ -33,10 +33,8 @@ class WireEntry:
         Counts from 1; entries that the ring has dropped count too.
     t_s : float
         Since the log began, monotonic.
-    way : {"driver->mount", "mount->driver", "event"}
     data : bytes
         Empty for events.
-    meaning : str
     """
 
     number: int

@@ -27,9 +27,6 @@ class MemoryLine:
 
     Parameters
     ----------
-    fake : WireFake
-    clock : VirtualClock
-    log : WireLog
     latency_s : float
         Transfer time each way.
 

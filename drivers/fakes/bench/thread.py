@@ -27,7 +27,6 @@ class SlowLine:
 
     Parameters
     ----------
-    fake : Fake
     baud : int
         Bits per second.
     monotonic : callable
@@ -129,7 +128,6 @@ class Bench(ABC):
 
     Parameters
     ----------
-    fake : Fake
     baud : int, optional
         Bytes take their time, as on a serial line of this speed; without it they come at once.
 

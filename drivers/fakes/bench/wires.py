@@ -20,7 +20,6 @@ class FakeOnPty(Bench):
 
     Parameters
     ----------
-    fake : Fake
     link : Path, optional
         A symlink that points at the pseudo-terminal, for a stable name: as in ``/dev/serial/by-id``, it goes
         and comes with the device, and the device returns under another name.
@@ -101,8 +100,6 @@ class FakeOnTcp(Bench):
 
     Parameters
     ----------
-    fake : Fake
-    host : str
     port : int
         0 takes a free one.
     baud : int, optional
@@ -218,8 +215,6 @@ class FakeOnUdp(Bench):
 
     Parameters
     ----------
-    fake : Fake
-    host : str
     port : int
         0 takes a free one.
 
