@@ -10,8 +10,9 @@ import asyncio
 from datetime import datetime, timedelta
 from pathlib import Path
 
+from drivers.folder.watcher import matching_files
 from mountnav.clock import utc_now
-from mountnav.errors import BadFrame, Busy, Cancelled, DeviceMissing, DeviceSilent
+from mountnav.errors import BadFrame, Busy, Cancelled, DeviceError, DeviceMissing, DeviceSilent
 from mountnav.frames import Frame
 from mountnav.reading import read_frame
 
@@ -44,6 +45,22 @@ def _age(frame: Frame, asked_utc: datetime) -> str:
 def _listed(causes: list[str]) -> str:
     more = f"; and {len(causes) - _MOST_CAUSES} more" if len(causes) > _MOST_CAUSES else ""
     return "; ".join(causes[:_MOST_CAUSES]) + more
+
+
+def _among_the_old(
+    old: dict[Path, _State], last: dict[Path, _State] | None, asked_utc: datetime
+) -> list[str]:
+    """Words for files of before the exposure was asked for: never taken, and often what the user meant."""
+    causes = [
+        f"{path.name} came before the exposure was asked for"
+        for path in sorted(old)
+        if last is not None and last.get(path) != old[path]
+    ]
+    if not causes and old:
+        newest = max(old, key=lambda path: old[path][1])
+        age_s = asked_utc.timestamp() - old[newest][1] / 1e9
+        causes.append(f"the newest there, {newest.name}, was written {age_s:.0f} s before it was asked for")
+    return causes
 
 
 class FolderCamera:
@@ -182,30 +199,23 @@ class FolderCamera:
             if old.get(path) != seen[path]
         ]
         causes += await asyncio.to_thread(self._ignored, strange)
-        if not causes:
-            # files of before are never taken, and are often what the user meant
-            causes += [
-                f"{path.name} came before the exposure was asked for"
-                for path in sorted(old)
-                if last is not None and last.get(path) != old[path]
-            ]
-        if not causes and old:
-            newest = max(old, key=lambda path: old[path][1])
-            age_s = asked_utc.timestamp() - old[newest][1] / 1e9
-            causes.append(
-                f"the newest there, {newest.name}, was written {age_s:.0f} s before it was asked for"
-            )
+        causes = causes or _among_the_old(old, last, asked_utc)
         if self._doubt:
             causes.append(self._doubt)
-        waited = f"no new file {self._pattern} came within {exposure_s + self._timeout_s:.0f} s"
+        raise self._none_came(exposure_s + self._timeout_s, causes, list(unusable.values()))
+
+    def _none_came(
+        self, waited_s: float, causes: list[str], unusable: list[BadFrame]
+    ) -> DeviceError | BadFrame:
+        """The error for a wait without a frame, with the causes that are known."""
+        waited = f"no new file {self._pattern} came within {waited_s:.0f} s"
         if unusable:
-            last_one = list(unusable.values())[-1]
-            raise BadFrame(
+            return BadFrame(
                 f"no usable {waited.removeprefix('no new ')}: {_listed(causes)}",
                 device=self._name,
-                advice=last_one.advice or "check what the capture program writes",
+                advice=unusable[-1].advice or "check what the capture program writes",
             )
-        raise DeviceSilent(
+        return DeviceSilent(
             f"{waited}: {_listed(causes)}" if causes else waited,
             device=self._name,
             advice=_WITH_CAUSES
@@ -253,15 +263,7 @@ class FolderCamera:
                 raise DeviceMissing(
                     "the folder is not there", device=self._name, advice=f"make or mount {self._folder}"
                 )
-            found: dict[Path, _State] = {}
-            for path in self._folder.glob(self._pattern):
-                try:
-                    facts = path.stat()
-                except FileNotFoundError:
-                    # renamed or removed between listing and looking
-                    continue
-                if facts.st_size and path.is_file():
-                    found[path] = (facts.st_size, facts.st_mtime_ns, facts.st_ino)
+            files = matching_files(self._folder, self._pattern)
         except OSError as cause:
             raise DeviceMissing(f"the folder can't be read: {cause}", device=self._name) from cause
-        return found
+        return {path: (facts.st_size, facts.st_mtime_ns, facts.st_ino) for path, facts in files.items()}

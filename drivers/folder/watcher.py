@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import logging
+import os
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -25,6 +26,21 @@ BLOCK = 1 << 20
 NAMES_KEPT = 200_000
 """How many names of files that are gone are kept, the latest ones, besides those that are there. A name takes
 some 300 bytes: doubled, 60 MB more; halved, files of a share that was unmounted longer count as new."""
+
+
+def matching_files(folder: Path, pattern: str) -> dict[Path, os.stat_result]:
+    """The files of a pattern that are not empty, with their status; a folder that is gone has none."""
+    found: dict[Path, os.stat_result] = {}
+    for path in folder.glob(pattern):
+        try:
+            facts = path.stat()
+            plain = path.is_file()
+        except FileNotFoundError:
+            # renamed or removed since it was listed
+            continue
+        if facts.st_size and plain:
+            found[path] = facts
+    return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,17 +147,8 @@ class FolderWatcher:
         """Size and time of each file of the pattern; runs in a thread."""
         # a glob over a folder that is gone finds nothing and doesn't complain
         next(iter(self._folder.iterdir()), None)
-        found: dict[Path, _State] = {}
-        for path in self._folder.glob(self._pattern):
-            try:
-                facts = path.stat()
-                plain = path.is_file()
-            except FileNotFoundError:
-                # renamed or removed between listing and looking
-                continue
-            if facts.st_size and plain:
-                found[path] = (facts.st_size, facts.st_mtime_ns)
-        return found
+        files = matching_files(self._folder, self._pattern)
+        return {path: (facts.st_size, facts.st_mtime_ns) for path, facts in files.items()}
 
     def _read(self, path: Path, state: _State) -> NewFile | None:
         """Read a file for its digest; None if it changed meanwhile or is gone: it is reported later then."""
