@@ -14,7 +14,7 @@ from mountnav.devices import Direction, SlewOutcome, SlewState
 from mountnav.errors import DeviceError, DeviceRefused, RefusedButDone
 from mountnav.sky.coordinates import Apparent
 from tests.drivers.generic.plain_language import PlainLanguage
-from tests.drivers.generic.test_mount import QUICK, plain, rigged
+from tests.drivers.generic.plain_rig import QUICK, plain, rigged
 
 QUICK_TO_GIVE_UP = replace(QUICK, stop_timeout_s=0.5)
 

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import pytest
+from mountnav.sky.turning import SIDEREAL_DEG_S
 
 from drivers.generic.syncing import SyncReadBack
-from mountnav.devices import MountReading, SyncOutcome
+from mountnav.devices import (
+    MountReading,
+    SyncOutcome,
+)
 from mountnav.sky.coordinates import Apparent
-from mountnav.sky.turning import SIDEREAL_DEG_S
+from tests.drivers.generic.plain_rig import QUICK, rigged
 
 SENT = datetime(2026, 3, 1, 22, tzinfo=UTC)
 PLACE = Apparent(120.0, 10.0, SENT)
@@ -69,3 +74,38 @@ def test_a_mount_that_rests_is_seen_though_the_sky_has_turned_since() -> None:
     read_back = _read_back(_reading(dec_off_arcsec=600.0, after_s=-1.0))
     turned_arcsec = SIDEREAL_DEG_S * 10.0 * 3600.0
     assert read_back.shows(_reading(turned_arcsec, after_s=10.0))
+
+
+async def test_syncs_are_classified_by_their_read_back() -> None:
+    async with rigged(timing=replace(QUICK, sync_wait_s=1.5)) as rig:
+        seen = await rig.mount.sync(await rig.beside(0.2, 0.1))
+        assert seen.outcome is SyncOutcome.SEEN
+        assert seen.miss_arcsec < 5.0
+        rig.language.sync_late_s = 1.0
+        late = await rig.mount.sync(await rig.beside(0.2, 0.1))
+        assert late.outcome is SyncOutcome.LATE
+        # counted from its answer: the order itself went out before that
+        assert QUICK.late_s < late.after_s
+        rig.language.sync_late_s, rig.language.sync_ignored = 0.0, True
+        ignored = await rig.mount.sync(await rig.beside(0.2, 0.1))
+        assert ignored.outcome is SyncOutcome.IGNORED
+        assert ignored.miss_arcsec > 300.0
+        assert rig.language.orders.count("sync") == 3
+
+
+async def test_a_sync_that_shows_when_it_was_given_up_is_recognized() -> None:
+    async with rigged() as rig:
+        rig.language.sync_late_s = 1.2
+        result = await rig.mount.sync(await rig.beside(30.0, -20.0))
+        assert result.outcome is SyncOutcome.IGNORED
+        await rig.until(lambda: rig.heard("sync-late"))
+        assert rig.mount.trusted
+
+
+async def test_a_small_sync_that_shows_late_is_recognized() -> None:
+    async with rigged() as rig:
+        rig.language.sync_late_s = 1.2
+        result = await rig.mount.sync(await rig.beside(0.2, -0.1))
+        assert result.outcome is SyncOutcome.IGNORED
+        await rig.until(lambda: rig.heard("sync-late"))
+        assert rig.mount.trusted
