@@ -54,9 +54,6 @@ a mount that says "guiding" for ever holds each pulse up for so much longer."""
 _PULSE_POLL_S = 0.05
 """Between two questions whether a pulse is over (s): three exchanges at 9600 baud. Doubled, a pulse ends 0.05
 s late; halved, the line is busy with that question alone."""
-_MOST_POLL_S = 0.2
-"""At most so long (s) between two readings that wait for tracking or unparking to show. Chosen by hand: an
-operator waits for it. Doubled, such an order takes up to 0.2 s longer."""
 
 
 class GenericMount:
@@ -470,7 +467,7 @@ class GenericMount:
         while not true(await self._session.read()):
             if loop.time() > until:
                 raise DeviceRefused(f"accepted {what} and didn't do it", device=self._name)
-            await pause(min(_MOST_POLL_S, self._timing.poll_s))
+            await pause(self._timing.soon_s)
 
 
 def _not(said: bool | None) -> bool | None:

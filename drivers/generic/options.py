@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, cast
 
@@ -88,6 +88,12 @@ def yes_of(options: Mapping[str, str], option: str, *, default: bool) -> bool:
     return _WORDS[text.lower()]
 
 
+_SOON_S = 0.2
+"""At most so long (s) between two readings that wait for a sync, a refusal or a switch to show. Chosen by
+hand: an operator waits, and `Timing.late_s` (1 s) is measured in these steps. Doubled, a sync may be called
+late that was not."""
+
+
 @dataclass(frozen=True, slots=True)
 class Timing:
     """How long one mount is waited for, and how far its readings are believed.
@@ -150,29 +156,20 @@ class Timing:
     drift_arcsec_s: float = 20.0
     near_arcsec: float = 30.0
 
+    @property
+    def soon_s(self) -> float:
+        """Between two readings that wait for an order to show: `poll_s`, but no more than `_SOON_S`."""
+        return min(_SOON_S, self.poll_s)
+
     def resting_free_arcsec(self, resolution_arcsec: float) -> float:
         """How far two readings of a resting mount may differ: `resting_arcsec` and two steps of the wire."""
         return self.resting_arcsec + 2.0 * resolution_arcsec
 
 
-_TIMES = (
-    "poll_s",
-    "slew_timeout_s",
-    "stall_s",
-    "stop_timeout_s",
-    "start_grace_s",
-    "rest_s",
-    "sync_wait_s",
-    "late_s",
-    "heartbeat_s",
-    "silence_s",
-    "lost_after_s",
-    "backoff_s",
-    "longest_backoff_s",
-    "fastest_deg_s",
-    "near_arcsec",
-)
-"""The fields of `Timing` that a URL may set; the other three describe what mounts can do and are measured."""
+_MEASURED = ("acceleration_deg_s2", "resting_arcsec", "drift_arcsec_s")
+"""Fields of `Timing` that a URL can't set: they say what mounts can do, not how patient an owner is."""
+_TIMES = tuple(field.name for field in fields(Timing) if field.name not in _MEASURED)
+"""Fields of `Timing` that a URL may set, under the same names."""
 
 PORT_OPTIONS = ("baud", "dtr", "rts")
 """Of serial ports; without effect on what is no serial port, and without sense there but for ``baud``."""

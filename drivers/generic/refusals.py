@@ -106,7 +106,7 @@ class Refusals:
                 return None  # its motion may now be due to another order
             if done is not None or loop.time() > until:
                 return done
-            await pause(min(0.2, session.timing.poll_s))
+            await pause(session.timing.soon_s)
 
     def _orders(self) -> tuple[str | None, int, int, int]:
         session = self._session

@@ -1,8 +1,8 @@
 """A sync and its read-back: seen, late, ignored, or another place taken; sent once, never believed unread.
 
-What the readings after a sync mean is one law for all mounts (`near_arcsec`, `miss_arcsec` and `unseen`);
-drivers call it here only, through `SyncReadBack`. What follows from the outcome (trust, journal, undo) is
-decided above.
+What the readings after a sync mean is one law for all mounts (`near_arcsec`, `miss_arcsec` and `unseen` of
+`mountnav.devices`); drivers call it here only, through `SyncReadBack`. What follows from the outcome (journal,
+model, undo) is decided above.
 """
 
 from __future__ import annotations
@@ -22,9 +22,6 @@ _LATE_FOR_S = 60.0
 """How long (s) after a sync was given up it is still recognized when it shows. Chosen: the slowest simulated
 mounts take 25 s. Doubled, a place that is reached by hand passes for the sync for twice as long; halved,
 little is left."""
-_EACH_S = 0.2
-"""At most so long (s) between two readings after a sync: `late_s`, 1 s by default, is measured by these
-steps. Doubled, a sync is found late that was not."""
 
 
 class SyncReadBack:
@@ -160,4 +157,4 @@ async def _read_until_seen(session: Session, read_back: SyncReadBack) -> SyncRes
         waited_s = loop.time() - sent_s
         if read_back.shows(now) or waited_s > timing.sync_wait_s:
             return read_back.result(now, after_s=sky_s(waited_s), late=waited_s > timing.late_s)
-        await pause(min(_EACH_S, timing.poll_s))
+        await pause(timing.soon_s)

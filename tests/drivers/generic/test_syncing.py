@@ -6,14 +6,13 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from mountnav.sky.turning import SIDEREAL_DEG_S
 
 from drivers.generic.syncing import SyncReadBack
 from mountnav.devices import (
     MountReading,
     SyncOutcome,
 )
-from mountnav.sky.coordinates import Apparent
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent
 from tests.drivers.generic.plain_rig import QUICK, rigged
 
 SENT = datetime(2026, 3, 1, 22, tzinfo=UTC)
