@@ -75,7 +75,7 @@ class Shot:
                 await working
 
 
-class Turn:
+class ExposureLock:
     """One exposure at a time.
 
     Parameters
@@ -89,7 +89,7 @@ class Turn:
         self._shot: Shot | None = None
 
     @contextmanager
-    def taken(self, exposure_s: float) -> Iterator[Shot]:
+    def hold(self, exposure_s: float) -> Iterator[Shot]:
         """A context in which one shot runs.
 
         Raises
@@ -181,7 +181,7 @@ class GenericCamera:
         self._language = language
         self._wanted_open = False
         self._opening = asyncio.Lock()
-        self._turn = Turn(language.name)
+        self._exposing = ExposureLock(language.name)
         self._ordered = False
 
     @property
@@ -246,7 +246,7 @@ class GenericCamera:
         DeviceMissing
             If server, driver or camera is gone.
         """
-        with self._turn.taken(exposure_s) as shot:
+        with self._exposing.hold(exposure_s) as shot:
             return await self._expose(shot)
 
     async def _expose(self, shot: Shot) -> Frame:
@@ -267,7 +267,7 @@ class GenericCamera:
 
     async def abort(self) -> None:
         """End a running exposure; its `expose` raises `Cancelled`. Without one, nothing happens."""
-        if self._turn.abort():
+        if self._exposing.abort():
             self._end_ours()
 
     def _end_ours(self) -> None:

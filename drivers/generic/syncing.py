@@ -1,8 +1,8 @@
 """A sync and its read-back: seen, late, ignored, or another place taken; sent once, never believed unread.
 
 What the readings after a sync mean is one law for all mounts (`near_arcsec`, `miss_arcsec` and `unseen` of
-`mountnav.devices`); drivers call it here only, through `SyncReadBack`. What follows from the outcome (journal,
-model, undo) is decided above.
+`mountnav.devices`); drivers call it here only, through `SyncReadBack`. What follows from the outcome
+(journal, model, undo) is decided above.
 """
 
 from __future__ import annotations

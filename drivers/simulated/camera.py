@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime, timedelta
 
-from drivers.generic.camera import Turn
+from drivers.generic.camera import ExposureLock
 from mountnav.catalog.stars import Catalog
 from mountnav.clock import real_s, utc_now
 from mountnav.frames import Frame
@@ -57,7 +57,7 @@ class SimulatedCamera:
         self._clock = clock
         self._tube_angle_deg = tube_angle_deg
         self._frames = 0
-        self._turn = Turn(name)
+        self._exposing = ExposureLock(name)
 
     @property
     def name(self) -> str:
@@ -83,7 +83,7 @@ class SimulatedCamera:
         Cancelled
             If `abort` ended it.
         """
-        with self._turn.taken(exposure_s) as shot:
+        with self._exposing.hold(exposure_s) as shot:
             number, self._frames = self._frames, self._frames + 1
             mid_utc = self._clock() + timedelta(seconds=exposure_s / 2.0)
             await shot.pause(real_s(exposure_s))
@@ -93,7 +93,7 @@ class SimulatedCamera:
 
     async def abort(self) -> None:
         """End a running exposure; its `expose` raises `Cancelled`. Without one, nothing happens."""
-        self._turn.abort()
+        self._exposing.abort()
 
     def _draw(self, exposure_s: float, mid_utc: datetime, number: int) -> Frame:
         optics = self._optics

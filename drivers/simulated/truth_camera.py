@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from drivers.generic.camera import Turn
+from drivers.generic.camera import ExposureLock
 from mountnav.clock import Clock
 from mountnav.frames import Frame
 from mountnav.simulation.mechanics import Mechanics
@@ -75,7 +75,7 @@ class TruthCamera:
         self._ails_from = ails_from
         self._held: FrameTruth | None = None
         self._name = name
-        self._turn = Turn(name)
+        self._exposing = ExposureLock(name)
         self._last: Frame | None = None
         self.frames = 0
 
@@ -103,7 +103,7 @@ class TruthCamera:
         Cancelled
             If `abort` ended it.
         """
-        with self._turn.taken(exposure_s) as shot:
+        with self._exposing.hold(exposure_s) as shot:
             began = self._clock.utc()
             await shot.outlast(self._clock.sleep(exposure_s + self._read_out_s))
         number, self.frames = self.frames, self.frames + 1
@@ -142,4 +142,4 @@ class TruthCamera:
 
     async def abort(self) -> None:
         """End a running exposure; its `expose` raises `Cancelled`. Without one, nothing happens."""
-        self._turn.abort()
+        self._exposing.abort()
