@@ -28,11 +28,11 @@ _READINGS = 20
 """How many readings give the median time of an answer: some seconds. Doubled, the median is a third more
 precise."""
 _STOPPED_AFTER_S = 1.0
-"""The stop follows the slew after so long (s): the mount is then at full speed. Doubled, a fast one arrives
+"""Time (s) from the slew to the stop: the mount is then at full speed. Doubled, a fast one arrives
 before."""
 _TO_WIRE_S = 0.1
-"""A stop must be on the wire within so long (s): nothing may queue before it. Chosen by hand. Doubled, a stop
-that waits for an answer at 9600 baud passes; halved, a busy machine fails a good driver."""
+"""Time (s) within which a stop must be on the wire: nothing may queue before it. Chosen by hand. Doubled, a
+stop that waits for an answer at 9600 baud passes; halved, a busy machine fails a good driver."""
 _BELOW_DEG = -5.0
 """Altitude of the place that must be refused: clearly below any horizon, and no mount goes far before it is
 stopped."""

@@ -29,7 +29,7 @@ _MOST_KEPT = 20_000
 that a test finds all; doubled, a fake that runs for days holds some megabytes more."""
 
 _SHORTEST_GAP_S = 0.001
-"""At least so long (s) between two pieces of a flood: a byte at 9600 baud takes as long. Halved, a flood
+"""Shortest time (s) between two pieces of a flood: a byte at 9600 baud takes as long. Halved, a flood
 without a delay costs twice the processor time."""
 
 

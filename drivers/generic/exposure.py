@@ -38,9 +38,9 @@ _SAME, _SAME_S = 0.02, 0.05
 their timer's steps (1/50 s and the like). Doubled, an image of 9.5 s passes for one of 10 s; halved, a
 rounded one is refused."""
 _STALE_WITHIN_S = 600.0
-"""A time of mid-exposure up to so long (s) before the order is that of an earlier image; one further back is
-a clock that is off by a zone or a day. Doubled or halved, only images of the last minutes are told apart
-differently."""
+"""A time of mid-exposure up to this many seconds before the order is that of an earlier image; one further
+back is a clock that is off by a zone or a day. Doubled or halved, only images of the last minutes are told
+apart differently."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,7 @@ _CHECK_S = 0.1
 is noticed in time; a lost line wakes the watch at once. Doubled, a silence is noticed 0.1 s later; halved, an
 idle service works twice as much."""
 _SHORTEST_BEAT_S = 0.02
-"""s. A heartbeat that is due at once waits so long nevertheless, so that it can't spin. Chosen by hand: an
+"""s. A heartbeat that is due at once waits this long nevertheless, so that it can't spin. Chosen by hand: an
 exchange at 9600 baud. Doubled or halved, nothing shows at the default heartbeat of 0.5 s."""
 
 

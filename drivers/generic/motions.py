@@ -32,7 +32,7 @@ There = Callable[[Readout], bool | None]
 """Whether a resting mount has done what it was ordered; None where a reading doesn't show it."""
 
 _BETWEEN_STOPS_S = 0.4
-"""At least so long (s) between two stops: some mounts answer each, and the answers to readings need room on
+"""Shortest time (s) between two stops: some mounts answer each, and the answers to readings need room on
 the line. Chosen by hand. Doubled, a stop that was lost is sent again so much later; halved, a 9600 baud line
 fills."""
 _MOST_SENDINGS = 5

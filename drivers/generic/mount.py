@@ -1,16 +1,16 @@
-"""A whole mount made of a language: the face that navigation sees, the same for every family.
+"""A whole mount made of a language: the interface that navigation sees, the same for every family.
 
-- A position is published when the filter believes it (`reading_filter`); an order that moves or syncs is
-sent once.
+- A position is published when the filter believes it (`reading_filter`).
+- An order that moves or syncs is sent once.
 - A slew has arrived when the mount rests *and* is where it was sent (`motions`).
-- A sync has happened when the readings show it (`syncing`); a refusal counts when they don't belie it
-(`refusals`).
-- The link is watched and made again (`link_supervisor`); a position that may be wrong is not trusted
-(`session`).
+- A sync has happened when the readings show it (`syncing`).
+- A refusal counts unless the readings contradict it (`refusals`).
+- The link is watched and made again (`link_supervisor`).
+- A position that may be wrong is not trusted (`session`).
 
 It is used without the mount room above it as well (`mountnav bench`), so it refuses by itself what the wire
-can't carry: a second motion, a slew by a position that is not trusted or while parked, a skill that the
-family lacks. Limits of the telescope, daylight, the journal and who may order are not its business.
+can't carry: a second motion, a slew while parked or by a position that is not trusted, a skill that the
+family lacks. Limits of the telescope, daylight, the journal and the rights of callers are checked above it.
 """
 
 from __future__ import annotations

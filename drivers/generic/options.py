@@ -89,7 +89,7 @@ def yes_of(options: Mapping[str, str], option: str, *, default: bool) -> bool:
 
 
 _SOON_S = 0.2
-"""At most so long (s) between two readings that wait for a sync, a refusal or a switch to show. Chosen by
+"""Longest time (s) between two readings that wait for a sync, a refusal or a switch to show. Chosen by
 hand: an operator waits, and `Timing.late_s` (1 s) is measured in these steps. Doubled, a sync may be called
 late that was not."""
 

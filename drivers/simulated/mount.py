@@ -249,7 +249,7 @@ _REAL = Timing()
 _READ_BACK_S = 0.2
 """s between two readings after a sync or a refusal, as `drivers.generic` has it."""
 _STOP_POLL_S = 0.1
-"""At most so long (s) between two stops: a stop returns no more than this after the mount rests."""
+"""Longest time (s) between two stops: a stop returns no more than this after the mount rests."""
 _MOVED_DEG = 0.01
 """An axis that moved by less between two readings stands: far below a slew's step, above any tracking."""
 _STATES = {

@@ -37,7 +37,7 @@ class Patience:
     settle_s : float
         Between opening the line and the first question: for a board that is known to reset when it is opened.
     greeting_s : float
-        For so long a greeting that failed is repeated. A board that resets when its port is opened is deaf
+        How long a greeting that failed is repeated. A board that resets when its port is opened is deaf
         for 2 to 8 s, with its boot loader and its network; doubled, a mount that is off is reported half a
         minute after it was opened.
     """

@@ -140,7 +140,7 @@ _READ_S = 0.05
 """How long the reading thread blocks (s) before it looks whether the line is being closed. Chosen by hand.
 Doubled, closing takes 0.05 s longer; halved, an idle line wakes the processor 40 times a second."""
 _WRITE_TIMEOUT_S = 2.0
-"""After so long (s) a port that takes no bytes counts as silent: 2 s are 2,000 bytes at 9600 baud, and
+"""After this time (s) a port that takes no bytes counts as silent: 2 s are 2,000 bytes at 9600 baud, and
 commands have some 20. Doubled, a stop on a hung port fails 2 s later; halved, nothing changes on ports that
 work."""
 

@@ -18,7 +18,7 @@ _OPENING_S = 0.01
 """How long opening takes, virtual s: a port takes its time, and a driver that retries without a pause would
 otherwise stop the virtual clock. Doubled or halved, nothing shows."""
 _JUST_AFTER_S = 1e-6
-"""The fake is asked so long (virtual s) after it has something to send: rounding must not make it too early.
+"""Delay (virtual s) after which a fake is asked for what is due: rounding must not make it too early.
 Chosen by hand; at 0 the loop may spin at one instant."""
 
 
