@@ -1,4 +1,4 @@
-"""What a sky script lets happen to a simulated mount, at its time."""
+"""The incidents of a sky script, carried out on a simulated mount at their times."""
 
 from __future__ import annotations
 
@@ -11,19 +11,11 @@ from mountnav.tasks import waited_for
 
 
 async def run_incidents(script: SkyScript, mount: SimulatedMount, clock: Clock) -> None:
-    """Let the script's incidents happen, from now on, until the last is over.
-
-    Parameters
-    ----------
-    script : SkyScript
-        Its minutes count from the call.
-    mount : SimulatedMount
-    clock : Clock
-    """
+    """Carry out the script's incidents, until the last is over; its minutes count from the call."""
     began_s = clock.monotonic_s()
     over: list[asyncio.Task[None]] = []
     try:
-        for incident in sorted(script.incidents, key=lambda one: one.at_min):
+        for incident in sorted(script.incidents, key=lambda incident: incident.at_min):
             await clock.sleep(max(0.0, began_s + 60.0 * incident.at_min - clock.monotonic_s()))
             over.append(waited_for(_happen(incident, mount, clock)))
         await asyncio.gather(*over)

@@ -21,7 +21,9 @@ from drivers.wire.line import SerialLine
 from mountnav.errors import DeviceError, DeviceMissing
 
 _STABLE = Path("/dev/serial/by-id")
+"""Where udev keeps names that stay the same when a device is plugged in again."""
 _PROCESSES = Path("/proc")
+"""Where Linux shows the open files of processes."""
 
 _QUIET_S = 0.1
 """A line that has been silent for so long is asked; chosen: a few bytes at 9600 baud, twice."""

@@ -1,1 +1,1 @@
-"""Proving a mount: graded steps on real hardware, what they found, and how a fake of its kind compares."""
+"""Acceptance of a mount: graded steps on real hardware, findings, comparison with a fake of its kind."""

@@ -1,4 +1,4 @@
-"""What a trial of a mount found: values that can be compared with those of a fake, and be read by people."""
+"""The report of a trial: findings that can be compared with those of a fake, and be read by people."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that was tried or measured.
+    """One result of a step: an outcome or a measurement.
 
     Attributes
     ----------
@@ -21,7 +21,7 @@ class Finding:
     fine : bool or None
         Whether it is as it should be; None for a mere measurement.
     words : str
-        For people, where there is more to say.
+        An explanation, where the value alone says too little.
     """
 
     key: str
@@ -40,15 +40,14 @@ class Finding:
 
 @dataclass(slots=True)
 class StepResult:
-    """One step.
+    """The result of one step.
 
     Attributes
     ----------
-    name : str
     done : bool
         False if it was declined, or could not be tried.
     why_not : str
-    findings : list of Finding
+        Empty if it was done.
     """
 
     name: str
@@ -59,7 +58,7 @@ class StepResult:
 
 @dataclass(slots=True)
 class Capabilities:
-    """The report of a trial: who was tried, and step by step what it did."""
+    """The report of a trial: the mount's identity, and the results step by step."""
 
     mount: str
     identity: str
@@ -75,17 +74,17 @@ class Capabilities:
 
     @property
     def is_fine(self) -> bool:
-        """Whether nothing that was tried went wrong."""
+        """Whether no finding is bad."""
         return all(finding.fine is not False for finding in self.findings().values())
 
     def as_dict(self) -> dict[str, object]:
-        """For a JSON file."""
+        """The content of a JSON file."""
         return asdict(self)
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """An outcome that a fake of the same kind has otherwise."""
+    """An outcome in which a mount and a fake of its kind differ."""
 
     key: str
     mount: str
@@ -93,10 +92,7 @@ class Difference:
 
 
 def differences(mount: Capabilities, fake: Capabilities) -> list[Difference]:
-    """Outcomes (words, not measurements) in which the two are not alike.
-
-    What only one of them was asked is no difference.
-    """
+    """Outcomes (words, not measurements) in which the two differ; only of steps that both have done."""
     theirs = fake.findings()
     found = []
     for key, ours in mount.findings().items():
@@ -109,7 +105,7 @@ def differences(mount: Capabilities, fake: Capabilities) -> list[Difference]:
 
 
 def as_lines(report: Capabilities, fake: Capabilities | None) -> list[str]:
-    """Lay the report out for people."""
+    """The report as lines of text."""
     lines = [f"{report.identity} at {report.mount}", f"skills: {', '.join(report.skills) or 'none'}"]
     lines += [f"problem: {problem}" for problem in report.problems]
     theirs: Mapping[str, Finding] = {} if fake is None else fake.findings()
@@ -123,7 +119,7 @@ def as_lines(report: Capabilities, fake: Capabilities | None) -> list[str]:
         lines.append(
             "where a fake of its kind does otherwise:" if apart else "a fake of its kind does the same"
         )
-        lines += [f"  {one.key}: the mount {one.mount}, the fake {one.fake}" for one in apart]
+        lines += [f"  {other.key}: the mount {other.mount}, the fake {other.fake}" for other in apart]
     return lines
 
 

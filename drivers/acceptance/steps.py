@@ -1,4 +1,8 @@
-"""The graded steps of a trial, from mere reading to a flip; each is asked for before, and run in order."""
+"""The graded steps of a trial, from mere reading to a flip, run in order; the owner is asked before each.
+
+A step orders something, looks at what the mount's readings show afterwards, and makes findings of it. It
+never judges by the mount's own word alone.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +15,7 @@ from dataclasses import dataclass
 
 from drivers.acceptance.report import Capabilities, Finding, StepResult
 from drivers.acceptance.trial import REFUSED, Trial, halt
+from drivers.generic.comparison import CLOCK_TOLERANCE_S, SITE_TOLERANCE_ARCSEC
 from drivers.generic.coordinates import apart_arcsec
 from mountnav.clock import utc_now
 from mountnav.devices import Direction, PierSide, Skill, SlewOutcome, from_mount
@@ -20,32 +25,56 @@ from mountnav.sky.sphere import half_turn_deg, offset_arcsec
 from mountnav.tasks import waited_for
 
 _READINGS = 20
+"""How many readings give the median time of an answer: some seconds. Doubled, the median is a third more
+precise."""
 _STOPPED_AFTER_S = 1.0
+"""Time (s) from the slew to the stop: the mount is then at full speed. Doubled, a fast one arrives
+before."""
+_TO_WIRE_S = 0.1
+"""Time (s) within which a stop must be on the wire: nothing may queue before it. Chosen by hand. Doubled, a
+stop that waits for an answer at 9600 baud passes; halved, a busy machine fails a good driver."""
 _BELOW_DEG = -5.0
+"""Altitude of the place that must be refused: clearly below any horizon, and no mount goes far before it is
+stopped."""
 _SET_OUT_ARCSEC = 1800.0
+"""A mount that moved by half a degree has set out. Chosen: above any jitter, below what a wall allows.
+Doubled, it is stopped half a degree later."""
 _FLIP_HOURS_DEG = 20.0
+"""Hour angles (east and west) of the two places for a flip, °. Chosen by hand: beyond the 5 to 15° that
+mounts track past the meridian. Halved, such a mount doesn't flip."""
+_LOWEST_RATE_ERROR_ARCSEC_S = 0.3
+"""What a measured tracking rate may err by besides two steps of the readings: 2 % of the sidereal rate.
+Halved, times of answers over a slow line make a good mount fail."""
+_SYNC_AWAY_DEG = 1.0 / 6.0
+"""How far the sync step goes, 10 arcminutes: more than any mount's step, and less than hand controls
+refuse."""
 _USUAL_GUIDE_ARCSEC_S = 0.5 * SIDEREAL_ARCSEC_S
-"""Guide rate of a mount that tells none: half the sidereal rate, as most are delivered."""
+"""Guide rate of a mount that reports none: half the sidereal rate, as most are delivered."""
 _GUIDE_RATES = (0.1, 2.5)
-"""Least and most that mounts guide by, in sidereal rates, where they don't tell."""
+"""Lowest and highest guide rates, in sidereal rates, of mounts that report none."""
 _SHORTEST_PULSE_S, _LONGEST_PULSE_S = 1.0, 12.0
-"""A shorter pulse drowns in tracking and rounding; a longer one isn't taken by all (16.4 s by OnStep)."""
+"""A shorter pulse (s) drowns in tracking and rounding; a longer one isn't accepted by all (16.4 s by
+OnStep)."""
 _PULSE_STEPS = 2.0
 """A pulse is made so long that it should move by so many steps of the readings: fewer prove nothing."""
 _PULSE_TOLERANCE = 0.5
-"""Of what a told rate makes: a board's timer, the way over the wire, an order that is taken up late."""
+"""Share by which a pulse may differ from its rate: a board's timer, the time on the wire, an order that
+begins late. Doubled, a pulse that moves a hundredth of its way passes."""
 _PULSE_FREE_ARCSEC = 1.0
 """What a pulse may err by besides steps of the readings: the tracking of a fifteenth of a second."""
 _STILL_ARCSEC = 0.3
-"""Below that nothing moved: what tracking alone makes in a second."""
+"""Below this nothing moved: what an error of tracking makes in a second."""
 _AFTER_PULSE_S = 0.5
-"""Until what reads its motors twice a second shows where they are."""
+"""Wait (s) after a pulse, for mounts that update their position twice a second."""
 _REFUSED_STAYS_S = 2.0
-"""So long a mount is watched that refused: a slew shows within a second of its order."""
+"""How long (s) a mount is watched after a refusal: a slew shows within a second of its order."""
 _STAYS_ARCSEC = 120.0
-"""A mount that refused may have drifted by so much, not tracking, while it was watched."""
+"""A mount that refused may have drifted by so much, not tracking, while it was watched (15 arcsec/s for 8
+s)."""
 _OTHER_REASONS = ("untrusted", "parked", "busy", "not-aligned", "not-tracking", "unsupported")
+"""Reasons of a refusal that prove no limit."""
 _STOPPED_ENDS = (SlewOutcome.STOPPED, SlewOutcome.ARRIVED)
+"""How a slew may end that was stopped on its way."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,12 +83,12 @@ class Step:
 
     Attributes
     ----------
-    name : str
     asks : str
-        What an owner is asked before: what will happen.
+        What the owner is asked before: what will happen.
     moves : bool
         Whether anything moves.
     do : callable
+        Carries it out and returns its findings.
     """
 
     name: str
@@ -69,16 +98,16 @@ class Step:
 
 
 async def read_only(trial: Trial) -> list[Finding]:
-    """Ask many times, order nothing."""
+    """Read the mount many times; order nothing."""
     took_s: list[float] = []
-    places = []
+    readings = []
     for _ in range(_READINGS):
         began = time.monotonic()
         reading = await trial.mount.reading()
         took_s.append(time.monotonic() - began)
-        places.append(reading)
-    first, last = places[0], places[-1]
-    scatter_arcsec = max(apart_arcsec(first.place, one.place) for one in places)
+        readings.append(reading)
+    first, last = readings[0], readings[-1]
+    scatter_arcsec = max(apart_arcsec(first.place, reading.place) for reading in readings)
     report = trial.mount.report
     findings = [
         Finding("read.time.median", statistics.median(took_s), "s"),
@@ -92,16 +121,23 @@ async def read_only(trial: Trial) -> list[Finding]:
         Finding("read.altitude", trial.altitude_deg(last.place), "deg"),
     ]
     if report is not None and report.clock_off_s is not None:
-        findings.append(Finding("clock.off", report.clock_off_s, "s", fine=abs(report.clock_off_s) < 2.0))
+        findings.append(
+            Finding("clock.off", report.clock_off_s, "s", fine=abs(report.clock_off_s) < CLOCK_TOLERANCE_S)
+        )
     if report is not None and report.site_off_arcsec is not None:
         findings.append(
-            Finding("site.off", report.site_off_arcsec, "arcsec", fine=report.site_off_arcsec < 120.0)
+            Finding(
+                "site.off",
+                report.site_off_arcsec,
+                "arcsec",
+                fine=report.site_off_arcsec < SITE_TOLERANCE_ARCSEC,
+            )
         )
     return findings
 
 
 async def one_degree(trial: Trial) -> list[Finding]:
-    """Go a degree in each direction, and back."""
+    """Slew by a degree in declination and in right ascension, and back."""
     start = await trial.place()
     lower = -1.0 if trial.altitude_deg(trial.beside(start, 0.0, 1.0)) < trial.lowest_altitude_deg else 1.0
     findings = []
@@ -112,7 +148,7 @@ async def one_degree(trial: Trial) -> list[Finding]:
 
 
 async def stop(trial: Trial) -> list[Finding]:
-    """Set out for a place 10° away, and stop on the way."""
+    """Slew towards a position 10° away, and stop on the way."""
     start = await trial.place()
     log = trial.mount.wire_log
     slew = waited_for(trial.outcome(trial.mount.slew(_far(trial, start))))
@@ -124,22 +160,20 @@ async def stop(trial: Trial) -> list[Finding]:
     sent = [entry.t_s for entry in log.entries(noted) if entry.way == "driver->mount"]
     findings = [
         Finding("stop", ended, fine=ended == "done", words=words),
-        Finding(
-            "stop.slew", outcome, fine=outcome in (SlewOutcome.STOPPED, SlewOutcome.ARRIVED), words=slew_words
-        ),
+        Finding("stop.slew", outcome, fine=outcome in _STOPPED_ENDS, words=slew_words),
         Finding("stop.to-rest", rest_s, "s"),
     ]
     if sent:
         to_wire_s = sent[0] - asked_s
-        findings.append(Finding("stop.to-wire", to_wire_s, "s", fine=to_wire_s < 0.1))
+        findings.append(Finding("stop.to-wire", to_wire_s, "s", fine=to_wire_s < _TO_WIRE_S))
     return findings + await trial.go("stop.back", start)
 
 
 async def sync(trial: Trial) -> list[Finding]:
-    """Sync 10 arcminutes away and back: nothing moves, the belief changes and is put right again."""
+    """Sync 10 arcminutes away and back: nothing moves, and the position is right again at the end."""
     start = await trial.place()
     findings = []
-    for name, place in (("sync", trial.beside(start, 0.0, 1.0 / 6.0)), ("sync.back", None)):
+    for name, place in (("sync", trial.beside(start, 0.0, _SYNC_AWAY_DEG)), ("sync.back", None)):
         target = start if place is None else place
         order = waited_for(trial.mount.sync(target))
         outcome, words = await trial.outcome(asyncio.shield(order))
@@ -155,7 +189,7 @@ async def sync(trial: Trial) -> list[Finding]:
 
 
 async def tracking(trial: Trial) -> list[Finding]:
-    """Watch it track, then rest, then track again."""
+    """Measure the rate while it tracks and while it rests, then let it track again."""
     findings = await _drift(trial, "tracking", 0.0)
     if Skill.TRACK not in trial.mount.skills:
         return [*findings, Finding("tracking.switch", f"{REFUSED}: unsupported")]
@@ -168,15 +202,15 @@ async def tracking(trial: Trial) -> list[Finding]:
 
 
 async def _drift(trial: Trial, key: str, expected_arcsec_s: float) -> list[Finding]:
-    """How fast the right ascension that it reports runs; with tracking off it runs with the sky."""
+    """The rate of the reported right ascension: 0 while it tracks, sidereal while it rests."""
     before = await trial.mount.reading()
     await trial.settled(trial.watch_s)
     after = await trial.mount.reading()
     seconds = (after.utc - before.utc).total_seconds()
     turned_arcsec = half_turn_deg(after.place.ra_deg - before.place.ra_deg) * 3600.0
     rate = turned_arcsec / seconds
-    # two readings, each good for a step
-    sure = 2.0 * trial.mount.resolution_arcsec / seconds + 0.3
+    # two readings, each right to within a step
+    sure = 2.0 * trial.mount.resolution_arcsec / seconds + _LOWEST_RATE_ERROR_ARCSEC_S
     return [Finding(f"{key}.rate", rate, "arcsec/s", fine=abs(rate - expected_arcsec_s) <= sure)]
 
 
@@ -186,7 +220,7 @@ async def guiding(trial: Trial) -> list[Finding]:
     if Skill.GUIDE not in mount.skills:
         return [Finding("guide", f"{REFUSED}: unsupported")]
     if (await mount.reading()).tracking is False and Skill.TRACK in mount.skills:
-        # else the right ascension runs with the sky meanwhile
+        # otherwise the right ascension grows with the sky meanwhile
         await mount.set_tracking(True)
     wanted_arcsec = max(_SHORTEST_PULSE_S * _USUAL_GUIDE_ARCSEC_S, _PULSE_STEPS * mount.resolution_arcsec)
     duration_s = min(wanted_arcsec / _USUAL_GUIDE_ARCSEC_S, _LONGEST_PULSE_S)
@@ -203,7 +237,7 @@ async def _guided(trial: Trial, direction: Direction, duration_s: float) -> list
     await trial.settled(_AFTER_PULSE_S)
     after = await trial.mount.reading()
     offset = offset_arcsec(from_mount(after.place), from_mount(before.place))
-    # what the sky turned away while it didn't track is no pulse
+    # without tracking, the turn of the sky adds to the pulse: taken off again
     turned_arcsec = 0.0
     if after.tracking is False:
         elapsed_s = (after.utc - before.utc).total_seconds()
@@ -241,27 +275,26 @@ def _judged_pulse(
     cos_dec: float,
     step_arcsec: float,
 ) -> tuple[str, str]:
-    """In a word whether a pulse did what it should, and in words why not.
+    """Whether a pulse moved as it should: an outcome in a word, and an explanation.
 
     Parameters
     ----------
     moved_arcsec, across_arcsec : float
-        On the sky, in the direction that was ordered, and square to it.
-    duration_s : float
+        On the sky, in the direction that was ordered, and perpendicular to it.
     rate_deg_s : float or None
-        Of the axis, as the mount tells it; None where it doesn't: then any usual rate will do.
+        Of the axis, as the mount reports it; if None, any usual rate counts.
     cos_dec : float
-        What a turn of the axis is on the sky.
+        Motion on the sky for one of the axis: the cosine of the declination for right ascension, else 1.
     step_arcsec : float
-        What a reading may be off by.
+        Step of the readings.
     """
     free_arcsec = 2.0 * step_arcsec + _PULSE_FREE_ARCSEC
     if rate_deg_s is None:
         low, high = (rate * SIDEREAL_ARCSEC_S * duration_s * cos_dec for rate in _GUIDE_RATES)
     else:
-        told_arcsec = rate_deg_s * 3600.0 * duration_s * cos_dec
-        low, high = (1.0 - _PULSE_TOLERANCE) * told_arcsec, (1.0 + _PULSE_TOLERANCE) * told_arcsec
-    # more than a step, or it may be the reading that changed: nothing is not little
+        wanted_arcsec = rate_deg_s * 3600.0 * duration_s * cos_dec
+        low, high = (1.0 - _PULSE_TOLERANCE) * wanted_arcsec, (1.0 + _PULSE_TOLERANCE) * wanted_arcsec
+    # a motion below a step may be rounding alone: then nothing has moved
     least = max(low - free_arcsec, min(0.5 * low, step_arcsec), _STILL_ARCSEC)
     expected = f"{low:.1f} to {high:.1f} arcsec were to be expected"
     if moved_arcsec <= -least:
@@ -276,8 +309,8 @@ def _judged_pulse(
 
 
 async def limits(trial: Trial) -> list[Finding]:
-    """Ask for a place below the horizon: it must say no, and stay. If it sets out, it is stopped at once."""
-    # under the pole, a little below the horizon: no mount has far to go there from anywhere
+    """Order a slew below the horizon: the mount must refuse and stay. One that sets out is stopped."""
+    # under the pole, a little below the horizon: far from all usual positions, so that it is stopped early
     dec_deg = math.copysign(90.0 - abs(trial.site.latitude_deg) + _BELOW_DEG, trial.site.latitude_deg)
     below = trial.at_hour_angle(180.0, dec_deg)
     start = await trial.place()
@@ -287,7 +320,7 @@ async def limits(trial: Trial) -> list[Finding]:
     outcome, words = "set out", ""
     if slew.done():
         outcome, words = slew.result()
-        # its word alone proves nothing: one that says no may go all the same
+        # its refusal alone proves nothing: it may move all the same
         await trial.settled(_REFUSED_STAYS_S)
     went_arcsec = apart_arcsec(await trial.place(), start)
     stays = went_arcsec < _STAYS_ARCSEC + 2.0 * trial.mount.resolution_arcsec
@@ -316,7 +349,7 @@ async def limits(trial: Trial) -> list[Finding]:
 
 
 async def flip(trial: Trial) -> list[Finding]:
-    """Go to a place on each side of the meridian, and tell on which side of the pier the tube hangs."""
+    """Slew to both sides of the meridian, and report on which side of the pier the tube hangs there."""
     start = await trial.place()
     dec_deg = max(min(start.dec_deg, 60.0), -60.0)
     findings, sides = [], []
@@ -356,7 +389,7 @@ async def parking(trial: Trial) -> list[Finding]:
 
 
 def _far(trial: Trial, start: Apparent | Icrs) -> Apparent | Icrs:
-    """Ten degrees away, in the direction that stands highest."""
+    """The highest of four positions ten degrees away."""
     around = [trial.beside(start, east, north) for east, north in ((0, 10), (0, -10), (10, 0), (-10, 0))]
     return max(around, key=trial.altitude_deg)
 
@@ -375,7 +408,7 @@ STEPS: tuple[Step, ...] = (
 
 
 Ask = Callable[[str], Awaitable[bool]]
-"""Asks the owner; True for yes."""
+"""Asks the owner a question; True for yes."""
 
 
 async def run_trial(
@@ -384,9 +417,8 @@ async def run_trial(
     ask: Ask,
     *,
     driver: str,
-    told: Callable[[StepResult], None] = lambda _: None,
 ) -> Capabilities:
-    """Try a mount.
+    """Run steps on a mount, from an empty report.
 
     Parameters
     ----------
@@ -395,23 +427,17 @@ async def run_trial(
     steps : sequence of Step
         In order of danger.
     ask : callable
-        Asked before each step, and before a position that doesn't count is taken for right.
+        Called before each step, and before a position that isn't trusted is declared right.
     driver : str
         For the report.
-    told : callable
-        Told of each step when it is over.
-
-    Returns
-    -------
-    Capabilities
     """
     found = empty_report(trial, driver)
-    await run_steps(found, trial, steps, ask, told)
+    await run_steps(found, trial, steps, ask)
     return found
 
 
 def empty_report(trial: Trial, driver: str) -> Capabilities:
-    """The report of a trial of which nothing was tried yet."""
+    """The report of a trial before its first step."""
     report = trial.mount.report
     return Capabilities(
         mount=trial.mount.name,
@@ -428,13 +454,13 @@ async def run_steps(
     trial: Trial,
     steps: Sequence[Step],
     ask: Ask,
-    told: Callable[[StepResult], None] = lambda _: None,
+    on_result: Callable[[StepResult], None] = lambda _: None,
 ) -> None:
-    """Try the steps, and add what comes of each to the report: what was done is in it however it ends."""
+    """Run the steps and add each result to the report at once, so that it is there however the trial ends."""
     for step in steps:
         result = await _one(trial, step, ask)
         found.steps.append(result)
-        told(result)
+        on_result(result)
 
 
 async def _one(trial: Trial, step: Step, ask: Ask) -> StepResult:

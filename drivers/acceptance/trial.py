@@ -1,4 +1,4 @@
-"""What every step of a trial needs: the mount, where it stands, and places it can be sent to."""
+"""A mount on trial: what every step needs, its site, positions that it can be sent to, and how orders end."""
 
 from __future__ import annotations
 
@@ -18,6 +18,10 @@ from mountnav.sky.coordinates import Air, Apparent, HourAngle, Icrs, Site
 from mountnav.sky.sphere import displaced
 
 REFUSED = "refused"
+"""How the outcome of a refused order begins, in findings; its reason follows."""
+
+_WATCH_EACH_S = 0.5
+"""s between two readings while a step waits: the usual heartbeat of a driver."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,11 +33,11 @@ class Trial:
     mount : GenericMount
         Opened.
     site, air : Site, Air
-        Where it stands.
+        Where it stands; for altitudes.
     lowest_altitude_deg : float
-        No step but the one about limits goes lower.
+        No step except the one about limits goes lower. The default of 20° keeps clear of walls and trees.
     watch_s : float
-        How long a tracking mount is watched.
+        How long the rate of tracking is measured; 30 s at a step of 15 arcsec tell 15 arcsec/s from 0.
     """
 
     mount: GenericMount
@@ -43,38 +47,37 @@ class Trial:
     watch_s: float = 30.0
 
     async def place(self) -> Apparent | Icrs:
-        """Where it says it points."""
+        """The position that the mount reports."""
         return (await self.mount.reading()).place
 
     def altitude_deg(self, place: Apparent | Icrs) -> float:
-        """Of a place, now."""
+        """The altitude of a position now."""
         return icrs_to_observed(from_mount(place), utc_now(), self.site, self.air).alt_deg
 
     def hour_angle_deg(self, place: Apparent | Icrs) -> float:
-        """Of a place, now."""
+        """The hour angle of a position now."""
         return icrs_to_hour_angle(from_mount(place), utc_now(), self.site, self.air).ha_deg
 
     def at_hour_angle(self, ha_deg: float, dec_deg: float) -> Apparent | Icrs:
-        """The place that stands at an hour angle now, in the mount's own coordinates."""
+        """The position that is at an hour angle now, in the mount's own coordinates."""
         now = utc_now()
         icrs = hour_angle_to_icrs(HourAngle(ha_deg, dec_deg, now), self.site, self.air)
         return for_mount(icrs, self.mount.epoch, now)
 
     def beside(self, place: Apparent | Icrs, east_deg: float, north_deg: float) -> Apparent | Icrs:
-        """A place that far from another, on the sphere."""
+        """A position offset from another, on the sphere."""
         moved = displaced(from_mount(place), east_deg * 3600.0, north_deg * 3600.0)
         return for_mount(moved, self.mount.epoch, utc_now())
 
     async def go(self, key: str, place: Apparent | Icrs, *, wanted: str = "arrived") -> list[Finding]:
-        """Slew somewhere, and tell how it ended, how far off, and how long it took.
+        """Slew to a position; findings: how it ended, how far off, and how long it took.
 
         Parameters
         ----------
         key : str
             Of the findings.
-        place : Apparent or Icrs
         wanted : str
-            How it should end.
+            The outcome that counts as fine.
         """
         began = time.monotonic()
         outcome, words = await self.outcome(self.mount.slew(place))
@@ -87,7 +90,7 @@ class Trial:
         return findings
 
     async def outcome(self, order: Awaitable[object]) -> tuple[str, str]:
-        """Carry out an order, and tell in a word how it ended; a refusal keeps its reason and its words."""
+        """Carry out an order; return its outcome in a word, and more words if there are any."""
         try:
             ended = await order
         except DeviceRefused as refusal:
@@ -97,15 +100,15 @@ class Trial:
         return str(ended) if isinstance(ended, str) else "done", ""
 
     async def settled(self, seconds: float) -> None:
-        """Let some time pass, watching that the mount still answers."""
+        """Wait, reading the mount meanwhile: it must go on answering."""
         until = time.monotonic() + seconds
         while (left_s := until - time.monotonic()) > 0.0:
-            await asyncio.sleep(min(left_s, 0.5))
+            await asyncio.sleep(min(left_s, _WATCH_EACH_S))
             await self.mount.reading()
 
 
 async def halt(trial: Trial) -> str:
-    """Stop the mount on the way out of a step that went wrong; tells if that failed too."""
+    """Stop the mount after a step that failed; return words for the report if the stop fails too."""
     try:
         await trial.mount.stop()
     except DeviceError as error:

@@ -44,7 +44,7 @@ AnswerKind = Literal[
     "deaf",
     "deny",
 ]
-"""What happens to the answer to one command."""
+"""Faults of the answer to one command."""
 
 MountKind = Literal[
     "silence",
@@ -61,13 +61,13 @@ MountKind = Literal[
     "deaf-start",
     "reset-by-opening",
 ]
-"""What happens to the mount as a whole."""
+"""Faults of the mount as a whole."""
 
 OpeningKind = Literal["deaf-start", "reset-by-opening"]
-"""Of these, what happens when its port is opened, each time."""
+"""Those of them that strike each time the port is opened."""
 
 LineKind = Literal["vanish", "hang-up", "reset", "black-hole"]
-"""What happens to the line; `drivers.fakes.bench` does it."""
+"""Faults of the line; `drivers.fakes.bench` carries them out."""
 
 Kind = Literal[AnswerKind, MountKind, LineKind]
 ANSWER_KINDS: tuple[str, ...] = get_args(AnswerKind)
@@ -75,6 +75,7 @@ MOUNT_KINDS: tuple[str, ...] = get_args(MountKind)
 LINE_KINDS: tuple[str, ...] = get_args(LineKind)
 OPENING_KINDS: tuple[str, ...] = get_args(OpeningKind)
 KINDS = ANSWER_KINDS + MOUNT_KINDS + LINE_KINDS
+"""All kinds of faults, in the order in which messages name them."""
 
 
 @dataclass(slots=True)
@@ -98,7 +99,7 @@ class Fault:
         `for_s`. ``run-away``: for `for_s`, slews of an `axis` go on past their target, until a stop.
         ``deaf-start``: for `for_s` after its port was opened it neither hears nor speaks, as a network
         adapter that makes its connection. ``reset-by-opening``: it forgets as well, as an Arduino that DTR
-        starts anew. Both each time the port is opened, `times` times; on TCP and in memory, for a
+        resets. Both each time the port is opened, `times` times; on TCP and in memory, for a
         pseudo-terminal doesn't tell when it is opened.
         To the line: ``vanish``: the port is gone for `for_s` and comes back under another name. ``hang-up``:
         the other end closes. ``reset``: it breaks off hard. ``black-hole``: for `for_s` the port can be
@@ -155,17 +156,17 @@ class Fault:
 
     @property
     def spoils_answers(self) -> bool:
-        """Whether it happens to an answer, not to the mount or the line."""
+        """Whether it is a fault of answers, not of the mount or the line."""
         return self.kind in ANSWER_KINDS
 
     @property
     def by_itself(self) -> bool:
-        """Whether it comes without a command."""
+        """Whether it strikes without a command."""
         return not self.on and not self.spoils_answers and not self.by_opening
 
     @property
     def by_opening(self) -> bool:
-        """Whether the opening of its port brings it on."""
+        """Whether it strikes when the port is opened."""
         return self.kind in OPENING_KINDS
 
     def strikes(
@@ -176,14 +177,12 @@ class Fault:
         slewing: bool = False,
         chances: random.Random | None = None,
     ) -> bool:
-        """Count one command; True when it is one that goes wrong.
+        """Whether one command is to go wrong; `skip` and `times` are counted down.
 
         Parameters
         ----------
-        command : bytes
         t_s : float
             Since the making of the fake.
-        slewing : bool
         chances : random.Random, optional
             For `chance`.
         """
@@ -200,7 +199,7 @@ class Fault:
         return True
 
     def comes(self, t_s: float, *, slewing: bool, chances: random.Random) -> bool:
-        """Whether it comes by itself now; counted."""
+        """Whether it strikes without a command now; `times` is counted down."""
         if not self.by_itself or self.times <= 0 or t_s < self.at_s:
             return False
         if self.when_slewing and not slewing:
@@ -210,13 +209,13 @@ class Fault:
         return self.chance >= 1.0 or chances.random() < self.chance
 
     def complete(self, chances: random.Random) -> Fault:
-        """Copy it with its random parts drawn."""
+        """A copy with its random parts drawn."""
         if self.data or self.kind not in ("scramble", "noise-before", "noise-after", "flood"):
             return replace(self)
         return replace(self, data=chances.randbytes(chances.randint(1, 6)))
 
     def spoil(self, reply: bytes) -> bytes:
-        """Return what is left of an answer; `reply` is not empty."""
+        """What is left of an answer; `reply` is not empty."""
         place = (self.byte or 0) % len(reply)
         match self.kind:
             case "lose":
@@ -239,7 +238,7 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class LineOrder:
-    """What a fault wants done to the line: ``vanish``, ``hang-up``, ``reset`` or ``black-hole``."""
+    """What a fault wants done to the line, and for how long (s); `kind` is one of `LINE_KINDS`."""
 
     kind: str
     for_s: float | None
@@ -256,7 +255,7 @@ class Strike:
     fault : Fault
         With its random parts drawn.
     command : bytes
-        The command that brought it on; empty when it came by itself.
+        The command that it struck on; empty when it struck without one.
     earlier : int
         How many commands that begin like it had been heard before.
     """
@@ -267,7 +266,7 @@ class Strike:
     earlier: int
 
     def scripted(self) -> Fault:
-        """As a fault that strikes in just this place."""
+        """The same fault, made to strike at exactly this command or time."""
         fault = replace(self.fault, times=1, chance=1.0, when_slewing=False, every_s=0.0)
         if self.command:
             return replace(fault, on=self.command, skip=self.earlier, at_s=0.0)
@@ -275,7 +274,7 @@ class Strike:
 
 
 def scripted(strikes: Iterable[Strike]) -> list[Fault]:
-    """Turn what has struck into a script that goes the same way, as far as the questions do."""
+    """Turn what has struck into a script that repeats it, as far as the driver asks the same questions."""
     return [strike.scripted() for strike in strikes]
 
 
@@ -290,7 +289,15 @@ USUAL_KINDS: tuple[Kind, ...] = (
     "noise-after",
     "dribble",
 )
-"""What a bad cable does."""
+"""The faults of a bad cable."""
+
+_PIECES = 50.0
+"""Delays between single bytes are drawn so many times shorter than those of whole answers: an answer has some
+20 bytes, so that it still comes within a try. Halved or doubled, fewer or more dribbling answers count as
+lost."""
+_MOST_BYTE = 1000
+"""Which byte is hit is drawn below this, and counted round and round: much longer than any answer, so that
+all bytes are hit alike. Changed, seeds draw other faults."""
 
 
 class RandomFaults:
@@ -303,11 +310,11 @@ class RandomFaults:
     rate : float
         Probability for each command, 0..1.
     kinds : sequence of str
-        Of these, evenly.
+        One of these, with equal probability.
     on : bytes
-        Only commands that begin so.
+        Only commands that begin like this.
     longest_s : float
-        Delays and spells last up to this.
+        Delays and durations are drawn up to this.
     """
 
     def __init__(
@@ -324,7 +331,7 @@ class RandomFaults:
         self._chances = random.Random(seed)
 
     def draw(self, command: bytes) -> Fault | None:
-        """Return what goes wrong with a command; None for nothing."""
+        """The fault that strikes a command; None for none."""
         chances = self._chances
         if not command.startswith(self.on) or chances.random() >= self.rate:
             return None
@@ -333,40 +340,35 @@ class RandomFaults:
         return Fault(
             kind,
             on=command,
-            delay_s=delay_s / 50.0 if kind in ("dribble", "flood") else delay_s,
+            delay_s=delay_s / _PIECES if kind in ("dribble", "flood") else delay_s,
             for_s=chances.uniform(0.0, self.longest_s),
-            byte=chances.randrange(1000),
+            byte=chances.randrange(_MOST_BYTE),
             bit=chances.randrange(8),
-            # a refusal is said in the family's words
+            # a refusal is in the family's own words
             data=b"" if kind == "deny" else chances.randbytes(chances.randint(1, 6)),
             axis=chances.choice(("ha", "dec")),
         )
 
 
-_SYNCS: dict[str, SyncBehavior] = {
+_SYNC_BEHAVIORS: dict[str, SyncBehavior] = {
     "sync-ignored": "ignore",
     "sync-refused": "refuse",
     "sync-late": "late",
     "sync-half": "dec-only",
     "sync-elsewhere": "elsewhere",
 }
+"""How the mechanics treat syncs, by the kind of a fault."""
 
 
 def strike_mechanics(mechanics: Mechanics, fault: Fault) -> Callable[[], None]:
-    """Set a fault of the mount itself going.
-
-    Returns
-    -------
-    callable
-        Ends it.
-    """
+    """Start a fault of the mount itself, and return the function that ends it."""
     if fault.kind == "stick":
         mechanics.stick(fault.axis)
         return lambda: mechanics.unstick(fault.axis)
     if fault.kind == "run-away":
         mechanics.run_away(fault.axis, deaf_stops=fault.stops)
         return lambda: mechanics.run_away(fault.axis, past_target=False)
-    mechanics.sync_behavior = _SYNCS[fault.kind]
+    mechanics.sync_behavior = _SYNC_BEHAVIORS[fault.kind]
     if fault.kind == "sync-late":
         mechanics.sync_late_s = fault.delay_s
 
@@ -379,6 +381,7 @@ def strike_mechanics(mechanics: Mechanics, fault: Fault) -> Callable[[], None]:
 _Hex = Annotated[str | None, Field(pattern=r"^([0-9a-fA-F]{2})*$")]
 _Seconds = Annotated[float, Field(ge=0.0)]
 _BYTES = ("on", "data")
+"""Fields of bytes; a file gives them as text or, with `_hex` at the end of their name, in hexadecimal."""
 _NEEDS = {
     "late": ("delay_s",),
     "dribble": ("delay_s",),
@@ -386,7 +389,7 @@ _NEEDS = {
     "black-hole": ("for_s",),
     "reboot": ("for_s",),
 }
-"""Without these a fault of the kind would be none, or never end."""
+"""Keys that a kind needs: without them it would be no fault, or never end."""
 
 
 class _Table(BaseModel):
@@ -434,13 +437,7 @@ class _File(_Table):
 
 @dataclass(frozen=True, slots=True)
 class FaultScript:
-    """What a faults file says.
-
-    Attributes
-    ----------
-    faults : tuple of Fault
-    chance : RandomFaults or None
-    """
+    """The content of a faults file."""
 
     faults: tuple[Fault, ...] = ()
     chance: RandomFaults | None = None
@@ -451,14 +448,13 @@ def read_faults(path: Path | str, *, seed: int | None = None) -> FaultScript:
 
     Parameters
     ----------
-    path : Path or str
     seed : int, optional
-        Instead of the one in the file.
+        Replaces the one in the file.
 
     Raises
     ------
     BadSettings
-        If it can't be read or says something that makes no sense: with its line and what is allowed.
+        If it can't be read or is wrong: with the line and what is allowed.
     """
     try:
         text = read_text(Path(path))
@@ -468,7 +464,7 @@ def read_faults(path: Path | str, *, seed: int | None = None) -> FaultScript:
 
 
 def parse_faults(text: str, *, name: str = "faults", seed: int | None = None) -> FaultScript:
-    """Read faults from TOML text; `name` stands in the messages. Raises `BadSettings`."""
+    """Read faults from TOML text; `name` is used in messages. Raises `BadSettings`."""
     try:
         data = toml_of(text)
     except tomllib.TOMLDecodeError as cause:
@@ -478,7 +474,7 @@ def parse_faults(text: str, *, name: str = "faults", seed: int | None = None) ->
     except ValidationError as cause:
         detail = cause.errors(include_url=False)[0]
         raise _wrong(
-            text, name, detail["loc"], *_told(detail["type"], detail["msg"], detail["loc"])
+            text, name, detail["loc"], *_explained(detail["type"], detail["msg"], detail["loc"])
         ) from cause
     faults = []
     for number, table in enumerate(file.fault):
@@ -528,7 +524,7 @@ def _bytes(text: str | None, digits: str | None) -> bytes:
     return bytes.fromhex(digits) if digits is not None else (text or "").encode("latin-1", "replace")
 
 
-def _told(kind: str, message: str, loc: tuple[str | int, ...]) -> tuple[str, str]:
+def _explained(kind: str, message: str, loc: tuple[str | int, ...]) -> tuple[str, str]:
     key = str(loc[-1]) if loc else ""
     if kind == "extra_forbidden":
         tables: dict[str, type[_Table]] = {"random": _RandomTable, "fault": _FaultTable}
@@ -548,11 +544,12 @@ def _wrong(text: str, name: str, loc: tuple[str | int, ...], what: str, fix: str
 
 
 _DEFAULTS = Fault("lose")
+"""A fault with the default of each field; what equals it is not written."""
 _PLAIN = tuple(field.name for field in fields(Fault) if field.name not in _BYTES)
 
 
 def faults_as_toml(faults: Iterable[Fault]) -> str:
-    """Write faults as a file that `read_faults` understands; bytes as text where they are."""
+    """Write faults as a file for `read_faults`; bytes as text where they are printable."""
     return "\n".join(_table_of(fault) for fault in faults)
 
 
@@ -568,6 +565,6 @@ def _table_of(fault: Fault) -> str:
                 value = value.decode("ascii")
             else:
                 name, value = f"{name}_hex", value.hex()
-        # a string, number or truth value of JSON is one of TOML
+        # strings, numbers and booleans are written alike in JSON and TOML
         lines.append(f"{name} = {json.dumps(value)}")
     return "\n".join(lines) + "\n"

@@ -1,4 +1,4 @@
-"""Dialogues kept in files, as JSON lines: what a fake said is written, a mount's becomes a profile."""
+"""Dialogues in files, as JSON lines: those of fakes are recorded, those of mounts become profiles."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from mountnav.files import MOST_RECORD_BYTES, read_text
 from mountnav.parsing import json_of
 
 _PIECE_BYTES = 4096
-"""So much of what was sent is looked at once for commands: a line gives less. Doubled, twice the time."""
+"""Recorded bytes are cut into commands in pieces of this size: a line gives less at once. Doubled, cutting a
+recording of large writes takes twice the time, since each cut copies what is left."""
 
 
 class Recorder:
-    """A fake whose dialogue is written to a file while it goes on; a context manager.
+    """A fake whose dialogue is written to a file meanwhile; a context manager.
 
     Parameters
     ----------
-    fake : Fake
     path : Path
         Is overwritten.
     header : mapping
-        First line: what speaks here.
+        For the first line: what was recorded.
     monotonic : callable
-        Seconds.
+        Gives seconds.
 
     Raises
     ------
@@ -53,7 +53,7 @@ class Recorder:
         self._began_s = monotonic()
         self._count = 0
         try:
-            # lines are whole on the disk, however the program ends
+            # line-buffered: lines are complete on the disk however the program ends
             self._file = path.open("w", encoding="utf-8", buffering=1)
         except OSError as cause:
             raise BadSettings(
@@ -63,7 +63,7 @@ class Recorder:
         self._file.write(json.dumps({"t": 0, "dir": "header", **header, "began": began}) + "\n")
 
     def feed(self, data: bytes) -> bytes:
-        """Take bytes and return what the fake says; both are written down."""
+        """Take bytes and return the fake's answer; both are recorded."""
         self._note("driver->mount", data)
         said = self._fake.feed(data)
         self._note("mount->driver", said)
@@ -74,7 +74,7 @@ class Recorder:
         return self._fake.due_in_s()
 
     def line_orders(self) -> list[LineOrder]:
-        """As of the fake; they are written down as well."""
+        """As of the fake; they are recorded as well."""
         orders = self._fake.line_orders() if isinstance(self._fake, Troubled) else []
         for order in orders:
             self._note("event", b"", f"line: {order.kind}")
@@ -105,7 +105,7 @@ class Recorder:
 
 
 def read_dialogue(path: Path | str) -> list[tuple[bytes, bytes]]:
-    """Read a recording: what the driver sent in one go, and all that was answered before it sent more.
+    """Read a recording as turns: what the driver sent at once, and all answers until it sent again.
 
     Raises
     ------
@@ -134,19 +134,18 @@ def read_dialogue(path: Path | str) -> list[tuple[bytes, bytes]]:
 
 
 def profile_of(turns: list[tuple[bytes, bytes]], fake: WireFake) -> dict[bytes, bytes]:
-    """Find the questions of a dialogue that were always answered the same, with their answers.
+    """The questions of a dialogue that were always answered alike, with their answers.
 
     Parameters
     ----------
-    turns : list of (sent, answered)
     fake : WireFake
-        Knows how commands of its protocol are cut.
+        A fake of the same protocol, which cuts bytes into commands.
     """
     answers: dict[bytes, set[bytes]] = {}
     waiting = b""
     for sent, answered in turns:
         commands: list[bytes] = []
-        # in pieces as a line gives them: each cut copies what is left
+        # in pieces, as a line gives them: each cut copies what is left
         for start in range(0, len(sent), _PIECE_BYTES):
             waiting += sent[start : start + _PIECE_BYTES]
             while True:
@@ -157,7 +156,7 @@ def profile_of(turns: list[tuple[bytes, bytes]], fake: WireFake) -> dict[bytes, 
         if len(commands) == 1 and answered:
             answers.setdefault(commands[0], set()).add(answered)
         else:
-            # whose answer it is can't be told
+            # which of them was answered is unknown
             for command in commands:
                 answers.setdefault(command, set()).add(b"")
     return {

@@ -24,42 +24,48 @@ from mountnav.clock import utc_now
 from mountnav.simulation.mechanics import Mechanics
 
 T = TypeVar("T")
-_MOST = 20_000
+_MOST_KEPT = 20_000
+"""How many entries a fake's records keep. Chosen by hand: an hour of a mount that is read twice a second, so
+that a test finds all; doubled, a fake that runs for days holds some megabytes more."""
+
+_SHORTEST_GAP_S = 0.001
+"""Shortest time (s) between two pieces of a flood: a byte at 9600 baud takes as long. Halved, a flood
+without a delay costs twice the processor time."""
 
 
 class Remembered(Sequence[T]):
-    """A sequence that forgets its oldest; what is left keeps its number.
+    """A sequence that drops its oldest items; those that are left keep their index.
 
     Parameters
     ----------
     things : iterable
-        The first ones.
+        The first items.
     most : int
-        How many are kept.
+        How many items are kept.
     """
 
-    def __init__(self, things: Iterable[T] = (), *, most: int = _MOST) -> None:
+    def __init__(self, things: Iterable[T] = (), *, most: int = _MOST_KEPT) -> None:
         self._kept: deque[T] = deque(maxlen=most)
         self._count = 0
         for thing in things:
             self.append(thing)
 
     def append(self, thing: T) -> None:
-        """Keep one more; the oldest is forgotten where there are too many."""
+        """Add an item; the oldest one is dropped if there are too many."""
         self._kept.append(thing)
         self._count += 1
 
     def clear(self) -> None:
-        """Forget all, and number from the beginning again."""
+        """Drop all items, and count from 0 again."""
         self._kept.clear()
         self._count = 0
 
     def __len__(self) -> int:
-        """How many came, those that are forgotten too."""
+        """How many items were added, dropped ones included."""
         return self._count
 
     def __iter__(self) -> Iterator[T]:
-        """Those that are kept, oldest first."""
+        """The items that are kept, oldest first."""
         return iter(tuple(self._kept))
 
     @overload
@@ -67,12 +73,12 @@ class Remembered(Sequence[T]):
     @overload
     def __getitem__(self, index: slice) -> list[T]: ...
     def __getitem__(self, index: SupportsIndex | slice) -> T | list[T]:
-        """Things by their numbers.
+        """Items by their index among all that were added.
 
         Raises
         ------
         IndexError
-            If there is no such thing, or it (for a slice: its first) is forgotten.
+            If there is no such item, or it (for a slice: its first) was dropped.
         """
         forgotten = self._count - len(self._kept)
         if not isinstance(index, slice):
@@ -89,7 +95,7 @@ class Remembered(Sequence[T]):
         return list(islice(tuple(self._kept), max(0, start - forgotten), max(0, stop - forgotten)))
 
     def __eq__(self, other: object) -> bool:
-        """Equal to the same things in the same order, if none is forgotten."""
+        """Equal to a sequence of the same items, if none was dropped."""
         if not isinstance(other, (Remembered, list, tuple)):
             return NotImplemented
         return len(self) == len(other) and list(self) == list(other)
@@ -97,13 +103,13 @@ class Remembered(Sequence[T]):
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        """As a list's."""
+        """The kept items as a list."""
         return repr(list(self._kept))
 
 
 @dataclass(slots=True)
 class _Flood:
-    """Bytes that come unasked until an instant."""
+    """Bytes that are sent unasked, again and again, until some time."""
 
     data: bytes
     next_s: float
@@ -112,7 +118,7 @@ class _Flood:
 
 
 class AnswerQueue:
-    """A queue of bytes with the instants at which they are said."""
+    """A queue of answers with the times at which they are sent; none overtakes another."""
 
     def __init__(self) -> None:
         self._late: list[tuple[float, bytes]] = []
@@ -124,10 +130,9 @@ class AnswerQueue:
         Parameters
         ----------
         answer : bytes
-            None of it is fine.
-        now_s : float
+            May be empty.
         delay_s : float
-            It comes so much later; later still if one before it does.
+            It is sent so much later; even later if the one before it is.
         gap_s : float
             Between its bytes; 0 keeps them together.
         """
@@ -138,20 +143,20 @@ class AnswerQueue:
                 self._late.append((due_s + number * gap_s, piece))
 
     def flood(self, data: bytes, now_s: float, end_s: float, every_s: float) -> None:
-        """Say `data` again and again, whatever else is said."""
+        """Send `data` every `every_s` until `end_s`, between all other answers."""
         self._floods.append(_Flood(data, now_s, end_s, every_s))
 
     def clear(self) -> None:
-        """Forget all of it."""
+        """Drop everything."""
         self._late.clear()
         self._floods.clear()
 
     def dues(self) -> list[float]:
-        """Instants of the next things to say."""
+        """Times of the next bytes to send."""
         return [due_s for due_s, _ in self._late[:1]] + [flood.next_s for flood in self._floods]
 
     def take(self, now_s: float) -> bytes:
-        """Return what is said by now, once."""
+        """Take out and return what is due by now."""
         said: list[tuple[float, bytes]] = []
         ready = next((i for i, (due_s, _) in enumerate(self._late) if due_s > now_s), len(self._late))
         said += self._late[:ready]
@@ -161,25 +166,25 @@ class AnswerQueue:
                 said.append((flood.next_s, flood.data))
                 flood.next_s += flood.every_s
         self._floods = [flood for flood in self._floods if flood.next_s <= flood.end_s]
-        # floods mix in by their instants; the sort keeps answers of one instant in their order
+        # floods mix in by their times; the sort is stable, so answers of one time keep their order
         return b"".join(piece for _, piece in sorted(said, key=lambda entry: entry[0]))
 
 
 class WireFake(ABC):
-    """The other end of a cable.
+    """The mount's end of a cable; a family's fake inherits it and gives `cut`, `carry_out` and `deaf_reply`.
 
     Parameters
     ----------
     mechanics : Mechanics
-        What moves, and what it believes of itself.
+        The telescope that moves, and what the mount believes about it.
     faults : iterable of Fault
         What goes wrong. The list may be changed at any time; `add_fault` also wakes a sleeping bench.
     clock : callable
         Aware UTC of the mount's own clock.
     monotonic : callable
-        Seconds; all times of faults and answers are in these.
+        Gives seconds; all times of faults and answers are in these.
     seed : int
-        For what faults leave to chance.
+        For the random parts of faults.
 
     Attributes
     ----------
@@ -188,15 +193,16 @@ class WireFake(ABC):
     heard : Remembered of bytes
         All commands that reached it.
     obeyed : Remembered of bytes
-        Those of them that it carried out.
+        The commands that it carried out.
     unknown : Remembered of bytes
-        What it didn't know.
+        The commands that it didn't know.
     strikes : Remembered of Strike
         Which faults struck, when, and on what.
     """
 
     IDENTITY: ClassVar[tuple[bytes, ...]] = ()
-    """Questions (their beginnings) whose answers only tell who it is: a recorded profile may replace them."""
+    """Beginnings of the questions whose answers only identify the mount: a recorded profile may replace
+    them."""
 
     def __init__(
         self,
@@ -239,38 +245,38 @@ class WireFake(ABC):
         command : bytes or None
             None when there is no whole one.
         rest : bytes
-            What waits for more bytes.
+            What has to wait for more bytes.
         """
 
     @abstractmethod
     def carry_out(self, command: bytes) -> bytes | None:
-        """Do it and return the answer, b"" where it has none; None for a command that it doesn't know."""
+        """Carry out a command and return its answer, b"" if it has none; None for an unknown command."""
 
     @abstractmethod
     def deaf_reply(self, command: bytes) -> bytes:
-        """Answer as if it were carried out."""
+        """Answer as if the command were carried out."""
 
     def denial(self, command: bytes) -> bytes | None:
-        """How it says no to a command; None where it has no words for that."""
+        """The refusal of a command; None where the protocol has none."""
         return None
 
     def reboot(self) -> None:
-        """Forget what a real one forgets; a family adds its own state (and calls this)."""
+        """Forget what a real mount forgets; a family adds its own state and calls this."""
         self._buffer = b""
         self._answers.clear()
         self.mechanics.reboot()
 
     def dues(self) -> list[float]:
-        """Instants (of the monotonic clock) at which `tick` has something to do."""
+        """Times (of the monotonic clock) at which `tick` has something to do."""
         return []
 
     def tick(self) -> None:  # noqa: B027 - a fake without timers of its own has nothing to add
-        """Do what has come due: the end of a pulse, a message of its own (see `say`)."""
+        """Do what is due: the end of a pulse, an unasked message (see `say`)."""
 
     # -- the wire --------------------------------------------------------------------------------
 
     def feed(self, data: bytes) -> bytes:
-        """Take bytes (maybe none) and return what it says now, late answers included."""
+        """Take bytes (perhaps none) and return what is sent now, late answers included."""
         with self._lock:
             now_s = self._monotonic()
             self.tick()
@@ -284,13 +290,13 @@ class WireFake(ABC):
                 if command is None:
                     break
                 self._hear(command, now_s)
-            # a command may have begun a slew that a fault waits for
+            # a command may have started a slew that a fault waits for
             self._come_by_themselves(now_s)
             said = self._answers.take(now_s)
             return b"" if now_s < max(self._dumb_until_s, self._dead_until_s) else said
 
     def port_opened(self) -> None:
-        """Take note that somebody has opened its port: faults that hang on that strike."""
+        """Let the faults strike that wait for the port to be opened."""
         with self._lock:
             now_s = self._monotonic()
             for fault in tuple(self.faults):
@@ -319,7 +325,7 @@ class WireFake(ABC):
             return max(0.0, min(dues) - self._monotonic()) if dues else None
 
     def say(self, data: bytes, delay_s: float = 0.0) -> None:
-        """Say something, after all answers that are on their way."""
+        """Send something unasked, after all answers that are on their way."""
         self._answers.add(data, self._monotonic(), delay_s)
 
     def add_fault(self, fault: Fault) -> None:
@@ -332,17 +338,17 @@ class WireFake(ABC):
             self._wake()
 
     def wake_by(self, wake: Callable[[], None] | None) -> None:
-        """Tell how to wake whoever sleeps until `due_in_s`."""
+        """Set the function that wakes the thread that sleeps until `due_in_s`."""
         self._wake = wake
 
     def line_orders(self) -> list[LineOrder]:
-        """Hand out what faults want done to the line, once."""
+        """Take out what faults want done to the line."""
         with self._lock:
             orders, self._line_orders = self._line_orders, []
         return orders
 
     def take_profile(self, answers: Mapping[bytes, bytes]) -> list[bytes]:
-        """Answer questions about its identity as a recorded mount did; return those that were taken."""
+        """Answer questions about its identity as a recorded mount did; return those that are used."""
         self._profile = {
             command: answer for command, answer in answers.items() if command.startswith(self.IDENTITY)
         }
@@ -368,8 +374,8 @@ class WireFake(ABC):
                 return
             self.obeyed.append(command)
             if "deny" in kinds:
-                told = next((fault.data for fault in struck if fault.kind == "deny"), b"")
-                answer = told or self.denial(command) or answer
+                given = next((fault.data for fault in struck if fault.kind == "deny"), b"")
+                answer = given or self.denial(command) or answer
         for fault in struck:
             answer = fault.spoil(answer) if answer else b""
         delay_s = sum(fault.delay_s for fault in struck if fault.kind == "late")
@@ -377,7 +383,7 @@ class WireFake(ABC):
         self._answers.add(answer, now_s, delay_s, gap_s)
 
     def _struck(self, command: bytes, now_s: float) -> list[Fault]:
-        """Faults that spoil this answer; those of mount and line are set going."""
+        """The faults that spoil this answer; faults of mount and line are started here."""
         t_s = now_s - self._began_s
         slewing = any(fault.when_slewing for fault in self.faults) and self.mechanics.slewing()
         struck = [
@@ -390,8 +396,8 @@ class WireFake(ABC):
         struck = [fault.complete(self._chances) for fault in struck]
         if struck:
             earlier = sum(count for text, count in self._counts.items() if text.startswith(command))
-            # what waits for an opening is noted when that comes
-            for fault in (one for one in struck if not one.by_opening):
+            # a fault that waits for the port to be opened is recorded then
+            for fault in (drawn for drawn in struck if not drawn.by_opening):
                 self.strikes.append(Strike(t_s, fault, command, earlier))
         self._counts[command] += 1
         for fault in struck:
@@ -428,7 +434,7 @@ class WireFake(ABC):
         if fault.kind in LINE_KINDS:
             self._line_orders.append(LineOrder(fault.kind, fault.for_s))
         elif fault.by_opening:
-            # drawn on a command: it waits for the next opening
+            # it was drawn on a command, and waits for the next time the port is opened
             self.faults.append(replace(fault, on=b"", times=1, after_s=0.0, at_s=0.0))
         elif fault.kind == "silence":
             self._dumb_until_s = max(self._dumb_until_s, end_s)
@@ -438,7 +444,7 @@ class WireFake(ABC):
             self.reboot()
             self._dead_until_s = max(self._dead_until_s, now_s + (fault.for_s or 0.0))
         elif fault.kind == "flood":
-            self._answers.flood(fault.data, now_s, end_s, max(fault.delay_s, 0.001))
+            self._answers.flood(fault.data, now_s, end_s, max(fault.delay_s, _SHORTEST_GAP_S))
         else:
             end = strike_mechanics(self.mechanics, fault)
             if end_s < math.inf:

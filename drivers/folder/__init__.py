@@ -1,1 +1,1 @@
-"""A camera that somebody else runs: its files are awaited in a folder."""
+"""Folders into which another program saves its frames: as a camera, and watched for new files."""

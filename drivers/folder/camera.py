@@ -1,8 +1,7 @@
-"""A camera that watches a folder: the next file that is whole after the question is the frame.
+"""A camera that watches a folder: the next file that is complete after `expose` was called is the frame.
 
-Another program takes the pictures. A file counts when it came, or was written anew, after `expose` was
-called, its size and time have stayed the same for one look, and it can be read as a frame. What was there
-before never counts.
+Another program takes the images. A file counts if it appeared or was rewritten after `expose` was called, its
+size and time are the same in two listings, and it can be read as a frame. Files of before never count.
 """
 
 from __future__ import annotations
@@ -11,25 +10,28 @@ import asyncio
 from datetime import datetime, timedelta
 from pathlib import Path
 
+from drivers.folder.watcher import matching_files
 from mountnav.clock import utc_now
-from mountnav.errors import BadFrame, Busy, Cancelled, DeviceMissing, DeviceSilent
+from mountnav.errors import BadFrame, Busy, Cancelled, DeviceError, DeviceMissing, DeviceSilent
 from mountnav.frames import Frame
 from mountnav.reading import read_frame
 
 _State = tuple[int, int, int]
+"""Size in bytes, time in ns, inode: what changes when a file is written again."""
 _MOST_CAUSES = 3
-"""So many reasons are told, the first ones: a folder may hold a thousand files that are none."""
+"""How many reasons a message gives, the first ones: a folder may hold a thousand files that are no frames.
+Doubled, the message fills a screen."""
 _WITH_CAUSES = (
     "check that the capture program exposes after it is asked, with the right clock, and saves whole files "
     "of this pattern into this folder"
 )
 _OLD_S = 2.0
-"""A frame whose exposure ended so long before it was asked for is an older one, or the camera's clock is off.
-Doubled, one from before a short slew isn't told."""
+"""A frame whose exposure ended more than this (s) before it was asked for is an older one, or the camera's
+clock is off. Doubled, one from before a short slew isn't mentioned."""
 
 
 def _age(frame: Frame, asked_utc: datetime) -> str:
-    """Say that a frame was exposed before it was asked for; empty if not."""
+    """Words for a frame that was exposed before it was asked for; empty if it was not."""
     assert frame.mid_exposure_utc is not None
     ended = frame.mid_exposure_utc + timedelta(seconds=0.5 * (frame.exposure_s or 0.0))
     early_s = (asked_utc - ended).total_seconds()
@@ -45,6 +47,22 @@ def _listed(causes: list[str]) -> str:
     return "; ".join(causes[:_MOST_CAUSES]) + more
 
 
+def _among_the_old(
+    old: dict[Path, _State], last: dict[Path, _State] | None, asked_utc: datetime
+) -> list[str]:
+    """Words for files of before the exposure was asked for: never taken, and often what the user meant."""
+    causes = [
+        f"{path.name} came before the exposure was asked for"
+        for path in sorted(old)
+        if last is not None and last.get(path) != old[path]
+    ]
+    if not causes and old:
+        newest = max(old, key=lambda path: old[path][1])
+        age_s = asked_utc.timestamp() - old[newest][1] / 1e9
+        causes.append(f"the newest there, {newest.name}, was written {age_s:.0f} s before it was asked for")
+    return causes
+
+
 class FolderCamera:
     """A `mountnav.devices.Camera` over a folder.
 
@@ -57,7 +75,7 @@ class FolderCamera:
     timeout_s : float
         How long after the end of the exposure a file is awaited.
     poll_s : float
-        Between two looks into the folder; a file is whole when two looks see the same.
+        Between two listings of the folder; a file is complete when two listings show the same.
     name : str, optional
         For messages; the folder by default.
     """
@@ -78,9 +96,9 @@ class FolderCamera:
         self._name = name or str(folder)
         self._abort: asyncio.Event | None = None
         self._last: dict[Path, _State] | None = None
-        """What the last wait for a file saw."""
+        """The last listing."""
         self._doubt = ""
-        """What spoke against the last frame that was given: who took it may have refused it for that."""
+        """What spoke against the last frame that was returned: the caller may have refused it for that."""
 
     @property
     def name(self) -> str:
@@ -112,7 +130,7 @@ class FolderCamera:
         Parameters
         ----------
         exposure_s : float
-            How long the other program exposes; only lengthens the wait, the file's header tells the truth.
+            How long the other program exposes; it only lengthens the wait, the header has the true value.
 
         Returns
         -------
@@ -126,9 +144,9 @@ class FolderCamera:
         Cancelled
             After `abort`.
         DeviceSilent
-            If no file came in time; with what came and doesn't count, and why.
+            If no file came in time; the message says which files came and why they don't count.
         BadFrame
-            If the only new files can't be read, or the header of one tells no time of exposure.
+            If the only new files can't be read, or have no time of exposure in their headers.
         DeviceMissing
             If the folder is gone.
         """
@@ -169,7 +187,7 @@ class FolderCamera:
                 try:
                     frame = self._timed(await asyncio.to_thread(read_frame, path, raw=True))
                 except BadFrame as cause:
-                    # maybe still being written: it is tried again when it has changed
+                    # perhaps it is still being written: it is tried again when it has changed
                     unusable[path] = cause
                 else:
                     self._doubt = _age(frame, asked_utc)
@@ -181,30 +199,23 @@ class FolderCamera:
             if old.get(path) != seen[path]
         ]
         causes += await asyncio.to_thread(self._ignored, strange)
-        if not causes:
-            # what was there when it was asked for: never taken, and often what was meant
-            causes += [
-                f"{path.name} came before the exposure was asked for"
-                for path in sorted(old)
-                if last is not None and last.get(path) != old[path]
-            ]
-        if not causes and old:
-            newest = max(old, key=lambda path: old[path][1])
-            age_s = asked_utc.timestamp() - old[newest][1] / 1e9
-            causes.append(
-                f"the newest there, {newest.name}, was written {age_s:.0f} s before it was asked for"
-            )
+        causes = causes or _among_the_old(old, last, asked_utc)
         if self._doubt:
             causes.append(self._doubt)
-        waited = f"no new file {self._pattern} came within {exposure_s + self._timeout_s:.0f} s"
+        raise self._none_came(exposure_s + self._timeout_s, causes, list(unusable.values()))
+
+    def _none_came(
+        self, waited_s: float, causes: list[str], unusable: list[BadFrame]
+    ) -> DeviceError | BadFrame:
+        """The error for a wait without a frame, with the causes that are known."""
+        waited = f"no new file {self._pattern} came within {waited_s:.0f} s"
         if unusable:
-            last_one = list(unusable.values())[-1]
-            raise BadFrame(
+            return BadFrame(
                 f"no usable {waited.removeprefix('no new ')}: {_listed(causes)}",
                 device=self._name,
-                advice=last_one.advice or "check what the capture program writes",
+                advice=unusable[-1].advice or "check what the capture program writes",
             )
-        raise DeviceSilent(
+        return DeviceSilent(
             f"{waited}: {_listed(causes)}" if causes else waited,
             device=self._name,
             advice=_WITH_CAUSES
@@ -213,14 +224,14 @@ class FolderCamera:
         )
 
     def _others(self) -> set[Path]:
-        """What is in the folder, whatever its name; runs in a thread."""
+        """All files in the folder, whatever their names; runs in a thread."""
         try:
             return set(self._folder.iterdir())
         except OSError:
             return set()
 
     def _ignored(self, before: set[Path]) -> list[str]:
-        """Files that have come and don't count, and why; runs in a thread."""
+        """Words for files that came and don't count; runs in a thread."""
         found = []
         matching = set(self._folder.glob(self._pattern))
         for path in sorted(self._others() - before):
@@ -232,7 +243,7 @@ class FolderCamera:
                 elif not path.stat().st_size:
                     found.append(f"{path.name} came and is empty")
             except OSError:
-                # gone meanwhile
+                # removed meanwhile
                 continue
         return found
 
@@ -252,15 +263,7 @@ class FolderCamera:
                 raise DeviceMissing(
                     "the folder is not there", device=self._name, advice=f"make or mount {self._folder}"
                 )
-            found: dict[Path, _State] = {}
-            for path in self._folder.glob(self._pattern):
-                try:
-                    facts = path.stat()
-                except FileNotFoundError:
-                    # renamed or removed between listing and looking
-                    continue
-                if facts.st_size and path.is_file():
-                    found[path] = (facts.st_size, facts.st_mtime_ns, facts.st_ino)
+            files = matching_files(self._folder, self._pattern)
         except OSError as cause:
             raise DeviceMissing(f"the folder can't be read: {cause}", device=self._name) from cause
-        return found
+        return {path: (facts.st_size, facts.st_mtime_ns, facts.st_ino) for path, facts in files.items()}

@@ -1,8 +1,7 @@
-"""A watched folder: each new file is told once, when it is whole; what was there before never counts.
+"""A watched folder: each new file is reported once, when it is complete; files of before never count.
 
-Made for folders that other programs write into, also over a network: nothing but listings and times is relied
-on, no notices of the system. A folder that vanishes and comes back is taken up where it was left: files that
-came meanwhile count.
+Made for folders that other programs write into, also over a network: it relies on listings and times only,
+not on notifications of the system. When a folder vanishes and comes back, files that came meanwhile count.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import logging
+import os
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -20,24 +20,39 @@ from mountnav.files import open_buffered
 
 _log = logging.getLogger(__name__)
 _State = tuple[int, int]
+"""Size in bytes and time in ns: what changes when a file is written again."""
 BLOCK = 1 << 20
+"""Bytes that are read at once for the digest: 1 MB. Doubled or halved, it takes as long."""
 NAMES_KEPT = 200_000
-"""So many names of files that are gone are kept, the latest; those that are there all are. A name takes some
-300 bytes: doubled, 60 MB more."""
+"""How many names of files that are gone are kept, the latest ones, besides those that are there. A name takes
+some 300 bytes: doubled, 60 MB more; halved, files of a share that was unmounted longer count as new."""
+
+
+def matching_files(folder: Path, pattern: str) -> dict[Path, os.stat_result]:
+    """The files of a pattern that are not empty, with their status; a folder that is gone has none."""
+    found: dict[Path, os.stat_result] = {}
+    for path in folder.glob(pattern):
+        try:
+            facts = path.stat()
+            plain = path.is_file()
+        except FileNotFoundError:
+            # renamed or removed since it was listed
+            continue
+        if facts.st_size and plain:
+            found[path] = facts
+    return found
 
 
 @dataclass(frozen=True, slots=True)
 class NewFile:
-    """A file that is whole.
+    """A file that is complete.
 
     Attributes
     ----------
-    path : Path
     digest : str
         SHA-256 of its content, hexadecimal.
-    size_bytes : int
     written_utc : datetime
-        When it was last written, by the folder's own clock.
+        When it was last written, by the clock of the file system.
     """
 
     path: Path
@@ -52,14 +67,18 @@ class FolderWatcher:
     Parameters
     ----------
     folder : Path
-        Needn't be there yet.
+        Needn't exist yet.
     pattern : str
-        Which files count, as a glob; ``**/`` for those in folders below.
+        Which files count, as a glob; ``**/`` for files in folders below.
     poll_s : float
-        Between two looks; a file is whole when two looks see the same size and time.
-    clock : Clock, optional
+        Between two listings; a file is complete when two listings show the same size and time.
     tell : callable, optional
-        Told in words when the folder vanishes, and when it is back.
+        Called with a message when the folder vanishes, and when it is back.
+
+    Attributes
+    ----------
+    problem : str
+        Why the folder can't be read; empty while it can.
     """
 
     def __init__(
@@ -76,27 +95,27 @@ class FolderWatcher:
         self._poll_s = poll_s
         self._clock = clock or SystemClock()
         self._tell = tell or _log.warning
-        self._told: dict[Path, _State] = {}
+        self._reported: dict[Path, _State] = {}
         self._seen: dict[Path, _State] = {}
-        self._old: bool = True
+        self._first = True
         self.problem = ""
 
     async def begin(self) -> None:
-        """Take note of what is there already. Without it, the first look does."""
-        await self._look()
+        """List the folder now: what is there counts as old. Without it, the first listing does that."""
+        await self._complete()
 
     async def files(self) -> AsyncIterator[NewFile]:
-        """Yield new files as they become whole, the oldest first, until closed."""
+        """Yield new files when they are complete, oldest first, until closed."""
         while True:
-            for path, state in await self._look():
+            for path, state in await self._complete():
                 new = await asyncio.to_thread(self._read, path, state)
                 if new is not None:
-                    self._told[path] = state
+                    self._reported[path] = state
                     yield new
             await self._clock.sleep(self._poll_s)
 
-    async def _look(self) -> list[tuple[Path, _State]]:
-        """Look once; files that are whole by now and weren't told, oldest first."""
+    async def _complete(self) -> list[tuple[Path, _State]]:
+        """List once; return the files that are complete now and were not reported yet, oldest first."""
         try:
             now = await asyncio.to_thread(self._listed)
         except OSError as trouble:
@@ -107,41 +126,32 @@ class FolderWatcher:
         if self.problem:
             self._tell(f"{self._folder} is back")
             self.problem = ""
-        if self._old:
-            # what is there at the first look is old; of what was away, nothing is
-            self._old, self._told, self._seen = False, dict(now), now
+        if self._first:
+            # what the first listing shows is old; files of a folder that was away are not
+            self._first, self._reported, self._seen = False, dict(now), now
             return []
         whole = [
             (path, state)
             for path, state in now.items()
-            if self._seen.get(path) == state and self._told.get(path) != state
+            if self._seen.get(path) == state and self._reported.get(path) != state
         ]
         self._seen = now
-        # kept though they are gone: an unmounted folder is an empty one, and all of it comes back
-        if len(self._told) - len(now) > NAMES_KEPT:
-            gone = [path for path in self._told if path not in now]
+        # names of files that are gone are kept: an unmounted share looks empty, and its files come back
+        if len(self._reported) - len(now) > NAMES_KEPT:
+            gone = [path for path in self._reported if path not in now]
             for path in gone[:-NAMES_KEPT]:
-                del self._told[path]
-        return sorted(whole, key=lambda one: (one[1][1], one[0]))
+                del self._reported[path]
+        return sorted(whole, key=lambda entry: (entry[1][1], entry[0]))
 
     def _listed(self) -> dict[Path, _State]:
         """Size and time of each file of the pattern; runs in a thread."""
         # a glob over a folder that is gone finds nothing and doesn't complain
         next(iter(self._folder.iterdir()), None)
-        found: dict[Path, _State] = {}
-        for path in self._folder.glob(self._pattern):
-            try:
-                facts = path.stat()
-                plain = path.is_file()
-            except FileNotFoundError:
-                # renamed or removed between listing and looking
-                continue
-            if facts.st_size and plain:
-                found[path] = (facts.st_size, facts.st_mtime_ns)
-        return found
+        files = matching_files(self._folder, self._pattern)
+        return {path: (facts.st_size, facts.st_mtime_ns) for path, facts in files.items()}
 
     def _read(self, path: Path, state: _State) -> NewFile | None:
-        """Read a file through; None if it changes while it is read, or is gone: it comes again then."""
+        """Read a file for its digest; None if it changed meanwhile or is gone: it is reported later then."""
         digest = hashlib.sha256()
         try:
             with open_buffered(path) as file:

@@ -26,11 +26,10 @@ T = TypeVar("T")
 
 
 class Shot:
-    """An exposure that was asked for.
+    """One exposure that was ordered, until it is done or aborted.
 
     Parameters
     ----------
-    exposure_s : float
     device : str
         For messages.
     """
@@ -42,11 +41,11 @@ class Shot:
 
     @property
     def aborted(self) -> bool:
-        """Whether nobody wants it any more."""
+        """Whether it was aborted."""
         return self._aborted.is_set()
 
     def abort(self) -> None:
-        """Have whoever waits for it raise `Cancelled`."""
+        """Abort it: everything that waits for it raises `Cancelled`."""
         self._aborted.set()
 
     def require_wanted(self) -> None:
@@ -55,14 +54,14 @@ class Shot:
             raise Cancelled("the exposure was aborted", device=self.device)
 
     async def pause(self, for_s: float) -> None:
-        """Wait; raises `Cancelled` as soon as it is aborted."""
+        """Wait; raises `Cancelled` as soon as the exposure is aborted."""
         with suppress(TimeoutError):
             async with asyncio.timeout(for_s):
                 await self._aborted.wait()
         self.require_wanted()
 
     async def outlast(self, work: Awaitable[T]) -> T:
-        """Wait for a piece of work; drops it and raises `Cancelled` as soon as it is aborted."""
+        """Wait for `work`; cancels it and raises `Cancelled` as soon as the exposure is aborted."""
         working = waited_for(work)
         waiting = waited_for(self._aborted.wait())
         try:
@@ -70,13 +69,13 @@ class Shot:
             self.require_wanted()
             return await working
         finally:
-            for one in (working, waiting):
-                one.cancel()
+            for task in (working, waiting):
+                task.cancel()
             with suppress(asyncio.CancelledError, MountnavError):
                 await working
 
 
-class Turn:
+class ExposureLock:
     """One exposure at a time.
 
     Parameters
@@ -90,8 +89,8 @@ class Turn:
         self._shot: Shot | None = None
 
     @contextmanager
-    def taken(self, exposure_s: float) -> Iterator[Shot]:
-        """Begin a shot, and end it with the block.
+    def hold(self, exposure_s: float) -> Iterator[Shot]:
+        """A context in which one shot runs.
 
         Raises
         ------
@@ -111,7 +110,7 @@ class Turn:
             self._shot = None
 
     def abort(self) -> bool:
-        """Abort the shot that runs; tell whether there is one."""
+        """Abort the shot that runs; return whether there was one."""
         if self._shot is None:
             return False
         self._shot.abort()
@@ -119,7 +118,10 @@ class Turn:
 
 
 class CameraLanguage(Protocol):
-    """A camera behind a connection of its own. No method is called twice at once, but for `send_abort`."""
+    """What a protocol must offer for one camera; `GenericCamera` makes a whole camera of it.
+
+    No two methods are called at once, except `send_abort`.
+    """
 
     done: tuple[str, ...]
     """What was set at the last opening, or before the last exposure, in words."""
@@ -131,7 +133,7 @@ class CameraLanguage(Protocol):
 
     @property
     def log(self) -> WireLog:
-        """All that was said lately; images are abbreviated."""
+        """The latest messages; images are abbreviated."""
         ...
 
     @property
@@ -140,7 +142,7 @@ class CameraLanguage(Protocol):
         ...
 
     async def open(self) -> None:
-        """Connect, anew if it was lost, and set up; what fails leaves no connection behind."""
+        """Connect, again if the connection was lost, and set up; a failure leaves no connection behind."""
         ...
 
     async def close(self) -> None:
@@ -148,19 +150,19 @@ class CameraLanguage(Protocol):
         ...
 
     async def wait_until_idle(self, shot: Shot) -> None:
-        """Wait a moment until no exposure runs, one that was just aborted for example.
+        """Wait a moment until no exposure runs, for example one that was just aborted.
 
         Raises
         ------
         BadRequest
             If the camera takes no such exposure.
         Busy
-            If another program's runs.
+            If an exposure of another program runs.
         """
         ...
 
     async def set_up(self) -> None:
-        """Have the whole chip read out as the configuration says: another program may have used it since."""
+        """Set binning and the full frame again: another program may have changed them."""
         ...
 
     async def take(self, shot: Shot) -> Frame:
@@ -168,23 +170,18 @@ class CameraLanguage(Protocol):
         ...
 
     def send_abort(self) -> None:
-        """Send the order to abort, past all others; its outcome is not waited for, a lost link is none."""
+        """Send an abort past all other orders, without waiting for its outcome; raises nothing."""
         ...
 
 
 class GenericCamera:
-    """A `mountnav.devices.Camera`.
-
-    Parameters
-    ----------
-    language : CameraLanguage
-    """
+    """A `mountnav.devices.Camera`."""
 
     def __init__(self, language: CameraLanguage) -> None:
         self._language = language
         self._wanted_open = False
         self._opening = asyncio.Lock()
-        self._turn = Turn(language.name)
+        self._exposing = ExposureLock(language.name)
         self._ordered = False
 
     @property
@@ -194,7 +191,7 @@ class GenericCamera:
 
     @property
     def wire_log(self) -> WireLog:
-        """All that was said lately; images are abbreviated."""
+        """The latest messages; images are abbreviated."""
         return self._language.log
 
     @property
@@ -203,14 +200,14 @@ class GenericCamera:
         return self._language.done
 
     async def open(self) -> None:
-        """Connect, and have the camera set as the configuration says.
+        """Connect, and set the camera as the settings say.
 
         Raises
         ------
         DeviceMissing, DeviceSilent, DeviceGarbled
             If there is no server, no such camera, or it can't be connected.
         DeviceRefused
-            If it is not connected and may not be told to, is no camera, or won't be set.
+            If it is not connected and must not be connected, is no camera, or refuses its settings.
         """
         async with self._opening:
             await self._language.open()
@@ -226,10 +223,6 @@ class GenericCamera:
     async def expose(self, exposure_s: float) -> Frame:
         """Take one frame.
 
-        Parameters
-        ----------
-        exposure_s : float
-
         Returns
         -------
         Frame
@@ -239,21 +232,21 @@ class GenericCamera:
         Raises
         ------
         BadRequest
-            If the exposure is not positive, or none that the camera takes.
+            If the exposure is not positive, or outside the camera's limits.
         Busy
             If an exposure runs, ours or another program's.
         Cancelled
             After `abort`.
         DeviceRefused
-            If the driver says no, fails, or another program ended the exposure.
+            If the driver refuses, fails, or another program ended the exposure.
         DeviceSilent
             If no image came in time.
         DeviceGarbled, BadFrame
-            If what came can't be read, or is not what was set.
+            If the image can't be read, or is not as it was set.
         DeviceMissing
             If server, driver or camera is gone.
         """
-        with self._turn.taken(exposure_s) as shot:
+        with self._exposing.hold(exposure_s) as shot:
             return await self._expose(shot)
 
     async def _expose(self, shot: Shot) -> Frame:
@@ -266,7 +259,7 @@ class GenericCamera:
             self._ordered = True
             return await self._language.take(shot)
         except (asyncio.CancelledError, DeviceSilent, DeviceGarbled):
-            # one that nobody waits for must not hold the camera
+            # an exposure that nobody waits for must not occupy the camera
             self._end_ours()
             raise
         finally:
@@ -274,16 +267,16 @@ class GenericCamera:
 
     async def abort(self) -> None:
         """End a running exposure; its `expose` raises `Cancelled`. Without one, nothing happens."""
-        if self._turn.abort():
+        if self._exposing.abort():
             self._end_ours()
 
     def _end_ours(self) -> None:
-        # until ours is ordered, the one that runs is another program's
+        # before ours is ordered, an exposure that runs is another program's
         if self._ordered and self._language.usable:
             self._language.send_abort()
 
     async def _ready(self) -> bool:
-        """Open a connection again that was lost since `open`; tell whether it was."""
+        """Open a connection again that was lost since `open`; return whether it was."""
         if self._language.usable:
             return False
         if not self._wanted_open:

@@ -1,4 +1,4 @@
-"""What a mount says of clock, site and epoch against what we know: told at connecting, nothing is changed."""
+"""A mount's clock, site and epoch compared with ours: reported at connecting, nothing is changed."""
 
 from __future__ import annotations
 
@@ -12,18 +12,32 @@ from mountnav.sky.coordinates import Air, Icrs, Site
 from mountnav.sky.sphere import half_turn_deg, separation_arcsec
 
 CLOCK_TOLERANCE_S = 2.0
+"""A mount's clock is reported as wrong beyond this, s: protocols carry whole seconds, and an answer takes up
+to one. 2 s are 30 arcseconds of sky. Doubled, an error of an arcminute in right ascension goes
+unmentioned."""
 SITE_TOLERANCE_ARCSEC = 120.0
-"""The classic protocol carries whole minutes of arc."""
+"""A mount's site is reported as wrong beyond this: the classic LX200 protocol carries whole minutes of arc.
+Halved, sites are called wrong that were only rounded."""
 
 LOWEST_PLACE_DEG = -10.0
-"""No tube looks further down than this below the horizon, except parked: a place there is no true one.
-Doubled, a mount whose clock is an hour off in the east or west is believed."""
+"""No tube points lower than this except when parked: a position there is wrong. Doubled, a mount whose clock
+is an hour off in the east or west is believed."""
 _NOTHING_DEG = 0.001
-"""So near to 0, 0 a place is the one that memory without a value tells: finer than any mount's readings."""
+"""A position so near to 0, 0 is that of memory without a value: finer than any mount's readings. Doubled or
+halved, nothing changes: real positions are steps of 0.004° or more apart or exactly there."""
+_ODD_CLOCK_S = 120.0
+"""A clock that is whole hours off to within this has a wrong zone or daylight saving, s. Chosen: clocks set
+by hand are off by a minute or two. Doubled, a clock that is merely wrong is now and then explained by its
+zone."""
+_ZONES_H = 14
+"""The largest offset of a time zone from UTC, hours (UTC+14, Kiritimati)."""
+_SAME_PLACE_DEG = 0.1
+"""Coordinates of a site are taken for the same within this when its longitude may have the wrong sign.
+Chosen: 10 km. Doubled or halved, nothing changes away from the meridian of Greenwich."""
 
 
 def implausible(readout: Readout, site: Site | None) -> str:
-    """Why the place that a mount tells at connecting can't be where it points; empty if it may be."""
+    """Why the position that a mount reports at connecting can't be where it points; empty if it may be."""
     place = readout.place
     if readout.parked:
         return ""
@@ -47,18 +61,18 @@ async def compare(
     language : Language
         Opened.
     identity : Identity
-        What its opening found.
+        What opening it found.
     site : Site or None
         Ours.
     trusted : bool
-        Whether its position counts.
+        Whether its position is trusted, for the report.
     done : tuple of str
-        What was set on the way.
+        What was set while connecting, for the report.
 
     Raises
     ------
     DeviceError
-        If it doesn't answer.
+        If the mount doesn't answer.
     """
     problems = list(identity.problems)
     if language.epoch != language.usual_epoch:
@@ -97,7 +111,7 @@ def _clock_problem(off_s: float, clock: datetime | None) -> str:
     hours = round(off_s / 3600.0)
     side = "ahead of" if off_s > 0 else "behind"
     text = f"its clock is {abs(off_s):.0f} s {side} ours (it says {clock:%Y-%m-%d %H:%M:%S} UTC)"
-    if hours and abs(off_s - 3600.0 * hours) < 120.0 and abs(hours) <= 14:
+    if hours and abs(off_s - 3600.0 * hours) < _ODD_CLOCK_S and abs(hours) <= _ZONES_H:
         return f"{text}: {abs(hours)} h, so its time zone or daylight saving is wrong"
     return text
 
@@ -108,7 +122,7 @@ def _site_problem(theirs: Site, ours: Site) -> str:
         f"longitude {theirs.longitude_deg:.3f}° (east), "
         f"we at {ours.latitude_deg:.3f}°, {ours.longitude_deg:.3f}°"
     )
-    same_latitude = abs(theirs.latitude_deg - ours.latitude_deg) < 0.1
-    if same_latitude and abs(half_turn_deg(theirs.longitude_deg + ours.longitude_deg)) < 0.1:
+    same_latitude = abs(theirs.latitude_deg - ours.latitude_deg) < _SAME_PLACE_DEG
+    if same_latitude and abs(half_turn_deg(theirs.longitude_deg + ours.longitude_deg)) < _SAME_PLACE_DEG:
         return f"{text}: the sign of the longitude is wrong"
     return text

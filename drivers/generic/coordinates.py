@@ -1,4 +1,4 @@
-"""Places in a mount's own kind of coordinates: how far apart they are, and that nobody mixes two kinds."""
+"""Positions in a mount's own kind of coordinates: distances, and no mixing of two kinds."""
 
 from __future__ import annotations
 
@@ -11,18 +11,12 @@ from mountnav.sky.sphere import separation_arcsec
 
 
 def apart_arcsec(a: Apparent | Icrs, b: Apparent | Icrs) -> float:
-    """Return the distance of two places that are of one kind by construction."""
+    """Angular distance of two positions, which must be of the same kind: both apparent or both ICRS."""
     return separation_arcsec(Icrs(a.ra_deg, a.dec_deg), Icrs(b.ra_deg, b.dec_deg))
 
 
 def check_kind(place: Apparent | Icrs, epoch: Epoch, *, device: str) -> None:
-    """Refuse a place of another kind than the mount speaks, and one that is no place.
-
-    Raises
-    ------
-    BadRequest
-        If it is.
-    """
+    """Raise `BadRequest` for a position of another kind than the mount speaks, or outside the sphere."""
     if isinstance(place, Icrs) != (epoch == "icrs"):
         raise BadRequest(
             f"{type(place).__name__} given to a mount that speaks {epoch} coordinates",

@@ -10,20 +10,20 @@ from mountnav.frames import Frame
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GenericCameraHabits:
-    """What the configuration says of a camera.
+    """What the settings say about a camera of any protocol.
 
     Attributes
     ----------
     may_connect : bool
-        Whether a device that is not connected may be told to connect.
+        Whether a device that is not connected may be connected by us.
     binning : int or None
-        None leaves it.
+        None leaves it as it is.
     focal_length_mm : float or None
         Of the telescope, where the camera's driver doesn't know it.
     download_s : float
         How long after its exposure an image may take to come.
     clock_tolerance_s : float
-        The camera's time counts when it lies this near to what our clock allows.
+        The camera's time of mid-exposure is used if it is no further than this outside what our clock allows.
     """
 
     may_connect: bool = True
@@ -33,24 +33,28 @@ class GenericCameraHabits:
     clock_tolerance_s: float = 1.0
 
 
-_SAME = 0.02
-_SAME_S = 0.05
+_SAME, _SAME_S = 0.02, 0.05
+"""Two exposure times are the same within this share and this many seconds. Chosen by hand: drivers round to
+their timer's steps (1/50 s and the like). Doubled, an image of 9.5 s passes for one of 10 s; halved, a
+rounded one is refused."""
 _STALE_WITHIN_S = 600.0
-"""A time further back is a clock that is off: by a zone, by a day."""
+"""A time of mid-exposure up to this many seconds before the order is that of an earlier image; one further
+back is a clock that is off by a zone or a day. Doubled or halved, only images of the last minutes are told
+apart differently."""
 
 
 @dataclass(frozen=True, slots=True)
 class TimeSource:
-    """How to speak of what tells a camera's time.
+    """Words for the source of a camera's time, used in `Frame.source` and messages.
 
     Attributes
     ----------
     name : str
-        By what a frame was timed: "its header".
+        "its header".
     silent : str
-        That it tells none: "its header tells no time".
+        That there is no time: "its header tells no time".
     off : str
-        What is before how far it is off: "its header is".
+        Begins a phrase that ends with the error: "its header is".
     """
 
     name: str
@@ -60,17 +64,16 @@ class TimeSource:
 
 @dataclass(frozen=True, slots=True)
 class ExposureTimes:
-    """What our clock knows of an exposure.
+    """The times of an exposure by our own clock, which bound its mid-exposure.
 
     Attributes
     ----------
-    exposure_s : float
     ordered : datetime
-        When the order went out: not before that it began.
+        When the order went out: the exposure began no earlier.
     begun : datetime
-        When it began most likely.
+        When it most likely began.
     came : datetime
-        When its image was seen to be there: not after that it ended.
+        When its image was there: the exposure ended no later.
     """
 
     exposure_s: float
@@ -91,62 +94,64 @@ class ExposureTimes:
         return max(self._earliest, self.came - self._half)
 
     def allow(self, middle: datetime, tolerance_s: float) -> bool:
-        """Whether an exposure of this middle could have been this one, clocks that far apart allowed."""
+        """Whether this exposure can have had that mid-exposure, given how far clocks may differ."""
         slack = timedelta(seconds=tolerance_s)
         return self._earliest - slack <= middle <= self._latest + slack
 
     def are_after(self, middle: datetime, tolerance_s: float) -> bool:
-        """Whether an exposure of this middle was one shortly before the order, if the clocks agree."""
+        """Whether an image with that mid-exposure is an earlier one, taken shortly before the order."""
         before_s = (self._earliest - middle).total_seconds()
         return tolerance_s < before_s < _STALE_WITHIN_S
 
-    def middle(self, told: datetime | None, tolerance_s: float, by: TimeSource) -> tuple[datetime, str]:
-        """Mid-exposure, and whose clock says so.
+    def middle(self, reported: datetime | None, tolerance_s: float, by: TimeSource) -> tuple[datetime, str]:
+        """Mid-exposure, and by whose clock.
 
         Parameters
         ----------
-        told : datetime or None
+        reported : datetime or None
             Mid-exposure by the camera.
         tolerance_s : float
             How far that may lie outside what our clock allows.
-        by : Teller
         """
         ours = min(max(self.begun + self._half, self._earliest), self._latest)
-        if told is None:
+        if reported is None:
             return ours, f"our clock ({by.silent})"
-        if self.allow(told, tolerance_s):
-            return told, by.name
-        return ours, f"our clock ({by.off} {(told - ours).total_seconds():+.1f} s off)"
+        if self.allow(reported, tolerance_s):
+            return reported, by.name
+        return ours, f"our clock ({by.off} {(reported - ours).total_seconds():+.1f} s off)"
 
 
-def lasted_otherwise(told_s: float | None, exposure_s: float) -> bool:
-    """Whether the exposure that a camera tells is not the one that was ordered; told none, it may be."""
-    return told_s is not None and abs(told_s - exposure_s) > _SAME_S + _SAME * exposure_s
+def lasted_otherwise(reported_s: float | None, exposure_s: float) -> bool:
+    """Whether a reported exposure time differs from the one ordered; False if none is reported."""
+    return reported_s is not None and abs(reported_s - exposure_s) > _SAME_S + _SAME * exposure_s
 
 
 _ARCSEC_PER_RADIAN = 206264.806
+"""180 * 3600 / pi."""
 _MARGIN = 0.1
+"""Share by which a scale from focal length and pixel size may be wrong: reducers and flatteners change a
+focal length by some percent. Doubled, a hint is worth less to the solver; halved, a frame behind such a lens
+gets a wrong hint."""
 
 
 def optics_scale_arcsec_px(
     pixel_um: float | None, binning: float, focal_length_mm: float | None
 ) -> float | None:
-    """Scale of a binned pixel, or None where pixel size or focal length isn't known."""
+    """Scale of a binned pixel in arcseconds, or None where pixel size or focal length isn't known."""
     if not pixel_um or not focal_length_mm:
         return None
     return _ARCSEC_PER_RADIAN * pixel_um * binning / 1000.0 / focal_length_mm
 
 
 def with_scale(frame: Frame, scale: float | None, source: str) -> Frame:
-    """Add a scale to a frame's hints, with a margin, where its header doesn't tell one.
+    """Add a scale to a frame's hints, with a margin, where its header has none.
 
     Parameters
     ----------
-    frame : Frame
     scale : float or None
         In arcseconds per pixel.
     source : str
-        Where it is from, in words.
+        Its origin, in words.
     """
     if scale is None or frame.hint.scale_low_arcsec_px is not None:
         return frame

@@ -1,8 +1,8 @@
-"""What a family of mounts must be able to say; `drivers.generic` makes a whole mount of it.
+"""What a family of mounts must be able to say; `drivers.generic.mount` makes a whole mount of it.
 
 A language owns its link, knows the order of commands that make a reading or an order, and the meaning of the
-answers. It does not follow slews, classify syncs, repeat stops, judge readings, watch the link or decide
-whether a position counts: that is the same for all families and stands in `drivers.generic`.
+answers. It does not follow slews, classify syncs, repeat stops, filter readings, watch the link or decide
+whether a position is trusted: that is the same for all families and stands in `drivers.generic`.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ class Identity:
     text : str
         In words: product, firmware, dialect.
     problems : tuple of str
-        What an operator should know of it.
+        What an operator should know about it.
     doubt : str
-        Why its position doesn't count for the present; empty where nothing speaks against it.
+        Why its position can't be trusted at first; empty where nothing speaks against it.
     """
 
     text: str
@@ -39,7 +39,7 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class Readout:
-    """One look at the mount, not yet judged.
+    """One reading of the mount, not yet filtered.
 
     Attributes
     ----------
@@ -48,16 +48,15 @@ class Readout:
     utc : datetime
         Aware UTC, in the middle between question and answer.
     span_s : float
-        How long the questions for the place took together: a moving mount went on meanwhile.
+        How long the questions for the position took together: a moving mount went on meanwhile.
     slewing, tracking, parked, at_home : bool or None
-        None where it can't tell.
-    pier_side : PierSide or None
+        None where the mount doesn't report it.
     fresh : bool
-        It shows that the mount has been switched on and knows nothing: not aligned, not initialized.
+        The mount shows that it was just switched on and knows nothing: not aligned, not initialized.
     doubtful : bool
-        Something went wrong on the way to it (an answer asked again).
+        An answer had to be asked again.
     failed : str
-        What it says went wrong with the last order to move, if it says so; kept until the next one.
+        What the mount reports as wrong with the last order to move; kept until the next one.
     """
 
     place: Apparent | Icrs
@@ -74,7 +73,7 @@ class Readout:
 
     @property
     def reading(self) -> MountReading:
-        """What is published of it."""
+        """The part that is published."""
         return MountReading(
             self.place,
             self.utc,
@@ -95,7 +94,7 @@ class Sent:
     wire : bool
         Whether it went out; False when it was no longer wanted.
     lost : DeviceError or None
-        Its answer did not come or made no sense: whether it was taken up must be seen in the readings.
+        Its answer did not come or made no sense: only the readings show whether the order was accepted.
     """
 
     wire: bool = True
@@ -103,13 +102,13 @@ class Sent:
 
 
 Wanted = Callable[[], bool]
-"""Asked right before an order goes out; False when a stop has come meanwhile."""
+"""Called right before an order goes out; False when a stop has come meanwhile."""
 
 
 class Language(Protocol):
     """What a family can say. Each method may raise `DeviceSilent`, `DeviceGarbled` or `DeviceMissing`.
 
-    Orders raise `DeviceRefused` with a reason when the mount says no; then nothing moves and nothing changed.
+    Orders raise `DeviceRefused` with a reason when the mount refuses; then nothing moves and nothing changed.
     """
 
     @property
@@ -119,7 +118,7 @@ class Language(Protocol):
 
     @property
     def log(self) -> WireLog:
-        """All that went over its wire lately."""
+        """The latest messages on its wire."""
         ...
 
     @property
@@ -134,40 +133,40 @@ class Language(Protocol):
 
     @property
     def usual_epoch(self) -> Epoch:
-        """Kind of coordinates its family speaks by itself: another setting is worth a word at connecting."""
+        """Kind of coordinates that its family speaks by default; another one is reported at connecting."""
         ...
 
     @property
     def resolution_arcsec(self) -> float:
-        """Coarsest step of a commanded or reported place, known after `open`."""
+        """Coarsest step of a commanded or reported position; known after `open`."""
         ...
 
     @property
     def skills(self) -> frozenset[Skill]:
-        """What it can do, known after `open`."""
+        """What it can do; known after `open`."""
         ...
 
     @property
     def tracking_rates(self) -> frozenset[TrackingRate]:
-        """At which rates it can be told to follow, known after `open`; none where it can't be told."""
+        """At which rates it can track; known after `open`, empty where tracking can't be ordered."""
         ...
 
     @property
     def guide_rates_deg_s(self) -> tuple[float, float] | None:
-        """How fast a pulse moves in right ascension and in declination, if it told that at `open`."""
+        """Guide speed in right ascension and in declination, if the mount reported it at `open`."""
         ...
 
     @property
     def silent_refusals(self) -> bool:
-        """Whether it answers a slew it won't do like one it will: then nothing moving means refused."""
+        """Whether it answers an impossible slew like a possible one: nothing moves, then it was refused."""
         ...
 
     def unanswered_s(self) -> float:
-        """Since when a question has been waiting for its first good answer; 0 when none is."""
+        """How long a question has been waiting for its first good answer; 0 when none is waiting."""
         ...
 
     async def open(self) -> Identity:
-        """Open the link and find out who is there. Moves, syncs and sets nothing. Reopening is the same."""
+        """Open the link, or open it again, and identify the mount. Moves, syncs and sets nothing."""
         ...
 
     async def close(self) -> None:
@@ -175,11 +174,11 @@ class Language(Protocol):
         ...
 
     async def lost(self) -> str:
-        """Wait until the open link is lost, and tell why."""
+        """Wait until the open link is lost, and return why."""
         ...
 
     async def readout(self) -> Readout:
-        """Look at the mount."""
+        """Read the mount once."""
         ...
 
     async def send_slew(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
@@ -187,7 +186,7 @@ class Language(Protocol):
         ...
 
     async def next_leg(self, place: Apparent | Icrs, wanted: Wanted) -> bool:
-        """At rest, not there yet: order what remains, or say False when there is nothing more to do."""
+        """At rest beside the target: order the rest of the way; False when nothing is left to do."""
         ...
 
     async def send_sync(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
@@ -211,7 +210,7 @@ class Language(Protocol):
         ...
 
     async def send_set_park(self) -> None:
-        """Take the present place for the park position."""
+        """Take the present position as the park position."""
         ...
 
     async def send_tracking(self, on: bool, rate: TrackingRate) -> None:
@@ -219,15 +218,15 @@ class Language(Protocol):
         ...
 
     async def send_guide(self, direction: Direction, duration_s: float, wanted: Wanted) -> Sent:
-        """Order a guide pulse that the mount times itself, or time it (and end it in every case)."""
+        """Order a guide pulse: timed by the mount, or timed here and ended in every case."""
         ...
 
     async def guiding(self) -> bool | None:
-        """Whether a guide pulse still runs, by the mount's own word; None where it has none for that."""
+        """Whether the mount reports a guide pulse as running; None where it can't."""
         ...
 
     async def read_clock(self) -> datetime | None:
-        """Its clock, aware UTC, corrected for the way; None if it has none."""
+        """Its clock, aware UTC, corrected for the transfer time; None if it has none."""
         ...
 
     async def write_clock(self, utc: datetime) -> None:
@@ -235,22 +234,23 @@ class Language(Protocol):
         ...
 
     async def read_site(self) -> Site | None:
-        """Where it believes to stand, longitude east; None if it doesn't know."""
+        """The site that it is set to, longitude east; None if it has none."""
         ...
 
     async def write_site(self, site: Site) -> None:
-        """Tell it where it stands."""
+        """Set its site."""
         ...
 
     async def destination_side(self, place: Apparent | Icrs) -> PierSide | None:
-        """On which side it would look at a place; None if it can't tell."""
+        """The side of the pier after a slew to a position; None if it can't say."""
         ...
 
 
 class Unskilled:
-    """Answers of a language for all it can't do; a family's language is made on top of it."""
+    """A language without any optional skill; a family's language inherits and overrides what it can do."""
 
     _why = "its protocol has no such command"
+    """The reason that a refusal gives; a family may override it."""
 
     @property
     def device(self) -> str:
@@ -299,7 +299,7 @@ class Unskilled:
         raise self._unsupported("guide")
 
     async def guiding(self) -> bool | None:
-        """None: it can't tell."""
+        """None: it can't say."""
         return None
 
     async def read_clock(self) -> datetime | None:

@@ -1,7 +1,7 @@
 """Orders to move, followed to their end; and the stop, which goes past them all.
 
-A slew has arrived when the mount rests *and* is where it was sent, by its readings. Whoever can't follow a
-motion any more has sent a stop. A stop is repeated, through silences too, until the mount is seen at rest.
+A slew has arrived when the mount rests *and* is where it was sent, by its readings. When a motion can't be
+followed any more a stop is sent. A stop is repeated, through silences too, until the mount is seen at rest.
 """
 
 from __future__ import annotations
@@ -29,14 +29,17 @@ from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.tasks import waited_for
 
 There = Callable[[Readout], bool | None]
-"""Whether a resting mount has done what it was ordered; None when it can't tell."""
+"""Whether a resting mount has done what it was ordered; None where a reading doesn't show it."""
 
-_ROOM_S = 0.4
-_TELLINGS = 5
-"""So often an order is told to a mount that falls silent meanwhile. Doubled, a caller waits a minute."""
+_BETWEEN_STOPS_S = 0.4
+"""Shortest time (s) between two stops: some mounts answer each, and the answers to readings need room on
+the line. Chosen by hand. Doubled, a stop that was lost is sent again so much later; halved, a 9600 baud line
+fills."""
+_MOST_SENDINGS = 5
+"""How often an order is sent to a mount that falls silent meanwhile. Doubled, a caller waits a minute."""
 _NEARLY_ARCSEC = 7200.0
-"""A mount in doubt that rests so near to where it was sent is sent on: it can't have woken up there. Doubled,
-one that woke up elsewhere may be."""
+"""A mount in doubt that rests so near (arcsec) to where it was sent is sent on: it can't have woken up there.
+Doubled, one that woke up elsewhere may be."""
 _STATES = {
     SlewOutcome.ARRIVED: SlewState.ARRIVED,
     SlewOutcome.STALLED: SlewState.STALLED,
@@ -47,64 +50,66 @@ _STATES = {
 class Motions:
     """Moves one mount.
 
-    Parameters
+    Attributes
     ----------
-    tended : Tended
+    refusals : Refusals
+        Checks the mount's refusals by its readings.
     """
 
-    def __init__(self, tended: Session) -> None:
-        self._tended = tended
-        self.refusals = Refusals(tended, self.stop)
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self.refusals = Refusals(session, self.stop)
         self._went_out = False
         """Whether the order that runs has reached the wire."""
 
     @asynccontextmanager
-    async def job(self, what: str) -> AsyncIterator[int]:
+    async def hold(self, what: str) -> AsyncIterator[int]:
         """Hold the mount for one order to move; gives the count of stops at its start.
 
-        While a stop is carried out the order waits; another stop that comes meanwhile ends it.
+        While a stop is being carried out the order waits; another stop that comes meanwhile ends it. Orders
+        are queued or preempted above; here a second one is refused, since the readings of two motions can't
+        be told apart on the wire.
 
         Raises
         ------
         Busy
-            If another order to move runs.
+            If another order to move runs, or a guide pulse: its end would halt the motion on some mounts.
         """
-        tended = self._tended
-        if tended.job is not None:
-            raise Busy(f"a {tended.job} is running", device=tended.name, advice="stop it first")
-        if tended.pulses:
-            raise Busy("a guide pulse is running", device=tended.name, advice="wait for its end")
-        tended.job, self._went_out = what, False
-        stops, links = tended.stops, tended.links
+        session = self._session
+        session.require_no_job("stop it first")
+        if session.pulses:
+            raise Busy("a guide pulse is running", device=session.name, advice="wait for its end")
+        session.job, self._went_out = what, False
+        stops, links = session.stops, session.links
         try:
-            await tended.ready()
-            links = tended.links
+            await session.ready()
+            links = session.links
             # a stop is repeated until the mount is seen at rest: what went out before would be stopped by it
-            await tended.no_stop.wait()
+            await session.no_stop.wait()
             yield stops
         except DeviceRefused:
-            # said no in the middle, or won't be stopped: something may still move
-            tended.state = SlewState.LOST if self._went_out else SlewState.REFUSED
-            tended.stop_owed = tended.stop_owed or self._went_out
+            # refused after it was sent, or can't be stopped: something may still move
+            session.state = SlewState.LOST if self._went_out else SlewState.REFUSED
+            session.stop_owed = session.stop_owed or self._went_out
             self._settle_doubt(arrived=not self._went_out)
             raise
         except (DeviceSilent, DeviceGarbled, DeviceMissing, asyncio.CancelledError) as trouble:
-            tended.state, tended.stop_owed = SlewState.LOST, True
+            session.state, session.stop_owed = SlewState.LOST, True
             if self._went_out and isinstance(trouble, DeviceError):
-                # where it is when it can be read again nobody has seen it go
-                tended.distrust(f"it could not be followed on its way: {trouble.what}")
+                # it was not followed to where it is when it can be read again
+                session.distrust(f"it could not be followed on its way: {trouble.what}")
             self._settle_doubt(arrived=not self._went_out)
-            # nobody watches it any more: a mount that may be moving is not left so
+            # it is not watched any more: a mount that may be moving must not go on
             with contextlib.suppress(DeviceError):
-                await tended.language.send_stop(0)
+                await session.language.send_stop(0)
             if not asyncio.current_task().cancelling():  # type: ignore[union-attr]
-                # a closed line tells less than what closed it
+                # raise what closed the line rather than that it is closed
                 self._require_link(links)
             raise
         finally:
-            tended.job, tended.sent_out = None, False
+            session.job, session.sent_out = None, False
 
-    async def ordered(
+    async def carry_out(
         self,
         send: Callable[[Wanted], Awaitable[Sent]],
         there: There,
@@ -118,95 +123,95 @@ class Motions:
         Parameters
         ----------
         send : callable
-            Sends it.
+            Sends the order, if it is still wanted when it is asked.
         there : callable
             Whether a resting mount has done it.
         stops : int
-            The count of stops from which on no other may have come.
+            The count of stops when the order began; another stop since then ends it.
         before : Readout
-            The last before the order.
+            The last reading before the order.
         towards : Apparent or Icrs, optional
-            For languages that go in several legs.
+            Where it goes, for languages that slew in several legs.
         """
-        tended = self._tended
-        tended.state = SlewState.NONE
-        links = tended.links
+        session = self._session
+        session.state = SlewState.NONE
+        links = session.links
 
         def wanted() -> bool:
-            return tended.stops == stops and tended.links == links
+            return session.stops == stops and session.links == links
 
-        sent, before = await self._sent(send, wanted, before, there)
+        sent, before = await self._send(send, wanted, before, there)
         if not sent.wire:
             self._require_link(links)
-            tended.state = SlewState.STOPPED
+            session.state = SlewState.STOPPED
             return SlewOutcome.STOPPED
         self._went_out = True
-        tended.restless()
+        session.forget_rest()
         if sent.lost is None:
-            tended.state = SlewState.ACCEPTED
+            session.state = SlewState.ACCEPTED
         if wanted():
-            tended.stop_owed = False
+            session.stop_owed = False
         else:
             # the stop may have overtaken the order
-            await tended.language.send_stop(0)
+            await session.language.send_stop(0)
         outcome = await self._follow(there, wanted, links, before, sent, towards)
-        tended.state = _STATES[outcome]
-        proven = towards is not None or not tended.silent_on_its_way
+        session.state = _STATES[outcome]
+        proven = towards is not None or not session.silent_on_its_way
         self._settle_doubt(arrived=outcome is SlewOutcome.ARRIVED and proven)
         return outcome
 
-    async def _sent(
+    async def _send(
         self,
         send: Callable[[Wanted], Awaitable[Sent]],
         wanted: Wanted,
         before: Readout,
         there: There,
     ) -> tuple[Sent, Readout]:
-        """Send an order, unless the mount falls silent while it is told: then it is looked at again first.
+        """Send an order; if the mount falls silent meanwhile, read it again before the order is repeated.
 
-        It may have been switched off and on: the order would go out by the place at which it woke up, and be
-        seen to arrive there.
+        It may have been switched off and on: the order would go by the place at which it woke up, and would
+        seem to arrive there.
         """
-        tended = self._tended
-        trusted = tended.trusted
+        session = self._session
+        trusted = session.trusted
 
         def wanted_and_heard() -> bool:
-            # asked right before what moves it goes out
-            goes = wanted() and not tended.doubt
-            tended.sent_out = tended.sent_out or goes
+            # called right before the command that moves the mount goes out
+            goes = wanted() and not session.doubt
+            session.sent_out = session.sent_out or goes
             return goes
 
-        for _ in range(_TELLINGS):
-            tended.doubt, tended.silent_on_its_way = "", False
-            async with self.refusals.seen_to(f"the {tended.job}", before, took=there), tended.ordering:
+        for _ in range(_MOST_SENDINGS):
+            session.doubt, session.silent_on_its_way = "", False
+            async with self.refusals.checked(f"the {session.job}", before, took=there), session.ordering:
                 sent = await send(wanted_and_heard)
             if sent.wire or not wanted():
-                tended.sent_out = sent.wire
+                session.sent_out = sent.wire
                 return sent, before
-            tended.sent_out = False
-            now = await tended.look()
-            if self._changes(before, now):
-                tended.distrust(f"its reading changed while it was told the {tended.job}")
+            session.sent_out = False
+            now = await session.read()
+            if session.filter.changed(before, now):
+                session.distrust(f"its reading changed while it was told the {session.job}")
             if trusted:
-                tended.require_trust(f"the {tended.job}")
+                session.require_trust(f"the {session.job}")
             before = now
         raise DeviceSilent(
-            f"fell silent each time it was told the {tended.job}: it was not sent",
-            device=tended.name,
+            f"fell silent each time it was told the {session.job}: it was not sent",
+            device=session.name,
             advice="check cable and power",
         )
 
     def _settle_doubt(self, *, arrived: bool) -> None:
-        """What was odd on its way is explained if it came to where it was sent; else its place is not."""
-        if self._tended.doubt and not arrived:
-            self._tended.distrust(self._tended.doubt)
+        """What was odd on the way is harmless if the mount arrived; otherwise its position is not trusted."""
+        if self._session.doubt and not arrived:
+            self._session.distrust(self._session.doubt)
 
     def _require_link(self, links: int) -> None:
-        """What began on a link doesn't go on on the next: the mount may have been switched off meanwhile."""
-        if self._tended.links != links:
+        """Give up what began on an earlier link: the mount may have been switched off meanwhile."""
+        if self._session.links != links:
             raise DeviceMissing(
-                f"its link was lost on the way: {self._tended.lost_why or 'it was opened anew'}",
-                device=self._tended.name,
+                f"its link was lost on the way: {self._session.lost_why or 'it was opened anew'}",
+                device=self._session.name,
                 advice="look at the sky before anything moves again",
             )
 
@@ -219,24 +224,24 @@ class Motions:
         sent: Sent,
         towards: Apparent | Icrs | None,
     ) -> SlewOutcome:
-        tended = self._tended
-        loop, timing = asyncio.get_running_loop(), tended.timing
+        session = self._session
+        loop, timing = asyncio.get_running_loop(), session.timing
         started = ordered = changed = rested = loop.time()
         moved = silent = False
         while True:
             await pause(timing.poll_s)
-            now = await tended.look()
+            now = await session.read()
             self._require_link(links)
             if now.failed and wanted():
                 raise await self._failed(before, now)
             took_s = real_s((now.utc - before.utc).total_seconds())
             silent = silent or took_s > real_s(timing.poll_s) + timing.silence_s
-            resting, changes = tended.judge.still(before, now), self._changes(before, now)
+            resting, changes = session.filter.still(before, now), session.filter.changed(before, now)
             before = now
             if not resting:
                 moved, rested = True, loop.time()
                 changed = loop.time() if changes else changed
-                tended.state = SlewState.UNDER_WAY
+                session.state = SlewState.UNDER_WAY
                 if loop.time() - started > timing.slew_timeout_s or loop.time() - changed > timing.stall_s:
                     await self.stop()
                     return SlewOutcome.STALLED
@@ -245,7 +250,7 @@ class Motions:
             if not wanted():
                 return SlewOutcome.STOPPED
             arrived = there(now)
-            lost = bool(tended.doubt) and (
+            lost = bool(session.doubt) and (
                 towards is None or apart_arcsec(now.place, towards) > _NEARLY_ARCSEC
             )
             if towards is not None and not lost and await self._next_leg(towards, wanted):
@@ -257,45 +262,39 @@ class Motions:
             patience_s, since = (timing.rest_s, rested) if moved else (timing.start_grace_s, ordered)
             if loop.time() - since > patience_s:
                 if silent and arrived is not None:
-                    tended.distrust("it was silent on its way, and didn't arrive")
+                    session.distrust("it was silent on its way, and didn't arrive")
                 if not moved:
-                    self._nothing_happened(sent, counts=arrived is not None)
-                # one that can't tell whether it has parked, and rests, has
+                    self._raise_why_not(sent, counts=arrived is not None)
+                # a mount that doesn't report whether it is parked has parked when it rests
                 return SlewOutcome.ARRIVED if arrived is None else SlewOutcome.STALLED
 
     async def _failed(self, before: Readout, now: Readout) -> DeviceRefused:
-        """What to raise for a motion that is said to have failed; one that goes on is stopped."""
-        tended = self._tended
-        said = f"took up the {tended.job}, and failed on the way: {now.failed}"
-        if not tended.judge.still(before, now):
+        """The error for a motion that the mount reports as failed; if it still moves it is stopped."""
+        session = self._session
+        said = f"took up the {session.job}, and failed on the way: {now.failed}"
+        if not session.filter.still(before, now):
             await self.stop()
             said = f"{said}; it was still moving, and was stopped"
         return DeviceRefused(
             said,
-            device=tended.name,
+            device=session.name,
             advice="see what its driver says; look at the sky before the next slew",
         )
 
-    def _changes(self, before: Readout, now: Readout) -> bool:
-        """Whether the place has changed by more than a step and the turn of the sky."""
-        elapsed_s = max(0.0, (now.utc - before.utc).total_seconds())
-        steps_arcsec = 1.0 + 1.1 * self._tended.language.resolution_arcsec
-        free_arcsec = steps_arcsec + self._tended.timing.drift_arcsec_s * elapsed_s
-        return apart_arcsec(before.place, now.place) > free_arcsec
-
-    def _nothing_happened(self, sent: Sent, *, counts: bool) -> None:
+    def _raise_why_not(self, sent: Sent, *, counts: bool) -> None:
+        """Raise the reason why a mount didn't set out, where there is one."""
         if sent.lost is not None:
             raise sent.lost
-        if counts and self._tended.language.silent_refusals:
+        if counts and self._session.language.silent_refusals:
             raise DeviceRefused(
                 "answered the order and didn't move",
-                device=self._tended.name,
+                device=self._session.name,
                 advice="below its horizon or beyond one of its limits, or its alignment isn't done",
             )
 
     async def _next_leg(self, place: Apparent | Icrs, wanted: Wanted) -> bool:
-        async with self._tended.ordering:
-            return await self._tended.language.next_leg(place, wanted)
+        async with self._session.ordering:
+            return await self._session.language.next_leg(place, wanted)
 
     async def stop(self) -> None:
         """Stop all motion: at once, past every other exchange, and again until the mount is seen at rest.
@@ -307,60 +306,59 @@ class Motions:
         DeviceSilent, DeviceGarbled, DeviceMissing
             If the stop can't be sent, or was sent and the mount can't be read.
         """
-        tended = self._tended
-        tended.stops += 1
-        tended.stop_owed = True
-        if not tended.language.usable:
-            await tended.ready()
-        await tended.language.send_stop(0)
-        tended.stopping += 1
-        tended.no_stop.clear()
+        session = self._session
+        session.stops += 1
+        session.stop_owed = True
+        if not session.language.usable:
+            await session.ready()
+        await session.language.send_stop(0)
+        session.stopping += 1
+        session.no_stop.clear()
         try:
-            repeating = waited_for(self._again_and_again())
+            repeating = waited_for(self._repeat_stop())
             try:
-                await self._seen_at_rest()
+                await self._wait_for_rest()
             finally:
                 repeating.cancel()
                 with contextlib.suppress(asyncio.CancelledError, DeviceError):
                     await repeating
         finally:
-            tended.stopping -= 1
-            if not tended.stopping:
-                tended.no_stop.set()
-        tended.stop_owed = False
+            session.stopping -= 1
+            if not session.stopping:
+                session.no_stop.set()
+        session.stop_owed = False
 
-    async def _again_and_again(self) -> None:
+    async def _repeat_stop(self) -> None:
         again = 0
         while True:
-            # the answers that some give to a stop must leave room for those to questions
-            await asyncio.sleep(max(self._tended.timing.poll_s, _ROOM_S))
+            await asyncio.sleep(max(self._session.timing.poll_s, _BETWEEN_STOPS_S))
             again += 1
             with contextlib.suppress(DeviceSilent):
-                await self._tended.language.send_stop(again)
+                await self._session.language.send_stop(again)
 
-    async def _seen_at_rest(self) -> None:
-        tended, loop = self._tended, asyncio.get_running_loop()
-        until = loop.time() + tended.timing.stop_timeout_s
+    async def _wait_for_rest(self) -> None:
+        session, loop = self._session, asyncio.get_running_loop()
+        until = loop.time() + session.timing.stop_timeout_s
         before: Readout | None = None
         silent = heard_again = False
         while True:
             try:
-                now = await tended.look()
+                now = await session.read()
             except (DeviceSilent, DeviceGarbled):
                 if loop.time() > until:
                     raise
                 before, silent = None, True
                 continue
             if silent and not heard_again:
-                # what was told into the silence it may not have heard: it has its time from now on
+                # it may not have heard the stops that were sent into the silence: its time begins now
                 heard_again = True
-                until = loop.time() + tended.timing.stop_timeout_s
-            if before is not None and tended.judge.still(before, now):
+                until = loop.time() + session.timing.stop_timeout_s
+            if before is not None and session.filter.still(before, now):
                 return
-            # one reading tells nothing of motion
+            # one reading says nothing about motion
             if before is not None and loop.time() > until:
                 raise DeviceRefused(
-                    "was told to stop and still moves", device=tended.name, advice="cut its power"
+                    "was told to stop and still moves", device=session.name, advice="cut its power"
                 )
             before = now
-            await pause(tended.timing.poll_s)
+            await pause(session.timing.poll_s)

@@ -1,9 +1,16 @@
-"""A whole mount made of a language: the face that navigation sees, the same for every family.
+"""A whole mount made of a language: the interface that navigation sees, the same for every family.
 
-- A place is published when the judge believes it (`judging`); an order that moves or syncs is sent once.
-- A slew has arrived when the mount rests *and* is where it was sent (`moving`).
+- A position is published when the filter believes it (`reading_filter`).
+- An order that moves or syncs is sent once.
+- A slew has arrived when the mount rests *and* is where it was sent (`motions`).
 - A sync has happened when the readings show it (`syncing`).
-- The link is watched and made again; a position that may be wrong doesn't count (`keeping`, `tended`).
+- A refusal counts unless the readings contradict it (`refusals`).
+- The link is watched and made again (`link_supervisor`).
+- A position that may be wrong is not trusted (`session`).
+
+It is used without the mount room above it as well (`mountnav bench`), so it refuses by itself what the wire
+can't carry: a second motion, a slew while parked or by a position that is not trusted, a skill that the
+family lacks. Limits of the telescope, daylight, the journal and the rights of callers are checked above it.
 """
 
 from __future__ import annotations
@@ -16,6 +23,7 @@ from drivers.generic.language import Language, Readout, Sent, Wanted
 from drivers.generic.link_supervisor import LinkState
 from drivers.generic.motions import Motions
 from drivers.generic.options import Timing
+from drivers.generic.refusal_words import parked
 from drivers.generic.refusals import Took
 from drivers.generic.session import ConnectSettings, Listener, Session
 from drivers.generic.syncing import sync
@@ -33,35 +41,39 @@ from mountnav.devices import (
     SyncResult,
     TrackingRate,
 )
-from mountnav.errors import BadRequest, Busy, DeviceRefused, Refusal
+from mountnav.errors import BadRequest, DeviceRefused, Refusal
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 
 LONGEST_PULSE_S = 60.0
+"""The longest guide pulse, s. Chosen: pulses of guiding programs are below 10 s, those of `bench` below 13 s;
+a longer one is a mistyped unit. Doubled, an order of 100 s at half the sidereal rate moves it by 12
+arcminutes."""
 _PULSE_LATE_S = 2.0
 """How much later than we count a pulse may end (s): a queue of orders at 9600 baud, a busy machine. Doubled,
 a mount that says "guiding" for ever holds each pulse up for so much longer."""
-_PULSE_LOOK_S = 0.05
-"""Between two such questions (s): three exchanges at 9600 baud."""
+_PULSE_POLL_S = 0.05
+"""Between two questions whether a pulse is over (s): three exchanges at 9600 baud. Doubled, a pulse ends 0.05
+s late; halved, the line is busy with that question alone."""
 
 
 class GenericMount:
-    """A `mountnav.devices.Mount` that speaks some language; skilled, trusting, announcing.
+    """A `mountnav.devices.Mount` over any language; it is `Skilled`, `Trusts` and `Announces` too.
 
     Parameters
     ----------
     language : Language
-        What the family can say, with its link.
+        The family's commands and answers, with their link.
     name : str, optional
         For messages; the language's address by default.
-    timing : Timing
     site : Site, optional
         Ours, to compare with the mount's.
     set_clock, set_site : bool
         Whether connecting sets the mount's clock and site to ours.
     trust_on_connect : bool
-        Whether its position counts at the first connecting, unless it shows that it was just switched on.
+        Whether its position is trusted at the first connecting, unless it shows that it was just switched on.
     swap_sides : bool, optional
-        It tells the other side of the pier than the one on which the tube hangs; None: nobody has looked.
+        Whether it reports the side of the pier opposite to the one on which the tube hangs; None: not
+        checked.
     """
 
     def __init__(
@@ -80,9 +92,9 @@ class GenericMount:
         self._name = name or language.device
         self._timing = timing or Timing()
         connecting = ConnectSettings(site, set_clock, set_site, trust_on_connect, swap_sides)
-        self._tended = Session(language, self._name, self._timing, connecting)
-        self._mover = Motions(self._tended)
-        self._refusals = self._mover.refusals
+        self._session = Session(language, self._name, self._timing, connecting)
+        self._motions = Motions(self._session)
+        self._refusals = self._motions.refusals
 
     # -- what it is --------------------------------------------------------------------------------
 
@@ -98,74 +110,74 @@ class GenericMount:
 
     @property
     def sides_stated(self) -> bool:
-        """Whether somebody has looked where the tube hangs, and said so in the settings."""
-        return self._tended.sides_stated
+        """Whether the settings say on which side the tube hangs, by inspection."""
+        return self._session.sides_stated
 
     @property
     def resolution_arcsec(self) -> float:
-        """Coarsest step of a commanded or reported place."""
+        """Coarsest step of a commanded or reported position."""
         return self.language.resolution_arcsec
 
     @property
     def skills(self) -> frozenset[Skill]:
-        """What it can do besides, known after `open`."""
+        """What it can do besides slew, sync and stop; known after `open`."""
         return self.language.skills
 
     @property
     def tracking_rates(self) -> frozenset[TrackingRate]:
-        """At which rates it can be told to follow, known after `open`."""
+        """At which rates it can track; known after `open`."""
         return self.language.tracking_rates
 
     @property
     def guide_rates_deg_s(self) -> tuple[float, float] | None:
-        """How fast a pulse moves in right ascension and in declination; None where it doesn't tell."""
+        """Guide speed in right ascension and in declination; None where the mount doesn't report it."""
         return self.language.guide_rates_deg_s
 
     @property
     def wire_log(self) -> WireLog:
-        """All that went over its wire lately."""
+        """The latest messages on its wire."""
         return self.language.log
 
     @property
     def link(self) -> LinkState:
-        """What is known of the link."""
-        return self._tended.keeper.state
+        """State of the link."""
+        return self._session.supervisor.state
 
     @property
     def report(self) -> ConnectReport | None:
         """What the last connecting found."""
-        return self._tended.report
+        return self._session.report
 
     @property
     def slew_state(self) -> SlewState:
         """What the last order to move has come to."""
-        return self._tended.state
+        return self._session.state
 
     @property
     def trusted(self) -> bool:
-        """Whether its own position counts."""
-        return self._tended.trusted
+        """Whether its own position can be trusted."""
+        return self._session.trusted
 
     def trust(self) -> None:
-        """An operator's word that the position is right."""
-        self._tended.trust("the operator says so")
+        """Trust the position: an operator says that it is right."""
+        self._session.trust("the operator says so")
 
     async def compare(self) -> ConnectReport:
         """Ask for its clock and site again, and compare them with ours. Raises `DeviceError`."""
-        return await self._tended.compare()
+        return await self._session.compare()
 
     async def set_site_and_time(self) -> ConnectReport:
-        """Set its site and clock to ours, as far as it takes them. Raises `DeviceRefused`, `DeviceError`."""
-        return await self._tended.set_site_and_time()
+        """Set its site and clock to ours, as far as it takes them. Raises `Busy`, `DeviceError`."""
+        return await self._session.set_site_and_time()
 
     def listen(self, listener: Listener) -> None:
-        """Tell `listener(what, facts)` of what happens to the link and to the position."""
-        self._tended.listeners.append(listener)
+        """Call `listener(what, facts)` at each event of the link and of the trust in the position."""
+        self._session.listeners.append(listener)
 
     async def open(self) -> None:
-        """Connect, find out who is there, read the state and compare clock, site and epoch with ours.
+        """Connect, identify the mount, read its state and compare clock, site and epoch with ours.
 
-        Moves and syncs nothing; sets the clock or the site only if the configuration says so.
+        Moves and syncs nothing; sets the clock or the site only if the settings say so.
 
         Raises
         ------
@@ -174,27 +186,27 @@ class GenericMount:
         DeviceSilent, DeviceGarbled
             If nothing on it speaks the language.
         """
-        await self._tended.open()
+        await self._session.open()
 
     async def close(self) -> None:
         """Release the link; closing twice is fine."""
-        await self._tended.close()
+        await self._session.close()
 
     async def reading(self) -> MountReading:
-        """Where the mount believes it points; asked again until it can be believed.
+        """Where the mount believes it points; repeated until a reading can be believed.
 
         Raises
         ------
         DeviceSilent, DeviceGarbled, DeviceMissing
             If there is no answer, none that makes sense, or no link.
         """
-        await self._tended.ready()
-        return (await self._tended.look()).reading
+        await self._session.ready()
+        return (await self._session.read()).reading
 
     # -- orders ------------------------------------------------------------------------------------
 
     async def slew(self, place: Apparent | Icrs) -> SlewOutcome:
-        """Go to a place in the mount's own coordinates; return when at rest.
+        """Slew to a position in the mount's own coordinates; return when at rest.
 
         Parameters
         ----------
@@ -204,41 +216,37 @@ class GenericMount:
         Returns
         -------
         SlewOutcome
-            ``ARRIVED`` only when at rest within `Timing.near_arcsec` (or two steps of the wire) of the place.
+            ``ARRIVED`` only when at rest within `Timing.near_arcsec` (or two steps of the wire) of the
+            position.
 
         Raises
         ------
         BadRequest
-            If the place is of the other kind.
+            If the position is of the other kind of coordinates.
         Busy
             If another order to move runs.
         DeviceRefused
-            When it says no, is parked, or its position can't be trusted; nothing moves.
+            If it refuses, is parked, or its position can't be trusted; nothing moves.
         RefusedButDone
-            When it said no and moved all the same; it was stopped.
+            If it refused and moved all the same; it was stopped.
         DeviceSilent, DeviceGarbled, DeviceMissing
             If the mount can't be followed any more; a stop was sent.
         """
         check_kind(place, self.epoch, device=self._name)
-        tended = self._tended
+        session = self._session
 
         def there(now: Readout) -> bool:
-            return apart_arcsec(now.place, place) <= tended.near_arcsec()
+            return apart_arcsec(now.place, place) <= session.near_arcsec()
 
         async def send(wanted: Wanted) -> Sent:
             return await self.language.send_slew(place, wanted)
 
-        async with self._mover.job("slew") as stops:
-            before = await tended.look()
-            tended.require_trust("the slew")
+        async with self._motions.hold("slew") as stops:
+            before = await session.read()
+            session.require_trust("the slew")
             if before.parked:
-                raise DeviceRefused(
-                    "the slew refused: it is parked",
-                    device=self._name,
-                    advice="unpark it first",
-                    reason=Refusal.PARKED,
-                )
-            return await self._mover.ordered(send, there, stops=stops, before=before, towards=place)
+                raise parked("the slew", device=self._name)
+            return await self._motions.carry_out(send, there, stops=stops, before=before, towards=place)
 
     async def stop(self) -> None:
         """Stop all motion: at once, past every other exchange, and again until the mount is seen at rest.
@@ -250,10 +258,10 @@ class GenericMount:
         DeviceSilent, DeviceGarbled, DeviceMissing
             If the stop can't be sent, or was sent and the mount can't be read.
         """
-        await self._mover.stop()
+        await self._motions.stop()
 
     async def sync(self, place: Apparent | Icrs) -> SyncResult:
-        """Tell the mount that it points at a place in its own coordinates, once, and read back.
+        """Send a sync on a position in the mount's own coordinates, once, and read back.
 
         Parameters
         ----------
@@ -263,100 +271,100 @@ class GenericMount:
         Returns
         -------
         SyncResult
-            Seen (also late), accepted and ignored, or another place taken. A sync that was seen makes the
-            position count; after one that took another place it counts no more.
+            Seen (also late), accepted and ignored, or another position taken. The position is trusted after a
+            sync that was seen, and not trusted after one that took another position.
 
         Raises
         ------
         BadRequest
-            If the place is of the other kind.
+            If the position is of the other kind of coordinates.
         Busy
             If an order to move runs.
         DeviceRefused
-            When it says no, or slews.
+            If it refuses, or slews.
         RefusedButDone
-            When it said no, and believes something else since.
+            If it refused, and believes another position since.
         DeviceSilent, DeviceGarbled
             If its answer was lost and the readings don't show it.
         """
         check_kind(place, self.epoch, device=self._name)
-        return await sync(self._tended, self._refusals, place)
+        return await sync(self._session, self._refusals, place)
 
     # -- park, home, tracking, guiding -------------------------------------------------------------
 
     async def park(self) -> SlewOutcome:
-        """Go to its park position and stay; return when it says it is parked, or rests if it can't say.
+        """Go to its park position; return when it reports parked, or rests where it doesn't report it.
 
         Raises
         ------
         DeviceRefused
-            If it can't park, says no, or its position can't be trusted.
+            If it can't park, refuses, or its position can't be trusted.
         Busy, DeviceSilent, DeviceGarbled, DeviceMissing
             As of a slew.
         """
         self._require_skill(Skill.PARK)
-        async with self._mover.job("parking") as stops:
-            before = await self._tended.look()
-            self._tended.require_trust("parking")
+        async with self._motions.hold("parking") as stops:
+            before = await self._session.read()
+            self._session.require_trust("parking")
             if before.parked:
-                self._tended.state = SlewState.ARRIVED
+                self._session.state = SlewState.ARRIVED
                 return SlewOutcome.ARRIVED
-            return await self._mover.ordered(
+            return await self._motions.carry_out(
                 self.language.send_park, lambda now: now.parked, stops=stops, before=before
             )
 
     async def unpark(self) -> None:
-        """Be ready to move again; return when it says so.
+        """Be ready to move again; return when it reports so.
 
         Raises
         ------
         DeviceRefused
-            If it can't, says no, or goes on saying it is parked.
+            If it can't, refuses, or goes on reporting parked.
         RefusedButDone
-            If it said no and did it.
+            If it refused and did it.
         """
         self._require_skill(Skill.UNPARK)
-        await self._told("unparking", self.language.send_unpark, lambda now: _not(now.parked))
-        await self._until(lambda now: not now.parked, "unparking")
+        await self._order("unparking", self.language.send_unpark, lambda now: _not(now.parked))
+        await self._wait_until(lambda now: not now.parked, "unparking")
 
     async def set_park(self) -> None:
-        """Take the present place for the park position. Raises `DeviceRefused`."""
+        """Take the present position as the park position. Raises `DeviceRefused`."""
         self._require_skill(Skill.SET_PARK)
-        await self._told("setting the park position", self.language.send_set_park)
+        await self._order("setting the park position", self.language.send_set_park)
 
     async def home(self) -> SlewOutcome:
-        """Go to its home, or find it by its sensors if it has some: then its position counts again.
+        """Go to its home, or find it by its sensors if it has some: then its position is trusted again.
 
         Raises
         ------
         DeviceRefused
-            If it has none, says no, or would go there by a position that can't be trusted.
+            If it has none, refuses, or would go there by a position that can't be trusted.
         Busy, DeviceSilent, DeviceGarbled, DeviceMissing
             As of a slew.
         """
         self._require_skill(Skill.HOME)
         finds = Skill.FIND_HOME in self.skills
-        async with self._mover.job("homing") as stops:
-            before = await self._tended.look()
+        async with self._motions.hold("homing") as stops:
+            before = await self._session.read()
             if not finds:
-                self._tended.require_trust("going home")
-            outcome = await self._mover.ordered(
+                self._session.require_trust("going home")
+            outcome = await self._motions.carry_out(
                 self.language.send_home, lambda now: now.at_home, stops=stops, before=before
             )
-            found = finds and outcome is SlewOutcome.ARRIVED and (await self._tended.look()).at_home
-            if found and not self._tended.silent_on_its_way:
-                self._tended.trust("it has found its home")
+            found = finds and outcome is SlewOutcome.ARRIVED and (await self._session.read()).at_home
+            if found and not self._session.silent_on_its_way:
+                self._session.trust("it has found its home")
             return outcome
 
     async def set_tracking(self, on: bool, rate: TrackingRate = TrackingRate.SIDEREAL) -> None:
-        """Follow the sky, or rest; return when the mount says so.
+        """Track the sky, or rest; return when the mount reports so.
 
         Raises
         ------
         DeviceRefused
-            If it can't, says no, or says yes and does otherwise.
+            If it can't, refuses, or accepts and does otherwise.
         RefusedButDone
-            If it said no and did it; tracking that was begun so is ended.
+            If it refused and did it; tracking that began like this is ended.
         """
         if not on or Skill.TRACKING_RATES not in self.skills:
             self._require_skill(Skill.TRACK)
@@ -364,26 +372,28 @@ class GenericMount:
             self._require_skill(Skill.TRACKING_RATES)
 
         async def rest() -> None:
-            async with self._tended.ordering:
+            async with self._session.ordering:
                 await self.language.send_tracking(False, TrackingRate.SIDEREAL)
 
-        await self._told(
+        await self._order(
             "switching tracking",
             lambda: self.language.send_tracking(on, rate),
             lambda now: now.tracking if on else _not(now.tracking),
             undo=rest if on else None,
         )
-        await self._until(lambda now: now.tracking is None or now.tracking is on, "switching tracking")
+        await self._wait_until(lambda now: now.tracking is None or now.tracking is on, "switching tracking")
 
     async def guide(self, direction: Direction, duration_s: float) -> None:
-        """Move at the guide rate for a moment; return when that is over.
+        """Move at the guide rate for some time; return when that is over.
 
         Raises
         ------
         BadRequest
-            If the duration is none.
+            If the duration is not above 0, or above `LONGEST_PULSE_S`.
+        Busy
+            If an order to move runs.
         DeviceRefused
-            If it can't, or says no.
+            If it can't, or refuses.
         """
         self._require_skill(Skill.GUIDE)
         if not 0.0 < duration_s <= LONGEST_PULSE_S:
@@ -392,44 +402,45 @@ class GenericMount:
                 device=self._name,
                 advice=f"above 0, at most {LONGEST_PULSE_S:g}",
             )
-        self._require_no_job()
-        await self._tended.ready()
+        self._session.require_no_job()
+        await self._session.ready()
         before = await self._refusals.before()
-        stops, loop = self._tended.stops, asyncio.get_running_loop()
+        stops, loop = self._session.stops, asyncio.get_running_loop()
         began = loop.time()
-        async with self._refusals.seen_to("the guide pulse", before):
+        async with self._refusals.checked("the guide pulse", before):
             # two axes may be guided at once, but no slew may begin: the end of a pulse would halt it
-            self._tended.pulses += 1
+            self._session.pulses += 1
             try:
                 sent = await self.language.send_guide(
-                    direction, duration_s, lambda: self._tended.stops == stops
+                    direction, duration_s, lambda: self._session.stops == stops
                 )
                 if sent.lost is not None:
                     raise sent.lost
                 await asyncio.sleep(max(0.0, began + real_s(duration_s) - loop.time()))
                 await self._pulse_over()
             finally:
-                self._tended.pulses -= 1
+                self._session.pulses -= 1
 
     async def _pulse_over(self) -> None:
-        """Wait until the mount says so, where it can: it counts from when it took the order up, not we.
+        """Wait until the mount reports the end of a pulse, where it can: it began to count later than we did.
 
-        One that says "guiding" for longer is left to say so: the next order that can't be is refused by it.
+        One that reports "guiding" for longer is not waited for: if it can't take the next order it refuses
+        that.
         """
         loop = asyncio.get_running_loop()
         until = loop.time() + real_s(_PULSE_LATE_S)
         while await self.language.guiding() and loop.time() < until:
-            await pause(_PULSE_LOOK_S)
+            await pause(_PULSE_POLL_S)
 
     async def destination_side(self, place: Apparent | Icrs) -> PierSide | None:
-        """On which side of the pier it would look at a place; None if it can't tell."""
+        """The side of the pier after a slew to a position; None if the mount can't say."""
         check_kind(place, self.epoch, device=self._name)
-        await self._tended.ready()
-        # some have to be given the place as the target first
-        async with self._tended.ordering:
-            return self._tended.side(await self.language.destination_side(place))
+        await self._session.ready()
+        # some mounts have to be given the position as their target first
+        async with self._session.ordering:
+            return self._session.side(await self.language.destination_side(place))
 
-    async def _told(
+    async def _order(
         self,
         order: str,
         send: Callable[[], Awaitable[None]],
@@ -437,18 +448,12 @@ class GenericMount:
         *,
         undo: Callable[[], Awaitable[None]] | None = None,
     ) -> None:
-        """Give an order that ends by itself."""
-        self._require_no_job()
-        await self._tended.ready()
+        """Send an order that ends by itself."""
+        self._session.require_no_job()
+        await self._session.ready()
         before = await self._refusals.before()
-        async with self._refusals.seen_to(order, before, took=took, undo=undo), self._tended.ordering:
+        async with self._refusals.checked(order, before, took=took, undo=undo), self._session.ordering:
             await send()
-
-    def _require_no_job(self) -> None:
-        if self._tended.job is not None:
-            raise Busy(
-                f"a {self._tended.job} is running", device=self._name, advice="wait for it, or stop it"
-            )
 
     def _require_skill(self, skill: Skill) -> None:
         if skill not in self.skills:
@@ -456,15 +461,15 @@ class GenericMount:
                 f"it can't: {skill.replace('-', ' ')}", device=self._name, reason=Refusal.UNSUPPORTED
             )
 
-    async def _until(self, true: Callable[[Readout], bool], what: str) -> None:
+    async def _wait_until(self, true: Callable[[Readout], bool], what: str) -> None:
         loop = asyncio.get_running_loop()
         until = loop.time() + self._timing.start_grace_s + self._timing.poll_s
-        while not true(await self._tended.look()):
+        while not true(await self._session.read()):
             if loop.time() > until:
                 raise DeviceRefused(f"accepted {what} and didn't do it", device=self._name)
-            await pause(min(0.2, self._timing.poll_s))
+            await pause(self._timing.soon_s)
 
 
 def _not(said: bool | None) -> bool | None:
-    """The contrary of what a mount says; None where it can't tell."""
+    """The opposite of what a mount reports; None where it doesn't report it."""
     return None if said is None else not said

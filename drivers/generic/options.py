@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, cast
 
@@ -19,15 +19,19 @@ if TYPE_CHECKING:
 
 
 _LARGEST = 1e9
+"""The largest number that an option may be: 30 years in seconds. Chosen only to keep infinity and typing
+errors out of timers; doubled or halved, nothing changes."""
 _WORDS = {"yes": True, "true": True, "1": True, "no": False, "false": False, "0": False}
 
 
 def require_known(options: Mapping[str, str], known: Iterable[str], what: str) -> None:
-    """Raise `BadSettings` unless all options are known ones."""
+    """Raise `BadSettings` unless all options are known; `what` names the driver in the message."""
     known = tuple(known)
     unknown = sorted(set(options) - set(known))
     if unknown:
-        near = [close[0] for one in unknown if (close := get_close_matches(one, known, n=1, cutoff=0.6))]
+        near = [
+            close[0] for option in unknown if (close := get_close_matches(option, known, n=1, cutoff=0.6))
+        ]
         meant = f"did you mean {', '.join(near)}? " if near else ""
         raise BadSettings(
             f"unknown option {', '.join(unknown)} for {what}", advice=f"{meant}known: {', '.join(known)}"
@@ -35,7 +39,7 @@ def require_known(options: Mapping[str, str], known: Iterable[str], what: str) -
 
 
 def whole_of(options: Mapping[str, str], option: str, default: int, least: int, most: int) -> int:
-    """Read a whole number within bounds, or raise `BadSettings`; by default `default`."""
+    """Read a whole number from `least` to `most`, or raise `BadSettings`; `default` where it isn't given."""
     text = options.get(option)
     if text is None:
         return default
@@ -55,7 +59,7 @@ def number_of(
     may_be_zero: bool = False,
     most: float = _LARGEST,
 ) -> float:
-    """Read a number above 0 (or 0, where that may be), or raise `BadSettings`; by default `default`."""
+    """Read a number above 0 (or 0, where that may be), or raise `BadSettings`; else `default`."""
     text = options.get(option)
     if text is None:
         return default
@@ -70,12 +74,12 @@ def number_of(
 
 
 def maybe_number_of(options: Mapping[str, str], option: str) -> float | None:
-    """As `number_of`; None where it isn't there."""
+    """As `number_of`; None where it isn't given."""
     return number_of(options, option, 1.0) if option in options else None
 
 
 def yes_of(options: Mapping[str, str], option: str, *, default: bool) -> bool:
-    """Read yes or no, or raise `BadSettings`; `default` where it isn't there."""
+    """Read yes or no, or raise `BadSettings`; `default` where it isn't given."""
     text = options.get(option)
     if text is None:
         return default
@@ -84,30 +88,36 @@ def yes_of(options: Mapping[str, str], option: str, *, default: bool) -> bool:
     return _WORDS[text.lower()]
 
 
+_SOON_S = 0.2
+"""Longest time (s) between two readings that wait for a sync, a refusal or a switch to show. Chosen by
+hand: an operator waits, and `Timing.late_s` (1 s) is measured in these steps. Doubled, a sync may be called
+late that was not."""
+
+
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Times and limits of belief of one mount.
+    """How long one mount is waited for, and how far its readings are believed.
 
     Attributes
     ----------
     poll_s : float
-        Between two looks at a mount that moves, and between two stops.
+        Between two readings of a mount that moves, and between two stops.
     slew_timeout_s : float
         A slew that runs longer is stopped and counts as stalled.
     stall_s : float
-        A mount that says it is slewing and stays where it is for so long is stopped and has stalled.
+        A mount that reports a slew and doesn't move for so long is stopped and counts as stalled.
     stop_timeout_s : float
-        Within this time after a stop the mount must be at rest.
+        After this time a stop counts as failed if the mount still moves.
     start_grace_s : float
-        So long after an order a mount that doesn't move yet has not stalled.
+        A mount that doesn't move within this time after an order has stalled.
     rest_s : float
-        So long at rest beside its place a mount has stalled: it may pause on its way.
+        A mount that rests beside its place for so long has stalled; it may pause between two axes.
     sync_wait_s : float
-        So long a sync may take to show.
+        Within this time a sync must show in the readings.
     late_s : float
-        Later than that after its answer it counts as late.
+        A sync that shows later than this counts as late.
     heartbeat_s : float
-        An idle mount is read so often; 0 leaves it alone (and a dead one is noticed by the next order only).
+        Between two readings of an idle mount; 0: none (a dead mount is then noticed by the next order only).
     silence_s : float
         A question unanswered for so long is announced as a silent link.
     lost_after_s : float
@@ -117,10 +127,10 @@ class Timing:
     fastest_deg_s : float
         No mount moves faster (direct drives reach 30).
     acceleration_deg_s2 : float
-        What it may gain in speed between two looks.
+        Speed that it may gain between two readings (per second of the sky).
     resting_arcsec : float
-        Further than this from the last reading (and two steps of the wire), that of a resting mount is
-        doubted: it is asked again.
+        A reading of a resting mount that is further than this (and two steps of the wire) from the last one
+        is doubted and asked again.
     drift_arcsec_s : float
         What a mount at rest may drift: a little more than the sky turns, for tracking switched off.
     near_arcsec : float
@@ -146,24 +156,21 @@ class Timing:
     drift_arcsec_s: float = 20.0
     near_arcsec: float = 30.0
 
+    @property
+    def soon_s(self) -> float:
+        """Between two readings that wait for an order to show: `poll_s`, but no more than `_SOON_S`."""
+        return min(_SOON_S, self.poll_s)
 
-_TIMES = (
-    "poll_s",
-    "slew_timeout_s",
-    "stall_s",
-    "stop_timeout_s",
-    "start_grace_s",
-    "rest_s",
-    "sync_wait_s",
-    "late_s",
-    "heartbeat_s",
-    "silence_s",
-    "lost_after_s",
-    "backoff_s",
-    "longest_backoff_s",
-    "fastest_deg_s",
-    "near_arcsec",
-)
+    def resting_free_arcsec(self, resolution_arcsec: float) -> float:
+        """How far two readings of a resting mount may differ: `resting_arcsec` and two steps of the wire."""
+        return self.resting_arcsec + 2.0 * resolution_arcsec
+
+
+_MEASURED = ("acceleration_deg_s2", "resting_arcsec", "drift_arcsec_s")
+"""Fields of `Timing` that a URL can't set: they say what mounts can do, not how patient an owner is."""
+_TIMES = tuple(field.name for field in fields(Timing) if field.name not in _MEASURED)
+"""Fields of `Timing` that a URL may set, under the same names."""
+
 PORT_OPTIONS = ("baud", "dtr", "rts")
 """Of serial ports; without effect on what is no serial port, and without sense there but for ``baud``."""
 LINE_OPTIONS = (*PORT_OPTIONS, "settle_s", "greeting_s")
@@ -180,15 +187,17 @@ OPTIONS = (
     *_TIMES,
 )
 _MAY_BE_ZERO = ("heartbeat_s",)
+"""Options for which 0 means "off"."""
 _BAUDS = (300, 4_000_000)
 """Least and most bits a second: what serial ports and USB bridges do."""
 _LONGEST_SETTLING_S = 120.0
-"""s. A board starts in 10 s, an old hand box in 30; twice as long looks as if the service hung."""
+"""The longest settle_s and greeting_s, in seconds. A board starts in 10 s, an old hand control in 30;
+doubled, a mistyped option looks as if the service hung."""
 
 
 @dataclass(frozen=True, slots=True)
 class MountOptions:
-    """What a URL says of a mount, or what its family does without it.
+    """What a URL says about a mount, with the family's defaults where it says nothing.
 
     Attributes
     ----------
@@ -199,18 +208,18 @@ class MountOptions:
     epoch : {"apparent", "icrs"}
         Kind of coordinates.
     dialect : str or None
-        Instead of what the handshake finds.
-    timing : Timing
+        Used instead of what the handshake finds.
     set_clock, set_site : bool
         Whether connecting sets the mount's clock and site to ours.
     trust_on_connect : bool
-        Whether its position counts at the first connecting, unless it shows that it was just switched on.
+        Whether its position is trusted at the first connecting, unless it shows that it was just switched on.
     swap_sides : bool or None
-        It tells the other side of the pier than the one on which the tube hangs; None: nobody has looked.
+        Whether it reports the side of the pier opposite to the one on which the tube hangs; None: not
+        checked.
     own : mapping of str to str
-        Options of the family's own, not yet read.
+        The family's own options, not yet read.
     control : ControlLines
-        Of a serial port.
+        DTR and RTS of a serial port.
     settle_s, greeting_s : float
         As of `Patience`.
     """
@@ -231,15 +240,15 @@ class MountOptions:
 
     @property
     def patience(self) -> Patience:
-        """For one question: three tries within the deadline."""
+        """The times of one question: three tries within the deadline."""
         return self.patience_with(Patience(deadline_s=self.timeout_s, try_s=self.timeout_s / 3.0))
 
     def patience_with(self, patience: Patience) -> Patience:
-        """The times of a family's question, with those of a greeting."""
+        """A family's own times of a question, with the settling and greeting times of this URL."""
         return replace(patience, settle_s=self.settle_s, greeting_s=self.greeting_s)
 
     def mount(self, language: Language, *, name: str | None, site: Site | None) -> GenericMount:
-        """Make the mount of a language, treated as these options say."""
+        """Make the mount that speaks a language, with these options."""
         from drivers.generic.mount import GenericMount
 
         return GenericMount(
@@ -269,11 +278,10 @@ def read_options(
 
     Parameters
     ----------
-    options : mapping of str to str
     driver : str
         For messages.
     baud, timeout_s, timing, epoch
-        What the family has if the URL doesn't say.
+        The family's defaults.
     dialects : iterable of str
         What ``dialect`` may be; empty where there is none to choose.
     own : iterable of str
@@ -285,7 +293,7 @@ def read_options(
         If an option is unknown or its value makes no sense.
     """
     own, dialects = tuple(own), tuple(dialects)
-    known = [one for one in OPTIONS if one != "dialect" or dialects] + list(own)
+    known = [option for option in OPTIONS if option != "dialect" or dialects] + list(own)
     require_known(options, known, driver)
     given_epoch = options.get("epoch", epoch)
     if given_epoch not in ("apparent", "icrs"):

@@ -3,7 +3,8 @@
 A single odd answer is never published. At rest a reading counts when it is where the last one was. Any other
 is taken again at once, and counts when the two agree: no further apart than the mount goes in the moment
 between them, at the speed it was seen to have; or when three in a row lie on one steady motion (somebody at
-the hand control). What no mount can do at all - a jump faster than any motor - is believed only so, and told.
+the hand control). What no mount can do at all - a jump faster than any motor - is believed only in that way,
+and reported.
 """
 
 from __future__ import annotations
@@ -16,29 +17,47 @@ from drivers.generic.language import Readout
 from drivers.generic.options import Timing
 from mountnav.errors import DeviceGarbled
 
-MOST_LOOKS = 10
+MOST_READINGS = 10
+"""How many readings may contradict each other before the line counts as garbled. Chosen: with one bad answer
+in five two good ones in a row come long before. Doubled, an order waits twice as long for a line that is
+hopeless; halved, a bad line fails that would have got through."""
 _LONGEST_SPAN_S = 1.0
+"""s. The questions for one place are taken to span no more: one that had to be asked again took longer, but
+the mount went no further for that. Chosen by hand: at 9600 baud the two questions take 0.1 s. Doubled, a
+garbled place twice as far off passes for motion."""
 _LONGEST_GAIN_S = 3.0
+"""s. A mount gains speed for no longer than this. Chosen by hand: at `acceleration_deg_s2` it is then faster
+than all but direct drives. Doubled, a place that no mount can have reached passes more easily."""
 _SHORTEST_PACE_S = 0.02
+"""s. No speed is derived from two readings closer in time than this: the rounding of their places divided by
+such a time is no speed. Chosen by hand. Doubled, fast wires give no speed; halved, noise makes one."""
 _LEAP_DEG = 10.0
-"""So far beyond its pace a mount may be found on its way: fast ones reach full speed within a look. Doubled,
-one that is switched off and on for a second and wakes up 20° away is not noticed."""
+"""A mount may be found so far beyond what its speed explains: fast ones reach full speed between two
+readings. Doubled, one that is switched off and on for a second and wakes up 20° away is not noticed."""
 HAND_DEG, HAND_DEG_S = 0.5, 6.0
-"""So far and so fast somebody at the hand control may move it between two looks. Doubled, a mount that wakes
-up 10° from where it was passes for one that was moved."""
+"""How far (°) at once, and how fast (°/s), somebody at the hand control may move it between two readings.
+Doubled, a mount that wakes up 10° from where it was passes for one that was moved."""
+_PACE_GROWTH = 1.5
+"""A mount may be so many times as fast as it was seen to be, besides what it gains by acceleration: speeds
+are measured over uneven times. Chosen by hand. Doubled, a wrong digit passes at twice the distance."""
+_MOST_BEND = 0.05
+"""Three readings lie on one line if the way over the second is longer by no more than this share. Chosen by
+hand: an arc of 60° is longer than its chord by 5 %. Doubled, a garbled second reading passes more easily."""
+_SPEEDS_ALIKE = 0.5
+"""Two speeds are alike if they differ by no more than this share of the faster one: a motion by hand is
+uneven. Chosen by hand. Doubled, any two speeds are alike."""
 
 
 @dataclass(frozen=True, slots=True)
 class Believed:
-    """A reading that counts.
+    """A reading that is believed.
 
     Attributes
     ----------
-    readout : Readout
     jump_arcsec : float
         By how much it lies further from the last one than any mount can move; 0 as a rule.
     leap_arcsec : float
-        By how much it lies further than this mount can have gone by the pace it had; 0 as a rule.
+        By how much it lies further than this mount can have gone at the speed it had; 0 as a rule.
     """
 
     readout: Readout
@@ -47,13 +66,21 @@ class Believed:
 
 
 class ReadingFilter:
-    """Judges one mount's readings.
+    """Decides which of one mount's readings are believed.
 
     Parameters
     ----------
-    timing : Timing
     device : str
         For messages.
+
+    Attributes
+    ----------
+    last : Readout or None
+        The last one that was believed.
+    resolution_arcsec : float
+        The mount's step; 15 (a second of right ascension) until it is known.
+    moving : bool
+        Whether an order to move is being carried out; counts where the mount doesn't report that it slews.
     """
 
     def __init__(self, timing: Timing, device: str) -> None:
@@ -62,16 +89,15 @@ class ReadingFilter:
         self.last: Readout | None = None
         self.resolution_arcsec = 15.0
         self.moving = False
-        """Whether an order to move is being carried out."""
         self._pace_arcsec_s = 0.0
 
     def forget(self) -> None:
-        """The next reading may be anywhere: after a sync or a new link."""
+        """Accept any place next: after a sync or on a new link."""
         self.last = None
         self._pace_arcsec_s = 0.0
 
-    async def read(self, look: Callable[[], Awaitable[Readout]]) -> Believed:
-        """Read until a reading can be believed.
+    async def read(self, read_once: Callable[[], Awaitable[Readout]]) -> Believed:
+        """Read until a reading is believed.
 
         Raises
         ------
@@ -79,13 +105,13 @@ class ReadingFilter:
             If they go on contradicting each other.
         """
         last = self.last
-        readout = await look()
+        readout = await read_once()
         if not readout.doubtful and last is not None and self._rests(last, readout):
             return self._believed(readout)
         earlier: Readout | None = None
-        for _ in range(MOST_LOOKS):
-            again = await look()
-            # a doubtful one confirms nothing: it may be what went wrong
+        for _ in range(MOST_READINGS):
+            again = await read_once()
+            # a doubtful reading confirms nothing: it may itself be wrong
             if not (again.doubtful or readout.doubtful) and (
                 self.reachable(readout, again)
                 or (earlier is not None and self._steady_motion(earlier, readout, again))
@@ -99,7 +125,7 @@ class ReadingFilter:
         )
 
     def _believed(self, readout: Readout) -> Believed:
-        # somebody else may have read meanwhile: the jump counts from the last that was believed
+        # another task may have read meanwhile: jumps count from the last reading that was believed
         last, self.last = self.last, readout
         if last is None:
             return Believed(readout)
@@ -111,13 +137,14 @@ class ReadingFilter:
 
     def _rests(self, before: Readout, after: Readout) -> bool:
         """Whether a reading is where the last one was, but for the turn of the sky."""
-        free_arcsec = self._timing.resting_arcsec + 2.0 * self.resolution_arcsec
+        free_arcsec = self._timing.resting_free_arcsec(self.resolution_arcsec)
         drift_arcsec = self._timing.drift_arcsec_s * _elapsed_s(before, after)
         return apart_arcsec(before.place, after.place) <= free_arcsec + drift_arcsec
 
     def reachable(self, before: Readout, after: Readout) -> bool:
-        """Whether a mount read as `before` can be, a moment later, where `after` says."""
-        # an order counts where the mount can't tell: at rest a wrong digit must not pass as its motion
+        """Whether a mount read at `before` can be, a moment later, at `after`."""
+        # where the mount doesn't report its motion, our order counts: at rest a wrong digit must not pass as
+        # motion
         if before.slewing is None or after.slewing is None:
             moving = self.moving
         else:
@@ -125,27 +152,35 @@ class ReadingFilter:
         if not moving:
             return self._rests(before, after)
         since_s = _elapsed_s(self.last, after) if self.last is not None else _LONGEST_SPAN_S
-        gained_arcsec_s = self._timing.acceleration_deg_s2 * 3600.0 * min(since_s, _LONGEST_GAIN_S)
-        pace_arcsec_s = 1.5 * self._pace_arcsec_s + gained_arcsec_s
-        rate = min(pace_arcsec_s, self._timing.fastest_deg_s * 3600.0)
-        free_arcsec = self._timing.resting_arcsec + 2.0 * self.resolution_arcsec
-        return apart_arcsec(before.place, after.place) <= free_arcsec + rate * _elapsed_s(before, after)
+        fastest_arcsec_s = min(self._speed_after_arcsec_s(since_s), self._timing.fastest_deg_s * 3600.0)
+        free_arcsec = self._timing.resting_free_arcsec(self.resolution_arcsec)
+        reach_arcsec = free_arcsec + fastest_arcsec_s * _elapsed_s(before, after)
+        return apart_arcsec(before.place, after.place) <= reach_arcsec
+
+    def _speed_after_arcsec_s(self, seconds: float) -> float:
+        """How fast this mount can be some seconds after its speed was measured."""
+        gained_arcsec_s = self._timing.acceleration_deg_s2 * 3600.0 * min(seconds, _LONGEST_GAIN_S)
+        return _PACE_GROWTH * self._pace_arcsec_s + gained_arcsec_s
 
     def still(self, before: Readout, after: Readout) -> bool:
         """Whether the mount rested between two readings."""
+        return not after.slewing and not self.changed(before, after)
+
+    def changed(self, before: Readout, after: Readout) -> bool:
+        """Whether the place has changed by more than one step of the wire and the turn of the sky."""
         elapsed_s = max(0.0, (after.utc - before.utc).total_seconds())
+        # an arcsecond and a tenth of a step: two readings of one place may be rounded to neighboring steps
         free_arcsec = 1.0 + 1.1 * self.resolution_arcsec + self._timing.drift_arcsec_s * elapsed_s
-        return not after.slewing and apart_arcsec(before.place, after.place) <= free_arcsec
+        return apart_arcsec(before.place, after.place) > free_arcsec
 
     def _beyond_any_motor(self, before: Readout, after: Readout) -> float:
-        free_arcsec = self._timing.resting_arcsec + 2.0 * self.resolution_arcsec
+        free_arcsec = self._timing.resting_free_arcsec(self.resolution_arcsec)
         reach_arcsec = self._timing.fastest_deg_s * 3600.0 * _elapsed_s(before, after) + free_arcsec
         return max(0.0, apart_arcsec(before.place, after.place) - reach_arcsec)
 
     def _beyond_its_pace(self, before: Readout, after: Readout) -> float:
         elapsed_s = _elapsed_s(before, after)
-        gained_arcsec_s = self._timing.acceleration_deg_s2 * 3600.0 * min(elapsed_s, _LONGEST_GAIN_S)
-        rate = max(1.5 * self._pace_arcsec_s + gained_arcsec_s, HAND_DEG_S * 3600.0)
+        rate = max(self._speed_after_arcsec_s(elapsed_s), HAND_DEG_S * 3600.0)
         free_arcsec = _LEAP_DEG * 3600.0 + 2.0 * self.resolution_arcsec
         return max(0.0, apart_arcsec(before.place, after.place) - free_arcsec - rate * elapsed_s)
 
@@ -156,13 +191,14 @@ class ReadingFilter:
             return False
         ab, bc = apart_arcsec(first.place, second.place), apart_arcsec(second.place, third.place)
         free_arcsec = 2.0 * self.resolution_arcsec
-        straight = ab + bc - apart_arcsec(first.place, third.place) <= free_arcsec + 0.05 * (ab + bc)
-        alike = abs(ab / one - bc / two) <= 0.5 * max(ab / one, bc / two) + free_arcsec / min(one, two)
-        return straight and alike and max(ab / one, bc / two) <= self._timing.fastest_deg_s * 3600.0
+        straight = ab + bc - apart_arcsec(first.place, third.place) <= free_arcsec + _MOST_BEND * (ab + bc)
+        faster = max(ab / one, bc / two)
+        alike = abs(ab / one - bc / two) <= _SPEEDS_ALIKE * faster + free_arcsec / min(one, two)
+        return straight and alike and faster <= self._timing.fastest_deg_s * 3600.0
 
 
 def _elapsed_s(before: Readout, after: Readout) -> float:
-    # coordinates asked one after the other: a moving mount goes on between them
-    # (what was asked again took longer, but moved no further meanwhile)
+    # the two coordinates are asked one after the other, and a moving mount goes on between them
+    # (a question that was asked again took longer, but the mount moved no further for that)
     spans_s = min(before.span_s, _LONGEST_SPAN_S) + min(after.span_s, _LONGEST_SPAN_S)
     return max(0.0, (after.utc - before.utc).total_seconds()) + spans_s

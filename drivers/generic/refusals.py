@@ -1,7 +1,7 @@
-"""After a refusal: whether the mount does it all the same; then it is stopped, told, and no longer trusted.
+"""After a refusal: whether the mount does it all the same; then it is stopped and no longer trusted.
 
-One bit of an answer may flip, a driver may answer an order that it took with an alarm: "no" is a word, and
-words are checked by readings. This is the one place for it, for all families and all orders.
+One bit of an answer may flip, and a driver may answer an order that it carries out with an alarm: so each
+refusal is checked by readings. This is the one place for that, for all families and all orders.
 """
 
 from __future__ import annotations
@@ -17,36 +17,33 @@ from mountnav.devices import SlewState, moved_arcsec
 from mountnav.errors import DeviceError, DeviceRefused, RefusedButDone
 
 _LATELY_S = 2.0
-"""A reading so old still tells how the mount stood before an order. Doubled, its drift hides more."""
+"""s. A reading no older than this still says how the mount stood before an order. Chosen: four heartbeats.
+Doubled, its drift since then hides more motion; halved, each order costs a reading more."""
+_IN_DEGREES_ARCSEC = 36.0
+"""From here on messages give a motion in degrees: 0.01°, their last digit."""
 
 Stop = Callable[[], Awaitable[None]]
+"""Stops the mount until it is seen at rest; raises `DeviceError`."""
 Took = Callable[[Readout], bool | None]
-"""Whether a reading shows that the order was carried out; None where it can't tell."""
+"""Whether a reading shows that the order was carried out; None where it can't show that."""
 
 
 class Refusals:
-    """Looks after one mount that has said no.
+    """Checks the refusals of one mount."""
 
-    Parameters
-    ----------
-    tended : Tended
-    stop : callable
-        Stops the mount until it is seen at rest; raises `DeviceError`.
-    """
-
-    def __init__(self, tended: Session, stop: Stop) -> None:
-        self._tended = tended
+    def __init__(self, session: Session, stop: Stop) -> None:
+        self._session = session
         self._stop = stop
 
     async def before(self) -> Readout:
-        """How the mount stood before an order: its last reading, or a new one."""
-        last = self._tended.judge.last
+        """The mount before an order: its last reading if that is fresh, or a new one."""
+        last = self._session.filter.last
         if last is not None and (utc_now() - last.utc).total_seconds() < _LATELY_S:
             return last
-        return await self._tended.look()
+        return await self._session.read()
 
     @asynccontextmanager
-    async def seen_to(
+    async def checked(
         self,
         order: str,
         before: Readout,
@@ -55,39 +52,39 @@ class Refusals:
         undo: Callable[[], Awaitable[object]] | None = None,
         stops: bool = True,
     ) -> AsyncIterator[None]:
-        """Send an order within this: a refusal that its readings belie is raised as `RefusedButDone`.
+        """Send an order within this context: a refusal that the readings contradict becomes `RefusedButDone`.
 
         Parameters
         ----------
         order : str
             In words: "the slew".
         before : Readout
-            How it stood.
+            The reading before it.
         took : callable, optional
-            What shows besides motion that it did it.
+            What besides motion shows that the order was carried out.
         undo : callable, optional
-            Takes back what it did without moving.
+            Takes back what was done without motion.
         stops : bool
-            Whether it is stopped when its place has changed, and not only when it says that it slews: after
-            all orders but a sync.
+            Whether the mount is stopped as soon as its place has changed, and not only if it reports a slew:
+            after all orders but a sync.
 
         Raises
         ------
         DeviceRefused
-            As the order did: the mount stays where it was.
+            The order's own refusal: the mount stays where it was.
         RefusedButDone
-            It did it, and was stopped, if that could be done.
+            It carried the order out, and was stopped if that was possible.
         DeviceSilent, DeviceGarbled, DeviceMissing
-            It said no, and can't be read since.
+            It refused, and can't be read since.
         """
-        log, began = self._tended.language.log, self._tended.language.log.count
-        # somebody else's motion, then: it is not ours to stop, and tells nothing of the refusal
-        moved_already = bool(before.slewing) or self._tended.in_motion
+        log, began = self._session.language.log, self._session.language.log.count
+        # a motion that began before is not ours to stop, and says nothing about the refusal
+        moved_already = bool(before.slewing) or self._session.in_motion
         try:
             yield
         except DeviceRefused as refusal:
-            said = any(one.way == "driver->mount" for one in log.entries(began))
-            if moved_already or not said:  # the driver's own no
+            asked = any(entry.way == "driver->mount" for entry in log.entries(began))
+            if moved_already or not asked:  # nothing went out: the driver's own refusal
                 raise
             done = await self._belied(refusal, before, took)
             if done is None:
@@ -95,37 +92,38 @@ class Refusals:
             raise await self._ended(order, refusal, done, undo, stops=stops) from refusal
 
     async def _belied(self, refusal: DeviceRefused, before: Readout, took: Took | None) -> str | None:
-        """What the mount does although it said no, in words; None if it does nothing."""
-        tended, loop = self._tended, asyncio.get_running_loop()
+        """What the mount does although it refused, in words; None if it does nothing."""
+        session, loop = self._session, asyncio.get_running_loop()
         orders = self._orders()
-        until = loop.time() + tended.timing.start_grace_s
+        until = loop.time() + session.timing.start_grace_s
         while True:
-            # what one that says it rests tells on its way is believed late, and it must be stopped at once
-            done = self._did(before, await self._looked(refusal), took)
+            # unfiltered readings: the filter believes a motion late, and the mount must be stopped at once
+            done = self._did(before, await self._read(refusal), took)
             if done is not None:
-                # one answer may be wrong as well: two in a row that show it are enough to stop it
-                done = self._did(before, await self._looked(refusal), took)
+                # one reading may be wrong as well: two in a row are enough to stop the mount
+                done = self._did(before, await self._read(refusal), took)
             if orders != self._orders():
-                return None  # what it does now may be by another order
+                return None  # its motion may now be due to another order
             if done is not None or loop.time() > until:
                 return done
-            await pause(min(0.2, tended.timing.poll_s))
+            await pause(session.timing.soon_s)
 
     def _orders(self) -> tuple[str | None, int, int, int]:
-        tended = self._tended
-        return tended.job, tended.stops, tended.pulses, tended.links
+        session = self._session
+        return session.job, session.stops, session.pulses, session.links
 
-    async def _looked(self, refusal: DeviceRefused) -> Readout:
+    async def _read(self, refusal: DeviceRefused) -> Readout:
         try:
-            return await self._tended.glimpse()
+            return await self._session.read_once()
         except DeviceError as trouble:
             raise await self._unread(refusal, trouble) from refusal
 
     def _did(self, before: Readout, now: Readout, took: Took | None) -> str | None:
-        free_arcsec = self._tended.timing.resting_arcsec + 2.0 * self._tended.language.resolution_arcsec
+        free_arcsec = self._session.timing.resting_free_arcsec(self._session.language.resolution_arcsec)
         moved = moved_arcsec(before.reading, now.reading)
         if moved > free_arcsec:
-            return f"moved by {moved / 3600.0:.2f}°" if moved >= 36.0 else f"moved by {moved:.0f}″"
+            in_degrees = moved >= _IN_DEGREES_ARCSEC
+            return f"moved by {moved / 3600.0:.2f}°" if in_degrees else f"moved by {moved:.0f}″"
         if now.slewing:
             return "moved"
         if took is not None and took(now) and took(before) is False:
@@ -133,16 +131,16 @@ class Refusals:
         return None
 
     async def _unread(self, refusal: DeviceRefused, trouble: DeviceError) -> DeviceError:
-        """It said no and can't be read: it may move, and a stop is owed."""
-        tended = self._tended
-        tended.state, tended.stop_owed = SlewState.LOST, True
-        if tended.job is None:
-            # an order to move sees to that itself
+        """The error for a mount that refused and can't be read: it may move, and a stop is owed."""
+        session = self._session
+        session.state, session.stop_owed = SlewState.LOST, True
+        if session.job is None:
+            # an order to move sends its own stop
             with suppress(DeviceError):
-                await tended.language.send_stop(0)
+                await session.language.send_stop(0)
         return type(trouble)(
             f"said no ({refusal.what}), and whether it does it all the same can't be seen: {trouble.what}",
-            device=tended.name,
+            device=session.name,
             advice="look at the mount before anything moves",
         )
 
@@ -155,12 +153,12 @@ class Refusals:
         *,
         stops: bool,
     ) -> RefusedButDone:
-        """Stop what it does, let its position not count, tell; what is to be raised."""
-        tended = self._tended
+        """Stop or undo what it does, distrust its position and report it; return the error to raise."""
+        session = self._session
         said = f"{order}: said refused ({refusal.what}), but {done}"
-        tended.language.log.note("event", meaning=said)
-        # before the stop is through: nothing else may be sent out by this position meanwhile
-        tended.distrust(f"it said no to {order}, and {done}")
+        session.language.log.note("event", meaning=said)
+        # before the stop: nothing may be sent by this position while the stop is carried out
+        session.distrust(f"it said no to {order}, and {done}")
         advice = "its position doesn't count: solve a frame and sync (recover), and see to its line"
         try:
             if done == "did it":
@@ -169,14 +167,11 @@ class Refusals:
                     said = f"{said}; undone"
             elif stops or done == "moved":
                 await self._stop()
-                tended.state = SlewState.STOPPED
+                session.state = SlewState.STOPPED
                 said = f"{said}; stopped"
         except DeviceError as trouble:
-            tended.state, tended.stop_owed = SlewState.LOST, True
+            session.state, session.stop_owed = SlewState.LOST, True
             said = f"{said}, and could not be stopped: {trouble.what}"
             advice = "it may be moving: stop it, or cut its power"
-        tended.tell("refused-but-done", {"order": order, "why": said})
-        return RefusedButDone(said, device=tended.name, advice=advice)
-
-
-__all__ = ["Refusals"]
+        session.emit("refused-but-done", {"order": order, "why": said})
+        return RefusedButDone(said, device=session.name, advice=advice)

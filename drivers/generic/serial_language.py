@@ -21,16 +21,13 @@ from drivers.wire.wire_log import WireLog
 from mountnav.errors import DeviceError, DeviceGarbled, DeviceSilent
 
 _BETWEEN_GREETINGS_S = 0.2
-"""A boot loader goes on when it hears nothing for a while; the tries of a question are pauses enough."""
+"""s between two greetings of a board that doesn't answer yet. A boot loader starts the firmware when it hears
+nothing for a while; the times between the tries of a question are pause enough for that. Doubled, connecting
+takes 0.2 s longer."""
 
 
 class SerialLanguage(Unskilled):
-    """The half of a `drivers.generic.language.Language` that is its link's; a family adds the rest.
-
-    Parameters
-    ----------
-    link : Link
-    """
+    """The half of a `drivers.generic.language.Language` that concerns the link; a family adds the rest."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
@@ -42,7 +39,7 @@ class SerialLanguage(Unskilled):
 
     @property
     def log(self) -> WireLog:
-        """All that went over its wire lately."""
+        """The latest messages on its wire."""
         return self._link.log
 
     @property
@@ -51,17 +48,17 @@ class SerialLanguage(Unskilled):
         return self._link.usable
 
     async def _greeted(self, greet: Callable[[], Awaitable[Identity]]) -> Identity:
-        """Open the link and greet until that goes well, or its time is over; a failure closes the link.
+        """Open the link and greet until that succeeds or its time is over; a failure closes the link.
 
-        A board may be deaf after its port was opened, because that starts it anew. Then it has forgotten what
-        it knew, and most can't tell: its position doesn't count until somebody has looked at the sky.
+        A board may be deaf after its port was opened, because opening resets it. Then it has forgotten its
+        alignment, and most boards don't report that: so a late first answer makes its position doubtful.
 
         Raises
         ------
         DeviceMissing
             If there is no such port.
         DeviceSilent, DeviceGarbled
-            If it didn't answer well to the end; the advice depends on whether it answered anything.
+            If no greeting was answered to its end; the advice depends on whether anything was answered.
         """
         link, loop = self._link, asyncio.get_running_loop()
         await link.open()
@@ -86,7 +83,7 @@ class SerialLanguage(Unskilled):
         return replace(identity, problems=(*identity.problems, f"{doubt} ({advice})"), doubt=doubt)
 
     def _with_advice(self, failure: DeviceError) -> DeviceError:
-        """The same failure; a mount that answers other questions has no bad cable."""
+        """The same failure with other advice if the mount answers other questions: its cable is good then."""
         if not self._link.answers:
             return failure
         return type(failure)(
@@ -97,11 +94,11 @@ class SerialLanguage(Unskilled):
         )
 
     def unanswered_s(self) -> float:
-        """Since when a question has been waiting for its first good answer; 0 when none is."""
+        """How long a question has been waiting for its first good answer; 0 when none is waiting."""
         return self._link.unanswered_s()
 
     def take_line(self, line: ByteLine) -> None:
-        """Talk over another line from now on; before `open`, as when a recorded wire is played."""
+        """Use another line from now on, for example a recorded one; call it before `open`."""
         self._link.take_line(line)
 
     async def close(self) -> None:
@@ -109,18 +106,19 @@ class SerialLanguage(Unskilled):
         await self._link.close()
 
     async def lost(self) -> str:
-        """Wait until the open link is lost, and tell why."""
+        """Wait until the open link is lost, and return why."""
         return await self._link.lost()
 
 
 T = TypeVar("T")
 _TRIES = (1, 2)
-"""How many tries each of the two rounds has: a line that loses one answer in twenty takes one question in
-eight thousand for missing. Doubled, a mount that lacks three questions takes half a minute to connect."""
+"""How many tries each of the two rounds has: on a line that loses one answer in twenty, one question in eight
+thousand (20 cubed) is taken for missing. Doubled, a mount that lacks three questions takes half a minute to
+connect."""
 
 
 class AskOnce(Protocol):
-    """Puts one question within a deadline; raises `DeviceError`."""
+    """A function that asks one question within a deadline; raises `DeviceError`."""
 
     async def __call__(self, command: Command[Any], *, deadline_s: float | None = None) -> Any:
         """Return the answer."""
@@ -128,15 +126,14 @@ class AskOnce(Protocol):
 
 
 class OptionalQuestions:
-    """Asks over a link what a mount may lack.
+    """Asks the questions that a mount may lack, and remembers which it lacks.
 
     Parameters
     ----------
-    link : Link
     alive : callable
-        Asks what every mount of the family answers; raises `DeviceError` when this one doesn't now.
+        Asks a question that every mount of the family answers; raises `DeviceError` when this one doesn't.
     greetings : tuple of Command
-        Nobody is told that these are missing: nothing hangs on them but which words are spoken.
+        Questions that only decide which dialect is spoken: that they are missing is not reported.
     """
 
     def __init__(
@@ -150,21 +147,22 @@ class OptionalQuestions:
         self._lacked: set[bytes] = set()
 
     def begin(self) -> None:
-        """Begin anew, as when a link was opened: the mount may be another, or have other firmware.
+        """Forget what was found out, on a new link: the mount may be another one, or have other firmware.
 
-        What was missing before is asked once only: something may be moving that waits for its stop.
+        Questions that were missing before are tried in one round only: a moving mount may be waiting for its
+        stop.
         """
         self._lacked |= self._missing.keys()
         self._answered.clear()
         self._missing.clear()
 
     def lacks(self, *commands: Command[Any]) -> bool:
-        """Whether one of these questions is known to be missing."""
+        """Whether the mount is known to lack one of these questions."""
         return any(command.sent in self._missing for command in commands)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is missing, in words for an operator."""
+        """The missing questions, in words for an operator."""
         return tuple(
             f"it doesn't answer {sent!r} ({meaning}): what hangs on that is left out"
             for sent, meaning in self._missing.items()
@@ -172,11 +170,10 @@ class OptionalQuestions:
         )
 
     async def known(self, command: Command[T], ask: AskOnce | None = None) -> T | None:
-        """Ask; None where the mount lacks the question. What was answered once is not optional any more.
+        """Ask; None where the mount lacks the question. Once answered, a question is not optional any more.
 
         Parameters
         ----------
-        command : Command
         ask : callable, optional
             Instead of the link's own way to ask.
 

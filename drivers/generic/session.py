@@ -1,7 +1,7 @@
-"""A language with a link that is kept, readings that are judged, and a position that counts or doesn't.
+"""The session with one mount: its language and link, filtered readings, trust in its position.
 
 Connecting asks and compares, and sets nothing unless the configuration says so. A position that may be wrong
-(power-up, reboot, lost link) doesn't count until a sync on the sky was seen or the mount has found its home.
+(power-up, reboot, lost link) is not trusted until a sync on the sky was seen or the mount has found its home.
 """
 
 from __future__ import annotations
@@ -16,19 +16,26 @@ from drivers.generic.language import Identity, Language, Readout
 from drivers.generic.link_supervisor import LinkSupervisor
 from drivers.generic.options import Timing
 from drivers.generic.reading_filter import HAND_DEG, HAND_DEG_S, Believed, ReadingFilter
+from drivers.generic.refusal_words import untrusted
 from mountnav.clock import real_s, utc_now
 from mountnav.devices import ConnectReport, PierSide, SlewState, moved_arcsec
 from mountnav.errors import Busy, DeviceError, DeviceMissing, DeviceRefused, Refusal
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 
 Listener = Callable[[str, Mapping[str, object]], None]
+"""Takes the name of an event and its facts."""
+
 _SAME_CLOCK_S = 5.0
+"""s. A mount's clock that changed by more against ours during a silence shows that the mount was switched
+off. Chosen: clocks carry whole seconds and answers may be late by one or two. Doubled, a mount whose
+clock starts 8 s behind after a reset passes for one that was only silent."""
 _ON_THE_WAY = (SlewState.ACCEPTED, SlewState.UNDER_WAY, SlewState.LOST)
+"""States of the last order in which the mount may still be moving."""
 
 
 @dataclass(frozen=True, slots=True)
 class ConnectSettings:
-    """What connecting may do.
+    """What the settings say about connecting.
 
     Attributes
     ----------
@@ -37,10 +44,10 @@ class ConnectSettings:
     set_clock, set_site : bool
         Whether the mount's clock and site are set to ours.
     trust : bool
-        Whether the position counts at the first connecting, unless the mount was just switched on.
+        Whether the position is trusted at the first connecting, unless the mount was just switched on.
     swap_sides : bool or None
-        Whether it tells the other side of the pier than the one on which the tube hangs; None: nobody has
-        looked.
+        Whether the mount reports the side of the pier opposite to the one on which the tube hangs; None: it
+        was not checked.
     """
 
     site: Site | None = None
@@ -52,7 +59,7 @@ class ConnectSettings:
 
 @dataclass(frozen=True, slots=True)
 class LateSync:
-    """A sync that was given up, and may yet show: where, how near to it, and until when (loop time)."""
+    """A sync that was given up and may still show: its place, how near counts, and until when (loop time)."""
 
     place: Apparent | Icrs
     near_arcsec: float
@@ -60,20 +67,25 @@ class LateSync:
 
 
 class Session:
-    """What moving, syncing and all other orders of one mount share.
+    """What all orders to one mount share: the state of its link and motion, and the trust in its position.
 
     Parameters
     ----------
-    language : Language
     name : str
         For messages.
-    timing : Timing
-    connecting : Connecting
 
     Attributes
     ----------
+    filter : ReadingFilter
+        Decides which readings are believed.
+    supervisor : LinkSupervisor
+        Keeps the link.
+    trusted : bool
+        Whether the mount's own position counts. Drivers keep this here only; `mountnav.mount` asks for it and
+        adds what it knows of the sky.
     job : str or None
-        The order to move that runs.
+        The order to move that runs: one at a time, since the readings that follow an order say only whether
+        the mount moves, not by whose order.
     sent_out : bool
         Whether that has gone out, or is about to: until then nothing of ours moves the mount.
     state : SlewState
@@ -83,29 +95,36 @@ class Session:
     stopping : int
         How many of them are being carried out: the mount was not yet seen at rest.
     no_stop : asyncio.Event
-        Set while that is none.
+        Set while no stop is being carried out.
     pulses : int
         How many guide pulses run.
     links : int
-        How often the link was made or lost: what began under another count goes on no longer.
+        How often the link was made or lost: what began under another count is given up.
     stop_owed : bool
-        Something may be moving that nobody has seen at rest since.
+        Something may be moving, and no reading since has shown the mount at rest.
     ordering : asyncio.Lock
         Held while an order of several commands goes out.
     in_motion : bool
-        Whether it moved between the last two looks.
+        Whether it moved between the last two readings.
     doubt : str
-        What was odd on its way: a silence, a leap. It may have been switched off and on then; unless it comes
-        to where it was sent its position counts no more.
+        What was odd on the way of the present motion (a silence, a leap of the readings): the mount may have
+        been switched off and on. Unless it arrives where it was sent, its position is not trusted any more.
     silent_on_its_way : bool
-        Then the flags "parked" and "at home" prove nothing either: it may have woken up with them.
+        It was silent during the present motion: then the flags "parked" and "at home" prove nothing either,
+        it may have woken up with them.
+    late_sync : LateSync or None
+        The last sync that was given up.
+    report : ConnectReport or None
+        What the last connecting found.
+    lost_why : str
+        Why the link was lost last.
     """
 
     def __init__(self, language: Language, name: str, timing: Timing, connecting: ConnectSettings) -> None:
         self.language = language
         self.name = name
         self.timing = timing
-        self.judge = ReadingFilter(timing, name)
+        self.filter = ReadingFilter(timing, name)
         self.ordering = asyncio.Lock()
         self.job: str | None = None
         self.sent_out = False
@@ -126,10 +145,10 @@ class Session:
         self.late_sync: LateSync | None = None
         self.listeners: list[Listener] = []
         self._connecting = connecting
-        self.keeper = LinkSupervisor(
+        self.supervisor = LinkSupervisor(
             language,
             timing,
-            beat=self.look,
+            beat=self.read,
             reopen=self._reopen,
             silent=self._on_silent,
             lost=self._on_lost,
@@ -143,9 +162,9 @@ class Session:
         self._why_untrusted = "not connected"
         self._was_fresh = False
         self._muted = False
-        """Whether it has been silent since the last look."""
+        """Whether it has been silent since the last reading."""
         self._since: Readout | None = None
-        """The look from which on it rests."""
+        """The reading since which it rests."""
 
     # -- the link ----------------------------------------------------------------------------------
 
@@ -164,12 +183,12 @@ class Session:
         async with self._opening:
             await self._connect(again=False)
         self._wanted_open = True
-        self.keeper.start()
+        self.supervisor.start()
 
     async def close(self) -> None:
         """Release the link; closing twice is fine."""
         self._wanted_open = self._connected = False
-        await self.keeper.end()
+        await self.supervisor.end()
         await self.language.close()
 
     async def _connect(self, *, again: bool) -> None:
@@ -181,17 +200,17 @@ class Session:
             if self.stop_owed:
                 # when the link broke something was moving, or was being stopped
                 await language.send_stop(0)
-            self.judge.forget()
-            self.judge.resolution_arcsec = language.resolution_arcsec
-            readout = (await self.judge.read(language.readout)).readout
+            self.filter.forget()
+            self.filter.resolution_arcsec = language.resolution_arcsec
+            readout = (await self.filter.read(language.readout)).readout
             self._was_fresh = readout.fresh
             found = None
             if self._connecting.set_site or self._connecting.set_clock:
-                # what it is set from tells by how much its sky is turned
+                # compared before anything is set: the difference says by how much its sky was turned
                 found = await compare(language, identity, self._connecting.site, trusted=self.trusted)
             done, refused = await self._set(site=self._connecting.set_site, clock=self._connecting.set_clock)
             identity = replace(identity, problems=(*identity.problems, *refused))
-            # whoever closes and opens it again must not have trusted it for that
+            # closing and opening again must not turn a mistrusted position into a trusted one
             counted = self._connecting.trust if self.report is None else self.trusted
             doubt = identity.doubt or implausible(readout, self._connecting.site)
             if doubt and doubt != identity.doubt:
@@ -210,7 +229,7 @@ class Session:
         self.trusted = trusted
         self._connected = True
         facts = {"identity": report.identity, "trusted": trusted, "problems": list(report.problems)}
-        self.tell("link-back" if again else "connected", facts)
+        self.emit("link-back" if again else "connected", facts)
         if not trusted:
             self._why_untrusted = "nobody has looked at the sky since it was connected"
             if readout.fresh:
@@ -219,7 +238,7 @@ class Session:
                 self._why_untrusted = "its link was lost"
             elif doubt:
                 self._why_untrusted = doubt
-            self.tell("untrusted", {"why": self._why_untrusted})
+            self.emit("untrusted", {"why": self._why_untrusted})
 
     async def compare(self) -> ConnectReport:
         """Ask for clock and site again, and compare them with ours. Raises `DeviceError`."""
@@ -231,18 +250,21 @@ class Session:
         return self.report
 
     async def set_site_and_time(self) -> ConnectReport:
-        """Set clock and site to ours, as far as it takes them; what they are then.
+        """Set clock and site to ours, as far as the mount takes them; return the comparison afterwards.
 
-        Its place among the stars may change by that: it counts no more then, as after any jump.
+        The right ascension that it reports may change by that: the position is not trusted then, as after any
+        jump.
 
         Raises
         ------
+        Busy
+            If an order to move runs.
         DeviceRefused
-            It takes neither, or moves.
+            If it takes neither.
         DeviceError
+            If the link fails.
         """
-        if self.job is not None:
-            raise Busy(f"a {self.job} is running", device=self.name, advice="wait for it, or stop it")
+        self.require_no_job()
         await self.ready()
         async with self.ordering:
             done, refused = await self._set(site=True, clock=True)
@@ -256,11 +278,11 @@ class Session:
         if self.report is not None:
             self.report = replace(self.report, done=tuple(dict.fromkeys((*self.report.done, *done))))
         report = await self.compare()
-        await self.look()
+        await self.read()
         return report
 
     async def _set(self, *, site: bool, clock: bool) -> tuple[list[str], list[str]]:
-        """Set site and clock if that is asked for: what was done, and what it refused."""
+        """Set site and clock where asked; return what was done, and what was refused."""
         done, refused = [], []
         ours = self._connecting.site
         try:
@@ -279,7 +301,7 @@ class Session:
 
     async def _reopen(self) -> None:
         async with self._opening:
-            # another caller may have done it meanwhile
+            # another caller may have opened it meanwhile
             if not (self._connected and self.language.usable):
                 if not self._wanted_open:
                     raise DeviceMissing("not connected", device=self.name, advice="open the mount first")
@@ -299,7 +321,7 @@ class Session:
         if self.job is not None:
             self.silent_on_its_way = True
             self.doubt = "it was silent on its way, and didn't come to where it was sent"
-        self.tell("link-silent", {"for_s": round(for_s, 1)})
+        self.emit("link-silent", {"for_s": round(for_s, 1)})
 
     async def _on_lost(self, why: str) -> None:
         self.language.log.note("event", meaning=f"link lost: {why}")
@@ -310,16 +332,17 @@ class Session:
         if self.job is not None or self.state in _ON_THE_WAY:
             self.state = SlewState.LOST
             self.stop_owed = True
-        self.tell("link-lost", {"why": why})
+        self.emit("link-lost", {"why": why})
         self.distrust("its link was lost")
-        # a silent line is still open: it is opened anew, the greeting tells who is there now. A caller may be
-        # doing that already: its new line isn't closed under it, unless a stop has still to be sent over it
+        # a silent line is still open: close it, so that it is opened again and the greeting says who is there
+        # now. A caller may have reopened it already: that new line is left open, unless a stop has still to
+        # be sent over it
         async with self._opening:
             if self.stop_owed or not self._connected:
                 await self.language.close()
 
     async def _on_back(self, after_s: float) -> None:
-        self.tell("link-back", {"after_s": round(after_s, 1)})
+        self.emit("link-back", {"after_s": round(after_s, 1)})
         before = None if self.report is None else self.report.clock_off_s
         try:
             clock = await self.language.read_clock()
@@ -333,39 +356,41 @@ class Session:
     # -- trust -------------------------------------------------------------------------------------
 
     def trust(self, why: str) -> None:
-        """Let the position count from now on."""
+        """Trust the position from now on."""
         if not self.trusted:
             self.trusted = True
-            self.tell("trusted", {"why": why})
+            self.emit("trusted", {"why": why})
 
     def distrust(self, why: str) -> None:
-        """Let the position not count any more."""
+        """Stop trusting the position."""
         self._why_untrusted = why
         if self.trusted:
             self.trusted = False
             self.language.log.note("event", meaning=f"untrusted: {why}")
-            self.tell("untrusted", {"why": why})
+            self.emit("untrusted", {"why": why})
 
     def require_trust(self, what: str) -> None:
-        """Raise `DeviceRefused` if the position doesn't count."""
-        if not self.trusted:
-            raise DeviceRefused(
-                f"{what} refused: its position can't be trusted ({self._why_untrusted})",
-                device=self.name,
-                advice="order first light if it was just set up, else recover: both look at the sky; or let "
-                "it find its home",
-                reason=Refusal.UNTRUSTED,
-            )
+        """Raise `DeviceRefused` if the position is not trusted.
 
-    def tell(self, what: str, facts: Mapping[str, object]) -> None:
-        """Tell all who listen."""
+        Asked also while an order goes out: a reset between two commands of one order is seen only here.
+        """
+        if not self.trusted:
+            raise untrusted(what, self._why_untrusted, device=self.name)
+
+    def require_no_job(self, advice: str = "wait for it, or stop it") -> None:
+        """Raise `Busy` if an order to move runs."""
+        if self.job is not None:
+            raise Busy(f"a {self.job} is running", device=self.name, advice=advice)
+
+    def emit(self, what: str, facts: Mapping[str, object]) -> None:
+        """Send an event to all listeners."""
         for listener in self.listeners:
             listener(what, facts)
 
     # -- readings ----------------------------------------------------------------------------------
 
-    async def look(self) -> Readout:
-        """Read the mount until a reading can be believed, and take note of what it shows.
+    async def read(self) -> Readout:
+        """Read the mount until a reading is believed, and draw conclusions on trust, rest and late syncs.
 
         Raises
         ------
@@ -373,25 +398,25 @@ class Session:
             If there is no answer, none that makes sense, or no link.
         """
         async with self._reading:
-            self.judge.moving = self.sent_out or self.state is SlewState.UNDER_WAY
-            before = self.judge.last
-            believed = await self.judge.read(self._readout)
+            self.filter.moving = self.sent_out or self.state is SlewState.UNDER_WAY
+            before = self.filter.last
+            believed = await self.filter.read(self._readout)
         readout = believed.readout
-        self.keeper.heard()
-        self.judge.resolution_arcsec = self.language.resolution_arcsec
+        self.supervisor.heard()
+        self.filter.resolution_arcsec = self.language.resolution_arcsec
         if readout.fresh and not self._was_fresh:
             self.distrust("it was switched off and on")
         self._was_fresh = readout.fresh
         if before is not None and not self._late_sync_shows(before, readout):
             self._watch_for_jumps(before, believed)
         self._muted = False
-        await self._see_whether_it_rests(readout)
+        await self._note_rest(readout)
         return readout
 
-    async def glimpse(self) -> Readout:
-        """Read the mount once, and neither judge nor publish it: enough for a suspicion. Raises as `look`."""
+    async def read_once(self) -> Readout:
+        """Read the mount once, unfiltered and unpublished: enough for a suspicion. Raises as `read` does."""
         readout = await self._readout()
-        self.keeper.heard()
+        self.supervisor.heard()
         return readout
 
     async def _readout(self) -> Readout:
@@ -400,40 +425,41 @@ class Session:
 
     @property
     def sides_stated(self) -> bool:
-        """Whether somebody has looked on which side the tube hangs, and said so in the settings."""
+        """Whether the settings say on which side the tube hangs, by inspection."""
         return self._connecting.swap_sides is not None
 
-    def side(self, told: PierSide | None) -> PierSide | None:
-        """On which side of the pier the tube hangs, by what the mount tells."""
-        return told.other if told is not None and self._connecting.swap_sides else told
+    def side(self, reported: PierSide | None) -> PierSide | None:
+        """On which side of the pier the tube hangs, given the side that the mount reports."""
+        return reported.other if reported is not None and self._connecting.swap_sides else reported
 
     def went_elsewhere(self, miss_arcsec: float) -> None:
-        """A sync has changed what it believes, and not to what it was told."""
-        self.tell("sync-elsewhere", {"miss_arcsec": round(miss_arcsec, 1)})
+        """Report that a sync changed what the mount believes, but not to the place that was sent."""
+        self.emit("sync-elsewhere", {"miss_arcsec": round(miss_arcsec, 1)})
         self.distrust(f"it took a sync for another place: it believes to be {miss_arcsec:.0f}″ from there")
 
-    def restless(self) -> None:
-        """An order to move goes out, or the place gets another name: rest has to be seen anew."""
+    def forget_rest(self) -> None:
+        """Forget since when it rests: an order to move goes out, or a sync renames the place."""
         self._since = None
 
-    async def _see_whether_it_rests(self, readout: Readout) -> None:
+    async def _note_rest(self, readout: Readout) -> None:
         since = self._since
-        self.in_motion = since is not None and not self.judge.still(since, readout)
+        self.in_motion = since is not None and not self.filter.still(since, readout)
         if since is None or self.in_motion:
             self._since = readout
             if since is not None and self.stop_owed and self.job is None and not self.stopping:
-                # the stop that was sent didn't reach it, and whoever sent it is gone
+                # the stop that was sent didn't reach it, and its sender has given up
                 await self.language.send_stop(1)
             return
-        # two looks in a moment are alike on a mount that moves as well
+        # two readings at nearly the same instant are alike on a moving mount too
         for_s = (readout.utc - since.utc).total_seconds()
         if for_s >= max(self.timing.poll_s, 1.0):
-            # what it may drift grows with time: an old look would call a motion rest
+            # the drift that is allowed grows with time: measured from an old reading, a motion looks like
+            # rest
             self._since = readout
         if self.job is None and for_s >= 0.5 * self.timing.poll_s:
             self.stop_owed = False
             if self.state in _ON_THE_WAY:
-                # nobody followed it to its end: it rests, wherever that is
+                # nobody followed that motion to its end: all that is known is that the mount rests
                 self.state = SlewState.STOPPED
 
     def _late_sync_shows(self, before: Readout, after: Readout) -> bool:
@@ -451,45 +477,46 @@ class Session:
         if off_arcsec > late.near_arcsec or apart_arcsec(before.place, late.place) <= late.near_arcsec:
             return False
         self.late_sync = None
-        self.tell("sync-late", {"miss_arcsec": round(off_arcsec, 1)})
+        self.emit("sync-late", {"miss_arcsec": round(off_arcsec, 1)})
         self.trust("a sync was seen, late")
         return True
 
     def _took_elsewhere(self, before: Readout, after: Readout) -> bool:
-        """Whether a resting mount believes something else at once: so a sync shows, and no motion."""
+        """Whether a resting mount changed its place at once: a sync shows like that, a motion doesn't."""
         if before.slewing or after.slewing or self.in_motion or self.state in _ON_THE_WAY or self.pulses:
             return False
         moved = moved_arcsec(before.reading, after.reading)
-        return moved > self.timing.resting_arcsec + 2.0 * self.language.resolution_arcsec
+        return moved > self.timing.resting_free_arcsec(self.language.resolution_arcsec)
 
     def _watch_for_jumps(self, before: Readout, believed: Believed) -> None:
-        """A place that changed while nobody moved the mount means that it believes something else now."""
+        """Distrust the position when the reading changed though nobody moved the mount."""
         after = believed.readout
         if believed.jump_arcsec > 0.0:
             self._jumped(believed.jump_arcsec)
         if self.sent_out:
-            # where it comes to rest tells what that was
+            # where it comes to rest decides whether that was an error or a restart
             if believed.leap_arcsec > 0.0:
                 leap_deg = believed.leap_arcsec / 3600.0
                 self.doubt = f"its reading leapt by {leap_deg:.2f}° on its way, and it didn't arrive"
             return
         elapsed_s = max(0.0, (after.utc - before.utc).total_seconds())
-        free_arcsec = self.timing.resting_arcsec + 2.0 * self.language.resolution_arcsec
+        free_arcsec = self.timing.resting_free_arcsec(self.language.resolution_arcsec)
         moved_arcsec = apart_arcsec(before.place, after.place) - free_arcsec
         if self.state in _ON_THE_WAY or before.slewing or after.slewing:
-            # a motion that nobody follows: one that goes on is seen on its way
+            # a motion that no order of ours follows; while it lasts the readings show it
             if believed.leap_arcsec > 0.0:
                 self._jumped(moved_arcsec)
             elif self._muted and not after.slewing and moved_arcsec > self.timing.drift_arcsec_s * elapsed_s:
                 self._changed_in_silence(moved_arcsec)
             return
-        # the mount's seconds are the sky's, our patience is the machine's
+        # readings are timed by the sky's clock (which may run fast), `silence_s` is real seconds
         silent = real_s(elapsed_s) > self.timing.silence_s
         if self.timing.heartbeat_s <= 0.0 and silent:
-            # nobody looked in between, which is no silence: a hand may have been at work
+            # without a heartbeat nobody read in between; that is no silence, somebody may have moved it by
+            # hand
             return
         if silent and moved_arcsec > self.timing.drift_arcsec_s * elapsed_s:
-            # what a hand control does is seen on its way; this was not
+            # a motion by hand control would have been seen on its way; this was not
             self._changed_in_silence(moved_arcsec)
         elif moved_arcsec > (HAND_DEG + HAND_DEG_S * elapsed_s) * 3600.0:
             self._jumped(moved_arcsec)
@@ -501,5 +528,5 @@ class Session:
         self.distrust(f"its reading changed by {by_arcsec / 3600.0:.2f}° while it was silent")
 
     def near_arcsec(self) -> float:
-        """How near to its place a mount has arrived."""
+        """How near to its place a mount must rest to have arrived."""
         return max(self.timing.near_arcsec, 2.0 * self.language.resolution_arcsec)

@@ -1,4 +1,4 @@
-"""How a simulated mount behaves towards those who ask and order: steps, delays, what it tells and refuses."""
+"""How a simulated mount behaves on its interface: steps, delays, what it reports and refuses."""
 
 from __future__ import annotations
 
@@ -11,44 +11,46 @@ from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import turn_deg
 
 _FINEST_ARCSEC = 0.1
+"""The resolution of a mount without steps: what the finest protocols carry. Doubled or halved, tests of fine
+syncs see other tolerances."""
 
 
 @dataclass(frozen=True, slots=True)
 class MountBehavior:
-    """What may differ from mount to mount beside the mechanics; what syncs do is `Mechanics.sync_behavior`.
+    """What may differ from mount to mount besides the mechanics; what syncs do is `Mechanics.sync_behavior`.
 
     Attributes
     ----------
     epoch : {"apparent", "icrs"}
         Kind of coordinates it speaks.
     ra_step_arcsec, dec_step_arcsec : float
-        Steps of commanded and reported places, >= 0, in right ascension itself (15: one second of time) and
-        in declination; 0: none.
+        Steps of commanded and reported positions, >= 0, in right ascension itself (15: one second of time)
+        and in declination; 0: none.
     refuses : bool
-        Whether it says no below its horizon and beyond its limits (`Mechanics.refusal`); else it goes there.
+        Whether it refuses slews below its horizon and beyond its limits (`Mechanics.refusal`); else it goes.
     tells_motion : bool
-        Whether it says that it slews, tracks or is parked.
+        Whether it reports that it slews, tracks or is parked.
     tells_side : bool
-        Whether it says on which side of the pier the tube hangs.
+        Whether it reports on which side of the pier the tube hangs.
     tells_destination : bool
         Whether it says on which side the tube will hang after a slew.
     side_swapped : bool
-        It tells the wrong one.
+        Whether it reports the wrong side.
     latency_s : float
-        What a question and its answer take.
+        Time that a question and its answer take.
     silence_s : float
-        So long an answer is waited for.
+        How long an answer is waited for.
     lost_after_s : float
         A silence of so long counts as a lost link.
     again_s : float
-        How often a lost link is tried again.
+        Time between two attempts to open a lost link.
     poll_s, stall_s, rest_s, near_arcsec, sync_wait_s, late_s : float
         As in `drivers.generic.options.Timing`.
 
     Raises
     ------
     BadSettings
-        When a number is none or negative.
+        If a number is negative or not finite.
     """
 
     epoch: Epoch = "apparent"
@@ -84,7 +86,7 @@ class MountBehavior:
         return max(self.ra_step_arcsec, self.dec_step_arcsec, _FINEST_ARCSEC)
 
     def in_steps(self, place: Apparent) -> Apparent:
-        """The place as it goes over the wire."""
+        """A position rounded to the steps of the wire."""
         ra_deg, dec_deg = _rounded(place.ra_deg, self.ra_step_arcsec), place.dec_deg
         return replace(
             place,
@@ -93,7 +95,7 @@ class MountBehavior:
         )
 
     def icrs_in_steps(self, place: Icrs) -> Icrs:
-        """As `in_steps`, of a mount that speaks ICRS."""
+        """As `in_steps`, for a mount that speaks ICRS."""
         ra_deg, dec_deg = _rounded(place.ra_deg, self.ra_step_arcsec), place.dec_deg
         return Icrs(turn_deg(ra_deg), max(-90.0, min(90.0, _rounded(dec_deg, self.dec_step_arcsec))))
 

@@ -1,4 +1,4 @@
-"""SimulatedCamera: waits out each exposure and sees what is truly there, never what the mount believes."""
+"""A camera that draws the sky where the telescope truly points, not where the mount believes to point."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime, timedelta
 
-from drivers.generic.camera import Turn
+from drivers.generic.camera import ExposureLock
 from mountnav.catalog.stars import Catalog
 from mountnav.clock import real_s, utc_now
 from mountnav.frames import Frame
@@ -22,20 +22,20 @@ class SimulatedCamera:
     Parameters
     ----------
     truth : callable
-        Gives where the optical axis truly looks at an instant, e.g. `Mechanics.truth`.
+        Gives where the optical axis truly points at a time, e.g. `Mechanics.truth`.
     optics : SimulatedOptics
         Telescope and camera.
     catalog : Catalog
         Stars to draw.
     seed : int
-        Of the noise. Frame n of a camera with the same seed has the same noise.
+        Of the noise: frame n of a camera with the same seed has the same noise.
     name : str
         For messages.
     clock : callable
-        Gives the present instant; the same as the mechanics'.
+        Gives the present time; the same as the mechanics'.
     tube_angle_deg : callable, optional
-        Gives the position angle of the tube's own north at an instant, e.g. `Mechanics.tube_angle_deg`: the
-        picture stands on its head on the other side of the pier. Left out: north is always up.
+        Gives the position angle of the tube's own north at a time, e.g. `Mechanics.tube_angle_deg`: on the
+        other side of the pier the image is upside down. Left out: north is always up.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class SimulatedCamera:
         self._clock = clock
         self._tube_angle_deg = tube_angle_deg
         self._frames = 0
-        self._turn = Turn(name)
+        self._exposing = ExposureLock(name)
 
     @property
     def name(self) -> str:
@@ -65,25 +65,25 @@ class SimulatedCamera:
         return self._name
 
     async def open(self) -> None:
-        """Nothing to get ready."""
+        """Do nothing."""
 
     async def close(self) -> None:
         """End a running exposure, if there is one."""
         await self.abort()
 
     async def expose(self, exposure_s: float) -> Frame:
-        """Wait out the exposure, then draw the sky at the truth of mid-exposure.
+        """Wait for the length of the exposure, then draw the sky at the true position of mid-exposure.
 
         Raises
         ------
         BadRequest
-            When the exposure time is not positive.
+            If the exposure time is not positive.
         Busy
-            When an exposure runs already.
+            If an exposure runs already.
         Cancelled
-            When `abort` ended it.
+            If `abort` ended it.
         """
-        with self._turn.taken(exposure_s) as shot:
+        with self._exposing.hold(exposure_s) as shot:
             number, self._frames = self._frames, self._frames + 1
             mid_utc = self._clock() + timedelta(seconds=exposure_s / 2.0)
             await shot.pause(real_s(exposure_s))
@@ -93,7 +93,7 @@ class SimulatedCamera:
 
     async def abort(self) -> None:
         """End a running exposure; its `expose` raises `Cancelled`. Without one, nothing happens."""
-        self._turn.abort()
+        self._exposing.abort()
 
     def _draw(self, exposure_s: float, mid_utc: datetime, number: int) -> Frame:
         optics = self._optics

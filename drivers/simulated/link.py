@@ -1,4 +1,4 @@
-"""The link to a simulated mount: up, silent or gone; announced as a watched one is, without any beating."""
+"""The link to a simulated mount: up, silent or gone, with a real one's events but no heartbeat."""
 
 from __future__ import annotations
 
@@ -7,32 +7,39 @@ from collections.abc import Callable, Mapping
 from typing import Literal
 
 from drivers.generic.link_supervisor import LinkState
+from drivers.generic.session import Listener
 from drivers.simulated.behavior import MountBehavior
 from mountnav.clock import Clock
 from mountnav.errors import DeviceMissing, DeviceSilent
 
-Listener = Callable[[str, Mapping[str, object]], None]
 Trouble = Literal["silent", "missing"]
+"""How a link fails: nothing answers, or the port is gone."""
+
+_LOSS_SHOWS_S = 0.1
+"""s until the loss of a port is noticed, as by a real line's reading thread. Doubled or halved, nothing
+shows."""
+_NO_PORT_S = 0.01
+"""s that opening a port takes that isn't there, so that repeated attempts can't stop the virtual clock."""
 
 
 class Cable:
-    """One link.
+    """The cable to one simulated mount.
 
     Parameters
     ----------
     name : str
         Of the mount, for messages.
-    clock : Clock
-    behavior : MountBehavior
     back : callable
-        Told when a lost link was opened again: whatever counted before counts no more.
+        Called when a lost link was opened again: nothing that was known before counts any more.
     lost : callable
-        Told why, when it is lost.
+        Called with the reason when the link is lost.
 
     Attributes
     ----------
     links : int
-        How often it was made or lost: what began under another count goes on no longer.
+        How often it was made or lost: what began under another count is given up.
+    listeners : list of callable
+        Called with each event.
     """
 
     def __init__(
@@ -59,7 +66,7 @@ class Cable:
         Raises
         ------
         DeviceMissing, DeviceSilent
-            While there is nothing to be opened.
+            While the port is gone or nothing answers.
         """
         await self._answered()
         self.links += 1
@@ -77,7 +84,7 @@ class Cable:
             return
         self._quiet()
         if trouble == "missing":
-            self._after(0.1, self._on_lost, "the port is gone")
+            self._after(_LOSS_SHOWS_S, self._on_lost, "the port is gone")
         else:
             self._after(min(self._behavior.silence_s, for_s), self._on_silent, for_s)
 
@@ -101,7 +108,7 @@ class Cable:
             raise DeviceMissing("its link was lost on the way", device=self._name)
 
     def require(self, links: int) -> None:
-        """Refuse to go on when the link is not the one under which something began."""
+        """Raise `DeviceMissing` if the link is not the one under which something began."""
         if self.links != links:
             raise DeviceMissing(
                 "its link was lost on the way",
@@ -109,8 +116,8 @@ class Cable:
                 advice="look at the sky before anything moves",
             )
 
-    def tell(self, what: str, facts: Mapping[str, object]) -> None:
-        """Tell all who listen."""
+    def emit(self, what: str, facts: Mapping[str, object]) -> None:
+        """Send an event to all listeners."""
         for listener in self.listeners:
             listener(what, facts)
 
@@ -119,7 +126,7 @@ class Cable:
     async def _answered(self) -> None:
         if self._clock.monotonic_s() < self._until_s:
             if self._trouble == "missing":
-                await self._clock.sleep(0.01)
+                await self._clock.sleep(_NO_PORT_S)
                 raise DeviceMissing("there is no such port", device=self._name)
             await self._clock.sleep(self._behavior.silence_s)
             raise DeviceSilent(
@@ -131,7 +138,7 @@ class Cable:
 
     def _on_silent(self, for_s: float) -> None:
         self.state = LinkState.SILENT
-        self.tell("link-silent", {"for_s": self._behavior.silence_s})
+        self.emit("link-silent", {"for_s": self._behavior.silence_s})
         if for_s > self._behavior.lost_after_s:
             self._after(
                 self._behavior.lost_after_s - self._behavior.silence_s,
@@ -143,12 +150,12 @@ class Cable:
 
     def _on_answer(self, after_s: float) -> None:
         self.state = LinkState.UP
-        self.tell("link-back", {"after_s": after_s})
+        self.emit("link-back", {"after_s": after_s})
 
     def _on_lost(self, why: str) -> None:
         self.links += 1
         self.state = LinkState.LOST
-        self.tell("link-lost", {"why": why})
+        self.emit("link-lost", {"why": why})
         self._lost(why)
         self._after(self._behavior.again_s, self._try_again)
 
@@ -164,7 +171,7 @@ class Cable:
         self.links += 1
         self.state = LinkState.UP
         self._quiet()
-        self.tell("link-back", {"identity": "simulated mount", "trusted": False, "problems": []})
+        self.emit("link-back", {"identity": "simulated mount", "trusted": False, "problems": []})
         self._back()
 
     def _after(self, seconds: float, call: Callable[..., None], *given: object) -> None:

@@ -9,8 +9,13 @@ from contextlib import asynccontextmanager
 
 from drivers.generic.coordinates import apart_arcsec, check_kind
 from drivers.generic.link_supervisor import LinkState
+from drivers.generic.mount import LONGEST_PULSE_S
+from drivers.generic.options import Timing
+from drivers.generic.refusal_words import parked, untrusted
+from drivers.generic.session import Listener
+from drivers.generic.syncing import SyncReadBack
 from drivers.simulated.behavior import MountBehavior
-from drivers.simulated.link import Cable, Listener, Trouble
+from drivers.simulated.link import Cable, Trouble
 from mountnav.clock import Clock
 from mountnav.devices import (
     Direction,
@@ -23,10 +28,7 @@ from mountnav.devices import (
     SyncOutcome,
     SyncResult,
     TrackingRate,
-    miss_arcsec,
     moved_arcsec,
-    near_arcsec,
-    unseen,
 )
 from mountnav.errors import BadRequest, Busy, DeviceError, DeviceRefused, Refusal, RefusedButDone
 from mountnav.simulation.mechanics import Mechanics
@@ -36,7 +38,7 @@ from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, Icrs
 
 
 class SimulatedState:
-    """All of a `SimulatedMount` but its orders; see there."""
+    """All of a `SimulatedMount` except its orders; see there."""
 
     def __init__(
         self,
@@ -73,7 +75,7 @@ class SimulatedState:
 
     @property
     def epoch(self) -> Epoch:
-        """Kind of coordinates it speaks."""
+        """Kind of coordinates that it speaks."""
         return self.behavior.epoch
 
     @property
@@ -83,7 +85,7 @@ class SimulatedState:
 
     @property
     def skills(self) -> frozenset[Skill]:
-        """Park, home, tracking and guiding; the pier side if it tells it."""
+        """Park, home, tracking and guiding; the pier side if it reports it."""
         skills = {Skill.PARK, Skill.UNPARK, Skill.HOME, Skill.TRACK, Skill.TRACKING_RATES, Skill.GUIDE}
         if self.mechanics.machine.home_sensor:
             skills.add(Skill.FIND_HOME)
@@ -95,7 +97,7 @@ class SimulatedState:
 
     @property
     def link(self) -> LinkState:
-        """What is known of the link."""
+        """State of the link."""
         return self.cable.state
 
     @property
@@ -105,27 +107,27 @@ class SimulatedState:
 
     @property
     def trusted(self) -> bool:
-        """Whether its own position counts."""
+        """Whether its own position can be trusted."""
         self._see_reboots()
         return self._trusted
 
     def trust(self) -> None:
-        """An operator's word that the position is right."""
+        """Trust the position: an operator says that it is right."""
         self._see_reboots()
         self._believe("the operator says so")
 
     def listen(self, listener: Listener) -> None:
-        """Tell of what happens to the link and to the position."""
+        """Call `listener(what, facts)` at each event of the link and of the trust in the position."""
         self.cable.listeners.append(listener)
 
     # -- what happens to it ------------------------------------------------------------------------
 
     def cut(self, for_s: float, trouble: Trouble = "missing") -> None:
-        """Let the link fail: the cable is unplugged ("missing"), or nothing answers ("silent")."""
+        """Let the link fail: the port is gone ("missing"), or nothing answers ("silent")."""
         self.cable.cut(for_s, trouble)
 
     def reboot(self, for_s: float = 4.0) -> None:
-        """Switch it off and on: it stands, forgets, and is silent for a while."""
+        """Switch it off and on: it stops, forgets its position, and is silent for `for_s`."""
         self.mechanics.reboot()
         self.cable.cut(for_s, "silent")
         asyncio.get_running_loop().call_later(for_s + 0.5, self._see_reboots)
@@ -136,7 +138,7 @@ class SimulatedState:
         """Connect. Moves nothing."""
         await self.cable.open()
         self._see_reboots()
-        self.cable.tell("connected", {"identity": self._name, "trusted": self._trusted, "problems": []})
+        self.cable.emit("connected", {"identity": self._name, "trusted": self._trusted, "problems": []})
 
     async def close(self) -> None:
         """Release the link."""
@@ -166,7 +168,7 @@ class SimulatedState:
                 else behavior.in_steps(place)
             )
         side = mechanics.pier_side(utc) if behavior.tells_side else None
-        side = None if side is None else self._as_told(side)
+        side = None if side is None else self._as_reported(side)
         if not behavior.tells_motion:
             return MountReading(place, utc, pier_side=side)
         return MountReading(
@@ -181,7 +183,7 @@ class SimulatedState:
 
     # -- inside ------------------------------------------------------------------------------------
 
-    def _as_told(self, side: PierSide) -> PierSide:
+    def _as_reported(self, side: PierSide) -> PierSide:
         return other_side(side) if self.behavior.side_swapped else side
 
     def _stop_now(self) -> None:
@@ -194,24 +196,18 @@ class SimulatedState:
 
     def _require_trust(self, what: str) -> None:
         if not self._trusted:
-            raise DeviceRefused(
-                f"{what} refused: its position can't be trusted ({self._why_untrusted})",
-                device=self._name,
-                advice="order first light if it was just set up, else recover: both look at the sky; or let "
-                "it find its home",
-                reason=Refusal.UNTRUSTED,
-            )
+            raise untrusted(what, self._why_untrusted, device=self._name)
 
     def _believe(self, why: str) -> None:
         if not self._trusted:
             self._trusted = True
-            self.cable.tell("trusted", {"why": why})
+            self.cable.emit("trusted", {"why": why})
 
     def _distrust(self, why: str) -> None:
         self._why_untrusted = why
         if self._trusted:
             self._trusted = False
-            self.cable.tell("untrusted", {"why": why})
+            self.cable.emit("untrusted", {"why": why})
 
     def _see_reboots(self) -> None:
         if self.mechanics.boots != self._boots:
@@ -220,7 +216,7 @@ class SimulatedState:
             self._distrust("it was switched off and on")
 
     def _went_elsewhere(self, miss_arcsec: float) -> None:
-        self.cable.tell("sync-elsewhere", {"miss_arcsec": round(miss_arcsec, 1)})
+        self.cable.emit("sync-elsewhere", {"miss_arcsec": round(miss_arcsec, 1)})
         self._distrust(f"it took a sync for another place: it believes to be {miss_arcsec:.0f}″ from there")
 
     def _see_a_late_sync(self, reading: MountReading) -> None:
@@ -229,7 +225,7 @@ class SimulatedState:
             miss_arcsec = apart_arcsec(reading.place, place)
             if miss_arcsec <= near_arcsec:
                 self._late = None
-                self.cable.tell("sync-late", {"miss_arcsec": round(miss_arcsec, 1)})
+                self.cable.emit("sync-late", {"miss_arcsec": round(miss_arcsec, 1)})
                 self._believe("a sync was seen, late")
 
     def _on_lost(self, why: str) -> None:
@@ -243,14 +239,19 @@ class SimulatedState:
             self._stop_owed = False
         self._see_reboots()
         if not self._trusted:
-            self.cable.tell("untrusted", {"why": self._why_untrusted})
+            self.cable.emit("untrusted", {"why": self._why_untrusted})
 
 
 _GUIDE_DEG_S = 0.5 * SIDEREAL_DEG_S
-_LONGEST_PULSE_S = 60.0
-_STOPS_WITHIN_S = 20.0
-_START_GRACE_S = 3.0
-"""So long a refusal is watched, s, as real mounts are (`Timing.start_grace_s`)."""
+"""Guide rate: half the sidereal rate, as most mounts are delivered."""
+_REAL = Timing()
+"""The times by which real mounts are treated: a simulated one is stopped and watched for as long."""
+_READ_BACK_S = 0.2
+"""s between two readings after a sync or a refusal, as `drivers.generic` has it."""
+_STOP_POLL_S = 0.1
+"""Longest time (s) between two stops: a stop returns no more than this after the mount rests."""
+_MOVED_DEG = 0.01
+"""An axis that moved by less between two readings stands: far below a slew's step, above any tracking."""
 _STATES = {
     SlewOutcome.ARRIVED: SlewState.ARRIVED,
     SlewOutcome.STALLED: SlewState.STALLED,
@@ -259,50 +260,42 @@ _STATES = {
 
 
 class SimulatedMount(SimulatedState):
-    """A `mountnav.devices.Mount` over the mechanics; skilled, trusting, announcing.
+    """A `mountnav.devices.Mount` over the mechanics; it is `Skilled`, `Trusts` and `Announces` too.
 
     Parameters
     ----------
     mechanics : Mechanics
-        With this clock as its own.
-    clock : Clock
-    behavior : MountBehavior, optional
-    name : str
+        Made with the same clock.
     trusted : bool
-        Whether its position counts when it is opened first.
+        Whether its position is trusted when it is opened first.
 
     Attributes
     ----------
     received : list of str
-        Every order that reached the mechanics, in its order: "slew", "sync", "stop", "park", ...
+        Every order that reached the mechanics, in sequence: "slew", "sync", "stop", "park", ...
     denies : set of str
-        Orders of those names it carries out, and says no to.
+        Names of the orders that it carries out although it refuses them.
     """
 
     # -- orders ------------------------------------------------------------------------------------
 
     async def slew(self, place: Apparent | Icrs) -> SlewOutcome:
-        """Go to a place in its own coordinates; return when at rest.
+        """Slew to a position in its own coordinates; return when at rest.
 
         Raises
         ------
         BadRequest, Busy
         DeviceRefused
-            When it says no, is parked, or its position can't be trusted; nothing moves.
+            If it refuses, is parked, or its position can't be trusted; nothing moves.
         DeviceSilent, DeviceMissing
-            When it can't be followed any more.
+            If it can't be followed any more.
         """
         check_kind(place, self.epoch, device=self._name)
         asked = self._as_understood(place)
         async with self._moving("slew") as (links, stops):
             self._require_trust("the slew")
             if self.mechanics.parked:
-                raise DeviceRefused(
-                    "the slew refused: it is parked",
-                    device=self._name,
-                    advice="unpark it first",
-                    reason=Refusal.PARKED,
-                )
+                raise parked("the slew", device=self._name)
             refusal = self.mechanics.refusal(asked) if self.behavior.refuses else None
             if refusal is not None:
                 raise DeviceRefused(f"the slew refused: {refusal}", device=self._name, reason=refusal)
@@ -316,15 +309,15 @@ class SimulatedMount(SimulatedState):
             return await self._ordered("slew", lambda: self.mechanics.slew(asked), there, links, stops)
 
     async def sync(self, place: Apparent | Icrs) -> SyncResult:
-        """Tell it that it points at a place in its own coordinates, once, and read back.
+        """Send a sync on a position in its own coordinates, once, and read back.
 
         Raises
         ------
         BadRequest, Busy
         DeviceRefused
-            When it says no, or slews.
+            If it refuses, or slews.
         DeviceSilent, DeviceMissing
-            When it can't be read back: whether it was carried out is not known.
+            If it can't be read back: whether the sync was carried out is not known.
         """
         check_kind(place, self.epoch, device=self._name)
         self._require_no_job()
@@ -340,27 +333,29 @@ class SimulatedMount(SimulatedState):
             raise DeviceRefused(f"the sync refused: {refusal}", device=self._name, reason=refusal)
         if "sync" in self.denies:
             raise await self._belied("the sync", before)
-        way_arcsec = apart_arcsec(before.place, place)
-        near = near_arcsec(way_arcsec, self.resolution_arcsec, self.behavior.near_arcsec)
-        began_s, told_utc = self._clock.monotonic_s(), self._clock.utc()
+        read_back = SyncReadBack(
+            place,
+            before,
+            resolution_arcsec=self.resolution_arcsec,
+            most_arcsec=self.behavior.near_arcsec,
+        )
+        began_s = self._clock.monotonic_s()
+        read_back.sent(self._clock.utc())
         while True:
             await self.cable.ask()
             self.cable.require(links)
             now, after_s = self._reading(), self._clock.monotonic_s() - began_s
-            seen = miss_arcsec(place, told_utc, now) <= near
-            if seen or after_s > self.behavior.sync_wait_s:
+            if read_back.shows(now) or after_s > self.behavior.sync_wait_s:
                 break
-            await self._clock.sleep(0.2)
-        miss = apart_arcsec(now.place, place)
-        if not seen:
-            self._late = (place, near)
-            outcome = unseen(before, now, self.resolution_arcsec)
-            if outcome is SyncOutcome.ELSEWHERE:
-                self._went_elsewhere(miss)
-            return SyncResult(outcome, now, miss, after_s)
-        self._believe("a sync was seen")
-        late = after_s > self.behavior.late_s
-        return SyncResult(SyncOutcome.LATE if late else SyncOutcome.SEEN, now, miss, after_s)
+            await self._clock.sleep(_READ_BACK_S)
+        result = read_back.result(now, after_s=after_s, late=after_s > self.behavior.late_s)
+        if result.outcome.seen:
+            self._believe("a sync was seen")
+            return result
+        self._late = (place, read_back.near_arcsec)
+        if result.outcome is SyncOutcome.ELSEWHERE:
+            self._went_elsewhere(result.miss_arcsec)
+        return result
 
     async def stop(self) -> None:
         """Stop all motion now; return when it rests.
@@ -368,9 +363,9 @@ class SimulatedMount(SimulatedState):
         Raises
         ------
         DeviceSilent, DeviceMissing
-            When it can't be told.
+            If the stop can't be sent.
         DeviceRefused
-            When it still moves.
+            If it still moves after 20 s.
         """
         self._stops += 1
         self._stop_owed = True
@@ -378,11 +373,11 @@ class SimulatedMount(SimulatedState):
         self._stop_now()
         began_s = self._clock.monotonic_s()
         while self.mechanics.slewing():
-            if self._clock.monotonic_s() - began_s > _STOPS_WITHIN_S:
+            if self._clock.monotonic_s() - began_s > _REAL.stop_timeout_s:
                 raise DeviceRefused(
                     "was told to stop and still moves", device=self._name, advice="cut its power"
                 )
-            await self._clock.sleep(min(0.1, self.behavior.poll_s))
+            await self._clock.sleep(min(_STOP_POLL_S, self.behavior.poll_s))
             await self.cable.ask()
             self._stop_now()
         self._stop_owed = False
@@ -399,10 +394,10 @@ class SimulatedMount(SimulatedState):
 
     async def unpark(self) -> None:
         """Be ready to move again."""
-        await self._told("unpark", self.mechanics.unpark)
+        await self._order("unpark", self.mechanics.unpark)
 
     async def home(self) -> SlewOutcome:
-        """Go home; where a sensor finds it, its position counts again. Raises as `slew` does."""
+        """Go home; if a sensor finds it, the position is trusted again. Raises as `slew` does."""
         async with self._moving("homing") as (links, stops):
             if not self.mechanics.machine.home_sensor:
                 self._require_trust("going home")
@@ -421,33 +416,33 @@ class SimulatedMount(SimulatedState):
             return outcome
 
     async def set_tracking(self, on: bool, rate: TrackingRate = TrackingRate.SIDEREAL) -> None:
-        """Follow the sky, or rest. Raises `DeviceRefused` when it is parked."""
+        """Track the sky, or rest. Raises `DeviceRefused` if it is parked."""
 
         def track() -> None:
             self.mechanics.rate = rate
             self.mechanics.tracking = on
 
-        await self._told("track", track)
+        await self._order("track", track)
         if self.mechanics.tracking is not on:
             raise DeviceRefused("accepted switching tracking and didn't do it", device=self._name)
 
     async def guide(self, direction: Direction, duration_s: float) -> None:
-        """Move at the guide rate for a moment; return when that is over."""
-        if not 0.0 < duration_s <= _LONGEST_PULSE_S:
+        """Move at the guide rate for some time; return when that is over."""
+        if not 0.0 < duration_s <= LONGEST_PULSE_S:
             raise BadRequest(f"a guide pulse of {duration_s} s", device=self._name)
-        await self._told("guide", lambda: None)
+        await self._order("guide", lambda: None)
         if not self.mechanics.pulse(direction.value, _GUIDE_DEG_S, duration_s):
             raise DeviceRefused("the guide pulse refused: it is parked or slews", device=self._name)
         await self._clock.sleep(duration_s)
 
     async def destination_side(self, place: Apparent | Icrs) -> PierSide | None:
-        """On which side of the pier it would look at a place; None if it can't tell."""
+        """The side of the pier after a slew to a position; None if it can't say."""
         check_kind(place, self.epoch, device=self._name)
         await self.cable.ask()
         if Skill.DESTINATION_SIDE not in self.skills:
             return None
         side = self.mechanics.destination_side(self._as_understood(place))
-        return self._as_told(side)
+        return self._as_reported(side)
 
     # -- inside ------------------------------------------------------------------------------------
 
@@ -472,7 +467,7 @@ class SimulatedMount(SimulatedState):
             raise  # it was stopped
         except (DeviceError, asyncio.CancelledError):
             self._state, self._stop_owed = SlewState.LOST, len(self.received) > sent
-            # nobody watches it any more: a mount that may be moving is not left so
+            # it is not watched any more: a mount that may be moving must not go on
             if self.cable.state is LinkState.UP and self._stop_owed:
                 with contextlib.suppress(DeviceError):
                     await self.cable.ask()
@@ -503,7 +498,7 @@ class SimulatedMount(SimulatedState):
                 self._see_reboots()
                 return self._ended(SlewOutcome.STALLED)
             if self.mechanics.slewing():
-                if max(abs(a - b) for a, b in zip(before, now, strict=True)) > 0.01:
+                if max(abs(a - b) for a, b in zip(before, now, strict=True)) > _MOVED_DEG:
                     before, changed_s = now, now_s
                 if now_s - changed_s > self.behavior.stall_s:
                     await self.stop()
@@ -520,7 +515,7 @@ class SimulatedMount(SimulatedState):
         self._state = _STATES[outcome]
         return outcome
 
-    async def _told(self, order: str, send: Callable[[], object]) -> None:
+    async def _order(self, order: str, send: Callable[[], object]) -> None:
         self._require_no_job()
         await self.cable.ask()
         self.received.append(order)
@@ -531,10 +526,10 @@ class SimulatedMount(SimulatedState):
         await self.cable.ask()
 
     async def _belied(self, order: str, before: MountReading) -> DeviceError:
-        """Look after an order that was refused, as `drivers.generic.refusals` does; what is to be raised."""
+        """The error for an order that was refused, after readings as in `drivers.generic.refusals`."""
         began_s = self._clock.monotonic_s()
-        free_arcsec = 5.0 + 2.0 * self.resolution_arcsec
-        while self._clock.monotonic_s() - began_s <= _START_GRACE_S:
+        free_arcsec = _REAL.resting_free_arcsec(self.resolution_arcsec)
+        while self._clock.monotonic_s() - began_s <= _REAL.start_grace_s:
             await self.cable.ask()
             moves = self.mechanics.slewing()
             if moves or moved_arcsec(before, self._reading()) > free_arcsec:
@@ -543,12 +538,12 @@ class SimulatedMount(SimulatedState):
                     await self.stop()
                 self._state = SlewState.STOPPED
                 return self._denied(order, "moved; stopped" if moves else "moved")
-            await self._clock.sleep(0.2)
+            await self._clock.sleep(_READ_BACK_S)
         return DeviceRefused(f"{order} refused", device=self._name)
 
     def _denied(self, order: str, what: str) -> RefusedButDone:
         said = f"{order}: said refused, but {what}"
-        self.cable.tell("refused-but-done", {"order": order, "why": said})
+        self.cable.emit("refused-but-done", {"order": order, "why": said})
         return RefusedButDone(
             said, device=self._name, advice="its position doesn't count: solve a frame and sync (recover)"
         )

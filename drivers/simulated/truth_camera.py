@@ -1,4 +1,8 @@
-"""TruthCamera: exposes in the time of its clock, and hands out frames without pixels that carry the truth."""
+"""A camera of frames without pixels that carry the true position, for whole nights in virtual time.
+
+Only tests and benchmarks use it. It is here because both do, and neither may depend on the other's helpers;
+`mountnav.testing` may not import drivers.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from drivers.generic.camera import Turn
+from drivers.generic.camera import ExposureLock
 from mountnav.clock import Clock
 from mountnav.frames import Frame
 from mountnav.simulation.mechanics import Mechanics
@@ -18,17 +22,16 @@ from mountnav.sky.sphere import separation_arcsec
 
 
 class TruthCamera:
-    """A `mountnav.devices.Camera` on a simulated mount; `SkySeen` solves its frames.
+    """A `mountnav.devices.Camera` on a simulated mount, in its clock's time; `SkySeen` solves its frames.
 
     Parameters
     ----------
-    mechanics : Mechanics
     clock : Clock
         The mechanics' own.
     script : SkyScript, optional
-        Which of its frames are old ones.
+        Says which of its frames are stale.
     through : SeenThrough, optional
-        Its size.
+        Size of its frames.
     turned_deg : float
         How the camera is turned in the tube: position angle of +y minus the tube's own north.
     read_out_s : float
@@ -36,10 +39,10 @@ class TruthCamera:
     clock_off_s : float
         The camera's clock minus UTC.
     habit : {"sound", "frozen", "one-behind"}
-        "frozen": from frame `ails_from` on each one has the pixels of that one; "one-behind": each has those
-        of the exposure before it; both with the time of the present exposure.
+        "frozen": from frame `ails_from` on each frame has the pixels of that one; "one-behind": each has
+        those of the exposure before it; both with the time of the present exposure.
     ails_from : int
-    name : str
+        Number of the first frame with such a habit.
 
     Attributes
     ----------
@@ -72,7 +75,7 @@ class TruthCamera:
         self._ails_from = ails_from
         self._held: FrameTruth | None = None
         self._name = name
-        self._turn = Turn(name)
+        self._exposing = ExposureLock(name)
         self._last: Frame | None = None
         self.frames = 0
 
@@ -82,25 +85,25 @@ class TruthCamera:
         return self._name
 
     async def open(self) -> None:
-        """Nothing to get ready."""
+        """Do nothing."""
 
     async def close(self) -> None:
         """End a running exposure, if there is one."""
         await self.abort()
 
     async def expose(self, exposure_s: float) -> Frame:
-        """Wait out the exposure, and tell where the tube looked in its middle.
+        """Wait for the length of the exposure; the frame says where the tube pointed in its middle.
 
         Raises
         ------
         BadRequest
-            When the exposure time is not positive.
+            If the exposure time is not positive.
         Busy
-            When an exposure runs already.
+            If an exposure runs already.
         Cancelled
-            When `abort` ended it.
+            If `abort` ended it.
         """
-        with self._turn.taken(exposure_s) as shot:
+        with self._exposing.hold(exposure_s) as shot:
             began = self._clock.utc()
             await shot.outlast(self._clock.sleep(exposure_s + self._read_out_s))
         number, self.frames = self.frames, self.frames + 1
@@ -127,11 +130,11 @@ class TruthCamera:
         return self._last
 
     def mend(self) -> None:
-        """Put right what ails it: its frames, and its clock."""
+        """Repair its frames and its clock."""
         self._habit, self._clock_off_s = "sound", 0.0
 
     def _shown(self, truth: FrameTruth) -> tuple[FrameTruth, FrameTruth]:
-        """What stands in the frame, and what is held for the next ones."""
+        """The truth that the frame carries, and the one that is held back for the next."""
         held = self._held
         if held is None or self._habit == "sound" or truth.number <= self._ails_from:
             return truth, truth
@@ -139,4 +142,4 @@ class TruthCamera:
 
     async def abort(self) -> None:
         """End a running exposure; its `expose` raises `Cancelled`. Without one, nothing happens."""
-        self._turn.abort()
+        self._exposing.abort()

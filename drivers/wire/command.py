@@ -1,4 +1,4 @@
-"""One thing to say to a device, together with the reader of its reply: what codecs give and exchanges use."""
+"""A command to a device together with the reader of its reply: codecs make them, exchanges send them."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ T_co = TypeVar("T_co", covariant=True)
 
 
 class Unreadable(ValueError):
-    """Bytes that match nothing the question allows."""
+    """Bytes that are no reply to this command."""
 
 
 @dataclass(frozen=True, slots=True)
 class Read(Generic[T_co]):
-    """A whole reply: its value, and how many bytes it took from the front of the buffer."""
+    """A whole reply: its value, and how many bytes it takes at the front of the buffer."""
 
     value: T_co
     length: int
@@ -23,19 +23,20 @@ class Read(Generic[T_co]):
 
 @dataclass(frozen=True, slots=True)
 class Command(Generic[T_co]):
-    """One thing to say to the device, and how to understand what it answers.
+    """The bytes of one command, and the reader of its reply.
+
+    A command owns its reader, so that an exchange needs no knowledge of any protocol: replies end by a sign,
+    by their length or by silence, and only the command knows which.
 
     Attributes
     ----------
-    sent : bytes
-        What goes out.
     meaning : str
         In words, for messages.
     read : callable (buffer, final) -> Read or None
-        None while the reply is not whole yet; raises `Unreadable`. `final` is True when time has run
-        out and no more bytes will come.
+        None while the reply is not complete; raises `Unreadable`. `final` is True when time has run out and
+        no more bytes will come.
     repeatable : bool
-        Whether asking twice does no more than asking once. Commands that move or sync are not.
+        Whether sending twice does no more than sending once. Commands that move or sync are not.
     answered : bool
         Whether there is a reply at all.
     """

@@ -24,7 +24,7 @@ _LOG = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Patience:
-    """How long to wait for what.
+    """How long an exchange waits.
 
     Attributes
     ----------
@@ -35,11 +35,11 @@ class Patience:
     quiet_s : float
         How long the line must be silent to count as quiet.
     settle_s : float
-        After the line was opened, before the first question: for a board that is known to start anew then.
+        Between opening the line and the first question: for a board that is known to reset when it is opened.
     greeting_s : float
-        So long a greeting is begun again that was not answered well. A board that starts anew when its port
-        is opened is deaf for 2 to 8 s, its boot loader and its network included; doubled, a mount that is off
-        is told half a minute after it was asked for.
+        How long a greeting that failed is repeated. A board that resets when its port is opened is deaf
+        for 2 to 8 s, with its boot loader and its network; doubled, a mount that is off is reported half a
+        minute after it was opened.
     """
 
     deadline_s: float = 5.0
@@ -50,14 +50,16 @@ class Patience:
 
 
 _ROUNDS = 3.0
-"""A question is asked again no sooner than after so many times as long as answers took of late: on a far line
-of a busy machine an answer that is late would be taken for none, and the next one for late. Doubled, a lost
-answer on a far line costs twice the time; never more than half the deadline."""
+"""A question is repeated no sooner than after so many times the time that answers took lately: on a far line
+of a busy machine a late answer would be taken for a lost one, and its successor for a late one. Doubled, a
+lost answer on a far line costs twice the time; never more than half the deadline."""
 _FORGOTTEN = 0.9
-"""With each answer the slowest one counts so much less. Nearer to 1, one slow answer counts for longer."""
+"""The slowest answer's time is multiplied by this with each later answer: after seven it counts half. Nearer
+to 1, one slow answer counts for longer; at 0.8 it counts half after three."""
 _MOST_HEARD_BYTES = 16_384
-"""Of an answer with all that came beside it: mounts answer with some hundred at most. Without it a line that
-is never quiet would be read without end; doubled, reading it with each piece takes four times as long."""
+"""The longest answer with all that came beside it: mounts answer with some hundred bytes at most. Without it
+a line that is never quiet would be read without end; doubled, reading it piece by piece takes four times as
+long."""
 
 
 class Exchange:
@@ -67,8 +69,16 @@ class Exchange:
     ----------
     line : ByteLine
         An opened line.
-    patience : Patience
-        How long to wait for what.
+
+    Attributes
+    ----------
+    troubles : int
+        How many answers were lost or garbled.
+    answers : int
+        How many good answers came.
+    woke_after_s : float or None
+        Seconds from the first question until a question was answered that had stayed unanswered, as all
+        before it; None where the device answered from the beginning.
     """
 
     def __init__(self, line: ByteLine, patience: Patience) -> None:
@@ -83,18 +93,15 @@ class Exchange:
         self._unanswered: set[str] = set()
         self.troubles = 0
         self.answers = 0
-        """How many good answers came."""
         self.woke_after_s: float | None = None
-        """Seconds after the first question at which it answered one that it had left unanswered, with all
-        others before; None where it answered from the beginning."""
 
     def unanswered_s(self) -> float:
-        """Since when the present question waits for its first good answer; 0 when there is none."""
+        """How long the present question has been waiting for its first good answer; 0 when there is none."""
         asked_s = self._asked_s
         return 0.0 if asked_s is None else asyncio.get_running_loop().time() - asked_s
 
     def end(self) -> None:
-        """The line is closed: what is still being asked is given up, and nothing more goes out."""
+        """Give up the present question, and send nothing more: the line is closed."""
         self._ended = True
 
     def _require_line(self) -> None:
@@ -106,9 +113,8 @@ class Exchange:
 
         Parameters
         ----------
-        command : Command
         deadline_s : float, optional
-            Instead of the deadline of `Patience`.
+            Used instead of the deadline of `Patience`.
 
         Raises
         ------
@@ -139,7 +145,7 @@ class Exchange:
                 await self._quiet(until)
                 self._require_line()
             self._line.drain()
-            # owing until answered: a caller cancelled in between leaves the mark behind
+            # owing until answered: a caller that is cancelled in between leaves the line marked as owing
             self._owing = True
             await self._line.write(command.sent)
             if not command.answered:
@@ -151,7 +157,7 @@ class Exchange:
                 self.troubles += 1
                 if not self.answers and isinstance(failure, DeviceSilent):
                     self._unanswered.add(command.meaning)
-                # the wire log keeps it; what can not be put right is raised
+                # at level info: the wire log has it, and what repeating can't mend is raised
                 _LOG.info("%s", failure)
                 if not command.repeatable or loop.time() >= until:
                     raise
@@ -163,9 +169,10 @@ class Exchange:
                 return value
 
     async def send_now(self, *commands: Command[None]) -> None:
-        """Send commands in one write, past whatever is being asked: the path of a stop.
+        """Send commands in one write, past any question under way: the path of a stop.
 
-        Answers that they have are left to the readers of what is asked meanwhile; the line is owing.
+        Their answers, if they have any, are not read here: they end up in the buffer of the question under
+        way, whose reader passes over them, and the line counts as owing.
         """
         if any(command.answered for command in commands):
             self._owing = True
@@ -175,7 +182,7 @@ class Exchange:
     async def _answer(self, command: Command[T], until: float, owed: bool) -> T:
         loop = asyncio.get_running_loop()
         asked_s = loop.time()
-        # a far line is asked again no sooner than it can have answered
+        # on a far line, repeat no sooner than an answer can have come
         longest_s = max(self._patience.try_s, 0.5 * self._patience.deadline_s)
         try_s = min(max(self._patience.try_s, _ROUNDS * self._round_s), longest_s)
         try_until = min(until, asked_s + try_s)
@@ -196,10 +203,10 @@ class Exchange:
                     advice="check cable, speed (baud) and that the mount is on",
                 )
             if owed:
-                # an answer that was owed from before may have been this one: the last one counts
+                # this may have been the late answer to an earlier question: the last answer counts
                 while came := await self._line.read(self._patience.quiet_s):
                     heard = _longer(heard, came)
-                # a reader that passes over what a stop brought sees more of it now
+                # a reader that passes over the answers to a stop has more of them now
                 read = command.read(heard, False) or read
             while heard[read.length :]:
                 heard = heard[read.length :]
@@ -214,12 +221,12 @@ class Exchange:
                 advice="check cable, speed (baud) and that nothing else talks to the mount",
             ) from cause
         if not owed and command.repeatable:
-            # of one that was asked again nobody knows which question it answers
+            # only of answers that surely belong to this question: of a repeated one the first try is unknown
             self._round_s = max(loop.time() - asked_s, _FORGOTTEN * self._round_s)
         return read.value
 
     async def _quiet(self, until: float) -> None:
-        """Wait until nothing has come for a while, or the deadline has passed."""
+        """Wait until nothing has come for `quiet_s`, or the deadline has passed."""
         loop = asyncio.get_running_loop()
         while await self._line.read(self._patience.quiet_s):
             if loop.time() >= until:

@@ -1,4 +1,4 @@
-"""What a serial language talks over: a line, its exchange of questions and answers, and the log of both."""
+"""A link: a line, its exchange of questions and answers, and the log of both; it can be reopened."""
 
 from __future__ import annotations
 
@@ -16,15 +16,12 @@ T = TypeVar("T")
 
 
 class Link:
-    """A line that can be opened again, with a new exchange each time.
+    """A line that can be opened again, with a new exchange each time: no answer outlives its line.
 
     Parameters
     ----------
-    line : ByteLine
-    patience : Patience
-        How long to wait for what.
     log : WireLog
-        The one that the line notes its bytes in.
+        The log in which the line notes its bytes.
     """
 
     def __init__(self, line: ByteLine, patience: Patience, log: WireLog) -> None:
@@ -42,7 +39,7 @@ class Link:
 
     @property
     def patience(self) -> Patience:
-        """How long to wait for what."""
+        """How long its exchanges wait."""
         return self._patience
 
     @property
@@ -52,7 +49,7 @@ class Link:
 
     @property
     def troubles(self) -> int:
-        """How many answers went wrong since it was opened."""
+        """How many answers were lost or garbled since it was opened."""
         return self._exchange.troubles
 
     @property
@@ -66,17 +63,17 @@ class Link:
         return self._exchange.woke_after_s
 
     def unanswered_s(self) -> float:
-        """Since when the present question waits for its first good answer; 0 when there is none."""
+        """How long the present question has been waiting for its first good answer; 0 when there is none."""
         return self._exchange.unanswered_s()
 
     def take_line(self, line: ByteLine) -> None:
-        """Talk over another line from now on; for a link that is not open, as when a recording is played."""
+        """Use another line from now on, for example a recorded one; only while the link is not open."""
         self._exchange.end()
         self._line = line
         self._exchange = Exchange(line, self._patience)
 
     async def open(self) -> None:
-        """Open the line, anew if it is open, and let it settle. Raises `DeviceMissing`."""
+        """Open the line, again if it is open, and let it settle. Raises `DeviceMissing`."""
         self._exchange.end()
         await self._line.open()
         await asyncio.sleep(self._patience.settle_s)
@@ -90,17 +87,17 @@ class Link:
         await self._line.close()
 
     async def lost(self) -> str:
-        """Wait until the open line is lost, or a task that used it has died, and tell why."""
+        """Wait until the open line is lost, or a task that used it has died, and return why."""
         line, faulted = waited_for(self._line.lost()), waited_for(self._faulted.wait())
         try:
             await asyncio.wait({line, faulted}, return_when=asyncio.FIRST_COMPLETED)
             return self._fault or await line
         finally:
-            for one in (line, faulted):
-                one.cancel()
+            for task in (line, faulted):
+                task.cancel()
 
     def lose(self, why: str) -> None:
-        """Count it as lost, though its line is not: until it is opened anew nothing is asked on it."""
+        """Count the link as lost though its line is not: nothing is asked until it is opened again."""
         if self._fault is None:
             self._fault = why
             self.log.note("event", meaning=f"lost {self.device}: {why}")
@@ -117,5 +114,5 @@ class Link:
         return await self._exchange.ask(command, deadline_s=deadline_s)
 
     async def send_now(self, *commands: Command[None]) -> None:
-        """Send commands in one write, past whatever is being asked: the path of a stop."""
+        """Send commands in one write, past any question under way: the path of a stop."""
         await self._exchange.send_now(*commands)

@@ -1,4 +1,4 @@
-"""What went over a wire lately: a ring of raw messages with their instants, always on.
+"""The latest messages on a wire: a ring of raw bytes with their times, always on.
 
 Dumped as JSON lines it has the form of the recorded dialogues: ``{"t": 1.2041, "dir": "driver->mount",
 "bytes": ":GR#", "hex": "3a475223", "meaning": "right ascension"}``, with a header line first.
@@ -16,7 +16,11 @@ from typing import Literal
 from mountnav.clock import seconds
 
 Way = Literal["driver->mount", "mount->driver", "event"]
+"""Which way a message went; "event" is a remark of the driver's own, without bytes."""
 KEPT = 4000
+"""How many messages a log keeps. Chosen by hand: eight minutes of a mount that is read twice a second by two
+questions each. Doubled, some hundred kilobytes more for each mount; halved, what led to a fault is gone
+sooner."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,13 +30,11 @@ class WireEntry:
     Attributes
     ----------
     number : int
-        Counts from 1, also past what the ring has dropped.
+        Counts from 1; entries that the ring has dropped count too.
     t_s : float
-        Since the log was begun, monotonic.
-    way : {"driver->mount", "mount->driver", "event"}
+        Since the log began, monotonic.
     data : bytes
         Empty for events.
-    meaning : str
     """
 
     number: int
@@ -42,7 +44,7 @@ class WireEntry:
     meaning: str
 
     def as_json(self) -> str:
-        """One line, as the recorded dialogues have it."""
+        """One JSON line in the form of the recorded dialogues."""
         entry: dict[str, object] = {"t": round(self.t_s, 4), "dir": self.way}
         if self.way != "event":
             entry |= {"bytes": self.data.decode("latin-1"), "hex": self.data.hex()}
@@ -57,7 +59,7 @@ class WireLog:
     kept : int
         How many; older ones are dropped.
     monotonic : callable
-        Seconds; those of the present.
+        Gives seconds; by default those of the process's present, which may run fast.
     """
 
     def __init__(self, kept: int = KEPT, monotonic: Callable[[], float] = seconds) -> None:
@@ -69,20 +71,20 @@ class WireLog:
         self._listeners: list[Callable[[WireEntry], None]] = []
 
     def listen(self, listener: Callable[[WireEntry], None]) -> None:
-        """Tell of each message as it is kept, in the thread that notes it."""
+        """Call `listener` with each new entry, in the thread that notes it."""
         self._listeners.append(listener)
 
     @property
     def count(self) -> int:
-        """Number of the newest entry; 0 at first."""
+        """Number of the newest entry; 0 while there is none."""
         return self._count
 
     def now_s(self) -> float:
-        """The present instant on the log's own clock."""
+        """Now, in seconds since the log began."""
         return self._monotonic() - self._began
 
     def note(self, way: Way, data: bytes = b"", meaning: str = "") -> None:
-        """Keep a message."""
+        """Add a message."""
         with self._lock:
             self._count += 1
             entry = WireEntry(self._count, self.now_s(), way, bytes(data), meaning)
@@ -91,7 +93,7 @@ class WireLog:
                 listener(entry)
 
     def entries(self, after: int = 0) -> list[WireEntry]:
-        """Entries that are still there, oldest first, with numbers above `after`."""
+        """Entries that are still kept, oldest first, with numbers above `after`."""
         with self._lock:
             return [entry for entry in self._ring if entry.number > after]
 

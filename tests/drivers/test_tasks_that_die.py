@@ -20,7 +20,7 @@ from drivers.wire.line import SerialLine
 from drivers.wire.link import Link
 from drivers.wire.wire_log import WireLog
 from mountnav.errors import DeviceMissing
-from tests.drivers.generic.test_mount import QUICK, rigged
+from tests.drivers.generic.plain_rig import QUICK, rigged
 
 
 def dies(*_: Any, **__: Any) -> Any:

@@ -149,7 +149,7 @@ def test_distrust_survives_until_a_sync_was_seen(tmp_path: Path) -> None:
 
     async def lost(rig: SyncRig, _: SqlJournal) -> None:
         await rig.slew(rig.up())
-        rig.driver._tended.distrust("its link was lost")
+        rig.driver._session.distrust("its link was lost")
 
     async def again(rig: SyncRig, _: SqlJournal) -> None:
         # the driver itself would trust it
@@ -160,7 +160,7 @@ def test_distrust_survives_until_a_sync_was_seen(tmp_path: Path) -> None:
 
     async def synced(rig: SyncRig, _: SqlJournal) -> None:
         assert not rig.mount.trusted
-        rig.driver._tended.trust("the way there is not what is tried here")
+        rig.driver._session.trust("the way there is not what is tried here")
         await rig.driver.slew(for_mount(rig.up(), "apparent", rig.clock.utc()))
         await rig.clock.sleep(2.0)
         await rig.guard.commit(await rig.look(), Occasion.RECOVERY)

@@ -1,4 +1,7 @@
-"""A line in memory to a fake mount in the same process, for virtual time: real drivers without a wire."""
+"""A line in memory to a fake mount in the same process: real drivers in virtual time, without a wire.
+
+Only tests and benchmarks use it. It is here because both do, and because it is one more wire for a fake.
+"""
 
 from __future__ import annotations
 
@@ -11,22 +14,26 @@ from drivers.wire.wire_log import WireLog
 from mountnav.errors import DeviceMissing
 from mountnav.simulation.virtual_time import VirtualClock
 
+_OPENING_S = 0.01
+"""How long opening takes, virtual s: a port takes its time, and a driver that retries without a pause would
+otherwise stop the virtual clock. Doubled or halved, nothing shows."""
+_JUST_AFTER_S = 1e-6
+"""Delay (virtual s) after which a fake is asked for what is due: rounding must not make it too early.
+Chosen by hand; at 0 the loop may spin at one instant."""
+
 
 class MemoryLine:
     """A `drivers.wire.line.ByteLine` to a fake in the same process.
 
     Parameters
     ----------
-    fake : WireFake
-    clock : VirtualClock
-    log : WireLog
     latency_s : float
-        What bytes take each way.
+        Transfer time each way.
 
     Attributes
     ----------
     now_writes : list of (float, bytes)
-        What went past the queue, and when: stops.
+        What was sent past the queue, and when: stops.
     opened : int
         How often it was opened.
     """
@@ -59,9 +66,9 @@ class MemoryLine:
         return self._open and self._lost is None
 
     async def open(self) -> None:
-        """Plug it in. Raises `DeviceMissing` while the port is away."""
+        """Open it. Raises `DeviceMissing` while the port is away."""
         await self.close()
-        await asyncio.sleep(0.01)
+        await asyncio.sleep(_OPENING_S)
         if self._clock.now_s < self._away_until_s:
             raise DeviceMissing("there is no such port", device=self.address)
         self._generation += 1
@@ -74,7 +81,7 @@ class MemoryLine:
         self._arm()
 
     async def close(self) -> None:
-        """Unplug it."""
+        """Close it."""
         self._open = False
         self._generation += 1
         if self._alarm is not None:
@@ -101,7 +108,7 @@ class MemoryLine:
             raise DeviceMissing(f"the line was lost: {self._lost}", device=self.address)
 
     async def read(self, timeout_s: float) -> bytes:
-        """What came, or comes within the time. Raises `DeviceMissing` when it was lost."""
+        """Return what came, or comes within the time. Raises `DeviceMissing` when it was lost."""
         if not self._came:
             self._usable_or_raise()
             if timeout_s <= 0.0:
@@ -118,7 +125,7 @@ class MemoryLine:
         return came
 
     def drain(self) -> bytes:
-        """What has come so far."""
+        """Drop what has come so far, and return it."""
         came = bytes(self._came)
         self._came.clear()
         if self._lost is None:
@@ -126,17 +133,17 @@ class MemoryLine:
         return came
 
     async def lost(self) -> str:
-        """Wait until it is lost, and tell why."""
+        """Wait until it is lost, and return why."""
         await self._gone.wait()
         return self._lost or "closed"
 
     def unplug(self, for_s: float, why: str = "unplugged") -> None:
-        """Lose the line now; it can't be opened again for so long."""
+        """Lose the line now; it can't be opened again for `for_s`."""
         self._away_until_s = self._clock.now_s + for_s
         self._lose(why)
 
     def silence(self, for_s: float) -> None:
-        """Let nothing arrive at the mount for so long; the line stays open."""
+        """Let nothing arrive at the mount for `for_s`; the line stays open."""
         self._swallow_until_s = self._clock.now_s + for_s
 
     # -- the cable -----------------------------------------------------------------------------------
@@ -183,4 +190,4 @@ class MemoryLine:
         due_in_s = self.fake.due_in_s()
         if due_in_s is not None and self._open:
             loop = asyncio.get_running_loop()
-            self._alarm = loop.call_later(due_in_s + 1e-6, self._at_fake, b"")
+            self._alarm = loop.call_later(due_in_s + _JUST_AFTER_S, self._at_fake, b"")

@@ -19,19 +19,18 @@ from mountnav.errors import DeviceError
 from mountnav.simulation.sky_clock import FastClock
 
 _BITS_PER_BYTE = 10.0
-"""Start bit, eight data bits, stop bit."""
+"""Start bit, eight data bits, stop bit (8N1, as all mounts here have it)."""
 
 
 class SlowLine:
-    """Hands bytes on when they would have come over.
+    """A fake behind a serial line of some speed: each byte takes its time, both ways.
 
     Parameters
     ----------
-    fake : Fake
     baud : int
         Bits per second.
     monotonic : callable
-        Seconds.
+        Gives seconds.
     """
 
     def __init__(self, fake: Fake, baud: int, monotonic: Callable[[], float] = time.monotonic) -> None:
@@ -42,14 +41,14 @@ class SlowLine:
         self._from_fake: deque[tuple[float, int]] = deque()
 
     def feed(self, data: bytes) -> bytes:
-        """Take bytes at one end and return those that have arrived there."""
+        """Take bytes at the driver's end and return those that have arrived there."""
         now_s = self._monotonic()
         self._send(self._to_fake, data, now_s)
         self._send(self._from_fake, self._fake.feed(_arrived(self._to_fake, now_s)), now_s)
         return _arrived(self._from_fake, now_s)
 
     def due_in_s(self) -> float | None:
-        """Seconds until the next byte arrives somewhere, or the fake has something to say."""
+        """Seconds until the next byte arrives at one of the ends, or the fake has something to send."""
         waits_s = [way[0][0] - self._monotonic() for way in (self._to_fake, self._from_fake) if way]
         due_in_s = self._fake.due_in_s()
         if due_in_s is not None:
@@ -69,17 +68,19 @@ def _arrived(way: deque[tuple[float, int]], now_s: float) -> bytes:
 
 
 _TRY_AGAIN_S = 0.2
+"""s between two attempts to put a port back whose place another program has taken. Chosen by hand. Doubled, a
+fake comes back up to 0.2 s later."""
 
 
 class Fake(Protocol):
-    """Bytes in, bytes out; and when it wants to speak unasked."""
+    """What a bench needs of a fake: bytes in, bytes out, and when it has something to send unasked."""
 
     def feed(self, data: bytes) -> bytes:
-        """Take bytes (maybe none) and return what is said now."""
+        """Take bytes (perhaps none) and return what is sent now."""
         ...
 
     def due_in_s(self) -> float | None:
-        """Seconds until there is something to say without new bytes."""
+        """Seconds until there is something to send without new bytes."""
         ...
 
 
@@ -88,26 +89,26 @@ class Troubled(Protocol):
     """A fake whose faults also strike its line."""
 
     def line_orders(self) -> list[LineOrder]:
-        """Hand out what is to be done to the line, once."""
+        """Take out what is to be done to the line."""
         ...
 
     def wake_by(self, wake: Callable[[], None] | None) -> None:
-        """Tell how to wake whoever sleeps until `due_in_s`."""
+        """Set the function that wakes the thread that sleeps until `due_in_s`."""
         ...
 
 
 @runtime_checkable
 class Opened(Protocol):
-    """A fake that wants to know when its port is opened."""
+    """A fake that has to know when its port is opened."""
 
     def port_opened(self) -> None:
-        """Take note of it."""
+        """Called each time a client opens the port."""
         ...
 
 
 @dataclass(slots=True)
 class _Errand:
-    """Something that another thread wants done in this one."""
+    """A call that another thread wants to be made in the bench's thread."""
 
     do: Callable[[], None]
     done: threading.Event = field(default_factory=threading.Event)
@@ -123,18 +124,17 @@ class _Errand:
 
 
 class Bench(ABC):
-    """A fake on a wire; a context manager.
+    """A fake on a wire, in a thread of its own; a context manager.
 
     Parameters
     ----------
-    fake : Fake
     baud : int, optional
         Bytes take their time, as on a serial line of this speed; without it they come at once.
 
     Notes
     -----
-    `vanish`, `come_back`, `hang_up`, `reset` and `black_hole` may be called from any thread and have happened
-    when they return. The fake's own faults of the line do the same.
+    `vanish`, `come_back`, `hang_up`, `reset` and `black_hole` may be called from any thread and are done when
+    they return. The fake's own line faults do the same.
     """
 
     def __init__(self, fake: Fake, *, baud: int | None = None) -> None:
@@ -151,7 +151,7 @@ class Bench(ABC):
     @property
     @abstractmethod
     def address(self) -> str:
-        """What a driver opens."""
+        """The address for a driver."""
 
     # -- start and end ---------------------------------------------------------------------------
 
@@ -161,7 +161,7 @@ class Bench(ABC):
         Raises
         ------
         DeviceMissing, OSError
-            Where that can't be.
+            If the wire can't be opened.
         """
         if self._thread is not None:
             return self
@@ -216,7 +216,7 @@ class Bench(ABC):
         self._in_thread(self._return)
 
     def hang_up(self) -> None:
-        """Cut the present client off, as a program that closes; a new one is welcome."""
+        """Close the connection to the present client; a new one may connect."""
         self._in_thread(self._hang_up)
 
     def reset(self) -> None:
@@ -224,7 +224,7 @@ class Bench(ABC):
         self._in_thread(self._reset)
 
     def black_hole(self, for_s: float) -> None:
-        """For a time take everything and give nothing; not even the fake hears it."""
+        """For some time accept all bytes and answer nothing; the fake doesn't hear them either."""
         self._in_thread(lambda: self._swallow(for_s))
 
     def _vanish(self, for_s: float | None) -> None:
@@ -243,7 +243,7 @@ class Bench(ABC):
         try:
             self._return()
         except (DeviceError, OSError):
-            # another program has its place meanwhile
+            # another program has taken its place meanwhile
             self._back_s = time.monotonic() + _TRY_AGAIN_S
 
     def _swallow(self, for_s: float | None) -> None:
@@ -309,11 +309,11 @@ class Bench(ABC):
         due_in_s = self._spoken.due_in_s()
         if due_in_s is not None:
             waits_s.append(due_in_s)
-        # rounded up, so that what is due is due when it wakes
+        # rounded up, so that what it waits for is due when it wakes
         return int(max(0.0, min(waits_s)) * 1000.0) + 1 if waits_s else None
 
     def _tell(self, data: bytes) -> None:
-        """Let the fake hear, say what it says, and do to the line what it wants done."""
+        """Feed the fake, send its answer, and carry out its line faults."""
         swallowed = time.monotonic() < self._swallow_until_s
         said = self._spoken.feed(b"" if swallowed or self._gone else data)
         if said and not swallowed and not self._gone:
@@ -323,7 +323,7 @@ class Bench(ABC):
                 self._happen(order)
 
     def _opened_by_client(self) -> None:
-        """Tell the fake that somebody has opened its port."""
+        """Tell the fake that a client has opened its port."""
         if isinstance(self.fake, Opened):
             self.fake.port_opened()
 
@@ -339,7 +339,7 @@ class Bench(ABC):
 
     @abstractmethod
     def _ends(self) -> list[int]:
-        """File descriptors to listen on."""
+        """File descriptors to poll."""
 
     @abstractmethod
     def _hear(self, end: int) -> None:
@@ -347,10 +347,10 @@ class Bench(ABC):
 
     @abstractmethod
     def _say(self, data: bytes) -> None:
-        """Send to whoever listens, without waiting."""
+        """Send to the client, without waiting."""
 
     def _waits_to_write(self, end: int) -> bool:
-        """Whether bytes wait until this end takes more."""
+        """Whether bytes wait until this end accepts more."""
         return False
 
     def _write_on(self, end: int) -> None:
@@ -359,14 +359,14 @@ class Bench(ABC):
 
     @abstractmethod
     def _hang_up(self) -> None:
-        """Cut the present client off."""
+        """Close the connection to the present client."""
 
     def _reset(self) -> None:
         self._hang_up()
 
 
 class InFastTime:
-    """Tells a bench in real seconds what a fake says in those of its clock.
+    """A fake whose time runs faster: the bench waits in real seconds, the fake counts in its own.
 
     Parameters
     ----------
@@ -390,7 +390,7 @@ class InFastTime:
         return None if due_in_s is None else self._wait_s(due_in_s)
 
     def line_orders(self) -> list[LineOrder]:
-        """As of the fake; what happens to the line takes real seconds."""
+        """As of the fake; durations of line faults are in real seconds."""
         return self._fake.line_orders() if isinstance(self._fake, Troubled) else []
 
     def wake_by(self, wake: Callable[[], None] | None) -> None:

@@ -20,12 +20,15 @@ class FakeOnPty(Bench):
 
     Parameters
     ----------
-    fake : Fake
     link : Path, optional
         A symlink that points at the pseudo-terminal, for a stable name: as in ``/dev/serial/by-id``, it goes
         and comes with the device, and the device returns under another name.
     baud : int, optional
         Bytes take their time.
+
+    Notes
+    -----
+    It may vanish and return elsewhere, as a USB adapter that is pulled and plugged in again.
     """
 
     def __init__(self, fake: Fake, link: Path | None = None, *, baud: int | None = None) -> None:
@@ -45,7 +48,7 @@ class FakeOnPty(Bench):
         return self._device
 
     def _open(self) -> None:
-        # the slave is kept open here, so that the master lives on between two clients
+        # the slave is kept open here, so that the master survives the time between two clients
         pairs = [os.openpty()]
         while os.ttyname(pairs[-1][1]) == self._device:
             # a device comes back under another name
@@ -58,7 +61,7 @@ class FakeOnPty(Bench):
         os.set_blocking(self._master, False)
         self._device = os.ttyname(self._slave)
         if self._link is not None:
-            # made beside it and put in its place: nobody sees it missing
+            # made beside it and then put in its place: it is never missing
             fresh = self._link.with_name(f"{self._link.name}.new")
             fresh.unlink(missing_ok=True)
             fresh.symlink_to(self._device)
@@ -82,12 +85,14 @@ class FakeOnPty(Bench):
             self._tell(os.read(end, 4096))
 
     def _say(self, data: bytes) -> None:
-        # nobody reads and the terminal's buffer is full: a real cable loses the bytes as well
+        # if nobody reads and the terminal's buffer is full, bytes are lost, as on a real cable
         with contextlib.suppress(BlockingIOError):
             os.write(self._master, data)
 
 
 _MOST_WAITING = 65536
+"""Bytes that wait for a client that doesn't read; what comes after is dropped, as by a full buffer. Chosen by
+hand. Doubled, a fake that floods holds 64 kB more."""
 
 
 class FakeOnTcp(Bench):
@@ -95,8 +100,6 @@ class FakeOnTcp(Bench):
 
     Parameters
     ----------
-    fake : Fake
-    host : str
     port : int
         0 takes a free one.
     baud : int, optional
@@ -115,15 +118,13 @@ class FakeOnTcp(Bench):
     @property
     def address(self) -> str:
         """The pyserial URL to open, ``socket://host:port``."""
-        host = f"[{self._host}]" if ":" in self._host else self._host
-        return f"socket://{host}:{self._port}"
+        return f"socket://{_host_and_port(self._host, self._port)}"
 
     def _open(self) -> None:
         try:
             self._listener = listening(self._host, self._port)
         except OSError as cause:
-            advice = "another program listens there" if cause.errno == errno.EADDRINUSE else None
-            raise DeviceMissing(f"can't listen: {cause}", device=self.address, advice=advice) from cause
+            raise _cannot_listen(cause, self.address) from cause
         self._port = self._listener.getsockname()[1]
 
     def _close(self) -> None:
@@ -141,7 +142,7 @@ class FakeOnTcp(Bench):
 
     def _reset(self) -> None:
         if self._client is not None:
-            # no lingering: closing then breaks the connection off
+            # without lingering, closing sends a reset instead of an orderly end
             self._client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         self._drop()
 
@@ -195,38 +196,44 @@ class FakeOnTcp(Bench):
 
 
 def listening(host: str, port: int) -> socket.socket:
-    """Make a listening socket; IPv6 where the host is one."""
+    """A listening TCP socket; IPv6 if the host is an IPv6 address."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     return socket.create_server((host, port), family=family)
 
 
+def _host_and_port(host: str, port: int) -> str:
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def _cannot_listen(cause: OSError, address: str) -> DeviceMissing:
+    advice = "another program listens there" if cause.errno == errno.EADDRINUSE else None
+    return DeviceMissing(f"can't listen: {cause}", device=address, advice=advice)
+
+
 class FakeOnUdp(Bench):
-    """A fake behind a UDP port; it answers whoever spoke last.
+    """A fake behind a UDP port; it answers the last sender.
 
     Parameters
     ----------
-    fake : Fake
-    host : str
     port : int
         0 takes a free one.
 
     Notes
     -----
-    There is no connection that could be cut: `hang_up` and `reset` forget who spoke last.
+    There is no connection that could be cut: `hang_up` and `reset` forget the last sender.
     """
 
     def __init__(self, fake: Fake, host: str = "127.0.0.1", port: int = 0) -> None:
         super().__init__(fake)
         self._host, self._port = host, port
         self._socket: socket.socket | None = None
-        # an address of the socket's own family
+        # an address of the socket's own family: (host, port), with two more values in IPv6
         self._peer: Any = None
 
     @property
     def address(self) -> str:
         """``udp://host:port``."""
-        host = f"[{self._host}]" if ":" in self._host else self._host
-        return f"udp://{host}:{self._port}"
+        return f"udp://{_host_and_port(self._host, self._port)}"
 
     def _open(self) -> None:
         family = socket.AF_INET6 if ":" in self._host else socket.AF_INET
@@ -236,8 +243,7 @@ class FakeOnUdp(Bench):
         except OSError as cause:
             self._socket.close()
             self._socket = None
-            advice = "another program listens there" if cause.errno == errno.EADDRINUSE else None
-            raise DeviceMissing(f"can't listen: {cause}", device=self.address, advice=advice) from cause
+            raise _cannot_listen(cause, self.address) from cause
         self._socket.setblocking(False)
         self._port = self._socket.getsockname()[1]
 
@@ -255,7 +261,7 @@ class FakeOnUdp(Bench):
     def _hear(self, end: int) -> None:
         if self._socket is None:
             return
-        # a refused datagram of before shows as an error of this read
+        # an earlier datagram that was refused shows as an error of this read
         with contextlib.suppress(BlockingIOError, ConnectionError):
             data, self._peer = self._socket.recvfrom(4096)
             self._tell(data)

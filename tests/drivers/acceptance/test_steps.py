@@ -245,7 +245,7 @@ async def test_a_refusal_for_another_reason_proves_no_limit() -> None:
     fake = fake_mount()
     async with on_trial(fake) as trial:
         trial.mount.trust()
-        trial.mount._tended.distrust("for the test")
+        trial.mount._session.distrust("for the test")
         (step,) = [step for step in STEPS if step.name == "limit"]
         (finding,) = await step.do(trial)
     assert finding.value == "refused: untrusted"

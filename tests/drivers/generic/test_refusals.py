@@ -14,7 +14,7 @@ from mountnav.devices import Direction, SlewOutcome, SlewState
 from mountnav.errors import DeviceError, DeviceRefused, RefusedButDone
 from mountnav.sky.coordinates import Apparent
 from tests.drivers.generic.plain_language import PlainLanguage
-from tests.drivers.generic.test_mount import QUICK, plain, rigged
+from tests.drivers.generic.plain_rig import QUICK, plain, rigged
 
 QUICK_TO_GIVE_UP = replace(QUICK, stop_timeout_s=0.5)
 
@@ -84,7 +84,7 @@ async def test_a_refusal_that_is_one_stays_one() -> None:
 async def test_somebody_elses_motion_is_not_stopped_by_a_refusal() -> None:
     async with rigged() as rig:
         rig.language.mechanics.move("n", 0.5)
-        await rig.until(lambda: rig.mount._tended.in_motion)
+        await rig.until(lambda: rig.mount._session.in_motion)
         with pytest.raises(DeviceRefused, match="below horizon"):
             await rig.mount.slew(Apparent(0.0, -80.0, utc_now()))
         assert rig.language.mechanics.slewing()
