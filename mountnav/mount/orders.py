@@ -1,8 +1,8 @@
-"""The orders that a mount is given: slew, park, home, unpark, track, guide, sync; and stop.
+"""The orders that a mount is given: slew, park, home, unpark, track, guide, sync.
 
 `SlewPlanner` plans a slew leg by leg, each leg checked before it is sent. `MotionOrders` watches what moves
-the mount on its way; `BriefOrders` are those that end by themselves, and stop, which never waits;
-`SyncOrders` sends a sync and says whether it was seen.
+the mount on its way; `BriefOrders` are those that end by themselves; `SyncOrders` sends a sync and says
+whether it was seen. A stop isn't here: it goes past all of this (`CheckedMount.stop`).
 """
 
 from __future__ import annotations
@@ -28,10 +28,9 @@ from mountnav.devices import (
 )
 from mountnav.errors import BadRequest, Cancelled, DeviceRefused, OutsideLimits
 from mountnav.journal.records import EntryKind, Order, Outcome
-from mountnav.mount.kill_points import kill_point
 from mountnav.mount.limits_guard import LimitsGuard, Plan
 from mountnav.mount.mount_state import MountState
-from mountnav.mount.order_book import OrderBook, outcome_of
+from mountnav.mount.order_book import OrderBook
 from mountnav.mount.sending import Admission, OrderResult, OvertakenError, Sender
 from mountnav.mount.tracking_watch import LEAD_S, TrackingWatch
 from mountnav.pointing.limits import SlewCheck
@@ -46,7 +45,7 @@ class SlewPlanner:
     ----------
     mount : Mount
         Only asked on which side of the pier it would end.
-    guard : Guard
+    guard : LimitsGuard
     sender : Sender
         Writes refusals down.
     book : OrderBook
@@ -172,11 +171,11 @@ class MotionOrders:
     Parameters
     ----------
     mount : Mount
-    guard : Guard
-    standing : Standing
+    guard : LimitsGuard
+    state : MountState
     sender : Sender
     admission : Admission
-    plans : SlewPlans
+    plans : SlewPlanner
     watch : TrackingWatch
         Follows each motion, and ends it where it leaves the limits.
     clock : Clock
@@ -186,7 +185,7 @@ class MotionOrders:
         self,
         mount: Mount,
         guard: LimitsGuard,
-        standing: MountState,
+        state: MountState,
         sender: Sender,
         admission: Admission,
         plans: SlewPlanner,
@@ -195,7 +194,7 @@ class MotionOrders:
     ) -> None:
         self._mount = mount
         self._guard = guard
-        self._standing = standing
+        self._state = state
         self._sender = sender
         self._admission = admission
         self._plans = plans
@@ -305,7 +304,7 @@ class MotionOrders:
             arrived = outcome is SlewOutcome.ARRIVED
             detail = "" if left is None else f"stopped by the limits: {left.what}"
             if arrived and new_segment:
-                self._standing.regained()
+                self._state.regained()
             if arrived and check is None:
                 self._guard.at_station()
             return OrderResult(_SLEW_OUTCOMES[outcome], detail, new_segment=new_segment if arrived else "")
@@ -342,12 +341,10 @@ class BriefOrders:
     Parameters
     ----------
     mount : Mount
-    guard : Guard
-    standing : Standing
+    guard : LimitsGuard
     sender : Sender
     admission : Admission
     watch : TrackingWatch
-    book : OrderBook
     clock : Clock
     """
 
@@ -355,20 +352,16 @@ class BriefOrders:
         self,
         mount: Mount,
         guard: LimitsGuard,
-        standing: MountState,
         sender: Sender,
         admission: Admission,
         watch: TrackingWatch,
-        book: OrderBook,
         clock: Clock,
     ) -> None:
         self._mount = mount
         self._guard = guard
-        self._standing = standing
         self._sender = sender
         self._admission = admission
         self._watch = watch
-        self._book = book
         self._clock = clock
 
     async def give(
@@ -428,21 +421,6 @@ class BriefOrders:
         setting = present
         await self.give("set-park", lambda _mount: setting())
 
-    async def stop(self) -> None:
-        """Stop all motion now; waits for no check and no disk. See `CheckedMount.stop`."""
-        with self._sender.stopping():
-            written = self._book.begin_now("stop", self._standing.segments.segment_id)
-            try:
-                await self._mount.stop()
-            except BaseException as error:
-                detail = str(error) or "cancelled: whether it was heard isn't known"
-                self._book.end_soon(written, outcome_of(error, on_wire=True), detail)
-                raise
-            finally:
-                self._standing.moved()
-                kill_point("stop sent")
-            self._book.end_soon(written, Outcome.DONE)
-
 
 _SYNC_OUTCOMES = {
     SyncOutcome.SEEN: Outcome.DONE,
@@ -458,8 +436,8 @@ class SyncOrders:
     Parameters
     ----------
     mount : Mount
-    guard : Guard
-    standing : Standing
+    guard : LimitsGuard
+    state : MountState
     sender : Sender
     admission : Admission
     clock : Clock
@@ -469,14 +447,14 @@ class SyncOrders:
         self,
         mount: Mount,
         guard: LimitsGuard,
-        standing: MountState,
+        state: MountState,
         sender: Sender,
         admission: Admission,
         clock: Clock,
     ) -> None:
         self._mount = mount
         self._guard = guard
-        self._standing = standing
+        self._state = state
         self._sender = sender
         self._admission = admission
         self._clock = clock
@@ -485,7 +463,7 @@ class SyncOrders:
         """Tell the mount that it points there. See `CheckedMount.sync`."""
         stops = self._sender.stops
         async with self._admission.held("sync"):
-            before = await self._standing.reading()
+            before = await self._state.reading()
             try:
                 self._guard.require_above_ground(from_mount(place), self._clock.utc())
             except (OutsideLimits, BadRequest) as refusal:
@@ -510,7 +488,7 @@ class SyncOrders:
         resolution = self._mount.resolution_arcsec
         if result is None:
             # the drivers of others may leave the reading to us
-            after = await self._standing.reading()
+            after = await self._state.reading()
             miss = separation_arcsec(from_mount(after.place), from_mount(place))
             offset = separation_arcsec(from_mount(before.place), from_mount(place))
             seen = miss <= near_arcsec(offset, resolution, math.inf)
@@ -523,9 +501,9 @@ class SyncOrders:
     def _came(self, result: SyncResult) -> OrderResult:
         counts = result.outcome.seen
         if counts:
-            self._standing.regained()
-        if result.outcome is SyncOutcome.ELSEWHERE and self._standing.trusted:
-            self._standing.distrust(
+            self._state.regained()
+        if result.outcome is SyncOutcome.ELSEWHERE and self._state.trusted:
+            self._state.distrust(
                 f"it took a sync for another place: it believes to be {result.miss_arcsec:.0f}″ from there"
             )
         return OrderResult(

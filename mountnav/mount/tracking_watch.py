@@ -69,7 +69,7 @@ class LimitStop:
     Parameters
     ----------
     mount : Watched
-    guard : Guard
+    guard : LimitsGuard
     book : OrderBook
     clock : Clock
     tell : callable
@@ -274,7 +274,7 @@ class TrackingWatch:
     Parameters
     ----------
     mount : Watched
-    guard : Guard
+    guard : LimitsGuard
     book : OrderBook
     clock : Clock
     tell : callable

@@ -176,22 +176,22 @@ class PositionMemory:
 
     Parameters
     ----------
-    standing : Standing
-    guard : Guard
+    state : MountState
+    guard : LimitsGuard
     book : OrderBook
     clock : Clock
     """
 
-    def __init__(self, standing: MountState, guard: LimitsGuard, book: OrderBook, clock: Clock) -> None:
-        self._standing = standing
+    def __init__(self, state: MountState, guard: LimitsGuard, book: OrderBook, clock: Clock) -> None:
+        self._state = state
         self._guard = guard
         self._book = book
         self._clock = clock
         self._active = False
         self._written: LastSeen | None = None
         self._before: LastSeen | None = None
-        standing.on_reading(self._read)
-        standing.listen(self._said)
+        state.on_reading(self._read)
+        state.listen(self._said)
 
     def take_up(
         self, last: LastSeen | None, in_flight: Sequence[CommandRecord], now: MountReading
@@ -215,7 +215,7 @@ class PositionMemory:
         guard = self._guard
         why = None if last is None else why_not_to_trust(last, in_flight, now, guard.site, guard.air)
         if why is not None:
-            self._standing.distrust(why)
+            self._state.distrust(why)
         self._active = True
         self._read(now)
         return why
@@ -223,7 +223,7 @@ class PositionMemory:
     def _read(self, reading: MountReading) -> None:
         if not self._active:
             return
-        seen = seen_of(reading, trusted=self._standing.trusted, why=self._standing.why_untrusted)
+        seen = seen_of(reading, trusted=self._state.trusted, why=self._state.why_untrusted)
         before, self._before = self._before, seen
         if self._is_news(reading, seen, before):
             self._write(seen)
@@ -242,12 +242,12 @@ class PositionMemory:
 
     def _said(self, what: str, facts: Mapping[str, object]) -> None:
         """A position that has ceased to count is written down at once, read or not."""
-        if not self._active or self._standing.trusted or (self._written and not self._written.trusted):
+        if not self._active or self._state.trusted or (self._written and not self._written.trusted):
             return
         place = None if self._before is None else self._before.place
         utc = self._clock.utc() if self._before is None else self._before.utc
         tracking = None if self._before is None else self._before.tracking
-        self._write(LastSeen(place, utc, tracking, False, self._standing.why_untrusted))
+        self._write(LastSeen(place, utc, tracking, False, self._state.why_untrusted))
 
     def _write(self, seen: LastSeen) -> None:
         self._written = seen
@@ -374,17 +374,17 @@ class SiteTimeAgreement:
     ----------
     mount : Mount
         Its ``report`` is what connecting has found; one that has none contradicts nothing.
-    standing : Standing
+    state : MountState
         Tells of the link, and those who listen.
     book : OrderBook
-    guard : Guard
+    guard : LimitsGuard
         Only asked for the Sun.
     """
 
-    def __init__(self, mount: Mount, standing: MountState, book: OrderBook, guard: LimitsGuard) -> None:
+    def __init__(self, mount: Mount, state: MountState, book: OrderBook, guard: LimitsGuard) -> None:
         self._mount = mount
         self._guard = guard
-        self._standing = standing
+        self._state = state
         self._book = book
         self._accepted: Difference | None = None
         self._told: str | None = None
@@ -392,7 +392,7 @@ class SiteTimeAgreement:
         self.turned_deg: float | None = None
         """By how much less the mount takes the sky to be turned since it was set right; None once the sky has
         shown that this was right, and where nothing was set."""
-        standing.listen(self._said)
+        state.listen(self._said)
 
     @property
     def difference(self) -> Difference | None:
@@ -442,7 +442,7 @@ class SiteTimeAgreement:
         self.turned_deg = None
         before = self.difference or Difference()
         try:
-            reading = await self._standing.reading()
+            reading = await self._state.reading()
         except DeviceError:
             reading = None
         try:
@@ -450,7 +450,7 @@ class SiteTimeAgreement:
         except DeviceRefused:
             raise  # it was told nothing
         except DeviceError as error:
-            self._standing.distrust(f"its site and clock were being set, how far isn't known: {error.what}")
+            self._state.distrust(f"its site and clock were being set, how far isn't known: {error.what}")
             raise
         self._look()
         self._turned(before, Difference.of(report), reading)
@@ -465,7 +465,7 @@ class SiteTimeAgreement:
         if before.words is not None and now.words is None:
             self.turned_deg = half_turn_deg(before.turn_deg - now.turn_deg)
         try:
-            reading = await self._standing.reading()
+            reading = await self._state.reading()
         except DeviceError:
             reading = None
         self._turned(before, now, reading)
@@ -482,7 +482,7 @@ class SiteTimeAgreement:
             # one mount keeps its place among the stars, another one the angles of its axes: nobody has seen
             # which of both is right. At home and at its park position the axes tell; but if it is our clock
             # that is wrong, the Sun is elsewhere
-            self._standing.distrust(f"its site and clock were set to ours, {changed}")
+            self._state.distrust(f"its site and clock were set to ours, {changed}")
 
     def accept(self) -> str | None:
         """One who may configure has seen the contradiction and wants it so, until it changes.
@@ -529,8 +529,8 @@ class SiteTimeAgreement:
         if words is not None:
             facts: dict[str, object] = {"why": words, "advice": ADVICE}
             self._book.note_now(EntryKind.FAULT, f"mount and settings contradict each other: {words}", facts)
-            self._standing.tell("contradiction", facts)
+            self._state.tell("contradiction", facts)
         else:
             resolved: dict[str, object] = {"was": before}
             self._book.note_now(EntryKind.FAULT, "mount and settings contradict each other no more", resolved)
-            self._standing.tell("contradiction-over", resolved)
+            self._state.tell("contradiction-over", resolved)

@@ -72,7 +72,7 @@ class Equipment:
     journal : Journal
     guard : GuardedSync
         Judges each look, and does the syncs.
-    readings : ReadingsKept
+    readings : ReadingHistory
     listen : callable
         Told of each step; it never steers.
     apply_model : bool

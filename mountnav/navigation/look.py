@@ -227,7 +227,7 @@ async def expose_and_solve(
     ----------
     equipment : Equipment
     policy : CenteringPolicy
-    shot : Shot
+    shot : LookOptions
     attempt : int
         For those who listen.
 

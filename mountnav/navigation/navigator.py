@@ -12,7 +12,6 @@ from mountnav.devices import Camera, Mount, for_mount, from_mount
 from mountnav.errors import DeviceError, NotReached, TargetNotReached
 from mountnav.frames import Frame
 from mountnav.journal.records import Journal, Unwritten
-from mountnav.mount import CheckedMount
 from mountnav.navigation.centering import center_in_time
 from mountnav.navigation.equipment import Equipment, Listener, Solve, equipped, in_thread
 from mountnav.navigation.first_light import first_light
@@ -73,11 +72,10 @@ async def state_of(
         altitude_deg=None,
         azimuth_deg=None,
         problem=problem,
-        trusted=mount.trusted
-        if connected and (mount.told("trusted") is not None or not mount.trusted)
-        else None,
-        link=_told(mount, "link"),
-        slew_state=_told(mount, "slew_state"),
+        # a mount that can't tell counts as "not known" as long as nothing speaks against it
+        trusted=mount.trusted if connected and (mount.tells_trust or not mount.trusted) else None,
+        link=mount.link,
+        slew_state=mount.slew_state,
     )
     if not connected:
         return known
@@ -94,19 +92,8 @@ async def state_of(
         icrs=icrs,
         altitude_deg=observed.alt_deg,
         azimuth_deg=observed.az_deg,
-        link=_told(mount, "link"),
+        link=mount.link,
     )
-
-
-def _trusted(mount: CheckedMount) -> bool | None:
-    """Whether its position counts; None of a mount that can't tell, as long as nothing speaks against it."""
-    return None if mount.trusted and mount.told("trusted") is None else mount.trusted
-
-
-def _told(mount: CheckedMount, what: str) -> str | None:
-    """Something that only some mounts tell."""
-    value = mount.told(what)
-    return None if value is None else str(value)
 
 
 class Navigator(MountOrders):

@@ -116,7 +116,7 @@ class CoordinateSyncs:
     note : callable
         Writes down what has happened.
     listen : callable
-    words : Words
+    words : CoordinateSyncTotals
         Of the present night.
     """
 
