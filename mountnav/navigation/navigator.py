@@ -6,19 +6,16 @@ from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
 
-from mountnav.catalog.stars import Catalog
-from mountnav.clock import Clock, SystemClock
-from mountnav.devices import Camera, Mount, for_mount, from_mount
+from mountnav.devices import for_mount, from_mount
 from mountnav.errors import DeviceError, NotReached, TargetNotReached
 from mountnav.frames import Frame
-from mountnav.journal.records import Journal, Unwritten
 from mountnav.navigation.centering import center_in_time
-from mountnav.navigation.equipment import Equipment, Listener, Solve, equipped, in_thread
+from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.first_light import first_light
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.look import at_instant
 from mountnav.navigation.look_retries import PersistentLook, cheap
-from mountnav.navigation.mount_orders import MountOrders, OneAtATime
+from mountnav.navigation.mount_orders import MountOrders
 from mountnav.navigation.outside_frames import WITHIN, By, Judged, compare_frame, correct
 from mountnav.navigation.policy import CenteringPolicy, CorrectBy
 from mountnav.navigation.recovering import recover, require_away_from_pole
@@ -36,11 +33,10 @@ from mountnav.navigation.reports import (
 )
 from mountnav.navigation.slewing import Slewing
 from mountnav.navigation.sync import GuardedSync, Occasion
-from mountnav.navigation.sync_policy import SyncPolicy
-from mountnav.pointing.limits import Limits, Mounting
-from mountnav.pointing.model.in_force import NoModel, Pointing
+from mountnav.pointing.limits import Limits
+from mountnav.pointing.model.in_force import Pointing
 from mountnav.sky.chain import icrs_to_observed
-from mountnav.sky.coordinates import Air, Icrs, Site
+from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced
 from mountnav.solution import Verdict
 from mountnav.solving.settings import SolveSettings
@@ -101,83 +97,21 @@ class Navigator(MountOrders):
 
     Parameters
     ----------
-    name : str
-    mount : Mount
-        The driver; from now on only `self.mount`, which checks and writes down each order, may be used.
-    camera : Camera
-    catalog : Catalog
-    site : Site
-    air : Air
-    policy : CenteringPolicy
-    listen : callable
-        Told of each step; it never steers.
-    solving : SolveSettings, optional
-        How frames are calibrated, measured and identified.
-    solve : Solve, optional
-        Who solves them; a thread of this process with the catalog if left out.
-    limits : Limits, optional
-        The policy's lowest altitude alone, if left out.
-    sync : SyncPolicy, optional
-    journal : Journal, optional
-    clock : Clock, optional
-    pointing : Pointing, optional
-        The pointing model in force.
-    apply_model : bool
-        Whether slews are aimed by it.
-    learned : Learned, optional
-        What is known of the camera already.
-    mounting : {"german", "fork", "altaz"}, optional
-        None: not known.
+    equipment : Equipment
+        As `equip` puts it together.
     """
 
-    def __init__(
-        self,
-        *,
-        name: str,
-        mount: Mount,
-        camera: Camera,
-        catalog: Catalog,
-        site: Site,
-        air: Air,
-        policy: CenteringPolicy,
-        listen: Listener,
-        solving: SolveSettings | None = None,
-        solve: Solve | None = None,
-        limits: Limits | None = None,
-        sync: SyncPolicy | None = None,
-        journal: Journal | None = None,
-        clock: Clock | None = None,
-        pointing: Pointing | None = None,
-        apply_model: bool = True,
-        learned: Learned | None = None,
-        mounting: Mounting | None = None,
-    ) -> None:
-        self.name = name
-        self.policy = policy
-        self.camera = camera
-        self._equipment = equipped(
-            name=name,
-            mount=mount,
-            camera=camera,
-            solve=solve or in_thread(catalog),
-            solving=solving or SolveSettings(),
-            site=site,
-            air=air,
-            limits=limits or Limits(min_altitude_deg=policy.min_altitude_deg),
-            rules=sync_rules(sync, policy),
-            journal=journal or Unwritten(),
-            clock=clock or SystemClock(),
-            pointing=pointing or NoModel(),
-            learned=learned or Learned(mounting=mounting),
-            mounting=mounting,
-            listen=listen,
-            apply_model=apply_model,
-        )
-        checked = self._equipment.mount
-        super().__init__(checked, OneAtATime(name, checked, camera, listen))
-        self._slewing = Slewing(self._equipment)
+    def __init__(self, equipment: Equipment) -> None:
+        super().__init__(equipment.name, equipment.mount, equipment.camera, equipment.listen)
+        self._equipment = equipment
+        self._slewing = Slewing(equipment)
 
     # -- what is known -------------------------------------------------------------------------------
+
+    @property
+    def policy(self) -> CenteringPolicy:
+        """What it is allowed: tolerances, tries, caps."""
+        return self._equipment.policy
 
     @property
     def solving(self) -> SolveSettings:
@@ -212,9 +146,9 @@ class Navigator(MountOrders):
         """Where the telescope believes it points, and what it does. Never raises for device trouble."""
         return await state_of(
             self._equipment,
-            activity=self._work.activity,
-            connected=self._work.connected,
-            problem=self._work.problem,
+            activity=self.activity,
+            connected=self.connected,
+            problem=self.problem,
         )
 
     def believed(self, utc: datetime) -> Icrs | None:
@@ -240,7 +174,7 @@ class Navigator(MountOrders):
         """
         policy = self.policy
         persistence = policy.persistence if persistent else cheap(policy.persistence, policy.solve_retries)
-        async with self._work.work("looking"):
+        async with self.work("looking"):
             looking = PersistentLook(self._equipment, policy, persistence, used="look")
             return (await looking.look(exposure_s)).look
 
@@ -259,7 +193,7 @@ class Navigator(MountOrders):
             It is parked: no frame is exposed for that.
         SyncIgnored, NotSolved, MountMoved, BadFrame, DeviceError, JournalFailed
         """
-        async with self._work.work("syncing"):
+        async with self.work("syncing"):
             await self.mount.require_unparked("sync")
 
             async def look() -> Look:
@@ -272,7 +206,7 @@ class Navigator(MountOrders):
 
     async def sync_to(self, place: Icrs) -> CoordinateSyncReport:
         """Tell the mount that it points at `place`, as somebody said: believed within bounds."""
-        async with self._work.work("syncing"):
+        async with self.work("syncing"):
             return await self.guard.told.sync_to(place)
 
     def trust(self) -> None:
@@ -282,12 +216,12 @@ class Navigator(MountOrders):
 
     async def recover(self, exposure_s: float | None = None) -> RecoverReport:
         """Find out where a mount points that doesn't know, and tell it. Never moves it. See `recover`."""
-        async with self._work.work("recovering"):
+        async with self.work("recovering"):
             return await recover(self._equipment, self.policy, exposure_s)
 
     async def first_light(self, exposure_s: float | None = None) -> FirstLightReport:
         """Tell a telescope set up by eye where it points, and learn its camera. See `first_light`."""
-        async with self._work.work("first light"):
+        async with self.work("first light"):
             return await first_light(self._equipment, self.policy, self._slewing, exposure_s)
 
     # -- motion --------------------------------------------------------------------------------------
@@ -303,7 +237,7 @@ class Navigator(MountOrders):
             The mount said no.
         Cancelled, TargetNotReached, DeviceError, JournalFailed
         """
-        async with self._work.work("slewing"):
+        async with self.work("slewing"):
             aim = self._slewing.aimed(target, await self._slewing.side_at(target))
             return await self._slewing.slew(target, aim)
 
@@ -329,7 +263,7 @@ class Navigator(MountOrders):
 
     async def offset(self, east_arcsec: float, north_arcsec: float) -> SlewReport:
         """Nudge: slew by so much on the sky, east and north positive. Errors: see `slew`."""
-        async with self._work.work("nudging"):
+        async with self.work("nudging"):
             here = from_mount((await self.mount.reading()).place)
             return await self._slewing.slew(displaced(here, east_arcsec, north_arcsec))
 
@@ -374,7 +308,7 @@ class Navigator(MountOrders):
             "correct_by": None if correct_by is None else CorrectBy(correct_by),
         }
         policy = replace(self.policy, **{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
-        async with self._work.work("centering"):
+        async with self.work("centering"):
             return await self._center(target, policy, planned_s, key)
 
     async def flip(
@@ -387,7 +321,7 @@ class Navigator(MountOrders):
         TargetNotReached
             Centered, and still on the same side (`NotReached.SIDE`); or as `center`.
         """
-        async with self._work.work("flipping"):
+        async with self.work("flipping"):
             before = (await self.mount.reading()).pier_side
             report = await self._center(target, self.policy, planned_s, key)
             if before is not None and report.side is before and not report.flipped:
@@ -409,7 +343,7 @@ class Navigator(MountOrders):
         heard: Callable[[Judged], None] | None = None,
     ) -> Corrected:
         """Bring the telescope back by a look, between two frames. See `between_frames.correct`."""
-        async with self._work.work("correcting"):
+        async with self.work("correcting"):
             return await correct(
                 self._equipment, self._slewing, found, by=by, target=target, key=key, heard=heard
             )
@@ -424,13 +358,7 @@ class Navigator(MountOrders):
             self._slewing,
             target,
             policy,
-            halt=self._work.halt,
+            halt=self.halt,
             planned_s=planned_s,
             key=key,
         )
-
-
-def sync_rules(sync: SyncPolicy | None, policy: CenteringPolicy) -> SyncPolicy:
-    """The policy of syncs; the smaller of the two caps on their size holds."""
-    rules = sync or SyncPolicy(read_back_s=policy.sync_read_back_s)
-    return replace(rules, max_arcsec=min(rules.max_arcsec, policy.max_sync_arcsec))

@@ -50,10 +50,9 @@ from mountnav.navigation.vetoes import (
     disagreement,
     in_order,
 )
-from mountnav.pointing.limits import Limits
 from mountnav.pointing.model.in_force import Pointing
 from mountnav.pointing.offset import TooFarToSync
-from mountnav.sky.coordinates import Air, Icrs, Site
+from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import Offset
 
 _PASSING = frozenset({Refusal.BUSY, Refusal.PARKED, Refusal.NOT_TRACKING, Refusal.UNTRUSTED})
@@ -65,6 +64,8 @@ _WONT_TAKE = (SyncEnd.IGNORED, SyncEnd.ELSEWHERE, SyncEnd.UNDONE, SyncEnd.UNDO_F
 class GuardedSync:
     """The syncs of one telescope, and what its looks teach.
 
+    The limits are not asked: a tube may look where it may not be sent.
+
     Parameters
     ----------
     mount : CheckedMount
@@ -75,9 +76,6 @@ class GuardedSync:
         Of the camera.
     pointing : Pointing
         The model in force; told of each new segment and of each look that nothing stands against.
-    site, air : Site, Air
-    limits : Limits, optional
-        Not asked: a tube may look where it may not be sent.
     journal : Journal, optional
     clock : Clock, optional
     listen : callable, optional
@@ -97,21 +95,18 @@ class GuardedSync:
         policy: SyncPolicy,
         learned: Learned,
         pointing: Pointing,
-        site: Site,
-        air: Air,
-        limits: Limits | None = None,
         journal: Journal | None = None,
         clock: Clock | None = None,
         listen: Listener | None = None,
     ) -> None:
         self._mount = mount
         self._telescope = telescope
-        self._site = site
+        self._site = mount.site
         self._journal = journal or Unwritten()
         self._clock = clock or SystemClock()
         self._listen = listen or _nobody
-        counts = SyncCounts(site, policy.same_target_deg)
-        self._judge = Judge(mount, policy, learned, pointing, site, air, self._clock, counts)
+        counts = SyncCounts(mount.site, policy.same_target_deg)
+        self._judge = Judge(mount, policy, learned, pointing, self._clock, counts)
         self._unexpected = SurprisingLooks()
         self._witnesses = ConfirmingLooks()
         self._offset_night: str | None = None

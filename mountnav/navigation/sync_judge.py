@@ -93,7 +93,6 @@ class Judge:
     policy : SyncPolicy
     learned : Learned
     pointing : Pointing
-    site, air : Site, Air
     clock : Clock
     counts : SyncCounts
     moved_utc : datetime or None
@@ -108,13 +107,21 @@ class Judge:
     policy: SyncPolicy
     learned: Learned
     pointing: Pointing
-    site: Site
-    air: Air
     clock: Clock
     counts: SyncCounts
     moved_utc: datetime | None = field(default=None)
     camera: str = ""
     others: dict[str, Learned] = field(default_factory=dict)
+
+    @property
+    def site(self) -> Site:
+        """Where the mount stands."""
+        return self.mount.site
+
+    @property
+    def air(self) -> Air:
+        """The air there."""
+        return self.mount.air
 
     def looks_through(self, camera: CameraIdentity) -> None:
         """Let `learned` be what is known of the camera that looks: each has its own, by its binning too."""

@@ -90,7 +90,7 @@ class NightTelescope(Protocol):
         """Its mount, as far as a night looks at it."""
         ...
 
-    async def glance(self) -> MountReading:
+    async def read_mount(self) -> MountReading:
         """Read the mount once, whatever runs; kept for frames that come later. Raises `DeviceError`."""
         ...
 

@@ -300,7 +300,7 @@ class NightSession:
     async def read_mount(self) -> None:
         """Read the mount, so that frames that come later can be compared; notice when it is gone."""
         try:
-            reading = await self._telescope.glance()
+            reading = await self._telescope.read_mount()
         except DeviceError as error:
             self._missed += 1
             if self._missed == READINGS_MISSED:
