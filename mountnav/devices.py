@@ -1,7 +1,7 @@
 """What a Mount and a Camera can do, the coordinates that a mount speaks, and what its syncs come to.
 
-Small and async; drivers fulfil these protocols. The law of a sync (`near_arcsec`, `miss_arcsec`, `unseen`)
-stands here since all have to keep it: the drivers, the room `mount`, and navigation.
+Small and async; drivers fulfil these protocols. The law of a sync (`SyncLaw`) stands here since all have to
+keep it: the drivers, the room `mount`, and navigation.
 
 A sync is seen when the mount believes to be near to where it was told. Else it has ignored the sync if it
 believes what it did before, and if not, it has taken another place: half of what was told (one coordinate of
@@ -10,6 +10,7 @@ two), or a damaged number. That is the worst of all: slews by such a belief go a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -20,9 +21,6 @@ from mountnav.frames import Frame
 from mountnav.sky.chain import apparent_to_icrs, icrs_to_apparent
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, Icrs
 from mountnav.sky.sphere import separation_arcsec
-
-__all__ = ["FREE_ARCSEC", "miss_arcsec", "moved_arcsec", "near_arcsec", "unseen"]
-
 
 Epoch = Literal["apparent", "icrs"]
 
@@ -97,6 +95,11 @@ class MountReading:
     parked: bool | None = None
     at_home: bool | None = None
     pier_side: PierSide | None = None
+
+    @property
+    def side(self) -> PierSide:
+        """On which side of the pier it says that the tube hangs; unknown where it was not asked, too."""
+        return self.pier_side or PierSide.UNKNOWN
 
 
 class SlewOutcome(StrEnum):
@@ -328,27 +331,67 @@ def from_mount(place: Apparent | Icrs) -> Icrs:
 
 
 FREE_ARCSEC = 5.0
-"""So far (and by its step) the reading of a mount that stands may wander. Doubled, a half of a sync of 10″
+"""So far (and by its step) the reading of a mount that stands may wander, ″. Doubled, a half of a sync of 10″
 passes for nothing."""
 _SHARE = 0.25
 """So much of a sync's way is left to the mount, so that a small one that was ignored still shows."""
 _STEPS = 1.5
-"""Both coordinates of a reading may be at the edge of a step at once."""
+"""Both coordinates of a reading may be at the edge of a step at once: √2 of a step, rounded up."""
 
 
-def near_arcsec(way_arcsec: float, resolution_arcsec: float, most_arcsec: float) -> float:
-    """How near to its place a sync was seen.
+@dataclass(frozen=True, slots=True)
+class SyncLaw:
+    """By what readings one sync is judged: the only place that says when it was seen.
 
-    Parameters
+    Each caller has a cap of its own on `near_arcsec`: a driver what its wire and its mount keep to
+    (`Timing.near_arcsec`, `MountBehavior.near_arcsec`), navigation its policy's
+    (`SyncPolicy.read_back_arcsec`); the room `mount`, which only reads for drivers that don't, has none.
+
+    Attributes
     ----------
-    way_arcsec : float
-        From what the mount believed to what it was told.
+    near_arcsec : float
+        A sync is seen when the mount believes to be so near to where it was told.
     resolution_arcsec : float
-        Its step.
-    most_arcsec : float
-        No more than that, unless the step is coarser.
+        The mount's step.
     """
-    return max(min(_SHARE * way_arcsec, most_arcsec), resolution_arcsec + FREE_ARCSEC)
+
+    near_arcsec: float
+    resolution_arcsec: float
+
+    @classmethod
+    def of(cls, way_arcsec: float, resolution_arcsec: float, most_arcsec: float = math.inf) -> SyncLaw:
+        """The law for a sync over `way_arcsec`, from what the mount believed to what it is told.
+
+        Parameters
+        ----------
+        way_arcsec : float
+        resolution_arcsec : float
+            The mount's step.
+        most_arcsec : float
+            The cap on `near_arcsec`, unless the step is coarser.
+        """
+        near_arcsec = max(min(_SHARE * way_arcsec, most_arcsec), resolution_arcsec + FREE_ARCSEC)
+        return cls(near_arcsec, resolution_arcsec)
+
+    def seen(self, miss_arcsec: float) -> bool:
+        """Whether a mount that believes to be so far from where it was told has taken the sync."""
+        return miss_arcsec <= self.near_arcsec
+
+    def unseen(self, before: MountReading, after: MountReading) -> SyncOutcome:
+        """What became of a sync that isn't seen: ignored, or another place taken.
+
+        Parameters
+        ----------
+        before : MountReading
+            The last one before the sync.
+        after : MountReading
+        """
+        moved = moved_arcsec(before, after) > _STEPS * self.resolution_arcsec + FREE_ARCSEC
+        return SyncOutcome.ELSEWHERE if moved else SyncOutcome.IGNORED
+
+    def outcome(self, miss_arcsec: float, before: MountReading, after: MountReading) -> SyncOutcome:
+        """What a sync has come to by the reading `after`: seen, ignored, or another place taken."""
+        return SyncOutcome.SEEN if self.seen(miss_arcsec) else self.unseen(before, after)
 
 
 def moved_arcsec(before: MountReading, after: MountReading) -> float:
@@ -369,22 +412,7 @@ def _turned(place: Apparent | Icrs, utc: datetime, after: MountReading) -> Appar
     # the right ascension of a mount that rests grows so fast
     turned_deg = SIDEREAL_DEG_S * (after.utc - utc).total_seconds()
     turned = replace(place, ra_deg=(place.ra_deg + turned_deg) % 360.0)
-    return min(place, turned, key=lambda one: _apart_arcsec(one, after.place))
-
-
-def unseen(before: MountReading, after: MountReading, resolution_arcsec: float) -> SyncOutcome:
-    """What became of a sync that isn't seen: ignored, or another place taken.
-
-    Parameters
-    ----------
-    before : MountReading
-        The last one before the sync.
-    after : MountReading
-    resolution_arcsec : float
-        The mount's step.
-    """
-    moved = moved_arcsec(before, after) > _STEPS * resolution_arcsec + FREE_ARCSEC
-    return SyncOutcome.ELSEWHERE if moved else SyncOutcome.IGNORED
+    return min(place, turned, key=lambda candidate: _apart_arcsec(candidate, after.place))
 
 
 def _apart_arcsec(one: Apparent | Icrs, two: Apparent | Icrs) -> float:

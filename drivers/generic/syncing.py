@@ -9,7 +9,7 @@ from drivers.generic.language import Readout
 from drivers.generic.refusals import Refusals
 from drivers.generic.session import LateSync, Session
 from mountnav.clock import pause, sky_s, utc_now
-from mountnav.devices import SyncOutcome, SyncResult, miss_arcsec, near_arcsec, unseen
+from mountnav.devices import SyncLaw, SyncOutcome, SyncResult, miss_arcsec
 from mountnav.errors import Busy, DeviceMissing, DeviceRefused, Refusal
 from mountnav.sky.coordinates import Apparent, Icrs
 
@@ -28,7 +28,7 @@ async def sync(tended: Session, refusals: Refusals, place: Apparent | Icrs) -> S
         if before.slewing:
             raise DeviceRefused("the sync refused: it slews", device=tended.name, reason=Refusal.BUSY)
         way_arcsec = apart_arcsec(before.place, place)
-        near = near_arcsec(way_arcsec, tended.language.resolution_arcsec, tended.timing.near_arcsec)
+        law = SyncLaw.of(way_arcsec, tended.language.resolution_arcsec, tended.timing.near_arcsec)
         # one that was given up earlier would be taken for this one
         tended.late_sync = None
         went_out = False
@@ -56,12 +56,12 @@ async def sync(tended: Session, refusals: Refusals, place: Apparent | Icrs) -> S
                 "the sync was not sent: a stop came before it, or its link was lost", device=tended.name
             )
         try:
-            result = await _read_back(tended, before, place, near)
+            result = await _read_back(tended, before, place, law)
         except BaseException:
             # whoever reads it next finds it here, there, or where it woke up that was switched off meanwhile
             if tended.judge.last is None:
                 tended.judge.last = before
-            tended.late_sync = _late(place, near)
+            tended.late_sync = _late(place, law.near_arcsec)
             raise
     if tended.links != links:
         raise DeviceMissing(
@@ -72,7 +72,7 @@ async def sync(tended: Session, refusals: Refusals, place: Apparent | Icrs) -> S
     if result.outcome.seen:
         tended.trust("a sync was seen")
         return result
-    tended.late_sync = _late(place, near)
+    tended.late_sync = _late(place, law.near_arcsec)
     if result.outcome is SyncOutcome.ELSEWHERE:
         tended.went_elsewhere(result.miss_arcsec)
         return result
@@ -85,17 +85,16 @@ def _late(place: Apparent | Icrs, near_arcsec: float) -> LateSync:
     return LateSync(place, near_arcsec, asyncio.get_running_loop().time() + _LATE_FOR_S)
 
 
-async def _read_back(tended: Session, before: Readout, place: Apparent | Icrs, near: float) -> SyncResult:
+async def _read_back(tended: Session, before: Readout, place: Apparent | Icrs, law: SyncLaw) -> SyncResult:
     loop, timing = asyncio.get_running_loop(), tended.timing
     asked, told_utc = loop.time(), utc_now()
     while True:
         now = (await tended.look()).reading
         # the sky turns by its own time; how long is too long for a wire goes by the machine's
         waited_s = loop.time() - asked
-        seen = miss_arcsec(place, told_utc, now) <= near
-        if seen or waited_s > timing.sync_wait_s:
-            outcome = unseen(before.reading, now, tended.language.resolution_arcsec)
-            if seen:
-                outcome = SyncOutcome.LATE if waited_s > timing.late_s else SyncOutcome.SEEN
+        outcome = law.outcome(miss_arcsec(place, told_utc, now), before.reading, now)
+        if outcome.seen or waited_s > timing.sync_wait_s:
+            if outcome.seen and waited_s > timing.late_s:
+                outcome = SyncOutcome.LATE
             return SyncResult(outcome, now, apart_arcsec(now.place, place), sky_s(waited_s))
         await pause(min(0.2, timing.poll_s))

@@ -20,13 +20,12 @@ from mountnav.devices import (
     Skill,
     SlewOutcome,
     SlewState,
+    SyncLaw,
     SyncOutcome,
     SyncResult,
     TrackingRate,
     miss_arcsec,
     moved_arcsec,
-    near_arcsec,
-    unseen,
 )
 from mountnav.errors import BadRequest, Busy, DeviceError, DeviceRefused, Refusal, RefusedButDone
 from mountnav.simulation.mechanics import Mechanics
@@ -341,20 +340,20 @@ class SimulatedMount(SimulatedState):
         if "sync" in self.denies:
             raise await self._belied("the sync", before)
         way_arcsec = apart_arcsec(before.place, place)
-        near = near_arcsec(way_arcsec, self.resolution_arcsec, self.behavior.near_arcsec)
+        law = SyncLaw.of(way_arcsec, self.resolution_arcsec, self.behavior.near_arcsec)
         began_s, told_utc = self._clock.monotonic_s(), self._clock.utc()
         while True:
             await self.cable.ask()
             self.cable.require(links)
             now, after_s = self._reading(), self._clock.monotonic_s() - began_s
-            seen = miss_arcsec(place, told_utc, now) <= near
+            seen = law.seen(miss_arcsec(place, told_utc, now))
             if seen or after_s > self.behavior.sync_wait_s:
                 break
             await self._clock.sleep(0.2)
         miss = apart_arcsec(now.place, place)
         if not seen:
-            self._late = (place, near)
-            outcome = unseen(before, now, self.resolution_arcsec)
+            self._late = (place, law.near_arcsec)
+            outcome = law.unseen(before, now)
             if outcome is SyncOutcome.ELSEWHERE:
                 self._went_elsewhere(miss)
             return SyncResult(outcome, now, miss, after_s)

@@ -7,7 +7,6 @@ whether it was seen. A stop isn't here: it goes past all of this (`CheckedMount.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import replace
 
@@ -19,12 +18,11 @@ from mountnav.devices import (
     Skill,
     Skilled,
     SlewOutcome,
+    SyncLaw,
     SyncOutcome,
     SyncResult,
     for_mount,
     from_mount,
-    near_arcsec,
-    unseen,
 )
 from mountnav.errors import BadRequest, Cancelled, DeviceRefused, OutsideLimits
 from mountnav.journal.records import EntryKind, Order, Outcome
@@ -463,6 +461,8 @@ class SyncOrders:
         """Tell the mount that it points there. See `CheckedMount.sync`."""
         stops = self._sender.stops
         async with self._admission.held("sync"):
+            # read here, though whoever decided has read it, and the driver will: a stop may have been waited
+            # for since that decision, and the driver's reading goes through its filter and into no row
             before = await self._state.reading()
             try:
                 self._guard.require_above_ground(from_mount(place), self._clock.utc())
@@ -485,17 +485,16 @@ class SyncOrders:
 
     async def _sent_and_read(self, place: Apparent | Icrs, before: MountReading) -> SyncResult:
         result: SyncResult | None = await self._mount.sync(place)
-        resolution = self._mount.resolution_arcsec
+        way_arcsec = separation_arcsec(from_mount(before.place), from_mount(place))
+        law = SyncLaw.of(way_arcsec, self._mount.resolution_arcsec)
         if result is None:
             # the drivers of others may leave the reading to us
             after = await self._state.reading()
-            miss = separation_arcsec(from_mount(after.place), from_mount(place))
-            offset = separation_arcsec(from_mount(before.place), from_mount(place))
-            seen = miss <= near_arcsec(offset, resolution, math.inf)
-            result = SyncResult(SyncOutcome.SEEN if seen else SyncOutcome.IGNORED, after, miss, 0.0)
+            miss_arcsec = separation_arcsec(from_mount(after.place), from_mount(place))
+            return SyncResult(law.outcome(miss_arcsec, before, after), after, miss_arcsec, 0.0)
         if result.outcome is SyncOutcome.IGNORED:
             # nor may they know that a mount can take another place
-            result = replace(result, outcome=unseen(before, result.read_back, resolution))
+            return replace(result, outcome=law.unseen(before, result.read_back))
         return result
 
     def _came(self, result: SyncResult) -> OrderResult:

@@ -27,7 +27,7 @@ from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.recovering import apart_arcsec, recover, require_rightly_set
 from mountnav.navigation.reports import CenterOutcome, CenterReport, Correction, Look
-from mountnav.navigation.slewing import Slewing, crossing, side_note, side_of
+from mountnav.navigation.slewing import Slewing, crossing, side_note
 from mountnav.navigation.sync import Occasion
 from mountnav.navigation.tries import StopRules, Tries, tolerance_kept, try_facts
 from mountnav.sky.coordinates import SIDEREAL_ARCSEC_S, Icrs
@@ -359,7 +359,7 @@ class Centering:
 
     def _report(self, found: Look, expected: float | None, elapsed_s: float) -> CenterReport:
         equipment = self._equipment
-        side, side_seen = side_of(found), equipment.guard.side_seen(found)
+        side, side_seen = found.after.side, equipment.guard.side_seen(found)
         self._note(side_note(found, side_seen))
         ahead = crossing(equipment, self.target, side, self._planned_s)
         if ahead is not None:

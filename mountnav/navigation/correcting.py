@@ -20,7 +20,7 @@ from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.look_retries import PersistentLook
 from mountnav.navigation.policy import Approach, CenteringPolicy, CorrectBy
 from mountnav.navigation.reports import Correction, Look
-from mountnav.navigation.slewing import Slewing, side_of
+from mountnav.navigation.slewing import Slewing
 from mountnav.navigation.steering import (
     ENOUGH_LOOKS,
     Followed,
@@ -180,7 +180,9 @@ class Correcting:
             self._segment_id = found.segment_id
         bound = max(60.0, 3.0 * self._equipment.mount.resolution_arcsec)
         sent = sent_as_believed(self.aim, found.believed, bound)
-        followed = self._steering.sighted(Sighting(sent, found.seen, side_of(found)), found.mid_exposure_utc)
+        followed = self._steering.sighted(
+            Sighting(sent, found.seen, found.after.side), found.mid_exposure_utc
+        )
         if followed is Followed.STUCK and self._policy.approach is Approach.WHEN_NEEDED:
             self.approach = True
         return followed
@@ -198,7 +200,7 @@ class Correcting:
         equipment = self._equipment
         if followed is Followed.ELSEWHERE or equipment.guard.learned.normal is None:
             return True
-        expected = self._slewing.expected(found.seen, side_of(found))
+        expected = self._slewing.expected(found.seen, found.after.side)
         return expected is None or expected.sigma_arcsec > VAGUE_ARCSEC
 
     def hole(self, found: Look) -> Hole | None:
@@ -206,7 +208,7 @@ class Correcting:
         steering = self._steering
         if not isinstance(steering, PolarSteering):
             return None
-        hole = steering.hole(found.mid_exposure_utc, side_of(found))
+        hole = steering.hole(found.mid_exposure_utc, found.after.side)
         if hole is None and self._astray and steering.looks >= ENOUGH_LOOKS:
             off = separation_arcsec(found.seen, self._target)
             if off < NEAR_ARCSEC:
@@ -216,7 +218,7 @@ class Correcting:
 
     async def _next_aim(self, found: Look) -> Icrs:
         """Beside the target, for the side on which the tube will hang there."""
-        now, side = self._equipment.clock.utc(), side_of(found)
+        now, side = self._equipment.clock.utc(), found.after.side
         aim = self._steering.next_aim(now, side)
         if isinstance(self._steering, PolarSteering) and side is not PierSide.UNKNOWN:
             other = await self._slewing.side_at(aim)
@@ -235,11 +237,11 @@ class Correcting:
                 if again is not None:
                     # it believes another place now: the next step is counted from that
                     found = again
-                    sighting = Sighting(again.believed, again.seen, side_of(again))
+                    sighting = Sighting(again.believed, again.seen, again.after.side)
                     self._steering.sighted(sighting, again.mid_exposure_utc)
                 if not why:
                     self._steering.believed(found.seen)
-                    self.aim = self._slewing.aimed(self._target, side_of(found))
+                    self.aim = self._slewing.aimed(self._target, found.after.side)
                     return Corrected(Correction.SYNC, str(outcome), outcome)
             else:
                 why = f"not synced: {decision.why}"

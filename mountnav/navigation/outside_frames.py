@@ -27,7 +27,7 @@ from mountnav.navigation.look import (
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.reading_history import Meanwhile
 from mountnav.navigation.reports import Corrected, Correction, FrameLook, Look, SyncReport, camera_of
-from mountnav.navigation.slewing import Slewing, side_of
+from mountnav.navigation.slewing import Slewing
 from mountnav.navigation.steering import Sighting, steering_for
 from mountnav.navigation.sync_transaction import SyncUndone
 from mountnav.navigation.sync_trigger import Occasion
@@ -256,9 +256,9 @@ async def correct(
             return await _sent(slewing, Correction.MODEL, target, from_model, found.believed)
     steering = steering_for(target, equipment.mount.resolution_arcsec, equipment.site)
     now = equipment.clock.utc()
-    steering.sighted(Sighting(found.believed, found.seen, side_of(found)), found.mid_exposure_utc)
+    steering.sighted(Sighting(found.believed, found.seen, found.after.side), found.mid_exposure_utc)
     return await _sent(
-        slewing, Correction.OFFSET, target, steering.next_aim(now, side_of(found)), found.believed
+        slewing, Correction.OFFSET, target, steering.next_aim(now, found.after.side), found.believed
     )
 
 
@@ -291,7 +291,7 @@ async def _require_same_side(equipment: Equipment, slewing: Slewing, found: Look
     ------
     SyncRefused
     """
-    side = side_of(found)
+    side = found.after.side
     if equipment.mount.mounting in ("fork", "altaz") or side is PierSide.UNKNOWN:
         return
     there = await slewing.side_at(target)

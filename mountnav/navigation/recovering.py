@@ -33,7 +33,6 @@ from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.look_retries import PersistentLook
 from mountnav.navigation.policy import CenteringPolicy, Tactic
 from mountnav.navigation.reports import Look, RecoverReport
-from mountnav.navigation.slewing import side_of
 from mountnav.navigation.sync import Occasion
 from mountnav.navigation.sync_transaction import stays_lost, stood_still
 from mountnav.pointing.limits import Limits
@@ -260,7 +259,7 @@ def require_known_posture(found: Look, equipment: Equipment) -> None:
     ------
     SyncRefused
     """
-    mounting, said = equipment.mount.mounting, side_of(found)
+    mounting, said = equipment.mount.mounting, found.after.side
     if mounting in ("fork", "altaz"):
         return
     learned = equipment.guard.learned

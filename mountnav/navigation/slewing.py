@@ -27,16 +27,11 @@ from mountnav.sky.chain import icrs_to_hour_angle
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import Offset, displaced, separation_arcsec
 
-__all__ = ["LOOK_AHEAD_S", "Slewing", "crossing", "side_note", "side_of"]
+__all__ = ["LOOK_AHEAD_S", "Slewing", "crossing", "side_note"]
 
 
 LOOK_AHEAD_S = 3600.0
 """How far limits are looked for when nobody says how long a target is to be followed."""
-
-
-def side_of(found: Look) -> PierSide:
-    """The side that the mount says it is on, after the exposure."""
-    return found.after.pier_side or PierSide.UNKNOWN
 
 
 def side_note(found: Look, seen: PierSide) -> str | None:
@@ -48,7 +43,7 @@ def side_note(found: Look, seen: PierSide) -> str | None:
     seen : PierSide
         By the rotation; unknown while the camera's angle has not been learned.
     """
-    said = side_of(found)
+    said = found.after.side
     if PierSide.UNKNOWN in (said, seen) or said is seen:
         return None
     return (

@@ -24,7 +24,7 @@ from mountnav.mount import CheckedMount
 from mountnav.mount.kill_points import kill_point
 from mountnav.navigation.learned import Learned, Lesson, LessonKind
 from mountnav.navigation.reports import CameraIdentity, Look, SyncReport
-from mountnav.navigation.sync_judge import Judge, SyncCounts, decide, night_of, side_of
+from mountnav.navigation.sync_judge import Judge, SyncCounts, decide, night_of
 from mountnav.navigation.sync_policy import SyncPolicy
 from mountnav.navigation.sync_to_coordinates import CoordinateSyncs, Seen
 from mountnav.navigation.sync_transaction import (
@@ -347,10 +347,10 @@ class GuardedSync:
                 self._judge.observation(found),
                 utc=sent.reading.utc,
                 reading=sent.reading.place,
-                side=side_of(sent.reading),
+                side=sent.reading.side,
             )
             self.pointing.new_segment(self._mount.segment_id, synced)
-            self.told.proven(Seen(found.seen, Offset(0.0, 0.0), side=side_of(sent.reading)))
+            self.told.proven(Seen(found.seen, Offset(0.0, 0.0), side=sent.reading.side))
             if again is not None:
                 self.pointing.observed(self._judge.observation(again))
             facts["verified_by"] = None if again is None else again.look_id

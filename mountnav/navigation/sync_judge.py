@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 
 from mountnav.clock import Clock
-from mountnav.devices import MountReading, PierSide, for_mount, from_mount
+from mountnav.devices import MountReading, for_mount, from_mount
 from mountnav.errors import ModelRefused, SyncDoubt
 from mountnav.mount import CheckedMount
 from mountnav.navigation.camera import CameraSample, camera_sample
@@ -34,7 +34,7 @@ from mountnav.pointing.observation import PointingObservation
 from mountnav.sky.coordinates import Air, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 
-__all__ = ["Judge", "SyncCounts", "all_vetoes", "decide", "night_of", "side_of"]
+__all__ = ["Judge", "SyncCounts", "all_vetoes", "decide", "night_of"]
 
 
 def night_of(utc: datetime, site: Site) -> str:
@@ -180,7 +180,7 @@ class Judge:
     def _expected(self, found: Look) -> Expected | None:
         # at the believed place: a false solution must not choose where it is judged
         try:
-            return self.pointing.expected(found.believed, found.mid_exposure_utc, side_of(found.after))
+            return self.pointing.expected(found.believed, found.mid_exposure_utc, found.after.side)
         except ModelRefused:
             return None
 
@@ -223,7 +223,7 @@ class Judge:
             seen=found.seen,
             sigma_arcsec=found.solution.center_sigma_arcsec,
             reading=for_mount(found.believed, self.mount.epoch, found.mid_exposure_utc),
-            side=side_of(found.after),
+            side=found.after.side,
             segment_id=self.mount.segment_id,
             air=self.air,
             rotation_deg=found.solution.rotation_deg,
@@ -253,8 +253,3 @@ def all_vetoes(found: Look, policy: SyncPolicy, context: SyncContext) -> Vetoes:
         **context.departures,
         **place_vetoes(claimed(found), policy, context),
     }
-
-
-def side_of(reading: MountReading) -> PierSide:
-    """The side that a mount tells."""
-    return reading.pier_side or PierSide.UNKNOWN

@@ -20,7 +20,7 @@ from mountnav.errors import DeviceRefused, ModelRefused, Refusal, SyncDoubt, Syn
 from mountnav.journal.records import EntryKind
 from mountnav.mount.mount_state import SEEN_LATE
 from mountnav.navigation.reports import CoordinateSyncReport, Look
-from mountnav.navigation.sync_judge import Judge, night_of, side_of
+from mountnav.navigation.sync_judge import Judge, night_of
 from mountnav.navigation.sync_transaction import (
     ReadBack,
     SyncEnd,
@@ -210,7 +210,7 @@ class CoordinateSyncs:
             return
         sigma = found.solution.center_sigma_arcsec
         sigma = sigma if math.isfinite(sigma) else 0.0
-        self.proven(Seen(found.seen, found.offset, sigma, side_of(found.after)))
+        self.proven(Seen(found.seen, found.offset, sigma, found.after.side))
 
     def proven(self, seen: Seen | None = None) -> None:
         """The belief was proven, by a frame or by an operator: what words did before counts no more."""
@@ -371,7 +371,7 @@ class CoordinateSyncs:
     def _as_seen(self, before: MountReading, place: Icrs) -> Expected | None:
         """What the last frame lets expect; nothing on the other side of the pier."""
         seen = self.words.seen
-        if seen is None or {seen.side, side_of(before)} == {PierSide.EAST, PierSide.WEST}:
+        if seen is None or {seen.side, before.side} == {PierSide.EAST, PierSide.WEST}:
             return None
         away_deg = separation_arcsec(seen.place, place) / 3600.0
         sigma = math.hypot(seen.sigma_arcsec, one_point_sigma_arcsec(away_deg))
@@ -383,7 +383,7 @@ class CoordinateSyncs:
         if pointing.model_id is None:
             return None
         try:
-            return pointing.expected(claim.believed, claim.utc, side_of(before))
+            return pointing.expected(claim.believed, claim.utc, before.side)
         except ModelRefused:
             return None
 

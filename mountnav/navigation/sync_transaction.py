@@ -15,11 +15,11 @@ from mountnav.clock import Clock
 from mountnav.devices import (
     MountReading,
     PierSide,
+    SyncLaw,
     SyncOutcome,
     SyncResult,
     for_mount,
     from_mount,
-    near_arcsec,
 )
 from mountnav.errors import (
     BadFrame,
@@ -134,7 +134,7 @@ async def send_sync(
     DeviceError, JournalFailed
         As of the mount's sync.
     """
-    near = near_arcsec(way_arcsec, mount.resolution_arcsec, policy.read_back_arcsec)
+    law = SyncLaw.of(way_arcsec, mount.resolution_arcsec, policy.read_back_arcsec)
     began = clock.monotonic_s()
     result: SyncResult = await mount.sync(for_mount(place, mount.epoch, clock.utc()))
     kill_point("sync transaction: answered")
@@ -143,7 +143,7 @@ async def send_sync(
     while True:
         there = from_mount(reading.place)
         miss, after_s = separation_arcsec(there, place), clock.monotonic_s() - began
-        if miss <= near:
+        if law.seen(miss):
             seen = SyncOutcome.SEEN if outcome is SyncOutcome.SEEN else SyncOutcome.LATE
             return ReadBack(seen, reading, there, miss, after_s)
         if after_s >= until_s or (outcome is SyncOutcome.ELSEWHERE and after_s >= policy.read_back_s):
