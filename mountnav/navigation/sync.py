@@ -31,6 +31,7 @@ from mountnav.navigation.sync_transaction import (
     Listener,
     LookAgain,
     SyncEnd,
+    SyncProgress,
     SyncTransaction,
     TookElsewhere,
     context_facts,
@@ -308,32 +309,36 @@ class GuardedSync:
         with because(look_id=found.look_id):
             context = self._judge.context(found, occasion, target)
             decision = self._judge.decide(found, occasion, context)
-            facts = {
+            decided_by = {
                 "occasion": str(occasion),
                 "target": target,
                 **look_facts(found, self.learned.normal),
                 **context_facts(context, self.policy),
             }
+            progress = SyncProgress(found, decided_by)
             if not decision.allowed:
-                raise await self._refused(decision, facts)
+                raise await self._refused(decision, progress)
             if not occasion.lost and self._judge.needs_second_look(found, context):
-                decision = await self._confirmed(found, look_again, facts)
+                decision = await self._confirmed(progress, look_again)
                 if not decision.allowed:
-                    raise await self._refused(decision, facts)
+                    raise await self._refused(decision, progress)
             kill_point("sync transaction: decided")
             # durable before anything is sent; if it can't be written, nothing is
-            await self._journal.note(self._entry(EntryKind.DECISION, f"sync: {decision.why}", facts))
+            await self._journal.note(
+                self._entry(EntryKind.DECISION, f"sync: {decision.why}", progress.facts())
+            )
             kill_point("sync transaction: decision written")
+            # read once more: what the look says is sent only to a mount that has not moved since
             before = await self._mount.reading()
             decision = self._judge.unmoved(found, before)
             if not decision.allowed:
-                raise await self._refused(decision, facts)
+                raise await self._refused(decision, progress)
             self.synced = found
-            transaction = SyncTransaction(self._judge, self._listen, found, before, facts)
+            transaction = SyncTransaction(self._judge, self._listen, progress, before)
             try:
                 sent, again = await transaction.run(look_again)
             except BaseException as error:
-                await self._failed(error, facts)
+                await self._failed(error, progress)
                 if isinstance(error, SyncElsewhere) and context.trusted and look_again is not None:
                     seen = await self._seen_after(found, before, look_again)
                     if seen is not None and await self.count_by_sight(seen):
@@ -341,7 +346,7 @@ class GuardedSync:
                 raise
             self._judge.counts.add(self._clock.utc(), target, found.seen)
             self._unexpected.forget()
-            if self._mount.segment_id == facts["segment_before"]:
+            if self._mount.segment_id == progress.segment_before:
                 self._mount.new_segment("a sync that had seemed to be ignored was seen late")
             synced = replace(
                 self._judge.observation(found),
@@ -353,8 +358,8 @@ class GuardedSync:
             self.told.proven(Seen(found.seen, Offset(0.0, 0.0), side=sent.reading.side))
             if again is not None:
                 self.pointing.observed(self._judge.observation(again))
-            facts["verified_by"] = None if again is None else again.look_id
-            await self._ended(SyncEnd.COMMITTED, facts)
+            verified_by = None if again is None else again.look_id
+            await self._ended(SyncEnd.COMMITTED, progress.facts() | {"verified_by": verified_by})
             return SyncReport(sent.outcome, found, sent.place, sent.miss_arcsec)
 
     async def _seen_after(self, found: Look, before: MountReading, look_again: LookAgain) -> Look | None:
@@ -395,10 +400,9 @@ class GuardedSync:
         await self._note(EntryKind.SYNC, why, {**facts, "outcome": str(SyncEnd.BY_SIGHT)})
         return True
 
-    async def _confirmed(
-        self, found: Look, look_again: LookAgain | None, facts: dict[str, object]
-    ) -> SyncDecision:
+    async def _confirmed(self, progress: SyncProgress, look_again: LookAgain | None) -> SyncDecision:
         """Whether an earlier look agrees, or one that is taken now."""
+        found = progress.found
         resolution = self._mount.resolution_arcsec
         witness = self._witnesses.for_look(found, self.policy, resolution)
         words = None
@@ -414,14 +418,17 @@ class GuardedSync:
             else:
                 no_good = self._judge.no_good(witness)
                 words = no_good[1] if no_good else disagreement(found, witness, self.policy, resolution)
-        facts["confirmed_by"] = witness.look_id if witness is not None and words is None else None
+        progress.asked_for_second = True
+        progress.confirmed_by = witness.look_id if witness is not None and words is None else None
         return decided({} if words is None else {SyncDoubt.NOT_EXPECTED: words}, found)
 
-    async def _refused(self, decision: SyncDecision, facts: Mapping[str, object]) -> SyncRefused:
+    async def _refused(self, decision: SyncDecision, progress: SyncProgress) -> SyncRefused:
         """Tell and write down that nothing is sent; what is to be raised."""
         doubts = [str(one) for one in decision.doubts]
-        self._listen("sync-refused", {"look_id": facts["look_id"], "doubts": doubts, "why": decision.why})
-        told = {**facts, "order": "sync", "doubts": doubts}
+        self._listen(
+            "sync-refused", {"look_id": progress.found.look_id, "doubts": doubts, "why": decision.why}
+        )
+        told = {**progress.facts(), "order": "sync", "doubts": doubts}
         await self._note(EntryKind.REFUSAL, f"sync refused: {decision.why}", told)
         kind = TooFarToSync if decision.doubts[0] is SyncDoubt.TOO_FAR else SyncRefused
         return kind(
@@ -431,14 +438,14 @@ class GuardedSync:
             doubts=decision.doubts,
         )
 
-    async def _failed(self, error: BaseException, facts: Mapping[str, object]) -> None:
+    async def _failed(self, error: BaseException, progress: SyncProgress) -> None:
         """Write down how a sync did not come to its end; the error itself is the caller's."""
         refused = isinstance(error, DeviceRefused)
         end = SyncEnd.REFUSED if refused else end_of(error)
         if isinstance(error, DeviceRefused):
             lasting = error.reason not in _PASSING
         else:
-            lasting = end in _WONT_TAKE and "unverified" not in facts
+            lasting = end in _WONT_TAKE and not progress.unverified
         if lasting:
             self._offset_night = self._night()
         if not refused:
@@ -449,7 +456,7 @@ class GuardedSync:
         if end is SyncEnd.ELSEWHERE:
             # it believes neither what it did nor what was seen
             self.synced = None
-        told = {**facts, "by_offset": lasting, "error": str(error)}
+        told = {**progress.facts(), "by_offset": lasting, "error": str(error)}
         if end is SyncEnd.INTERRUPTED:
             # a cancelled task must not wait
             self._journal.note_now(self._entry(EntryKind.SYNC, f"sync {end}", {**told, "outcome": str(end)}))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -50,6 +50,7 @@ __all__ = [
     "LookAgain",
     "ReadBack",
     "SyncEnd",
+    "SyncProgress",
     "SyncTransaction",
     "SyncUndone",
     "TookElsewhere",
@@ -347,6 +348,63 @@ LookAgain = Callable[[], Awaitable[Look]]
 
 
 @dataclass(slots=True)
+class SyncProgress:
+    """How far one sync has come: what its transaction decides by, and the facts of its rows in the journal.
+
+    Attributes
+    ----------
+    found : Look
+        That is synced on.
+    decided_by : mapping
+        The facts of the decision: trigger, target, look, context.
+    confirmed_by : str or None
+        The look that agrees with it, where one was asked for.
+    asked_for_second : bool
+    segment_before : str
+        The mount's segment when the sync was sent: a sync that was seen has begun another one.
+    sent : ReadBack or None
+        None: not sent yet, or not answered.
+    unverified : bool
+        The verifying look could not be had or was no good: that says nothing of the mount.
+    contradiction : str
+        Why it was taken back, in words.
+    undone : bool or None
+        Whether it could be taken back; None: it wasn't tried, or not finished.
+    undone_miss_arcsec : float
+    """
+
+    found: Look
+    decided_by: Mapping[str, object]
+    asked_for_second: bool = False
+    confirmed_by: str | None = None
+    segment_before: str = ""
+    sent: ReadBack | None = None
+    unverified: bool = False
+    contradiction: str = ""
+    undone: bool | None = None
+    undone_miss_arcsec: float = 0.0
+
+    def facts(self) -> dict[str, object]:
+        """For the journal, as far as it has come."""
+        facts = dict(self.decided_by)
+        if self.asked_for_second:
+            facts["confirmed_by"] = self.confirmed_by
+        if self.segment_before:
+            facts["segment_before"] = self.segment_before
+        if self.sent is not None:
+            facts |= read_back_facts(self.sent)
+        if self.unverified:
+            facts["unverified"] = True
+        if self.contradiction:
+            facts["contradiction"] = self.contradiction
+        if self.undone is not None:
+            facts["undone"] = self.undone
+        if self.undone:
+            facts["undone_miss_arcsec"] = self.undone_miss_arcsec
+        return facts
+
+
+@dataclass(slots=True)
 class SyncTransaction:
     """One sync that was decided on.
 
@@ -354,18 +412,16 @@ class SyncTransaction:
     ----------
     judge : Judge
     listen : callable
-    found : Look
+    progress : SyncProgress
+        What happens is added.
     before : MountReading
         The mount's last one before the sync.
-    facts : dict
-        For the journal; what happens is added.
     """
 
     judge: Judge
     listen: Listener
-    found: Look
+    progress: SyncProgress
     before: MountReading
-    facts: dict[str, object]
 
     async def run(self, look_again: LookAgain | None) -> tuple[ReadBack, Look | None]:
         """Send it and see it through.
@@ -386,16 +442,16 @@ class SyncTransaction:
         ------
         SyncIgnored, SyncElsewhere, SyncUndone, UndoFailed, DeviceError, JournalFailed
         """
-        judge, found, mount = self.judge, self.found, self.judge.mount
-        was_trusted = mount.trusted
-        self.facts["segment_before"] = mount.segment_id
+        judge, progress, mount = self.judge, self.progress, self.judge.mount
+        found, was_trusted = progress.found, mount.trusted
+        progress.segment_before = mount.segment_id
         self.listen(
             "syncing", {"look_id": found.look_id, "ra_deg": found.seen.ra_deg, "dec_deg": found.seen.dec_deg}
         )
         sent = await send_sync(
             mount, found.seen, found.offset.total_arcsec, judge.policy, judge.clock, lost=not was_trusted
         )
-        self.facts |= read_back_facts(sent)
+        progress.sent = sent
         self.listen("synced", {"outcome": str(sent.outcome), "read_back_miss_arcsec": sent.miss_arcsec})
         if sent.outcome is SyncOutcome.IGNORED:
             raise SyncIgnored(
@@ -408,7 +464,7 @@ class SyncTransaction:
         again, against = await self._verified(sent, look_again)
         if against is not None:
             doubt, words = against
-            self.facts["contradiction"] = words
+            progress.contradiction = words
             await self._take_back(sent, from_mount(self.before.place), was_trusted)
             raise undone(words, mount.name, doubt)
         return sent, again
@@ -427,21 +483,21 @@ class SyncTransaction:
             again = await look_again()
         except (SkyError, BadFrame, DeviceError) as error:
             # that says nothing of the mount
-            self.facts["unverified"] = True
+            self.progress.unverified = True
             return None, (SyncDoubt.NOT_EXPECTED, f"it could not be verified: {error}")
         kill_point("sync transaction: looked again")
         no_good = self.judge.no_good(again)
         if no_good is not None:
-            self.facts["unverified"] = True
+            self.progress.unverified = True
             return again, (no_good[0], f"the verifying look is no good: {no_good[1]}")
         resolution_arcsec = self.judge.mount.resolution_arcsec
-        words = contradiction(self.found, again, sent, self.judge.policy, resolution_arcsec)
+        words = contradiction(self.progress.found, again, sent, self.judge.policy, resolution_arcsec)
         return again, None if words is None else (SyncDoubt.NOT_EXPECTED, words)
 
     async def _take_back(self, sent: ReadBack, believed: Icrs, was_trusted: bool) -> None:
         """Undo it; to its end also when the work is cancelled: no wrong sync must stay half undone."""
         mount = self.judge.mount
-        self.listen("undoing-sync", {"look_id": self.found.look_id})
+        self.listen("undoing-sync", {"look_id": self.progress.found.look_id})
         task = waited_for(undo(mount, believed, sent, self.judge.policy, self.judge.clock))
         try:
             await asyncio.shield(task)
@@ -454,13 +510,14 @@ class SyncTransaction:
                     "a sync that was contradicted was being taken back when the work was cancelled"
                 )
             elif (error := task.exception()) is not None:
-                self.facts["undone"] = False
+                self.progress.undone = False
                 mount.distrust(str(error))
             else:
-                self.facts |= {"undone": True, "undone_miss_arcsec": task.result().miss_arcsec}
+                self.progress.undone = True
+                self.progress.undone_miss_arcsec = task.result().miss_arcsec
                 if not was_trusted:
                     mount.distrust("the sync that had made it count was taken back")
-                self.listen("sync-undone", {"look_id": self.found.look_id})
+                self.listen("sync-undone", {"look_id": self.progress.found.look_id})
 
 
 def end_of(error: BaseException) -> SyncEnd:
