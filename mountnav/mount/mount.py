@@ -21,6 +21,7 @@ from mountnav.devices import (
     SyncResult,
     TrackingRate,
 )
+from mountnav.errors import MountnavError
 from mountnav.journal.records import CommandRecord, EntryKind, Journal, Order, Outcome, Unwritten
 from mountnav.mount.kill_points import kill_point
 from mountnav.mount.limits_guard import LimitsGuard
@@ -550,6 +551,10 @@ class CheckedMount:
         )
 
     # -- before an order ---------------------------------------------------------------------------
+
+    def unfit(self, order: Order, before: MountReading, *, needs_trust: bool = True) -> MountnavError | None:
+        """What speaks against an order to a mount that stands as `before`: parked, or lost; None: nothing."""
+        return self._admission.unfit(order, before, needs_trust=needs_trust)
 
     async def require_unparked(self, order: Order) -> MountReading:
         """Read the mount, and refuse an order to a parked one before anything is done for it.

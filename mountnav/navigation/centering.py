@@ -25,11 +25,12 @@ from mountnav.mount.kill_points import kill_point
 from mountnav.navigation.correcting import Correcting
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.policy import CenteringPolicy
-from mountnav.navigation.recovering import apart_arcsec, recover, require_rightly_set
+from mountnav.navigation.recovering import recover, require_rightly_set
 from mountnav.navigation.reports import CenterOutcome, CenterReport, Correction, Look
 from mountnav.navigation.slewing import Slewing, crossing, side_note
-from mountnav.navigation.sync import Occasion
+from mountnav.navigation.sync import SyncTrigger
 from mountnav.navigation.tries import StopRules, Tries, tolerance_kept, try_facts
+from mountnav.navigation.vetoes import apart_arcsec
 from mountnav.sky.coordinates import SIDEREAL_ARCSEC_S, Icrs
 from mountnav.sky.sphere import offset_arcsec, separation_arcsec
 
@@ -226,7 +227,7 @@ class Centering:
             followed = correcting.sighted(found)
             error = offset_arcsec(found.seen, self.target)
             tries.add(found, error, followed, expected, approached=correcting.approach)
-            decision = self._equipment.guard.consider(found, Occasion.CENTERING, target=self._key)
+            decision = self._equipment.guard.consider(found, SyncTrigger.CENTERING, target=self._key)
             if decision.against_the_sky:
                 correcting.disbelieve()
                 refused = ends.doubted(decision)
@@ -245,7 +246,7 @@ class Centering:
                         raise refused
                     continue
                 found = second
-                decision = self._equipment.guard.consider(found, Occasion.CENTERING, target=self._key)
+                decision = self._equipment.guard.consider(found, SyncTrigger.CENTERING, target=self._key)
             ends.followed(followed)
             ends.believed()
             if error.total_arcsec <= self._tolerance:
@@ -257,7 +258,7 @@ class Centering:
                     found, error = latest, offset_arcsec(latest.seen, self.target)
                     tries.seen_again(found, error)
                     followed = correcting.sighted(found)
-                    decision = self._equipment.guard.consider(found, Occasion.CENTERING, target=self._key)
+                    decision = self._equipment.guard.consider(found, SyncTrigger.CENTERING, target=self._key)
             if error.total_arcsec <= self._tolerance:
                 tries.close(Correction.NONE, "centered", slewed=False)
                 return self._report(found, expected_first, clock.monotonic_s() - began_s)
@@ -310,7 +311,7 @@ class Centering:
                 return None
             if correcting.aim != aim:
                 return again  # in a neighbor field
-            decision = self._equipment.guard.consider(again, Occasion.CENTERING, target=self._key)
+            decision = self._equipment.guard.consider(again, SyncTrigger.CENTERING, target=self._key)
             if decision.against_the_sky:
                 continue
             agreed = agreed + 1 if agree(latest, again, self._tolerance) else 0

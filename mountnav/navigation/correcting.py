@@ -30,7 +30,7 @@ from mountnav.navigation.steering import (
     sent_as_believed,
     steering_for,
 )
-from mountnav.navigation.sync import Occasion, SyncDecision
+from mountnav.navigation.sync import SyncDecision, SyncTrigger
 from mountnav.navigation.sync_transaction import TookElsewhere
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import Offset, separation_arcsec
@@ -233,7 +233,7 @@ class Correcting:
         why, outcome = "", None
         if self._syncs and not self._equipment.guard.prefers_offset:
             if decision.allowed:
-                outcome, why, again = await self._synced(found)
+                outcome, why, again = await self._synced(found, decision)
                 if again is not None:
                     # it believes another place now: the next step is counted from that
                     found = again
@@ -251,7 +251,9 @@ class Correcting:
             return Corrected(Correction.MODEL, "the model's aim, and the error that was left")
         return Corrected(Correction.OFFSET, why or "beside the target by the error seen", outcome)
 
-    async def _synced(self, found: Look) -> tuple[SyncOutcome | None, str, Look | None]:
+    async def _synced(
+        self, found: Look, decision: SyncDecision
+    ) -> tuple[SyncOutcome | None, str, Look | None]:
         """Sync; with words when the mount won't be told, and it has to be an offset.
 
         With a look besides, where the mount took another place than it was told, and that was seen.
@@ -259,7 +261,11 @@ class Correcting:
         kill_point("centering sync")
         try:
             report = await self._equipment.guard.commit(
-                found, Occasion.CENTERING, target=self._key, look_again=self._look_again
+                found,
+                SyncTrigger.CENTERING,
+                target=self._key,
+                decision=decision,
+                look_again=self._look_again,
             )
         except TookElsewhere as error:
             self._syncs = False
@@ -304,11 +310,11 @@ class Correcting:
             await self._slewing.slew(below)
         self.aim = below
         found = await self.look()
-        decision = guard.consider(found, Occasion.CENTERING, target=self._key)
+        decision = guard.consider(found, SyncTrigger.CENTERING, target=self._key)
         words = "" if decision.allowed else decision.why
         outcome = None
         if decision.allowed:
-            outcome, words, _ = await self._synced(found)
+            outcome, words, _ = await self._synced(found, decision)
         if words:
             self._note(f"not synced below the pole: {words}")
             return None

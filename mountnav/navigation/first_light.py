@@ -37,7 +37,7 @@ from mountnav.navigation.recovering import (
 )
 from mountnav.navigation.reports import FirstLightReport, Look
 from mountnav.navigation.slewing import Slewing
-from mountnav.navigation.sync import Occasion
+from mountnav.navigation.sync import SyncTrigger
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_hour_angle, icrs_to_observed
 from mountnav.sky.coordinates import HourAngle, Icrs
 from mountnav.sky.sphere import Offset, displaced, offset_arcsec
@@ -115,7 +115,7 @@ class _FirstLight:
                     guard.learned.forget()
                     kill_point("first light: sync")
                     told = await sync_or_count_by_sight(
-                        equipment, self._policy, found, self._look, Occasion.FIRST_LIGHT
+                        equipment, self._policy, found, self._look, SyncTrigger.FIRST_LIGHT
                     )
                     self._synced = True
             except BaseException:

@@ -21,7 +21,7 @@ from mountnav.mount.kill_points import kill_point
 from mountnav.navigation.equipment import Equipment, Listener, Solve, in_thread
 from mountnav.navigation.frames_seen import LAGS, Sight, fingerprint, takes_long
 from mountnav.navigation.policy import CenteringPolicy
-from mountnav.navigation.reports import CameraIdentity, Look, camera_of
+from mountnav.navigation.reports import CameraIdentity, Look, camera_of, finite_or_none
 from mountnav.pointing.observation import PointingObservation
 from mountnav.sky.coordinates import Air, Icrs
 from mountnav.sky.iers import earth_orientation
@@ -112,8 +112,8 @@ def record_of(
         mode="" if solution is None else solution.mode,
         catalog="" if solution is None else solution.catalog,
         pairs=0 if solution is None else solution.pairs,
-        rms_arcsec=None if solution is None else _finite(solution.rms_arcsec),
-        false_probability=None if solution is None else _finite(solution.false_probability),
+        rms_arcsec=None if solution is None else finite_or_none(solution.rms_arcsec),
+        false_probability=None if solution is None else finite_or_none(solution.false_probability),
         scale_arcsec_px=None if solution is None else solution.scale_arcsec_px,
         rotation_deg=None if solution is None else solution.rotation_deg,
         parity=None if solution is None else solution.parity,
@@ -156,10 +156,6 @@ def covariance_of(solution: Solution) -> tuple[float, float, float] | None:
         return None
     values = (float(matrix[0, 0]), float(matrix[0, 1]), float(matrix[1, 1]))
     return values if all(map(math.isfinite, values)) else None
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 CONFIRMED_LATER = frozenset({"look", "recovery", "first light"})
@@ -497,7 +493,7 @@ def solved_facts(found: Look) -> dict[str, object]:
         "look_id": found.look_id,
         "ra_deg": found.seen.ra_deg,
         "dec_deg": found.seen.dec_deg,
-        "sigma_arcsec": sigma if math.isfinite(sigma) else None,
+        "sigma_arcsec": finite_or_none(sigma),
         "pairs": solution.pairs,
         "rms_arcsec": solution.rms_arcsec,
         "false_probability": solution.false_probability,

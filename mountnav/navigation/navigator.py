@@ -32,7 +32,7 @@ from mountnav.navigation.reports import (
     TelescopeState,
 )
 from mountnav.navigation.slewing import Slewing
-from mountnav.navigation.sync import GuardedSync, Occasion
+from mountnav.navigation.sync import GuardedSync, SyncTrigger
 from mountnav.pointing.limits import Limits
 from mountnav.pointing.model.in_force import Pointing
 from mountnav.sky.chain import icrs_to_observed
@@ -202,7 +202,7 @@ class Navigator(MountOrders):
 
             found = await look()
             require_away_from_pole(found, self.policy, device=self.name)
-            return await self.guard.commit(found, Occasion.ORDERED, look_again=look)
+            return await self.guard.commit(found, SyncTrigger.ORDERED, look_again=look)
 
     async def sync_to(self, place: Icrs) -> CoordinateSyncReport:
         """Tell the mount that it points at `place`, as somebody said: believed within bounds."""

@@ -30,7 +30,7 @@ from mountnav.navigation.reports import Corrected, Correction, FrameLook, Look, 
 from mountnav.navigation.slewing import Slewing
 from mountnav.navigation.steering import Sighting, steering_for
 from mountnav.navigation.sync_transaction import SyncUndone
-from mountnav.navigation.sync_trigger import Occasion
+from mountnav.navigation.sync_trigger import SyncTrigger
 from mountnav.navigation.vetoes import AGAINST_THE_LOOK, SyncContext
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import offset_arcsec
@@ -233,8 +233,8 @@ async def correct(
     OutsideLimits, DeviceError, Cancelled, TargetNotReached, JournalFailed
     """
     guard = equipment.guard
-    context = guard.context(found, Occasion.NIGHT, target=key)
-    decision = guard.judge(found, Occasion.NIGHT, context)
+    context = guard.context(found, SyncTrigger.NIGHT, target=key)
+    decision = guard.judge(found, SyncTrigger.NIGHT, context)
     if heard is not None:
         heard(Judged(by, context, decision.doubts))
     if forbids(decision.doubts, by):
@@ -319,7 +319,8 @@ async def _by_sync(
 ) -> Corrected | None:
     """Sync and slew to the target; None when it won't be told and there is a target to go to."""
     try:
-        report: SyncReport = await equipment.guard.commit(found, Occasion.NIGHT, target=key)
+        # judged once more there: the mount was asked for its side since, and may have lost its position
+        report: SyncReport = await equipment.guard.commit(found, SyncTrigger.NIGHT, target=key)
     except (SyncIgnored, SyncUndone, DeviceRefused) as error:
         if target is None:
             raise

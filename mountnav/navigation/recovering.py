@@ -32,13 +32,14 @@ from mountnav.navigation.camera import camera_sample
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.look_retries import PersistentLook
 from mountnav.navigation.policy import CenteringPolicy, Tactic
-from mountnav.navigation.reports import Look, RecoverReport
-from mountnav.navigation.sync import Occasion
+from mountnav.navigation.reports import Look, RecoverReport, angle_words
+from mountnav.navigation.sync import SyncTrigger
 from mountnav.navigation.sync_transaction import stays_lost, stood_still
+from mountnav.navigation.vetoes import apart_arcsec
 from mountnav.pointing.limits import Limits
 from mountnav.sky.chain import icrs_to_observed
 from mountnav.sky.coordinates import Air, Icrs, Site
-from mountnav.sky.sphere import displaced, half_turn_deg, offset_arcsec, separation_arcsec
+from mountnav.sky.sphere import half_turn_deg, offset_arcsec
 
 TURNED_DEG = 1.0
 """A sky that was turned by less is no danger to a limit, and an honest mount is as far off."""
@@ -111,7 +112,7 @@ async def _recover(equipment: Equipment, policy: CenteringPolicy, exposure_s: fl
         },
     )
     kill_point("recovery confirmed")
-    told = await sync_or_count_by_sight(equipment, policy, second, look, Occasion.RECOVERY)
+    told = await sync_or_count_by_sight(equipment, policy, second, look, SyncTrigger.RECOVERY)
     return RecoverReport(
         outcome=told.outcome,
         first=first,
@@ -151,7 +152,7 @@ async def sync_or_count_by_sight(
     policy: CenteringPolicy,
     found: Look,
     look: Callable[[], Awaitable[Look]],
-    occasion: Occasion,
+    trigger: SyncTrigger,
 ) -> RecoverySync:
     """Tell a mount where it points; one that takes no syncs counts by sight, if it isn't too far off.
 
@@ -163,7 +164,7 @@ async def sync_or_count_by_sight(
         Another one agrees with it, and the posture of a German mount is known.
     look : callable
         Takes another one.
-    occasion : Occasion
+    trigger : SyncTrigger
 
     Raises
     ------
@@ -173,7 +174,7 @@ async def sync_or_count_by_sight(
     if guard.prefers_offset and await guard.count_by_sight(found):
         return RecoverySync(SyncOutcome.IGNORED, found, found.believed, found.offset.total_arcsec)
     try:
-        done = await guard.commit(found, occasion)
+        done = await guard.commit(found, trigger)
     except (SyncIgnored, SyncElsewhere, DeviceRefused) as error:
         elsewhere = isinstance(error, SyncElsewhere)
         if not (elsewhere or guard.prefers_offset):
@@ -363,13 +364,6 @@ def require_rightly_set(found: Look, mount: CheckedMount, *, device: str) -> Non
     )
 
 
-def apart_arcsec(first: Look, second: Look) -> float:
-    """Distance of the second solved place from where the first one and the mount's own motion lead."""
-    motion = offset_arcsec(second.believed, first.believed)
-    expected = displaced(first.seen, motion.east_arcsec, motion.north_arcsec)
-    return separation_arcsec(second.seen, expected)
-
-
 def agreement_arcsec(first: Look, second: Look, policy: CenteringPolicy, resolution_arcsec: float) -> float:
     """How far two looks at one place are apart, if that is little enough for both to be believed.
 
@@ -411,11 +405,8 @@ def agreement_arcsec(first: Look, second: Look, policy: CenteringPolicy, resolut
     apart = apart_arcsec(first, second)
     if apart > allowed:
         raise OffsetImplausible(
-            f"two frames, one after the other, were solved {_angle(apart)} apart (allowed {allowed:.0f}″)",
+            f"two frames, one after the other, were solved {angle_words(apart)} apart "
+            f"(allowed {allowed:.0f}″)",
             advice="nothing was synced; does the mount track, and does the tube hold still? then try again",
         )
     return apart
-
-
-def _angle(arcsec: float) -> str:
-    return f"{arcsec / 3600.0:.1f}°" if arcsec >= 3600.0 else f"{arcsec:.0f}″"

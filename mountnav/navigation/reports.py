@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
@@ -31,7 +32,9 @@ __all__ = [
     "SyncReport",
     "TelescopeState",
     "Try",
+    "angle_words",
     "camera_of",
+    "finite_or_none",
 ]
 
 
@@ -467,3 +470,13 @@ class TelescopeState:
     trusted: bool | None = None
     link: str | None = None
     slew_state: str | None = None
+
+
+def finite_or_none(value: float) -> float | None:
+    """A number as JSON takes it, which knows no infinity."""
+    return value if math.isfinite(value) else None
+
+
+def angle_words(arcsec: float) -> str:
+    """An angle for a message: seconds of arc, or degrees from 1° on."""
+    return f"{arcsec / 3600.0:.1f}°" if arcsec >= 3600.0 else f"{arcsec:.0f}″"

@@ -41,7 +41,7 @@ from mountnav.navigation.sync_transaction import (
     stood_still,
     why_not_by_sight,
 )
-from mountnav.navigation.sync_trigger import Occasion, SyncDecision, decided
+from mountnav.navigation.sync_trigger import SyncDecision, SyncTrigger, decided
 from mountnav.navigation.vetoes import (
     ADVICE,
     AGAINST_THE_LOOK,
@@ -200,7 +200,8 @@ class GuardedSync:
         One false solve teaches nothing. Three looks in a row that are not what was expected, and agree with
         each other, mean that the mount's zero points have changed: a clutch slipped, or a hand was at work.
         """
-        context = self._judge.context(found, Occasion.ORDERED)
+        # judged by what was known before it: what is learned here changes what a decision later on goes by
+        context = self._judge.context(found, SyncTrigger.ORDERED)
         doubts = in_order(self._judge.doubts(found, context))
         against = {kind for kind in doubts if kind in AGAINST_THE_LOOK}
         if against - set(context.departures):
@@ -243,32 +244,33 @@ class GuardedSync:
 
     # -- the transaction ---------------------------------------------------------------------------
 
-    def consider(self, found: Look, occasion: Occasion, *, target: str | None = None) -> SyncDecision:
+    def consider(self, found: Look, trigger: SyncTrigger, *, target: str | None = None) -> SyncDecision:
         """Judge without sending anything.
 
         Parameters
         ----------
         found : Look
-        occasion : Occasion
+        trigger : SyncTrigger
         target : str, optional
             Name of the target, for the rules and caps that count by target; its place if left out.
         """
-        return self.judge(found, occasion, self.context(found, occasion, target=target))
+        return self._judge.consider(found, trigger, target)
 
-    def context(self, found: Look, occasion: Occasion, *, target: str | None = None) -> SyncContext:
+    def context(self, found: Look, trigger: SyncTrigger, *, target: str | None = None) -> SyncContext:
         """What `consider` goes by besides the look itself."""
-        return self._judge.context(found, occasion, target)
+        return self._judge.context(found, trigger, target)
 
-    def judge(self, found: Look, occasion: Occasion, context: SyncContext) -> SyncDecision:
+    def judge(self, found: Look, trigger: SyncTrigger, context: SyncContext) -> SyncDecision:
         """Judge a look by that alone: the same values give the same decision."""
-        return decide(found, occasion, self.policy, context)
+        return decide(found, trigger, self.policy, context)
 
     async def commit(
         self,
         found: Look,
-        occasion: Occasion,
+        trigger: SyncTrigger,
         *,
         target: str | None = None,
+        decision: SyncDecision | None = None,
         look_again: LookAgain | None = None,
     ) -> SyncReport:
         """Do the whole transaction.
@@ -276,8 +278,10 @@ class GuardedSync:
         Parameters
         ----------
         found : Look
-        occasion : Occasion
+        trigger : SyncTrigger
         target : str, optional
+        decision : SyncDecision, optional
+            Of `consider`, for the same look, if nothing was awaited since; it is judged here if left out.
         look_again : callable, optional
             Takes the look that confirms the first one before anything is sent, when nothing known can judge
             it, and the verifying one after the sync, when the policy asks for that.
@@ -307,10 +311,11 @@ class GuardedSync:
         JournalFailed
         """
         with because(look_id=found.look_id):
-            context = self._judge.context(found, occasion, target)
-            decision = self._judge.decide(found, occasion, context)
+            decision = decision or self._judge.consider(found, trigger, target)
+            context = decision.context
+            assert context is not None, "`consider` makes decisions with their context"
             decided_by = {
-                "occasion": str(occasion),
+                "occasion": str(trigger),
                 "target": target,
                 **look_facts(found, self.learned.normal),
                 **context_facts(context, self.policy),
@@ -318,7 +323,7 @@ class GuardedSync:
             progress = SyncProgress(found, decided_by)
             if not decision.allowed:
                 raise await self._refused(decision, progress)
-            if not occasion.lost and self._judge.needs_second_look(found, context):
+            if not trigger.lost and self._judge.needs_second_look(found, context):
                 decision = await self._confirmed(progress, look_again)
                 if not decision.allowed:
                     raise await self._refused(decision, progress)
@@ -505,4 +510,4 @@ def _nobody(kind: str, data: dict[str, object]) -> None:
     """Tell nobody."""
 
 
-__all__ = ["GuardedSync", "LookAgain", "Occasion", "SyncDecision"]
+__all__ = ["GuardedSync", "LookAgain", "SyncDecision", "SyncTrigger"]

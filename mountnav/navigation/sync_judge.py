@@ -13,7 +13,7 @@ from mountnav.navigation.camera import CameraSample, camera_sample
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.reports import CameraIdentity, Look
 from mountnav.navigation.sync_policy import SyncPolicy
-from mountnav.navigation.sync_trigger import Occasion, SyncDecision, decided
+from mountnav.navigation.sync_trigger import SyncDecision, SyncTrigger, decided
 from mountnav.navigation.vetoes import (
     AGAINST_THE_LOOK,
     Claim,
@@ -151,13 +151,13 @@ class Judge:
         """What a look tells of the camera."""
         return camera_sample(found, self.site, self.air, self.learned.rules.mounting, lost=lost)
 
-    def context(self, found: Look, occasion: Occasion, target: str | None = None) -> SyncContext:
+    def context(self, found: Look, trigger: SyncTrigger, target: str | None = None) -> SyncContext:
         """What is known besides a look."""
-        sample = self.sample(found, lost=occasion.lost)
+        sample = self.sample(found, lost=trigger.lost)
         return replace(
             self.surroundings(claimed(found), target),
             expected=self._expected(found),
-            lost=occasion.lost,
+            lost=trigger.lost,
             departures=self.learned_of(found).departures(sample),
         )
 
@@ -184,9 +184,9 @@ class Judge:
         except ModelRefused:
             return None
 
-    def decide(self, found: Look, occasion: Occasion, context: SyncContext) -> SyncDecision:
-        """Whether a look is synced on."""
-        return decide(found, occasion, self.policy, context)
+    def consider(self, found: Look, trigger: SyncTrigger, target: str | None = None) -> SyncDecision:
+        """Whether a look is synced on, by what is known now."""
+        return decide(found, trigger, self.policy, self.context(found, trigger, target))
 
     def doubts(self, found: Look, context: SyncContext) -> Vetoes:
         """All that stands against a look, the policy's rule left out."""
@@ -194,8 +194,8 @@ class Judge:
 
     def no_good(self, found: Look) -> tuple[SyncDoubt, str] | None:
         """The gravest doubt about a look by itself, wherever the mount believes to be."""
-        doubts = self.doubts(found, self.context(found, Occasion.RECOVERY))
-        for kind, words in in_order(without(doubts, Occasion.RECOVERY.not_asked)).items():
+        doubts = self.doubts(found, self.context(found, SyncTrigger.RECOVERY))
+        for kind, words in in_order(without(doubts, SyncTrigger.RECOVERY.not_asked)).items():
             if kind in AGAINST_THE_LOOK:
                 return kind, words
         return None
@@ -234,15 +234,15 @@ class Judge:
         )
 
 
-def decide(found: Look, occasion: Occasion, policy: SyncPolicy, context: SyncContext) -> SyncDecision:
+def decide(found: Look, trigger: SyncTrigger, policy: SyncPolicy, context: SyncContext) -> SyncDecision:
     """Whether a look is synced on: a function of its values, so that it can be judged again."""
     doubts = all_vetoes(found, policy, context)
-    if occasion.by_rule:
+    if trigger.by_rule:
         doubts |= policy_vetoes(found, policy, context)
         if not context.trusted:
             # one look must not make it count again
             doubts[SyncDoubt.NOT_EXPECTED] = "the mount's position doesn't count: it needs a recovery"
-    return decided(without(doubts, occasion.not_asked), found)
+    return decided(without(doubts, trigger.not_asked), found, context)
 
 
 def all_vetoes(found: Look, policy: SyncPolicy, context: SyncContext) -> Vetoes:

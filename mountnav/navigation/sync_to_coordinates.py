@@ -16,10 +16,18 @@ from datetime import datetime
 from typing import Any
 
 from mountnav.devices import MountReading, PierSide, SyncOutcome, from_mount
-from mountnav.errors import DeviceRefused, ModelRefused, Refusal, SyncDoubt, SyncIgnored, SyncRefused
+from mountnav.errors import (
+    DeviceRefused,
+    ModelRefused,
+    MountnavError,
+    Refusal,
+    SyncDoubt,
+    SyncIgnored,
+    SyncRefused,
+)
 from mountnav.journal.records import EntryKind
 from mountnav.mount.mount_state import SEEN_LATE
-from mountnav.navigation.reports import CoordinateSyncReport, Look
+from mountnav.navigation.reports import CoordinateSyncReport, Look, finite_or_none
 from mountnav.navigation.sync_judge import Judge, night_of
 from mountnav.navigation.sync_transaction import (
     ReadBack,
@@ -151,7 +159,7 @@ class CoordinateSyncs:
             "told": True,
             "place": place_facts(place),
             "believed": place_facts(claim.believed),
-            "off_arcsec": _number(claim.offset.total_arcsec),
+            "off_arcsec": finite_or_none(claim.offset.total_arcsec),
         }
         if refusal is not None:
             doubts = [str(one) for one in getattr(refusal, "doubts", ())]
@@ -287,25 +295,20 @@ class CoordinateSyncs:
 
     # -- what stands against it --------------------------------------------------------------------
 
-    def _unfit(self, before: MountReading) -> DeviceRefused | None:
-        """What speaks against any word, as the mount stands."""
+    def _unfit(self, before: MountReading) -> MountnavError | None:
+        """What speaks against any sync on coordinates, as the mount stands."""
         mount = self.judge.mount
-        if before.parked:
-            return DeviceRefused(
-                "the sync refused: it is parked",
-                device=mount.name,
-                advice="unpark it first",
-                reason=Refusal.PARKED,
-            )
-        if not mount.trusted:
-            # near to where it believes to be means nothing then, and after a sync it would slew again
+        parked = mount.unfit("sync", before, needs_trust=False)
+        if parked is None and not mount.trusted:
+            # with an advice of its own: near to where it believes to be means nothing then, and after a sync
+            # it would slew again
             return DeviceRefused(
                 "the sync refused: its position can't be trusted, and nobody has looked",
                 device=mount.name,
                 advice="solve a frame and sync (recover), let it find its home, or say trust",
                 reason=Refusal.UNTRUSTED,
             )
-        return None
+        return parked
 
     def _doubted(self, before: MountReading, claim: Claim) -> SyncRefused | None:
         doubts = in_order(self.doubts(before, claim))
@@ -386,11 +389,6 @@ class CoordinateSyncs:
             return pointing.expected(claim.believed, claim.utc, before.side)
         except ModelRefused:
             return None
-
-
-def _number(value: float) -> float | None:
-    """JSON knows no infinity."""
-    return value if math.isfinite(value) else None
 
 
 __all__ = ["CoordinateSyncTotals", "CoordinateSyncs", "Seen"]

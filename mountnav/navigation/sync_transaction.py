@@ -36,7 +36,7 @@ from mountnav.errors import (
 from mountnav.mount import CheckedMount
 from mountnav.mount.kill_points import kill_point
 from mountnav.navigation.camera import Normal
-from mountnav.navigation.reports import Look
+from mountnav.navigation.reports import Look, angle_words, finite_or_none
 from mountnav.navigation.sync_judge import Judge
 from mountnav.navigation.sync_policy import SyncPolicy
 from mountnav.navigation.vetoes import SyncContext
@@ -59,7 +59,6 @@ __all__ = [
     "contradiction",
     "end_of",
     "look_facts",
-    "number",
     "place_facts",
     "read_back_facts",
     "send_sync",
@@ -196,9 +195,9 @@ def look_facts(found: Look, normal: Normal | None) -> dict[str, object]:
         "offset_arcsec": found.offset.total_arcsec,
         "mid_exposure_utc": found.mid_exposure_utc.isoformat(),
         "pairs": solution.pairs,
-        "rms_arcsec": number(solution.rms_arcsec),
-        "sigma_arcsec": number(solution.center_sigma_arcsec),
-        "false_probability": number(solution.false_probability),
+        "rms_arcsec": finite_or_none(solution.rms_arcsec),
+        "sigma_arcsec": finite_or_none(solution.center_sigma_arcsec),
+        "false_probability": finite_or_none(solution.false_probability),
         "mode": solution.mode,
         "scale_arcsec_px": solution.scale_arcsec_px,
         "rotation_deg": solution.rotation_deg,
@@ -218,7 +217,7 @@ def context_facts(context: SyncContext, policy: SyncPolicy) -> dict[str, object]
         "modeled": context.modeled,
         "expected_east_arcsec": None if expected is None else expected.offset.east_arcsec,
         "expected_north_arcsec": None if expected is None else expected.offset.north_arcsec,
-        "expected_sigma_arcsec": None if expected is None else number(expected.sigma_arcsec),
+        "expected_sigma_arcsec": None if expected is None else finite_or_none(expected.sigma_arcsec),
     }
 
 
@@ -235,11 +234,6 @@ def read_back_facts(sent: ReadBack) -> dict[str, object]:
 def place_facts(place: Icrs) -> dict[str, float]:
     """An ICRS place."""
     return {"ra_deg": place.ra_deg, "dec_deg": place.dec_deg}
-
-
-def number(value: float) -> float | None:
-    """JSON knows no infinity."""
-    return value if math.isfinite(value) else None
 
 
 class SyncUndone(SyncRefused):
@@ -282,7 +276,9 @@ def contradiction(
     allowed = policy.verify_arcsec + resolution_arcsec
     off = again.offset.total_arcsec
     if not off <= allowed:
-        return f"after the sync the tube looks {_angle(off)} from where the mount believes ({allowed:.0f}″)"
+        return (
+            f"after the sync the tube looks {angle_words(off)} from where the mount believes ({allowed:.0f}″)"
+        )
     return None
 
 
@@ -337,10 +333,6 @@ def undone(words: str, device: str, doubt: SyncDoubt = SyncDoubt.NOT_EXPECTED) -
         advice="the mount believes what it did before; correct by offset, and look at the journal",
         doubts=(doubt,),
     )
-
-
-def _angle(arcsec: float) -> str:
-    return f"{arcsec / 3600.0:.1f}°" if arcsec >= 3600.0 else f"{arcsec:.0f}″"
 
 
 Listener = Callable[[str, dict[str, object]], None]

@@ -15,7 +15,7 @@ from mountnav.navigation.outside_frames import By, Judged, compared, forbids
 from mountnav.navigation.reports import Look
 from mountnav.navigation.sync_judge import decide as judge
 from mountnav.navigation.sync_policy import SyncPolicy
-from mountnav.navigation.sync_trigger import Occasion
+from mountnav.navigation.sync_trigger import SyncTrigger
 from mountnav.night.daylight import night_name, sun_altitude_deg
 from mountnav.night.events import Act, CorrectionEnded, Decision, Event, FrameSeen, NightState, Tick, Why
 from mountnav.night.frames_in import Arrived
@@ -476,7 +476,7 @@ class Replay:
         look = self._look(frame_id)
         if look is None:
             return judged.doubts
-        return judge(look, Occasion.NIGHT, self.sync, judged.context).doubts
+        return judge(look, SyncTrigger.NIGHT, self.sync, judged.context).doubts
 
     def _made_now(self, utc: datetime, frame_id: str, judgement: Judgement) -> None:
         """A correction that wasn't made then is taken as carried out: the frames don't show it."""

@@ -15,7 +15,7 @@ from mountnav.errors import DeviceRefused, OutsideLimits, Refusal, SyncDoubt, Sy
 from mountnav.journal.memory import MemoryJournal
 from mountnav.journal.records import EntryKind
 from mountnav.mount.mount_state import SEEN_LATE
-from mountnav.navigation.sync import Occasion
+from mountnav.navigation.sync import SyncTrigger
 from mountnav.navigation.sync_to_coordinates import CoordinateSyncTotals
 from mountnav.navigation.vetoes import Claim
 from mountnav.pointing.model.in_force import Expected
@@ -189,7 +189,7 @@ def test_words_add_up_over_the_night() -> None:
 def test_words_that_contradict_what_was_seen_are_refused() -> None:
     async def night(rig: SyncRig) -> None:
         await rig.slew(rig.up())
-        await rig.guard.commit(await rig.look(), Occasion.ORDERED)
+        await rig.guard.commit(await rig.look(), SyncTrigger.ORDERED)
         sent = rig.syncs
         assert await told(rig, 0.0, 1800.0) == (SyncDoubt.NOT_EXPECTED,)
         # and neither step by step
@@ -248,7 +248,7 @@ def test_a_restart_forgets_no_words() -> None:
 
     async def before(rig: SyncRig) -> None:
         await rig.slew(rig.up())
-        await rig.guard.commit(await rig.look(), Occasion.ORDERED)
+        await rig.guard.commit(await rig.look(), SyncTrigger.ORDERED)
         assert await told(rig, 0.0, 500.0) == ()
 
     async def after(rig: SyncRig) -> None:
