@@ -28,9 +28,13 @@ from mountnav.sky.sphere import separation_arcsec
 from mountnav.tasks import begun, fault_words, waited_for
 
 SLEWING_S = 1.0
-"""How often a motion is looked at."""
+"""How often a motion is looked at, s. Chosen by hand. Doubled, a mount at 5°/s goes 10° between two looks."""
 _WATCHED_S = 4.0
+"""Between the two readings that show whether a mount tracks which doesn't tell, s: the sky turns by 60″, at
+declination 60° by 30″, more than most mounts' steps. Doubled, a mount at a limit tracks on for as long."""
 _TELL_AGAIN_S = 60.0
+"""A stop at a limit that failed is tried at each look and reported again after so long, s. Chosen by hand:
+one row of the journal a minute. Halved, an unplugged mount fills the journal twice as fast."""
 
 
 class Watched(Protocol):
@@ -222,14 +226,25 @@ class LimitStop:
 
 
 GUESSED_S = 0.5
-"""How often a slew is looked at of which it isn't known which way the mount takes."""
+"""How often a slew is looked at of which it isn't known which way the mount takes, s. Chosen by hand.
+Doubled, one that goes the wrong way is stopped half a second later."""
 NEAR_S = 2.0
+"""How often a mount is looked at that is moved by hand, can't be read, or stands at a limit, s. Chosen by
+hand. Doubled, a tube moved by hand at 4°/s comes 8° further outside before it is stopped."""
 LEAD_S = 10.0
-"""So long before a limit tracking is stopped: what reading, ordering and obeying take."""
+"""So long before a limit tracking is stopped, s: what reading, ordering and obeying take. The sky turns by
+2.5′ in it. Halved, 5 s have to do for a reading, a stop and its repetition."""
 SLOWEST_S = 15.0
+"""The longest pause between two looks, s, of a mount that rests or has no limit near. Chosen by hand:
+tracking goes 4′ in it. Doubled, a mount that somebody begins to move by hand is found out that much later."""
 _TELL_FROM_S = 1800.0
+"""A limit is announced from so long before it on, s: time for another exposure. Chosen by hand."""
 _STILL_ARCSEC_S = 5.0
+"""A mount may drift so much faster than the sky turns, ″/s, and isn't taken to be moved: refraction, rates of
+Moon and Sun, a step of the reading. Doubled, a slow motion by hand (10″/s) is taken for tracking."""
 _DEEPER_DEG = 0.25
+"""Outside of a limit a mount counts as going deeper from so much on, °, more than readings scatter. Doubled,
+it is stopped that much later; at 0 a mount that may leave a limit is stopped by the noise of its readings."""
 _OF_SIDES = (LimitKind.MERIDIAN, LimitKind.UNREACHABLE)
 """Limits that hang on the side of the pier: outside of them means nothing until a second reading says so."""
 

@@ -48,6 +48,8 @@ Mounting = Literal["german", "fork", "altaz"]
 _TRANSPORTED_DEG = 5.0
 """A mount that is further off than this is lost, and its reading says nothing of its axes."""
 _PAIRS_FOR_DISTORTION = 30
+"""With fewer identified stars the distortion isn't taken from their residuals: they scatter too
+much. Chosen by hand. Doubled, poor fields teach nothing of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,7 +249,10 @@ def _sample(row: Mapping[str, Any]) -> CameraSample | None:
 
 
 MAD_TO_SIGMA = 1.4826
+"""Sigma of a Gaussian over its median absolute deviation, 1 / Φ⁻¹(3/4): a constant of mathematics."""
 _MEANINGLESS_DEG = 60.0
+"""Where the rotation may be off by this much or more, °, it isn't judged: near the pole the polar error turns
+the field. Chosen by hand. Doubled, a camera turned by 90° would pass."""
 _STEADY_LEAN = 4.0
 """Angles are learned where the pole's error is magnified by no more than this (75.5° of declination)."""
 

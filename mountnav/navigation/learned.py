@@ -30,7 +30,10 @@ from mountnav.navigation.camera import (
 from mountnav.navigation.sync_policy import SyncPolicy
 
 _FORMAT = 1
+"""Version of what `as_dict` gives; rows of another one in the journal are passed over."""
 _WRITTEN_EACH = 10
+"""So many solves from one row of the journal to the next. Chosen by hand. Doubled, a restart forgets up to 19
+solves instead of 9; the medians hardly change by them."""
 
 
 class LessonKind(StrEnum):

@@ -309,7 +309,15 @@ class Navigator(MountOrders):
         }
         policy = replace(self.policy, **{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
         async with self.work("centering"):
-            return await self._center(target, policy, planned_s, key)
+            return await center_in_time(
+                self._equipment,
+                self._slewing,
+                target,
+                policy,
+                halt=self.halt,
+                planned_s=planned_s,
+                key=key,
+            )
 
     async def flip(
         self, target: Icrs, *, planned_s: float | None = None, key: str | None = None
@@ -323,7 +331,15 @@ class Navigator(MountOrders):
         """
         async with self.work("flipping"):
             before = (await self.mount.reading()).pier_side
-            report = await self._center(target, self.policy, planned_s, key)
+            report = await center_in_time(
+                self._equipment,
+                self._slewing,
+                target,
+                self.policy,
+                halt=self.halt,
+                planned_s=planned_s,
+                key=key,
+            )
             if before is not None and report.side is before and not report.flipped:
                 raise TargetNotReached(
                     f"centered, but the tube still hangs {before} of the pier",
@@ -347,18 +363,3 @@ class Navigator(MountOrders):
             return await correct(
                 self._equipment, self._slewing, found, by=by, target=target, key=key, heard=heard
             )
-
-    # -- inside --------------------------------------------------------------------------------------
-
-    async def _center(
-        self, target: Icrs, policy: CenteringPolicy, planned_s: float | None, key: str | None
-    ) -> CenterReport:
-        return await center_in_time(
-            self._equipment,
-            self._slewing,
-            target,
-            policy,
-            halt=self.halt,
-            planned_s=planned_s,
-            key=key,
-        )

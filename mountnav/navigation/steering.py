@@ -151,9 +151,13 @@ POLAR_DEC_DEG = 87.0
 ENOUGH_LOOKS = 3
 """So many looks tell the geometry."""
 _LIKELY_ARCSEC = 900.0
+"""How large pole errors, zero points and cone errors are before anything is seen, ″, one sigma: the prior of
+the fit, weak beside looks that are good to some seconds. Chosen by hand. Doubled, it is weaker still."""
 _AT_THE_POLE_ARCSEC = 15.0
-"""At the pole itself there is no hour angle any more to turn to."""
+"""At the pole itself there is no hour angle any more to turn to: so far beside it the mount is sent, ″."""
 _LIKELY_TURN_RAD = math.radians(3.0)
+"""How far the hour angle's zero is off before anything is seen, one sigma: 3° are 12 min of a wrong clock.
+Chosen by hand; doubled, it says less."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,6 +73,8 @@ __all__ = [
 
 
 _EACH_S = 0.2
+"""Between two readings after a sync, s, as the drivers' own. Doubled, a sync that is seen late is reported up
+to 0.2 s later."""
 LOST_S = 30.0
 """A mount that is lost is read so long after a sync that doesn't show, s: without it nothing can be done; the
 slowest simulated ones take 25 s."""

@@ -185,7 +185,12 @@ _ADVICE = (
     "up anew, order first light"
 )
 STUCK_TRIES = 2
+"""After so many corrections that the tube did not follow a centering ends; after one more where it may take
+up play first. Chosen by hand. Doubled, a blocked axis is driven twice as often before somebody hears of
+it."""
 ELSEWHERE_TRIES = 3
+"""After so many corrections that ended elsewhere it ends. Chosen by hand. Doubled, a mount that somebody else
+moves is followed for as long again."""
 NEARER = 0.7
 """A correction that leaves less than this share of what the target was off is no slip. Doubled, whatever
 slips a little would be followed to the last try."""

@@ -373,7 +373,11 @@ def policy_vetoes(found: Look, policy: SyncPolicy, context: SyncContext) -> Veto
 
 
 _NEAR_DEG = 5.0
+"""So near in the sky another look shows the same offset, °: what one sync leaves over within 5° is 7″ for
+nine of ten [POINTING §4], within 10° 19″. Doubled, looks that are right would seem to disagree."""
 _KEPT = 3
+"""So many earlier looks may confirm one. Chosen by hand. Halved to one, a false look in between hides the one
+that would agree."""
 
 
 class ConfirmingLooks:
@@ -441,6 +445,8 @@ def apart_arcsec(first: Look, again: Look) -> float:
 
 
 _IN_A_ROW = 3
+"""So many looks that agree with each other and with nothing expected mean other zero points. Chosen by
+hand: two false solutions of one field may agree. Doubled, a slip costs a centering most of its tries."""
 _SHARE = 0.25
 """A slip of one axis shows differently at different declinations: so much of it may the looks differ."""
 

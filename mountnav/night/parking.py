@@ -128,6 +128,8 @@ class NightTelescope(Protocol):
 _log = logging.getLogger(__name__)
 
 AGAIN_S = 15.0
+"""A park that failed is ordered again after so long, s. Chosen by hand: a lost link comes back in some
+seconds. Doubled, a telescope stands in the rain for as long more."""
 PATIENCE_S = 3600.0
 """So long the morning's park waits for whoever works with the telescope; rain waits for nobody."""
 _PASSING = (Busy, DeviceMissing, DeviceSilent, JournalFailed)

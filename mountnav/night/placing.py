@@ -33,9 +33,13 @@ if TYPE_CHECKING:
 
 
 FIELDS_KEPT = 4
+"""So many fields are remembered, each with the follower of its stars. Chosen by hand: a night goes to and fro
+between a few. Halved, a scheduler with three targets in turn has each frame identified fully."""
 FRAMES_PER_FOLLOWER = 100
 """Then the field is identified fully anew, and what was remembered of it is let go: memory doesn't grow."""
 UNKNOWN_FIELD_DEG = 0.5
+"""Radius that a field is taken to have before a frame of it was identified, °. Chosen by hand. Doubled,
+neighbor targets up to 1° apart are taken for one field until then."""
 OTHER_PLACE_DEG = 0.5
 """A header that names a place further from the mount's belief is asked too, when the belief leads nowhere."""
 

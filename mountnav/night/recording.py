@@ -35,6 +35,8 @@ _log = logging.getLogger(__name__)
 VERSION = 2
 """1 did not hold what decisions hang on: played again, they differed."""
 MOST_WAITING = 100_000
+"""So many lines may wait for a disk that is slow or full; more are dropped, and that is reported. Chosen by
+hand. Doubled, so is the memory that a full disk may cost."""
 
 
 class NightRecording:

@@ -323,7 +323,10 @@ def on_end(state: NightState, event: CorrectionEnded, rules: NightRules) -> Outc
 USED_KEPT = 1000
 """So many frames that a correction was decided on are remembered."""
 SIGMAS = 3.0
+"""An error counts from so many sigma of the frame's own noise beyond the bound on, and frames agree within as
+many: 1 of 370 by chance. Doubled, faint frames correct nothing."""
 HOUR = timedelta(hours=1)
+"""Over which `NightRules.max_corrections_per_hour` counts."""
 
 
 def on_frame(state: NightState, frame: FrameSeen, rules: NightRules) -> Outcome:

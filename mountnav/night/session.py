@@ -53,7 +53,11 @@ __all__ = ["Listen", "NightReport", "NightSession", "Recorder", "Unrecorded"]
 
 
 POINTS_KEPT = 500
+"""So many frames of the present field are kept for its drift. Chosen by hand: eight hours of a frame a
+minute; older ones are dropped. Doubled, so is the memory that they take."""
 LEAST_JUMP_ARCSEC = 5.0
+"""A smaller step between two frames is no jump but noise and the worm, ″. Chosen by hand. Doubled, a dither
+of 8″ counts as drift."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,6 +151,8 @@ _log = logging.getLogger(__name__)
 READINGS_MISSED = 3
 """So many readings in a row that fail, and the mount counts as lost."""
 HALT_S = 60.0
+"""A correction that is cancelled has so long to stop its mount, s: three times as long as a driver waits for
+it to rest (`Timing.stop_timeout_s`). Below that a night could end while its mount still turns."""
 
 
 @dataclass(frozen=True, slots=True)

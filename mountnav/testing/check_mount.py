@@ -18,6 +18,8 @@ from mountnav.tasks import waited_for
 __all__ = ["NonConforming", "check_mount", "check_skills"]
 
 STOP_ON_WIRE_S = 0.1
+"""A stop must be on the wire so soon, s, whatever else goes on: at 5°/s that is half a degree. Doubled, a
+stop that queues behind a question of 0.15 s would pass."""
 
 
 class NonConforming(AssertionError):
