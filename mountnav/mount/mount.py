@@ -96,11 +96,6 @@ class CheckedMount:
         return self._state.segments.segment_id
 
     @property
-    def segment_since_utc(self) -> datetime | None:
-        """When this segment began; None if that was before the service used the mount."""
-        return self._state.segments.since_utc
-
-    @property
     def side_of_last_sync(self) -> PierSide | None:
         """On which side of the pier this segment's zero points were synced; None if they weren't."""
         return self._state.segments.side_of_last_sync

@@ -25,10 +25,6 @@ class Segments:
     Attributes
     ----------
     segment_id : str
-    since_utc : datetime or None
-        None for the first one: when it began is not known.
-    why : str
-        What began it.
     side_of_last_sync : PierSide or None
         On which the tube hung when this segment's zero points were synced; None if they weren't.
     side : PierSide or None
@@ -37,8 +33,6 @@ class Segments:
 
     def __init__(self) -> None:
         self.segment_id = new_id()
-        self.since_utc: datetime | None = None
-        self.why = "the service began to use the mount"
         self.side_of_last_sync: PierSide | None = None
         self.side: PierSide | None = None
         self._listeners: list[SegmentListener] = []
@@ -47,13 +41,12 @@ class Segments:
         """Tell `listener(segment_id, why)` of each new segment."""
         self._listeners.append(listener)
 
-    def begin(self, why: str, utc: datetime, synced_on: PierSide | None = None) -> dict[str, object]:
+    def begin(self, why: str, synced_on: PierSide | None = None) -> dict[str, object]:
         """Begin a new segment.
 
         Parameters
         ----------
         why : str
-        utc : datetime
         synced_on : PierSide, optional
             On which side the tube hung, if it was a sync.
 
@@ -63,7 +56,7 @@ class Segments:
             For the journal.
         """
         before, self.segment_id = self.segment_id, new_id()
-        self.since_utc, self.why, self.side_of_last_sync = utc, why, synced_on
+        self.side_of_last_sync = synced_on
         for listener in self._listeners:
             listener(self.segment_id, why)
         return {
@@ -140,7 +133,7 @@ class MountState:
 
     def new_segment(self, why: str, synced_on: PierSide | None = None) -> None:
         """Begin a new segment, and write that down."""
-        self._book.note_now(EntryKind.SEGMENT, why, self.segments.begin(why, self._clock.utc(), synced_on))
+        self._book.note_now(EntryKind.SEGMENT, why, self.segments.begin(why, synced_on))
 
     # -- whether that counts -----------------------------------------------------------------------
 

@@ -321,19 +321,6 @@ class Learned:
         self._aside = samples_of_rows(data.get("aside"))[-self._anew :]
         self._normal = normal_of(self._kept, self.rules)
 
-    @classmethod
-    def from_dict(
-        cls,
-        data: Mapping[str, Any],
-        *,
-        mounting: Mounting | None = None,
-        policy: SyncPolicy | None = None,
-    ) -> Learned:
-        """Make one of what `as_dict` gave."""
-        made = cls(mounting=mounting, policy=policy)
-        made.restore(data)
-        return made
-
 
 def _parity(parity: int) -> str:
     return "as the sky is seen" if parity > 0 else "mirrored"

@@ -207,12 +207,12 @@ class Navigator(MountOrders):
     async def sync_to(self, place: Icrs) -> CoordinateSyncReport:
         """Tell the mount that it points at `place`, as somebody said: believed within bounds."""
         async with self.work("syncing"):
-            return await self.guard.told.sync_to(place)
+            return await self.guard.coordinate_syncs.sync_to(place)
 
     def trust(self) -> None:
         """An operator's word that the mount's position is right; what was told before counts no more."""
         super().trust()
-        self.guard.told.proven()
+        self.guard.coordinate_syncs.proven()
 
     async def recover(self, exposure_s: float | None = None) -> RecoverReport:
         """Find out where a mount points that doesn't know, and tell it. Never moves it. See `recover`."""

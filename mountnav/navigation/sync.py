@@ -108,11 +108,11 @@ class GuardedSync:
         self._listen = listen or _nobody
         counts = SyncCounts(mount.site, policy.same_target_deg)
         self._judge = Judge(mount, policy, learned, pointing, self._clock, counts)
-        self._unexpected = SurprisingLooks()
-        self._witnesses = ConfirmingLooks()
+        self._surprising = SurprisingLooks()
+        self._confirming = ConfirmingLooks()
         self._offset_night: str | None = None
         self.synced: Look | None = None
-        self.told = CoordinateSyncs(self._judge, self._note, self._listen)
+        self.coordinate_syncs = CoordinateSyncs(self._judge, self._note, self._listen)
         """Syncs on told coordinates, of whatever face."""
         mount.listen(self._mount_said)
         mount.on_segment(self._new_segment)
@@ -184,11 +184,11 @@ class GuardedSync:
     def _recount(self, entry: Entry) -> None:
         outcome, target, seen = (entry.facts.get(name) for name in ("outcome", "target", "seen"))
         if entry.facts.get("told"):
-            self.told.restore(entry.facts)
+            self.coordinate_syncs.restore(entry.facts)
         elif outcome == SyncEnd.COMMITTED and isinstance(seen, Mapping):
             place = Icrs(float(seen["ra_deg"]), float(seen["dec_deg"]))
             self._judge.counts.add(entry.utc, None if target is None else str(target), place)
-            self.told.restore_proof(place, entry.utc)
+            self.coordinate_syncs.restore_proof(place, entry.utc)
         elif entry.facts.get("by_offset"):
             self._offset_night = night_of(entry.utc, self._site)
 
@@ -214,23 +214,23 @@ class GuardedSync:
         if lesson.kind is LessonKind.NEW_NORMAL:
             self._listen("camera-changed", {"look_id": found.look_id, "words": lesson.words})
         if not against - {SyncDoubt.NOT_EXPECTED, SyncDoubt.TOO_FAR}:
-            self._witnesses.add(found)
-            self.told.looked(found)
+            self._confirming.add(found)
+            self.coordinate_syncs.looked(found)
         astray = against & {SyncDoubt.NOT_EXPECTED, SyncDoubt.TOO_FAR}
         if not context.trusted:
             # what it believes says nothing, and a recovery begins anew
-            self._unexpected.forget()
+            self._surprising.forget()
         elif astray and against == astray:
             expected = Offset(0.0, 0.0) if context.expected is None else context.expected.offset
-            if self._unexpected.agree(found, expected, self.policy.expected_floor_arcsec):
+            if self._surprising.agree(found, expected, self.policy.expected_floor_arcsec):
                 await self._slipped(found, next(doubts[kind] for kind in doubts if kind in astray), astray)
         elif not against:
-            self._unexpected.forget()
+            self._surprising.forget()
             self.pointing.observed(self._judge.observation(found))
         return lesson
 
     async def _slipped(self, found: Look, words: str, astray: set[SyncDoubt]) -> None:
-        self._unexpected.forget()
+        self._surprising.forget()
         why = f"looks in a row agree that the zero points have changed: {words}"
         self.pointing.new_segment(self._mount.new_segment(why), None)
         if SyncDoubt.TOO_FAR in astray:
@@ -238,7 +238,7 @@ class GuardedSync:
             self._mount.distrust(why)
         else:
             self.pointing.observed(self._judge.observation(found))
-        self.told.looked(found)
+        self.coordinate_syncs.looked(found)
         self._listen("zero-points-changed", {"look_id": found.look_id, "words": why})
         await self._note(EntryKind.FAULT, why, look_facts(found, self.learned.normal))
 
@@ -350,7 +350,7 @@ class GuardedSync:
                         raise TookElsewhere(error, seen) from error
                 raise
             self._judge.counts.add(self._clock.utc(), target, found.seen)
-            self._unexpected.forget()
+            self._surprising.forget()
             if self._mount.segment_id == progress.segment_before:
                 self._mount.new_segment("a sync that had seemed to be ignored was seen late")
             synced = replace(
@@ -360,7 +360,7 @@ class GuardedSync:
                 side=sent.reading.side,
             )
             self.pointing.new_segment(self._mount.segment_id, synced)
-            self.told.proven(Seen(found.seen, Offset(0.0, 0.0), side=sent.reading.side))
+            self.coordinate_syncs.proven(Seen(found.seen, Offset(0.0, 0.0), side=sent.reading.side))
             if again is not None:
                 self.pointing.observed(self._judge.observation(again))
             verified_by = None if again is None else again.look_id
@@ -400,7 +400,7 @@ class GuardedSync:
         self._mount.trust_by_sight(widest_arcsec / 3600.0, why)
         self._offset_night = self._night()
         self.pointing.observed(self._judge.observation(found))
-        self.told.looked(found)
+        self.coordinate_syncs.looked(found)
         self._listen("by-sight", {"look_id": found.look_id, "off_arcsec": off_arcsec})
         await self._note(EntryKind.SYNC, why, {**facts, "outcome": str(SyncEnd.BY_SIGHT)})
         return True
@@ -409,7 +409,7 @@ class GuardedSync:
         """Whether an earlier look agrees, or one that is taken now."""
         found = progress.found
         resolution = self._mount.resolution_arcsec
-        witness = self._witnesses.for_look(found, self.policy, resolution)
+        witness = self._confirming.for_look(found, self.policy, resolution)
         words = None
         if witness is None and look_again is None:
             words = "nothing is known here yet that could judge it, and there is no second look that agrees"
@@ -487,9 +487,9 @@ class GuardedSync:
             self._new_segment(self._mount.segment_id, what)
 
     def _new_segment(self, segment_id: str, why: str) -> None:
-        self._unexpected.forget()
-        self._witnesses.forget()
-        self.told.new_segment(why)
+        self._surprising.forget()
+        self._confirming.forget()
+        self.coordinate_syncs.new_segment(why)
         self.pointing.new_segment(segment_id, None)
 
     def _night(self) -> str:

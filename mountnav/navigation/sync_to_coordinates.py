@@ -124,14 +124,14 @@ class CoordinateSyncs:
     note : callable
         Writes down what has happened.
     listen : callable
-    words : CoordinateSyncTotals
+    totals : CoordinateSyncTotals
         Of the present night.
     """
 
     judge: Judge
     note: Note
     listen: Listener
-    words: CoordinateSyncTotals = field(default_factory=CoordinateSyncTotals)
+    totals: CoordinateSyncTotals = field(default_factory=CoordinateSyncTotals)
     _late: Claim | None = None
     _sending: bool = False
 
@@ -222,7 +222,7 @@ class CoordinateSyncs:
 
     def proven(self, seen: Seen | None = None) -> None:
         """The belief was proven, by a frame or by an operator: what words did before counts no more."""
-        self.words = CoordinateSyncTotals(seen=seen, night=self._night())
+        self.totals = CoordinateSyncTotals(seen=seen, night=self._night())
 
     def taken(self, claim: Claim) -> None:
         """The mount believes these words: its two axes have other zeros from now on."""
@@ -230,8 +230,8 @@ class CoordinateSyncs:
         seen = icrs_to_hour_angle(claim.seen, claim.utc, judge.site, judge.air)
         believed = icrs_to_hour_angle(claim.believed, claim.utc, judge.site, judge.air)
         turned_deg = half_turn_deg(seen.ha_deg - believed.ha_deg)
-        self.words = replace(
-            self.words.and_by(turned_deg, seen.dec_deg - believed.dec_deg), night=self._night()
+        self.totals = replace(
+            self.totals.and_by(turned_deg, seen.dec_deg - believed.dec_deg), night=self._night()
         )
 
     def new_segment(self, why: str) -> None:
@@ -246,7 +246,7 @@ class CoordinateSyncs:
 
     def restore_proof(self, place: Icrs, utc: datetime) -> None:
         """A sync on a frame that stands in the journal."""
-        self.words = CoordinateSyncTotals(
+        self.totals = CoordinateSyncTotals(
             seen=Seen(place, Offset(0.0, 0.0)), night=night_of(utc, self.judge.site)
         )
 
@@ -263,7 +263,7 @@ class CoordinateSyncs:
                 float(seen["sigma_arcsec"]),
                 PierSide(seen["side"]),
             )
-        self.words = CoordinateSyncTotals(
+        self.totals = CoordinateSyncTotals(
             int(since["count"]),
             float(since["turned_deg"]),
             float(since["raised_deg"]),
@@ -272,7 +272,7 @@ class CoordinateSyncs:
         )
 
     def _as_facts(self) -> dict[str, object]:
-        words, seen = self.words, self.words.seen
+        words, seen = self.totals, self.totals.seen
         since = None
         if seen is not None:
             since = {
@@ -327,8 +327,8 @@ class CoordinateSyncs:
         judge = self.judge
         policy = judge.policy
         night = self._night()
-        if self.words.night != night:
-            self.words = CoordinateSyncTotals(night=night)
+        if self.totals.night != night:
+            self.totals = CoordinateSyncTotals(night=night)
         doubts: Vetoes = {}
         if before.slewing:
             doubts[SyncDoubt.MOVED] = "it is moving"
@@ -338,14 +338,14 @@ class CoordinateSyncs:
         doubts |= place_vetoes(claim, policy, context)
         if math.isfinite(claim.offset.total_arcsec):
             doubts |= self._all_together(before, claim, doubts)
-        count = context.counts.tonight + self.words.count
+        count = context.counts.tonight + self.totals.count
         if policy.max_per_night is not None and count >= policy.max_per_night:
             doubts[SyncDoubt.TOO_MANY] = f"{count} sync(s) in this night (allowed {policy.max_per_night})"
         return doubts
 
     def _all_together(self, before: MountReading, claim: Claim, alone: Vetoes) -> Vetoes:
         """All words since the belief was proven last, this one among them, taken as one sync."""
-        judge, words = self.judge, self.words
+        judge, words = self.judge, self.totals
         whole = replace(claim, believed=self._without_words(claim))
         expected = self._as_seen(before, claim.seen)
         context = replace(
@@ -363,7 +363,7 @@ class CoordinateSyncs:
 
     def _without_words(self, claim: Claim) -> Icrs:
         """Where the mount would believe itself if nobody had told it anything since that was proven."""
-        judge, words = self.judge, self.words
+        judge, words = self.judge, self.totals
         if not words.count:
             return claim.believed
         now = icrs_to_hour_angle(claim.believed, claim.utc, judge.site, judge.air)
@@ -373,7 +373,7 @@ class CoordinateSyncs:
 
     def _as_seen(self, before: MountReading, place: Icrs) -> Expected | None:
         """What the last frame lets expect; nothing on the other side of the pier."""
-        seen = self.words.seen
+        seen = self.totals.seen
         if seen is None or {seen.side, before.side} == {PierSide.EAST, PierSide.WEST}:
             return None
         away_deg = separation_arcsec(seen.place, place) / 3600.0

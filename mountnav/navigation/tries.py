@@ -57,17 +57,6 @@ class Tries:
         """The last one."""
         return self.all[-1]
 
-    @property
-    def since_best(self) -> int:
-        """How many tries ago the error was smallest."""
-        errors = [one.error_arcsec for one in self.all]
-        return len(errors) - 1 - errors.index(min(errors))
-
-    @property
-    def best_arcsec(self) -> float:
-        """The smallest error so far."""
-        return min(one.error_arcsec for one in self.all)
-
     def begin(self) -> None:
         """Time runs from here for the next try."""
         self._began_s = self._equipment.clock.monotonic_s()

@@ -64,10 +64,6 @@ class NightRecording:
         self._closed = False
         self.problem = ""
 
-    def path_of(self, utc: datetime) -> Path:
-        """The file of the night that an instant belongs to."""
-        return self._folder / f"{self._name_of(utc)}.jsonl"
-
     def keep(self, kind: str, utc: datetime, facts: Mapping[str, object]) -> None:
         """Keep one thing; from any thread, never raises, never waits."""
         try:
