@@ -3,8 +3,8 @@
 Small and async; drivers fulfil these protocols. The law of a sync (`SyncLaw`) stands here since all have to
 keep it: the drivers, the room `mount`, and navigation.
 
-A sync is seen when the mount believes to be near to where it was told. Else it has ignored the sync if it
-believes what it did before, and if not, it has taken another place: half of what was told (one coordinate of
+A sync is seen when the mount believes to be near to where it was synced. Else it has ignored the sync if it
+believes what it did before, and if not, it has taken another place: half of what was sent (one coordinate of
 two), or a damaged number. That is the worst of all: slews by such a belief go anywhere.
 """
 
@@ -85,7 +85,7 @@ class MountReading:
     """What the mount says of itself at `utc` (instant between question and answer).
 
     `place` is in the mount's own kind of coordinates: `Apparent` for JNow mounts, `Icrs` for J2000 mounts.
-    Everything after it is None where the mount was not asked or can't tell.
+    Everything after it is None where the mount was not asked or doesn't report it.
     """
 
     place: Apparent | Icrs
@@ -132,11 +132,11 @@ class SyncOutcome(StrEnum):
     IGNORED = "accepted and ignored"
     """It believes what it did before."""
     ELSEWHERE = "accepted, and took another place"
-    """Half of what it was told, or something else: its position counts no more."""
+    """Half of what it was sent, or something else: its position counts no more."""
 
     @property
     def seen(self) -> bool:
-        """Whether the mount believes now to be where it was told."""
+        """Whether the mount believes now to be where it was synced."""
         return self in (SyncOutcome.SEEN, SyncOutcome.LATE)
 
 
@@ -258,7 +258,7 @@ class Trusts(Protocol):
 
 @runtime_checkable
 class Announces(Protocol):
-    """A mount that tells what happens to its link and its position, unasked."""
+    """A mount that announces what happens to its link and its position."""
 
     def listen(self, listener: Callable[[str, Mapping[str, object]], None]) -> None:
         """Tell `listener(what, facts)` of each: `link-silent`, `link-lost`, `link-back`, `untrusted`, ..."""
@@ -350,7 +350,7 @@ class SyncLaw:
     Attributes
     ----------
     near_arcsec : float
-        A sync is seen when the mount believes to be so near to where it was told.
+        A sync is seen when the mount believes to be so near to where it was synced.
     resolution_arcsec : float
         The mount's step.
     """
@@ -360,7 +360,7 @@ class SyncLaw:
 
     @classmethod
     def of(cls, way_arcsec: float, resolution_arcsec: float, most_arcsec: float = math.inf) -> SyncLaw:
-        """The law for a sync over `way_arcsec`, from what the mount believed to what it is told.
+        """The law for a sync over `way_arcsec`, from what the mount believed to what it is sent.
 
         Parameters
         ----------
@@ -374,7 +374,7 @@ class SyncLaw:
         return cls(near_arcsec, resolution_arcsec)
 
     def seen(self, miss_arcsec: float) -> bool:
-        """Whether a mount that believes to be so far from where it was told has taken the sync."""
+        """Whether a mount that believes to be so far from where it was synced has taken the sync."""
         return miss_arcsec <= self.near_arcsec
 
     def unseen(self, before: MountReading, after: MountReading) -> SyncOutcome:
@@ -397,13 +397,13 @@ class SyncLaw:
 def moved_arcsec(before: MountReading, after: MountReading) -> float:
     """By how much the belief of a mount that isn't moved has changed, the turn of the sky left out.
 
-    Whether it follows the sky its place tells: what it says of that may be as wrong as anything else.
+    Whether it follows the sky is taken from its place: what it reports of that may be wrong as well.
     """
     return _apart_arcsec(_turned(before.place, before.utc, after), after.place)
 
 
 def miss_arcsec(place: Apparent | Icrs, told_utc: datetime, after: MountReading) -> float:
-    """How far a mount believes to be from where it was told at `told_utc`, the turn of the sky left out."""
+    """How far a mount believes to be from where it was synced at `told_utc`, the turn of the sky left out."""
     return _apart_arcsec(_turned(place, told_utc, after), after.place)
 
 

@@ -18,7 +18,7 @@ __all__ = ["HEARD_AFTER_S", "Braking"]
 
 
 _MOVES_DEG = 0.3
-"""An axis must have turned so far between two readings for its rate to tell anything."""
+"""An axis must have turned so far between two readings for its rate to mean anything, °."""
 _ARRIVES_S = 2.0
 """An axis that is so near to its end, at its rate, is slowing down."""
 _JUMPS_DEG = 30.0
@@ -31,7 +31,7 @@ meanwhile. Doubled, rates that are unlike are seen some tenths of a second later
 _LOOSE = 1.25
 """Rates are seen to a quarter: readings are some tenths of a second apart from their times."""
 _POLE_DEG = 5.0
-"""So near to the pole, or the zenith of an alt-az mount, a place tells too little of the first axis."""
+"""So near to the pole, or the zenith of an alt-az mount, °, a place says too little of the first axis."""
 _STEEPEST = 30.0
 """As good as one axis after the other."""
 _KEPT = 4
@@ -84,14 +84,14 @@ class RatesSeen:
         ways : sequence of Way
             Those that the mount may take.
         before, now : sequence of Standing
-            How it may have stood at each reading; more than one where it doesn't tell its side.
+            How it may have stood at each reading; more than one where it doesn't report its side.
         scene : Scene
             Of the later one.
 
         Returns
         -------
         Unlike or None
-            None: as it was checked, or too early or too late to tell.
+            None: as it was checked, or too early or too late to say.
         """
         reckoned = self.reckoned(scene.limits)
         if reckoned.rate_ratio is None or not ways:
@@ -142,7 +142,7 @@ def _on(way: Way, stands: Sequence[Standing]) -> Standing:
 
 
 def _ratio(way: Way, then: Standing, here: Standing) -> float | None:
-    """Second axis' rate over the first one's; None where both don't tell."""
+    """Second axis' rate over the first one's; None where it can't be said."""
     turned = abs(here.first_deg - then.first_deg), abs(here.second_deg - then.second_deg)
     left = abs(way.end.first_deg - here.first_deg), abs(way.end.second_deg - here.second_deg)
     if not _MOVES_DEG <= max(turned) <= _JUMPS_DEG:
@@ -165,9 +165,9 @@ _LEAST_DEG_S2 = 0.3
 """A slower braking than this isn't reckoned with, °/s²: what the speeding up is seen as that lay between two
 looks. Doubled, a mount that begins its way between two looks would be stopped some degrees later."""
 _HALF_A_LOOK_S = 0.5
-"""So old is a rate that two looks of a second tell, s."""
+"""So old is a rate that two looks a second apart give, s."""
 _SHORTEST_S = 0.3
-"""Readings nearer to each other than this tell no rate, s: their times are some hundredths off."""
+"""Readings nearer to each other than this give no rate, s: their times are some hundredths off."""
 _TURNS_DEG_S = 0.2
 """Slower than this it tracks, or is about to stand, °/s."""
 _JUMPS_DEG_S = 30.0
@@ -193,7 +193,7 @@ class Braking:
         self._grows_deg_s2 = 0.0
 
     def rests_at_deg(self, utc: datetime, stands: Standing) -> float | None:
-        """Take in a reading, and tell where the axis would come to rest.
+        """Take in a reading; where the axis would come to rest.
 
         Parameters
         ----------

@@ -10,8 +10,8 @@
 
 They prove that after ``kill -9`` at any of them nothing is lost and nothing is done twice
 (`benchmarks.killed_child`, `tests/navigation/test_navigator_killed.py`). They are calls in the code and no
-decorator, since most lie between two awaits of one function: written, and not sent. In service nobody listens,
-and a kill point costs a comparison.
+decorator, since most lie between two awaits of one function: written, and not sent. In service nobody
+listens, and a kill point costs a comparison.
 """
 
 from __future__ import annotations

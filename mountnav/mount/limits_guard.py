@@ -85,7 +85,7 @@ class LimitsGuard:
     site, air : Site, Air
     mounting : {"german", "fork", "altaz"} or None
     proof : SideProof, optional
-        Of the side that the mount tells.
+        Of the side that the mount reports.
     """
 
     def __init__(
@@ -114,14 +114,14 @@ class LimitsGuard:
         self._told_anew_utc = None
 
     def saw(self, reading: MountReading) -> None:
-        """Take in a reading: a mount that doesn't tell its side is followed by it."""
+        """Take in a reading: a mount that doesn't report its side is followed by it."""
         self._latest = reading
         if self.mounting != "german" or _told(reading):
             return
         place = from_mount(reading.place)
         bare = icrs_to_hour_angle(place, reading.utc, self.site, VACUUM)
         if abs(bare.dec_deg) >= POLE_DOUBT_DEG and (not self._set_out or self._followed.home):
-            # by the pole the place tells nothing of the axes; there it was switched on, or is about to leave
+            # by the pole the place says nothing of the axes; there it was switched on, or is about to leave
             pole_deg = math.copysign(90.0, bare.dec_deg)
             self._followed.at_home(
                 reading.utc, Standing("german", PierSide.EAST, COUNTERWEIGHT_DOWN_DEG, pole_deg)
@@ -132,11 +132,11 @@ class LimitsGuard:
         self._followed.seen(reading.utc, self._standings(reading, "german"), told_anew=anew)
 
     def told_anew(self, utc: datetime) -> None:
-        """It is told where it points: soon after, until it is sent on, its place may change, and no axis."""
+        """A sync goes out: soon after, until it is slewed, its place may change without a motion of its axes."""
         self._told_anew_utc = utc
 
     def stood(self, reading: MountReading) -> bool:
-        """Take in where it stands before an order; whether that has proven the side that it tells."""
+        """Take in where it stands before an order; whether that has proven the side that it reports."""
         if not _told(reading) or reading.slewing or self.mounting in ("fork", "altaz"):
             return False
         scene = Scene(self.limits, reading.utc, self.site)
@@ -286,7 +286,7 @@ class LimitsGuard:
         return check
 
     def _require_on_both_sides(self, reading: MountReading, check: SlewCheck, *, passing: bool) -> None:
-        """Refuse a way that isn't allowed if the told side is wrong. Raises `OutsideLimits`."""
+        """Refuse a way that isn't allowed if the reported side is wrong. Raises `OutsideLimits`."""
         if self.proof.wrong:
             raise OutsideLimits(
                 "the slew isn't allowed: the mount tells the sides of the pier the wrong way round: it says "
@@ -380,7 +380,7 @@ class LimitsGuard:
         return min((one for one in found if one is not None), key=lambda one: one.after_s, default=None)
 
     def unproven(self, reading: MountReading) -> bool:
-        """Whether its tube may hang on the other side than it tells, and limits depend on it."""
+        """Whether its tube may hang on the other side than it reports, and limits depend on it."""
         if not _told(reading) or self.mounting in ("fork", "altaz"):
             return False
         scene = Scene(self.limits, reading.utc, self.site)
@@ -442,7 +442,7 @@ class LimitsGuard:
         if min(strays_deg(check.expected, one) for one in stands) <= STRAYS_DEG:
             return False
         if not self._kept.strayed(check, stands, self.side(reading)):
-            # then it didn't begin on that side, if it doesn't tell
+            # then it didn't begin on that side, if it doesn't report its side
             self._followed.lost(astray=True)
         return True
 
@@ -456,7 +456,7 @@ class LimitsGuard:
         """Where its first axis would come to rest beyond a limit, if it were stopped now; None: within.
 
         It brakes by itself before an end of the ways that are allowed; only what turns away from all of them
-        has to be stopped. One that doesn't tell its side has its axes anywhere.
+        has to be stopped. One that doesn't report its side has its axes anywhere.
         """
         if check.mounting != "german" or not _told(reading):
             return None
@@ -480,7 +480,7 @@ class LimitsGuard:
         return rests_deg if deeper else None
 
     def _stands(self, reading: MountReading, check: SlewCheck) -> list[Standing]:
-        """How it may stand on a way: on both sides of the pier, where it doesn't tell."""
+        """How it may stand on a way: on both sides of the pier, where it doesn't report its side."""
         return [*self._standings(reading, check.mounting).values()]
 
     def _standings(self, reading: MountReading, kind: Mounting) -> dict[PierSide, Standing]:

@@ -104,7 +104,7 @@ class CheckedMount:
     def last_motion_utc(self) -> datetime | None:
         """End of the last order that moved the mount or gave it other zero points, or may have.
 
-        A frame exposed before it tells nothing of where the mount is now.
+        A frame exposed before it says nothing of where the mount is now.
         """
         return self._state.last_motion_utc
 
@@ -195,7 +195,7 @@ class CheckedMount:
         self._agreement.turned_deg = None
 
     def restore_side_proof(self, facts: Mapping[str, Any]) -> None:
-        """Take over from the journal that this mount was seen to tell the right side of the pier."""
+        """Take over from the journal that this mount was seen to report the right side of the pier."""
         if facts.get("mount") == self.name:
             self._guard.proof.restore()
 
@@ -295,11 +295,11 @@ class CheckedMount:
         return self.segment_id
 
     def listen(self, listener: Listener) -> None:
-        """Tell of what happens to the link and the position, and of limits that come near or are reached."""
+        """Call `listener(what, facts)` on events of the link, the position, and the limits."""
         self._state.listen(listener)
 
     def on_reading(self, listener: Callable[[MountReading], None]) -> None:
-        """Tell of each reading that passes, whoever asked for it."""
+        """Call `listener` with each reading, for whatever purpose it was taken."""
         self._state.on_reading(listener)
 
     def on_segment(self, listener: SegmentListener) -> None:
@@ -308,7 +308,7 @@ class CheckedMount:
 
     @property
     def tracking_rate(self) -> TrackingRate | None:
-        """At which rate it was last told to track, by us; None where nobody has yet."""
+        """At which rate it was last ordered to track, by us; None where it wasn't yet."""
         return self._rate
 
     def reached(self, reading: MountReading, *, within_s: float = 43200.0) -> Reached | None:
@@ -322,7 +322,7 @@ class CheckedMount:
         """
         return self._guard.reached(reading, within_s=within_s)
 
-    # -- what only some mounts tell: a driver that has no such property tells nothing --------------
+    # -- what only some mounts report: None where the driver has no such property ------------------
 
     @property
     def link(self) -> str | None:
@@ -332,13 +332,13 @@ class CheckedMount:
 
     @property
     def slew_state(self) -> str | None:
-        """What the last order to move has come to, as `SlewState`; None where it doesn't tell."""
+        """What the last order to move has come to, as `SlewState`; None where it doesn't report that."""
         state = getattr(self._mount, "slew_state", None)
         return None if state is None else str(state)
 
     @property
     def report(self) -> ConnectReport | None:
-        """What connecting has found; None where it hasn't yet, or doesn't tell."""
+        """What connecting has found; None where it hasn't yet, or doesn't report that."""
         report = getattr(self._mount, "report", None)
         return report if isinstance(report, ConnectReport) else None
 
@@ -350,13 +350,13 @@ class CheckedMount:
 
     @property
     def tracking_rates(self) -> frozenset[TrackingRate] | None:
-        """At which rates it can track; None where it doesn't tell."""
+        """At which rates it can track; None where it doesn't report that."""
         rates = getattr(self._mount, "tracking_rates", None)
         return rates if isinstance(rates, frozenset) else None
 
     @property
     def guide_rates_deg_s(self) -> tuple[float, float] | None:
-        """How fast a guide pulse moves in right ascension and in declination; None where it doesn't tell."""
+        """Rates of a guide pulse in right ascension and in declination; None where it doesn't report that."""
         match getattr(self._mount, "guide_rates_deg_s", None):
             case (float(ra_deg_s), float(dec_deg_s)):
                 return ra_deg_s, dec_deg_s

@@ -28,7 +28,7 @@ class Segments:
     side_of_last_sync : PierSide or None
         On which the tube hung when this segment's zero points were synced; None if they weren't.
     side : PierSide or None
-        On which it hung in the last reading that told.
+        On which it hung in the last reading that reported it.
     """
 
     def __init__(self) -> None:
@@ -86,7 +86,7 @@ Listener = Callable[[str, Mapping[str, object]], None]
 
 
 class MountState:
-    """What is known of one mount, and told of it.
+    """What is known of one mount, and who listens.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ class MountState:
 
     @property
     def why_untrusted(self) -> str:
-        """Why it doesn't, as it was told last; empty while it does."""
+        """Why it doesn't, as it was reported last; empty while it does."""
         return "" if self.trusted else self._distrusted or self._why
 
     def trust(self, why: str = "trusted by an operator") -> None:
@@ -164,23 +164,23 @@ class MountState:
         """A sync was seen or its home was found: what spoke against its position is over."""
         self._distrusted = ""
 
-    # -- what is told ------------------------------------------------------------------------------
+    # -- who listens -------------------------------------------------------------------------------
 
     def listen(self, listener: Listener) -> None:
-        """Tell of what happens to the link and the position, and of limits that come near or are reached."""
+        """Call `listener(what, facts)` on events of the link, the position, and the limits."""
         self._listeners.append(listener)
 
     def on_reading(self, listener: Callable[[MountReading], None]) -> None:
-        """Tell of each reading that passes, whoever asked for it."""
+        """Call `listener` with each reading, for whatever purpose it was taken."""
         self._reading_listeners.append(listener)
 
     def tell(self, what: str, facts: Mapping[str, object]) -> None:
-        """Tell those who listen."""
+        """Call all listeners."""
         for listener in self._listeners:
             listener(what, facts)
 
     def _mount_said(self, what: str, facts: Mapping[str, object]) -> None:
-        """Write down what the mount tells unasked, and pass it on."""
+        """Write down what the mount announces, and pass it on."""
         kind = EntryKind.LINK if what.startswith("link") or what == "connected" else EntryKind.FAULT
         self._book.note_now(kind, what, facts)
         if what == "untrusted":

@@ -162,7 +162,7 @@ class OrderBook:
         after: MountReading | None = None,
         miss_arcsec: float | None = None,
     ) -> asyncio.Task[None]:
-        """Close an order without waiting: the outcome of a stop is told before the disk has it."""
+        """Close an order without waiting: the outcome of a stop is reported before the disk has it."""
         order, command_id = written.record.order, written.record.command_id
         end = CommandEnd(self._clock.utc(), outcome, detail, after, miss_arcsec, dict(written.facts))
         # until it is written it is owed
@@ -197,7 +197,7 @@ class OrderBook:
             self._late.pop(command_id, None)
 
     async def note(self, kind: EntryKind, what: str, facts: Mapping[str, object]) -> None:
-        """Write down anything else; a journal that fails doesn't hide what is told."""
+        """Write down anything else; a journal that fails doesn't hide what is reported."""
         with contextlib.suppress(JournalFailed):
             await self._journal.note(self._entry(kind, what, facts))
 
@@ -210,7 +210,7 @@ class OrderBook:
 
 
 async def _finished(task: asyncio.Future[None]) -> bool:
-    """Wait for a piece of writing to end, also through a cancellation; tell whether there was one."""
+    """Wait for a piece of writing to end, also through a cancellation; whether there was one."""
     cancelled = False
     while not task.done():
         try:
@@ -221,7 +221,7 @@ async def _finished(task: asyncio.Future[None]) -> bool:
 
 
 def outcome_of(error: BaseException, *, on_wire: bool) -> Outcome:
-    """What an error tells of the order that raised it.
+    """The outcome of an order that raised an error.
 
     Parameters
     ----------

@@ -106,7 +106,7 @@ class SlewPlanner:
         Raises
         ------
         DeviceRefused
-            The mount can't tell of this place.
+            The mount can't say it of this place.
         DeviceError
         """
         if Skill.DESTINATION_SIDE not in getattr(self._mount, "skills", frozenset()):
@@ -126,10 +126,10 @@ class SlewPlanner:
         try:
             return await self.destination_side(place)
         except DeviceRefused:
-            return None  # it can't tell of this place: then it isn't known
+            return None  # it can't say it of this place: then it isn't known
 
     async def _prove_side(self) -> None:
-        """Have a German mount that foretells its sides show that it tells the right ones."""
+        """Have a German mount that foretells its sides show that it reports the right ones."""
         guard = self._guard
         foretells = Skill.DESTINATION_SIDE in getattr(self._mount, "skills", frozenset())
         if guard.limits.past_meridian_deg is None or not foretells:
@@ -150,7 +150,7 @@ _SLEW_OUTCOMES = {
 
 
 _ANEW = 2
-"""So often a way by legs is planned anew whose next leg isn't allowed any more: the mount may have come to a
+"""So often a way by legs is planned again whose next leg isn't allowed any more: the mount may have come to a
 place on the other side of the pier than was reckoned with. Doubled, a mount wanders longer before it is
 refused."""
 
@@ -322,7 +322,7 @@ class MotionOrders:
                 reads=True,
             )
             if order == "slew" and following.left is not None:
-                # the stop goes on until it rests: one planned anew before that would be stopped by it too
+                # the stop goes on until it rests: one planned before that would be stopped by it too
                 await self._watch.halted()
         except OvertakenError:
             return SlewOutcome.STOPPED
@@ -461,7 +461,7 @@ class SyncOrders:
         """Tell the mount that it points there. See `CheckedMount.sync`."""
         stops = self._sender.stops
         async with self._admission.held("sync"):
-            # read here, though whoever decided has read it, and the driver will: a stop may have been waited
+            # read here, though the caller has read it, and the driver will: a stop may have been waited
             # for since that decision, and the driver's reading goes through its filter and into no row
             before = await self._state.reading()
             try:

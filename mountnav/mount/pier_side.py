@@ -35,7 +35,7 @@ BEYOND_DEG = 3.0
 """A tube that would stand so far, °, beyond the limit past the meridian if the side were wrong proves it:
 more than a pointing error of a mount whose position counts. Doubled, more first slews would be refused."""
 PLAIN_DEC_DEG = 85.0
-"""Nearer to the pole than this, °, a place doesn't tell how the hour angle axis stands."""
+"""Nearer to the pole than this, °, a place doesn't say how the hour angle axis stands."""
 FAR_DEG = 75.0
 """Places so far from the meridian, °, are asked for: a mount that looks at them from the wrong side, its
 counterweight so far up, has no limits at all."""
@@ -57,7 +57,7 @@ Asked = Callable[[Icrs], Awaitable[PierSide | None]]
 
 
 class SideUnproven(OutsideLimits):
-    """A slew that may be made from the side that the mount tells, and not from the other one."""
+    """A slew that may be made from the side that the mount reports, and not from the other one."""
 
 
 class SideProof:
@@ -66,7 +66,7 @@ class SideProof:
     Parameters
     ----------
     stated : bool
-        Whether somebody has looked, and said so in the settings.
+        Whether somebody has looked, and has written so into the settings.
     tell : callable, optional
         Told once, in words, by what it was proven.
 
@@ -85,7 +85,7 @@ class SideProof:
         self._asked = False
 
     def stood(self, scene: Scene, now: Standing) -> bool:
-        """Take in how it stands, by what it tells; whether that has proven the side."""
+        """Take in how it stands, by what it reports; whether that has proven the side."""
         past = scene.limits.past_meridian_deg
         if self.proven or past is None or now.mounting != "german" or abs(_dec_deg(now)) > PLAIN_DEC_DEG:
             return False
@@ -199,7 +199,7 @@ def _dec_deg(one: Standing) -> float:
 
 FASTEST_DEG_S = 30.0
 """No German mount turns an axis faster (the fastest have 15 to 20). Doubled, readings have to follow within
-1.4 s to tell anything."""
+1.4 s to mean anything."""
 _SLACK_DEG = 3.0
 """So much, °, the angles of two readings differ besides: by pointing errors that the pole makes large."""
 _RESTS_DEG = 1.0
@@ -210,12 +210,12 @@ _LONGEST_S = 60.0
 
 
 _AT_POLE_DEG = 0.5
-"""Nearer to the pole, °, a place tells too little of the first axis: at 0.1° refraction alone turns it by 10°
+"""Nearer to the pole, °, a place says too little of the first axis: at 0.1° refraction alone turns it by 10°
 and more. Doubled, a slow axis that crosses it is out of sight for half a second longer."""
 _FROM_HOME_DEG = 60.0
 """No farther than this, °, its first axis is taken to have turned from home to the first reading beside the
 pole. One that stood there otherwise, up to 30° past the meridian, would be as near by the wrong side from
-60° on; doubled, its side would be told wrongly."""
+60° on; doubled, its side would be wrong."""
 
 
 class SideFollowed:
@@ -282,7 +282,7 @@ class SideFollowed:
             self._possible = {side: stands[side] for side in before}
             return
         if any(abs(90.0 - abs(one.second_deg)) < _AT_POLE_DEG for one in stands.values()):
-            # what it has come to is told by the next reading beside the pole
+            # what it has come to is shown by the next reading beside the pole
             self._utc, self.home = then, home
             return
         far_deg = FASTEST_DEG_S * seconds + _SLACK_DEG
@@ -311,7 +311,7 @@ class SideFollowed:
         return None
 
     def arrived(self, sides: Iterable[PierSide], faces: PierSide | None = None) -> None:
-        """A slew has ended: that tells the side where nothing else does.
+        """A slew has ended: that shows the side where nothing else does.
 
         Parameters
         ----------

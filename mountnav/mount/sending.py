@@ -183,7 +183,7 @@ class Sender:
             try:
                 after = await self._state.reading()
             except DeviceError:
-                pass  # the order is done all the same; whoever needs the place asks again
+                pass  # the order is done all the same; a caller that needs the place asks again
             except asyncio.CancelledError:
                 cancelled = True
         if after is not None and place is not None and miss is None:
@@ -293,7 +293,7 @@ class Admission:
             raise busy
 
     def busy(self) -> Busy:
-        """What is said to an order while another one holds the mount."""
+        """The refusal of an order while another one holds the mount."""
         return Busy(f"a {self.job} is running", device=self._mount.name, advice="wait for it, or stop it")
 
     async def skilled(self, order: Order) -> Skilled:

@@ -30,8 +30,8 @@ from mountnav.tasks import begun, fault_words, waited_for
 SLEWING_S = 1.0
 """How often a motion is looked at, s. Chosen by hand. Doubled, a mount at 5°/s goes 10° between two looks."""
 _WATCHED_S = 4.0
-"""Between the two readings that show whether a mount tracks which doesn't tell, s: the sky turns by 60″, at
-declination 60° by 30″, more than most mounts' steps. Doubled, a mount at a limit tracks on for as long."""
+"""Between the two readings that show whether a mount tracks that doesn't report it, s: the sky turns by 60″,
+at declination 60° by 30″, more than most mounts' steps. Doubled, a mount at a limit tracks on for as long."""
 _TELL_AGAIN_S = 60.0
 """A stop at a limit that failed is tried at each look and reported again after so long, s. Chosen by hand:
 one row of the journal a minute. Halved, an unplugged mount fills the journal twice as fast."""
@@ -111,7 +111,7 @@ class LimitStop:
         await self._over.wait()
 
     async def halt(self, reading: MountReading, limit: LimitKind, what: str, *, motion: bool) -> bool:
-        """End the motion or the tracking, write it down and tell; whether it was done.
+        """End the motion or the tracking, write it down and report it; whether it was done.
 
         Parameters
         ----------
@@ -172,7 +172,7 @@ class LimitStop:
         if motion:
             await self._mount.stop()
             if self._under_way():
-                return  # the slew that was stopped tells of it; tracking is judged for itself
+                return  # the slew that was stopped reports it; tracking is judged for itself
         if Skill.TRACK in self._mount.skills:
             try:
                 await self._mount.set_tracking(False)
@@ -189,7 +189,7 @@ class LimitStop:
             await self._park()
 
     async def _park(self) -> None:
-        """Park it. Whoever watches is here and waits for that, so its way is looked at from here."""
+        """Park it, and watch its way from here: the watch itself waits here for that."""
         parking = waited_for(self._mount.park())
         try:
             while not parking.done():
@@ -204,7 +204,7 @@ class LimitStop:
         finally:
             if not parking.done():
                 parking.cancel()
-            # what became of it is told below; it must have ended either way
+            # what became of it is reported below; it must have ended either way
             await asyncio.gather(parking, return_exceptions=True)
         if parking.result() is SlewOutcome.STALLED:
             raise DeviceError(
@@ -338,7 +338,7 @@ class TrackingWatch:
                 await task
 
     def _died(self, fault: Exception) -> None:
-        """Nobody watches the limits: it is told, and begins anew."""
+        """Nobody watches the limits: report that, and begin again."""
         self._tell("limits-not-watched", {"why": fault_words(fault)})
         self.start()
 
@@ -376,7 +376,7 @@ class TrackingWatch:
             try:
                 pause_s = await self.look()
             except DeviceError:
-                pause_s = NEAR_S  # whoever tends the link tells of it
+                pause_s = NEAR_S  # the driver's link reports it
             except MountnavError as error:
                 self._tell("limits-not-watched", {"why": str(error)})
                 await self._book.note(EntryKind.FAULT, "the limits can't be watched", {"why": str(error)})
@@ -398,7 +398,7 @@ class TrackingWatch:
     # -- a look ------------------------------------------------------------------------------------
 
     async def look(self) -> float:
-        """Read the mount once, do what has to be done, and tell how many seconds later to look again."""
+        """Read the mount once and do what has to be done; how many seconds later to look again."""
         following = self._following
         reading = await self._mount.reading()
         before, self._before = self._before, reading
@@ -452,7 +452,7 @@ class TrackingWatch:
         among = frozenset(LimitKind) if following.order == "slew" else _OF_STATIONS
         deeper = self._deeper(reading, among)
         if deeper is not None and deeper[0] in _OF_SIDES:
-            # most mounts tell place and side by two questions, and the tube may change sides between them
+            # most mounts answer place and side to two questions, and the tube may change sides between them
             reading = await self._mount.reading()
             if self._following is not following:
                 return  # it is over
@@ -514,7 +514,7 @@ class TrackingWatch:
         if self._guard.overruns(following.braking, again, check) is None:
             return None
         seen = self._guard.seen(again)
-        # planned anew it would go on from here, nearer to the limit
+        # planned again it would go on from here, nearer to the limit
         return OutsideLimits(
             f"the mount went another way than expected ({', '.join(check.ways)}), towards the limit past the "
             f"meridian: it was stopped while it could rest before it, at altitude {seen.alt_deg:.1f}°, "

@@ -41,7 +41,7 @@ ELSEWHERE_DEG = 0.5
 wire's steps stay below it, places at which mounts wake up don't. Doubled, a wake-up half a degree further
 from the last target would pass."""
 _WRITTEN_DEG = 0.1
-"""A mount that rests so far from where it is written to stand is written down anew."""
+"""A mount that rests so far from where it is written to stand is written down again."""
 
 _MOVING = frozenset({"slew", "sync", "park", "home", "guide"})
 
@@ -93,7 +93,7 @@ class LastSeen:
 
 
 def seen_of(reading: MountReading, *, trusted: bool = True, why: str = "") -> LastSeen:
-    """What a reading tells."""
+    """What a reading says of where the mount stands."""
     return LastSeen(from_mount(reading.place), reading.utc, reading.tracking, trusted, why)
 
 
@@ -149,7 +149,7 @@ def why_not_to_trust(
     if not last.trusted:
         return f"{last.why or 'it was not trusted'} (before the restart, last seen at {when})"
     if last.place is None or now.slewing:
-        # on its way: what ordered that is told of, and a mount that was switched on just now doesn't move
+        # on its way: the order that moved it is reported, and one that was just switched on doesn't move
         return None
     off_deg = strayed_deg(last, now, site, air)
     if off_deg <= ELSEWHERE_DEG:
@@ -288,13 +288,13 @@ class Comparable(Protocol):
         ...
 
     async def set_site_and_time(self) -> ConnectReport:
-        """Set both to ours, as far as it can be told them."""
+        """Set both to ours, as far as it takes them."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """The mount's site and clock minus ours; None where it doesn't tell.
+    """The mount's site and clock minus ours; None where it doesn't report that.
 
     Attributes
     ----------
@@ -424,7 +424,7 @@ class SiteTimeAgreement:
             raise self.refusal(order, words)
 
     def refusal(self, order: str, words: str) -> DeviceRefused:
-        """What is said to such an order."""
+        """The refusal of such an order."""
         return DeviceRefused(
             f"the {order} refused: mount and settings contradict each other: {words}",
             device=self._mount.name,
@@ -448,7 +448,7 @@ class SiteTimeAgreement:
         try:
             report = await self._mount.set_site_and_time()
         except DeviceRefused:
-            raise  # it was told nothing
+            raise  # nothing was sent
         except DeviceError as error:
             self._state.distrust(f"its site and clock were being set, how far isn't known: {error.what}")
             raise
@@ -480,8 +480,8 @@ class SiteTimeAgreement:
         )
         if changed is not None and not by_its_axes:
             # one mount keeps its place among the stars, another one the angles of its axes: nobody has seen
-            # which of both is right. At home and at its park position the axes tell; but if it is our clock
-            # that is wrong, the Sun is elsewhere
+            # which of both is right. At home and at its park position the axes show it; but if it is our
+            # clock that is wrong, the Sun is elsewhere
             self._state.distrust(f"its site and clock were set to ours, {changed}")
 
     def accept(self) -> str | None:

@@ -85,7 +85,7 @@ class CameraSample:
 def camera_sample(
     found: Look, site: Site, air: Air, mounting: Mounting | None, *, lost: bool = False
 ) -> CameraSample:
-    """Take from a look what it tells of the camera.
+    """Take from a look what it shows of the camera.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def distortion_px2(solution: Solution) -> float | None:
     Returns
     -------
     float or None
-        Per square pixel; None when there are too few stars to tell.
+        Per square pixel; None when there are too few stars.
     """
     order = solution.wcs.get("A_ORDER", 0)
     if isinstance(order, int) and order >= 3:
@@ -282,7 +282,7 @@ class CameraRules:
         return abs(math.log(one / other)) <= self.scale_tolerance
 
     def sided(self, sample: CameraSample) -> bool:
-        """Whether the mount told on which side of its pier the tube hung."""
+        """Whether the mount reported on which side of its pier the tube hung."""
         return sample.side is not PierSide.UNKNOWN and self.mounting not in ("fork", "altaz")
 
     def modulo_deg(self, sample: CameraSample) -> float:
@@ -313,7 +313,7 @@ class Normal:
     camera_angle_deg, camera_angle_sigma_deg : float or None
         Of the image's +y axis, in the posture that looks west (ASCOM's east); None until enough agree.
     modulo_deg : float
-        360; 180 if the mount doesn't tell its side, and so the angle is known but for half a turn.
+        360; 180 if the mount doesn't report its side, and so the angle is known but for half a turn.
     by_side : mapping of PierSide to float
         The same angle, from the solves of either side of the pier.
     distortion_px2, distortion_sigma_px2 : float or None

@@ -80,7 +80,7 @@ def shows_rest(found: Look, tolerance_arcsec: float, exposure_s: float) -> bool:
 
 
 def _trail_arcsec(found: Look) -> float | None:
-    """How long the typical star is drawn out at most, by its two widths; None if that can't be told."""
+    """How long the typical star is drawn out at most, by its two widths; None if that isn't known."""
     quality = found.verdict.quality
     if quality is None or quality.images in (StarImages.DEFOCUSED, StarImages.NONE):
         return None
@@ -218,7 +218,7 @@ class Centering:
                 if ends.too_far is not None:
                     # looks agree that it is further off than a sync may be: that is for the operator
                     raise ends.too_far
-                # rebooted, or its link was lost: begin anew
+                # rebooted, or its link was lost: begin again
                 await self._recovered()
                 expected = await correcting.anew()
                 await self._slew()
@@ -268,7 +268,7 @@ class Centering:
                 try:
                     done = await correcting.correct(found, decision)
                 except SyncElsewhere as error:
-                    # nobody knows where it points: begin anew
+                    # nobody knows where it points: begin again
                     tries.close(Correction.NONE, error.what, slewed=False, sync_outcome=SyncOutcome.ELSEWHERE)
                     await self._recovered()
                     expected = await correcting.anew()
@@ -330,7 +330,7 @@ class Centering:
         )
 
     async def _recovered(self) -> None:
-        """Find out where a mount points whose position doesn't count, and tell it; not for ever."""
+        """Find out where a mount points whose position doesn't count, and sync it; not for ever."""
         self._recoveries += 1
         if self._recoveries > MOST_RECOVERIES:
             raise DeviceRefused(

@@ -111,7 +111,7 @@ class Correcting:
             note("no pointing model is in force: corrected by offsets alone")
 
     async def expect(self) -> float | None:
-        """Aim, and tell how far off the tube may look after the first slew: one sigma; None if nobody can."""
+        """Aim; how far off the tube may look after the first slew, one sigma; None if that isn't known."""
         slewing = self._slewing
         side = await slewing.side_at(self._target)
         self.aim = slewing.aimed(self._target, side)
@@ -125,13 +125,13 @@ class Correcting:
         return math.hypot(offset, math.sqrt(2.0) * expected.sigma_arcsec, steps)
 
     async def anew(self) -> float | None:
-        """What was seen before counts no more: the mount was told where it points."""
+        """What was seen before counts no more: the mount was synced."""
         self._steering.forget()
         self._segment_id = self._equipment.mount.segment_id
         return await self.expect()
 
     async def slew(self) -> bool:
-        """Send the mount to the aim; whether it changed sides: then the looks that follow begin anew."""
+        """Send the mount to the aim; whether it changed sides: then the looks that follow begin again."""
         kill_point("centering slew")
         try:
             report = await self._slewing.slew(self._target, self.aim, approach=self._leg())
@@ -173,7 +173,7 @@ class Correcting:
         return seen.look
 
     def sighted(self, found: Look) -> Followed:
-        """Take in a look; tell whether the tube did what the last correction asked."""
+        """Take in a look; whether the tube did what the last correction asked."""
         if found.segment_id != self._segment_id:
             # its zero points are new, and not by our doing: a late sync, a reboot, a slip
             self._steering.forget()
@@ -229,7 +229,7 @@ class Correcting:
         return aim
 
     async def correct(self, found: Look, decision: SyncDecision) -> Corrected:
-        """Choose where to slew next, and tell the mount where it points if that is the way."""
+        """Choose where to slew next, and sync the mount if that is the way."""
         why, outcome = "", None
         if self._syncs and not self._equipment.guard.prefers_offset:
             if decision.allowed:
@@ -254,9 +254,9 @@ class Correcting:
     async def _synced(
         self, found: Look, decision: SyncDecision
     ) -> tuple[SyncOutcome | None, str, Look | None]:
-        """Sync; with words when the mount won't be told, and it has to be an offset.
+        """Sync; with words when the mount takes no sync, and it has to be an offset.
 
-        With a look besides, where the mount took another place than it was told, and that was seen.
+        With a look besides, where the mount took another place than it was sent, and that was seen.
         """
         kill_point("centering sync")
         try:

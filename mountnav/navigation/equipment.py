@@ -1,4 +1,4 @@
-"""What one telescope navigates with: its devices, its eyes, its memory, who is told; put together once."""
+"""What one telescope navigates with: devices, solver, journal, listeners; put together once."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Solve(Protocol):
 
 
 def in_thread(catalog: Catalog) -> Solve:
-    """Solve in a thread of this process, for whoever has no solver of his own.
+    """Solve in a thread of this process, where there is no solver process.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""First light: a telescope that was set up by eye is told where it points, and its camera is learned.
+"""First light: a telescope that was set up by eye is synced, and its camera is learned.
 
 A new mount is off by degrees: further than a sync may be. A lost one may be recovered by two frames; but a
 German mount takes a place for the posture that it believes in, and as long as the camera's angle is not known
-no frame tells the posture. A motion does: in the wrong posture the declination axis turns the wrong way. So
+no frame shows the posture. A motion does: in the wrong posture the declination axis turns the wrong way. So
 the tube is moved a little, within the limits and with the whole offset as a margin, and has to be seen going
 where the mount says.
 """
@@ -57,7 +57,7 @@ _HALVES = ((0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0))
 async def first_light(
     equipment: Equipment, policy: CenteringPolicy, slewing: Slewing, exposure_s: float | None = None
 ) -> FirstLightReport:
-    """Learn where a telescope truly points that was set up by eye, and tell its mount.
+    """Learn where a telescope truly points that was set up by eye, and sync its mount.
 
     Two frames, solved anywhere in the sky, must agree on a place above the ground and no further than
     `FURTHEST_DEG` from what the mount believes. From the pole, or too low, the tube goes high first.
@@ -102,7 +102,7 @@ class _FirstLight:
         async with tracked(equipment):
             try:
                 first = await self._seen()
-                # the pole doesn't tell how far the hour angle is off
+                # the pole doesn't show how far the hour angle is off
                 at_pole = 90.0 - abs(self._hour_angle(first).dec_deg) < AWAY_FROM_POLE_DEG
                 off_deg = FURTHEST_DEG if at_pole else first.offset.total_arcsec / 3600.0
                 with mount.wider_margin(off_deg):
@@ -181,7 +181,7 @@ class _FirstLight:
     # -- motions -------------------------------------------------------------------------------------
 
     async def _to_a_good_place(self, found: Look) -> Look:
-        """Leave the pole, where no frame tells how the axes lie, and places too low for a step."""
+        """Leave the pole, where no frame shows how the axes lie, and places too low for a step."""
         here = self._hour_angle(found)
         lowest_deg = self._limits.min_altitude_deg + _ROOM_DEG + found.offset.total_arcsec / 3600.0
         altitude_deg = self._altitude_deg(found.seen, found)
@@ -286,7 +286,7 @@ class _FirstLight:
         Raises
         ------
         OffsetImplausible
-            The tube doesn't look where the mount was told: the sync is left, and the position doesn't count.
+            The tube doesn't look where the mount was synced: the sync stays, and the position doesn't count.
         """
         equipment = self._equipment
         allowed = 0.1 * 3600.0 * STEP_DEG + 2.0 * equipment.mount.resolution_arcsec

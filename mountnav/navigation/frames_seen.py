@@ -6,7 +6,7 @@ a place where the tube no longer looks. A frame is believed
 
 - when its pixels are not those of an earlier frame, and
 - when, since the last frame that was believed, the sky in it moved as the mount says that it did; or, where
-  that can't be told (the first frame, a very small slew, zero points that jumped) or is not so (play, a slip,
+  that isn't known (the first frame, a very small slew, zero points that jumped) or is not so (play, a slip,
   another side of the pier), when frames taken afterwards, at the same place, agree.
 """
 

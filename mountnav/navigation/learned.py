@@ -125,7 +125,7 @@ class Learned:
         return len(self._aside)
 
     def forget(self) -> None:
-        """Begin anew: somebody has worked on the camera."""
+        """Begin again: somebody has worked on the camera."""
         self._kept, self._aside, self._normal = [], [], None
 
     def of_another(self) -> Learned:
@@ -174,7 +174,7 @@ class Learned:
         }
 
     def side_seen(self, sample: CameraSample) -> PierSide:
-        """On which side of the pier the tube hangs, by the solved rotation; unknown if that can't tell."""
+        """On which side of the pier the tube hangs, by the solved rotation; unknown if it can't say."""
         normal, allowed_deg = self._normal, self.rules.allowed_rotation_deg(sample)
         if normal is None or normal.camera_angle_deg is None or allowed_deg is None:
             return PierSide.UNKNOWN
@@ -286,7 +286,7 @@ class Learned:
         tolerance : float
             How wrong that may be, as a fraction.
         focal_length_mm : float, optional
-            What they say, to tell what it must be.
+            What they say, for the message what it must be.
         """
         normal, said, told = self._normal, configured_scale_arcsec_px, []
         if normal is not None and said is not None and abs(normal.scale_arcsec_px / said - 1.0) > tolerance:

@@ -72,7 +72,7 @@ def record_of(
     equipment : Equipment
     look_id : str
     utc : datetime
-        Mid-exposure; of the second reading where the frame tells none.
+        Mid-exposure; of the second reading where the frame has none.
     before, after : MountReading
     frame : Frame
     exposure_s : float
@@ -180,7 +180,7 @@ class LookOptions:
     scale : {"learned", "settings", "any"}
         What is believed of the scale.
     used : str
-        What it is for; the journal tells.
+        What it is for, as the journal keeps it.
     teaches : bool
         Whether what is known of camera and pointing learns from it.
     """
@@ -237,7 +237,7 @@ async def expose_and_solve(
         The mount's readings before and after differ by more than its own resolution and the policy allow,
         it says that it is slewing, or it was ordered to move meanwhile.
     BadFrame
-        The frame tells no time of exposure, or one that doesn't lie between the two readings; or its pixels
+        The frame has no time of exposure, or one that doesn't lie between the two readings; or its pixels
         are those of an earlier frame (`RepeatedFrame`).
     CameraStale
         The camera was caught again with a frame from before the last slew.
@@ -343,7 +343,7 @@ async def _blame(equipment: Equipment, found: Look, words: str) -> None:
 
 
 async def report_stale(equipment: Equipment, words: str, **facts: object) -> None:
-    """Tell whoever listens, and the journal, that the camera is the culprit."""
+    """Report to listeners and journal that the camera gave an old frame."""
     told: dict[str, object] = {"camera": equipment.camera.name, "why": words, **facts}
     equipment.listen("camera-stale", told)
     await equipment.note(EntryKind.FAULT, f"the camera {equipment.camera.name}: {words}", told)
@@ -469,7 +469,7 @@ def at_instant(before: MountReading, after: MountReading, instant: datetime) -> 
 
 
 def not_solved_facts(verdict: Verdict) -> dict[str, object]:
-    """What an unsolved frame tells."""
+    """The facts of an unsolved frame, for listeners."""
     return {"reason": str(verdict.reason), "detail": verdict.detail, "measured": verdict.measured}
 
 
@@ -486,7 +486,7 @@ def _sky(quality: SkyQuality | None) -> dict[str, object]:
 
 
 def solved_facts(found: Look) -> dict[str, object]:
-    """What a solved look tells."""
+    """The facts of a solved look, for listeners."""
     solution = found.solution
     sigma = solution.center_sigma_arcsec
     return {

@@ -128,7 +128,7 @@ class MountOrders:
             self._listen("stop-failed", {"problem": str(error)})
 
     def _mount_said(self, what: str, facts: Mapping[str, object]) -> None:
-        """Pass on what the mount tells unasked, and keep what an operator should know."""
+        """Pass on what the mount announces, and keep what an operator should know."""
         if what == "link-lost":
             self.problem = f"{self.mount.name}: the link was lost: {facts.get('why')}"
         elif what in ("link-back", "trusted"):

@@ -68,7 +68,7 @@ async def state_of(
         altitude_deg=None,
         azimuth_deg=None,
         problem=problem,
-        # a mount that can't tell counts as "not known" as long as nothing speaks against it
+        # a mount that doesn't know counts as "not known" as long as nothing speaks against it
         trusted=mount.trusted if connected and (mount.tells_trust or not mount.trusted) else None,
         link=mount.link,
         slew_state=mount.slew_state,
@@ -179,11 +179,11 @@ class Navigator(MountOrders):
             return (await looking.look(exposure_s)).look
 
     async def frame(self, frame: Frame, verdict: Verdict, *, used: str = "night") -> FrameLook:
-        """Compare a frame that somebody else exposed with what the mount said round it. See `frame_look`."""
+        """Compare a frame of another program with the mount's readings round it. See `compare_frame`."""
         return await compare_frame(self._equipment, self.policy, frame, verdict, used=used)
 
     async def sync(self) -> SyncReport:
-        """Look, and tell the mount where it truly points; read back whether it believed it.
+        """Look, and sync the mount to where it truly points; read back whether it took it.
 
         Raises
         ------
@@ -205,17 +205,17 @@ class Navigator(MountOrders):
             return await self.guard.commit(found, SyncTrigger.ORDERED, look_again=look)
 
     async def sync_to(self, place: Icrs) -> CoordinateSyncReport:
-        """Tell the mount that it points at `place`, as somebody said: believed within bounds."""
+        """Sync the mount to given coordinates, which nobody has seen: allowed within bounds."""
         async with self.work("syncing"):
             return await self.guard.coordinate_syncs.sync_to(place)
 
     def trust(self) -> None:
-        """An operator's word that the mount's position is right; what was told before counts no more."""
+        """An operator's word that the position is right; earlier syncs on given coordinates count no more."""
         super().trust()
         self.guard.coordinate_syncs.proven()
 
     async def recover(self, exposure_s: float | None = None) -> RecoverReport:
-        """Find out where a mount points that doesn't know, and tell it. Never moves it. See `recover`."""
+        """Find out where a mount points that doesn't know, and sync it. Never moves it. See `recover`."""
         async with self.work("recovering"):
             return await recover(self._equipment, self.policy, exposure_s)
 
@@ -286,7 +286,7 @@ class Navigator(MountOrders):
         tolerance_arcsec, max_tries, timeout_s, correct_by : optional
             Instead of the policy's.
         planned_s : float, optional
-            How long it is to be followed: the answer tells which limit comes before that.
+            How long it is to be followed: the answer says which limit comes before that.
         key : str, optional
             Its name, for the policy of syncs.
 
@@ -322,7 +322,7 @@ class Navigator(MountOrders):
     async def flip(
         self, target: Icrs, *, planned_s: float | None = None, key: str | None = None
     ) -> CenterReport:
-        """Let a German mount change sides, and center `target` anew, whatever was synced before.
+        """Let a German mount change sides, and center `target` again, whatever was synced before.
 
         Raises
         ------
@@ -358,7 +358,7 @@ class Navigator(MountOrders):
         key: str | None = None,
         heard: Callable[[Judged], None] | None = None,
     ) -> Corrected:
-        """Bring the telescope back by a look, between two frames. See `between_frames.correct`."""
+        """Bring the telescope back by a look, between two frames. See `outside_frames.correct`."""
         async with self.work("correcting"):
             return await correct(
                 self._equipment, self._slewing, found, by=by, target=target, key=key, heard=heard

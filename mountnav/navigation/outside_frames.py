@@ -123,7 +123,7 @@ async def compare_frame(
         Its time of exposure must be known.
     verdict : Verdict
     used : str
-        What it is for; the journal tells.
+        What it is for, as the journal keeps it.
 
     Raises
     ------
@@ -317,7 +317,7 @@ async def _sent(slewing: Slewing, by: Correction, target: Icrs, aim: Icrs, belie
 async def _by_sync(
     equipment: Equipment, slewing: Slewing, found: Look, target: Icrs | None, key: str | None
 ) -> Corrected | None:
-    """Sync and slew to the target; None when it won't be told and there is a target to go to."""
+    """Sync and slew to the target; None when it takes no sync and there is a target to go to."""
     try:
         # judged once more there: the mount was asked for its side since, and may have lost its position
         report: SyncReport = await equipment.guard.commit(found, SyncTrigger.NIGHT, target=key)

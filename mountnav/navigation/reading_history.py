@@ -1,4 +1,4 @@
-"""A short memory of what the mount said, so that a frame exposed by somebody else can be compared with it."""
+"""The last readings of the mount, so that a frame exposed by another program can be compared with them."""
 
 from __future__ import annotations
 

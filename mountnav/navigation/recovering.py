@@ -1,4 +1,4 @@
-"""What must hold before a lost mount is told where it points: two frames agree, on a place above the ground.
+"""What must hold before a lost mount is synced: two frames agree, on a place above the ground.
 
 The cap on an offset guards against the one accepted wrong solution. Where it must be passed over, since the
 mount woke up somewhere else, a second frame takes its place: two wrong solutions don't agree on a place.
@@ -56,12 +56,12 @@ MOST_LOOKS = 4
 async def recover(
     equipment: Equipment, policy: CenteringPolicy, exposure_s: float | None = None
 ) -> RecoverReport:
-    """Find out where a mount points that doesn't know, and tell it. Never slews it.
+    """Find out where a mount points that doesn't know, and sync it. Never slews it.
 
     A look, solved anywhere in the sky; a second look, taken afterwards, must agree with it, or a third with
     one of the two; their place must stand within the limits at this hour. Then the mount is synced on the
     last one, however far that is from what it believed, and read back: longer than otherwise, since nothing
-    can be done without. A mount that doesn't track is told to.
+    can be done without. A mount that doesn't track is ordered to.
 
     Raises
     ------
@@ -72,7 +72,7 @@ async def recover(
     OffsetImplausible
         The frames disagree; nothing was synced.
     SyncRefused
-        It points so near the pole that a frame doesn't tell the hour angle, or the posture of a German mount
+        It points so near the pole that a frame doesn't show the hour angle, or the posture of a German mount
         is not known; or as `GuardedSync.commit`.
     SyncIgnored, DeviceError, JournalFailed
     """
@@ -84,7 +84,7 @@ async def recover(
 async def _recover(equipment: Equipment, policy: CenteringPolicy, exposure_s: float | None) -> RecoverReport:
     clock, site, air = equipment.clock, equipment.site, equipment.air
     began = clock.monotonic_s()
-    # nothing may be slewed, and each frame is asked anew with what the mount believes
+    # nothing may be slewed, and each frame is searched from what the mount believes then
     resting = replace(
         policy.persistence, tactics=policy.persistence.tactics - {Tactic.NEIGHBOR, Tactic.WIDER}
     )
@@ -128,7 +128,7 @@ async def _recover(equipment: Equipment, policy: CenteringPolicy, exposure_s: fl
 
 @dataclass(frozen=True, slots=True)
 class RecoverySync:
-    """What a lost mount made of being told where it points.
+    """What a lost mount made of its sync.
 
     Attributes
     ----------
@@ -234,7 +234,7 @@ async def tracked(equipment: Equipment) -> AsyncIterator[None]:
 
 
 async def _let_track(equipment: Equipment) -> bool:
-    """Let a mount follow the sky unless it says that it does; whether it was told to.
+    """Let a mount follow the sky unless it says that it does; whether it was ordered to.
 
     Two frames of a sky that runs through can't agree.
     """
@@ -250,10 +250,10 @@ async def _let_track(equipment: Equipment) -> bool:
 
 
 def require_known_posture(found: Look, equipment: Equipment) -> None:
-    """Refuse to tell a German mount where it points while nobody knows how it stands.
+    """Refuse to sync a German mount while nobody knows how it stands.
 
     It takes the place for the posture that it believes in. If that is the wrong one, its declination axis
-    turns the wrong way from then on, and its next slew goes anywhere. The image's rotation tells the posture,
+    turns the wrong way from then on, and its next slew goes anywhere. The image's rotation shows the posture,
     once the camera's angle has been learned.
 
     Raises
@@ -285,7 +285,7 @@ def require_known_posture(found: Look, equipment: Equipment) -> None:
 
 
 def require_away_from_pole(found: Look, policy: CenteringPolicy, *, device: str) -> None:
-    """Refuse to sync where a frame doesn't tell the hour angle: it would put that of the whole sky wrong.
+    """Refuse to sync where a frame doesn't show the hour angle: it would put that of the whole sky wrong.
 
     Raises
     ------
@@ -348,7 +348,7 @@ def require_rightly_set(found: Look, mount: CheckedMount, *, device: str) -> Non
     if turned_deg is None:
         return
     off_deg = half_turn_deg(found.seen.ra_deg - found.believed.ra_deg)
-    # its pole tells nothing of the hour angle
+    # near the pole a place says nothing of the hour angle
     tells = 90.0 - abs(found.seen.dec_deg) > AWAY_DEG
     if abs(turned_deg) < TURNED_DEG or abs(off_deg) <= abs(off_deg - turned_deg) or not tells:
         if tells:

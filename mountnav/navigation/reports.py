@@ -39,7 +39,7 @@ __all__ = [
 
 
 OUTSIDE = "a camera from outside"
-"""Name of the camera of a frame from outside that tells none."""
+"""Name of the camera of a frame from outside that names none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class CameraIdentity:
     width_px, height_px : int
         Of its frames; a region read out alone is another camera, since its middle is another place.
     binning : str
-        As "2x2"; empty where the header doesn't tell.
+        As "2x2"; empty where the header doesn't say.
     """
 
     name: str
@@ -125,7 +125,7 @@ class Try:
     after_arcsec : float or None
         The error that the next look found; None when there was none.
     expected_arcsec : float or None
-        How far off the tube was expected to look in this look, one sigma; None if nobody could tell.
+        How far off the tube was expected to look in this look, one sigma; None if that wasn't known.
     sigma_arcsec : float
         Of `error_arcsec`: the solve's, and what the mount moved during the exposure.
     correction : Correction
@@ -320,7 +320,7 @@ class SyncReport:
 
 @dataclass(frozen=True, slots=True)
 class CoordinateSyncReport:
-    """A sync on told coordinates.
+    """A sync on given coordinates.
 
     Attributes
     ----------
@@ -344,12 +344,12 @@ class CoordinateSyncReport:
 
 @dataclass(frozen=True, slots=True)
 class RecoverReport:
-    """A lost mount told where it points, by two frames that agree.
+    """A lost mount synced by two frames that agree.
 
     Attributes
     ----------
     outcome : SyncOutcome
-        `SEEN` or `LATE`; `IGNORED` or `ELSEWHERE` of a mount that takes no syncs as told: its position counts
+        `SEEN` or `LATE`; `IGNORED` or `ELSEWHERE` of a mount that takes no syncs as sent: its position counts
         all the same, since looks have shown how far it is off. Every other end is an error.
     first, second : Look
         The first look, and the one that confirmed it and was synced on, or by which its position counts.
@@ -379,7 +379,7 @@ class RecoverReport:
 
 @dataclass(frozen=True, slots=True)
 class FirstLightReport:
-    """A telescope that was set up by eye, told where it points, and its camera learned.
+    """A telescope that was set up by eye, synced, and its camera learned.
 
     Attributes
     ----------
@@ -442,7 +442,7 @@ class Corrected:
         What was done in the end.
     outcome : str
     moved_arcsec : float
-        How far the mount was sent from where it was; 0 when it was only told where it points.
+        How far the mount was sent from where it was; 0 when it was only synced.
     moved : Offset or None
         How far the tube was to move by that; None when nothing was slewed.
     report : SyncReport or SlewReport or None

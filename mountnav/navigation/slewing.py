@@ -1,6 +1,6 @@
 """Slews of a navigator: target and aim are checked, the end is named, and a change of sides is noticed.
 
-On which side of the pier the tube hangs is told by the mount and by the solved rotation.
+On which side of the pier the tube hangs is known from the mount and from the solved rotation.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def _words(limit: LimitKind, after_s: float, alt_deg: float) -> str:
 
 
 PLANNED_ANEW = 2
-"""So often a slew that took another way is planned anew: for its side of the pier, and for its rates."""
+"""So often a slew that took another way is planned again: for its side of the pier, and for its rates."""
 
 
 class Slewing:
@@ -182,7 +182,7 @@ class Slewing:
         return report
 
     async def _sent(self, aim: Icrs) -> SlewOutcome:
-        """Send it; anew, planned from where it stands, if it took another way and was stopped."""
+        """Send it; again, planned from where it stands, if it took another way and was stopped."""
         mount, clock = self._equipment.mount, self._equipment.clock
         for _ in range(PLANNED_ANEW):
             try:
@@ -227,7 +227,7 @@ class Slewing:
             return target
 
     def expected(self, target: Icrs, side: PierSide) -> Expected | None:
-        """How far off the tube may look at `target`; None where the model can't tell."""
+        """How far off the tube may look at `target`; None where the model can't say."""
         equipment = self._equipment
         try:
             return equipment.pointing.expected(target, equipment.clock.utc(), side)

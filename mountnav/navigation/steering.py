@@ -75,7 +75,7 @@ class Steering:
     ----------
     target : Icrs
     noise_arcsec : float
-        Below this nothing is told from a step: the mount's resolution, and what looks scatter.
+        Below this a step shows nothing: the mount's resolution, and what looks scatter.
     """
 
     polar = False
@@ -86,7 +86,7 @@ class Steering:
         self._last: Sighting | None = None
 
     def sighted(self, sighting: Sighting, utc: datetime) -> Followed:
-        """Take in a look of that instant; tell whether the tube followed the correction before it."""
+        """Take in a look of that instant; whether the tube followed the correction before it."""
         before, self._last = self._last, sighting
         if before is None:
             return Followed.FIRST
@@ -149,7 +149,7 @@ POLAR_DEC_DEG = 87.0
 """From here on steps are taken in the plane about the pole."""
 
 ENOUGH_LOOKS = 3
-"""So many looks tell the geometry."""
+"""So many looks determine the geometry."""
 _LIKELY_ARCSEC = 900.0
 """How large pole errors, zero points and cone errors are before anything is seen, ″, one sigma: the prior of
 the fit, weak beside looks that are good to some seconds. Chosen by hand. Doubled, it is weaker still."""

@@ -76,7 +76,7 @@ class GuardedSync:
     learned : Learned
         Of the camera.
     pointing : Pointing
-        The model in force; told of each new segment and of each look that nothing stands against.
+        The model in force; it gets each new segment and each look that nothing stands against.
     journal : Journal, optional
     clock : Clock, optional
     listen : callable, optional
@@ -85,7 +85,7 @@ class GuardedSync:
     Attributes
     ----------
     synced : Look or None
-        The look that the mount was last told to sync on, whatever came of it.
+        The look that the mount was last synced on, whatever came of it.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class GuardedSync:
         self._offset_night: str | None = None
         self.synced: Look | None = None
         self.coordinate_syncs = CoordinateSyncs(self._judge, self._note, self._listen)
-        """Syncs on told coordinates, of whatever face."""
+        """Syncs on given coordinates, by whatever face."""
         mount.listen(self._mount_said)
         mount.on_segment(self._new_segment)
 
@@ -160,7 +160,7 @@ class GuardedSync:
         self._judge.note_move(utc)
 
     def side_seen(self, found: Look) -> PierSide:
-        """On which side of the pier the tube hangs, by the solved rotation; unknown if that can't tell."""
+        """On which side of the pier the tube hangs, by the solved rotation; unknown if it can't say."""
         return self._judge.learned_of(found).side_seen(self._judge.sample(found))
 
     def restore(self, entries: Iterable[Entry]) -> None:
@@ -218,7 +218,7 @@ class GuardedSync:
             self.coordinate_syncs.looked(found)
         astray = against & {SyncDoubt.NOT_EXPECTED, SyncDoubt.TOO_FAR}
         if not context.trusted:
-            # what it believes says nothing, and a recovery begins anew
+            # what it believes says nothing, and a recovery begins from nothing
             self._surprising.forget()
         elif astray and against == astray:
             expected = Offset(0.0, 0.0) if context.expected is None else context.expected.offset
@@ -368,7 +368,7 @@ class GuardedSync:
             return SyncReport(sent.outcome, found, sent.place, sent.miss_arcsec)
 
     async def _seen_after(self, found: Look, before: MountReading, look_again: LookAgain) -> Look | None:
-        """Look where the tube points after a sync that went elsewhere; None if that tells nothing."""
+        """Look where the tube points after a sync that went elsewhere; None if that shows nothing."""
         kill_point("sync transaction: to be seen by the sky")
         try:
             again = await look_again()

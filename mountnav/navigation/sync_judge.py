@@ -96,7 +96,7 @@ class Judge:
     clock : Clock
     counts : SyncCounts
     moved_utc : datetime or None
-        End of the last order that moved the mount, as far as it was told and the mount doesn't know itself.
+        End of the last order that moved the mount, as far as the mount doesn't know it itself.
     camera : str
         Whose `learned` is: the one that looks; empty until a frame has shown it.
     others : dict of str to Learned
@@ -148,7 +148,7 @@ class Judge:
         self.moved_utc = utc if self.moved_utc is None else max(utc, self.moved_utc)
 
     def sample(self, found: Look, *, lost: bool = False) -> CameraSample:
-        """What a look tells of the camera."""
+        """What a look shows of the camera."""
         return camera_sample(found, self.site, self.air, self.learned.rules.mounting, lost=lost)
 
     def context(self, found: Look, trigger: SyncTrigger, target: str | None = None) -> SyncContext:

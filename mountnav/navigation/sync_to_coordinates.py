@@ -1,4 +1,4 @@
-"""A sync on told coordinates: somebody says where the telescope points, and nobody has looked.
+"""A sync on given coordinates: a person or program says where the telescope points, and nobody has looked.
 
 A planetarium's sync, mostly, by whatever face. Words are believed within the bounds of a solved sync: the
 mount's own position counts, it follows the sky, the place stands well, the sky isn't turned more than a look
@@ -116,7 +116,7 @@ class CoordinateSyncTotals:
 
 @dataclass(slots=True)
 class CoordinateSyncs:
-    """The told syncs of one telescope, of all faces.
+    """The syncs on given coordinates of one telescope, by all faces.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ class CoordinateSyncs:
     _sending: bool = False
 
     async def sync_to(self, place: Icrs) -> CoordinateSyncReport:
-        """Tell the mount that it points at `place`, as somebody said, and read it back.
+        """Sync the mount to `place`, which nobody has seen, and read it back.
 
         Raises
         ------
@@ -251,7 +251,7 @@ class CoordinateSyncs:
         )
 
     def restore(self, facts: Mapping[str, Any]) -> None:
-        """Take over what a row of the journal tells of the words of its night; an older one tells none."""
+        """Take over the totals of its night from a row of the journal; an older row has none."""
         seen, since = facts.get("since_seen"), facts.get("words")
         if not isinstance(since, Mapping):
             return
@@ -323,7 +323,7 @@ class CoordinateSyncs:
         )
 
     def doubts(self, before: MountReading, claim: Claim) -> Vetoes:
-        """All that stands against a told place; nothing that is no number passes."""
+        """All that stands against a given place; nothing that is no number passes."""
         judge = self.judge
         policy = judge.policy
         night = self._night()
@@ -362,7 +362,7 @@ class CoordinateSyncs:
         return doubts
 
     def _without_words(self, claim: Claim) -> Icrs:
-        """Where the mount would believe itself if nobody had told it anything since that was proven."""
+        """Where the mount would believe itself without the syncs on coordinates since it was proven."""
         judge, words = self.judge, self.totals
         if not words.count:
             return claim.believed

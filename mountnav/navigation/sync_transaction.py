@@ -533,7 +533,7 @@ def end_of(error: BaseException) -> SyncEnd:
 
 
 class TookElsewhere(SyncElsewhere):
-    """The mount took another place than it was told, and counts all the same: a look has shown which.
+    """The mount took another place than it was sent, and counts all the same: a look has shown which.
 
     Attributes
     ----------

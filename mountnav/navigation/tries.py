@@ -91,7 +91,7 @@ class Tries:
         )
 
     def seen_again(self, found: Look, error: Offset) -> None:
-        """The latest look was taken anew at the same place, and is what counts."""
+        """The latest look was taken again at the same place, and is what counts."""
         self.all[-1] = replace(
             self.all[-1],
             seen=found.seen,
@@ -115,7 +115,7 @@ class Tries:
         slewed: bool,
         sync_outcome: SyncOutcome | None = None,
     ) -> None:
-        """The try is over: tell it."""
+        """The try is over: report it."""
         self.all[-1] = replace(
             self.all[-1],
             synced=correction is Correction.SYNC,
@@ -168,7 +168,7 @@ def try_facts(one: Try) -> dict[str, object]:
 
 
 DOUBTFUL_LOOKS = 2
-"""So many looks in a row may be doubted, and taken anew, before a centering ends."""
+"""So many looks in a row may be doubted, and taken again, before a centering ends."""
 _ADVICE = (
     "nothing was moved or synced by it; look again; if the mount is really that far off, as after it was set "
     "up anew, order first light"

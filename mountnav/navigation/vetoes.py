@@ -114,7 +114,7 @@ class Counts:
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """Where the tube is said to point, by a frame or by words, and where the mount believes it.
+    """Where the tube points by a frame or by given coordinates, and where the mount believes it.
 
     Attributes
     ----------
@@ -391,7 +391,7 @@ class ConfirmingLooks:
         self._looks.append(found)
 
     def forget(self) -> None:
-        """Begin anew: the zero points are others."""
+        """Forget all: the zero points are others."""
         self._looks.clear()
 
     def for_look(self, found: Look, policy: SyncPolicy, resolution_arcsec: float) -> Look | None:
@@ -407,7 +407,7 @@ class ConfirmingLooks:
 
 
 def to_be_confirmed(found: Look, policy: SyncPolicy, context: SyncContext, rotation_judged: bool) -> bool:
-    """Whether a look needs a second one: it is far off, and what is known can't tell whether it may be.
+    """Whether a look needs a second one: it is far off, and what is known doesn't say whether it may be.
 
     Parameters
     ----------
@@ -458,7 +458,7 @@ class SurprisingLooks:
         self._surprises: list[tuple[str, float, float]] = []
 
     def forget(self) -> None:
-        """Begin anew: a look was as expected, or the zero points are others."""
+        """Forget all: a look was as expected, or the zero points are others."""
         self._surprises = []
 
     def agree(self, found: Look, expected: Offset, floor_arcsec: float) -> bool:

@@ -173,7 +173,7 @@ class Tick:
 
 
 class Word(StrEnum):
-    """What is said to a night, by people, schedulers and sensors."""
+    """What people, schedulers and sensors report to a night, or order."""
 
     START = "start"
     STOP = "stop"
@@ -224,7 +224,7 @@ class FrameSeen:
         Now.
     frame_id : str
     mid_utc, begun_utc : datetime or None
-        Of the exposure; None where the frame doesn't tell.
+        Of the exposure; None where the frame doesn't say.
     arrived_utc : datetime
     held : bool
         The sender waits for the answer and exposes nothing meanwhile.
@@ -233,9 +233,9 @@ class FrameSeen:
         Identified fully, not by its shift.
     plate : PlateSeen or None
     error : Offset or None
-        Seen minus believed, or minus the target where the sender told one; None if it isn't known.
+        Seen minus believed, or minus the target where the sender gave one; None if it isn't known.
     of_target : bool
-        `error` is against a target that the sender told.
+        `error` is against a target that the sender gave.
     sigma_arcsec : float
         One-sigma of it per coordinate.
     doubts : tuple of str
@@ -310,7 +310,7 @@ class Act(StrEnum):
 
 
 class Why(StrEnum):
-    """For what reason; of `LEAVE` each tells what stands against a correction."""
+    """For what reason; of `LEAVE` each says what stands against a correction."""
 
     DARK = "it is dark"
     DAYLIGHT = "daylight"

@@ -23,7 +23,7 @@ restart must not decide on one of the last frames again. Doubled, each row of a 
 STATE = "state"
 FRAME = "frame_id"
 PARK_OVER = "park over"
-"""Stands as the act of a row that tells how a park ended."""
+"""The act of a row that says how a park ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class OwedPark:
         """What is owed after another decision.
 
         One that takes the reason away ends it, and one that says that somebody has taken over. A park for
-        rain that is owed already stays one: the morning's would wait for whoever works.
+        a park for rain stays one: the morning's would wait for those who work.
         """
         for_rain = self.decision.why is Why.UNSAFE
         if decision.act is Act.PARK:
@@ -60,7 +60,7 @@ class Remembered:
     Attributes
     ----------
     state : NightState or None
-        As of the last row that tells it.
+        As of the last row that has it.
     frame_ids : tuple of str
         Frames that were looked at, oldest first.
     owed : OwedPark or None
@@ -191,7 +191,7 @@ def state_with(record: Mapping[str, Any], applied: Offset) -> NightState:
 def _unsafe(record: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
     if "unsafe" in record:
         return tuple((str(by), str(why)) for by, why in record["unsafe"])
-    # until 2026-11 it was not written down who said so
+    # until 2026-11 it was not written down who reported it
     return (("", str(record["unsafe_why"])),) if str(Hold.UNSAFE) in record["holds"] else ()
 
 

@@ -36,7 +36,7 @@ FIELDS_KEPT = 4
 """So many fields are remembered, each with the follower of its stars. Chosen by hand: a night goes to and fro
 between a few. Halved, a scheduler with three targets in turn has each frame identified fully."""
 FRAMES_PER_FOLLOWER = 100
-"""Then the field is identified fully anew, and what was remembered of it is let go: memory doesn't grow."""
+"""Then the field is identified fully again, and what was remembered of it is let go: memory doesn't grow."""
 UNKNOWN_FIELD_DEG = 0.5
 """Radius that a field is taken to have before a frame of it was identified, °. Chosen by hand. Doubled,
 neighbor targets up to 1° apart are taken for one field until then."""
@@ -247,7 +247,7 @@ class Seen:
     looked: FrameLooked
 
     def event(self, arrived: Arrived, utc: datetime, *, moving: bool, segment: str) -> FrameSeen:
-        """What the rules are told at `utc`.
+        """What the rules are given at `utc`.
 
         Parameters
         ----------

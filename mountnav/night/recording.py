@@ -141,7 +141,7 @@ class RecordedJournal:
 
     @property
     def problem(self) -> str | None:
-        """Why the journal can't be written just now; None when all is well, or where it doesn't tell."""
+        """Why the journal can't be written just now; None when all is well, or where it doesn't say."""
         told: str | None = getattr(self._journal, "problem", None)
         return told
 
@@ -381,7 +381,7 @@ def read_recording(path: Path) -> Recording:
 
 
 class _Facts(dict[str, Any]):
-    """What a line tells; a field that it doesn't have is told with its place."""
+    """The facts of a line; a missing field is reported with its place."""
 
     where = file = ""
 

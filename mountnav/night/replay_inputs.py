@@ -214,7 +214,7 @@ class Beliefs:
         return self._now
 
     def of(self, meanwhile: Meanwhile) -> Meanwhile:
-        """What the mount would have said round a frame."""
+        """What the mount's readings round a frame would have been."""
         around = meanwhile.around
         if not self._changes or around is None:
             return meanwhile

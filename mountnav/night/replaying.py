@@ -42,7 +42,7 @@ __all__ = ["Judgement", "Replay", "ReplayReport", "Row", "paired"]
 SAME_ARCSEC = 0.01
 """Errors that differ by less are the same: the numbers go through a file, and are added up once more."""
 SAME_ANEW_ARCSEC = 1.0
-"""The same where the frame was identified anew, perhaps by another version."""
+"""The same where the frame was identified again, perhaps by another version."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ class Judgement:
     then, now : Decision or None
     ended_then, ended_now : CorrectionEnded or None
     anew : bool
-        Whether the frame was identified anew.
+        Whether the frame was identified again.
     """
 
     utc: datetime
@@ -112,7 +112,7 @@ class Judgement:
             if max(east, north) > (SAME_ANEW_ARCSEC if self.anew else SAME_ARCSEC):
                 return False
         if self.ended_then is None or self.ended_now is None:
-            # a recording that ends before the correction did can't tell
+            # a recording that ends before the correction did doesn't show it
             return self.ended_then is None
         return (self.ended_then.outcome, self.ended_then.doubts) == (
             self.ended_now.outcome,
@@ -164,7 +164,7 @@ class ReplayReport:
         Recorded decisions whose values are not all in the recording.
     frames : int
     solved_anew : int
-        Frames that were identified anew from their files.
+        Frames that were identified again from their files.
     missing : tuple of str
         Files that are gone or changed: their recorded solutions were taken.
     after_missing : int
@@ -212,7 +212,7 @@ class Replay:
         Whether rules or policy are others than the recorded ones: then what was remembered of the night is
         the replay's own.
     anew : callable or None
-        Makes who identifies frames anew; one for each run of the service.
+        Makes what identifies frames again; one for each run of the service.
     read : callable
         Reads a frame's file if it is still what it was; None if it is not.
     speed : float
@@ -330,7 +330,7 @@ class Replay:
     # -- frames -------------------------------------------------------------------------------------------
 
     async def _frame(self, line: Line) -> None:
-        """What the rules are to be told of a frame, made anew of what was known of it."""
+        """What the rules are given of a frame, made again of what was known of it."""
         facts = line.facts
         arrived = _arrived(facts["arrived"])
         self._count += 1
@@ -472,7 +472,7 @@ class Replay:
         return self._done(event.utc, frame_id)
 
     def _doubts(self, frame_id: str, judged: Judged) -> tuple[SyncDoubt, ...]:
-        """What stands against a correction, judged anew by what it was judged by."""
+        """What stands against a correction, judged again by the same values."""
         look = self._look(frame_id)
         if look is None:
             return judged.doubts

@@ -381,7 +381,7 @@ class NightSession:
         return answer
 
     async def _seen(self, frame: Frame, inputs: dict[str, object]) -> Seen:
-        """Identify and compare; `inputs` is told all that this goes by, as far as it came."""
+        """Identify and compare; `inputs` gets all that this goes by, as far as it came."""
         fully = self._state.phase is Phase.CALIBRATING
         middle = frame.mid_exposure_utc
         near = None if middle is None else self._telescope.believed(middle)
@@ -415,7 +415,7 @@ class NightSession:
     # -- corrections --------------------------------------------------------------------------------------
 
     async def _correct(self, look: Look, decision: Decision, told_target: Icrs | None, field: str) -> str:
-        """Carry a correction out; whatever happens, its end is told to the rules."""
+        """Carry a correction out; whatever happens, its end goes to the rules."""
         by = cast("By", self.rules.correct_by)  # "nothing" is never decided
         wanted = told_target
         if by != "sync" and wanted is None and decision.error is not None:
@@ -466,7 +466,7 @@ class NightSession:
         self._notes.decided_now(decision, self._state, ended=outcome)
 
     async def _halt(self) -> None:
-        """End the correction under way; what it moved is stopped by whoever moves it."""
+        """End the correction under way; what it moved is stopped by the order that moves it."""
         task = self._correcting
         if task is None:
             return
@@ -484,8 +484,8 @@ class NightSession:
             for decision in decisions:
                 self._last = decision
                 self._parking.decided(decision)
-                # told and begun to be written in their order; only a correction waits until that is done: a
-                # journal that hangs must not leave the telescope in the rain
+                # reported and begun to be written in their order; only a correction waits until that is
+                # done: a journal that hangs must not leave the telescope in the rain
                 writing.append(waited_for(self._notes.decided(decision, state)))
                 await asyncio.sleep(0)
                 if decision.act is Act.CORRECT and not await writing[-1]:
