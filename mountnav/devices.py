@@ -146,7 +146,6 @@ class SyncResult:
 
     Attributes
     ----------
-    outcome : SyncOutcome
     read_back : MountReading
         The last one.
     miss_arcsec : float
@@ -364,7 +363,6 @@ class SyncLaw:
 
         Parameters
         ----------
-        way_arcsec : float
         resolution_arcsec : float
             The mount's step.
         most_arcsec : float
@@ -384,7 +382,6 @@ class SyncLaw:
         ----------
         before : MountReading
             The last one before the sync.
-        after : MountReading
         """
         moved = moved_arcsec(before, after) > _STEPS * self.resolution_arcsec + FREE_ARCSEC
         return SyncOutcome.ELSEWHERE if moved else SyncOutcome.IGNORED

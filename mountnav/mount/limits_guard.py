@@ -81,8 +81,6 @@ class LimitsGuard:
 
     Parameters
     ----------
-    limits : Limits
-    site, air : Site, Air
     mounting : {"german", "fork", "altaz"} or None
     proof : SideProof, optional
         Of the side that the mount reports.
@@ -132,7 +130,7 @@ class LimitsGuard:
         self._followed.seen(reading.utc, self._standings(reading, "german"), told_anew=anew)
 
     def told_anew(self, utc: datetime) -> None:
-        """A sync goes out: soon after, until it is slewed, its place may change without a motion of its axes."""
+        """A sync goes out: soon after, until a slew, its place may change without a motion of its axes."""
         self._told_anew_utc = utc
 
     def stood(self, reading: MountReading) -> bool:
@@ -195,9 +193,6 @@ class LimitsGuard:
 
         Parameters
         ----------
-        reading : MountReading
-        target : Icrs
-        utc : datetime
         destination : PierSide or None
             On which side the mount says that it would look at the target.
         foretold : callable, optional
@@ -408,7 +403,6 @@ class LimitsGuard:
 
         Parameters
         ----------
-        reading : MountReading
         passing : bool
             Whether it is on its way: what holds for standing only is left out.
         """

@@ -43,11 +43,6 @@ class CheckedMount:
     ----------
     mount : Mount
         The driver. It must not be used by anybody else from now on.
-    telescope : str
-    limits : Limits
-    site, air : Site, Air
-    journal : Journal, optional
-    clock : Clock, optional
     mounting : {"german", "fork", "altaz"}, optional
         None: not known.
     """
@@ -269,7 +264,6 @@ class CheckedMount:
         off_deg : float
             All limits are kept away from as far as that, if it is more than their margin, until a new segment
             begins.
-        why : str
         """
         self._state.trust(why)
         self._off_deg = off_deg
@@ -316,7 +310,6 @@ class CheckedMount:
 
         Parameters
         ----------
-        reading : MountReading
         within_s : float
             How far ahead is looked.
         """
@@ -427,7 +420,6 @@ class CheckedMount:
 
         Parameters
         ----------
-        place : Apparent or Icrs
         after_stop : bool
             As if what runs now had been stopped: it is no reason then.
 

@@ -24,7 +24,6 @@ class Segments:
 
     Attributes
     ----------
-    segment_id : str
     side_of_last_sync : PierSide or None
         On which the tube hung when this segment's zero points were synced; None if they weren't.
     side : PierSide or None
@@ -46,7 +45,6 @@ class Segments:
 
         Parameters
         ----------
-        why : str
         synced_on : PierSide, optional
             On which side the tube hung, if it was a sync.
 
@@ -92,12 +90,9 @@ class MountState:
     ----------
     mount : Mount
         Read, and listened to if it announces anything.
-    book : OrderBook
-    clock : Clock
 
     Attributes
     ----------
-    segments : Segments
     last_motion_utc : datetime or None
         End of the last order that moved the mount or gave it other zero points, or may have.
     """

@@ -47,7 +47,6 @@ class OrderRow:
 
     Attributes
     ----------
-    record : CommandRecord
     sent : bool
         Whether it may have gone over the wire.
     facts : dict
@@ -60,14 +59,7 @@ class OrderRow:
 
 
 class OrderBook:
-    """Writes the orders of one mount.
-
-    Parameters
-    ----------
-    journal : Journal
-    clock : Clock
-    telescope : str
-    """
+    """Writes the orders of one mount."""
 
     def __init__(self, journal: Journal, clock: Clock, telescope: str) -> None:
         self._journal = journal
@@ -225,7 +217,6 @@ def outcome_of(error: BaseException, *, on_wire: bool) -> Outcome:
 
     Parameters
     ----------
-    error : BaseException
     on_wire : bool
         Whether anything went over the wire since the order was given to the driver, as far as is known.
     """

@@ -43,11 +43,8 @@ class SlewPlanner:
     ----------
     mount : Mount
         Only asked on which side of the pier it would end.
-    guard : LimitsGuard
     sender : Sender
         Writes refusals down.
-    book : OrderBook
-    clock : Clock
     """
 
     def __init__(
@@ -168,15 +165,8 @@ class MotionOrders:
 
     Parameters
     ----------
-    mount : Mount
-    guard : LimitsGuard
-    state : MountState
-    sender : Sender
-    admission : Admission
-    plans : SlewPlanner
     watch : TrackingWatch
         Follows each motion, and ends it where it leaves the limits.
-    clock : Clock
     """
 
     def __init__(
@@ -334,17 +324,7 @@ class MotionOrders:
 
 
 class BriefOrders:
-    """Gives one mount the orders that nobody has to follow on their way.
-
-    Parameters
-    ----------
-    mount : Mount
-    guard : LimitsGuard
-    sender : Sender
-    admission : Admission
-    watch : TrackingWatch
-    clock : Clock
-    """
+    """Gives one mount the orders that nobody has to follow on their way."""
 
     def __init__(
         self,
@@ -375,7 +355,6 @@ class BriefOrders:
 
         Parameters
         ----------
-        order : str
         send : callable
             Gives it to the driver.
         facts : mapping, optional
@@ -429,17 +408,7 @@ _SYNC_OUTCOMES = {
 
 
 class SyncOrders:
-    """Syncs one mount.
-
-    Parameters
-    ----------
-    mount : Mount
-    guard : LimitsGuard
-    state : MountState
-    sender : Sender
-    admission : Admission
-    clock : Clock
-    """
+    """Syncs one mount."""
 
     def __init__(
         self,

@@ -72,8 +72,6 @@ class SideProof:
 
     Attributes
     ----------
-    stated : bool
-    proven : bool
     wrong : bool
         It foretells the sides the wrong way round.
     """
@@ -261,7 +259,6 @@ class SideFollowed:
 
         Parameters
         ----------
-        utc : datetime
         stands : dict of PierSide to Standing
             How it would stand on each side.
         told_anew : bool
@@ -378,7 +375,6 @@ class SidesKept:
 
         Parameters
         ----------
-        check : SlewCheck
         stands : sequence of Standing
             How it may stand on its way.
         began : PierSide or None

@@ -45,12 +45,8 @@ class OrderResult:
 
     Attributes
     ----------
-    outcome : Outcome
-    detail : str
     after : MountReading or None
         The mount's, if its answer held one.
-    miss_arcsec : float or None
-    facts : mapping
     new_segment : str
         Why a new segment begins; empty if none does.
     synced_on : PierSide or None
@@ -73,8 +69,6 @@ class Sender:
     ----------
     mount : Mount
         Only asked for its wire log and its slew's state.
-    book : OrderBook
-    state : MountState
 
     Attributes
     ----------
@@ -128,7 +122,6 @@ class Sender:
 
         Parameters
         ----------
-        order : str
         send : callable
             Gives it to the driver.
         came : callable
@@ -243,11 +236,8 @@ class Admission:
     ----------
     mount : Mount
         Only asked for its name and its skills.
-    guard : LimitsGuard
-    state : MountState
     sender : Sender
         Writes refusals down.
-    clock : Clock
     agreement : SiteTimeAgreement
         Of mount and settings: nothing is slewed without.
 

@@ -72,10 +72,6 @@ class LimitStop:
 
     Parameters
     ----------
-    mount : Watched
-    guard : LimitsGuard
-    book : OrderBook
-    clock : Clock
     tell : callable
         Told ``limit-stop``, ``limit-stop-failed``.
     under_way : callable
@@ -117,7 +113,6 @@ class LimitStop:
         ----------
         reading : MountReading
             That showed it.
-        limit : LimitKind
         what : str
             Why, in words.
         motion : bool
@@ -262,7 +257,6 @@ class Following:
 
     Attributes
     ----------
-    order : str
     check : SlewCheck or None
         The ways that were checked, if any were.
     left : OutsideLimits or None
@@ -288,10 +282,6 @@ class TrackingWatch:
 
     Parameters
     ----------
-    mount : Watched
-    guard : LimitsGuard
-    book : OrderBook
-    clock : Clock
     tell : callable
         Told ``limit-near`` (limit, seconds left), ``limit-stop``, ``limit-stop-failed``.
     """

@@ -54,8 +54,6 @@ class LastSeen:
     ----------
     place : Icrs or None
         Where it believed to point; None if it was never read.
-    utc : datetime
-    tracking : bool or None
     trusted : bool
         Whether that counted.
     why : str
@@ -107,8 +105,6 @@ def strayed_deg(last: LastSeen, now: MountReading, site: Site, air: Air) -> floa
     ----------
     last : LastSeen
         With a place.
-    now : MountReading
-    site, air : Site, Air
 
     Returns
     -------
@@ -139,11 +135,8 @@ def why_not_to_trust(
 
     Parameters
     ----------
-    last : LastSeen
     in_flight : sequence of CommandRecord
         What was begun and never closed.
-    now : MountReading
-    site, air : Site, Air
     """
     when = f"{last.utc:%Y-%m-%d %H:%M:%S} UTC"
     if not last.trusted:
@@ -172,15 +165,7 @@ def _explains(command: CommandRecord, now: MountReading) -> bool:
 
 
 class PositionMemory:
-    """Writes down where one mount stands and whether that counts, from the moment it was taken up on.
-
-    Parameters
-    ----------
-    state : MountState
-    guard : LimitsGuard
-    book : OrderBook
-    clock : Clock
-    """
+    """Writes down where one mount stands and whether that counts, from the moment it was taken up on."""
 
     def __init__(self, state: MountState, guard: LimitsGuard, book: OrderBook, clock: Clock) -> None:
         self._state = state
@@ -202,8 +187,6 @@ class PositionMemory:
         ----------
         last : LastSeen or None
             None: nothing is known of it, and its own word counts as the settings say.
-        in_flight : sequence of CommandRecord
-        now : MountReading
 
         Returns
         -------
@@ -298,7 +281,6 @@ class Difference:
 
     Attributes
     ----------
-    latitude_deg, longitude_deg : float or None
     clock_deg : float or None
         As a turn of the sky: 15° an hour.
     """
@@ -376,7 +358,6 @@ class SiteTimeAgreement:
         Its ``report`` is what connecting has found; one that has none contradicts nothing.
     state : MountState
         Tells of the link, and those who listen.
-    book : OrderBook
     guard : LimitsGuard
         Only asked for the Sun.
     """

@@ -58,10 +58,6 @@ class CameraSample:
 
     Attributes
     ----------
-    look_id : str
-    utc : datetime
-    scale_arcsec_px : float
-    parity : int
     axis_angle_deg : float
         Position angle of the image's +y axis from the mount's own north (an alt-azimuth mount's zenith).
     cos_latitude : float
@@ -89,9 +85,6 @@ def camera_sample(
 
     Parameters
     ----------
-    found : Look
-    site : Site
-    air : Air
     mounting : {"german", "fork", "altaz"} or None
     lost : bool
         The mount doesn't know where it points: its belief is left out.
@@ -130,12 +123,8 @@ def axis_angle_deg(
 
     Parameters
     ----------
-    seen, believed : Icrs
     rotation_deg : float
         Position angle of +y at `seen`, from the ICRS north through east.
-    utc : datetime
-    site : Site
-    air : Air
     mounting : {"german", "fork", "altaz"} or None
         Anything but "altaz" turns about a polar axis.
 
@@ -308,15 +297,12 @@ class Normal:
     ----------
     solves : int
         How many agree.
-    scale_arcsec_px, scale_sigma_arcsec_px : float
-    parity : int
     camera_angle_deg, camera_angle_sigma_deg : float or None
         Of the image's +y axis, in the posture that looks west (ASCOM's east); None until enough agree.
     modulo_deg : float
         360; 180 if the mount doesn't report its side, and so the angle is known but for half a turn.
     by_side : mapping of PierSide to float
         The same angle, from the solves of either side of the pier.
-    distortion_px2, distortion_sigma_px2 : float or None
     """
 
     solves: int

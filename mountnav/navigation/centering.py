@@ -67,8 +67,6 @@ def shows_rest(found: Look, tolerance_arcsec: float, exposure_s: float) -> bool:
 
     Parameters
     ----------
-    found : Look
-    tolerance_arcsec : float
     exposure_s : float
         As it is usual: a shorter one was tried since the stars were drawn out.
     """
@@ -120,7 +118,6 @@ def agree(first: Look, again: Look, tolerance_arcsec: float) -> bool:
     ----------
     first, again : Look
         One after the other, with no slew between.
-    tolerance_arcsec : float
     """
     trail_arcsec = _trail_arcsec(again)
     if trail_arcsec is not None and trail_arcsec > tolerance_arcsec:
@@ -145,10 +142,6 @@ class Centering:
 
     Parameters
     ----------
-    equipment : Equipment
-    slewing : Slewing
-    target : Icrs
-    policy : CenteringPolicy
     recover : callable
         Finds out where an untrusted mount points.
     planned_s : float, optional
@@ -158,8 +151,6 @@ class Centering:
 
     Attributes
     ----------
-    target : Icrs
-    tries : Tries
     notes : list of str
         What an operator should know of it, in words with numbers.
     """
@@ -426,10 +417,6 @@ async def center_in_time(
 
     Parameters
     ----------
-    equipment : Equipment
-    slewing : Slewing
-    target : Icrs
-    policy : CenteringPolicy
     halt : callable
         Stops the mount, when time has run out.
     planned_s : float or None

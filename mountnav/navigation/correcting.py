@@ -61,10 +61,6 @@ class Correcting:
 
     Parameters
     ----------
-    equipment : Equipment
-    slewing : Slewing
-    target : Icrs
-    policy : CenteringPolicy
     note : callable
         Told what an operator should know.
     key : str or None

@@ -39,10 +39,6 @@ class Solve(Protocol):
 def in_thread(catalog: Catalog) -> Solve:
     """Solve in a thread of this process, where there is no solver process.
 
-    Parameters
-    ----------
-    catalog : Catalog
-
     Returns
     -------
     Solve
@@ -64,17 +60,10 @@ class Equipment:
     ----------
     name : str
         The telescope's.
-    mount : CheckedMount
-    camera : Camera
-    solve : Solve
-    solving : SolveSettings
     policy : CenteringPolicy
         What navigation is allowed; an order may set some of it otherwise for itself.
-    clock : Clock
-    journal : Journal
     guard : GuardedSync
         Judges each look, and does the syncs.
-    readings : ReadingHistory
     listen : callable
         Told of each step; it never steers.
     apply_model : bool
@@ -154,14 +143,10 @@ def equip(
 
     Parameters
     ----------
-    name : str
     mount : Mount
         The driver; from now on only `Equipment.mount`, which checks and writes down each order, may be used.
-    camera : Camera
     catalog : Catalog
         For `solve`, where that is left out.
-    site, air : Site, Air
-    policy : CenteringPolicy
     listen : callable
         Told of each step; it never steers.
     solving : SolveSettings, optional
@@ -170,9 +155,6 @@ def equip(
         Who solves them; a thread of this process with the catalog if left out.
     limits : Limits, optional
         The policy's lowest altitude alone, if left out.
-    sync : SyncPolicy, optional
-    journal : Journal, optional
-    clock : Clock, optional
     pointing : Pointing, optional
         The pointing model in force.
     apply_model : bool

@@ -118,7 +118,6 @@ class CameraFrames:
 
         Parameters
         ----------
-        found : Look
         allowed_arcsec : float
             How far two frames of one place may be apart.
         resolution_arcsec : float

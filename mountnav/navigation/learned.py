@@ -53,7 +53,6 @@ class Lesson:
 
     Attributes
     ----------
-    kind : LessonKind
     words : str
         With the numbers; for a new normal, what changed.
     departures : mapping of SyncDoubt to str

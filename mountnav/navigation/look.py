@@ -69,14 +69,8 @@ def record_of(
 
     Parameters
     ----------
-    equipment : Equipment
-    look_id : str
     utc : datetime
         Mid-exposure; of the second reading where the frame has none.
-    before, after : MountReading
-    frame : Frame
-    exposure_s : float
-    used : str
     segment_id, model_id : str, str or None
         As they were when the frame was exposed.
     verdict : Verdict, optional
@@ -172,7 +166,6 @@ class LookOptions:
 
     Attributes
     ----------
-    exposure_s : float
     radius_deg : float
         How far from the mount's belief it is sought.
     blind : {"after", "only", "never"} or None
@@ -199,10 +192,6 @@ class LookResult:
 
     Attributes
     ----------
-    verdict : Verdict
-    believed : Icrs
-    width_px : int
-    look : Look or None
     doubt : str
         Why nothing may be done by the look before another one was taken, in words; empty if it is believed.
     """
@@ -221,15 +210,8 @@ async def expose_and_solve(
 
     Parameters
     ----------
-    equipment : Equipment
-    policy : CenteringPolicy
-    shot : LookOptions
     attempt : int
         For those who listen.
-
-    Returns
-    -------
-    Taken
 
     Raises
     ------

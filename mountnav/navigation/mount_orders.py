@@ -36,7 +36,6 @@ class MountOrders:
     ----------
     name : str
         The telescope's.
-    mount : CheckedMount
     camera : Camera
         Opened, closed and aborted with the mount.
     listen : callable

@@ -51,8 +51,6 @@ async def state_of(
 
     Parameters
     ----------
-    equipment : Equipment
-    activity : str
     connected : bool
         Whether its devices are open.
     problem : str or None
@@ -246,7 +244,6 @@ class Navigator(MountOrders):
 
         Parameters
         ----------
-        target : Icrs
         after_stop : bool
             As if what runs now had been stopped: it is no reason then.
 
@@ -282,7 +279,6 @@ class Navigator(MountOrders):
 
         Parameters
         ----------
-        target : Icrs
         tolerance_arcsec, max_tries, timeout_s, correct_by : optional
             Instead of the policy's.
         planned_s : float, optional

@@ -59,12 +59,8 @@ def compared(
 
     Parameters
     ----------
-    frame : Frame
-    verdict : Verdict
     middle : datetime
         Of its exposure.
-    meanwhile : Meanwhile
-    look_id : str
     """
     doubts: list[SyncDoubt] = []
     words: list[str] = []
@@ -117,11 +113,8 @@ async def compare_frame(
 
     Parameters
     ----------
-    equipment : Equipment
-    policy : CenteringPolicy
     frame : Frame
         Its time of exposure must be known.
-    verdict : Verdict
     used : str
         What it is for, as the journal keeps it.
 
@@ -212,8 +205,6 @@ async def correct(
 
     Parameters
     ----------
-    equipment, slewing : Equipment, Slewing
-    found : Look
     by : {"sync", "offset", "model"}
         "sync" goes by offset when the mount ignores, refuses or contradicts it and a target is given.
     target : Icrs or None
@@ -269,8 +260,6 @@ class Judged:
     Attributes
     ----------
     by : {"sync", "offset", "model"}
-    context : SyncContext
-    doubts : tuple of SyncDoubt
     """
 
     by: By

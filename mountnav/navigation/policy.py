@@ -176,7 +176,6 @@ def next_tactic(trouble: Trouble, used: Counter[Tactic], allowed: frozenset[Tact
         Of the latest frame.
     used : Counter of Tactic
         How often each was used in this look, whatever the trouble was then.
-    allowed : frozenset of Tactic
 
     Returns
     -------

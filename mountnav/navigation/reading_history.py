@@ -42,8 +42,6 @@ class Meanwhile:
         How far they may wander.
     moved_utc : datetime or None
         End of the mount's last order to move.
-    segment_id : str
-    model_id : str or None
     not_fresh : str
         Why the camera's frames before it don't prove that this one shows the sky of now; empty if they do.
     """

@@ -137,8 +137,6 @@ class RecoverySync:
         was sent since it took none in this night.
     look : Look
         The last one.
-    read_back : Icrs
-    miss_arcsec : float
     """
 
     outcome: SyncOutcome
@@ -158,13 +156,10 @@ async def sync_or_count_by_sight(
 
     Parameters
     ----------
-    equipment : Equipment
-    policy : CenteringPolicy
     found : Look
         Another one agrees with it, and the posture of a German mount is known.
     look : callable
         Takes another one.
-    trigger : SyncTrigger
 
     Raises
     ------
@@ -306,13 +301,6 @@ def require_away_from_pole(found: Look, policy: CenteringPolicy, *, device: str)
 
 def require_above_ground(found: Look, limits: Limits, site: Site, air: Air) -> float:
     """Refuse a solved place where no telescope at this site can point at this hour.
-
-    Parameters
-    ----------
-    found : Look
-    limits : Limits
-    site : Site
-    air : Air
 
     Returns
     -------

@@ -72,7 +72,6 @@ def camera_of(frame: Frame, asked: str | None = None) -> CameraIdentity:
 
     Parameters
     ----------
-    frame : Frame
     asked : str, optional
         Name of the camera that was asked for it; None: it came from outside.
     """
@@ -109,7 +108,6 @@ class Try:
 
     Attributes
     ----------
-    number : int
     seen : Icrs
         Where the tube looked.
     error_arcsec, east_arcsec, north_arcsec : float
@@ -120,22 +118,18 @@ class Try:
         Whether a sync was seen.
     sync_outcome : SyncOutcome or None
         None when no sync was sent.
-    slewed : bool
-    elapsed_s : float
     after_arcsec : float or None
         The error that the next look found; None when there was none.
     expected_arcsec : float or None
         How far off the tube was expected to look in this look, one sigma; None if that wasn't known.
     sigma_arcsec : float
         Of `error_arcsec`: the solve's, and what the mount moved during the exposure.
-    correction : Correction
     why : str
         What was decided, and by what numbers; for the last try, why it stopped.
     followed : str
         Whether the tube did what the try before asked.
     approached : bool
         Whether the slew ended with a leg from the fixed side.
-    look_id : str
     """
 
     number: int
@@ -162,14 +156,7 @@ class Try:
 
 @dataclass(frozen=True, slots=True)
 class Crossing:
-    """A limit that a target will reach while it is tracked.
-
-    Attributes
-    ----------
-    utc : datetime
-    limit : LimitKind
-    words : str
-    """
+    """A limit that a target will reach while it is tracked."""
 
     utc: datetime
     limit: LimitKind
@@ -240,7 +227,6 @@ class Look:
         Seen minus believed; east and north positive.
     before, after : MountReading
         Raw readings round the exposure.
-    mid_exposure_utc : datetime
     exposure_s : float or None
         As the frame says.
     width_px, height_px : int
@@ -281,12 +267,8 @@ class SlewReport:
 
     Attributes
     ----------
-    outcome : SlewOutcome
     target : Icrs
         Where the mount was sent.
-    reported : Icrs
-    miss_arcsec : float
-    elapsed_s : float
     side_before, side_after : PierSide or None
         As the mount says.
     """
@@ -332,7 +314,6 @@ class CoordinateSyncReport:
         Told minus believed before.
     read_back : Icrs
         The mount's reading afterwards.
-    read_back_miss_arcsec : float
     """
 
     outcome: SyncOutcome
@@ -363,7 +344,6 @@ class RecoverReport:
         The mount's reading afterwards.
     read_back_miss_arcsec : float
         Its distance from the solved place.
-    elapsed_s : float
     """
 
     outcome: SyncOutcome
@@ -389,13 +369,10 @@ class FirstLightReport:
         The first look that counted, the one after a small move that was synced on, and the last one after it.
     altitude_deg : float
         Of the last one.
-    looks : int
     learned : str
         What is known of the camera now, in words.
     read_back : Icrs
         The mount's reading after the sync.
-    read_back_miss_arcsec : float
-    elapsed_s : float
     """
 
     outcome: SyncOutcome
@@ -440,12 +417,10 @@ class Corrected:
     ----------
     by : Correction
         What was done in the end.
-    outcome : str
     moved_arcsec : float
         How far the mount was sent from where it was; 0 when it was only synced.
     moved : Offset or None
         How far the tube was to move by that; None when nothing was slewed.
-    report : SyncReport or SlewReport or None
     """
 
     by: Correction

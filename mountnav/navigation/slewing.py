@@ -39,7 +39,6 @@ def side_note(found: Look, seen: PierSide) -> str | None:
 
     Parameters
     ----------
-    found : Look
     seen : PierSide
         By the rotation; unknown while the camera's angle has not been learned.
     """
@@ -58,8 +57,6 @@ def crossing(equipment: Equipment, target: Icrs, side: PierSide, planned_s: floa
 
     Parameters
     ----------
-    equipment : Equipment
-    target : Icrs
     side : PierSide
         On which the tube hangs.
     planned_s : float or None
@@ -96,12 +93,7 @@ PLANNED_ANEW = 2
 
 
 class Slewing:
-    """Sends one telescope to places.
-
-    Parameters
-    ----------
-    equipment : Equipment
-    """
+    """Sends one telescope to places."""
 
     def __init__(self, equipment: Equipment) -> None:
         self._equipment = equipment
@@ -113,7 +105,6 @@ class Slewing:
 
         Parameters
         ----------
-        target : Icrs
         aim : Icrs, optional
             The target, if left out.
         approach : Offset, optional

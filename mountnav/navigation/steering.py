@@ -73,7 +73,6 @@ class Steering:
 
     Parameters
     ----------
-    target : Icrs
     noise_arcsec : float
         Below this a step shows nothing: the mount's resolution, and what looks scatter.
     """
@@ -168,8 +167,6 @@ class Hole:
     ----------
     short_arcsec : float
         How far the target is from the nearest place that it can point to.
-    words : str
-    advice : str
     """
 
     short_arcsec: float
@@ -191,10 +188,8 @@ class PolarSteering:
 
     Parameters
     ----------
-    target : Icrs
     noise_arcsec : float
         How well looks fit the geometry: the mount's steps, and what is left out.
-    site : Site
     """
 
     polar = True

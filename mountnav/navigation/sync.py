@@ -71,14 +71,10 @@ class GuardedSync:
     ----------
     mount : CheckedMount
         It writes the commands down and begins a new segment with each sync that was seen.
-    telescope : str
-    policy : SyncPolicy
     learned : Learned
         Of the camera.
     pointing : Pointing
         The model in force; it gets each new segment and each look that nothing stands against.
-    journal : Journal, optional
-    clock : Clock, optional
     listen : callable, optional
         Told of each step: ``listen(kind, data)``.
 
@@ -249,8 +245,6 @@ class GuardedSync:
 
         Parameters
         ----------
-        found : Look
-        trigger : SyncTrigger
         target : str, optional
             Name of the target, for the rules and caps that count by target; its place if left out.
         """
@@ -277,9 +271,6 @@ class GuardedSync:
 
         Parameters
         ----------
-        found : Look
-        trigger : SyncTrigger
-        target : str, optional
         decision : SyncDecision, optional
             Of `consider`, for the same look, if nothing was awaited since; it is judged here if left out.
         look_again : callable, optional

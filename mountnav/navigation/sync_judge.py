@@ -55,7 +55,6 @@ class SyncCounts:
 
     Parameters
     ----------
-    site : Site
     same_target_deg : float
         Targets without a name are told apart by their place.
     """
@@ -89,12 +88,6 @@ class Judge:
 
     Attributes
     ----------
-    mount : CheckedMount
-    policy : SyncPolicy
-    learned : Learned
-    pointing : Pointing
-    clock : Clock
-    counts : SyncCounts
     moved_utc : datetime or None
         End of the last order that moved the mount, as far as the mount doesn't know it itself.
     camera : str

@@ -29,7 +29,6 @@ class SyncPolicy:
 
     Attributes
     ----------
-    rule : SyncRule
     off_by_arcsec : float
         Of `WHEN_OFF_BY`; the mount's resolution, if that is more.
     max_arcsec : float

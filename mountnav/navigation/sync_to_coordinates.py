@@ -70,11 +70,8 @@ class Seen:
 
     Attributes
     ----------
-    place : Icrs
     offset : Offset
         Seen minus believed there, as it was then; 0 after a sync.
-    sigma_arcsec : float
-    side : PierSide
     """
 
     place: Icrs
@@ -89,7 +86,6 @@ class CoordinateSyncTotals:
 
     Attributes
     ----------
-    count : int
     turned_deg, raised_deg : float
         Of the hour angle axis (west positive) and the declination: the sum, with its sign.
     seen : Seen or None
@@ -120,7 +116,6 @@ class CoordinateSyncs:
 
     Attributes
     ----------
-    judge : Judge
     note : callable
         Writes down what has happened.
     listen : callable

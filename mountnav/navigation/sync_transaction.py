@@ -86,7 +86,6 @@ class ReadBack:
 
     Attributes
     ----------
-    outcome : SyncOutcome
     reading : MountReading
         The last one.
     place : Icrs
@@ -117,19 +116,11 @@ async def send_sync(
 
     Parameters
     ----------
-    mount : CheckedMount
-    place : Icrs
     way_arcsec : float
         How far the reading has to jump. A quarter of that is left to the mount, but no more than the policy's
         bound; its own resolution always. So a small sync that was ignored is still recognized.
-    policy : SyncPolicy
-    clock : Clock
     lost : bool
         Whether the mount's position doesn't count: then it is read for `LOST_S` at least.
-
-    Returns
-    -------
-    ReadBack
 
     Raises
     ------
@@ -267,9 +258,6 @@ def contradiction(
     ----------
     first : Look
         That was synced on.
-    again : Look
-    sent : ReadBack
-    policy : SyncPolicy
     resolution_arcsec : float
         The mount's.
     """
@@ -291,13 +279,10 @@ async def undo(
 
     Parameters
     ----------
-    mount : CheckedMount
     believed : Icrs
         Before the sync; a mount that tracks stays there, and a JNow mount is sent it as of now.
     sent : ReadBack
         Of the sync.
-    policy : SyncPolicy
-    clock : Clock
 
     Raises
     ------
@@ -353,7 +338,6 @@ class SyncProgress:
         The facts of the decision: trigger, target, look, context.
     confirmed_by : str or None
         The look that agrees with it, where one was asked for.
-    asked_for_second : bool
     segment_before : str
         The mount's segment when the sync was sent: a sync that was seen has begun another one.
     sent : ReadBack or None
@@ -364,7 +348,6 @@ class SyncProgress:
         Why it was taken back, in words.
     undone : bool or None
         Whether it could be taken back; None: it wasn't tried, or not finished.
-    undone_miss_arcsec : float
     """
 
     found: Look
@@ -404,7 +387,6 @@ class SyncTransaction:
 
     Attributes
     ----------
-    judge : Judge
     listen : callable
     progress : SyncProgress
         What happens is added.
@@ -576,7 +558,6 @@ def why_not_by_sight(judge: Judge, found: Look) -> str | None:
 
     Parameters
     ----------
-    judge : Judge
     found : Look
         Another one agrees with it, and how a German mount stands is known.
     """
@@ -619,7 +600,6 @@ def stood_still(found: Look, before: MountReading, again: Look, allowed_arcsec: 
         The last one before it.
     again : Look
         After it.
-    allowed_arcsec : float
     """
     apart = separation_arcsec(found.seen, again.seen)
     return apart <= allowed_arcsec and turned_over(before, again.after) is None

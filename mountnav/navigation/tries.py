@@ -37,12 +37,7 @@ def tolerance_kept(asked_arcsec: float, resolution_arcsec: float) -> tuple[float
 
 
 class Tries:
-    """The tries so far.
-
-    Parameters
-    ----------
-    equipment : Equipment
-    """
+    """The tries so far."""
 
     def __init__(self, equipment: Equipment) -> None:
         self._equipment = equipment
@@ -192,9 +187,6 @@ class StopRules:
     ----------
     name : str
         The telescope's.
-    policy : CenteringPolicy
-    tries : Tries
-    tolerance_arcsec : float
 
     Attributes
     ----------

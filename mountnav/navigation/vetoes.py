@@ -118,7 +118,6 @@ class Claim:
 
     Attributes
     ----------
-    seen, believed : Icrs
     utc : datetime
         For both.
     sigma_arcsec : float
@@ -150,8 +149,6 @@ class SyncContext:
 
     Attributes
     ----------
-    now : datetime
-    site, air : Site, Air
     resolution_arcsec : float
         The mount's.
     last_moved_utc : datetime or None
@@ -170,7 +167,6 @@ class SyncContext:
         Who expects it, if it is neither a model nor the last sync.
     departures : mapping of SyncDoubt to str
         What the look shows of the camera that those before it didn't.
-    counts : Counts
     """
 
     now: datetime
@@ -332,7 +328,6 @@ def surprise_arcsec(claim: Claim, policy: SyncPolicy, context: SyncContext) -> t
     -------
     surprise_arcsec : float or None
         None where nothing is expected.
-    allowed_arcsec : float
     """
     expected = context.expected
     if expected is None:
@@ -411,9 +406,6 @@ def to_be_confirmed(found: Look, policy: SyncPolicy, context: SyncContext, rotat
 
     Parameters
     ----------
-    found : Look
-    policy : SyncPolicy
-    context : SyncContext
     rotation_judged : bool
         Whether the camera's angle is known, and means something at that place.
     """

@@ -29,7 +29,6 @@ def sun_altitude_deg(utc: datetime, site: Site) -> float:
     ----------
     utc : datetime
         Aware.
-    site : Site
 
     Returns
     -------

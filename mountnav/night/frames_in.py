@@ -28,12 +28,10 @@ class Arrived:
 
     Attributes
     ----------
-    frame_id : str
     source : str
         Path, or what the sender called it.
     digest : str
         SHA-256 of its content, hexadecimal.
-    arrived_utc : datetime
     read : callable
         Gives the frame; blocks, and is called in a thread. Raises `BadFrame`.
     held : bool
@@ -60,23 +58,16 @@ class FrameAnswer:
 
     Attributes
     ----------
-    frame_id, source, digest : str
-    arrived_utc : datetime
     done : bool
         Whether all that follows is known.
-    mid_utc : datetime or None
-    placed, fully : bool
     seen : Icrs or None
         Place of its center.
-    sigma_arcsec : float or None
     offset : Offset or None
         Seen minus believed.
-    field, look_id : str
     decision : Decision or None
         What was decided by it.
     outcome : str
         What came of the correction; empty without one.
-    detail : str
     """
 
     frame_id: str
@@ -103,7 +94,6 @@ class Receipt:
 
     Attributes
     ----------
-    frame_id : str
     duplicate : bool
         The same content was here before; it isn't looked at again.
     """

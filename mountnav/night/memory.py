@@ -32,7 +32,6 @@ class OwedPark:
 
     Attributes
     ----------
-    decision : Decision
     night_id : str
         Of its night.
     """
@@ -79,10 +78,6 @@ def remembered(entries: Iterable[Entry]) -> Remembered:
     ----------
     entries : iterable of Entry
         Of the kind `NIGHT`, oldest first.
-
-    Returns
-    -------
-    Remembered
     """
     state: NightState | None = None
     owed: OwedPark | None = None
@@ -242,8 +237,6 @@ class NightNotes:
     ----------
     name : str
         Of the telescope, in the journal.
-    journal : Journal
-    clock : Clock
     listen : callable
         Told of each decision.
     """
@@ -309,7 +302,6 @@ class EventsKept:
 
     Parameters
     ----------
-    recorder : Recorder
     night_name : callable
         Names the night of an instant: each has a recording of its own, which begins with the state.
     """
@@ -328,7 +320,6 @@ class EventsKept:
         ----------
         state : NightState
             Before it.
-        event : Event
         decisions : sequence of Decision
             What was decided by it.
         """

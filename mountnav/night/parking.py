@@ -155,13 +155,10 @@ class NightParking:
 
     Parameters
     ----------
-    telescope : NightTelescope
     name : str
         Of the telescope.
-    notes : NightNotes
     listen : callable
         Told ``night-park-waits``, ``night-park-failed``, and ``night-parked`` where it had waited.
-    clock : Clock
     make_way : callable, optional
         Used where it is unsafe: all work with the telescope is stopped then.
     """

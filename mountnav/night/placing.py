@@ -50,7 +50,6 @@ class Placed:
 
     Attributes
     ----------
-    verdict : Verdict
     fully : bool
         Identified fully, not only by its shift.
     field : str
@@ -73,7 +72,6 @@ class Placing(Protocol):
 
         Parameters
         ----------
-        frame : Frame
         near : Icrs or None
             Where the mount believed to be.
         fully : bool
@@ -87,11 +85,8 @@ async def placed_by(placing: Placing, frame: Frame, near: Icrs | None, *, fully:
 
     Parameters
     ----------
-    placing : Placing
-    frame : Frame
     near : Icrs or None
         Where the mount believed to be.
-    fully : bool
     """
     placed = await placing.place(frame, near, fully=fully)
     told = frame.hint.center
@@ -117,10 +112,8 @@ class BySeries:
 
     Parameters
     ----------
-    catalog : Catalog
     hint : callable
         Makes the hint for a full solution from where the mount believed to be.
-    settings : SeriesSettings, optional
     """
 
     def __init__(
@@ -184,10 +177,8 @@ class BySolve:
 
     Parameters
     ----------
-    solve : Solve
     hint : callable
         As of `BySeries`.
-    settings : SolveSettings
     """
 
     def __init__(
@@ -251,8 +242,6 @@ class Seen:
 
         Parameters
         ----------
-        arrived : Arrived
-        utc : datetime
         moving : bool
             Whether the telescope is at work.
         segment : str

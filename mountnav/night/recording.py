@@ -130,7 +130,6 @@ class RecordedJournal:
 
     Parameters
     ----------
-    journal : Journal
     keep : callable
         As `NightRecording.keep`.
     """
@@ -277,10 +276,8 @@ class Line:
     ----------
     number : int
         From 1.
-    kind : str
     utc : datetime or None
         Of a header that of the first line of its run.
-    facts : dict
     """
 
     number: int
@@ -295,7 +292,6 @@ class Recording:
 
     Attributes
     ----------
-    path : Path
     header : dict
         Of the first run.
     lines : tuple of Line

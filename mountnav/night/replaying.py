@@ -51,12 +51,10 @@ class Row:
 
     Attributes
     ----------
-    utc : datetime
     what : str
         The frame's source, or "night".
     recorded, replayed : str
         "-" where nothing was.
-    same : bool
     """
 
     utc: datetime
@@ -72,11 +70,8 @@ class Judgement:
 
     Attributes
     ----------
-    utc : datetime
     source : str
         Of the frame; empty for decisions about the night itself.
-    then, now : Decision or None
-    ended_then, ended_now : CorrectionEnded or None
     anew : bool
         Whether the frame was identified again.
     """
@@ -162,14 +157,12 @@ class ReplayReport:
         The decisions that could be judged, in their order.
     not_judged : int
         Recorded decisions whose values are not all in the recording.
-    frames : int
     solved_anew : int
         Frames that were identified again from their files.
     missing : tuple of str
         Files that are gone or changed: their recorded solutions were taken.
     after_missing : int
         Frames that were identified together with a missing one: theirs were taken as well.
-    notes : tuple of str
     """
 
     rows: tuple[Row, ...]
@@ -201,11 +194,8 @@ class Replay:
 
     Parameters
     ----------
-    recording : Recording
     rules : NightRules
         The recorded ones, or others.
-    site : Site
-    telescope_id : str
     sync : SyncPolicy
         By which corrections are judged.
     other_rules : bool

@@ -66,10 +66,8 @@ def plates_agree(
 
     Parameters
     ----------
-    one, other : PlateSeen
     scale_agrees : float
         How near, as a share.
-    rotation_agrees_deg : float
     turned : bool
         Whether half a turn counts as none: the tube may have gone to the other side of the pier.
 
@@ -515,12 +513,6 @@ def begun_utc(mid_utc: datetime | None, exposure_s: float | None) -> datetime | 
 
 def decide(state: NightState, event: Event, rules: NightRules) -> Outcome:
     """Tell what a night does about an event.
-
-    Parameters
-    ----------
-    state : NightState
-    event : Tick, Said, FrameSeen or CorrectionEnded
-    rules : NightRules
 
     Returns
     -------

@@ -75,9 +75,6 @@ class DriftSoFar:
 
     Attributes
     ----------
-    field, segment : str
-    since_utc, until_utc : datetime
-    frames : int
     drift : Drift or None
         How fast seen minus believed changes since the last jump; None with less than three frames.
     jumps_utc : tuple of datetime
@@ -161,11 +158,8 @@ class NightReport:
 
     Attributes
     ----------
-    state : NightState
     waiting : int
         Frames that wait.
-    drift : DriftSoFar or None
-    last : Decision or None
     sun_altitude_deg : float or None
         At the last tick.
     """
@@ -182,23 +176,16 @@ class NightSession:
 
     Parameters
     ----------
-    telescope : NightTelescope
-    rules : NightRules
-    frames : FramesIn
-    placing : Placing
     name : str
         Of the telescope, in the journal.
     sun_altitude_deg : callable
         Of an instant.
     night_name : callable
         Names the night of an instant.
-    journal : Journal, optional
-    clock : Clock, optional
     listen : callable, optional
         Told of each decision; it never steers.
     remembered : Remembered, optional
         From the journal: the night goes on where it was.
-    recorder : Recorder, optional
     make_way : callable, optional
         Ends what others do with the telescope, where it must be parked because it isn't safe.
     """
@@ -287,8 +274,6 @@ class NightSession:
 
         Parameters
         ----------
-        word : Word
-        why : str
         for_s : float, optional
             Of `BUSY`: how long the exposure takes from now on. Of `SAFE`: how long that holds.
         by : str
