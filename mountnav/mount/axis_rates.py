@@ -99,7 +99,7 @@ class RatesSeen:
         low, high = reckoned.rate_ratio
         found: list[Unlike] = []
         for way in _near(ways, now):
-            then, here = (_on(way, one) for one in (before, now))
+            then, here = (_on(way, stands) for stands in (before, now))
             ratio = _ratio(way, then, here)
             if not _towards(way, then, here, _MOVES_DEG):
                 continue  # it goes elsewhere, whatever its rates: that is judged by where it comes to
@@ -111,7 +111,7 @@ class RatesSeen:
                 found.append(Unlike(ratio, trouble_on(Way(here, way.end), replace(scene, limits=seen))))
         if not found:
             return None
-        worst = next((one for one in found if one.trouble is not None), found[0])
+        worst = next((unlike for unlike in found if unlike.trouble is not None), found[0])
         self._ratios.append(worst.ratio)
         return worst
 
@@ -147,7 +147,7 @@ def _ratio(way: Way, then: Standing, here: Standing) -> float | None:
     left = abs(way.end.first_deg - here.first_deg), abs(way.end.second_deg - here.second_deg)
     if not _MOVES_DEG <= max(turned) <= _JUMPS_DEG:
         return None
-    if any(abs(90.0 - abs(one.second_deg)) < _POLE_DEG for one in (then, here)):
+    if any(abs(90.0 - abs(standing.second_deg)) < _POLE_DEG for standing in (then, here)):
         return None
     # readings on the way are a second apart or so
     if any(to_go < max(_ARRIVES_S * each, LATE_START_DEG) for each, to_go in zip(turned, left, strict=True)):

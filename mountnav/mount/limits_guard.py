@@ -294,10 +294,10 @@ class LimitsGuard:
         ways = check.expected
         # at the pole, and not slewed there by us: it stands at home, its counterweight down
         from_home = not self._set_out and any(
-            abs(abs(one.start.second_deg) - 90.0) < 90.0 - POLE_DOUBT_DEG for one in ways
+            abs(abs(way.start.second_deg) - 90.0) < 90.0 - POLE_DOUBT_DEG for way in ways
         )
         if from_home:
-            ways = tuple(one for one in ways if one.start.first_deg == COUNTERWEIGHT_DOWN_DEG) or ways
+            ways = tuple(way for way in ways if way.start.first_deg == COUNTERWEIGHT_DOWN_DEG) or ways
         for way in ways:
             self.proof.require(scene, way.start, way.end, from_home=from_home)
             if not passing:
@@ -367,12 +367,16 @@ class LimitsGuard:
                 self.site,
                 self.air,
                 mounting=self.mounting,
-                side=one,
+                side=side,
                 within_s=within_s,
             )
-            for one in sides
+            for side in sides
         ]
-        return min((one for one in found if one is not None), key=lambda one: one.after_s, default=None)
+        return min(
+            (reached for reached in found if reached is not None),
+            key=lambda reached: reached.after_s,
+            default=None,
+        )
 
     def unproven(self, reading: MountReading) -> bool:
         """Whether its tube may hang on the other side than it reports, and limits depend on it."""
@@ -408,7 +412,7 @@ class LimitsGuard:
         """
         scene = Scene(self.limits, reading.utc, self.site)
         place = from_mount(reading.place)
-        here, bare = (icrs_to_hour_angle(place, reading.utc, self.site, one) for one in (self.air, VACUUM))
+        here, bare = (icrs_to_hour_angle(place, reading.utc, self.site, air) for air in (self.air, VACUUM))
         depths, _ = tracked_depths(
             scene,
             here,
@@ -433,7 +437,7 @@ class LimitsGuard:
         if check.sure:
             return False
         stands = self._stands(reading, check)
-        if min(strays_deg(check.expected, one) for one in stands) <= STRAYS_DEG:
+        if min(strays_deg(check.expected, standing) for standing in stands) <= STRAYS_DEG:
             return False
         if not self._kept.strayed(check, stands, self.side(reading)):
             # then it didn't begin on that side, if it doesn't report its side
@@ -443,7 +447,7 @@ class LimitsGuard:
     def unlike(self, before: MountReading, reading: MountReading, check: SlewCheck) -> Unlike | None:
         """Whether its axes turn, between two readings on the way, at other rates than it was checked for."""
         scene = Scene(self.limits, reading.utc, self.site)
-        then, now = (self._stands(one, check) for one in (before, reading))
+        then, now = (self._stands(read, check) for read in (before, reading))
         return self._rates.unlike(check.expected, then, now, scene)
 
     def overruns(self, braking: Braking, reading: MountReading, check: SlewCheck) -> float | None:
@@ -467,7 +471,9 @@ class LimitsGuard:
         turns = math.copysign(1.0, rests_deg - now.first_deg)
         if any(turns * (end_deg - now.first_deg) > -_AT_ITS_END_DEG for end_deg in check.ends_deg):
             return None
-        stands, rests = (scene.axis_depths(now, np.array([one])) for one in (now.first_deg, rests_deg))
+        stands, rests = (
+            scene.axis_depths(now, np.array([angle_deg])) for angle_deg in (now.first_deg, rests_deg)
+        )
         deeper = any(
             depth[0] > max(0.0, stands[limit][0]) for limit, depth in rests.items() if limit in _OF_AXES
         )

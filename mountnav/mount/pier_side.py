@@ -146,7 +146,7 @@ class SideProof:
         """
         if self.proven or scene.limits.past_meridian_deg is None or start.side is not end.side:
             return  # on a change of sides it is seen at once that the axes turn the other way round
-        before, after = (scene.axis_depths(mirrored(one)) for one in (start, end))
+        before, after = (scene.axis_depths(mirrored(standing)) for standing in (start, end))
         for limit in _OF_AXES & set(after):
             depth_deg = float(after[limit][0])
             # by the pole an order from home leads to either posture, unseen
@@ -278,7 +278,7 @@ class SideFollowed:
         if moved <= _RESTS_DEG + SIDEREAL_DEG_S * seconds:
             self._possible = {side: stands[side] for side in before}
             return
-        if any(abs(90.0 - abs(one.second_deg)) < _AT_POLE_DEG for one in stands.values()):
+        if any(abs(90.0 - abs(standing.second_deg)) < _AT_POLE_DEG for standing in stands.values()):
             # what it has come to is shown by the next reading beside the pole
             self._utc, self.home = then, home
             return
@@ -303,8 +303,8 @@ class SideFollowed:
     @property
     def _usual(self) -> PierSide | None:
         """The side on which German mounts usually look there; None while nothing was seen."""
-        for one in self._possible.values():
-            return side_by_rule(one.first_deg - (180.0 if one.side is PierSide.WEST else 0.0))
+        for standing in self._possible.values():
+            return side_by_rule(standing.first_deg - (180.0 if standing.side is PierSide.WEST else 0.0))
         return None
 
     def arrived(self, sides: Iterable[PierSide], faces: PierSide | None = None) -> None:
@@ -383,7 +383,7 @@ class SidesKept:
         taken = [
             way
             for way in check.unasked
-            if min(strays_deg([way], one) for one in stands) <= STRAYS_DEG and not _turns_away(way)
+            if min(strays_deg([way], standing) for standing in stands) <= STRAYS_DEG and not _turns_away(way)
         ]
         if not taken and began is None:
             # nor did it begin on the side that faces the place: it stayed there before
@@ -397,7 +397,7 @@ class SidesKept:
         return bool(taken)
 
     def _stays_for(self, past_deg: Sequence[float]) -> None:
-        self.to_deg = max([self.to_deg, *(one + STAYS_ROOM_DEG for one in past_deg)])
+        self.to_deg = max([self.to_deg, *(angle_deg + STAYS_ROOM_DEG for angle_deg in past_deg)])
 
     def hangs(self, side: PierSide, ha_deg: float) -> None:
         """It has come to rest on a side: whether it faces the place, or it stayed where it was."""

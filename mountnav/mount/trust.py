@@ -147,8 +147,8 @@ def why_not_to_trust(
     off_deg = strayed_deg(last, now, site, air)
     if off_deg <= ELSEWHERE_DEG:
         return None
-    moving = [one for one in in_flight if one.order in _MOVING]
-    if any(_explains(one, now) for one in moving):
+    moving = [command for command in in_flight if command.order in _MOVING]
+    if any(_explains(command, now) for command in moving):
         return None
     after = "" if not moving else f", and not where the {moving[-1].order} in flight should have led it"
     return (

@@ -217,7 +217,7 @@ def sample_row(sample: CameraSample) -> dict[str, Any]:
 def samples_of_rows(rows: object) -> list[CameraSample]:
     """Make samples of such values; what can't be read is left out."""
     found = [_sample(row) for row in rows if isinstance(row, Mapping)] if isinstance(rows, list) else []
-    return [one for one in found if one is not None and sound(one)]
+    return [sample for sample in found if sample is not None and sound(sample)]
 
 
 def _sample(row: Mapping[str, Any]) -> CameraSample | None:
@@ -327,13 +327,17 @@ def normal_of(samples: Sequence[CameraSample], rules: CameraRules) -> Normal | N
     """
     if len(samples) < rules.enough:
         return None
-    parity = 1 if 2 * sum(one.parity > 0 for one in samples) > len(samples) else -1
-    about = math.exp(median(math.log(one.scale_arcsec_px) for one in samples))
-    agree = [one for one in samples if one.parity == parity and rules.same_scale(one.scale_arcsec_px, about)]
+    parity = 1 if 2 * sum(sample.parity > 0 for sample in samples) > len(samples) else -1
+    about = math.exp(median(math.log(sample.scale_arcsec_px) for sample in samples))
+    agree = [
+        sample
+        for sample in samples
+        if sample.parity == parity and rules.same_scale(sample.scale_arcsec_px, about)
+    ]
     if len(agree) < rules.enough or 2 * len(agree) <= len(samples):
         return None
-    scale, scale_sigma = _median_sigma([one.scale_arcsec_px for one in agree])
-    bends = [one.distortion_px2 for one in agree if one.distortion_px2 is not None]
+    scale, scale_sigma = _median_sigma([sample.scale_arcsec_px for sample in agree])
+    bends = [sample.distortion_px2 for sample in agree if sample.distortion_px2 is not None]
     bend, bend_sigma = _median_sigma(bends) if len(bends) >= rules.enough else (None, None)
     angle, angle_sigma, modulo, by_side = _angle(agree, rules)
     return Normal(
@@ -360,19 +364,19 @@ def _angle(
     samples: Sequence[CameraSample], rules: CameraRules
 ) -> tuple[float | None, float | None, float, dict[PierSide, float]]:
     """Camera angle, its scatter, what it is known modulo, and the same by side."""
-    steady = [one for one in samples if one.cos_latitude * _STEADY_LEAN >= 1.0]
-    modulo = min((rules.modulo_deg(one) for one in steady), default=360.0)
-    center = _circular_median(np.array([rules.upright_deg(one) for one in steady]), modulo)
+    steady = [sample for sample in samples if sample.cos_latitude * _STEADY_LEAN >= 1.0]
+    modulo = min((rules.modulo_deg(sample) for sample in steady), default=360.0)
+    center = _circular_median(np.array([rules.upright_deg(sample) for sample in steady]), modulo)
     if center is None:
         return None, None, modulo, {}
     agree = []
-    for one in steady:
-        allowed = rules.allowed_rotation_deg(one)
-        if allowed is not None and abs(apart_deg(rules.upright_deg(one), center, modulo)) <= allowed:
-            agree.append(one)
+    for sample in steady:
+        allowed = rules.allowed_rotation_deg(sample)
+        if allowed is not None and abs(apart_deg(rules.upright_deg(sample), center, modulo)) <= allowed:
+            agree.append(sample)
     if len(agree) < rules.enough or 2 * len(agree) <= len(steady):
         return None, None, modulo, {}
-    off = [apart_deg(rules.upright_deg(one), center, modulo) for one in agree]
+    off = [apart_deg(rules.upright_deg(sample), center, modulo) for sample in agree]
     middle, sigma = _median_sigma(off)
     by_side = {}
     for side in (PierSide.EAST, PierSide.WEST):

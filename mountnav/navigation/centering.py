@@ -122,8 +122,8 @@ def agree(first: Look, again: Look, tolerance_arcsec: float) -> bool:
     trail_arcsec = _trail_arcsec(again)
     if trail_arcsec is not None and trail_arcsec > tolerance_arcsec:
         return False  # wherever its middle is
-    sigmas = [one.solution.center_sigma_arcsec for one in (first, again)]
-    noise = _SIGMAS * math.hypot(*(one if math.isfinite(one) else 0.0 for one in sigmas))
+    sigmas = [look.solution.center_sigma_arcsec for look in (first, again)]
+    noise = _SIGMAS * math.hypot(*(sigma if math.isfinite(sigma) else 0.0 for sigma in sigmas))
     allowed_arcsec = _AGREE * tolerance_arcsec + min(noise, _OF_NOISE * tolerance_arcsec)
     return moved_arcsec(first, again) <= allowed_arcsec
 
@@ -383,7 +383,7 @@ def centering_facts(
     facts: dict[str, object] = {
         "target_ra_deg": run.target.ra_deg,
         "target_dec_deg": run.target.dec_deg,
-        "tries": [try_facts(one) for one in run.tries.all],
+        "tries": [try_facts(tried) for tried in run.tries.all],
         "notes": list(run.notes),
     }
     if report is not None:

@@ -278,7 +278,7 @@ class _FirstLight:
         ways = sorted((1.0, -1.0), key=altitude_deg, reverse=True)
         if near_pole:
             ways = sorted(ways, key=lambda one: one * north)
-        return [(0.0, one) for one in ways]
+        return [(0.0, way) for way in ways]
 
     async def _verified(self, told: RecoverySync) -> Look:
         """Two more looks, a small step apart: what was synced holds, and the camera's angle is learned.

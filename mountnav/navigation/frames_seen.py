@@ -144,23 +144,23 @@ class CameraFrames:
             self.last, self._waiting = found, []
             return Sight()
         waiting = [
-            one
-            for one in self._waiting
-            if one.look.segment_id == found.segment_id
-            and one.look.mid_exposure_utc < found.mid_exposure_utc
-            and separation_arcsec(one.look.believed, found.believed) <= allowed_arcsec + resolution_arcsec
+            earlier
+            for earlier in self._waiting
+            if earlier.look.segment_id == found.segment_id
+            and earlier.look.mid_exposure_utc < found.mid_exposure_utc
+            and separation_arcsec(earlier.look.believed, found.believed) <= allowed_arcsec + resolution_arcsec
         ]
         # the last frames before it, as long as they agree with it
         agreed: list[Look] = []
-        for one in reversed(waiting):
-            if apart_arcsec(one.look, found) > allowed_arcsec + resolution_arcsec:
+        for earlier in reversed(waiting):
+            if apart_arcsec(earlier.look, found) > allowed_arcsec + resolution_arcsec:
                 break
-            agreed.insert(0, one.look)
+            agreed.insert(0, earlier.look)
         if doubt and len(agreed) < (_AGREE_AFTER_STANDING if stood else 1):
             self._waiting = [*waiting, _Waiting(found, stood)]
             return Sight(doubt)
         lagged = ""
-        if not stood and any(one.stood for one in waiting):
+        if not stood and any(earlier.stood for earlier in waiting):
             lagged = "it handed out a frame from before the mount's last slew, as if it were a new one"
             self.lags += 1
         elif proven:
@@ -242,8 +242,8 @@ def _flat(pixels: NDArray[np.generic]) -> bool:
 
 
 def _noise_arcsec(last: Look, found: Look) -> float:
-    sigmas = [one.solution.center_sigma_arcsec for one in (last, found)]
-    return _FLOOR_ARCSEC + 3.0 * math.hypot(*(one if math.isfinite(one) else 0.0 for one in sigmas))
+    sigmas = [look.solution.center_sigma_arcsec for look in (last, found)]
+    return _FLOOR_ARCSEC + 3.0 * math.hypot(*(sigma if math.isfinite(sigma) else 0.0 for sigma in sigmas))
 
 
 def _believed_then(last: Look, found: Look, synced: Look | None) -> Icrs | None:

@@ -292,8 +292,8 @@ async def expose_and_solve(
         equipment.listen("solved", solved_facts(found))
         if sight.doubt:
             return LookResult(verdict, believed, frame.width_px, found, sight.doubt)
-        for one in (*sight.agreed, found) if shot.teaches else ():
-            await equipment.guard.learn(one)
+        for look in (*sight.agreed, found) if shot.teaches else ():
+            await equipment.guard.learn(look)
         kill_point("look learned")
         if sight.lagged:
             await _blame(equipment, found, sight.lagged)
@@ -485,6 +485,6 @@ def solved_facts(found: Look) -> dict[str, object]:
         "offset_arcsec": found.offset.total_arcsec,
         "mid_exposure_utc": found.mid_exposure_utc.isoformat(),
         "solve_s": found.verdict.times.total_s,
-        "contradictions": [str(one) for one in found.verdict.contradictions],
+        "contradictions": [str(contradiction) for contradiction in found.verdict.contradictions],
         **_sky(found.verdict.quality),
     }

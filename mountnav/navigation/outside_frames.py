@@ -186,8 +186,8 @@ async def compare_frame(
         elif told.look is not None:
             equipment.listen("solved", solved_facts(told.look))
             if not told.doubts:
-                for one in (*agreed, told.look):
-                    await equipment.guard.learn(one)
+                for look in (*agreed, told.look):
+                    await equipment.guard.learn(look)
         return replace(told, meanwhile=meanwhile)
 
 
@@ -229,7 +229,7 @@ async def correct(
     if heard is not None:
         heard(Judged(by, context, decision.doubts))
     if forbids(decision.doubts, by):
-        facts = {"doubts": [str(one) for one in decision.doubts], "look_id": found.look_id, "by": by}
+        facts = {"doubts": [str(doubt) for doubt in decision.doubts], "look_id": found.look_id, "by": by}
         await equipment.note(EntryKind.REFUSAL, decision.why, facts)
         raise SyncRefused(decision.why, device=equipment.name, doubts=decision.doubts)
     if target is not None:

@@ -115,8 +115,8 @@ class ReadingHistory:
             return None
         here = from_mount(before.place)
         others = [*between, after]
-        moved = max(separation_arcsec(from_mount(one.place), here) for one in others)
-        return Around(before, after, moved, any(one.slewing is True for one in (before, *others)))
+        moved = max(separation_arcsec(from_mount(reading.place), here) for reading in others)
+        return Around(before, after, moved, any(reading.slewing is True for reading in (before, *others)))
 
 
 __all__ = ["Around", "Meanwhile", "ReadingHistory"]

@@ -282,12 +282,12 @@ class PolarSteering:
             way = look.posture * _direction(look.sent)
             columns = (1.0 + 0.0j, 1j, way, 1j * way, 1j * look.sent)
             rest = look.seen - look.sent
-            rows += [tuple(one.real for one in columns), tuple(one.imag for one in columns)]
+            rows += [tuple(column.real for column in columns), tuple(column.imag for column in columns)]
             values += [rest.real, rest.imag]
         weights = np.array([1.0 / _LIKELY_ARCSEC] * 4 + [1.0 / _LIKELY_TURN_RAD])
         design = np.vstack([np.array(rows) / self._noise_arcsec, np.diag(weights)])
         wanted = np.concatenate([np.array(values) / self._noise_arcsec, np.zeros(5)])
-        x, y, zero, cone, turn = (float(one) for one in np.linalg.lstsq(design, wanted, rcond=None)[0])
+        x, y, zero, cone, turn = (float(value) for value in np.linalg.lstsq(design, wanted, rcond=None)[0])
         return complex(x, y), complex(zero, cone), turn
 
     def _plane(self, place: Icrs, utc: datetime) -> complex:

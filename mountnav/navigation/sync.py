@@ -420,7 +420,7 @@ class GuardedSync:
 
     async def _refused(self, decision: SyncDecision, progress: SyncProgress) -> SyncRefused:
         """Tell and write down that nothing is sent; what is to be raised."""
-        doubts = [str(one) for one in decision.doubts]
+        doubts = [str(doubt) for doubt in decision.doubts]
         self._listen(
             "sync-refused", {"look_id": progress.found.look_id, "doubts": doubts, "why": decision.why}
         )

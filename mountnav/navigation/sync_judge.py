@@ -67,14 +67,14 @@ class SyncCounts:
     def add(self, utc: datetime, target: str | None, place: Icrs) -> None:
         """Count one; those of other nights are forgotten."""
         night = night_of(utc, self._site)
-        self._counted = [one for one in self._counted if one.night == night]
+        self._counted = [sync for sync in self._counted if sync.night == night]
         self._counted.append(_Counted(night, target, place))
 
     def at(self, utc: datetime, target: str | None, place: Icrs) -> Counts:
         """How many there were in the night of `utc`, and for a target."""
         night = night_of(utc, self._site)
-        tonight = [one for one in self._counted if one.night == night]
-        return Counts(len(tonight), sum(self._same(one, target, place) for one in tonight))
+        tonight = [sync for sync in self._counted if sync.night == night]
+        return Counts(len(tonight), sum(self._same(sync, target, place) for sync in tonight))
 
     def _same(self, one: _Counted, target: str | None, place: Icrs) -> bool:
         if one.target is not None and target is not None:
@@ -157,7 +157,7 @@ class Judge:
     def surroundings(self, claim: Claim, target: str | None = None) -> SyncContext:
         """What is known besides what somebody says of a place, camera and expectation left out."""
         now = self.clock.utc()
-        ended = [one for one in (self.moved_utc, self.mount.last_motion_utc) if one is not None]
+        ended = [utc for utc in (self.moved_utc, self.mount.last_motion_utc) if utc is not None]
         return SyncContext(
             now=now,
             site=self.site,

@@ -157,7 +157,7 @@ class CoordinateSyncs:
             "off_arcsec": finite_or_none(claim.offset.total_arcsec),
         }
         if refusal is not None:
-            doubts = [str(one) for one in getattr(refusal, "doubts", ())]
+            doubts = [str(doubt) for doubt in getattr(refusal, "doubts", ())]
             self.listen("sync-refused", {"told": True, "doubts": doubts, "why": refusal.what})
             await self.note(EntryKind.REFUSAL, refusal.what, {**facts, "order": "sync", "doubts": doubts})
             raise refusal

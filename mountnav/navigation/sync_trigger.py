@@ -69,7 +69,7 @@ class SyncDecision:
     @property
     def against_the_sky(self) -> tuple[SyncDoubt, ...]:
         """Those for which the look is no good for an offset either; the others only forbid the sync."""
-        return tuple(one for one in self.doubts if one in AGAINST_THE_LOOK)
+        return tuple(doubt for doubt in self.doubts if doubt in AGAINST_THE_LOOK)
 
 
 def decided(doubts: Mapping[SyncDoubt, str], found: Look, context: SyncContext | None = None) -> SyncDecision:

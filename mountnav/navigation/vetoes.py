@@ -457,9 +457,11 @@ class SurprisingLooks:
         """Add a look; whether it and those just before it agree on where the tube is instead."""
         east = found.offset.east_arcsec - expected.east_arcsec
         north = found.offset.north_arcsec - expected.north_arcsec
-        others = [one for one in self._surprises if one[0] != found.look_id]
+        others = [surprise for surprise in self._surprises if surprise[0] != found.look_id]
         self._surprises = [*others, (found.look_id, east, north)][-_IN_A_ROW:]
         if len(self._surprises) < _IN_A_ROW:
             return False
         allowed = max(floor_arcsec, _SHARE * math.hypot(east, north))
-        return all(math.hypot(one[1] - east, one[2] - north) <= allowed for one in self._surprises)
+        return all(
+            math.hypot(surprise[1] - east, surprise[2] - north) <= allowed for surprise in self._surprises
+        )

@@ -51,7 +51,7 @@ def dark_from(utc: datetime, site: Site) -> datetime:
     if sun_altitude_deg(utc, site) <= _DARK_BELOW_DEG:
         return utc
     day = [utc + number * _STEP for number in range(int(timedelta(days=1) / _STEP) + 1)]
-    heights = [sun_altitude_deg(one, site) for one in day]
+    heights = [sun_altitude_deg(instant, site) for instant in day]
     dark = next((one for one, height in zip(day, heights, strict=True) if height <= _DARK_BELOW_DEG), None)
     return day[heights.index(min(heights))] if dark is None else dark
 

@@ -219,7 +219,7 @@ class FramesIn:
     def newest(self, count: int) -> list[FrameAnswer]:
         """The newest frames, newest first."""
         kept = list(self._answers.values())[-count:] if count > 0 else []
-        return [one.answer for one in reversed(kept)]
+        return [entry.answer for entry in reversed(kept)]
 
     def _forget(self) -> None:
         while len(self._answers) > ANSWERS_KEPT:

@@ -157,9 +157,11 @@ class BySeries:
         from mountnav.series.follow import SeriesFollower
 
         known = None
-        for one in reversed(self._fields.values()):
-            if near is None or (one.center is not None and _apart_deg(one.center, near) <= one.radius_deg):
-                known = one
+        for field in reversed(self._fields.values()):
+            if near is None or (
+                field.center is not None and _apart_deg(field.center, near) <= field.radius_deg
+            ):
+                known = field
                 break
         if known is not None and known.fully == fully and known.frames < FRAMES_PER_FOLLOWER:
             return known
@@ -217,7 +219,9 @@ def _verdict(result: FrameResult) -> Verdict:
     told = "; ".join(result.notes)
     if result.solution is not None:
         return Verdict(result.solution, None, told, result.measured, spent)
-    reason = next((one for one in Reason if any(one.value in note for note in result.notes)), Reason.NO_MATCH)
+    reason = next(
+        (known for known in Reason if any(known.value in note for note in result.notes)), Reason.NO_MATCH
+    )
     return Verdict(None, reason, told, result.measured, spent)
 
 
@@ -263,7 +267,7 @@ class Seen:
             error=error,
             of_target=arrived.target is not None,
             sigma_arcsec=sigma,
-            doubts=tuple(str(one) for one in self.looked.doubts),
+            doubts=tuple(str(doubt) for doubt in self.looked.doubts),
             moving=moving,
             field=self.placed.field,
             segment=segment,

@@ -225,11 +225,11 @@ def as_json(value: Any) -> Any:
         case Mapping():
             return {str(key): as_json(one) for key, one in value.items()}
         case list() | tuple():
-            return [as_json(one) for one in value]
+            return [as_json(item) for item in value]
         case set() | frozenset():
-            return sorted(as_json(one) for one in value)
+            return sorted(as_json(item) for item in value)
     if is_dataclass(value) and not isinstance(value, type):
-        plain = {one.name: as_json(getattr(value, one.name)) for one in fields(value)}
+        plain = {field.name: as_json(getattr(value, field.name)) for field in fields(value)}
         return {"is": type(value).__name__, **plain}
     raise TypeError(f"{type(value).__name__} is no JSON value")
 
@@ -366,7 +366,9 @@ def read_recording(path: Path) -> Recording:
             device=str(path),
             advice="give a file that night.record has written",
         )
-    other = next((one for one in lines if one.kind == "header" and one.facts.get("version") != VERSION), None)
+    other = next(
+        (line for line in lines if line.kind == "header" and line.facts.get("version") != VERSION), None
+    )
     if other is not None:
         raise BadRequest(
             f"line {other.number}: a recording of version {other.facts.get('version')}, not {VERSION}",
@@ -392,7 +394,7 @@ class _Facts(dict[str, Any]):
 def _with_place(value: Any, where: str, file: str) -> Any:
     """The same value, whose objects know which line they come from."""
     if isinstance(value, list):
-        return [_with_place(one, where, file) for one in value]
+        return [_with_place(item, where, file) for item in value]
     if not isinstance(value, dict):
         return value
     facts = _Facts((key, _with_place(one, f"{where}, {key}", file)) for key, one in value.items())
@@ -509,7 +511,7 @@ def offset_of(record: Json | None) -> Offset | None:
 
 
 def _solution_read(record: Json) -> Solution:
-    ee, en, nn = (math.nan if one is None else float(one) for one in record["covariance_arcsec2"])
+    ee, en, nn = (math.nan if term is None else float(term) for term in record["covariance_arcsec2"])
     nothing = np.zeros(0)
     pairs = IdentifiedPairs(
         x_px=nothing,

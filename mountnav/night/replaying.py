@@ -119,7 +119,7 @@ def paired(
     then: Sequence[Decision], now: Sequence[Decision]
 ) -> Iterator[tuple[Decision | None, Decision | None]]:
     """The decisions of one event, like with like: an event has one of each kind at most, in their order."""
-    before, after = ({_kind(one): one for one in some} for some in (then, now))
+    before, after = ({_kind(decision): decision for decision in some} for some in (then, now))
     for kind in {**before, **after}:
         yield before.get(kind), after.get(kind)
 
@@ -263,7 +263,7 @@ class Replay:
                 case "command-end":
                     self._command_ended(self._commands.pop(line.facts["command_id"], None), line.facts["end"])
         return ReplayReport(
-            tuple(one.row for one in self._judgements),
+            tuple(judgement.row for judgement in self._judgements),
             self._not_judged,
             self._count,
             self._solved_anew,
@@ -368,7 +368,7 @@ class Replay:
     # -- events -------------------------------------------------------------------------------------------
 
     def _event(self, line: Line) -> None:
-        number, then = int(line.facts["number"]), [decision_of(one) for one in line.facts["decisions"]]
+        number, then = int(line.facts["number"]), [decision_of(record) for record in line.facts["decisions"]]
         if self._known and number != self._next:
             self._known = False
             self._gaps += 1
@@ -404,7 +404,9 @@ class Replay:
         return decisions
 
     def _compare(self, event: Event, then: Decision | None, now: Decision | None) -> None:
-        frame_id = next((one.frame_id for one in (then, now) if one is not None and one.frame_id), "")
+        frame_id = next(
+            (decision.frame_id for decision in (then, now) if decision is not None and decision.frame_id), ""
+        )
         known = self._frames.get(frame_id)
         judgement = Judgement(
             event.utc,
@@ -453,7 +455,7 @@ class Replay:
         if doubts == judged.doubts and self._by == judged.by:
             return event
         if forbids(doubts, self._by):
-            told = tuple(str(one) for one in doubts)
+            told = tuple(str(doubt) for doubt in doubts)
             return CorrectionEnded(event.utc, frame_id, "refused", None, told)
         if self._by == judged.by and not forbids(judged.doubts, judged.by):
             return event

@@ -122,7 +122,7 @@ class Drifting:
             until_utc=points[-1].utc,
             frames=len(points) - start,
             drift=fit_drift(track.part(start, len(points))),
-            jumps_utc=tuple(points[one].utc for one in found),
+            jumps_utc=tuple(points[index].utc for index in found),
             last=points[-1].offset,
         )
 
@@ -130,13 +130,13 @@ class Drifting:
 def _track(points: list[DriftPoint]) -> Track:
     """Offsets as places about the origin of the sky, where east and north are what they are."""
     origin = Icrs(0.0, 0.0)
-    places = [displaced(origin, one.offset.east_arcsec, one.offset.north_arcsec) for one in points]
-    minutes = [(one.utc - points[0].utc).total_seconds() / 60.0 for one in points]
-    sigma = np.array([max(one.sigma_arcsec, 1e-3) for one in points])
+    places = [displaced(origin, point.offset.east_arcsec, point.offset.north_arcsec) for point in points]
+    minutes = [(point.utc - points[0].utc).total_seconds() / 60.0 for point in points]
+    sigma = np.array([max(point.sigma_arcsec, 1e-3) for point in points])
     return Track(
         minutes=np.array(minutes),
-        ra_deg=np.array([one.ra_deg for one in places]),
-        dec_deg=np.array([one.dec_deg for one in places]),
+        ra_deg=np.array([place.ra_deg for place in places]),
+        dec_deg=np.array([place.dec_deg for place in places]),
         sigma_arcsec=sigma,
         anchor=np.zeros(len(points), dtype=np.int64),
         anchor_sigma_arcsec=np.zeros(len(points)),
@@ -429,7 +429,7 @@ class NightSession:
                     self._forget_correction(look, decision, outcome)
                     raise
             except SyncRefused as error:
-                outcome, told, doubts = "refused", str(error), tuple(str(one) for one in error.doubts)
+                outcome, told, doubts = "refused", str(error), tuple(str(doubt) for doubt in error.doubts)
             except Cancelled as error:
                 outcome, told = "cancelled", str(error)
             except MountnavError as error:
@@ -476,7 +476,7 @@ class NightSession:
                 if decision.act is Act.CORRECT and not await writing[-1]:
                     # what leaves no trace isn't done
                     self._decide(CorrectionEnded(self._clock.utc(), decision.frame_id, "failed"))
-                    return tuple(_unwritten(one) if one is decision else one for one in decisions)
+                    return tuple(_unwritten(each) if each is decision else each for each in decisions)
                 if decision.act is Act.HALT:
                     await self._halt()
                 elif decision.act is Act.PARK:
@@ -494,7 +494,9 @@ class NightSession:
 
 
 def _of_frame(decisions: tuple[Decision, ...]) -> Decision | None:
-    return next((one for one in reversed(decisions) if one.act in (Act.CORRECT, Act.LEAVE)), None)
+    return next(
+        (decision for decision in reversed(decisions) if decision.act in (Act.CORRECT, Act.LEAVE)), None
+    )
 
 
 def _unwritten(decision: Decision) -> Decision:
