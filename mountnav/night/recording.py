@@ -185,7 +185,10 @@ def _is_torn(path: Path) -> bool:
 
 
 def as_json(value: Any) -> Any:
-    """Values of ours as JSON values: a dataclass becomes an object with its class as `is`."""
+    """Values of ours as JSON values: a dataclass becomes an object with its class as `is`.
+
+    So the names of such classes are part of the file's format: one that is renamed makes other files.
+    """
     match value:
         case None | bool() | int() | str():
             return str(value) if isinstance(value, Enum) else value
