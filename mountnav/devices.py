@@ -333,9 +333,11 @@ FREE_ARCSEC = 5.0
 """So far (and by its step) the reading of a mount that stands may wander, ″. Doubled, a half of a sync of 10″
 passes for nothing."""
 _SHARE = 0.25
-"""So much of a sync's way is left to the mount, so that a small one that was ignored still shows."""
+"""So much of a sync's way is left to the mount, so that a small one that was ignored still shows. Doubled, a
+sync of which the mount took one coordinate of two (0.7 of the way is left) comes near to passing."""
 _STEPS = 1.5
-"""Both coordinates of a reading may be at the edge of a step at once: √2 of a step, rounded up."""
+"""Both coordinates of a reading may be at the edge of a step at once: √2 of a step, rounded up. Doubled, a
+half of a sync of a mount with coarse steps passes for ignored."""
 
 
 @dataclass(frozen=True, slots=True)

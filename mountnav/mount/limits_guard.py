@@ -38,7 +38,8 @@ from mountnav.sky.chain import icrs_to_hour_angle, icrs_to_observed
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Observed, Site
 
 BELOW_GROUND_DEG = -2.0
-"""Lower than this no telescope looks, whatever refraction and an uneven horizon do."""
+"""Lower than this no telescope looks, whatever refraction and an uneven horizon do. Refraction lifts by 0.6°
+there, a hill's horizon sinks by about 1°. Doubled, a sync on a place under the ground passes."""
 
 _SIDES = (PierSide.EAST, PierSide.WEST)
 _WAYS_ROUND = 6

@@ -35,12 +35,15 @@ BEYOND_DEG = 3.0
 """A tube that would stand so far, °, beyond the limit past the meridian if the side were wrong proves it:
 more than a pointing error of a mount whose position counts. Doubled, more first slews would be refused."""
 PLAIN_DEC_DEG = 85.0
-"""Nearer to the pole than this, °, a place doesn't say how the hour angle axis stands."""
+"""Nearer to the pole than this, °, a place doesn't say how the hour angle axis stands. Chosen by hand.
+Doubled distance (80°), more of the sky near the pole proves nothing."""
 FAR_DEG = 75.0
 """Places so far from the meridian, °, are asked for: a mount that looks at them from the wrong side, its
-counterweight so far up, has no limits at all."""
+counterweight so far up, has no limits at all. Chosen by hand. Halved, mounts with wide limits could truly
+look at them from either side."""
 _ASKED_DEC_DEG = 45.0
-"""°, on the side of the visible pole: places that every mount reaches on both sides."""
+"""°, on the side of the visible pole: places that every mount reaches on both sides. Chosen by hand, far from
+the horizon and from the pole."""
 _DEEPER_DEG = 0.3
 """What stands beyond a limit may be led so much deeper, °: a pointing error and a minute of tracking.
 Doubled, small slews in a row lead beyond it by twice as much."""
@@ -199,7 +202,8 @@ FASTEST_DEG_S = 30.0
 """No German mount turns an axis faster (the fastest have 15 to 20). Doubled, readings have to follow within
 1.4 s to mean anything."""
 _SLACK_DEG = 3.0
-"""So much, °, the angles of two readings differ besides: by pointing errors that the pole makes large."""
+"""So much, °, the angles of two readings differ besides: by pointing errors that the pole makes large. Chosen
+by hand."""
 _RESTS_DEG = 1.0
 """One that has moved less, °, tracking besides, has not changed sides meanwhile. Doubled, a change for a
 place so near might be overlooked if nobody looks for so long as it takes."""

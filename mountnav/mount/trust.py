@@ -41,7 +41,9 @@ ELSEWHERE_DEG = 0.5
 wire's steps stay below it, places at which mounts wake up don't. Doubled, a wake-up half a degree further
 from the last target would pass."""
 _WRITTEN_DEG = 0.1
-"""A mount that rests so far from where it is written to stand is written down again."""
+"""A mount that rests so far from where it is written to stand is written down again, °. Chosen by hand: a
+fifth of `ELSEWHERE_DEG`. Doubled, a next start compares with a place that is staler; halved, a mount that
+drifts is written twice as often."""
 
 _MOVING = frozenset({"slew", "sync", "park", "home", "guide"})
 
@@ -245,9 +247,11 @@ degree at the horizon would go untold."""
 _SECONDS_PER_DEG = 240.0
 """Of the clock: the sky turns by a degree in so many seconds."""
 _WAY_S = 2.0
-"""An answer about the clock may be so late by the machine's time."""
+"""An answer about the clock may be so late by the machine's time, s. Chosen by hand, a slow serial exchange.
+It counts only where time runs faster than the machine's."""
 _SAME = 0.4
-"""What was accepted is another difference when it has changed by more than this share of `APART_DEG`."""
+"""What was accepted is another difference when it has changed by more than this share of `APART_DEG`. Chosen
+by hand. Doubled, a clock that has moved by 48 s since counts as accepted."""
 
 ADVICE = (
     "set the mount right (order set-site-time), or correct [site] and this machine's clock and start again; "

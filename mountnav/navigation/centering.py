@@ -47,19 +47,25 @@ __all__ = [
 
 
 LOOKED_AGAIN = 6
-"""So many more looks may be taken until it is seen to hold still: play of 600″ is taken up meanwhile."""
+"""So many more looks may be taken until it is seen to hold still: play of 600″ is taken up meanwhile.
+Doubled, a tube in the wind costs six more exposures before that is said."""
 _OF_DRIFT = 0.5
-"""Stars drawn out by less than this share of the sky's turn did not drift with it."""
+"""Stars drawn out by less than this share of the sky's turn did not drift with it. Chosen by hand. Doubled, a
+tube that stands still while the sky drifts through passes for one at rest."""
 _OF_TOLERANCE = 0.1
-"""A tube whose stars are drawn out by so much of the tolerance in seconds may leave it in the next ones."""
+"""A tube whose stars are drawn out by so much of the tolerance in seconds may leave it in the next ones.
+Chosen by hand. Doubled, a tube that swings slowly is called centered earlier."""
 _SHOWS_S = 3.0
-"""Gusts swing a tube within some seconds: a shorter exposure shows a moment of that."""
+"""Gusts swing a tube within some seconds: a shorter exposure shows a moment of that, s. Chosen by hand.
+Doubled, exposures of 3 s to 6 s need a second look."""
 _SIGMA_OF_FWHM = 1.0 / 2.3548
-"""Of a Gaussian."""
+"""Of a Gaussian. 2 √(2 ln 2), a constant of mathematics."""
 _AGREE = 0.2
-"""Looks that agree to so much of the tolerance show a tube that stays in it."""
+"""Looks that agree to so much of the tolerance show a tube that stays in it. Chosen by hand. Doubled, a drift
+of two fifths of the tolerance between two looks counts as rest."""
 _SIGMAS, _OF_NOISE = 3.0, 0.5
-"""What looks scatter is allowed besides, but no more than this share: trailed ones scatter by anything."""
+"""What looks scatter is allowed besides, but no more than this share: trailed ones scatter by anything.
+Chosen by hand: 1 of 370 by chance, and half the tolerance."""
 
 
 def shows_rest(found: Look, tolerance_arcsec: float, exposure_s: float) -> bool:
@@ -134,7 +140,8 @@ def moved_arcsec(first: Look, again: Look) -> float:
 
 
 MOST_RECOVERIES = 2
-"""So often a mount may lose its position in one centering."""
+"""So often a mount may lose its position in one centering. Chosen by hand. Doubled, a mount with a loose
+power plug is recovered, and slewed, twice as often."""
 
 
 class Centering:

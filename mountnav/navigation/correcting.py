@@ -36,13 +36,16 @@ from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import Offset, separation_arcsec
 
 ZEROED_AT_DEC_DEG = 60.0
-"""Far enough from the pole for a sync: there a polar axis 10′ off shifts the hour angle by 17′ at most."""
+"""Far enough from the pole for a sync: there a polar axis 10′ off shifts the hour angle by 17′ at most.
+Chosen by hand; at 75° it would be 37′."""
 
 VAGUE_ARCSEC = 900.0
-"""When the tube may look further than this from what is expected, one sigma, two frames must agree."""
+"""When the tube may look further than this from what is expected, one sigma, two frames must agree. Chosen by
+hand, 15′. Doubled, one false frame may move a mount by half a degree."""
 
 NEAR_ARCSEC = 120.0
-"""A correction as small as this changes no sides."""
+"""A correction as small as this changes no sides. Chosen by hand. Doubled, a hole at the pole of 4′ goes
+unsaid."""
 
 Note = Callable[[str], None]
 

@@ -45,11 +45,14 @@ from mountnav.sky.sphere import Offset, displaced, offset_arcsec
 STEP_DEG = 1.5
 """Of the small moves: well beyond all play, and within the margin. Doubled, they leave more of the limits."""
 AWAY_FROM_POLE_DEG = 20.0
-"""So far from the pole a polar axis 5° off leaves the directions of the axes known to 15°."""
+"""So far from the pole a polar axis 5° off leaves the directions of the axes known to 15°. atan(5° / 20°) =
+14°. Halved, 27°: a step in the right posture would look like one across."""
 FOLLOWS = 0.35
-"""So much of a step may be missing or across: axes that lie 5° otherwise turn it by 15° (0.26)."""
+"""So much of a step may be missing or across: axes that lie 5° otherwise turn it by 15° (0.26). Doubled, a
+step that goes 40° astray passes; at 0.26 an honest mount 5° off would fail."""
 _ROOM_DEG = 4.0
-"""So far above the lowest altitude, the offset besides, there is room for the small steps."""
+"""So far above the lowest altitude, the offset besides, there is room for the small steps, °: two steps and a
+half of `STEP_DEG`. Doubled, low targets are left though there is room."""
 _HALVES = ((0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0))
 """Ways of the small steps, in `STEP_DEG` of hour angle and declination."""
 

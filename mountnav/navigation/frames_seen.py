@@ -28,22 +28,29 @@ from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, offset_arcsec, separation_arcsec
 
 _KEPT = 32
-"""Fingerprints that are remembered, frames: a buffer of more is not known of any camera."""
+"""Fingerprints that are remembered, frames: a buffer of more is not known of any camera. Doubled, so is the
+memory: some bytes each."""
 _ALIKE = 0.5
-"""So much of a motion may be missing or too much in the sky; an old frame misses all of it."""
+"""So much of a motion may be missing or too much in the sky; an old frame misses all of it. Chosen by hand,
+half-way. Doubled, any frame counts as fresh."""
 _STOOD = 0.3
-"""With less of the motion than this the sky stood still: an old frame, or a tube that didn't follow."""
+"""With less of the motion than this the sky stood still: an old frame, or a tube that didn't follow. Chosen
+by hand. Doubled, an honest small slew with play is called an old frame."""
 _SETTLES_ARCSEC = 3.0
-"""A reading settles by as much beside what was synced, beyond its steps, without any slew."""
+"""A reading settles by as much beside what was synced, beyond its steps, without any slew, ″. Chosen by hand.
+Doubled, small slews prove no frame fresh."""
 _FLOOR_ARCSEC = 5.0
-"""Added to what looks scatter: seeing and the worm between two frames."""
+"""Added to what looks scatter: seeing and the worm between two frames, ″. Chosen by hand. Doubled, small
+slews prove no frame fresh."""
 _AGREE_AFTER_STANDING = 2
 """So many more frames must agree that the sky stood still before a tube is said not to follow; a camera that
-is two behind shows the old place twice."""
+is two behind shows the old place twice. Doubled, a tube that doesn't follow costs two more exposures."""
 LAGS = 2
-"""A camera that was caught with an old frame so often, with no other proof between, is broken."""
+"""A camera that was caught with an old frame so often, with no other proof between, is broken. Chosen by
+hand. Doubled, two more looks are spoiled before it is said."""
 _INLINE_BYTES = 1 << 20
-"""More than this, about 1 ms of work, goes to a thread."""
+"""More than this, about 1 ms of work, goes to a thread. Doubled, the event loop stands still for 2 ms at a
+frame."""
 _NOTHING_BEFORE = (
     "no frame before it, in the present zero points, tells whether the camera shows the sky of now"
 )

@@ -101,7 +101,8 @@ def half_exposure(frame: Frame) -> timedelta:
 
 
 WITHIN = timedelta(minutes=3)
-"""The mount must have been read no longer than this before a frame's start and after its end."""
+"""The mount must have been read no longer than this before a frame's start and after its end. Chosen by hand.
+Doubled, a frame is compared with a mount that may have been moved and moved back."""
 
 By = Literal["sync", "offset", "model"]
 

@@ -31,7 +31,8 @@ __all__ = ["LOOK_AHEAD_S", "Slewing", "crossing", "side_note"]
 
 
 LOOK_AHEAD_S = 3600.0
-"""How far limits are looked for when nobody says how long a target is to be followed."""
+"""How far limits are looked for when nobody says how long a target is to be followed, s. Chosen by hand, a
+usual exposure. Doubled, reports warn of limits two hours away."""
 
 
 def side_note(found: Look, seen: PierSide) -> str | None:
@@ -89,7 +90,8 @@ def _words(limit: LimitKind, after_s: float, alt_deg: float) -> str:
 
 
 PLANNED_ANEW = 2
-"""So often a slew that took another way is planned again: for its side of the pier, and for its rates."""
+"""So often a slew that took another way is planned again: for its side of the pier, and for its rates.
+Doubled, a mount that goes its own way is planned again four times before that is said."""
 
 
 class Slewing:

@@ -145,10 +145,12 @@ def _minus(a: Vector, b: Vector) -> Vector:
 
 
 POLAR_DEC_DEG = 87.0
-"""From here on steps are taken in the plane about the pole."""
+"""From here on steps are taken in the plane about the pole, °. Chosen by hand: at 3° from the pole a cone
+error of 3′ turns a step by 1°. Doubled distance (84°), the plane's curvature begins to count."""
 
 ENOUGH_LOOKS = 3
-"""So many looks determine the geometry."""
+"""So many looks determine the geometry. Two components each, for five unknowns with a prior. Doubled, a
+centering at the pole needs three more exposures before it says that there is a hole."""
 _LIKELY_ARCSEC = 900.0
 """How large pole errors, zero points and cone errors are before anything is seen, ″, one sigma: the prior of
 the fit, weak beside looks that are good to some seconds. Chosen by hand. Doubled, it is weaker still."""

@@ -77,7 +77,7 @@ _EACH_S = 0.2
 to 0.2 s later."""
 LOST_S = 30.0
 """A mount that is lost is read so long after a sync that doesn't show, s: without it nothing can be done; the
-slowest simulated ones take 25 s."""
+slowest simulated ones take 25 s. Halved, those would be called deaf."""
 
 
 @dataclass(frozen=True, slots=True)

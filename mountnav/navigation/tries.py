@@ -163,7 +163,8 @@ def try_facts(one: Try) -> dict[str, object]:
 
 
 DOUBTFUL_LOOKS = 2
-"""So many looks in a row may be doubted, and taken again, before a centering ends."""
+"""So many looks in a row may be doubted, and taken again, before a centering ends. Chosen by hand. Doubled,
+clouds or a wrong scale cost two more exposures before that is said."""
 _ADVICE = (
     "nothing was moved or synced by it; look again; if the mount is really that far off, as after it was set "
     "up anew, order first light"

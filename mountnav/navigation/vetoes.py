@@ -440,7 +440,8 @@ _IN_A_ROW = 3
 """So many looks that agree with each other and with nothing expected mean other zero points. Chosen by
 hand: two false solutions of one field may agree. Doubled, a slip costs a centering most of its tries."""
 _SHARE = 0.25
-"""A slip of one axis shows differently at different declinations: so much of it may the looks differ."""
+"""A slip of one axis shows differently at different declinations: so much of it may the looks differ. Chosen
+by hand. Doubled, three false solutions agree more easily."""
 
 
 class SurprisingLooks:

@@ -131,7 +131,8 @@ AGAIN_S = 15.0
 """A park that failed is ordered again after so long, s. Chosen by hand: a lost link comes back in some
 seconds. Doubled, a telescope stands in the rain for as long more."""
 PATIENCE_S = 3600.0
-"""So long the morning's park waits for work with the telescope, s; a park for rain doesn't wait."""
+"""So long the morning's park waits for work with the telescope, s; a park for rain doesn't wait. Chosen by
+hand. Doubled, a telescope may be open two hours after dawn."""
 _PASSING = (Busy, DeviceMissing, DeviceSilent, JournalFailed)
 
 Preempt = Callable[[], Awaitable[None]]

@@ -319,7 +319,8 @@ def on_end(state: NightState, event: CorrectionEnded, rules: NightRules) -> Outc
 
 
 USED_KEPT = 1000
-"""So many frames that a correction was decided on are remembered."""
+"""So many frames that a correction was decided on are remembered. Chosen by hand, more than a night's frames
+that correct. Doubled, so is that memory."""
 SIGMAS = 3.0
 """An error counts from so many sigma of the frame's own noise beyond the bound on, and frames agree within as
 many: 1 of 370 by chance. Doubled, faint frames correct nothing."""

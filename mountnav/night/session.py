@@ -146,7 +146,8 @@ def _track(points: list[DriftPoint]) -> Track:
 _log = logging.getLogger(__name__)
 
 READINGS_MISSED = 3
-"""So many readings in a row that fail, and the mount counts as lost."""
+"""So many readings in a row that fail, and the mount counts as lost. Chosen by hand. Doubled, a lost mount is
+noticed twice as late."""
 HALT_S = 60.0
 """A correction that is cancelled has so long to stop its mount, s: three times as long as a driver waits for
 it to rest (`Timing.stop_timeout_s`). Below that a night could end while its mount still turns."""
