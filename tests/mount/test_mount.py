@@ -21,6 +21,7 @@ from mountnav.errors import (
 )
 from mountnav.journal.memory import MemoryJournal
 from mountnav.journal.records import CommandEnd, CommandRecord, EntryKind, Outcome, because
+from mountnav.mount import CheckedMount
 from mountnav.mount.kill_points import watching_kill_points
 from mountnav.pointing.limits import Limits
 from mountnav.simulation.mechanics import Machine
@@ -28,7 +29,7 @@ from mountnav.simulation.virtual_time import for_all_modules
 from mountnav.sky.coordinates import Apparent
 from mountnav.sky.sphere import displaced
 from mountnav.testing.check_mount import check_mount
-from tests.mount.mount_rig import Rig, run
+from tests.mount.mount_rig import AIR, LIMITS, SITE, Rig, run
 
 # -- what is refused -----------------------------------------------------------------------------
 
@@ -442,3 +443,22 @@ def test_a_stop_before_a_sync_was_sent_is_told() -> None:
     rig = run(work)
     assert rig.driver.received == []
     assert rig.outcomes() == [("sync", Outcome.NOT_SENT)]
+
+
+def test_what_only_some_mounts_report_is_none_of_one_that_does_not() -> None:
+    class Bare:
+        """No more than a mount must have."""
+
+        name, epoch, resolution_arcsec = "bare", "icrs", 1.0
+
+    async def work(rig: Rig) -> None:
+        bare = CheckedMount(Bare(), telescope="t", limits=LIMITS, site=SITE, air=AIR)  # type: ignore[arg-type]
+        assert bare.link is bare.slew_state is bare.report is bare.wire_log is None
+        assert bare.tracking_rates is bare.guide_rates_deg_s is None
+        assert not bare.tells_trust
+        assert bare.skills == frozenset()
+        assert rig.mount.tells_trust
+        assert rig.mount.slew_state == "none"
+        assert rig.mount.link == "up"
+
+    run(work)

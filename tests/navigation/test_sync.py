@@ -80,6 +80,50 @@ def test_a_sync_makes_the_mount_believe_the_truth(place: tuple[float, float], di
     rigged(work, dialect=dialect, policy=ANYWHERE)
 
 
+def test_a_decision_that_is_handed_on_is_not_judged_once_more() -> None:
+    async def work(rig: SyncRig) -> None:
+        found = await pointed(rig)
+        decision = rig.guard.consider(found, SyncTrigger.CENTERING)
+        assert decision.allowed
+        # judged now it would be refused: by the rule
+        rig.guard.policy = SyncPolicy(rule=SyncRule.NEVER, confirm=False)
+        with pytest.raises(SyncRefused):
+            await rig.guard.commit(found, SyncTrigger.CENTERING)
+        report = await rig.guard.commit(found, SyncTrigger.CENTERING, decision=decision)
+        assert report.outcome is SyncOutcome.SEEN
+        assert rig.syncs == 1
+
+    rigged(work)
+
+
+def test_a_decision_that_is_handed_on_does_not_hide_a_mount_that_moved_since() -> None:
+    async def work(rig: SyncRig) -> None:
+        found = await pointed(rig)
+        decision = rig.guard.consider(found, SyncTrigger.CENTERING)
+        await rig.slew(rig.up(20.0, 31.0))
+        with pytest.raises(SyncRefused) as refusal:
+            await rig.guard.commit(found, SyncTrigger.CENTERING, decision=decision)
+        assert refusal.value.doubts == (SyncDoubt.MOVED,)
+        assert rig.syncs == 0
+
+    rigged(work)
+
+
+def test_the_facts_of_a_sync_grow_in_the_order_in_which_things_happened() -> None:
+    async def work(rig: SyncRig) -> None:
+        found = await pointed(rig)
+        again = rig.look
+        await rig.guard.commit(found, SyncTrigger.CENTERING, look_again=again)
+        (end,) = rig.notes(EntryKind.SYNC)
+        names = list(end.facts)
+        assert names[:3] == ["occasion", "target", "look_id"]
+        order = ["confirmed_by", "segment_before", "seen_as", "verified_by", "outcome", "segment_after"]
+        assert [name for name in names if name in order] == order
+        assert end.facts["segment_before"] != end.facts["segment_after"] == rig.mount.segment_id
+
+    rigged(work, policy=SyncPolicy(verify=True))
+
+
 def test_a_frame_from_before_the_sync_never_doubles_it() -> None:
     async def work(rig: SyncRig) -> None:
         found = await pointed(rig)
