@@ -198,7 +198,7 @@ class GuardedSync:
         """
         # judged by what was known before it: what is learned here changes what a decision later on goes by
         context = self._judge.context(found, SyncTrigger.ORDERED)
-        doubts = in_order(self._judge.doubts(found, context))
+        doubts = in_order(self._judge.vetoes(found, context))
         against = {kind for kind in doubts if kind in AGAINST_THE_LOOK}
         if against - set(context.departures):
             lesson = Lesson(LessonKind.REFUSED, "; ".join(doubts.values()))

@@ -181,14 +181,14 @@ class Judge:
         """Whether a look is synced on, by what is known now."""
         return decide(found, trigger, self.policy, self.context(found, trigger, target))
 
-    def doubts(self, found: Look, context: SyncContext) -> Vetoes:
+    def vetoes(self, found: Look, context: SyncContext) -> Vetoes:
         """All that stands against a look, the policy's rule left out."""
         return all_vetoes(found, self.policy, context)
 
     def no_good(self, found: Look) -> tuple[SyncDoubt, str] | None:
         """The gravest doubt about a look by itself, wherever the mount believes to be."""
-        doubts = self.doubts(found, self.context(found, SyncTrigger.RECOVERY))
-        for kind, words in in_order(without(doubts, SyncTrigger.RECOVERY.not_asked)).items():
+        vetoes = self.vetoes(found, self.context(found, SyncTrigger.RECOVERY))
+        for kind, words in in_order(without(vetoes, SyncTrigger.RECOVERY.not_asked)).items():
             if kind in AGAINST_THE_LOOK:
                 return kind, words
         return None
@@ -202,12 +202,12 @@ class Judge:
         """Whether the mount still believes to be where it was when the frame was exposed."""
         since = separation_arcsec(from_mount(now.place), found.believed)
         allowed = self.policy.max_motion_arcsec + self.mount.resolution_arcsec
-        doubts: Vetoes = {}
+        vetoes: Vetoes = {}
         if now.slewing or not since <= allowed:
-            doubts[SyncDoubt.MOVED] = (
+            vetoes[SyncDoubt.MOVED] = (
                 f"the mount moved {since:.0f}″ between the frame and the sync (allowed {allowed:.0f}″)"
             )
-        return decided(doubts, found)
+        return decided(vetoes, found)
 
     def observation(self, found: Look) -> PointingObservation:
         """A look of the present segment, as the pointing takes it."""
@@ -229,13 +229,13 @@ class Judge:
 
 def decide(found: Look, trigger: SyncTrigger, policy: SyncPolicy, context: SyncContext) -> SyncDecision:
     """Whether a look is synced on: a function of its values, so that it can be judged again."""
-    doubts = all_vetoes(found, policy, context)
+    vetoes = all_vetoes(found, policy, context)
     if trigger.by_rule:
-        doubts |= policy_vetoes(found, policy, context)
+        vetoes |= policy_vetoes(found, policy, context)
         if not context.trusted:
             # one look must not make it count again
-            doubts[SyncDoubt.NOT_EXPECTED] = "the mount's position doesn't count: it needs a recovery"
-    return decided(without(doubts, trigger.not_asked), found, context)
+            vetoes[SyncDoubt.NOT_EXPECTED] = "the mount's position doesn't count: it needs a recovery"
+    return decided(without(vetoes, trigger.not_asked), found, context)
 
 
 def all_vetoes(found: Look, policy: SyncPolicy, context: SyncContext) -> Vetoes:

@@ -306,7 +306,7 @@ class CoordinateSyncs:
         return parked
 
     def _doubted(self, before: MountReading, claim: Claim) -> SyncRefused | None:
-        doubts = in_order(self.doubts(before, claim))
+        doubts = in_order(self.vetoes(before, claim))
         if not doubts:
             return None
         gravest = next(iter(doubts))
@@ -317,46 +317,46 @@ class CoordinateSyncs:
             doubts=tuple(doubts),
         )
 
-    def doubts(self, before: MountReading, claim: Claim) -> Vetoes:
+    def vetoes(self, before: MountReading, claim: Claim) -> Vetoes:
         """All that stands against a given place; nothing that is no number passes."""
         judge = self.judge
         policy = judge.policy
         night = self._night()
         if self.totals.night != night:
             self.totals = CoordinateSyncTotals(night=night)
-        doubts: Vetoes = {}
+        vetoes: Vetoes = {}
         if before.slewing:
-            doubts[SyncDoubt.MOVED] = "it is moving"
+            vetoes[SyncDoubt.MOVED] = "it is moving"
         if before.tracking is False:
-            doubts[SyncDoubt.NOT_TRACKING] = "it does not follow the sky"
+            vetoes[SyncDoubt.NOT_TRACKING] = "it does not follow the sky"
         context = replace(judge.surroundings(claim), expected=self._by_model(before, claim))
-        doubts |= place_vetoes(claim, policy, context)
+        vetoes |= place_vetoes(claim, policy, context)
         if math.isfinite(claim.offset.total_arcsec):
-            doubts |= self._all_together(before, claim, doubts)
+            vetoes |= self._all_together(before, claim, vetoes)
         count = context.counts.tonight + self.totals.count
         if policy.max_per_night is not None and count >= policy.max_per_night:
-            doubts[SyncDoubt.TOO_MANY] = f"{count} sync(s) in this night (allowed {policy.max_per_night})"
-        return doubts
+            vetoes[SyncDoubt.TOO_MANY] = f"{count} sync(s) in this night (allowed {policy.max_per_night})"
+        return vetoes
 
     def _all_together(self, before: MountReading, claim: Claim, alone: Vetoes) -> Vetoes:
         """All words since the belief was proven last, this one among them, taken as one sync."""
         judge, words = self.judge, self.totals
-        whole = replace(claim, believed=self._without_words(claim))
+        whole = replace(claim, believed=self._without_these_syncs(claim))
         expected = self._as_seen(before, claim.seen)
         context = replace(
             judge.surroundings(claim), expected=expected, modeled=False, expected_by="what was seen last"
         )
         found = place_vetoes(whole, judge.policy, context)
-        doubts = {kind: found[kind] for kind in (SyncDoubt.NOT_EXPECTED,) if kind in found}
+        vetoes = {kind: found[kind] for kind in (SyncDoubt.NOT_EXPECTED,) if kind in found}
         caps = (SyncDoubt.TOO_FAR, SyncDoubt.NEAR_POLE)
         too_much = [found[kind] for kind in caps if kind in found and kind not in alone]
         if words.count and too_much:
-            doubts[SyncDoubt.TOLD_TOO_MUCH] = (
+            vetoes[SyncDoubt.TOLD_TOO_MUCH] = (
                 f"with the {words.count} told before it in this night: {'; '.join(too_much)}"
             )
-        return doubts
+        return vetoes
 
-    def _without_words(self, claim: Claim) -> Icrs:
+    def _without_these_syncs(self, claim: Claim) -> Icrs:
         """Where the mount would believe itself without the syncs on coordinates since it was proven."""
         judge, words = self.judge, self.totals
         if not words.count:

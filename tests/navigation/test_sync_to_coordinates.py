@@ -294,7 +294,7 @@ def test_no_words_of_a_night_move_the_belief_further_than_one_may(
                 hour_angle_to_icrs(seen, SITE, AIR), hour_angle_to_icrs(believed, SITE, AIR), utc, told=True
             )
             now = MountReading(claim.believed, utc, slewing=False, tracking=True)
-            if not syncs.doubts(now, claim):
+            if not syncs.vetoes(now, claim):
                 syncs.taken(claim)
                 turned += seen.ha_deg - believed.ha_deg
                 raised += seen.dec_deg - believed.dec_deg
