@@ -294,6 +294,12 @@ class Skilled(Protocol):
         ...
 
 
+def skills_of(mount: Mount) -> frozenset[Skill]:
+    """What a mount can do besides; nothing, if its driver is no `Skilled` one."""
+    skills: frozenset[Skill] = getattr(mount, "skills", frozenset())
+    return skills
+
+
 class Camera(Protocol):
     """A camera: expose, abort."""
 

@@ -20,6 +20,7 @@ from mountnav.devices import (
     SlewOutcome,
     SyncResult,
     TrackingRate,
+    skills_of,
 )
 from mountnav.errors import MountnavError
 from mountnav.journal.records import CommandRecord, EntryKind, Journal, Order, Outcome, Unwritten
@@ -156,7 +157,7 @@ class CheckedMount:
     @property
     def skills(self) -> frozenset[Skill]:
         """What it can do besides."""
-        return getattr(self._mount, "skills", frozenset())
+        return skills_of(self._mount)
 
     @property
     def trusted(self) -> bool:

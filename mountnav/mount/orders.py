@@ -23,6 +23,7 @@ from mountnav.devices import (
     SyncResult,
     for_mount,
     from_mount,
+    skills_of,
 )
 from mountnav.errors import BadRequest, Cancelled, DeviceRefused, OutsideLimits
 from mountnav.journal.records import EntryKind, Order, Outcome
@@ -106,7 +107,7 @@ class SlewPlanner:
             The mount can't say it of this place.
         DeviceError
         """
-        if Skill.DESTINATION_SIDE not in getattr(self._mount, "skills", frozenset()):
+        if Skill.DESTINATION_SIDE not in skills_of(self._mount):
             return None
         ask: Callable[[Apparent | Icrs], Awaitable[PierSide | None]] | None
         ask = getattr(self._mount, "destination_side", None)
@@ -128,7 +129,7 @@ class SlewPlanner:
     async def _prove_side(self) -> None:
         """Have a German mount that foretells its sides show that it reports the right ones."""
         guard = self._guard
-        foretells = Skill.DESTINATION_SIDE in getattr(self._mount, "skills", frozenset())
+        foretells = Skill.DESTINATION_SIDE in skills_of(self._mount)
         if guard.limits.past_meridian_deg is None or not foretells:
             return
         utc = self._clock.utc()
@@ -393,7 +394,7 @@ class BriefOrders:
     async def set_park(self) -> None:
         """Take the present place for the park position. See `CheckedMount.set_park`."""
         present: Callable[[], Awaitable[None]] | None = getattr(self._mount, "set_park", None)
-        if present is None or Skill.SET_PARK not in getattr(self._mount, "skills", frozenset()):
+        if present is None or Skill.SET_PARK not in skills_of(self._mount):
             raise await self._admission.unsupported("set-park")
         setting = present
         await self.give("set-park", lambda _mount: setting())

@@ -149,8 +149,6 @@ class Centering:
 
     Parameters
     ----------
-    recover : callable
-        Finds out where an untrusted mount points.
     planned_s : float, optional
         How long the target is to be followed afterwards.
     key : str, optional
@@ -169,7 +167,6 @@ class Centering:
         target: Icrs,
         policy: CenteringPolicy,
         *,
-        recover: Callable[[], Awaitable[object]],
         planned_s: float | None = None,
         key: str | None = None,
     ) -> None:
@@ -178,7 +175,6 @@ class Centering:
         self.notes: list[str] = []
         self._equipment = equipment
         self._policy = policy
-        self._recover = recover
         self._planned_s = planned_s
         self._key = key
         resolution = equipment.mount.resolution_arcsec
@@ -337,7 +333,7 @@ class Centering:
                 advice="look at the mount: its power, its cable",
                 reason=Refusal.UNTRUSTED,
             )
-        await self._recover()
+        await recover(self._equipment, self._policy)
         kill_point("centering recovered")
 
     async def _slew(self) -> None:
@@ -438,11 +434,7 @@ async def center_in_time(
     OutsideLimits, NotSolved, OffsetImplausible, SyncRefused, MountMoved, Cancelled
     DeviceError, JournalFailed
     """
-
-    async def find() -> None:
-        await recover(equipment, policy)
-
-    run = Centering(equipment, slewing, target, policy, recover=find, planned_s=planned_s, key=key)
+    run = Centering(equipment, slewing, target, policy, planned_s=planned_s, key=key)
     try:
         async with asyncio.timeout(policy.timeout_s) as limit:
             report = await run.run()
