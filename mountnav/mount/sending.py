@@ -266,7 +266,12 @@ class Admission:
 
     @asynccontextmanager
     async def held(self, order: Order) -> AsyncIterator[None]:
-        """Hold the mount for one order to move; a second one is refused, a stop under way waited for."""
+        """Hold the mount for one order to move; a second one is refused, a stop under way waited for.
+
+        `MountOrders.work` of navigation holds the telescope for a whole piece of work; this here is for each
+        order, also of the watch over the limits. A driver holds its wire for itself besides: it may be used
+        without this room, as by `drivers.acceptance`.
+        """
         await self.require_free(order)
         self.job = order
         try:
@@ -331,7 +336,11 @@ class Admission:
     def unfit(
         self, order: Order, before: MountReading, *, needs_trust: bool = True, parked_too: bool = False
     ) -> MountnavError | None:
-        """What speaks against moving the mount as it stands, as what is to be raised; None: nothing."""
+        """What speaks against moving the mount as it stands, as what is to be raised; None: nothing.
+
+        A driver refuses by its own trust as well. That is not the same: this room also distrusts a mount for
+        what looks at the sky and earlier runs have shown, a driver for what it has seen over its wire.
+        """
         if before.parked and not parked_too:
             return DeviceRefused(
                 f"the {order} refused: it is parked",
