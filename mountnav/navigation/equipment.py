@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -17,6 +17,7 @@ from mountnav.navigation.frames_seen import FramesSeen
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.reading_history import ReadingHistory
+from mountnav.navigation.reports import Listener
 from mountnav.navigation.sync import GuardedSync
 from mountnav.navigation.sync_policy import SyncPolicy
 from mountnav.pointing.limits import Limits, Mounting
@@ -24,8 +25,6 @@ from mountnav.pointing.model.in_force import NoModel, Pointing
 from mountnav.sky.coordinates import Air, Site
 from mountnav.solution import Verdict
 from mountnav.solving.settings import SolveSettings
-
-Listener = Callable[[str, dict[str, object]], None]
 
 
 class Solve(Protocol):

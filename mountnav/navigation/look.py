@@ -18,7 +18,7 @@ from mountnav.frames import Frame, Hint
 from mountnav.journal.records import EntryKind, LookRecord, because, cause, new_id
 from mountnav.measuring.measurements import SkyQuality
 from mountnav.mount.kill_points import kill_point
-from mountnav.navigation.equipment import Equipment, Listener, Solve, in_thread
+from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.frames_seen import LAGS, Sight, fingerprint, takes_long
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.reports import CameraIdentity, Look, camera_of, finite_or_none
@@ -29,16 +29,13 @@ from mountnav.sky.sphere import displaced, offset_arcsec, separation_arcsec
 from mountnav.solution import Solution, Verdict
 
 __all__ = [
-    "Listener",
     "LookOptions",
     "LookResult",
     "RepeatedFrame",
-    "Solve",
     "at_instant",
     "camera_stale",
     "covariance_of",
     "expose_and_solve",
-    "in_thread",
     "judge_freshness",
     "look_of",
     "not_solved_facts",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
@@ -26,6 +27,7 @@ __all__ = [
     "Crossing",
     "FirstLightReport",
     "FrameLook",
+    "Listener",
     "Look",
     "RecoverReport",
     "SlewReport",
@@ -36,6 +38,9 @@ __all__ = [
     "camera_of",
     "finite_or_none",
 ]
+
+Listener = Callable[[str, dict[str, object]], None]
+"""Called with each step of what navigation does: ``listener(kind, data)``. It never steers."""
 
 
 OUTSIDE = "a camera from outside"

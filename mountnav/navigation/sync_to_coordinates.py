@@ -27,7 +27,7 @@ from mountnav.errors import (
 )
 from mountnav.journal.records import EntryKind
 from mountnav.mount.mount_state import SEEN_LATE
-from mountnav.navigation.reports import CoordinateSyncReport, Look, finite_or_none
+from mountnav.navigation.reports import CoordinateSyncReport, Listener, Look, finite_or_none
 from mountnav.navigation.sync_judge import Judge, night_of
 from mountnav.navigation.sync_transaction import (
     ReadBack,
@@ -47,7 +47,6 @@ from mountnav.sky.coordinates import HourAngle, Icrs
 from mountnav.sky.sphere import Offset, half_turn_deg, separation_arcsec
 
 Note = Callable[[EntryKind, str, Mapping[str, object]], Awaitable[None]]
-Listener = Callable[[str, dict[str, object]], None]
 
 _LOOK = "let it look (sync; first light if it is new or far off; recover if it is lost)"
 _ADVICE: Mapping[SyncDoubt, str] = {

@@ -36,7 +36,7 @@ from mountnav.errors import (
 from mountnav.mount import CheckedMount
 from mountnav.mount.kill_points import kill_point
 from mountnav.navigation.camera import Normal
-from mountnav.navigation.reports import Look, angle_words, finite_or_none
+from mountnav.navigation.reports import Listener, Look, angle_words, finite_or_none
 from mountnav.navigation.sync_judge import Judge
 from mountnav.navigation.sync_policy import SyncPolicy
 from mountnav.navigation.vetoes import SyncContext
@@ -322,7 +322,6 @@ def undone(words: str, device: str, doubt: SyncDoubt = SyncDoubt.NOT_EXPECTED) -
     )
 
 
-Listener = Callable[[str, dict[str, object]], None]
 LookAgain = Callable[[], Awaitable[Look]]
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Frame, Hint
-from mountnav.navigation.look import Solve
+from mountnav.navigation.equipment import Solve
 from mountnav.navigation.reports import Look
 from mountnav.night.events import FrameSeen, PlateSeen
 from mountnav.night.frames_in import Arrived

@@ -16,8 +16,7 @@ from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.stars import Catalog
 from mountnav.clock import utc_now
 from mountnav.devices import Mount
-from mountnav.navigation.equipment import equip
-from mountnav.navigation.look import Solve
+from mountnav.navigation.equipment import Solve, equip
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
