@@ -180,7 +180,7 @@ class Word(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """A word.
+    """A report or an order that came to the night: from people, the scheduler, sensors.
 
     Attributes
     ----------
