@@ -64,6 +64,7 @@ from mountnav.errors import (
     TargetNotReached,
 )
 from mountnav.journal.memory import MemoryJournal
+from mountnav.navigation.equipment import equip
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy, CorrectBy
 from mountnav.navigation.sync_policy import SyncPolicy
@@ -132,20 +133,22 @@ def navigator(made: Observatory, journal: MemoryJournal, events: list[tuple[str,
         correct_by=CorrectBy(world.correct_by),
     )
     return Navigator(
-        name=f"seed {world.seed}",
-        mount=made.mount,
-        camera=made.camera,
-        catalog=cast("Catalog", None),  # the solver brings its own
-        site=world.service_site,
-        air=AIR,
-        policy=policy,
-        listen=lambda kind, data: events.append((kind, data)),
-        solve=made.solve,
-        limits=world.limits,
-        sync=SyncPolicy(),
-        journal=journal,
-        clock=ShiftedClock(made.clock, world.service_clock_off_s),
-        mounting=world.machine.mounting,
+        equip(
+            name=f"seed {world.seed}",
+            mount=made.mount,
+            camera=made.camera,
+            catalog=cast("Catalog", None),  # the solver brings its own
+            site=world.service_site,
+            air=AIR,
+            policy=policy,
+            listen=lambda kind, data: events.append((kind, data)),
+            solve=made.solve,
+            limits=world.limits,
+            sync=SyncPolicy(),
+            journal=journal,
+            clock=ShiftedClock(made.clock, world.service_clock_off_s),
+            mounting=world.machine.mounting,
+        )
     )
 
 

@@ -20,6 +20,7 @@ from mountnav.errors import MountnavError
 from mountnav.journal.restart import take_up
 from mountnav.journal.sql_journal import open_journal
 from mountnav.mount.kill_points import watching_kill_points
+from mountnav.navigation.equipment import equip
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.sync_policy import SyncPolicy
@@ -108,20 +109,22 @@ async def _serve(parent: Connection, plan: Plan, at_step: Any) -> None:
 
     mount.wire_log.listen(on_wire)
     service = Navigator(
-        name="rig",
-        mount=mount,
-        camera=TruthCamera(cast("Any", _Truth(parent)), clock, read_out_s=0.0),
-        catalog=cast("Catalog", None),
-        site=SITE,
-        air=AIR,
-        policy=CenteringPolicy(exposure_s=0.1, settle_s=0.0, scale_arcsec_px=2.0, timeout_s=LONGEST_S),
-        listen=lambda kind, data: None,
-        solve=SkySeen(SkyScript(solve_s=0.02), clock, SeenThrough(usual_exposure_s=0.1)),
-        limits=Limits(15.0),
-        sync=SyncPolicy(read_back_s=2.0),
-        journal=journal,
-        clock=clock,
-        mounting="fork",
+        equip(
+            name="rig",
+            mount=mount,
+            camera=TruthCamera(cast("Any", _Truth(parent)), clock, read_out_s=0.0),
+            catalog=cast("Catalog", None),
+            site=SITE,
+            air=AIR,
+            policy=CenteringPolicy(exposure_s=0.1, settle_s=0.0, scale_arcsec_px=2.0, timeout_s=LONGEST_S),
+            listen=lambda kind, data: None,
+            solve=SkySeen(SkyScript(solve_s=0.02), clock, SeenThrough(usual_exposure_s=0.1)),
+            limits=Limits(15.0),
+            sync=SyncPolicy(read_back_s=2.0),
+            journal=journal,
+            clock=clock,
+            mounting="fork",
+        )
     )
     try:
         await service.open()

@@ -42,6 +42,7 @@ from mountnav.errors import MountnavError, OutsideLimits
 from mountnav.frames import Frame, Hint
 from mountnav.journal.records import because
 from mountnav.journal.sql_journal import open_journal
+from mountnav.navigation.equipment import equip
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.sync_policy import SyncPolicy
@@ -188,20 +189,22 @@ async def _live(
         scale_arcsec_px=world.configured_scale_arcsec_px,
     )
     service = Navigator(
-        name="night",
-        mount=made.mount,
-        camera=made.camera,
-        catalog=cast("Catalog", None),
-        site=world.site,
-        air=AIR,
-        policy=policy,
-        listen=heard,
-        solve=made.solve,
-        limits=world.limits,
-        sync=SyncPolicy(),
-        journal=journal,
-        clock=clock,
-        mounting="german",
+        equip(
+            name="night",
+            mount=made.mount,
+            camera=made.camera,
+            catalog=cast("Catalog", None),
+            site=world.site,
+            air=AIR,
+            policy=policy,
+            listen=heard,
+            solve=made.solve,
+            limits=world.limits,
+            sync=SyncPolicy(),
+            journal=journal,
+            clock=clock,
+            mounting="german",
+        )
     )
     parts = NightParts(
         telescope_id="night",

@@ -1,15 +1,16 @@
 """What a Mount and a Camera can do, the coordinates that a mount speaks, and what its syncs come to.
 
-Small and async; drivers fulfil these protocols. The law of a sync (`near_arcsec`, `miss_arcsec`, `unseen`)
-stands here since all have to keep it: the drivers, the room `mount`, and navigation.
+Small and async; drivers fulfil these protocols. The law of a sync (`SyncLaw`) stands here since all have to
+keep it: the drivers, the room `mount`, and navigation.
 
-A sync is seen when the mount believes to be near to where it was told. Else it has ignored the sync if it
-believes what it did before, and if not, it has taken another place: half of what was told (one coordinate of
+A sync is seen when the mount believes to be near to where it was synced. Else it has ignored the sync if it
+believes what it did before, and if not, it has taken another place: half of what was sent (one coordinate of
 two), or a damaged number. That is the worst of all: slews by such a belief go anywhere.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -20,9 +21,6 @@ from mountnav.frames import Frame
 from mountnav.sky.chain import apparent_to_icrs, icrs_to_apparent
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, Icrs
 from mountnav.sky.sphere import separation_arcsec
-
-__all__ = ["FREE_ARCSEC", "miss_arcsec", "moved_arcsec", "near_arcsec", "unseen"]
-
 
 Epoch = Literal["apparent", "icrs"]
 
@@ -87,7 +85,7 @@ class MountReading:
     """What the mount says of itself at `utc` (instant between question and answer).
 
     `place` is in the mount's own kind of coordinates: `Apparent` for JNow mounts, `Icrs` for J2000 mounts.
-    Everything after it is None where the mount was not asked or can't tell.
+    Everything after it is None where the mount was not asked or doesn't report it.
     """
 
     place: Apparent | Icrs
@@ -97,6 +95,11 @@ class MountReading:
     parked: bool | None = None
     at_home: bool | None = None
     pier_side: PierSide | None = None
+
+    @property
+    def side(self) -> PierSide:
+        """On which side of the pier it says that the tube hangs; unknown where it was not asked, too."""
+        return self.pier_side or PierSide.UNKNOWN
 
 
 class SlewOutcome(StrEnum):
@@ -129,11 +132,11 @@ class SyncOutcome(StrEnum):
     IGNORED = "accepted and ignored"
     """It believes what it did before."""
     ELSEWHERE = "accepted, and took another place"
-    """Half of what it was told, or something else: its position counts no more."""
+    """Half of what it was sent, or something else: its position counts no more."""
 
     @property
     def seen(self) -> bool:
-        """Whether the mount believes now to be where it was told."""
+        """Whether the mount believes now to be where it was synced."""
         return self in (SyncOutcome.SEEN, SyncOutcome.LATE)
 
 
@@ -143,7 +146,6 @@ class SyncResult:
 
     Attributes
     ----------
-    outcome : SyncOutcome
     read_back : MountReading
         The last one.
     miss_arcsec : float
@@ -255,7 +257,7 @@ class Trusts(Protocol):
 
 @runtime_checkable
 class Announces(Protocol):
-    """A mount that tells what happens to its link and its position, unasked."""
+    """A mount that announces what happens to its link and its position."""
 
     def listen(self, listener: Callable[[str, Mapping[str, object]], None]) -> None:
         """Tell `listener(what, facts)` of each: `link-silent`, `link-lost`, `link-back`, `untrusted`, ..."""
@@ -290,6 +292,12 @@ class Skilled(Protocol):
     async def guide(self, direction: Direction, duration_s: float) -> None:
         """Move at the guide rate for a moment; return when that is over."""
         ...
+
+
+def skills_of(mount: Mount) -> frozenset[Skill]:
+    """What a mount can do besides; nothing, if its driver is no `Skilled` one."""
+    skills: frozenset[Skill] = getattr(mount, "skills", frozenset())
+    return skills
 
 
 class Camera(Protocol):
@@ -328,39 +336,79 @@ def from_mount(place: Apparent | Icrs) -> Icrs:
 
 
 FREE_ARCSEC = 5.0
-"""So far (and by its step) the reading of a mount that stands may wander. Doubled, a half of a sync of 10″
+"""So far (and by its step) the reading of a mount that stands may wander, ″. Doubled, a half of a sync of 10″
 passes for nothing."""
 _SHARE = 0.25
-"""So much of a sync's way is left to the mount, so that a small one that was ignored still shows."""
+"""So much of a sync's way is left to the mount, so that a small one that was ignored still shows. Doubled, a
+sync of which the mount took one coordinate of two (0.7 of the way is left) comes near to passing."""
 _STEPS = 1.5
-"""Both coordinates of a reading may be at the edge of a step at once."""
+"""Both coordinates of a reading may be at the edge of a step at once: √2 of a step, rounded up. Doubled, a
+half of a sync of a mount with coarse steps passes for ignored."""
 
 
-def near_arcsec(way_arcsec: float, resolution_arcsec: float, most_arcsec: float) -> float:
-    """How near to its place a sync was seen.
+@dataclass(frozen=True, slots=True)
+class SyncLaw:
+    """By what readings one sync is judged: the only place that says when it was seen.
 
-    Parameters
+    Each caller has a cap of its own on `near_arcsec`: a driver what its wire and its mount keep to
+    (`Timing.near_arcsec`, `MountBehavior.near_arcsec`), navigation its policy's
+    (`SyncPolicy.read_back_arcsec`); the room `mount`, which only reads for drivers that don't, has none.
+
+    Attributes
     ----------
-    way_arcsec : float
-        From what the mount believed to what it was told.
+    near_arcsec : float
+        A sync is seen when the mount believes to be so near to where it was synced.
     resolution_arcsec : float
-        Its step.
-    most_arcsec : float
-        No more than that, unless the step is coarser.
+        The mount's step.
     """
-    return max(min(_SHARE * way_arcsec, most_arcsec), resolution_arcsec + FREE_ARCSEC)
+
+    near_arcsec: float
+    resolution_arcsec: float
+
+    @classmethod
+    def of(cls, way_arcsec: float, resolution_arcsec: float, most_arcsec: float = math.inf) -> SyncLaw:
+        """The law for a sync over `way_arcsec`, from what the mount believed to what it is sent.
+
+        Parameters
+        ----------
+        resolution_arcsec : float
+            The mount's step.
+        most_arcsec : float
+            The cap on `near_arcsec`, unless the step is coarser.
+        """
+        near_arcsec = max(min(_SHARE * way_arcsec, most_arcsec), resolution_arcsec + FREE_ARCSEC)
+        return cls(near_arcsec, resolution_arcsec)
+
+    def seen(self, miss_arcsec: float) -> bool:
+        """Whether a mount that believes to be so far from where it was synced has taken the sync."""
+        return miss_arcsec <= self.near_arcsec
+
+    def unseen(self, before: MountReading, after: MountReading) -> SyncOutcome:
+        """What became of a sync that isn't seen: ignored, or another place taken.
+
+        Parameters
+        ----------
+        before : MountReading
+            The last one before the sync.
+        """
+        moved = moved_arcsec(before, after) > _STEPS * self.resolution_arcsec + FREE_ARCSEC
+        return SyncOutcome.ELSEWHERE if moved else SyncOutcome.IGNORED
+
+    def outcome(self, miss_arcsec: float, before: MountReading, after: MountReading) -> SyncOutcome:
+        """What a sync has come to by the reading `after`: seen, ignored, or another place taken."""
+        return SyncOutcome.SEEN if self.seen(miss_arcsec) else self.unseen(before, after)
 
 
 def moved_arcsec(before: MountReading, after: MountReading) -> float:
     """By how much the belief of a mount that isn't moved has changed, the turn of the sky left out.
 
-    Whether it follows the sky its place tells: what it says of that may be as wrong as anything else.
+    Whether it follows the sky is taken from its place: what it reports of that may be wrong as well.
     """
     return _apart_arcsec(_turned(before.place, before.utc, after), after.place)
 
 
 def miss_arcsec(place: Apparent | Icrs, told_utc: datetime, after: MountReading) -> float:
-    """How far a mount believes to be from where it was told at `told_utc`, the turn of the sky left out."""
+    """How far a mount believes to be from where it was synced at `told_utc`, the turn of the sky left out."""
     return _apart_arcsec(_turned(place, told_utc, after), after.place)
 
 
@@ -369,22 +417,7 @@ def _turned(place: Apparent | Icrs, utc: datetime, after: MountReading) -> Appar
     # the right ascension of a mount that rests grows so fast
     turned_deg = SIDEREAL_DEG_S * (after.utc - utc).total_seconds()
     turned = replace(place, ra_deg=(place.ra_deg + turned_deg) % 360.0)
-    return min(place, turned, key=lambda one: _apart_arcsec(one, after.place))
-
-
-def unseen(before: MountReading, after: MountReading, resolution_arcsec: float) -> SyncOutcome:
-    """What became of a sync that isn't seen: ignored, or another place taken.
-
-    Parameters
-    ----------
-    before : MountReading
-        The last one before the sync.
-    after : MountReading
-    resolution_arcsec : float
-        The mount's step.
-    """
-    moved = moved_arcsec(before, after) > _STEPS * resolution_arcsec + FREE_ARCSEC
-    return SyncOutcome.ELSEWHERE if moved else SyncOutcome.IGNORED
+    return min(place, turned, key=lambda candidate: _apart_arcsec(candidate, after.place))
 
 
 def _apart_arcsec(one: Apparent | Icrs, two: Apparent | Icrs) -> float:

@@ -473,7 +473,7 @@ def nights_of(
     def runner(one: TelescopeSettings) -> NightRunner:
         telescope = observatory.telescope(one.id)
         navigator = telescope.navigator
-        wire_log = navigator.mount.told("wire_log")
+        wire_log = navigator.mount.wire_log
         return NightRunner(
             NightParts(
                 telescope_id=one.id,

@@ -9,7 +9,7 @@ from mountnav.catalog.stars import Catalog
 from mountnav.clock import Clock
 from mountnav.devices import Camera, Mount
 from mountnav.journal.records import Journal
-from mountnav.navigation.equipment import Listener, Solve
+from mountnav.navigation.equipment import Listener, Solve, equip
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
@@ -55,29 +55,31 @@ def make_navigator(
     """
     mounting = one.mount.mounting
     return Navigator(
-        name=one.id,
-        mount=mount,
-        camera=camera,
-        catalog=catalog,
-        site=settings.site.site,
-        air=settings.air.air,
-        policy=centering_policy(one),
-        listen=listen,
-        solving=solve_settings(settings.solving, calibration=one.calibration),
-        solve=solve,
-        limits=limits_of(one),
-        sync=one.sync.policy,
-        journal=journal,
-        clock=clock,
-        pointing=one.model.pointing(
+        equip(
+            name=one.id,
+            mount=mount,
+            camera=camera,
+            catalog=catalog,
             site=settings.site.site,
             air=settings.air.air,
+            policy=centering_policy(one),
+            listen=listen,
+            solving=solve_settings(settings.solving, calibration=one.calibration),
+            solve=solve,
+            limits=limits_of(one),
+            sync=one.sync.policy,
+            journal=journal,
+            clock=clock,
+            pointing=one.model.pointing(
+                site=settings.site.site,
+                air=settings.air.air,
+                mounting=mounting,
+                resolution_arcsec=mount.resolution_arcsec,
+            ),
+            apply_model=one.model.apply,
+            learned=Learned(mounting=mounting, policy=one.sync.policy),
             mounting=mounting,
-            resolution_arcsec=mount.resolution_arcsec,
-        ),
-        apply_model=one.model.apply,
-        learned=Learned(mounting=mounting, policy=one.sync.policy),
-        mounting=mounting,
+        )
     )
 
 

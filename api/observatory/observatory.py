@@ -139,7 +139,7 @@ class Telescope:
         A mount that keeps its own link is left alone: it connects again by itself, and is stopped then.
         """
         self.problem = str(error)
-        if self.is_open and self.navigator.mount.told("link") is None:
+        if self.is_open and self.navigator.mount.link is None:
             self.is_open = False
             await self._release()
 

@@ -138,7 +138,7 @@ class Watch:
         """A link that falls silent is told at once: the reading that finds it out may hang for seconds."""
         if not what.startswith("link"):
             return
-        link = self._telescope.navigator.mount.told("link")
+        link = self._telescope.navigator.mount.link
         if link is not None and str(link) != self._state.link and self._state.connected:
             words = "" if str(link) == "up" else f"the mount gives no answer: its link is {link}"
             self._take(replace(self._state, link=str(link), problem=self._state.problem or words or None))

@@ -26,7 +26,7 @@ from mountnav.catalog.stars import Catalog
 from mountnav.devices import MountReading
 from mountnav.errors import BadFrame, BadRequest, BadSettings, DeviceError
 from mountnav.frames import Frame, Hint
-from mountnav.navigation.navigator import sync_rules
+from mountnav.navigation.equipment import sync_rules
 from mountnav.night.placing import BySeries, Placing
 from mountnav.night.recording import Line, Recording, read_recording, reading_of
 from mountnav.night.replaying import Replay, ReplayReport

@@ -1,7 +1,6 @@
 """A sync and its read-back: seen, late, ignored, or another place taken; sent once, never believed unread.
 
-What the readings after a sync mean is one law for all mounts (`near_arcsec`, `miss_arcsec` and `unseen` of
-`mountnav.devices`); drivers call it here only, through `SyncReadBack`. What follows from the outcome
+What the readings after a sync mean is one law for all mounts (`SyncLaw` of `mountnav.devices`); drivers call it here only, through `SyncReadBack`. What follows from the outcome
 (journal, model, undo) is decided above.
 """
 
@@ -14,7 +13,7 @@ from drivers.generic.coordinates import apart_arcsec
 from drivers.generic.refusals import Refusals
 from drivers.generic.session import LateSync, Session
 from mountnav.clock import pause, sky_s, utc_now
-from mountnav.devices import MountReading, SyncOutcome, SyncResult, miss_arcsec, near_arcsec, unseen
+from mountnav.devices import MountReading, SyncLaw, SyncOutcome, SyncResult, miss_arcsec
 from mountnav.errors import DeviceMissing, DeviceRefused, Refusal
 from mountnav.sky.coordinates import Apparent, Icrs
 
@@ -54,9 +53,9 @@ class SyncReadBack:
     ) -> None:
         self._place = place
         self._before = before
-        self._resolution_arcsec = resolution_arcsec
         self._sent_utc: datetime | None = None
-        self.near_arcsec = near_arcsec(apart_arcsec(before.place, place), resolution_arcsec, most_arcsec)
+        self._law = SyncLaw.of(apart_arcsec(before.place, place), resolution_arcsec, most_arcsec)
+        self.near_arcsec = self._law.near_arcsec
 
     def sent(self, utc: datetime) -> None:
         """The sync has gone out: from now on a mount that rests believes a place that turns with the sky."""
@@ -65,12 +64,12 @@ class SyncReadBack:
     def shows(self, now: MountReading) -> bool:
         """Whether a reading shows the sync."""
         assert self._sent_utc is not None
-        return miss_arcsec(self._place, self._sent_utc, now) <= self.near_arcsec
+        return self._law.seen(miss_arcsec(self._place, self._sent_utc, now))
 
     def result(self, now: MountReading, *, after_s: float, late: bool) -> SyncResult:
         """What the sync came to by the last reading, taken `after_s` after it."""
         if not self.shows(now):
-            outcome = unseen(self._before, now, self._resolution_arcsec)
+            outcome = self._law.unseen(self._before, now)
         else:
             outcome = SyncOutcome.LATE if late else SyncOutcome.SEEN
         return SyncResult(outcome, now, apart_arcsec(now.place, self._place), after_s)

@@ -10,10 +10,10 @@ Nobody else holds the driver: navigation, nights, and the faces for other progra
 A stop goes past all of it: it is noted without waiting, sent, and closed afterwards. An order that a stop has
 overtaken before it was sent isn't sent any more.
 
-``mount`` is the face. ``admission`` asks what stands before an order, ``slew_plans`` how a slew may go;
-``motions`` (watched on their way), ``syncs`` and ``brief_orders`` are the orders; ``sending`` sends each one,
-with its row (``written_orders``). ``standing`` and ``segments`` hold what is known of the mount.
-``tracking_watch`` looks at it by the limits (``guarding``) now and then, and ``halting`` stops it there.
+``mount`` is the face, `CheckedMount`. ``orders`` has the orders, ``sending`` what all of them go through:
+`Admission` asks what stands before an order, `Sender` sends it with its row (``order_book``). ``mount_state``
+holds what is known of the mount, ``trust`` whether its position counts. ``tracking_watch`` holds it against
+its limits (``limits_guard``, ``pier_side``, ``axis_rates``) now and then, and stops it there.
 """
 
 from mountnav.mount.mount import CheckedMount

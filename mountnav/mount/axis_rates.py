@@ -18,24 +18,31 @@ __all__ = ["HEARD_AFTER_S", "Braking"]
 
 
 _MOVES_DEG = 0.3
-"""An axis must have turned so far between two readings for its rate to tell anything."""
+"""An axis must have turned so far between two readings for its rate to mean anything, °. Chosen by hand.
+Doubled, slow slews are judged one look later."""
 _ARRIVES_S = 2.0
-"""An axis that is so near to its end, at its rate, is slowing down."""
+"""An axis that is so near to its end, at its rate, is slowing down, s. Chosen by hand: mounts brake for a
+second or two. Halved, a braking axis is taken for one of another rate."""
 _JUMPS_DEG = 30.0
-"""No axis turns so far between two looks: place and side of the pier were read at different times."""
+"""No axis turns so far between two looks: place and side of the pier were read at different times, °. Halved,
+axes of 15°/s and more are never judged."""
 _STANDS_DEG = 0.05
-"""One that has turned less between two readings stands."""
+"""One that has turned less between two readings stands, °. Chosen by hand, 3′. Doubled, an axis that starts
+is taken for one that stands for another look."""
 _BESIDE_DEG = 1.0
 """Ways so near to where it stands, °, may be the one that it takes: pointing errors and what it tracks
 meanwhile. Doubled, rates that are unlike are seen some tenths of a second later."""
 _LOOSE = 1.25
-"""Rates are seen to a quarter: readings are some tenths of a second apart from their times."""
+"""Rates are seen to a quarter: readings are some tenths of a second apart from their times. Doubled, a ratio
+of rates twice as wrong is let pass."""
 _POLE_DEG = 5.0
-"""So near to the pole, or the zenith of an alt-az mount, a place tells too little of the first axis."""
+"""So near to the pole, or the zenith of an alt-az mount, °, a place says too little of the first axis. Chosen
+by hand. Doubled, the rates of more slews aren't judged."""
 _STEEPEST = 30.0
-"""As good as one axis after the other."""
+"""As good as one axis after the other. A ratio of rates beyond it means nothing more."""
 _KEPT = 4
-"""So many ratios are remembered: an axis that speeds up shows others than its own."""
+"""So many ratios are remembered: an axis that speeds up shows others than its own. Chosen by hand. Doubled,
+one that was misread is remembered twice as long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,14 +91,14 @@ class RatesSeen:
         ways : sequence of Way
             Those that the mount may take.
         before, now : sequence of Standing
-            How it may have stood at each reading; more than one where it doesn't tell its side.
+            How it may have stood at each reading; more than one where it doesn't report its side.
         scene : Scene
             Of the later one.
 
         Returns
         -------
         Unlike or None
-            None: as it was checked, or too early or too late to tell.
+            None: as it was checked, or too early or too late to say.
         """
         reckoned = self.reckoned(scene.limits)
         if reckoned.rate_ratio is None or not ways:
@@ -99,7 +106,7 @@ class RatesSeen:
         low, high = reckoned.rate_ratio
         found: list[Unlike] = []
         for way in _near(ways, now):
-            then, here = (_on(way, one) for one in (before, now))
+            then, here = (_on(way, stands) for stands in (before, now))
             ratio = _ratio(way, then, here)
             if not _towards(way, then, here, _MOVES_DEG):
                 continue  # it goes elsewhere, whatever its rates: that is judged by where it comes to
@@ -111,7 +118,7 @@ class RatesSeen:
                 found.append(Unlike(ratio, trouble_on(Way(here, way.end), replace(scene, limits=seen))))
         if not found:
             return None
-        worst = next((one for one in found if one.trouble is not None), found[0])
+        worst = next((unlike for unlike in found if unlike.trouble is not None), found[0])
         self._ratios.append(worst.ratio)
         return worst
 
@@ -142,12 +149,12 @@ def _on(way: Way, stands: Sequence[Standing]) -> Standing:
 
 
 def _ratio(way: Way, then: Standing, here: Standing) -> float | None:
-    """Second axis' rate over the first one's; None where both don't tell."""
+    """Second axis' rate over the first one's; None where it can't be said."""
     turned = abs(here.first_deg - then.first_deg), abs(here.second_deg - then.second_deg)
     left = abs(way.end.first_deg - here.first_deg), abs(way.end.second_deg - here.second_deg)
     if not _MOVES_DEG <= max(turned) <= _JUMPS_DEG:
         return None
-    if any(abs(90.0 - abs(one.second_deg)) < _POLE_DEG for one in (then, here)):
+    if any(abs(90.0 - abs(standing.second_deg)) < _POLE_DEG for standing in (then, here)):
         return None
     # readings on the way are a second apart or so
     if any(to_go < max(_ARRIVES_S * each, LATE_START_DEG) for each, to_go in zip(turned, left, strict=True)):
@@ -165,13 +172,16 @@ _LEAST_DEG_S2 = 0.3
 """A slower braking than this isn't reckoned with, °/s²: what the speeding up is seen as that lay between two
 looks. Doubled, a mount that begins its way between two looks would be stopped some degrees later."""
 _HALF_A_LOOK_S = 0.5
-"""So old is a rate that two looks of a second tell, s."""
+"""So old is a rate that two looks a second apart give, s. Half the time between two looks of `SLEWING_S`."""
 _SHORTEST_S = 0.3
-"""Readings nearer to each other than this tell no rate, s: their times are some hundredths off."""
+"""Readings nearer to each other than this give no rate, s: their times are some hundredths off. Halved, a
+rate may be a third off."""
 _TURNS_DEG_S = 0.2
-"""Slower than this it tracks, or is about to stand, °/s."""
+"""Slower than this it tracks, or is about to stand, °/s. Fifty times the sky's turn. Doubled, slow mounts are
+stopped a little later."""
 _JUMPS_DEG_S = 30.0
-"""No axis is as fast, °/s: place and side of the pier were read at different times."""
+"""No axis is as fast, °/s: place and side of the pier were read at different times. Halved, mounts faster
+than 15°/s are not judged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,7 +203,7 @@ class Braking:
         self._grows_deg_s2 = 0.0
 
     def rests_at_deg(self, utc: datetime, stands: Standing) -> float | None:
-        """Take in a reading, and tell where the axis would come to rest.
+        """Take in a reading; where the axis would come to rest.
 
         Parameters
         ----------

@@ -38,7 +38,8 @@ from mountnav.sky.chain import icrs_to_hour_angle, icrs_to_observed
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Observed, Site
 
 BELOW_GROUND_DEG = -2.0
-"""Lower than this no telescope looks, whatever refraction and an uneven horizon do."""
+"""Lower than this no telescope looks, whatever refraction and an uneven horizon do. Refraction lifts by 0.6°
+there, a hill's horizon sinks by about 1°. Doubled, a sync on a place under the ground passes."""
 
 _SIDES = (PierSide.EAST, PierSide.WEST)
 _WAYS_ROUND = 6
@@ -81,11 +82,9 @@ class LimitsGuard:
 
     Parameters
     ----------
-    limits : Limits
-    site, air : Site, Air
     mounting : {"german", "fork", "altaz"} or None
     proof : SideProof, optional
-        Of the side that the mount tells.
+        Of the side that the mount reports.
     """
 
     def __init__(
@@ -114,14 +113,14 @@ class LimitsGuard:
         self._told_anew_utc = None
 
     def saw(self, reading: MountReading) -> None:
-        """Take in a reading: a mount that doesn't tell its side is followed by it."""
+        """Take in a reading: a mount that doesn't report its side is followed by it."""
         self._latest = reading
         if self.mounting != "german" or _told(reading):
             return
         place = from_mount(reading.place)
         bare = icrs_to_hour_angle(place, reading.utc, self.site, VACUUM)
         if abs(bare.dec_deg) >= POLE_DOUBT_DEG and (not self._set_out or self._followed.home):
-            # by the pole the place tells nothing of the axes; there it was switched on, or is about to leave
+            # by the pole the place says nothing of the axes; there it was switched on, or is about to leave
             pole_deg = math.copysign(90.0, bare.dec_deg)
             self._followed.at_home(
                 reading.utc, Standing("german", PierSide.EAST, COUNTERWEIGHT_DOWN_DEG, pole_deg)
@@ -132,11 +131,11 @@ class LimitsGuard:
         self._followed.seen(reading.utc, self._standings(reading, "german"), told_anew=anew)
 
     def told_anew(self, utc: datetime) -> None:
-        """It is told where it points: soon after, until it is sent on, its place may change, and no axis."""
+        """A sync goes out: soon after, until a slew, its place may change without a motion of its axes."""
         self._told_anew_utc = utc
 
     def stood(self, reading: MountReading) -> bool:
-        """Take in where it stands before an order; whether that has proven the side that it tells."""
+        """Take in where it stands before an order; whether that has proven the side that it reports."""
         if not _told(reading) or reading.slewing or self.mounting in ("fork", "altaz"):
             return False
         scene = Scene(self.limits, reading.utc, self.site)
@@ -195,9 +194,6 @@ class LimitsGuard:
 
         Parameters
         ----------
-        reading : MountReading
-        target : Icrs
-        utc : datetime
         destination : PierSide or None
             On which side the mount says that it would look at the target.
         foretold : callable, optional
@@ -286,7 +282,7 @@ class LimitsGuard:
         return check
 
     def _require_on_both_sides(self, reading: MountReading, check: SlewCheck, *, passing: bool) -> None:
-        """Refuse a way that isn't allowed if the told side is wrong. Raises `OutsideLimits`."""
+        """Refuse a way that isn't allowed if the reported side is wrong. Raises `OutsideLimits`."""
         if self.proof.wrong:
             raise OutsideLimits(
                 "the slew isn't allowed: the mount tells the sides of the pier the wrong way round: it says "
@@ -299,10 +295,10 @@ class LimitsGuard:
         ways = check.expected
         # at the pole, and not slewed there by us: it stands at home, its counterweight down
         from_home = not self._set_out and any(
-            abs(abs(one.start.second_deg) - 90.0) < 90.0 - POLE_DOUBT_DEG for one in ways
+            abs(abs(way.start.second_deg) - 90.0) < 90.0 - POLE_DOUBT_DEG for way in ways
         )
         if from_home:
-            ways = tuple(one for one in ways if one.start.first_deg == COUNTERWEIGHT_DOWN_DEG) or ways
+            ways = tuple(way for way in ways if way.start.first_deg == COUNTERWEIGHT_DOWN_DEG) or ways
         for way in ways:
             self.proof.require(scene, way.start, way.end, from_home=from_home)
             if not passing:
@@ -372,15 +368,19 @@ class LimitsGuard:
                 self.site,
                 self.air,
                 mounting=self.mounting,
-                side=one,
+                side=side,
                 within_s=within_s,
             )
-            for one in sides
+            for side in sides
         ]
-        return min((one for one in found if one is not None), key=lambda one: one.after_s, default=None)
+        return min(
+            (reached for reached in found if reached is not None),
+            key=lambda reached: reached.after_s,
+            default=None,
+        )
 
     def unproven(self, reading: MountReading) -> bool:
-        """Whether its tube may hang on the other side than it tells, and limits depend on it."""
+        """Whether its tube may hang on the other side than it reports, and limits depend on it."""
         if not _told(reading) or self.mounting in ("fork", "altaz"):
             return False
         scene = Scene(self.limits, reading.utc, self.site)
@@ -408,13 +408,12 @@ class LimitsGuard:
 
         Parameters
         ----------
-        reading : MountReading
         passing : bool
             Whether it is on its way: what holds for standing only is left out.
         """
         scene = Scene(self.limits, reading.utc, self.site)
         place = from_mount(reading.place)
-        here, bare = (icrs_to_hour_angle(place, reading.utc, self.site, one) for one in (self.air, VACUUM))
+        here, bare = (icrs_to_hour_angle(place, reading.utc, self.site, air) for air in (self.air, VACUUM))
         depths, _ = tracked_depths(
             scene,
             here,
@@ -439,24 +438,24 @@ class LimitsGuard:
         if check.sure:
             return False
         stands = self._stands(reading, check)
-        if min(strays_deg(check.expected, one) for one in stands) <= STRAYS_DEG:
+        if min(strays_deg(check.expected, standing) for standing in stands) <= STRAYS_DEG:
             return False
         if not self._kept.strayed(check, stands, self.side(reading)):
-            # then it didn't begin on that side, if it doesn't tell
+            # then it didn't begin on that side, if it doesn't report its side
             self._followed.lost(astray=True)
         return True
 
     def unlike(self, before: MountReading, reading: MountReading, check: SlewCheck) -> Unlike | None:
         """Whether its axes turn, between two readings on the way, at other rates than it was checked for."""
         scene = Scene(self.limits, reading.utc, self.site)
-        then, now = (self._stands(one, check) for one in (before, reading))
+        then, now = (self._stands(read, check) for read in (before, reading))
         return self._rates.unlike(check.expected, then, now, scene)
 
     def overruns(self, braking: Braking, reading: MountReading, check: SlewCheck) -> float | None:
         """Where its first axis would come to rest beyond a limit, if it were stopped now; None: within.
 
         It brakes by itself before an end of the ways that are allowed; only what turns away from all of them
-        has to be stopped. One that doesn't tell its side has its axes anywhere.
+        has to be stopped. One that doesn't report its side has its axes anywhere.
         """
         if check.mounting != "german" or not _told(reading):
             return None
@@ -473,14 +472,16 @@ class LimitsGuard:
         turns = math.copysign(1.0, rests_deg - now.first_deg)
         if any(turns * (end_deg - now.first_deg) > -_AT_ITS_END_DEG for end_deg in check.ends_deg):
             return None
-        stands, rests = (scene.axis_depths(now, np.array([one])) for one in (now.first_deg, rests_deg))
+        stands, rests = (
+            scene.axis_depths(now, np.array([angle_deg])) for angle_deg in (now.first_deg, rests_deg)
+        )
         deeper = any(
             depth[0] > max(0.0, stands[limit][0]) for limit, depth in rests.items() if limit in _OF_AXES
         )
         return rests_deg if deeper else None
 
     def _stands(self, reading: MountReading, check: SlewCheck) -> list[Standing]:
-        """How it may stand on a way: on both sides of the pier, where it doesn't tell."""
+        """How it may stand on a way: on both sides of the pier, where it doesn't report its side."""
         return [*self._standings(reading, check.mounting).values()]
 
     def _standings(self, reading: MountReading, kind: Mounting) -> dict[PierSide, Standing]:

@@ -20,11 +20,14 @@ from mountnav.devices import (
     SlewOutcome,
     SyncResult,
     TrackingRate,
+    skills_of,
 )
-from mountnav.journal.records import CommandRecord, EntryKind, Journal, Order, Unwritten
+from mountnav.errors import MountnavError
+from mountnav.journal.records import CommandRecord, EntryKind, Journal, Order, Outcome, Unwritten
+from mountnav.mount.kill_points import kill_point
 from mountnav.mount.limits_guard import LimitsGuard
 from mountnav.mount.mount_state import Listener, MountState, SegmentListener
-from mountnav.mount.order_book import OrderBook
+from mountnav.mount.order_book import OrderBook, outcome_of
 from mountnav.mount.orders import BriefOrders, MotionOrders, SlewPlanner, SyncOrders
 from mountnav.mount.pier_side import SIDE_PROVEN, SideProof
 from mountnav.mount.sending import Admission, Sender
@@ -41,11 +44,6 @@ class CheckedMount:
     ----------
     mount : Mount
         The driver. It must not be used by anybody else from now on.
-    telescope : str
-    limits : Limits
-    site, air : Site, Air
-    journal : Journal, optional
-    clock : Clock, optional
     mounting : {"german", "fork", "altaz"}, optional
         None: not known.
     """
@@ -70,46 +68,41 @@ class CheckedMount:
             limits, site, air, mounting, SideProof(stated=stated, tell=self._side_proven)
         )
         self._book = book = OrderBook(journal or Unwritten(), self._clock, telescope)
-        self._standing = standing = MountState(mount, book, self._clock)
-        self._sender = sender = Sender(mount, book, standing)
-        self._watch = watch = TrackingWatch(self, guard, book, self._clock, standing.tell)
-        self._agreement = agreement = SiteTimeAgreement(mount, standing, book, guard)
-        self._admission = admission = Admission(mount, guard, standing, sender, self._clock, agreement)
+        self._state = state = MountState(mount, book, self._clock)
+        self._sender = sender = Sender(mount, book, state)
+        self._watch = watch = TrackingWatch(self, guard, book, self._clock, state.tell)
+        self._agreement = agreement = SiteTimeAgreement(mount, state, book, guard)
+        self._admission = admission = Admission(mount, guard, state, sender, self._clock, agreement)
         self._plans = plans = SlewPlanner(mount, guard, sender, book, self._clock)
-        self._motions = MotionOrders(mount, guard, standing, sender, admission, plans, watch, self._clock)
-        self._syncs = SyncOrders(mount, guard, standing, sender, admission, self._clock)
-        self._memory = PositionMemory(standing, guard, book, self._clock)
+        self._motions = MotionOrders(mount, guard, state, sender, admission, plans, watch, self._clock)
+        self._syncs = SyncOrders(mount, guard, state, sender, admission, self._clock)
+        self._memory = PositionMemory(state, guard, book, self._clock)
         self._limits = limits
         self._wider_deg = self._off_deg = 0.0
-        standing.segments.listen(self._usual_again)
-        standing.on_reading(guard.saw)
-        standing.listen(self._not_followed)
-        self._brief = BriefOrders(mount, guard, standing, sender, admission, watch, book, self._clock)
+        state.segments.listen(self._usual_again)
+        state.on_reading(guard.saw)
+        state.listen(self._not_followed)
+        self._brief = BriefOrders(mount, guard, sender, admission, watch, self._clock)
 
     # -- what it is --------------------------------------------------------------------------------
 
     @property
     def segment_id(self) -> str:
         """Which segment this is: it changes with each sync that was seen, home, reboot or lost link."""
-        return self._standing.segments.segment_id
-
-    @property
-    def segment_since_utc(self) -> datetime | None:
-        """When this segment began; None if that was before the service used the mount."""
-        return self._standing.segments.since_utc
+        return self._state.segments.segment_id
 
     @property
     def side_of_last_sync(self) -> PierSide | None:
         """On which side of the pier this segment's zero points were synced; None if they weren't."""
-        return self._standing.segments.side_of_last_sync
+        return self._state.segments.side_of_last_sync
 
     @property
     def last_motion_utc(self) -> datetime | None:
         """End of the last order that moved the mount or gave it other zero points, or may have.
 
-        A frame exposed before it tells nothing of where the mount is now.
+        A frame exposed before it says nothing of where the mount is now.
         """
-        return self._standing.last_motion_utc
+        return self._state.last_motion_utc
 
     @property
     def limits(self) -> Limits:
@@ -164,12 +157,12 @@ class CheckedMount:
     @property
     def skills(self) -> frozenset[Skill]:
         """What it can do besides."""
-        return getattr(self._mount, "skills", frozenset())
+        return skills_of(self._mount)
 
     @property
     def trusted(self) -> bool:
         """Whether its own position counts."""
-        return self._standing.trusted
+        return self._state.trusted
 
     @property
     def moving(self) -> str | None:
@@ -198,7 +191,7 @@ class CheckedMount:
         self._agreement.turned_deg = None
 
     def restore_side_proof(self, facts: Mapping[str, Any]) -> None:
-        """Take over from the journal that this mount was seen to tell the right side of the pier."""
+        """Take over from the journal that this mount was seen to report the right side of the pier."""
         if facts.get("mount") == self.name:
             self._guard.proof.restore()
 
@@ -230,13 +223,13 @@ class CheckedMount:
 
         site = {"latitude_deg": self.site.latitude_deg, "longitude_deg": self.site.longitude_deg}
         await self._brief.give("set-site", send, facts={**site, "clock": True})
-        self._standing.new_segment("its site and clock were set")
+        self._state.new_segment("its site and clock were set")
         return reports[-1]
 
     @property
     def why_untrusted(self) -> str:
         """Why it doesn't; empty while it does."""
-        return self._standing.why_untrusted
+        return self._state.why_untrusted
 
     async def take_up(self, last: LastSeen | None, in_flight: Sequence[CommandRecord]) -> str | None:
         """Take it up as an earlier run of the service left it; from now on what is seen is written down.
@@ -262,7 +255,7 @@ class CheckedMount:
 
     def trust(self) -> None:
         """An operator's word that the position is right."""
-        self._standing.trust()
+        self._state.trust()
 
     def trust_by_sight(self, off_deg: float, why: str) -> None:
         """Let the position count since the sky has shown how far it is off.
@@ -272,9 +265,8 @@ class CheckedMount:
         off_deg : float
             All limits are kept away from as far as that, if it is more than their margin, until a new segment
             begins.
-        why : str
         """
-        self._standing.trust(why)
+        self._state.trust(why)
         self._off_deg = off_deg
         self._keep_away()
 
@@ -290,28 +282,28 @@ class CheckedMount:
 
     def distrust(self, why: str) -> None:
         """Let its position not count until a sync is seen, its home is found, or an operator says so."""
-        self._standing.distrust(why)
+        self._state.distrust(why)
 
     def new_segment(self, why: str) -> str:
         """Its zero points are others from now on, say after a slip; the new segment's id."""
-        self._standing.new_segment(why)
+        self._state.new_segment(why)
         return self.segment_id
 
     def listen(self, listener: Listener) -> None:
-        """Tell of what happens to the link and the position, and of limits that come near or are reached."""
-        self._standing.listen(listener)
+        """Call `listener(what, facts)` on events of the link, the position, and the limits."""
+        self._state.listen(listener)
 
     def on_reading(self, listener: Callable[[MountReading], None]) -> None:
-        """Tell of each reading that passes, whoever asked for it."""
-        self._standing.on_reading(listener)
+        """Call `listener` with each reading, for whatever purpose it was taken."""
+        self._state.on_reading(listener)
 
     def on_segment(self, listener: SegmentListener) -> None:
         """Tell `listener(segment_id, why)` of each new segment."""
-        self._standing.segments.listen(listener)
+        self._state.segments.listen(listener)
 
     @property
     def tracking_rate(self) -> TrackingRate | None:
-        """At which rate it was last told to track, by us; None where nobody has yet."""
+        """At which rate it was last ordered to track, by us; None where it wasn't yet."""
         return self._rate
 
     def reached(self, reading: MountReading, *, within_s: float = 43200.0) -> Reached | None:
@@ -319,15 +311,57 @@ class CheckedMount:
 
         Parameters
         ----------
-        reading : MountReading
         within_s : float
             How far ahead is looked.
         """
         return self._guard.reached(reading, within_s=within_s)
 
-    def told(self, what: str) -> object | None:
-        """Something that only some mounts tell: ``link``, ``slew_state``, ``report``, ``wire_log``."""
-        return getattr(self._mount, what, None)
+    # -- what only some mounts report: None where the driver has no such property ------------------
+
+    @property
+    def link(self) -> str | None:
+        """How its link is: "up", "silent", "lost", ...; None of a mount without one."""
+        link = getattr(self._mount, "link", None)
+        return None if link is None else str(link)
+
+    @property
+    def slew_state(self) -> str | None:
+        """What the last order to move has come to, as `SlewState`; None where it doesn't report that."""
+        state = getattr(self._mount, "slew_state", None)
+        return None if state is None else str(state)
+
+    @property
+    def report(self) -> ConnectReport | None:
+        """What connecting has found; None where it hasn't yet, or doesn't report that."""
+        report = getattr(self._mount, "report", None)
+        return report if isinstance(report, ConnectReport) else None
+
+    @property
+    def wire_log(self) -> object | None:
+        """The log of its messages (`drivers.wire.wire_log.WireLog`); None of a mount without a wire."""
+        log: object | None = getattr(self._mount, "wire_log", None)
+        return log
+
+    @property
+    def tracking_rates(self) -> frozenset[TrackingRate] | None:
+        """At which rates it can track; None where it doesn't report that."""
+        rates = getattr(self._mount, "tracking_rates", None)
+        return rates if isinstance(rates, frozenset) else None
+
+    @property
+    def guide_rates_deg_s(self) -> tuple[float, float] | None:
+        """Rates of a guide pulse in right ascension and in declination; None where it doesn't report that."""
+        match getattr(self._mount, "guide_rates_deg_s", None):
+            case (float(ra_deg_s), float(dec_deg_s)):
+                return ra_deg_s, dec_deg_s
+        return None
+
+    @property
+    def tells_trust(self) -> bool:
+        """Whether the driver knows by itself if its position counts."""
+        return getattr(self._mount, "trusted", None) is not None
+
+    # -- its life ----------------------------------------------------------------------------------
 
     async def open(self) -> None:
         """Connect, and begin to watch the limits. Moves nothing."""
@@ -345,7 +379,7 @@ class CheckedMount:
 
     async def reading(self) -> MountReading:
         """Where the mount believes it points."""
-        return await self._standing.reading()
+        return await self._state.reading()
 
     async def destination_side(self, place: Apparent | Icrs) -> PierSide | None:
         """On which side of the pier the tube would hang after a slew there; None if it can't tell."""
@@ -387,7 +421,6 @@ class CheckedMount:
 
         Parameters
         ----------
-        place : Apparent or Icrs
         after_stop : bool
             As if what runs now had been stopped: it is no reason then.
 
@@ -459,7 +492,19 @@ class CheckedMount:
         DeviceError
             It can't be sent, or it still moves.
         """
-        await self._brief.stop()
+        # no `Admission`, no `Sender.send`: both may wait, for an order under way or for the disk
+        with self._sender.stopping():
+            row = self._book.begin_now("stop", self.segment_id)
+            try:
+                await self._mount.stop()
+            except BaseException as error:
+                detail = str(error) or "cancelled: whether it was heard isn't known"
+                self._book.end_soon(row, outcome_of(error, on_wire=True), detail)
+                raise
+            finally:
+                self._state.moved()
+                kill_point("stop sent")
+            self._book.end_soon(row, Outcome.DONE)
 
     async def unpark(self) -> None:
         """Be ready to move again: an order of its own, never given by itself. Raises as `park`."""
@@ -494,6 +539,10 @@ class CheckedMount:
         )
 
     # -- before an order ---------------------------------------------------------------------------
+
+    def unfit(self, order: Order, before: MountReading, *, needs_trust: bool = True) -> MountnavError | None:
+        """What speaks against an order to a mount that stands as `before`: parked, or lost; None: nothing."""
+        return self._admission.unfit(order, before, needs_trust=needs_trust)
 
     async def require_unparked(self, order: Order) -> MountReading:
         """Read the mount, and refuse an order to a parked one before anything is done for it.

@@ -24,21 +24,14 @@ class Segments:
 
     Attributes
     ----------
-    segment_id : str
-    since_utc : datetime or None
-        None for the first one: when it began is not known.
-    why : str
-        What began it.
     side_of_last_sync : PierSide or None
         On which the tube hung when this segment's zero points were synced; None if they weren't.
     side : PierSide or None
-        On which it hung in the last reading that told.
+        On which it hung in the last reading that reported it.
     """
 
     def __init__(self) -> None:
         self.segment_id = new_id()
-        self.since_utc: datetime | None = None
-        self.why = "the service began to use the mount"
         self.side_of_last_sync: PierSide | None = None
         self.side: PierSide | None = None
         self._listeners: list[SegmentListener] = []
@@ -47,13 +40,11 @@ class Segments:
         """Tell `listener(segment_id, why)` of each new segment."""
         self._listeners.append(listener)
 
-    def begin(self, why: str, utc: datetime, synced_on: PierSide | None = None) -> dict[str, object]:
+    def begin(self, why: str, synced_on: PierSide | None = None) -> dict[str, object]:
         """Begin a new segment.
 
         Parameters
         ----------
-        why : str
-        utc : datetime
         synced_on : PierSide, optional
             On which side the tube hung, if it was a sync.
 
@@ -63,7 +54,7 @@ class Segments:
             For the journal.
         """
         before, self.segment_id = self.segment_id, new_id()
-        self.since_utc, self.why, self.side_of_last_sync = utc, why, synced_on
+        self.side_of_last_sync = synced_on
         for listener in self._listeners:
             listener(self.segment_id, why)
         return {
@@ -93,18 +84,15 @@ Listener = Callable[[str, Mapping[str, object]], None]
 
 
 class MountState:
-    """What is known of one mount, and told of it.
+    """What is known of one mount, and who listens.
 
     Parameters
     ----------
     mount : Mount
         Read, and listened to if it announces anything.
-    book : OrderBook
-    clock : Clock
 
     Attributes
     ----------
-    segments : Segments
     last_motion_utc : datetime or None
         End of the last order that moved the mount or gave it other zero points, or may have.
     """
@@ -140,7 +128,7 @@ class MountState:
 
     def new_segment(self, why: str, synced_on: PierSide | None = None) -> None:
         """Begin a new segment, and write that down."""
-        self._book.note_now(EntryKind.SEGMENT, why, self.segments.begin(why, self._clock.utc(), synced_on))
+        self._book.note_now(EntryKind.SEGMENT, why, self.segments.begin(why, synced_on))
 
     # -- whether that counts -----------------------------------------------------------------------
 
@@ -151,7 +139,7 @@ class MountState:
 
     @property
     def why_untrusted(self) -> str:
-        """Why it doesn't, as it was told last; empty while it does."""
+        """Why it doesn't, as it was reported last; empty while it does."""
         return "" if self.trusted else self._distrusted or self._why
 
     def trust(self, why: str = "trusted by an operator") -> None:
@@ -171,23 +159,23 @@ class MountState:
         """A sync was seen or its home was found: what spoke against its position is over."""
         self._distrusted = ""
 
-    # -- what is told ------------------------------------------------------------------------------
+    # -- who listens -------------------------------------------------------------------------------
 
     def listen(self, listener: Listener) -> None:
-        """Tell of what happens to the link and the position, and of limits that come near or are reached."""
+        """Call `listener(what, facts)` on events of the link, the position, and the limits."""
         self._listeners.append(listener)
 
     def on_reading(self, listener: Callable[[MountReading], None]) -> None:
-        """Tell of each reading that passes, whoever asked for it."""
+        """Call `listener` with each reading, for whatever purpose it was taken."""
         self._reading_listeners.append(listener)
 
     def tell(self, what: str, facts: Mapping[str, object]) -> None:
-        """Tell those who listen."""
+        """Call all listeners."""
         for listener in self._listeners:
             listener(what, facts)
 
     def _mount_said(self, what: str, facts: Mapping[str, object]) -> None:
-        """Write down what the mount tells unasked, and pass it on."""
+        """Write down what the mount announces, and pass it on."""
         kind = EntryKind.LINK if what.startswith("link") or what == "connected" else EntryKind.FAULT
         self._book.note_now(kind, what, facts)
         if what == "untrusted":

@@ -47,7 +47,6 @@ class OrderRow:
 
     Attributes
     ----------
-    record : CommandRecord
     sent : bool
         Whether it may have gone over the wire.
     facts : dict
@@ -60,14 +59,7 @@ class OrderRow:
 
 
 class OrderBook:
-    """Writes the orders of one mount.
-
-    Parameters
-    ----------
-    journal : Journal
-    clock : Clock
-    telescope : str
-    """
+    """Writes the orders of one mount."""
 
     def __init__(self, journal: Journal, clock: Clock, telescope: str) -> None:
         self._journal = journal
@@ -162,7 +154,7 @@ class OrderBook:
         after: MountReading | None = None,
         miss_arcsec: float | None = None,
     ) -> asyncio.Task[None]:
-        """Close an order without waiting: the outcome of a stop is told before the disk has it."""
+        """Close an order without waiting: the outcome of a stop is reported before the disk has it."""
         order, command_id = written.record.order, written.record.command_id
         end = CommandEnd(self._clock.utc(), outcome, detail, after, miss_arcsec, dict(written.facts))
         # until it is written it is owed
@@ -197,7 +189,7 @@ class OrderBook:
             self._late.pop(command_id, None)
 
     async def note(self, kind: EntryKind, what: str, facts: Mapping[str, object]) -> None:
-        """Write down anything else; a journal that fails doesn't hide what is told."""
+        """Write down anything else; a journal that fails doesn't hide what is reported."""
         with contextlib.suppress(JournalFailed):
             await self._journal.note(self._entry(kind, what, facts))
 
@@ -210,7 +202,7 @@ class OrderBook:
 
 
 async def _finished(task: asyncio.Future[None]) -> bool:
-    """Wait for a piece of writing to end, also through a cancellation; tell whether there was one."""
+    """Wait for a piece of writing to end, also through a cancellation; whether there was one."""
     cancelled = False
     while not task.done():
         try:
@@ -221,11 +213,10 @@ async def _finished(task: asyncio.Future[None]) -> bool:
 
 
 def outcome_of(error: BaseException, *, on_wire: bool) -> Outcome:
-    """What an error tells of the order that raised it.
+    """The outcome of an order that raised an error.
 
     Parameters
     ----------
-    error : BaseException
     on_wire : bool
         Whether anything went over the wire since the order was given to the driver, as far as is known.
     """

@@ -1,13 +1,12 @@
-"""The orders that a mount is given: slew, park, home, unpark, track, guide, sync; and stop.
+"""The orders that a mount is given: slew, park, home, unpark, track, guide, sync.
 
 `SlewPlanner` plans a slew leg by leg, each leg checked before it is sent. `MotionOrders` watches what moves
-the mount on its way; `BriefOrders` are those that end by themselves, and stop, which never waits;
-`SyncOrders` sends a sync and says whether it was seen.
+the mount on its way; `BriefOrders` are those that end by themselves; `SyncOrders` sends a sync and says
+whether it was seen. A stop isn't here: it goes past all of this (`CheckedMount.stop`).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import replace
 
@@ -19,19 +18,18 @@ from mountnav.devices import (
     Skill,
     Skilled,
     SlewOutcome,
+    SyncLaw,
     SyncOutcome,
     SyncResult,
     for_mount,
     from_mount,
-    near_arcsec,
-    unseen,
+    skills_of,
 )
 from mountnav.errors import BadRequest, Cancelled, DeviceRefused, OutsideLimits
 from mountnav.journal.records import EntryKind, Order, Outcome
-from mountnav.mount.kill_points import kill_point
 from mountnav.mount.limits_guard import LimitsGuard, Plan
 from mountnav.mount.mount_state import MountState
-from mountnav.mount.order_book import OrderBook, outcome_of
+from mountnav.mount.order_book import OrderBook
 from mountnav.mount.sending import Admission, OrderResult, OvertakenError, Sender
 from mountnav.mount.tracking_watch import LEAD_S, TrackingWatch
 from mountnav.pointing.limits import SlewCheck
@@ -46,11 +44,8 @@ class SlewPlanner:
     ----------
     mount : Mount
         Only asked on which side of the pier it would end.
-    guard : Guard
     sender : Sender
         Writes refusals down.
-    book : OrderBook
-    clock : Clock
     """
 
     def __init__(
@@ -109,10 +104,10 @@ class SlewPlanner:
         Raises
         ------
         DeviceRefused
-            The mount can't tell of this place.
+            The mount can't say it of this place.
         DeviceError
         """
-        if Skill.DESTINATION_SIDE not in getattr(self._mount, "skills", frozenset()):
+        if Skill.DESTINATION_SIDE not in skills_of(self._mount):
             return None
         ask: Callable[[Apparent | Icrs], Awaitable[PierSide | None]] | None
         ask = getattr(self._mount, "destination_side", None)
@@ -129,12 +124,12 @@ class SlewPlanner:
         try:
             return await self.destination_side(place)
         except DeviceRefused:
-            return None  # it can't tell of this place: then it isn't known
+            return None  # it can't say it of this place: then it isn't known
 
     async def _prove_side(self) -> None:
-        """Have a German mount that foretells its sides show that it tells the right ones."""
+        """Have a German mount that foretells its sides show that it reports the right ones."""
         guard = self._guard
-        foretells = Skill.DESTINATION_SIDE in getattr(self._mount, "skills", frozenset())
+        foretells = Skill.DESTINATION_SIDE in skills_of(self._mount)
         if guard.limits.past_meridian_deg is None or not foretells:
             return
         utc = self._clock.utc()
@@ -153,7 +148,7 @@ _SLEW_OUTCOMES = {
 
 
 _ANEW = 2
-"""So often a way by legs is planned anew whose next leg isn't allowed any more: the mount may have come to a
+"""So often a way by legs is planned again whose next leg isn't allowed any more: the mount may have come to a
 place on the other side of the pier than was reckoned with. Doubled, a mount wanders longer before it is
 refused."""
 
@@ -171,22 +166,15 @@ class MotionOrders:
 
     Parameters
     ----------
-    mount : Mount
-    guard : Guard
-    standing : Standing
-    sender : Sender
-    admission : Admission
-    plans : SlewPlans
     watch : TrackingWatch
         Follows each motion, and ends it where it leaves the limits.
-    clock : Clock
     """
 
     def __init__(
         self,
         mount: Mount,
         guard: LimitsGuard,
-        standing: MountState,
+        state: MountState,
         sender: Sender,
         admission: Admission,
         plans: SlewPlanner,
@@ -195,7 +183,7 @@ class MotionOrders:
     ) -> None:
         self._mount = mount
         self._guard = guard
-        self._standing = standing
+        self._state = state
         self._sender = sender
         self._admission = admission
         self._plans = plans
@@ -305,7 +293,7 @@ class MotionOrders:
             arrived = outcome is SlewOutcome.ARRIVED
             detail = "" if left is None else f"stopped by the limits: {left.what}"
             if arrived and new_segment:
-                self._standing.regained()
+                self._state.regained()
             if arrived and check is None:
                 self._guard.at_station()
             return OrderResult(_SLEW_OUTCOMES[outcome], detail, new_segment=new_segment if arrived else "")
@@ -325,7 +313,7 @@ class MotionOrders:
                 reads=True,
             )
             if order == "slew" and following.left is not None:
-                # the stop goes on until it rests: one planned anew before that would be stopped by it too
+                # the stop goes on until it rests: one planned before that would be stopped by it too
                 await self._watch.halted()
         except OvertakenError:
             return SlewOutcome.STOPPED
@@ -337,38 +325,22 @@ class MotionOrders:
 
 
 class BriefOrders:
-    """Gives one mount the orders that nobody has to follow on their way.
-
-    Parameters
-    ----------
-    mount : Mount
-    guard : Guard
-    standing : Standing
-    sender : Sender
-    admission : Admission
-    watch : TrackingWatch
-    book : OrderBook
-    clock : Clock
-    """
+    """Gives one mount the orders that nobody has to follow on their way."""
 
     def __init__(
         self,
         mount: Mount,
         guard: LimitsGuard,
-        standing: MountState,
         sender: Sender,
         admission: Admission,
         watch: TrackingWatch,
-        book: OrderBook,
         clock: Clock,
     ) -> None:
         self._mount = mount
         self._guard = guard
-        self._standing = standing
         self._sender = sender
         self._admission = admission
         self._watch = watch
-        self._book = book
         self._clock = clock
 
     async def give(
@@ -384,7 +356,6 @@ class BriefOrders:
 
         Parameters
         ----------
-        order : str
         send : callable
             Gives it to the driver.
         facts : mapping, optional
@@ -423,25 +394,10 @@ class BriefOrders:
     async def set_park(self) -> None:
         """Take the present place for the park position. See `CheckedMount.set_park`."""
         present: Callable[[], Awaitable[None]] | None = getattr(self._mount, "set_park", None)
-        if present is None or Skill.SET_PARK not in getattr(self._mount, "skills", frozenset()):
+        if present is None or Skill.SET_PARK not in skills_of(self._mount):
             raise await self._admission.unsupported("set-park")
         setting = present
         await self.give("set-park", lambda _mount: setting())
-
-    async def stop(self) -> None:
-        """Stop all motion now; waits for no check and no disk. See `CheckedMount.stop`."""
-        with self._sender.stopping():
-            written = self._book.begin_now("stop", self._standing.segments.segment_id)
-            try:
-                await self._mount.stop()
-            except BaseException as error:
-                detail = str(error) or "cancelled: whether it was heard isn't known"
-                self._book.end_soon(written, outcome_of(error, on_wire=True), detail)
-                raise
-            finally:
-                self._standing.moved()
-                kill_point("stop sent")
-            self._book.end_soon(written, Outcome.DONE)
 
 
 _SYNC_OUTCOMES = {
@@ -453,30 +409,20 @@ _SYNC_OUTCOMES = {
 
 
 class SyncOrders:
-    """Syncs one mount.
-
-    Parameters
-    ----------
-    mount : Mount
-    guard : Guard
-    standing : Standing
-    sender : Sender
-    admission : Admission
-    clock : Clock
-    """
+    """Syncs one mount."""
 
     def __init__(
         self,
         mount: Mount,
         guard: LimitsGuard,
-        standing: MountState,
+        state: MountState,
         sender: Sender,
         admission: Admission,
         clock: Clock,
     ) -> None:
         self._mount = mount
         self._guard = guard
-        self._standing = standing
+        self._state = state
         self._sender = sender
         self._admission = admission
         self._clock = clock
@@ -485,7 +431,9 @@ class SyncOrders:
         """Tell the mount that it points there. See `CheckedMount.sync`."""
         stops = self._sender.stops
         async with self._admission.held("sync"):
-            before = await self._standing.reading()
+            # read here, though the caller has read it, and the driver will: a stop may have been waited
+            # for since that decision, and the driver's reading goes through its filter and into no row
+            before = await self._state.reading()
             try:
                 self._guard.require_above_ground(from_mount(place), self._clock.utc())
             except (OutsideLimits, BadRequest) as refusal:
@@ -507,25 +455,24 @@ class SyncOrders:
 
     async def _sent_and_read(self, place: Apparent | Icrs, before: MountReading) -> SyncResult:
         result: SyncResult | None = await self._mount.sync(place)
-        resolution = self._mount.resolution_arcsec
+        way_arcsec = separation_arcsec(from_mount(before.place), from_mount(place))
+        law = SyncLaw.of(way_arcsec, self._mount.resolution_arcsec)
         if result is None:
             # the drivers of others may leave the reading to us
-            after = await self._standing.reading()
-            miss = separation_arcsec(from_mount(after.place), from_mount(place))
-            offset = separation_arcsec(from_mount(before.place), from_mount(place))
-            seen = miss <= near_arcsec(offset, resolution, math.inf)
-            result = SyncResult(SyncOutcome.SEEN if seen else SyncOutcome.IGNORED, after, miss, 0.0)
+            after = await self._state.reading()
+            miss_arcsec = separation_arcsec(from_mount(after.place), from_mount(place))
+            return SyncResult(law.outcome(miss_arcsec, before, after), after, miss_arcsec, 0.0)
         if result.outcome is SyncOutcome.IGNORED:
             # nor may they know that a mount can take another place
-            result = replace(result, outcome=unseen(before, result.read_back, resolution))
+            return replace(result, outcome=law.unseen(before, result.read_back))
         return result
 
     def _came(self, result: SyncResult) -> OrderResult:
         counts = result.outcome.seen
         if counts:
-            self._standing.regained()
-        if result.outcome is SyncOutcome.ELSEWHERE and self._standing.trusted:
-            self._standing.distrust(
+            self._state.regained()
+        if result.outcome is SyncOutcome.ELSEWHERE and self._state.trusted:
+            self._state.distrust(
                 f"it took a sync for another place: it believes to be {result.miss_arcsec:.0f}″ from there"
             )
         return OrderResult(

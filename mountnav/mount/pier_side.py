@@ -35,12 +35,15 @@ BEYOND_DEG = 3.0
 """A tube that would stand so far, °, beyond the limit past the meridian if the side were wrong proves it:
 more than a pointing error of a mount whose position counts. Doubled, more first slews would be refused."""
 PLAIN_DEC_DEG = 85.0
-"""Nearer to the pole than this, °, a place doesn't tell how the hour angle axis stands."""
+"""Nearer to the pole than this, °, a place doesn't say how the hour angle axis stands. Chosen by hand.
+Doubled distance (80°), more of the sky near the pole proves nothing."""
 FAR_DEG = 75.0
 """Places so far from the meridian, °, are asked for: a mount that looks at them from the wrong side, its
-counterweight so far up, has no limits at all."""
+counterweight so far up, has no limits at all. Chosen by hand. Halved, mounts with wide limits could truly
+look at them from either side."""
 _ASKED_DEC_DEG = 45.0
-"""°, on the side of the visible pole: places that every mount reaches on both sides."""
+"""°, on the side of the visible pole: places that every mount reaches on both sides. Chosen by hand, far from
+the horizon and from the pole."""
 _DEEPER_DEG = 0.3
 """What stands beyond a limit may be led so much deeper, °: a pointing error and a minute of tracking.
 Doubled, small slews in a row lead beyond it by twice as much."""
@@ -57,7 +60,7 @@ Asked = Callable[[Icrs], Awaitable[PierSide | None]]
 
 
 class SideUnproven(OutsideLimits):
-    """A slew that may be made from the side that the mount tells, and not from the other one."""
+    """A slew that may be made from the side that the mount reports, and not from the other one."""
 
 
 class SideProof:
@@ -66,14 +69,12 @@ class SideProof:
     Parameters
     ----------
     stated : bool
-        Whether somebody has looked, and said so in the settings.
+        Whether somebody has looked, and has written so into the settings.
     tell : callable, optional
         Told once, in words, by what it was proven.
 
     Attributes
     ----------
-    stated : bool
-    proven : bool
     wrong : bool
         It foretells the sides the wrong way round.
     """
@@ -85,7 +86,7 @@ class SideProof:
         self._asked = False
 
     def stood(self, scene: Scene, now: Standing) -> bool:
-        """Take in how it stands, by what it tells; whether that has proven the side."""
+        """Take in how it stands, by what it reports; whether that has proven the side."""
         past = scene.limits.past_meridian_deg
         if self.proven or past is None or now.mounting != "german" or abs(_dec_deg(now)) > PLAIN_DEC_DEG:
             return False
@@ -148,7 +149,7 @@ class SideProof:
         """
         if self.proven or scene.limits.past_meridian_deg is None or start.side is not end.side:
             return  # on a change of sides it is seen at once that the axes turn the other way round
-        before, after = (scene.axis_depths(mirrored(one)) for one in (start, end))
+        before, after = (scene.axis_depths(mirrored(standing)) for standing in (start, end))
         for limit in _OF_AXES & set(after):
             depth_deg = float(after[limit][0])
             # by the pole an order from home leads to either posture, unseen
@@ -199,9 +200,10 @@ def _dec_deg(one: Standing) -> float:
 
 FASTEST_DEG_S = 30.0
 """No German mount turns an axis faster (the fastest have 15 to 20). Doubled, readings have to follow within
-1.4 s to tell anything."""
+1.4 s to mean anything."""
 _SLACK_DEG = 3.0
-"""So much, °, the angles of two readings differ besides: by pointing errors that the pole makes large."""
+"""So much, °, the angles of two readings differ besides: by pointing errors that the pole makes large. Chosen
+by hand."""
 _RESTS_DEG = 1.0
 """One that has moved less, °, tracking besides, has not changed sides meanwhile. Doubled, a change for a
 place so near might be overlooked if nobody looks for so long as it takes."""
@@ -210,12 +212,12 @@ _LONGEST_S = 60.0
 
 
 _AT_POLE_DEG = 0.5
-"""Nearer to the pole, °, a place tells too little of the first axis: at 0.1° refraction alone turns it by 10°
+"""Nearer to the pole, °, a place says too little of the first axis: at 0.1° refraction alone turns it by 10°
 and more. Doubled, a slow axis that crosses it is out of sight for half a second longer."""
 _FROM_HOME_DEG = 60.0
 """No farther than this, °, its first axis is taken to have turned from home to the first reading beside the
 pole. One that stood there otherwise, up to 30° past the meridian, would be as near by the wrong side from
-60° on; doubled, its side would be told wrongly."""
+60° on; doubled, its side would be wrong."""
 
 
 class SideFollowed:
@@ -261,7 +263,6 @@ class SideFollowed:
 
         Parameters
         ----------
-        utc : datetime
         stands : dict of PierSide to Standing
             How it would stand on each side.
         told_anew : bool
@@ -281,8 +282,8 @@ class SideFollowed:
         if moved <= _RESTS_DEG + SIDEREAL_DEG_S * seconds:
             self._possible = {side: stands[side] for side in before}
             return
-        if any(abs(90.0 - abs(one.second_deg)) < _AT_POLE_DEG for one in stands.values()):
-            # what it has come to is told by the next reading beside the pole
+        if any(abs(90.0 - abs(standing.second_deg)) < _AT_POLE_DEG for standing in stands.values()):
+            # what it has come to is shown by the next reading beside the pole
             self._utc, self.home = then, home
             return
         far_deg = FASTEST_DEG_S * seconds + _SLACK_DEG
@@ -306,12 +307,12 @@ class SideFollowed:
     @property
     def _usual(self) -> PierSide | None:
         """The side on which German mounts usually look there; None while nothing was seen."""
-        for one in self._possible.values():
-            return side_by_rule(one.first_deg - (180.0 if one.side is PierSide.WEST else 0.0))
+        for standing in self._possible.values():
+            return side_by_rule(standing.first_deg - (180.0 if standing.side is PierSide.WEST else 0.0))
         return None
 
     def arrived(self, sides: Iterable[PierSide], faces: PierSide | None = None) -> None:
-        """A slew has ended: that tells the side where nothing else does.
+        """A slew has ended: that shows the side where nothing else does.
 
         Parameters
         ----------
@@ -378,7 +379,6 @@ class SidesKept:
 
         Parameters
         ----------
-        check : SlewCheck
         stands : sequence of Standing
             How it may stand on its way.
         began : PierSide or None
@@ -387,7 +387,7 @@ class SidesKept:
         taken = [
             way
             for way in check.unasked
-            if min(strays_deg([way], one) for one in stands) <= STRAYS_DEG and not _turns_away(way)
+            if min(strays_deg([way], standing) for standing in stands) <= STRAYS_DEG and not _turns_away(way)
         ]
         if not taken and began is None:
             # nor did it begin on the side that faces the place: it stayed there before
@@ -401,7 +401,7 @@ class SidesKept:
         return bool(taken)
 
     def _stays_for(self, past_deg: Sequence[float]) -> None:
-        self.to_deg = max([self.to_deg, *(one + STAYS_ROOM_DEG for one in past_deg)])
+        self.to_deg = max([self.to_deg, *(angle_deg + STAYS_ROOM_DEG for angle_deg in past_deg)])
 
     def hangs(self, side: PierSide, ha_deg: float) -> None:
         """It has come to rest on a side: whether it faces the place, or it stayed where it was."""

@@ -45,12 +45,8 @@ class OrderResult:
 
     Attributes
     ----------
-    outcome : Outcome
-    detail : str
     after : MountReading or None
         The mount's, if its answer held one.
-    miss_arcsec : float or None
-    facts : mapping
     new_segment : str
         Why a new segment begins; empty if none does.
     synced_on : PierSide or None
@@ -73,8 +69,6 @@ class Sender:
     ----------
     mount : Mount
         Only asked for its wire log and its slew's state.
-    book : OrderBook
-    standing : Standing
 
     Attributes
     ----------
@@ -82,10 +76,10 @@ class Sender:
         How many stops were ordered.
     """
 
-    def __init__(self, mount: Mount, book: OrderBook, standing: MountState) -> None:
+    def __init__(self, mount: Mount, book: OrderBook, state: MountState) -> None:
         self._mount = mount
         self._book = book
-        self._standing = standing
+        self._state = state
         self.stops = 0
         self._stopping = 0
         self._settled = asyncio.Event()
@@ -128,7 +122,6 @@ class Sender:
 
         Parameters
         ----------
-        order : str
         send : callable
             Gives it to the driver.
         came : callable
@@ -153,10 +146,10 @@ class Sender:
         """
         try:
             written = await self._book.begin(
-                order, self._standing.segments.segment_id, place=place, facts=facts, before=before
+                order, self._state.segments.segment_id, place=place, facts=facts, before=before
             )
         except JournalFailed as failure:
-            self._standing.tell("journal-failed", {"order": order, "why": failure.what})
+            self._state.tell("journal-failed", {"order": order, "why": failure.what})
             raise
         if self.stops != stops:
             await self._book.end(written, Outcome.NOT_SENT, "a stop came before it was sent")
@@ -169,7 +162,7 @@ class Sender:
             raise
         kill_point(f"{order} sent")
         if moves:
-            self._standing.moved()
+            self._state.moved()
         await self._close(written, came(result), place if reads else None, reads=reads)
         return result
 
@@ -178,12 +171,12 @@ class Sender:
     ) -> None:
         after, miss, cancelled = came.after, came.miss_arcsec, False
         if came.new_segment:
-            self._standing.new_segment(came.new_segment, came.synced_on)
+            self._state.new_segment(came.new_segment, came.synced_on)
         if reads and after is None:
             try:
-                after = await self._standing.reading()
+                after = await self._state.reading()
             except DeviceError:
-                pass  # the order is done all the same; whoever needs the place asks again
+                pass  # the order is done all the same; a caller that needs the place asks again
             except asyncio.CancelledError:
                 cancelled = True
         if after is not None and place is not None and miss is None:
@@ -204,9 +197,9 @@ class Sender:
         if state is not None:
             written.facts["slew_state"] = str(state)
         if moves and outcome is not Outcome.NOT_SENT:
-            self._standing.moved()
+            self._state.moved()
         if order == "sync" and outcome in (Outcome.UNKNOWN, Outcome.REFUSED_BUT_DONE):
-            self._standing.new_segment("a sync whose outcome isn't known")
+            self._state.new_segment("a sync whose outcome isn't known")
         kill_point(f"{order} sent")
         detail = str(error) or "cancelled on the way: what became of it isn't known"
         try:
@@ -243,12 +236,9 @@ class Admission:
     ----------
     mount : Mount
         Only asked for its name and its skills.
-    guard : Guard
-    standing : Standing
     sender : Sender
         Writes refusals down.
-    clock : Clock
-    agreement : Agreement
+    agreement : SiteTimeAgreement
         Of mount and settings: nothing is slewed without.
 
     Attributes
@@ -261,7 +251,7 @@ class Admission:
         self,
         mount: Mount,
         guard: LimitsGuard,
-        standing: MountState,
+        state: MountState,
         sender: Sender,
         clock: Clock,
         agreement: SiteTimeAgreement,
@@ -269,14 +259,19 @@ class Admission:
         self._agreement = agreement
         self._mount = mount
         self._guard = guard
-        self._standing = standing
+        self._state = state
         self._sender = sender
         self._clock = clock
         self.job: Order | None = None
 
     @asynccontextmanager
     async def held(self, order: Order) -> AsyncIterator[None]:
-        """Hold the mount for one order to move; a second one is refused, a stop under way waited for."""
+        """Hold the mount for one order to move; a second one is refused, a stop under way waited for.
+
+        `MountOrders.work` of navigation holds the telescope for a whole piece of work; this here is for each
+        order, also of the watch over the limits. A driver holds its wire for itself besides: it may be used
+        without this room, as by `drivers.acceptance`.
+        """
         await self.require_free(order)
         self.job = order
         try:
@@ -293,7 +288,7 @@ class Admission:
             raise busy
 
     def busy(self) -> Busy:
-        """What is said to an order while another one holds the mount."""
+        """The refusal of an order while another one holds the mount."""
         return Busy(f"a {self.job} is running", device=self._mount.name, advice="wait for it, or stop it")
 
     async def skilled(self, order: Order) -> Skilled:
@@ -322,8 +317,8 @@ class Admission:
         ------
         DeviceRefused, OutsideLimits, DeviceError
         """
-        before = await self._standing.reading()
-        if self._standing.trusted:
+        before = await self._state.reading()
+        if self._state.trusted:
             self._guard.stood(before)
         refusal = self.unfit(order, before, needs_trust=needs_trust, parked_too=parked_too)
         if refusal is not None:
@@ -341,7 +336,11 @@ class Admission:
     def unfit(
         self, order: Order, before: MountReading, *, needs_trust: bool = True, parked_too: bool = False
     ) -> MountnavError | None:
-        """What speaks against moving the mount as it stands, as what is to be raised; None: nothing."""
+        """What speaks against moving the mount as it stands, as what is to be raised; None: nothing.
+
+        A driver refuses by its own trust as well. That is not the same: this room also distrusts a mount for
+        what looks at the sky and earlier runs have shown, a driver for what it has seen over its wire.
+        """
         if before.parked and not parked_too:
             return DeviceRefused(
                 f"the {order} refused: it is parked",
@@ -349,9 +348,9 @@ class Admission:
                 advice="unpark it first",
                 reason=Refusal.PARKED,
             )
-        if needs_trust and not self._standing.trusted:
+        if needs_trust and not self._state.trusted:
             return DeviceRefused(
-                f"the {order} refused: its position can't be trusted ({self._standing.why_untrusted})",
+                f"the {order} refused: its position can't be trusted ({self._state.why_untrusted})",
                 device=self._mount.name,
                 advice="order first light if it was just set up, else recover: both look at the sky; or "
                 "let it find its home",

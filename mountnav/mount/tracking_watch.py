@@ -28,9 +28,13 @@ from mountnav.sky.sphere import separation_arcsec
 from mountnav.tasks import begun, fault_words, waited_for
 
 SLEWING_S = 1.0
-"""How often a motion is looked at."""
+"""How often a motion is looked at, s. Chosen by hand. Doubled, a mount at 5°/s goes 10° between two looks."""
 _WATCHED_S = 4.0
+"""Between the two readings that show whether a mount tracks that doesn't report it, s: the sky turns by 60″,
+at declination 60° by 30″, more than most mounts' steps. Doubled, a mount at a limit tracks on for as long."""
 _TELL_AGAIN_S = 60.0
+"""A stop at a limit that failed is tried at each look and reported again after so long, s. Chosen by hand:
+one row of the journal a minute. Halved, an unplugged mount fills the journal twice as fast."""
 
 
 class Watched(Protocol):
@@ -68,10 +72,6 @@ class LimitStop:
 
     Parameters
     ----------
-    mount : Watched
-    guard : Guard
-    book : OrderBook
-    clock : Clock
     tell : callable
         Told ``limit-stop``, ``limit-stop-failed``.
     under_way : callable
@@ -107,13 +107,12 @@ class LimitStop:
         await self._over.wait()
 
     async def halt(self, reading: MountReading, limit: LimitKind, what: str, *, motion: bool) -> bool:
-        """End the motion or the tracking, write it down and tell; whether it was done.
+        """End the motion or the tracking, write it down and report it; whether it was done.
 
         Parameters
         ----------
         reading : MountReading
             That showed it.
-        limit : LimitKind
         what : str
             Why, in words.
         motion : bool
@@ -168,7 +167,7 @@ class LimitStop:
         if motion:
             await self._mount.stop()
             if self._under_way():
-                return  # the slew that was stopped tells of it; tracking is judged for itself
+                return  # the slew that was stopped reports it; tracking is judged for itself
         if Skill.TRACK in self._mount.skills:
             try:
                 await self._mount.set_tracking(False)
@@ -185,7 +184,7 @@ class LimitStop:
             await self._park()
 
     async def _park(self) -> None:
-        """Park it. Whoever watches is here and waits for that, so its way is looked at from here."""
+        """Park it, and watch its way from here: the watch itself waits here for that."""
         parking = waited_for(self._mount.park())
         try:
             while not parking.done():
@@ -200,7 +199,7 @@ class LimitStop:
         finally:
             if not parking.done():
                 parking.cancel()
-            # what became of it is told below; it must have ended either way
+            # what became of it is reported below; it must have ended either way
             await asyncio.gather(parking, return_exceptions=True)
         if parking.result() is SlewOutcome.STALLED:
             raise DeviceError(
@@ -222,14 +221,25 @@ class LimitStop:
 
 
 GUESSED_S = 0.5
-"""How often a slew is looked at of which it isn't known which way the mount takes."""
+"""How often a slew is looked at of which it isn't known which way the mount takes, s. Chosen by hand.
+Doubled, one that goes the wrong way is stopped half a second later."""
 NEAR_S = 2.0
+"""How often a mount is looked at that is moved by hand, can't be read, or stands at a limit, s. Chosen by
+hand. Doubled, a tube moved by hand at 4°/s comes 8° further outside before it is stopped."""
 LEAD_S = 10.0
-"""So long before a limit tracking is stopped: what reading, ordering and obeying take."""
+"""So long before a limit tracking is stopped, s: what reading, ordering and obeying take. The sky turns by
+2.5′ in it. Halved, 5 s have to do for a reading, a stop and its repetition."""
 SLOWEST_S = 15.0
+"""The longest pause between two looks, s, of a mount that rests or has no limit near. Chosen by hand:
+tracking goes 4′ in it. Doubled, a mount that somebody begins to move by hand is found out that much later."""
 _TELL_FROM_S = 1800.0
+"""A limit is announced from so long before it on, s: time for another exposure. Chosen by hand."""
 _STILL_ARCSEC_S = 5.0
+"""A mount may drift so much faster than the sky turns, ″/s, and isn't taken to be moved: refraction, rates of
+Moon and Sun, a step of the reading. Doubled, a slow motion by hand (10″/s) is taken for tracking."""
 _DEEPER_DEG = 0.25
+"""Outside of a limit a mount counts as going deeper from so much on, °, more than readings scatter. Doubled,
+it is stopped that much later; at 0 a mount that may leave a limit is stopped by the noise of its readings."""
 _OF_SIDES = (LimitKind.MERIDIAN, LimitKind.UNREACHABLE)
 """Limits that hang on the side of the pier: outside of them means nothing until a second reading says so."""
 
@@ -247,7 +257,6 @@ class Following:
 
     Attributes
     ----------
-    order : str
     check : SlewCheck or None
         The ways that were checked, if any were.
     left : OutsideLimits or None
@@ -273,10 +282,6 @@ class TrackingWatch:
 
     Parameters
     ----------
-    mount : Watched
-    guard : Guard
-    book : OrderBook
-    clock : Clock
     tell : callable
         Told ``limit-near`` (limit, seconds left), ``limit-stop``, ``limit-stop-failed``.
     """
@@ -323,7 +328,7 @@ class TrackingWatch:
                 await task
 
     def _died(self, fault: Exception) -> None:
-        """Nobody watches the limits: it is told, and begins anew."""
+        """Nobody watches the limits: report that, and begin again."""
         self._tell("limits-not-watched", {"why": fault_words(fault)})
         self.start()
 
@@ -361,7 +366,7 @@ class TrackingWatch:
             try:
                 pause_s = await self.look()
             except DeviceError:
-                pause_s = NEAR_S  # whoever tends the link tells of it
+                pause_s = NEAR_S  # the driver's link reports it
             except MountnavError as error:
                 self._tell("limits-not-watched", {"why": str(error)})
                 await self._book.note(EntryKind.FAULT, "the limits can't be watched", {"why": str(error)})
@@ -376,14 +381,14 @@ class TrackingWatch:
         try:
             await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            for one in waiting:
-                one.cancel()
+            for task in waiting:
+                task.cancel()
             await asyncio.gather(*waiting, return_exceptions=True)
 
     # -- a look ------------------------------------------------------------------------------------
 
     async def look(self) -> float:
-        """Read the mount once, do what has to be done, and tell how many seconds later to look again."""
+        """Read the mount once and do what has to be done; how many seconds later to look again."""
         following = self._following
         reading = await self._mount.reading()
         before, self._before = self._before, reading
@@ -437,7 +442,7 @@ class TrackingWatch:
         among = frozenset(LimitKind) if following.order == "slew" else _OF_STATIONS
         deeper = self._deeper(reading, among)
         if deeper is not None and deeper[0] in _OF_SIDES:
-            # most mounts tell place and side by two questions, and the tube may change sides between them
+            # most mounts answer place and side to two questions, and the tube may change sides between them
             reading = await self._mount.reading()
             if self._following is not following:
                 return  # it is over
@@ -499,7 +504,7 @@ class TrackingWatch:
         if self._guard.overruns(following.braking, again, check) is None:
             return None
         seen = self._guard.seen(again)
-        # planned anew it would go on from here, nearer to the limit
+        # planned again it would go on from here, nearer to the limit
         return OutsideLimits(
             f"the mount went another way than expected ({', '.join(check.ways)}), towards the limit past the "
             f"meridian: it was stopped while it could rest before it, at altitude {seen.alt_deg:.1f}°, "

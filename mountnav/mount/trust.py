@@ -41,7 +41,9 @@ ELSEWHERE_DEG = 0.5
 wire's steps stay below it, places at which mounts wake up don't. Doubled, a wake-up half a degree further
 from the last target would pass."""
 _WRITTEN_DEG = 0.1
-"""A mount that rests so far from where it is written to stand is written down anew."""
+"""A mount that rests so far from where it is written to stand is written down again, °. Chosen by hand: a
+fifth of `ELSEWHERE_DEG`. Doubled, a next start compares with a place that is staler; halved, a mount that
+drifts is written twice as often."""
 
 _MOVING = frozenset({"slew", "sync", "park", "home", "guide"})
 
@@ -54,8 +56,6 @@ class LastSeen:
     ----------
     place : Icrs or None
         Where it believed to point; None if it was never read.
-    utc : datetime
-    tracking : bool or None
     trusted : bool
         Whether that counted.
     why : str
@@ -93,7 +93,7 @@ class LastSeen:
 
 
 def seen_of(reading: MountReading, *, trusted: bool = True, why: str = "") -> LastSeen:
-    """What a reading tells."""
+    """What a reading says of where the mount stands."""
     return LastSeen(from_mount(reading.place), reading.utc, reading.tracking, trusted, why)
 
 
@@ -107,8 +107,6 @@ def strayed_deg(last: LastSeen, now: MountReading, site: Site, air: Air) -> floa
     ----------
     last : LastSeen
         With a place.
-    now : MountReading
-    site, air : Site, Air
 
     Returns
     -------
@@ -139,23 +137,20 @@ def why_not_to_trust(
 
     Parameters
     ----------
-    last : LastSeen
     in_flight : sequence of CommandRecord
         What was begun and never closed.
-    now : MountReading
-    site, air : Site, Air
     """
     when = f"{last.utc:%Y-%m-%d %H:%M:%S} UTC"
     if not last.trusted:
         return f"{last.why or 'it was not trusted'} (before the restart, last seen at {when})"
     if last.place is None or now.slewing:
-        # on its way: what ordered that is told of, and a mount that was switched on just now doesn't move
+        # on its way: the order that moved it is reported, and one that was just switched on doesn't move
         return None
     off_deg = strayed_deg(last, now, site, air)
     if off_deg <= ELSEWHERE_DEG:
         return None
-    moving = [one for one in in_flight if one.order in _MOVING]
-    if any(_explains(one, now) for one in moving):
+    moving = [command for command in in_flight if command.order in _MOVING]
+    if any(_explains(command, now) for command in moving):
         return None
     after = "" if not moving else f", and not where the {moving[-1].order} in flight should have led it"
     return (
@@ -172,26 +167,18 @@ def _explains(command: CommandRecord, now: MountReading) -> bool:
 
 
 class PositionMemory:
-    """Writes down where one mount stands and whether that counts, from the moment it was taken up on.
+    """Writes down where one mount stands and whether that counts, from the moment it was taken up on."""
 
-    Parameters
-    ----------
-    standing : Standing
-    guard : Guard
-    book : OrderBook
-    clock : Clock
-    """
-
-    def __init__(self, standing: MountState, guard: LimitsGuard, book: OrderBook, clock: Clock) -> None:
-        self._standing = standing
+    def __init__(self, state: MountState, guard: LimitsGuard, book: OrderBook, clock: Clock) -> None:
+        self._state = state
         self._guard = guard
         self._book = book
         self._clock = clock
         self._active = False
         self._written: LastSeen | None = None
         self._before: LastSeen | None = None
-        standing.on_reading(self._read)
-        standing.listen(self._said)
+        state.on_reading(self._read)
+        state.listen(self._said)
 
     def take_up(
         self, last: LastSeen | None, in_flight: Sequence[CommandRecord], now: MountReading
@@ -202,8 +189,6 @@ class PositionMemory:
         ----------
         last : LastSeen or None
             None: nothing is known of it, and its own word counts as the settings say.
-        in_flight : sequence of CommandRecord
-        now : MountReading
 
         Returns
         -------
@@ -215,7 +200,7 @@ class PositionMemory:
         guard = self._guard
         why = None if last is None else why_not_to_trust(last, in_flight, now, guard.site, guard.air)
         if why is not None:
-            self._standing.distrust(why)
+            self._state.distrust(why)
         self._active = True
         self._read(now)
         return why
@@ -223,7 +208,7 @@ class PositionMemory:
     def _read(self, reading: MountReading) -> None:
         if not self._active:
             return
-        seen = seen_of(reading, trusted=self._standing.trusted, why=self._standing.why_untrusted)
+        seen = seen_of(reading, trusted=self._state.trusted, why=self._state.why_untrusted)
         before, self._before = self._before, seen
         if self._is_news(reading, seen, before):
             self._write(seen)
@@ -242,12 +227,12 @@ class PositionMemory:
 
     def _said(self, what: str, facts: Mapping[str, object]) -> None:
         """A position that has ceased to count is written down at once, read or not."""
-        if not self._active or self._standing.trusted or (self._written and not self._written.trusted):
+        if not self._active or self._state.trusted or (self._written and not self._written.trusted):
             return
         place = None if self._before is None else self._before.place
         utc = self._clock.utc() if self._before is None else self._before.utc
         tracking = None if self._before is None else self._before.tracking
-        self._write(LastSeen(place, utc, tracking, False, self._standing.why_untrusted))
+        self._write(LastSeen(place, utc, tracking, False, self._state.why_untrusted))
 
     def _write(self, seen: LastSeen) -> None:
         self._written = seen
@@ -262,9 +247,11 @@ degree at the horizon would go untold."""
 _SECONDS_PER_DEG = 240.0
 """Of the clock: the sky turns by a degree in so many seconds."""
 _WAY_S = 2.0
-"""An answer about the clock may be so late by the machine's time."""
+"""An answer about the clock may be so late by the machine's time, s. Chosen by hand, a slow serial exchange.
+It counts only where time runs faster than the machine's."""
 _SAME = 0.4
-"""What was accepted is another difference when it has changed by more than this share of `APART_DEG`."""
+"""What was accepted is another difference when it has changed by more than this share of `APART_DEG`. Chosen
+by hand. Doubled, a clock that has moved by 48 s since counts as accepted."""
 
 ADVICE = (
     "set the mount right (order set-site-time), or correct [site] and this machine's clock and start again; "
@@ -288,17 +275,16 @@ class Comparable(Protocol):
         ...
 
     async def set_site_and_time(self) -> ConnectReport:
-        """Set both to ours, as far as it can be told them."""
+        """Set both to ours, as far as it takes them."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """The mount's site and clock minus ours; None where it doesn't tell.
+    """The mount's site and clock minus ours; None where it doesn't report that.
 
     Attributes
     ----------
-    latitude_deg, longitude_deg : float or None
     clock_deg : float or None
         As a turn of the sky: 15° an hour.
     """
@@ -374,17 +360,16 @@ class SiteTimeAgreement:
     ----------
     mount : Mount
         Its ``report`` is what connecting has found; one that has none contradicts nothing.
-    standing : Standing
+    state : MountState
         Tells of the link, and those who listen.
-    book : OrderBook
-    guard : Guard
+    guard : LimitsGuard
         Only asked for the Sun.
     """
 
-    def __init__(self, mount: Mount, standing: MountState, book: OrderBook, guard: LimitsGuard) -> None:
+    def __init__(self, mount: Mount, state: MountState, book: OrderBook, guard: LimitsGuard) -> None:
         self._mount = mount
         self._guard = guard
-        self._standing = standing
+        self._state = state
         self._book = book
         self._accepted: Difference | None = None
         self._told: str | None = None
@@ -392,7 +377,7 @@ class SiteTimeAgreement:
         self.turned_deg: float | None = None
         """By how much less the mount takes the sky to be turned since it was set right; None once the sky has
         shown that this was right, and where nothing was set."""
-        standing.listen(self._said)
+        state.listen(self._said)
 
     @property
     def difference(self) -> Difference | None:
@@ -424,7 +409,7 @@ class SiteTimeAgreement:
             raise self.refusal(order, words)
 
     def refusal(self, order: str, words: str) -> DeviceRefused:
-        """What is said to such an order."""
+        """The refusal of such an order."""
         return DeviceRefused(
             f"the {order} refused: mount and settings contradict each other: {words}",
             device=self._mount.name,
@@ -442,15 +427,15 @@ class SiteTimeAgreement:
         self.turned_deg = None
         before = self.difference or Difference()
         try:
-            reading = await self._standing.reading()
+            reading = await self._state.reading()
         except DeviceError:
             reading = None
         try:
             report = await self._mount.set_site_and_time()
         except DeviceRefused:
-            raise  # it was told nothing
+            raise  # nothing was sent
         except DeviceError as error:
-            self._standing.distrust(f"its site and clock were being set, how far isn't known: {error.what}")
+            self._state.distrust(f"its site and clock were being set, how far isn't known: {error.what}")
             raise
         self._look()
         self._turned(before, Difference.of(report), reading)
@@ -465,7 +450,7 @@ class SiteTimeAgreement:
         if before.words is not None and now.words is None:
             self.turned_deg = half_turn_deg(before.turn_deg - now.turn_deg)
         try:
-            reading = await self._standing.reading()
+            reading = await self._state.reading()
         except DeviceError:
             reading = None
         self._turned(before, now, reading)
@@ -480,9 +465,9 @@ class SiteTimeAgreement:
         )
         if changed is not None and not by_its_axes:
             # one mount keeps its place among the stars, another one the angles of its axes: nobody has seen
-            # which of both is right. At home and at its park position the axes tell; but if it is our clock
-            # that is wrong, the Sun is elsewhere
-            self._standing.distrust(f"its site and clock were set to ours, {changed}")
+            # which of both is right. At home and at its park position the axes show it; but if it is our
+            # clock that is wrong, the Sun is elsewhere
+            self._state.distrust(f"its site and clock were set to ours, {changed}")
 
     def accept(self) -> str | None:
         """One who may configure has seen the contradiction and wants it so, until it changes.
@@ -529,8 +514,8 @@ class SiteTimeAgreement:
         if words is not None:
             facts: dict[str, object] = {"why": words, "advice": ADVICE}
             self._book.note_now(EntryKind.FAULT, f"mount and settings contradict each other: {words}", facts)
-            self._standing.tell("contradiction", facts)
+            self._state.tell("contradiction", facts)
         else:
             resolved: dict[str, object] = {"was": before}
             self._book.note_now(EntryKind.FAULT, "mount and settings contradict each other no more", resolved)
-            self._standing.tell("contradiction-over", resolved)
+            self._state.tell("contradiction-over", resolved)

@@ -46,8 +46,11 @@ __all__ = [
 Mounting = Literal["german", "fork", "altaz"]
 
 _TRANSPORTED_DEG = 5.0
-"""A mount that is further off than this is lost, and its reading says nothing of its axes."""
+"""A mount that is further off than this is lost, and its reading says nothing of its axes, °. Chosen by hand.
+Doubled, looks of a mount that was set up by eye teach a wrong angle of the camera."""
 _PAIRS_FOR_DISTORTION = 30
+"""With fewer identified stars the distortion isn't taken from their residuals: they scatter too
+much. Chosen by hand. Doubled, poor fields teach nothing of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +59,6 @@ class CameraSample:
 
     Attributes
     ----------
-    look_id : str
-    utc : datetime
-    scale_arcsec_px : float
-    parity : int
     axis_angle_deg : float
         Position angle of the image's +y axis from the mount's own north (an alt-azimuth mount's zenith).
     cos_latitude : float
@@ -83,13 +82,10 @@ class CameraSample:
 def camera_sample(
     found: Look, site: Site, air: Air, mounting: Mounting | None, *, lost: bool = False
 ) -> CameraSample:
-    """Take from a look what it tells of the camera.
+    """Take from a look what it shows of the camera.
 
     Parameters
     ----------
-    found : Look
-    site : Site
-    air : Air
     mounting : {"german", "fork", "altaz"} or None
     lost : bool
         The mount doesn't know where it points: its belief is left out.
@@ -128,12 +124,8 @@ def axis_angle_deg(
 
     Parameters
     ----------
-    seen, believed : Icrs
     rotation_deg : float
         Position angle of +y at `seen`, from the ICRS north through east.
-    utc : datetime
-    site : Site
-    air : Air
     mounting : {"german", "fork", "altaz"} or None
         Anything but "altaz" turns about a polar axis.
 
@@ -172,7 +164,7 @@ def distortion_px2(solution: Solution) -> float | None:
     Returns
     -------
     float or None
-        Per square pixel; None when there are too few stars to tell.
+        Per square pixel; None when there are too few stars.
     """
     order = solution.wcs.get("A_ORDER", 0)
     if isinstance(order, int) and order >= 3:
@@ -226,7 +218,7 @@ def sample_row(sample: CameraSample) -> dict[str, Any]:
 def samples_of_rows(rows: object) -> list[CameraSample]:
     """Make samples of such values; what can't be read is left out."""
     found = [_sample(row) for row in rows if isinstance(row, Mapping)] if isinstance(rows, list) else []
-    return [one for one in found if one is not None and sound(one)]
+    return [sample for sample in found if sample is not None and sound(sample)]
 
 
 def _sample(row: Mapping[str, Any]) -> CameraSample | None:
@@ -247,9 +239,14 @@ def _sample(row: Mapping[str, Any]) -> CameraSample | None:
 
 
 MAD_TO_SIGMA = 1.4826
+"""Sigma of a Gaussian over its median absolute deviation, 1 / Φ⁻¹(3/4): a constant of mathematics."""
 _MEANINGLESS_DEG = 60.0
+"""Where the rotation may be off by this much or more, °, it isn't judged: near the pole the polar error turns
+the field. Chosen by hand. Doubled, a camera turned by 90° would pass."""
 _STEADY_LEAN = 4.0
-"""Angles are learned where the pole's error is magnified by no more than this (75.5° of declination)."""
+"""Angles are learned where the pole's error is magnified by no more than this (75.5° of declination). Chosen
+by hand. Doubled (83° of declination), the angle learned near the pole is off by eight times the polar
+error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,7 +274,7 @@ class CameraRules:
         return abs(math.log(one / other)) <= self.scale_tolerance
 
     def sided(self, sample: CameraSample) -> bool:
-        """Whether the mount told on which side of its pier the tube hung."""
+        """Whether the mount reported on which side of its pier the tube hung."""
         return sample.side is not PierSide.UNKNOWN and self.mounting not in ("fork", "altaz")
 
     def modulo_deg(self, sample: CameraSample) -> float:
@@ -303,15 +300,12 @@ class Normal:
     ----------
     solves : int
         How many agree.
-    scale_arcsec_px, scale_sigma_arcsec_px : float
-    parity : int
     camera_angle_deg, camera_angle_sigma_deg : float or None
         Of the image's +y axis, in the posture that looks west (ASCOM's east); None until enough agree.
     modulo_deg : float
-        360; 180 if the mount doesn't tell its side, and so the angle is known but for half a turn.
+        360; 180 if the mount doesn't report its side, and so the angle is known but for half a turn.
     by_side : mapping of PierSide to float
         The same angle, from the solves of either side of the pier.
-    distortion_px2, distortion_sigma_px2 : float or None
     """
 
     solves: int
@@ -336,13 +330,17 @@ def normal_of(samples: Sequence[CameraSample], rules: CameraRules) -> Normal | N
     """
     if len(samples) < rules.enough:
         return None
-    parity = 1 if 2 * sum(one.parity > 0 for one in samples) > len(samples) else -1
-    about = math.exp(median(math.log(one.scale_arcsec_px) for one in samples))
-    agree = [one for one in samples if one.parity == parity and rules.same_scale(one.scale_arcsec_px, about)]
+    parity = 1 if 2 * sum(sample.parity > 0 for sample in samples) > len(samples) else -1
+    about = math.exp(median(math.log(sample.scale_arcsec_px) for sample in samples))
+    agree = [
+        sample
+        for sample in samples
+        if sample.parity == parity and rules.same_scale(sample.scale_arcsec_px, about)
+    ]
     if len(agree) < rules.enough or 2 * len(agree) <= len(samples):
         return None
-    scale, scale_sigma = _median_sigma([one.scale_arcsec_px for one in agree])
-    bends = [one.distortion_px2 for one in agree if one.distortion_px2 is not None]
+    scale, scale_sigma = _median_sigma([sample.scale_arcsec_px for sample in agree])
+    bends = [sample.distortion_px2 for sample in agree if sample.distortion_px2 is not None]
     bend, bend_sigma = _median_sigma(bends) if len(bends) >= rules.enough else (None, None)
     angle, angle_sigma, modulo, by_side = _angle(agree, rules)
     return Normal(
@@ -369,19 +367,19 @@ def _angle(
     samples: Sequence[CameraSample], rules: CameraRules
 ) -> tuple[float | None, float | None, float, dict[PierSide, float]]:
     """Camera angle, its scatter, what it is known modulo, and the same by side."""
-    steady = [one for one in samples if one.cos_latitude * _STEADY_LEAN >= 1.0]
-    modulo = min((rules.modulo_deg(one) for one in steady), default=360.0)
-    center = _circular_median(np.array([rules.upright_deg(one) for one in steady]), modulo)
+    steady = [sample for sample in samples if sample.cos_latitude * _STEADY_LEAN >= 1.0]
+    modulo = min((rules.modulo_deg(sample) for sample in steady), default=360.0)
+    center = _circular_median(np.array([rules.upright_deg(sample) for sample in steady]), modulo)
     if center is None:
         return None, None, modulo, {}
     agree = []
-    for one in steady:
-        allowed = rules.allowed_rotation_deg(one)
-        if allowed is not None and abs(apart_deg(rules.upright_deg(one), center, modulo)) <= allowed:
-            agree.append(one)
+    for sample in steady:
+        allowed = rules.allowed_rotation_deg(sample)
+        if allowed is not None and abs(apart_deg(rules.upright_deg(sample), center, modulo)) <= allowed:
+            agree.append(sample)
     if len(agree) < rules.enough or 2 * len(agree) <= len(steady):
         return None, None, modulo, {}
-    off = [apart_deg(rules.upright_deg(one), center, modulo) for one in agree]
+    off = [apart_deg(rules.upright_deg(sample), center, modulo) for sample in agree]
     middle, sigma = _median_sigma(off)
     by_side = {}
     for side in (PierSide.EAST, PierSide.WEST):

@@ -25,11 +25,12 @@ from mountnav.mount.kill_points import kill_point
 from mountnav.navigation.correcting import Correcting
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.policy import CenteringPolicy
-from mountnav.navigation.recovering import apart_arcsec, recover, require_rightly_set
+from mountnav.navigation.recovering import recover, require_rightly_set
 from mountnav.navigation.reports import CenterOutcome, CenterReport, Correction, Look
-from mountnav.navigation.slewing import Slewing, crossing, side_note, side_of
-from mountnav.navigation.sync import Occasion
+from mountnav.navigation.slewing import Slewing, crossing, side_note
+from mountnav.navigation.sync import SyncTrigger
 from mountnav.navigation.tries import StopRules, Tries, tolerance_kept, try_facts
+from mountnav.navigation.vetoes import apart_arcsec
 from mountnav.sky.coordinates import SIDEREAL_ARCSEC_S, Icrs
 from mountnav.sky.sphere import offset_arcsec, separation_arcsec
 
@@ -46,19 +47,25 @@ __all__ = [
 
 
 LOOKED_AGAIN = 6
-"""So many more looks may be taken until it is seen to hold still: play of 600″ is taken up meanwhile."""
+"""So many more looks may be taken until it is seen to hold still: play of 600″ is taken up meanwhile.
+Doubled, a tube in the wind costs six more exposures before that is said."""
 _OF_DRIFT = 0.5
-"""Stars drawn out by less than this share of the sky's turn did not drift with it."""
+"""Stars drawn out by less than this share of the sky's turn did not drift with it. Chosen by hand. Doubled, a
+tube that stands still while the sky drifts through passes for one at rest."""
 _OF_TOLERANCE = 0.1
-"""A tube whose stars are drawn out by so much of the tolerance in seconds may leave it in the next ones."""
+"""A tube whose stars are drawn out by so much of the tolerance in seconds may leave it in the next ones.
+Chosen by hand. Doubled, a tube that swings slowly is called centered earlier."""
 _SHOWS_S = 3.0
-"""Gusts swing a tube within some seconds: a shorter exposure shows a moment of that."""
+"""Gusts swing a tube within some seconds: a shorter exposure shows a moment of that, s. Chosen by hand.
+Doubled, exposures of 3 s to 6 s need a second look."""
 _SIGMA_OF_FWHM = 1.0 / 2.3548
-"""Of a Gaussian."""
+"""Of a Gaussian. 2 √(2 ln 2), a constant of mathematics."""
 _AGREE = 0.2
-"""Looks that agree to so much of the tolerance show a tube that stays in it."""
+"""Looks that agree to so much of the tolerance show a tube that stays in it. Chosen by hand. Doubled, a drift
+of two fifths of the tolerance between two looks counts as rest."""
 _SIGMAS, _OF_NOISE = 3.0, 0.5
-"""What looks scatter is allowed besides, but no more than this share: trailed ones scatter by anything."""
+"""What looks scatter is allowed besides, but no more than this share: trailed ones scatter by anything.
+Chosen by hand: 1 of 370 by chance, and half the tolerance."""
 
 
 def shows_rest(found: Look, tolerance_arcsec: float, exposure_s: float) -> bool:
@@ -66,8 +73,6 @@ def shows_rest(found: Look, tolerance_arcsec: float, exposure_s: float) -> bool:
 
     Parameters
     ----------
-    found : Look
-    tolerance_arcsec : float
     exposure_s : float
         As it is usual: a shorter one was tried since the stars were drawn out.
     """
@@ -79,7 +84,7 @@ def shows_rest(found: Look, tolerance_arcsec: float, exposure_s: float) -> bool:
 
 
 def _trail_arcsec(found: Look) -> float | None:
-    """How long the typical star is drawn out at most, by its two widths; None if that can't be told."""
+    """How long the typical star is drawn out at most, by its two widths; None if that isn't known."""
     quality = found.verdict.quality
     if quality is None or quality.images in (StarImages.DEFOCUSED, StarImages.NONE):
         return None
@@ -119,13 +124,12 @@ def agree(first: Look, again: Look, tolerance_arcsec: float) -> bool:
     ----------
     first, again : Look
         One after the other, with no slew between.
-    tolerance_arcsec : float
     """
     trail_arcsec = _trail_arcsec(again)
     if trail_arcsec is not None and trail_arcsec > tolerance_arcsec:
         return False  # wherever its middle is
-    sigmas = [one.solution.center_sigma_arcsec for one in (first, again)]
-    noise = _SIGMAS * math.hypot(*(one if math.isfinite(one) else 0.0 for one in sigmas))
+    sigmas = [look.solution.center_sigma_arcsec for look in (first, again)]
+    noise = _SIGMAS * math.hypot(*(sigma if math.isfinite(sigma) else 0.0 for sigma in sigmas))
     allowed_arcsec = _AGREE * tolerance_arcsec + min(noise, _OF_NOISE * tolerance_arcsec)
     return moved_arcsec(first, again) <= allowed_arcsec
 
@@ -136,7 +140,8 @@ def moved_arcsec(first: Look, again: Look) -> float:
 
 
 MOST_RECOVERIES = 2
-"""So often a mount may lose its position in one centering."""
+"""So often a mount may lose its position in one centering. Chosen by hand. Doubled, a mount with a loose
+power plug is recovered, and slewed, twice as often."""
 
 
 class Centering:
@@ -144,12 +149,6 @@ class Centering:
 
     Parameters
     ----------
-    equipment : Equipment
-    slewing : Slewing
-    target : Icrs
-    policy : CenteringPolicy
-    recover : callable
-        Finds out where an untrusted mount points.
     planned_s : float, optional
         How long the target is to be followed afterwards.
     key : str, optional
@@ -157,8 +156,6 @@ class Centering:
 
     Attributes
     ----------
-    target : Icrs
-    tries : Tries
     notes : list of str
         What an operator should know of it, in words with numbers.
     """
@@ -170,7 +167,6 @@ class Centering:
         target: Icrs,
         policy: CenteringPolicy,
         *,
-        recover: Callable[[], Awaitable[object]],
         planned_s: float | None = None,
         key: str | None = None,
     ) -> None:
@@ -179,7 +175,6 @@ class Centering:
         self.notes: list[str] = []
         self._equipment = equipment
         self._policy = policy
-        self._recover = recover
         self._planned_s = planned_s
         self._key = key
         resolution = equipment.mount.resolution_arcsec
@@ -217,7 +212,7 @@ class Centering:
                 if ends.too_far is not None:
                     # looks agree that it is further off than a sync may be: that is for the operator
                     raise ends.too_far
-                # rebooted, or its link was lost: begin anew
+                # rebooted, or its link was lost: begin again
                 await self._recovered()
                 expected = await correcting.anew()
                 await self._slew()
@@ -226,7 +221,7 @@ class Centering:
             followed = correcting.sighted(found)
             error = offset_arcsec(found.seen, self.target)
             tries.add(found, error, followed, expected, approached=correcting.approach)
-            decision = self._equipment.guard.consider(found, Occasion.CENTERING, target=self._key)
+            decision = self._equipment.guard.consider(found, SyncTrigger.CENTERING, target=self._key)
             if decision.against_the_sky:
                 correcting.disbelieve()
                 refused = ends.doubted(decision)
@@ -245,7 +240,7 @@ class Centering:
                         raise refused
                     continue
                 found = second
-                decision = self._equipment.guard.consider(found, Occasion.CENTERING, target=self._key)
+                decision = self._equipment.guard.consider(found, SyncTrigger.CENTERING, target=self._key)
             ends.followed(followed)
             ends.believed()
             if error.total_arcsec <= self._tolerance:
@@ -257,7 +252,7 @@ class Centering:
                     found, error = latest, offset_arcsec(latest.seen, self.target)
                     tries.seen_again(found, error)
                     followed = correcting.sighted(found)
-                    decision = self._equipment.guard.consider(found, Occasion.CENTERING, target=self._key)
+                    decision = self._equipment.guard.consider(found, SyncTrigger.CENTERING, target=self._key)
             if error.total_arcsec <= self._tolerance:
                 tries.close(Correction.NONE, "centered", slewed=False)
                 return self._report(found, expected_first, clock.monotonic_s() - began_s)
@@ -267,7 +262,7 @@ class Centering:
                 try:
                     done = await correcting.correct(found, decision)
                 except SyncElsewhere as error:
-                    # nobody knows where it points: begin anew
+                    # nobody knows where it points: begin again
                     tries.close(Correction.NONE, error.what, slewed=False, sync_outcome=SyncOutcome.ELSEWHERE)
                     await self._recovered()
                     expected = await correcting.anew()
@@ -310,7 +305,7 @@ class Centering:
                 return None
             if correcting.aim != aim:
                 return again  # in a neighbor field
-            decision = self._equipment.guard.consider(again, Occasion.CENTERING, target=self._key)
+            decision = self._equipment.guard.consider(again, SyncTrigger.CENTERING, target=self._key)
             if decision.against_the_sky:
                 continue
             agreed = agreed + 1 if agree(latest, again, self._tolerance) else 0
@@ -329,7 +324,7 @@ class Centering:
         )
 
     async def _recovered(self) -> None:
-        """Find out where a mount points whose position doesn't count, and tell it; not for ever."""
+        """Find out where a mount points whose position doesn't count, and sync it; not for ever."""
         self._recoveries += 1
         if self._recoveries > MOST_RECOVERIES:
             raise DeviceRefused(
@@ -338,7 +333,7 @@ class Centering:
                 advice="look at the mount: its power, its cable",
                 reason=Refusal.UNTRUSTED,
             )
-        await self._recover()
+        await recover(self._equipment, self._policy)
         kill_point("centering recovered")
 
     async def _slew(self) -> None:
@@ -359,7 +354,7 @@ class Centering:
 
     def _report(self, found: Look, expected: float | None, elapsed_s: float) -> CenterReport:
         equipment = self._equipment
-        side, side_seen = side_of(found), equipment.guard.side_seen(found)
+        side, side_seen = found.after.side, equipment.guard.side_seen(found)
         self._note(side_note(found, side_seen))
         ahead = crossing(equipment, self.target, side, self._planned_s)
         if ahead is not None:
@@ -391,7 +386,7 @@ def centering_facts(
     facts: dict[str, object] = {
         "target_ra_deg": run.target.ra_deg,
         "target_dec_deg": run.target.dec_deg,
-        "tries": [try_facts(one) for one in run.tries.all],
+        "tries": [try_facts(tried) for tried in run.tries.all],
         "notes": list(run.notes),
     }
     if report is not None:
@@ -425,10 +420,6 @@ async def center_in_time(
 
     Parameters
     ----------
-    equipment : Equipment
-    slewing : Slewing
-    target : Icrs
-    policy : CenteringPolicy
     halt : callable
         Stops the mount, when time has run out.
     planned_s : float or None
@@ -443,11 +434,7 @@ async def center_in_time(
     OutsideLimits, NotSolved, OffsetImplausible, SyncRefused, MountMoved, Cancelled
     DeviceError, JournalFailed
     """
-
-    async def find() -> None:
-        await recover(equipment, policy)
-
-    run = Centering(equipment, slewing, target, policy, recover=find, planned_s=planned_s, key=key)
+    run = Centering(equipment, slewing, target, policy, planned_s=planned_s, key=key)
     try:
         async with asyncio.timeout(policy.timeout_s) as limit:
             report = await run.run()

@@ -20,7 +20,7 @@ from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.look_retries import PersistentLook
 from mountnav.navigation.policy import Approach, CenteringPolicy, CorrectBy
 from mountnav.navigation.reports import Correction, Look
-from mountnav.navigation.slewing import Slewing, side_of
+from mountnav.navigation.slewing import Slewing
 from mountnav.navigation.steering import (
     ENOUGH_LOOKS,
     Followed,
@@ -30,19 +30,22 @@ from mountnav.navigation.steering import (
     sent_as_believed,
     steering_for,
 )
-from mountnav.navigation.sync import Occasion, SyncDecision
+from mountnav.navigation.sync import SyncDecision, SyncTrigger
 from mountnav.navigation.sync_transaction import TookElsewhere
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import Offset, separation_arcsec
 
 ZEROED_AT_DEC_DEG = 60.0
-"""Far enough from the pole for a sync: there a polar axis 10′ off shifts the hour angle by 17′ at most."""
+"""Far enough from the pole for a sync: there a polar axis 10′ off shifts the hour angle by 17′ at most.
+Chosen by hand; at 75° it would be 37′."""
 
 VAGUE_ARCSEC = 900.0
-"""When the tube may look further than this from what is expected, one sigma, two frames must agree."""
+"""When the tube may look further than this from what is expected, one sigma, two frames must agree. Chosen by
+hand, 15′. Doubled, one false frame may move a mount by half a degree."""
 
 NEAR_ARCSEC = 120.0
-"""A correction as small as this changes no sides."""
+"""A correction as small as this changes no sides. Chosen by hand. Doubled, a hole at the pole of 4′ goes
+unsaid."""
 
 Note = Callable[[str], None]
 
@@ -61,10 +64,6 @@ class Correcting:
 
     Parameters
     ----------
-    equipment : Equipment
-    slewing : Slewing
-    target : Icrs
-    policy : CenteringPolicy
     note : callable
         Told what an operator should know.
     key : str or None
@@ -111,7 +110,7 @@ class Correcting:
             note("no pointing model is in force: corrected by offsets alone")
 
     async def expect(self) -> float | None:
-        """Aim, and tell how far off the tube may look after the first slew: one sigma; None if nobody can."""
+        """Aim; how far off the tube may look after the first slew, one sigma; None if that isn't known."""
         slewing = self._slewing
         side = await slewing.side_at(self._target)
         self.aim = slewing.aimed(self._target, side)
@@ -125,13 +124,13 @@ class Correcting:
         return math.hypot(offset, math.sqrt(2.0) * expected.sigma_arcsec, steps)
 
     async def anew(self) -> float | None:
-        """What was seen before counts no more: the mount was told where it points."""
+        """What was seen before counts no more: the mount was synced."""
         self._steering.forget()
         self._segment_id = self._equipment.mount.segment_id
         return await self.expect()
 
     async def slew(self) -> bool:
-        """Send the mount to the aim; whether it changed sides: then the looks that follow begin anew."""
+        """Send the mount to the aim; whether it changed sides: then the looks that follow begin again."""
         kill_point("centering slew")
         try:
             report = await self._slewing.slew(self._target, self.aim, approach=self._leg())
@@ -173,14 +172,16 @@ class Correcting:
         return seen.look
 
     def sighted(self, found: Look) -> Followed:
-        """Take in a look; tell whether the tube did what the last correction asked."""
+        """Take in a look; whether the tube did what the last correction asked."""
         if found.segment_id != self._segment_id:
             # its zero points are new, and not by our doing: a late sync, a reboot, a slip
             self._steering.forget()
             self._segment_id = found.segment_id
         bound = max(60.0, 3.0 * self._equipment.mount.resolution_arcsec)
         sent = sent_as_believed(self.aim, found.believed, bound)
-        followed = self._steering.sighted(Sighting(sent, found.seen, side_of(found)), found.mid_exposure_utc)
+        followed = self._steering.sighted(
+            Sighting(sent, found.seen, found.after.side), found.mid_exposure_utc
+        )
         if followed is Followed.STUCK and self._policy.approach is Approach.WHEN_NEEDED:
             self.approach = True
         return followed
@@ -198,7 +199,7 @@ class Correcting:
         equipment = self._equipment
         if followed is Followed.ELSEWHERE or equipment.guard.learned.normal is None:
             return True
-        expected = self._slewing.expected(found.seen, side_of(found))
+        expected = self._slewing.expected(found.seen, found.after.side)
         return expected is None or expected.sigma_arcsec > VAGUE_ARCSEC
 
     def hole(self, found: Look) -> Hole | None:
@@ -206,7 +207,7 @@ class Correcting:
         steering = self._steering
         if not isinstance(steering, PolarSteering):
             return None
-        hole = steering.hole(found.mid_exposure_utc, side_of(found))
+        hole = steering.hole(found.mid_exposure_utc, found.after.side)
         if hole is None and self._astray and steering.looks >= ENOUGH_LOOKS:
             off = separation_arcsec(found.seen, self._target)
             if off < NEAR_ARCSEC:
@@ -216,7 +217,7 @@ class Correcting:
 
     async def _next_aim(self, found: Look) -> Icrs:
         """Beside the target, for the side on which the tube will hang there."""
-        now, side = self._equipment.clock.utc(), side_of(found)
+        now, side = self._equipment.clock.utc(), found.after.side
         aim = self._steering.next_aim(now, side)
         if isinstance(self._steering, PolarSteering) and side is not PierSide.UNKNOWN:
             other = await self._slewing.side_at(aim)
@@ -227,19 +228,19 @@ class Correcting:
         return aim
 
     async def correct(self, found: Look, decision: SyncDecision) -> Corrected:
-        """Choose where to slew next, and tell the mount where it points if that is the way."""
+        """Choose where to slew next, and sync the mount if that is the way."""
         why, outcome = "", None
         if self._syncs and not self._equipment.guard.prefers_offset:
             if decision.allowed:
-                outcome, why, again = await self._synced(found)
+                outcome, why, again = await self._synced(found, decision)
                 if again is not None:
                     # it believes another place now: the next step is counted from that
                     found = again
-                    sighting = Sighting(again.believed, again.seen, side_of(again))
+                    sighting = Sighting(again.believed, again.seen, again.after.side)
                     self._steering.sighted(sighting, again.mid_exposure_utc)
                 if not why:
                     self._steering.believed(found.seen)
-                    self.aim = self._slewing.aimed(self._target, side_of(found))
+                    self.aim = self._slewing.aimed(self._target, found.after.side)
                     return Corrected(Correction.SYNC, str(outcome), outcome)
             else:
                 why = f"not synced: {decision.why}"
@@ -249,15 +250,21 @@ class Correcting:
             return Corrected(Correction.MODEL, "the model's aim, and the error that was left")
         return Corrected(Correction.OFFSET, why or "beside the target by the error seen", outcome)
 
-    async def _synced(self, found: Look) -> tuple[SyncOutcome | None, str, Look | None]:
-        """Sync; with words when the mount won't be told, and it has to be an offset.
+    async def _synced(
+        self, found: Look, decision: SyncDecision
+    ) -> tuple[SyncOutcome | None, str, Look | None]:
+        """Sync; with words when the mount takes no sync, and it has to be an offset.
 
-        With a look besides, where the mount took another place than it was told, and that was seen.
+        With a look besides, where the mount took another place than it was sent, and that was seen.
         """
         kill_point("centering sync")
         try:
             report = await self._equipment.guard.commit(
-                found, Occasion.CENTERING, target=self._key, look_again=self._look_again
+                found,
+                SyncTrigger.CENTERING,
+                target=self._key,
+                decision=decision,
+                look_again=self._look_again,
             )
         except TookElsewhere as error:
             self._syncs = False
@@ -302,11 +309,11 @@ class Correcting:
             await self._slewing.slew(below)
         self.aim = below
         found = await self.look()
-        decision = guard.consider(found, Occasion.CENTERING, target=self._key)
+        decision = guard.consider(found, SyncTrigger.CENTERING, target=self._key)
         words = "" if decision.allowed else decision.why
         outcome = None
         if decision.allowed:
-            outcome, words, _ = await self._synced(found)
+            outcome, words, _ = await self._synced(found, decision)
         if words:
             self._note(f"not synced below the pole: {words}")
             return None

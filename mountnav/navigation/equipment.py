@@ -1,30 +1,30 @@
-"""What one telescope navigates with: its devices, its eyes, its memory, who is told; put together once."""
+"""What one telescope navigates with: devices, solver, journal, listeners; put together once."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from mountnav.catalog.stars import Catalog
-from mountnav.clock import Clock
+from mountnav.clock import Clock, SystemClock
 from mountnav.devices import Camera, Mount
 from mountnav.frames import Frame, Hint
-from mountnav.journal.records import Entry, EntryKind, Journal
+from mountnav.journal.records import Entry, EntryKind, Journal, Unwritten
 from mountnav.mount import CheckedMount
 from mountnav.navigation.frames_seen import FramesSeen
 from mountnav.navigation.learned import Learned
+from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.reading_history import ReadingHistory
+from mountnav.navigation.reports import Listener
 from mountnav.navigation.sync import GuardedSync
 from mountnav.navigation.sync_policy import SyncPolicy
 from mountnav.pointing.limits import Limits, Mounting
-from mountnav.pointing.model.in_force import Pointing
+from mountnav.pointing.model.in_force import NoModel, Pointing
 from mountnav.sky.coordinates import Air, Site
 from mountnav.solution import Verdict
 from mountnav.solving.settings import SolveSettings
-
-Listener = Callable[[str, dict[str, object]], None]
 
 
 class Solve(Protocol):
@@ -36,11 +36,7 @@ class Solve(Protocol):
 
 
 def in_thread(catalog: Catalog) -> Solve:
-    """Solve in a thread of this process, for whoever has no solver of his own.
-
-    Parameters
-    ----------
-    catalog : Catalog
+    """Solve in a thread of this process, where there is no solver process.
 
     Returns
     -------
@@ -63,16 +59,10 @@ class Equipment:
     ----------
     name : str
         The telescope's.
-    mount : CheckedMount
-    camera : Camera
-    solve : Solve
-    solving : SolveSettings
-    site, air : Site, Air
-    clock : Clock
-    journal : Journal
+    policy : CenteringPolicy
+        What navigation is allowed; an order may set some of it otherwise for itself.
     guard : GuardedSync
         Judges each look, and does the syncs.
-    readings : ReadingsKept
     listen : callable
         Told of each step; it never steers.
     apply_model : bool
@@ -86,8 +76,7 @@ class Equipment:
     camera: Camera
     solve: Solve
     solving: SolveSettings
-    site: Site
-    air: Air
+    policy: CenteringPolicy
     clock: Clock
     journal: Journal
     guard: GuardedSync
@@ -95,6 +84,16 @@ class Equipment:
     listen: Listener
     apply_model: bool = True
     frames: FramesSeen = field(default_factory=FramesSeen)
+
+    @property
+    def site(self) -> Site:
+        """Where the telescope stands."""
+        return self.mount.site
+
+    @property
+    def air(self) -> Air:
+        """The air there."""
+        return self.mount.air
 
     @property
     def pointing(self) -> Pointing:
@@ -118,30 +117,57 @@ class Equipment:
         return Entry(self.clock.utc(), self.name, kind, what, facts)
 
 
-def equipped(
+def equip(
     *,
     name: str,
     mount: Mount,
     camera: Camera,
-    solve: Solve,
-    solving: SolveSettings,
+    catalog: Catalog,
     site: Site,
     air: Air,
-    limits: Limits,
-    rules: SyncPolicy,
-    journal: Journal,
-    clock: Clock,
-    pointing: Pointing,
-    learned: Learned,
-    mounting: Mounting | None,
+    policy: CenteringPolicy,
     listen: Listener,
-    apply_model: bool,
+    solving: SolveSettings | None = None,
+    solve: Solve | None = None,
+    limits: Limits | None = None,
+    sync: SyncPolicy | None = None,
+    journal: Journal | None = None,
+    clock: Clock | None = None,
+    pointing: Pointing | None = None,
+    apply_model: bool = True,
+    learned: Learned | None = None,
+    mounting: Mounting | None = None,
 ) -> Equipment:
-    """Put a telescope's equipment together: the driver behind its checks, syncs behind their guard."""
+    """Put a telescope's equipment together: the driver behind its checks, syncs behind their guard.
+
+    Parameters
+    ----------
+    mount : Mount
+        The driver; from now on only `Equipment.mount`, which checks and writes down each order, may be used.
+    catalog : Catalog
+        For `solve`, where that is left out.
+    listen : callable
+        Told of each step; it never steers.
+    solving : SolveSettings, optional
+        How frames are calibrated, measured and identified.
+    solve : Solve, optional
+        Who solves them; a thread of this process with the catalog if left out.
+    limits : Limits, optional
+        The policy's lowest altitude alone, if left out.
+    pointing : Pointing, optional
+        The pointing model in force.
+    apply_model : bool
+        Whether slews are aimed by it.
+    learned : Learned, optional
+        What is known of the camera already.
+    mounting : {"german", "fork", "altaz"}, optional
+        None: not known.
+    """
+    journal, clock = journal or Unwritten(), clock or SystemClock()
     checked = CheckedMount(
         mount,
         telescope=name,
-        limits=limits,
+        limits=limits or Limits(min_altitude_deg=policy.min_altitude_deg),
         site=site,
         air=air,
         journal=journal,
@@ -153,12 +179,9 @@ def equipped(
     guard = GuardedSync(
         checked,
         telescope=name,
-        policy=rules,
-        learned=learned,
-        pointing=pointing,
-        site=site,
-        air=air,
-        limits=limits,
+        policy=sync_rules(sync, policy),
+        learned=learned or Learned(mounting=mounting),
+        pointing=pointing or NoModel(),
         journal=journal,
         clock=clock,
         listen=listen,
@@ -167,10 +190,9 @@ def equipped(
         name=name,
         mount=checked,
         camera=camera,
-        solve=solve,
-        solving=solving,
-        site=site,
-        air=air,
+        solve=solve or in_thread(catalog),
+        solving=solving or SolveSettings(),
+        policy=policy,
         clock=clock,
         journal=journal,
         guard=guard,
@@ -180,4 +202,10 @@ def equipped(
     )
 
 
-__all__ = ["Equipment", "Listener", "Solve", "equipped", "in_thread"]
+def sync_rules(sync: SyncPolicy | None, policy: CenteringPolicy) -> SyncPolicy:
+    """The policy of syncs; the smaller of the two caps on their size holds."""
+    rules = sync or SyncPolicy(read_back_s=policy.sync_read_back_s)
+    return replace(rules, max_arcsec=min(rules.max_arcsec, policy.max_sync_arcsec))
+
+
+__all__ = ["Equipment", "Listener", "Solve", "equip", "in_thread", "sync_rules"]

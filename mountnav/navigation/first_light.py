@@ -1,8 +1,8 @@
-"""First light: a telescope that was set up by eye is told where it points, and its camera is learned.
+"""First light: a telescope that was set up by eye is synced, and its camera is learned.
 
 A new mount is off by degrees: further than a sync may be. A lost one may be recovered by two frames; but a
 German mount takes a place for the posture that it believes in, and as long as the camera's angle is not known
-no frame tells the posture. A motion does: in the wrong posture the declination axis turns the wrong way. So
+no frame shows the posture. A motion does: in the wrong posture the declination axis turns the wrong way. So
 the tube is moved a little, within the limits and with the whole offset as a margin, and has to be seen going
 where the mount says.
 """
@@ -37,7 +37,7 @@ from mountnav.navigation.recovering import (
 )
 from mountnav.navigation.reports import FirstLightReport, Look
 from mountnav.navigation.slewing import Slewing
-from mountnav.navigation.sync import Occasion
+from mountnav.navigation.sync import SyncTrigger
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_hour_angle, icrs_to_observed
 from mountnav.sky.coordinates import HourAngle, Icrs
 from mountnav.sky.sphere import Offset, displaced, offset_arcsec
@@ -45,11 +45,14 @@ from mountnav.sky.sphere import Offset, displaced, offset_arcsec
 STEP_DEG = 1.5
 """Of the small moves: well beyond all play, and within the margin. Doubled, they leave more of the limits."""
 AWAY_FROM_POLE_DEG = 20.0
-"""So far from the pole a polar axis 5° off leaves the directions of the axes known to 15°."""
+"""So far from the pole a polar axis 5° off leaves the directions of the axes known to 15°. atan(5° / 20°) =
+14°. Halved, 27°: a step in the right posture would look like one across."""
 FOLLOWS = 0.35
-"""So much of a step may be missing or across: axes that lie 5° otherwise turn it by 15° (0.26)."""
+"""So much of a step may be missing or across: axes that lie 5° otherwise turn it by 15° (0.26). Doubled, a
+step that goes 40° astray passes; at 0.26 an honest mount 5° off would fail."""
 _ROOM_DEG = 4.0
-"""So far above the lowest altitude, the offset besides, there is room for the small steps."""
+"""So far above the lowest altitude, the offset besides, there is room for the small steps, °: two steps and a
+half of `STEP_DEG`. Doubled, low targets are left though there is room."""
 _HALVES = ((0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0))
 """Ways of the small steps, in `STEP_DEG` of hour angle and declination."""
 
@@ -57,7 +60,7 @@ _HALVES = ((0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0))
 async def first_light(
     equipment: Equipment, policy: CenteringPolicy, slewing: Slewing, exposure_s: float | None = None
 ) -> FirstLightReport:
-    """Learn where a telescope truly points that was set up by eye, and tell its mount.
+    """Learn where a telescope truly points that was set up by eye, and sync its mount.
 
     Two frames, solved anywhere in the sky, must agree on a place above the ground and no further than
     `FURTHEST_DEG` from what the mount believes. From the pole, or too low, the tube goes high first.
@@ -102,7 +105,7 @@ class _FirstLight:
         async with tracked(equipment):
             try:
                 first = await self._seen()
-                # the pole doesn't tell how far the hour angle is off
+                # the pole doesn't show how far the hour angle is off
                 at_pole = 90.0 - abs(self._hour_angle(first).dec_deg) < AWAY_FROM_POLE_DEG
                 off_deg = FURTHEST_DEG if at_pole else first.offset.total_arcsec / 3600.0
                 with mount.wider_margin(off_deg):
@@ -115,7 +118,7 @@ class _FirstLight:
                     guard.learned.forget()
                     kill_point("first light: sync")
                     told = await sync_or_count_by_sight(
-                        equipment, self._policy, found, self._look, Occasion.FIRST_LIGHT
+                        equipment, self._policy, found, self._look, SyncTrigger.FIRST_LIGHT
                     )
                     self._synced = True
             except BaseException:
@@ -181,7 +184,7 @@ class _FirstLight:
     # -- motions -------------------------------------------------------------------------------------
 
     async def _to_a_good_place(self, found: Look) -> Look:
-        """Leave the pole, where no frame tells how the axes lie, and places too low for a step."""
+        """Leave the pole, where no frame shows how the axes lie, and places too low for a step."""
         here = self._hour_angle(found)
         lowest_deg = self._limits.min_altitude_deg + _ROOM_DEG + found.offset.total_arcsec / 3600.0
         altitude_deg = self._altitude_deg(found.seen, found)
@@ -278,7 +281,7 @@ class _FirstLight:
         ways = sorted((1.0, -1.0), key=altitude_deg, reverse=True)
         if near_pole:
             ways = sorted(ways, key=lambda one: one * north)
-        return [(0.0, one) for one in ways]
+        return [(0.0, way) for way in ways]
 
     async def _verified(self, told: RecoverySync) -> Look:
         """Two more looks, a small step apart: what was synced holds, and the camera's angle is learned.
@@ -286,7 +289,7 @@ class _FirstLight:
         Raises
         ------
         OffsetImplausible
-            The tube doesn't look where the mount was told: the sync is left, and the position doesn't count.
+            The tube doesn't look where the mount was synced: the sync stays, and the position doesn't count.
         """
         equipment = self._equipment
         allowed = 0.1 * 3600.0 * STEP_DEG + 2.0 * equipment.mount.resolution_arcsec

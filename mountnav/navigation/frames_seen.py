@@ -6,7 +6,7 @@ a place where the tube no longer looks. A frame is believed
 
 - when its pixels are not those of an earlier frame, and
 - when, since the last frame that was believed, the sky in it moved as the mount says that it did; or, where
-  that can't be told (the first frame, a very small slew, zero points that jumped) or is not so (play, a slip,
+  that isn't known (the first frame, a very small slew, zero points that jumped) or is not so (play, a slip,
   another side of the pier), when frames taken afterwards, at the same place, agree.
 """
 
@@ -28,22 +28,29 @@ from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, offset_arcsec, separation_arcsec
 
 _KEPT = 32
-"""Fingerprints that are remembered, frames: a buffer of more is not known of any camera."""
+"""Fingerprints that are remembered, frames: a buffer of more is not known of any camera. Doubled, so is the
+memory: some bytes each."""
 _ALIKE = 0.5
-"""So much of a motion may be missing or too much in the sky; an old frame misses all of it."""
+"""So much of a motion may be missing or too much in the sky; an old frame misses all of it. Chosen by hand,
+half-way. Doubled, any frame counts as fresh."""
 _STOOD = 0.3
-"""With less of the motion than this the sky stood still: an old frame, or a tube that didn't follow."""
+"""With less of the motion than this the sky stood still: an old frame, or a tube that didn't follow. Chosen
+by hand. Doubled, an honest small slew with play is called an old frame."""
 _SETTLES_ARCSEC = 3.0
-"""A reading settles by as much beside what was synced, beyond its steps, without any slew."""
+"""A reading settles by as much beside what was synced, beyond its steps, without any slew, ″. Chosen by hand.
+Doubled, small slews prove no frame fresh."""
 _FLOOR_ARCSEC = 5.0
-"""Added to what looks scatter: seeing and the worm between two frames."""
+"""Added to what looks scatter: seeing and the worm between two frames, ″. Chosen by hand. Doubled, small
+slews prove no frame fresh."""
 _AGREE_AFTER_STANDING = 2
 """So many more frames must agree that the sky stood still before a tube is said not to follow; a camera that
-is two behind shows the old place twice."""
+is two behind shows the old place twice. Doubled, a tube that doesn't follow costs two more exposures."""
 LAGS = 2
-"""A camera that was caught with an old frame so often, with no other proof between, is broken."""
+"""A camera that was caught with an old frame so often, with no other proof between, is broken. Chosen by
+hand. Doubled, two more looks are spoiled before it is said."""
 _INLINE_BYTES = 1 << 20
-"""More than this, about 1 ms of work, goes to a thread."""
+"""More than this, about 1 ms of work, goes to a thread. Doubled, the event loop stands still for 2 ms at a
+frame."""
 _NOTHING_BEFORE = (
     "no frame before it, in the present zero points, tells whether the camera shows the sky of now"
 )
@@ -118,7 +125,6 @@ class CameraFrames:
 
         Parameters
         ----------
-        found : Look
         allowed_arcsec : float
             How far two frames of one place may be apart.
         resolution_arcsec : float
@@ -145,23 +151,23 @@ class CameraFrames:
             self.last, self._waiting = found, []
             return Sight()
         waiting = [
-            one
-            for one in self._waiting
-            if one.look.segment_id == found.segment_id
-            and one.look.mid_exposure_utc < found.mid_exposure_utc
-            and separation_arcsec(one.look.believed, found.believed) <= allowed_arcsec + resolution_arcsec
+            earlier
+            for earlier in self._waiting
+            if earlier.look.segment_id == found.segment_id
+            and earlier.look.mid_exposure_utc < found.mid_exposure_utc
+            and separation_arcsec(earlier.look.believed, found.believed) <= allowed_arcsec + resolution_arcsec
         ]
         # the last frames before it, as long as they agree with it
         agreed: list[Look] = []
-        for one in reversed(waiting):
-            if apart_arcsec(one.look, found) > allowed_arcsec + resolution_arcsec:
+        for earlier in reversed(waiting):
+            if apart_arcsec(earlier.look, found) > allowed_arcsec + resolution_arcsec:
                 break
-            agreed.insert(0, one.look)
+            agreed.insert(0, earlier.look)
         if doubt and len(agreed) < (_AGREE_AFTER_STANDING if stood else 1):
             self._waiting = [*waiting, _Waiting(found, stood)]
             return Sight(doubt)
         lagged = ""
-        if not stood and any(one.stood for one in waiting):
+        if not stood and any(earlier.stood for earlier in waiting):
             lagged = "it handed out a frame from before the mount's last slew, as if it were a new one"
             self.lags += 1
         elif proven:
@@ -243,8 +249,8 @@ def _flat(pixels: NDArray[np.generic]) -> bool:
 
 
 def _noise_arcsec(last: Look, found: Look) -> float:
-    sigmas = [one.solution.center_sigma_arcsec for one in (last, found)]
-    return _FLOOR_ARCSEC + 3.0 * math.hypot(*(one if math.isfinite(one) else 0.0 for one in sigmas))
+    sigmas = [look.solution.center_sigma_arcsec for look in (last, found)]
+    return _FLOOR_ARCSEC + 3.0 * math.hypot(*(sigma if math.isfinite(sigma) else 0.0 for sigma in sigmas))
 
 
 def _believed_then(last: Look, found: Look, synced: Look | None) -> Icrs | None:

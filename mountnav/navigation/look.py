@@ -18,10 +18,10 @@ from mountnav.frames import Frame, Hint
 from mountnav.journal.records import EntryKind, LookRecord, because, cause, new_id
 from mountnav.measuring.measurements import SkyQuality
 from mountnav.mount.kill_points import kill_point
-from mountnav.navigation.equipment import Equipment, Listener, Solve, in_thread
+from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.frames_seen import LAGS, Sight, fingerprint, takes_long
 from mountnav.navigation.policy import CenteringPolicy
-from mountnav.navigation.reports import CameraIdentity, Look, camera_of
+from mountnav.navigation.reports import CameraIdentity, Look, camera_of, finite_or_none
 from mountnav.pointing.observation import PointingObservation
 from mountnav.sky.coordinates import Air, Icrs
 from mountnav.sky.iers import earth_orientation
@@ -29,16 +29,13 @@ from mountnav.sky.sphere import displaced, offset_arcsec, separation_arcsec
 from mountnav.solution import Solution, Verdict
 
 __all__ = [
-    "Listener",
     "LookOptions",
     "LookResult",
     "RepeatedFrame",
-    "Solve",
     "at_instant",
     "camera_stale",
     "covariance_of",
     "expose_and_solve",
-    "in_thread",
     "judge_freshness",
     "look_of",
     "not_solved_facts",
@@ -69,14 +66,8 @@ def record_of(
 
     Parameters
     ----------
-    equipment : Equipment
-    look_id : str
     utc : datetime
-        Mid-exposure; of the second reading where the frame tells none.
-    before, after : MountReading
-    frame : Frame
-    exposure_s : float
-    used : str
+        Mid-exposure; of the second reading where the frame has none.
     segment_id, model_id : str, str or None
         As they were when the frame was exposed.
     verdict : Verdict, optional
@@ -112,8 +103,8 @@ def record_of(
         mode="" if solution is None else solution.mode,
         catalog="" if solution is None else solution.catalog,
         pairs=0 if solution is None else solution.pairs,
-        rms_arcsec=None if solution is None else _finite(solution.rms_arcsec),
-        false_probability=None if solution is None else _finite(solution.false_probability),
+        rms_arcsec=None if solution is None else finite_or_none(solution.rms_arcsec),
+        false_probability=None if solution is None else finite_or_none(solution.false_probability),
         scale_arcsec_px=None if solution is None else solution.scale_arcsec_px,
         rotation_deg=None if solution is None else solution.rotation_deg,
         parity=None if solution is None else solution.parity,
@@ -158,10 +149,6 @@ def covariance_of(solution: Solution) -> tuple[float, float, float] | None:
     return values if all(map(math.isfinite, values)) else None
 
 
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
 CONFIRMED_LATER = frozenset({"look", "recovery", "first light"})
 """Looks by which alone nothing is moved or synced: the last two ask for frames that agree themselves."""
 
@@ -176,7 +163,6 @@ class LookOptions:
 
     Attributes
     ----------
-    exposure_s : float
     radius_deg : float
         How far from the mount's belief it is sought.
     blind : {"after", "only", "never"} or None
@@ -184,7 +170,7 @@ class LookOptions:
     scale : {"learned", "settings", "any"}
         What is believed of the scale.
     used : str
-        What it is for; the journal tells.
+        What it is for, as the journal keeps it.
     teaches : bool
         Whether what is known of camera and pointing learns from it.
     """
@@ -203,10 +189,6 @@ class LookResult:
 
     Attributes
     ----------
-    verdict : Verdict
-    believed : Icrs
-    width_px : int
-    look : Look or None
     doubt : str
         Why nothing may be done by the look before another one was taken, in words; empty if it is believed.
     """
@@ -225,15 +207,8 @@ async def expose_and_solve(
 
     Parameters
     ----------
-    equipment : Equipment
-    policy : CenteringPolicy
-    shot : Shot
     attempt : int
         For those who listen.
-
-    Returns
-    -------
-    Taken
 
     Raises
     ------
@@ -241,7 +216,7 @@ async def expose_and_solve(
         The mount's readings before and after differ by more than its own resolution and the policy allow,
         it says that it is slewing, or it was ordered to move meanwhile.
     BadFrame
-        The frame tells no time of exposure, or one that doesn't lie between the two readings; or its pixels
+        The frame has no time of exposure, or one that doesn't lie between the two readings; or its pixels
         are those of an earlier frame (`RepeatedFrame`).
     CameraStale
         The camera was caught again with a frame from before the last slew.
@@ -314,8 +289,8 @@ async def expose_and_solve(
         equipment.listen("solved", solved_facts(found))
         if sight.doubt:
             return LookResult(verdict, believed, frame.width_px, found, sight.doubt)
-        for one in (*sight.agreed, found) if shot.teaches else ():
-            await equipment.guard.learn(one)
+        for look in (*sight.agreed, found) if shot.teaches else ():
+            await equipment.guard.learn(look)
         kill_point("look learned")
         if sight.lagged:
             await _blame(equipment, found, sight.lagged)
@@ -347,7 +322,7 @@ async def _blame(equipment: Equipment, found: Look, words: str) -> None:
 
 
 async def report_stale(equipment: Equipment, words: str, **facts: object) -> None:
-    """Tell whoever listens, and the journal, that the camera is the culprit."""
+    """Report to listeners and journal that the camera gave an old frame."""
     told: dict[str, object] = {"camera": equipment.camera.name, "why": words, **facts}
     equipment.listen("camera-stale", told)
     await equipment.note(EntryKind.FAULT, f"the camera {equipment.camera.name}: {words}", told)
@@ -473,7 +448,7 @@ def at_instant(before: MountReading, after: MountReading, instant: datetime) -> 
 
 
 def not_solved_facts(verdict: Verdict) -> dict[str, object]:
-    """What an unsolved frame tells."""
+    """The facts of an unsolved frame, for listeners."""
     return {"reason": str(verdict.reason), "detail": verdict.detail, "measured": verdict.measured}
 
 
@@ -490,14 +465,14 @@ def _sky(quality: SkyQuality | None) -> dict[str, object]:
 
 
 def solved_facts(found: Look) -> dict[str, object]:
-    """What a solved look tells."""
+    """The facts of a solved look, for listeners."""
     solution = found.solution
     sigma = solution.center_sigma_arcsec
     return {
         "look_id": found.look_id,
         "ra_deg": found.seen.ra_deg,
         "dec_deg": found.seen.dec_deg,
-        "sigma_arcsec": sigma if math.isfinite(sigma) else None,
+        "sigma_arcsec": finite_or_none(sigma),
         "pairs": solution.pairs,
         "rms_arcsec": solution.rms_arcsec,
         "false_probability": solution.false_probability,
@@ -507,6 +482,6 @@ def solved_facts(found: Look) -> dict[str, object]:
         "offset_arcsec": found.offset.total_arcsec,
         "mid_exposure_utc": found.mid_exposure_utc.isoformat(),
         "solve_s": found.verdict.times.total_s,
-        "contradictions": [str(one) for one in found.verdict.contradictions],
+        "contradictions": [str(contradiction) for contradiction in found.verdict.contradictions],
         **_sky(found.verdict.quality),
     }

@@ -64,9 +64,6 @@ class PersistentLook:
 
     Parameters
     ----------
-    equipment : Equipment
-    policy : CenteringPolicy
-    persistence : Persistence
     used : str
         What the look is for.
     go : callable, optional

@@ -26,24 +26,24 @@ from mountnav.journal.records import because, cause
 from mountnav.mount import CheckedMount
 from mountnav.navigation.equipment import Listener
 
-__all__ = ["MountOrders", "OneAtATime"]
+__all__ = ["MountOrders"]
 
 
-class OneAtATime:
-    """Who holds a telescope, and what is wrong with it.
+class MountOrders:
+    """The orders of one telescope that need no camera; who holds it, and what is wrong with it.
 
     Parameters
     ----------
     name : str
         The telescope's.
-    mount : CheckedMount
     camera : Camera
+        Opened, closed and aborted with the mount.
     listen : callable
 
     Attributes
     ----------
     activity : str
-        What it does: "idle", "looking", ...
+        What it does: "idle", "looking", "centering", ...
     connected : bool
         Whether its devices are open.
     problem : str or None
@@ -51,20 +51,22 @@ class OneAtATime:
     """
 
     def __init__(self, name: str, mount: CheckedMount, camera: Camera, listen: Listener) -> None:
+        self.name = name
+        self.mount = mount
+        self.camera = camera
         self.activity = "idle"
         self.connected = False
         self.problem: str | None = None
-        self._name = name
-        self._mount = mount
-        self._camera = camera
         self._listen = listen
         mount.listen(self._mount_said)
+
+    # -- one at a time -----------------------------------------------------------------------------
 
     async def open(self) -> None:
         """Open camera and mount. Nothing moves. Raises `DeviceError`."""
         try:
-            await self._camera.open()
-            await self._mount.open()
+            await self.camera.open()
+            await self.mount.open()
         except DeviceError as error:
             self.connected, self.problem = False, str(error)
             raise
@@ -74,22 +76,26 @@ class OneAtATime:
         """Release both devices."""
         self.connected = False
         try:
-            await self._mount.close()
+            await self.mount.close()
         finally:
-            await self._camera.close()
+            await self.camera.close()
 
     async def stop(self) -> None:
         """Stop the mount now, whatever else is going on; then end a running exposure."""
         self._listen("stopping", {})
         try:
-            await self._mount.stop()
+            await self.mount.stop()
         finally:
-            await self._camera.abort()
+            await self.camera.abort()
         self._listen("stopped", {})
 
     @asynccontextmanager
     async def work(self, activity: str) -> AsyncIterator[None]:
         """Hold the telescope for one piece of work; a second one is refused, not queued.
+
+        A piece of work is many orders and looks, say a centering. Each of its orders is held by the mount for
+        itself as well (`Admission.held`): orders that don't come by here, as those of the watch over the
+        limits, must not cross it either. So neither of the two checks replaces the other.
 
         Work that is cancelled, or whose mount can't be trusted any more, leaves the mount stopped.
 
@@ -98,7 +104,7 @@ class OneAtATime:
         Busy
         """
         if self.activity != "idle":
-            raise Busy(f"busy {self.activity}", device=self._name, advice="wait for it, or stop it")
+            raise Busy(f"busy {self.activity}", device=self.name, advice="wait for it, or stop it")
         self.activity = activity
         try:
             with because(why=cause().why or activity):
@@ -121,47 +127,18 @@ class OneAtATime:
             self._listen("stop-failed", {"problem": str(error)})
 
     def _mount_said(self, what: str, facts: Mapping[str, object]) -> None:
-        """Pass on what the mount tells unasked, and keep what an operator should know."""
+        """Pass on what the mount announces, and keep what an operator should know."""
         if what == "link-lost":
-            self.problem = f"{self._mount.name}: the link was lost: {facts.get('why')}"
+            self.problem = f"{self.mount.name}: the link was lost: {facts.get('why')}"
         elif what in ("link-back", "trusted"):
             self.problem = None
         if what == "untrusted":
-            self.problem = f"{self._mount.name}: its position can't be trusted: {facts.get('why')}"
+            self.problem = f"{self.mount.name}: its position can't be trusted: {facts.get('why')}"
         self._listen(f"mount-{what}", dict(facts))
 
+    # -- orders ------------------------------------------------------------------------------------
 
-class MountOrders:
-    """What is ordered of a mount alone.
-
-    Parameters
-    ----------
-    mount : CheckedMount
-    work : OneAtATime
-    """
-
-    def __init__(self, mount: CheckedMount, work: OneAtATime) -> None:
-        self.mount = mount
-        self._work = work
-
-    @property
-    def activity(self) -> str:
-        """What it does: "idle", "looking", "centering", ..."""
-        return self._work.activity
-
-    async def open(self) -> None:
-        """Open camera and mount. Nothing moves. Raises `DeviceError`."""
-        await self._work.open()
-
-    async def close(self) -> None:
-        """Release both devices."""
-        await self._work.close()
-
-    async def stop(self) -> None:
-        """Stop the mount now, whatever is going on; then end a running exposure. Raises `DeviceError`."""
-        await self._work.stop()
-
-    async def glance(self) -> MountReading:
+    async def read_mount(self) -> MountReading:
         """Read the mount once, whatever is going on; kept for frames from outside. Raises `DeviceError`."""
         return await self.mount.reading()
 
@@ -176,37 +153,37 @@ class MountOrders:
             It was stopped on its way.
         DeviceError, OutsideLimits, JournalFailed
         """
-        async with self._work.work("parking"):
+        async with self.work("parking"):
             return self._there(await self.mount.park(), "its park position")
 
     async def unpark(self) -> None:
         """Be ready to move again. Raises `DeviceError`, `JournalFailed`."""
-        async with self._work.work("unparking"):
+        async with self.work("unparking"):
             await self.mount.unpark()
 
     async def set_park(self) -> None:
         """Take the present place for the park position. Raises `DeviceError`, `JournalFailed`."""
-        async with self._work.work("setting the park position"):
+        async with self.work("setting the park position"):
             await self.mount.set_park()
 
     async def home(self) -> SlewOutcome:
         """Go home. Raises as `park`."""
-        async with self._work.work("homing"):
+        async with self.work("homing"):
             return self._there(await self.mount.home(), "its home")
 
     async def set_tracking(self, on: bool, rate: TrackingRate = TrackingRate.SIDEREAL) -> None:
         """Follow the sky, or rest. Raises `DeviceError`, `JournalFailed`."""
-        async with self._work.work("tracking"):
+        async with self.work("tracking"):
             await self.mount.set_tracking(on, rate)
 
     async def guide(self, direction: Direction, duration_s: float) -> None:
         """Move at the guide rate for a moment. Raises `DeviceError`, `JournalFailed`."""
-        async with self._work.work("guiding"):
+        async with self.work("guiding"):
             await self.mount.guide(direction, duration_s)
 
     async def set_site_and_time(self) -> ConnectReport:
         """Set the mount's site and clock to ours. Raises `DeviceError`, `JournalFailed`."""
-        async with self._work.work("setting site and time"):
+        async with self.work("setting site and time"):
             return await self.mount.set_site_and_time()
 
     def accept_site_and_time(self) -> str | None:
@@ -216,7 +193,7 @@ class MountOrders:
     def trust(self) -> None:
         """An operator's word that the mount's position is right."""
         self.mount.trust()
-        self._work.problem = None
+        self.problem = None
 
     def _there(self, outcome: SlewOutcome, where: str) -> SlewOutcome:
         if outcome is SlewOutcome.STOPPED:

@@ -6,20 +6,16 @@ from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
 
-from mountnav.catalog.stars import Catalog
-from mountnav.clock import Clock, SystemClock
-from mountnav.devices import Camera, Mount, for_mount, from_mount
+from mountnav.devices import for_mount, from_mount
 from mountnav.errors import DeviceError, NotReached, TargetNotReached
 from mountnav.frames import Frame
-from mountnav.journal.records import Journal, Unwritten
-from mountnav.mount import CheckedMount
 from mountnav.navigation.centering import center_in_time
-from mountnav.navigation.equipment import Equipment, Listener, Solve, equipped, in_thread
+from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.first_light import first_light
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.look import at_instant
 from mountnav.navigation.look_retries import PersistentLook, cheap
-from mountnav.navigation.mount_orders import MountOrders, OneAtATime
+from mountnav.navigation.mount_orders import MountOrders
 from mountnav.navigation.outside_frames import WITHIN, By, Judged, compare_frame, correct
 from mountnav.navigation.policy import CenteringPolicy, CorrectBy
 from mountnav.navigation.recovering import recover, require_away_from_pole
@@ -36,12 +32,11 @@ from mountnav.navigation.reports import (
     TelescopeState,
 )
 from mountnav.navigation.slewing import Slewing
-from mountnav.navigation.sync import GuardedSync, Occasion
-from mountnav.navigation.sync_policy import SyncPolicy
-from mountnav.pointing.limits import Limits, Mounting
-from mountnav.pointing.model.in_force import NoModel, Pointing
+from mountnav.navigation.sync import GuardedSync, SyncTrigger
+from mountnav.pointing.limits import Limits
+from mountnav.pointing.model.in_force import Pointing
 from mountnav.sky.chain import icrs_to_observed
-from mountnav.sky.coordinates import Air, Icrs, Site
+from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced
 from mountnav.solution import Verdict
 from mountnav.solving.settings import SolveSettings
@@ -56,8 +51,6 @@ async def state_of(
 
     Parameters
     ----------
-    equipment : Equipment
-    activity : str
     connected : bool
         Whether its devices are open.
     problem : str or None
@@ -73,11 +66,10 @@ async def state_of(
         altitude_deg=None,
         azimuth_deg=None,
         problem=problem,
-        trusted=mount.trusted
-        if connected and (mount.told("trusted") is not None or not mount.trusted)
-        else None,
-        link=_told(mount, "link"),
-        slew_state=_told(mount, "slew_state"),
+        # a mount that doesn't know counts as "not known" as long as nothing speaks against it
+        trusted=mount.trusted if connected and (mount.tells_trust or not mount.trusted) else None,
+        link=mount.link,
+        slew_state=mount.slew_state,
     )
     if not connected:
         return known
@@ -94,19 +86,8 @@ async def state_of(
         icrs=icrs,
         altitude_deg=observed.alt_deg,
         azimuth_deg=observed.az_deg,
-        link=_told(mount, "link"),
+        link=mount.link,
     )
-
-
-def _trusted(mount: CheckedMount) -> bool | None:
-    """Whether its position counts; None of a mount that can't tell, as long as nothing speaks against it."""
-    return None if mount.trusted and mount.told("trusted") is None else mount.trusted
-
-
-def _told(mount: CheckedMount, what: str) -> str | None:
-    """Something that only some mounts tell."""
-    value = mount.told(what)
-    return None if value is None else str(value)
 
 
 class Navigator(MountOrders):
@@ -114,83 +95,21 @@ class Navigator(MountOrders):
 
     Parameters
     ----------
-    name : str
-    mount : Mount
-        The driver; from now on only `self.mount`, which checks and writes down each order, may be used.
-    camera : Camera
-    catalog : Catalog
-    site : Site
-    air : Air
-    policy : CenteringPolicy
-    listen : callable
-        Told of each step; it never steers.
-    solving : SolveSettings, optional
-        How frames are calibrated, measured and identified.
-    solve : Solve, optional
-        Who solves them; a thread of this process with the catalog if left out.
-    limits : Limits, optional
-        The policy's lowest altitude alone, if left out.
-    sync : SyncPolicy, optional
-    journal : Journal, optional
-    clock : Clock, optional
-    pointing : Pointing, optional
-        The pointing model in force.
-    apply_model : bool
-        Whether slews are aimed by it.
-    learned : Learned, optional
-        What is known of the camera already.
-    mounting : {"german", "fork", "altaz"}, optional
-        None: not known.
+    equipment : Equipment
+        As `equip` puts it together.
     """
 
-    def __init__(
-        self,
-        *,
-        name: str,
-        mount: Mount,
-        camera: Camera,
-        catalog: Catalog,
-        site: Site,
-        air: Air,
-        policy: CenteringPolicy,
-        listen: Listener,
-        solving: SolveSettings | None = None,
-        solve: Solve | None = None,
-        limits: Limits | None = None,
-        sync: SyncPolicy | None = None,
-        journal: Journal | None = None,
-        clock: Clock | None = None,
-        pointing: Pointing | None = None,
-        apply_model: bool = True,
-        learned: Learned | None = None,
-        mounting: Mounting | None = None,
-    ) -> None:
-        self.name = name
-        self.policy = policy
-        self.camera = camera
-        self._equipment = equipped(
-            name=name,
-            mount=mount,
-            camera=camera,
-            solve=solve or in_thread(catalog),
-            solving=solving or SolveSettings(),
-            site=site,
-            air=air,
-            limits=limits or Limits(min_altitude_deg=policy.min_altitude_deg),
-            rules=sync_rules(sync, policy),
-            journal=journal or Unwritten(),
-            clock=clock or SystemClock(),
-            pointing=pointing or NoModel(),
-            learned=learned or Learned(mounting=mounting),
-            mounting=mounting,
-            listen=listen,
-            apply_model=apply_model,
-        )
-        checked = self._equipment.mount
-        super().__init__(checked, OneAtATime(name, checked, camera, listen))
-        self._slewing = Slewing(self._equipment)
+    def __init__(self, equipment: Equipment) -> None:
+        super().__init__(equipment.name, equipment.mount, equipment.camera, equipment.listen)
+        self._equipment = equipment
+        self._slewing = Slewing(equipment)
 
     # -- what is known -------------------------------------------------------------------------------
+
+    @property
+    def policy(self) -> CenteringPolicy:
+        """What it is allowed: tolerances, tries, caps."""
+        return self._equipment.policy
 
     @property
     def solving(self) -> SolveSettings:
@@ -225,9 +144,9 @@ class Navigator(MountOrders):
         """Where the telescope believes it points, and what it does. Never raises for device trouble."""
         return await state_of(
             self._equipment,
-            activity=self._work.activity,
-            connected=self._work.connected,
-            problem=self._work.problem,
+            activity=self.activity,
+            connected=self.connected,
+            problem=self.problem,
         )
 
     def believed(self, utc: datetime) -> Icrs | None:
@@ -253,16 +172,16 @@ class Navigator(MountOrders):
         """
         policy = self.policy
         persistence = policy.persistence if persistent else cheap(policy.persistence, policy.solve_retries)
-        async with self._work.work("looking"):
+        async with self.work("looking"):
             looking = PersistentLook(self._equipment, policy, persistence, used="look")
             return (await looking.look(exposure_s)).look
 
     async def frame(self, frame: Frame, verdict: Verdict, *, used: str = "night") -> FrameLook:
-        """Compare a frame that somebody else exposed with what the mount said round it. See `frame_look`."""
+        """Compare a frame of another program with the mount's readings round it. See `compare_frame`."""
         return await compare_frame(self._equipment, self.policy, frame, verdict, used=used)
 
     async def sync(self) -> SyncReport:
-        """Look, and tell the mount where it truly points; read back whether it believed it.
+        """Look, and sync the mount to where it truly points; read back whether it took it.
 
         Raises
         ------
@@ -272,7 +191,7 @@ class Navigator(MountOrders):
             It is parked: no frame is exposed for that.
         SyncIgnored, NotSolved, MountMoved, BadFrame, DeviceError, JournalFailed
         """
-        async with self._work.work("syncing"):
+        async with self.work("syncing"):
             await self.mount.require_unparked("sync")
 
             async def look() -> Look:
@@ -281,26 +200,26 @@ class Navigator(MountOrders):
 
             found = await look()
             require_away_from_pole(found, self.policy, device=self.name)
-            return await self.guard.commit(found, Occasion.ORDERED, look_again=look)
+            return await self.guard.commit(found, SyncTrigger.ORDERED, look_again=look)
 
     async def sync_to(self, place: Icrs) -> CoordinateSyncReport:
-        """Tell the mount that it points at `place`, as somebody said: believed within bounds."""
-        async with self._work.work("syncing"):
-            return await self.guard.told.sync_to(place)
+        """Sync the mount to given coordinates, which nobody has seen: allowed within bounds."""
+        async with self.work("syncing"):
+            return await self.guard.coordinate_syncs.sync_to(place)
 
     def trust(self) -> None:
-        """An operator's word that the mount's position is right; what was told before counts no more."""
+        """An operator's word that the position is right; earlier syncs on given coordinates count no more."""
         super().trust()
-        self.guard.told.proven()
+        self.guard.coordinate_syncs.proven()
 
     async def recover(self, exposure_s: float | None = None) -> RecoverReport:
-        """Find out where a mount points that doesn't know, and tell it. Never moves it. See `recover`."""
-        async with self._work.work("recovering"):
+        """Find out where a mount points that doesn't know, and sync it. Never moves it. See `recover`."""
+        async with self.work("recovering"):
             return await recover(self._equipment, self.policy, exposure_s)
 
     async def first_light(self, exposure_s: float | None = None) -> FirstLightReport:
         """Tell a telescope set up by eye where it points, and learn its camera. See `first_light`."""
-        async with self._work.work("first light"):
+        async with self.work("first light"):
             return await first_light(self._equipment, self.policy, self._slewing, exposure_s)
 
     # -- motion --------------------------------------------------------------------------------------
@@ -316,7 +235,7 @@ class Navigator(MountOrders):
             The mount said no.
         Cancelled, TargetNotReached, DeviceError, JournalFailed
         """
-        async with self._work.work("slewing"):
+        async with self.work("slewing"):
             aim = self._slewing.aimed(target, await self._slewing.side_at(target))
             return await self._slewing.slew(target, aim)
 
@@ -325,7 +244,6 @@ class Navigator(MountOrders):
 
         Parameters
         ----------
-        target : Icrs
         after_stop : bool
             As if what runs now had been stopped: it is no reason then.
 
@@ -342,7 +260,7 @@ class Navigator(MountOrders):
 
     async def offset(self, east_arcsec: float, north_arcsec: float) -> SlewReport:
         """Nudge: slew by so much on the sky, east and north positive. Errors: see `slew`."""
-        async with self._work.work("nudging"):
+        async with self.work("nudging"):
             here = from_mount((await self.mount.reading()).place)
             return await self._slewing.slew(displaced(here, east_arcsec, north_arcsec))
 
@@ -361,11 +279,10 @@ class Navigator(MountOrders):
 
         Parameters
         ----------
-        target : Icrs
         tolerance_arcsec, max_tries, timeout_s, correct_by : optional
             Instead of the policy's.
         planned_s : float, optional
-            How long it is to be followed: the answer tells which limit comes before that.
+            How long it is to be followed: the answer says which limit comes before that.
         key : str, optional
             Its name, for the policy of syncs.
 
@@ -387,22 +304,38 @@ class Navigator(MountOrders):
             "correct_by": None if correct_by is None else CorrectBy(correct_by),
         }
         policy = replace(self.policy, **{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
-        async with self._work.work("centering"):
-            return await self._center(target, policy, planned_s, key)
+        async with self.work("centering"):
+            return await center_in_time(
+                self._equipment,
+                self._slewing,
+                target,
+                policy,
+                halt=self.halt,
+                planned_s=planned_s,
+                key=key,
+            )
 
     async def flip(
         self, target: Icrs, *, planned_s: float | None = None, key: str | None = None
     ) -> CenterReport:
-        """Let a German mount change sides, and center `target` anew, whatever was synced before.
+        """Let a German mount change sides, and center `target` again, whatever was synced before.
 
         Raises
         ------
         TargetNotReached
             Centered, and still on the same side (`NotReached.SIDE`); or as `center`.
         """
-        async with self._work.work("flipping"):
+        async with self.work("flipping"):
             before = (await self.mount.reading()).pier_side
-            report = await self._center(target, self.policy, planned_s, key)
+            report = await center_in_time(
+                self._equipment,
+                self._slewing,
+                target,
+                self.policy,
+                halt=self.halt,
+                planned_s=planned_s,
+                key=key,
+            )
             if before is not None and report.side is before and not report.flipped:
                 raise TargetNotReached(
                     f"centered, but the tube still hangs {before} of the pier",
@@ -421,29 +354,8 @@ class Navigator(MountOrders):
         key: str | None = None,
         heard: Callable[[Judged], None] | None = None,
     ) -> Corrected:
-        """Bring the telescope back by a look, between two frames. See `between_frames.correct`."""
-        async with self._work.work("correcting"):
+        """Bring the telescope back by a look, between two frames. See `outside_frames.correct`."""
+        async with self.work("correcting"):
             return await correct(
                 self._equipment, self._slewing, found, by=by, target=target, key=key, heard=heard
             )
-
-    # -- inside --------------------------------------------------------------------------------------
-
-    async def _center(
-        self, target: Icrs, policy: CenteringPolicy, planned_s: float | None, key: str | None
-    ) -> CenterReport:
-        return await center_in_time(
-            self._equipment,
-            self._slewing,
-            target,
-            policy,
-            halt=self._work.halt,
-            planned_s=planned_s,
-            key=key,
-        )
-
-
-def sync_rules(sync: SyncPolicy | None, policy: CenteringPolicy) -> SyncPolicy:
-    """The policy of syncs; the smaller of the two caps on their size holds."""
-    rules = sync or SyncPolicy(read_back_s=policy.sync_read_back_s)
-    return replace(rules, max_arcsec=min(rules.max_arcsec, policy.max_sync_arcsec))

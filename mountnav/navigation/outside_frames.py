@@ -27,10 +27,10 @@ from mountnav.navigation.look import (
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.reading_history import Meanwhile
 from mountnav.navigation.reports import Corrected, Correction, FrameLook, Look, SyncReport, camera_of
-from mountnav.navigation.slewing import Slewing, side_of
+from mountnav.navigation.slewing import Slewing
 from mountnav.navigation.steering import Sighting, steering_for
 from mountnav.navigation.sync_transaction import SyncUndone
-from mountnav.navigation.sync_trigger import Occasion
+from mountnav.navigation.sync_trigger import SyncTrigger
 from mountnav.navigation.vetoes import AGAINST_THE_LOOK, SyncContext
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import offset_arcsec
@@ -59,12 +59,8 @@ def compared(
 
     Parameters
     ----------
-    frame : Frame
-    verdict : Verdict
     middle : datetime
         Of its exposure.
-    meanwhile : Meanwhile
-    look_id : str
     """
     doubts: list[SyncDoubt] = []
     words: list[str] = []
@@ -105,7 +101,8 @@ def half_exposure(frame: Frame) -> timedelta:
 
 
 WITHIN = timedelta(minutes=3)
-"""The mount must have been read no longer than this before a frame's start and after its end."""
+"""The mount must have been read no longer than this before a frame's start and after its end. Chosen by hand.
+Doubled, a frame is compared with a mount that may have been moved and moved back."""
 
 By = Literal["sync", "offset", "model"]
 
@@ -117,13 +114,10 @@ async def compare_frame(
 
     Parameters
     ----------
-    equipment : Equipment
-    policy : CenteringPolicy
     frame : Frame
         Its time of exposure must be known.
-    verdict : Verdict
     used : str
-        What it is for; the journal tells.
+        What it is for, as the journal keeps it.
 
     Raises
     ------
@@ -193,8 +187,8 @@ async def compare_frame(
         elif told.look is not None:
             equipment.listen("solved", solved_facts(told.look))
             if not told.doubts:
-                for one in (*agreed, told.look):
-                    await equipment.guard.learn(one)
+                for look in (*agreed, told.look):
+                    await equipment.guard.learn(look)
         return replace(told, meanwhile=meanwhile)
 
 
@@ -212,8 +206,6 @@ async def correct(
 
     Parameters
     ----------
-    equipment, slewing : Equipment, Slewing
-    found : Look
     by : {"sync", "offset", "model"}
         "sync" goes by offset when the mount ignores, refuses or contradicts it and a target is given.
     target : Icrs or None
@@ -233,12 +225,12 @@ async def correct(
     OutsideLimits, DeviceError, Cancelled, TargetNotReached, JournalFailed
     """
     guard = equipment.guard
-    context = guard.context(found, Occasion.NIGHT, target=key)
-    decision = guard.judge(found, Occasion.NIGHT, context)
+    context = guard.context(found, SyncTrigger.NIGHT, target=key)
+    decision = guard.judge(found, SyncTrigger.NIGHT, context)
     if heard is not None:
         heard(Judged(by, context, decision.doubts))
     if forbids(decision.doubts, by):
-        facts = {"doubts": [str(one) for one in decision.doubts], "look_id": found.look_id, "by": by}
+        facts = {"doubts": [str(doubt) for doubt in decision.doubts], "look_id": found.look_id, "by": by}
         await equipment.note(EntryKind.REFUSAL, decision.why, facts)
         raise SyncRefused(decision.why, device=equipment.name, doubts=decision.doubts)
     if target is not None:
@@ -256,9 +248,9 @@ async def correct(
             return await _sent(slewing, Correction.MODEL, target, from_model, found.believed)
     steering = steering_for(target, equipment.mount.resolution_arcsec, equipment.site)
     now = equipment.clock.utc()
-    steering.sighted(Sighting(found.believed, found.seen, side_of(found)), found.mid_exposure_utc)
+    steering.sighted(Sighting(found.believed, found.seen, found.after.side), found.mid_exposure_utc)
     return await _sent(
-        slewing, Correction.OFFSET, target, steering.next_aim(now, side_of(found)), found.believed
+        slewing, Correction.OFFSET, target, steering.next_aim(now, found.after.side), found.believed
     )
 
 
@@ -269,8 +261,6 @@ class Judged:
     Attributes
     ----------
     by : {"sync", "offset", "model"}
-    context : SyncContext
-    doubts : tuple of SyncDoubt
     """
 
     by: By
@@ -291,7 +281,7 @@ async def _require_same_side(equipment: Equipment, slewing: Slewing, found: Look
     ------
     SyncRefused
     """
-    side = side_of(found)
+    side = found.after.side
     if equipment.mount.mounting in ("fork", "altaz") or side is PierSide.UNKNOWN:
         return
     there = await slewing.side_at(target)
@@ -317,9 +307,10 @@ async def _sent(slewing: Slewing, by: Correction, target: Icrs, aim: Icrs, belie
 async def _by_sync(
     equipment: Equipment, slewing: Slewing, found: Look, target: Icrs | None, key: str | None
 ) -> Corrected | None:
-    """Sync and slew to the target; None when it won't be told and there is a target to go to."""
+    """Sync and slew to the target; None when it takes no sync and there is a target to go to."""
     try:
-        report: SyncReport = await equipment.guard.commit(found, Occasion.NIGHT, target=key)
+        # judged once more there: the mount was asked for its side since, and may have lost its position
+        report: SyncReport = await equipment.guard.commit(found, SyncTrigger.NIGHT, target=key)
     except (SyncIgnored, SyncUndone, DeviceRefused) as error:
         if target is None:
             raise

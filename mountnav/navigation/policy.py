@@ -176,7 +176,6 @@ def next_tactic(trouble: Trouble, used: Counter[Tactic], allowed: frozenset[Tact
         Of the latest frame.
     used : Counter of Tactic
         How often each was used in this look, whatever the trouble was then.
-    allowed : frozenset of Tactic
 
     Returns
     -------
@@ -199,7 +198,7 @@ class CorrectBy(StrEnum):
     """How a telescope that looks beside its target is brought there."""
 
     SYNC = "sync"
-    """The mount is told where it points, and sent again; by offset where a sync is not allowed or no use."""
+    """The mount is synced and slewed again; by offset where a sync is not allowed or no use."""
     OFFSET = "offset"
     """The mount is sent beside the target by the error that was seen; its belief stays as it is."""
     MODEL = "model"
@@ -260,7 +259,7 @@ class CenteringPolicy:
         Nearer to the pole than this nothing is synced in a centering: a polar axis that is wrong by some
         arcminutes would put the hour angle of the whole sky wrong by degrees.
     moved_retries
-        Frames taken anew because the mount moved during one, or it was of another time, before the look is
+        Frames taken again because the mount moved during one, or it was of another time, before the look is
         given up.
     persistence
         What is tried when frames don't solve, and for how long.

@@ -1,4 +1,4 @@
-"""A short memory of what the mount said, so that a frame exposed by somebody else can be compared with it."""
+"""The last readings of the mount, so that a frame exposed by another program can be compared with them."""
 
 from __future__ import annotations
 
@@ -42,8 +42,6 @@ class Meanwhile:
         How far they may wander.
     moved_utc : datetime or None
         End of the mount's last order to move.
-    segment_id : str
-    model_id : str or None
     not_fresh : str
         Why the camera's frames before it don't prove that this one shows the sky of now; empty if they do.
     """
@@ -117,8 +115,8 @@ class ReadingHistory:
             return None
         here = from_mount(before.place)
         others = [*between, after]
-        moved = max(separation_arcsec(from_mount(one.place), here) for one in others)
-        return Around(before, after, moved, any(one.slewing is True for one in (before, *others)))
+        moved = max(separation_arcsec(from_mount(reading.place), here) for reading in others)
+        return Around(before, after, moved, any(reading.slewing is True for reading in (before, *others)))
 
 
 __all__ = ["Around", "Meanwhile", "ReadingHistory"]

@@ -1,4 +1,4 @@
-"""What must hold before a lost mount is told where it points: two frames agree, on a place above the ground.
+"""What must hold before a lost mount is synced: two frames agree, on a place above the ground.
 
 The cap on an offset guards against the one accepted wrong solution. Where it must be passed over, since the
 mount woke up somewhere else, a second frame takes its place: two wrong solutions don't agree on a place.
@@ -32,36 +32,39 @@ from mountnav.navigation.camera import camera_sample
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.look_retries import PersistentLook
 from mountnav.navigation.policy import CenteringPolicy, Tactic
-from mountnav.navigation.reports import Look, RecoverReport
-from mountnav.navigation.slewing import side_of
-from mountnav.navigation.sync import Occasion
+from mountnav.navigation.reports import Look, RecoverReport, angle_words
+from mountnav.navigation.sync import SyncTrigger
 from mountnav.navigation.sync_transaction import stays_lost, stood_still
+from mountnav.navigation.vetoes import apart_arcsec
 from mountnav.pointing.limits import Limits
 from mountnav.sky.chain import icrs_to_observed
 from mountnav.sky.coordinates import Air, Icrs, Site
-from mountnav.sky.sphere import displaced, half_turn_deg, offset_arcsec, separation_arcsec
+from mountnav.sky.sphere import half_turn_deg, offset_arcsec
 
 TURNED_DEG = 1.0
-"""A sky that was turned by less is no danger to a limit, and an honest mount is as far off."""
+"""A sky that was turned by less is no danger to a limit, and an honest mount is as far off. Chosen by hand.
+Doubled, a site that is 8 min of longitude wrong is believed."""
 AWAY_DEG = 5.0
-"""So near the pole a few minutes of arc are degrees of right ascension."""
+"""So near the pole a few minutes of arc are degrees of right ascension, °. Chosen by hand: 1′ is 11′ of right
+ascension there. Doubled, fewer places show that a clock is wrong."""
 FURTHEST_DEG = 10.0
 """A mount that was set up by eye, levelled and with its clock and site right, is not further off than this
 (the issue of a bad night is 5°), and first light goes to it. Doubled, a clock that is an hour wrong would be
 synced away."""
 MOST_LOOKS = 4
-"""So many frames are taken for two that agree: one in between may be wrong."""
+"""So many frames are taken for two that agree: one in between may be wrong. Doubled, a camera that never
+gives two equal skies costs four more exposures."""
 
 
 async def recover(
     equipment: Equipment, policy: CenteringPolicy, exposure_s: float | None = None
 ) -> RecoverReport:
-    """Find out where a mount points that doesn't know, and tell it. Never slews it.
+    """Find out where a mount points that doesn't know, and sync it. Never slews it.
 
     A look, solved anywhere in the sky; a second look, taken afterwards, must agree with it, or a third with
     one of the two; their place must stand within the limits at this hour. Then the mount is synced on the
     last one, however far that is from what it believed, and read back: longer than otherwise, since nothing
-    can be done without. A mount that doesn't track is told to.
+    can be done without. A mount that doesn't track is ordered to.
 
     Raises
     ------
@@ -72,7 +75,7 @@ async def recover(
     OffsetImplausible
         The frames disagree; nothing was synced.
     SyncRefused
-        It points so near the pole that a frame doesn't tell the hour angle, or the posture of a German mount
+        It points so near the pole that a frame doesn't show the hour angle, or the posture of a German mount
         is not known; or as `GuardedSync.commit`.
     SyncIgnored, DeviceError, JournalFailed
     """
@@ -84,7 +87,7 @@ async def recover(
 async def _recover(equipment: Equipment, policy: CenteringPolicy, exposure_s: float | None) -> RecoverReport:
     clock, site, air = equipment.clock, equipment.site, equipment.air
     began = clock.monotonic_s()
-    # nothing may be slewed, and each frame is asked anew with what the mount believes
+    # nothing may be slewed, and each frame is searched from what the mount believes then
     resting = replace(
         policy.persistence, tactics=policy.persistence.tactics - {Tactic.NEIGHBOR, Tactic.WIDER}
     )
@@ -112,7 +115,7 @@ async def _recover(equipment: Equipment, policy: CenteringPolicy, exposure_s: fl
         },
     )
     kill_point("recovery confirmed")
-    told = await sync_or_count_by_sight(equipment, policy, second, look, Occasion.RECOVERY)
+    told = await sync_or_count_by_sight(equipment, policy, second, look, SyncTrigger.RECOVERY)
     return RecoverReport(
         outcome=told.outcome,
         first=first,
@@ -128,7 +131,7 @@ async def _recover(equipment: Equipment, policy: CenteringPolicy, exposure_s: fl
 
 @dataclass(frozen=True, slots=True)
 class RecoverySync:
-    """What a lost mount made of being told where it points.
+    """What a lost mount made of its sync.
 
     Attributes
     ----------
@@ -137,8 +140,6 @@ class RecoverySync:
         was sent since it took none in this night.
     look : Look
         The last one.
-    read_back : Icrs
-    miss_arcsec : float
     """
 
     outcome: SyncOutcome
@@ -152,19 +153,16 @@ async def sync_or_count_by_sight(
     policy: CenteringPolicy,
     found: Look,
     look: Callable[[], Awaitable[Look]],
-    occasion: Occasion,
+    trigger: SyncTrigger,
 ) -> RecoverySync:
     """Tell a mount where it points; one that takes no syncs counts by sight, if it isn't too far off.
 
     Parameters
     ----------
-    equipment : Equipment
-    policy : CenteringPolicy
     found : Look
         Another one agrees with it, and the posture of a German mount is known.
     look : callable
         Takes another one.
-    occasion : Occasion
 
     Raises
     ------
@@ -174,7 +172,7 @@ async def sync_or_count_by_sight(
     if guard.prefers_offset and await guard.count_by_sight(found):
         return RecoverySync(SyncOutcome.IGNORED, found, found.believed, found.offset.total_arcsec)
     try:
-        done = await guard.commit(found, occasion)
+        done = await guard.commit(found, trigger)
     except (SyncIgnored, SyncElsewhere, DeviceRefused) as error:
         elsewhere = isinstance(error, SyncElsewhere)
         if not (elsewhere or guard.prefers_offset):
@@ -234,7 +232,7 @@ async def tracked(equipment: Equipment) -> AsyncIterator[None]:
 
 
 async def _let_track(equipment: Equipment) -> bool:
-    """Let a mount follow the sky unless it says that it does; whether it was told to.
+    """Let a mount follow the sky unless it says that it does; whether it was ordered to.
 
     Two frames of a sky that runs through can't agree.
     """
@@ -250,17 +248,17 @@ async def _let_track(equipment: Equipment) -> bool:
 
 
 def require_known_posture(found: Look, equipment: Equipment) -> None:
-    """Refuse to tell a German mount where it points while nobody knows how it stands.
+    """Refuse to sync a German mount while nobody knows how it stands.
 
     It takes the place for the posture that it believes in. If that is the wrong one, its declination axis
-    turns the wrong way from then on, and its next slew goes anywhere. The image's rotation tells the posture,
+    turns the wrong way from then on, and its next slew goes anywhere. The image's rotation shows the posture,
     once the camera's angle has been learned.
 
     Raises
     ------
     SyncRefused
     """
-    mounting, said = equipment.mount.mounting, side_of(found)
+    mounting, said = equipment.mount.mounting, found.after.side
     if mounting in ("fork", "altaz"):
         return
     learned = equipment.guard.learned
@@ -285,7 +283,7 @@ def require_known_posture(found: Look, equipment: Equipment) -> None:
 
 
 def require_away_from_pole(found: Look, policy: CenteringPolicy, *, device: str) -> None:
-    """Refuse to sync where a frame doesn't tell the hour angle: it would put that of the whole sky wrong.
+    """Refuse to sync where a frame doesn't show the hour angle: it would put that of the whole sky wrong.
 
     Raises
     ------
@@ -306,13 +304,6 @@ def require_away_from_pole(found: Look, policy: CenteringPolicy, *, device: str)
 
 def require_above_ground(found: Look, limits: Limits, site: Site, air: Air) -> float:
     """Refuse a solved place where no telescope at this site can point at this hour.
-
-    Parameters
-    ----------
-    found : Look
-    limits : Limits
-    site : Site
-    air : Air
 
     Returns
     -------
@@ -348,7 +339,7 @@ def require_rightly_set(found: Look, mount: CheckedMount, *, device: str) -> Non
     if turned_deg is None:
         return
     off_deg = half_turn_deg(found.seen.ra_deg - found.believed.ra_deg)
-    # its pole tells nothing of the hour angle
+    # near the pole a place says nothing of the hour angle
     tells = 90.0 - abs(found.seen.dec_deg) > AWAY_DEG
     if abs(turned_deg) < TURNED_DEG or abs(off_deg) <= abs(off_deg - turned_deg) or not tells:
         if tells:
@@ -362,13 +353,6 @@ def require_rightly_set(found: Look, mount: CheckedMount, *, device: str) -> Non
         "right (order set-site-time). If they are right for sure, order set-site-time once more: then it "
         "counts",
     )
-
-
-def apart_arcsec(first: Look, second: Look) -> float:
-    """Distance of the second solved place from where the first one and the mount's own motion lead."""
-    motion = offset_arcsec(second.believed, first.believed)
-    expected = displaced(first.seen, motion.east_arcsec, motion.north_arcsec)
-    return separation_arcsec(second.seen, expected)
 
 
 def agreement_arcsec(first: Look, second: Look, policy: CenteringPolicy, resolution_arcsec: float) -> float:
@@ -412,11 +396,8 @@ def agreement_arcsec(first: Look, second: Look, policy: CenteringPolicy, resolut
     apart = apart_arcsec(first, second)
     if apart > allowed:
         raise OffsetImplausible(
-            f"two frames, one after the other, were solved {_angle(apart)} apart (allowed {allowed:.0f}″)",
+            f"two frames, one after the other, were solved {angle_words(apart)} apart "
+            f"(allowed {allowed:.0f}″)",
             advice="nothing was synced; does the mount track, and does the tube hold still? then try again",
         )
     return apart
-
-
-def _angle(arcsec: float) -> str:
-    return f"{arcsec / 3600.0:.1f}°" if arcsec >= 3600.0 else f"{arcsec:.0f}″"

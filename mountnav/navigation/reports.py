@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
@@ -25,18 +27,24 @@ __all__ = [
     "Crossing",
     "FirstLightReport",
     "FrameLook",
+    "Listener",
     "Look",
     "RecoverReport",
     "SlewReport",
     "SyncReport",
     "TelescopeState",
     "Try",
+    "angle_words",
     "camera_of",
+    "finite_or_none",
 ]
+
+Listener = Callable[[str, dict[str, object]], None]
+"""Called with each step of what navigation does: ``listener(kind, data)``. It never steers."""
 
 
 OUTSIDE = "a camera from outside"
-"""Name of the camera of a frame from outside that tells none."""
+"""Name of the camera of a frame from outside that names none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +58,7 @@ class CameraIdentity:
     width_px, height_px : int
         Of its frames; a region read out alone is another camera, since its middle is another place.
     binning : str
-        As "2x2"; empty where the header doesn't tell.
+        As "2x2"; empty where the header doesn't say.
     """
 
     name: str
@@ -69,7 +77,6 @@ def camera_of(frame: Frame, asked: str | None = None) -> CameraIdentity:
 
     Parameters
     ----------
-    frame : Frame
     asked : str, optional
         Name of the camera that was asked for it; None: it came from outside.
     """
@@ -106,7 +113,6 @@ class Try:
 
     Attributes
     ----------
-    number : int
     seen : Icrs
         Where the tube looked.
     error_arcsec, east_arcsec, north_arcsec : float
@@ -117,22 +123,18 @@ class Try:
         Whether a sync was seen.
     sync_outcome : SyncOutcome or None
         None when no sync was sent.
-    slewed : bool
-    elapsed_s : float
     after_arcsec : float or None
         The error that the next look found; None when there was none.
     expected_arcsec : float or None
-        How far off the tube was expected to look in this look, one sigma; None if nobody could tell.
+        How far off the tube was expected to look in this look, one sigma; None if that wasn't known.
     sigma_arcsec : float
         Of `error_arcsec`: the solve's, and what the mount moved during the exposure.
-    correction : Correction
     why : str
         What was decided, and by what numbers; for the last try, why it stopped.
     followed : str
         Whether the tube did what the try before asked.
     approached : bool
         Whether the slew ended with a leg from the fixed side.
-    look_id : str
     """
 
     number: int
@@ -159,14 +161,7 @@ class Try:
 
 @dataclass(frozen=True, slots=True)
 class Crossing:
-    """A limit that a target will reach while it is tracked.
-
-    Attributes
-    ----------
-    utc : datetime
-    limit : LimitKind
-    words : str
-    """
+    """A limit that a target will reach while it is tracked."""
 
     utc: datetime
     limit: LimitKind
@@ -237,7 +232,6 @@ class Look:
         Seen minus believed; east and north positive.
     before, after : MountReading
         Raw readings round the exposure.
-    mid_exposure_utc : datetime
     exposure_s : float or None
         As the frame says.
     width_px, height_px : int
@@ -278,12 +272,8 @@ class SlewReport:
 
     Attributes
     ----------
-    outcome : SlewOutcome
     target : Icrs
         Where the mount was sent.
-    reported : Icrs
-    miss_arcsec : float
-    elapsed_s : float
     side_before, side_after : PierSide or None
         As the mount says.
     """
@@ -317,7 +307,7 @@ class SyncReport:
 
 @dataclass(frozen=True, slots=True)
 class CoordinateSyncReport:
-    """A sync on told coordinates.
+    """A sync on given coordinates.
 
     Attributes
     ----------
@@ -329,7 +319,6 @@ class CoordinateSyncReport:
         Told minus believed before.
     read_back : Icrs
         The mount's reading afterwards.
-    read_back_miss_arcsec : float
     """
 
     outcome: SyncOutcome
@@ -341,12 +330,12 @@ class CoordinateSyncReport:
 
 @dataclass(frozen=True, slots=True)
 class RecoverReport:
-    """A lost mount told where it points, by two frames that agree.
+    """A lost mount synced by two frames that agree.
 
     Attributes
     ----------
     outcome : SyncOutcome
-        `SEEN` or `LATE`; `IGNORED` or `ELSEWHERE` of a mount that takes no syncs as told: its position counts
+        `SEEN` or `LATE`; `IGNORED` or `ELSEWHERE` of a mount that takes no syncs as sent: its position counts
         all the same, since looks have shown how far it is off. Every other end is an error.
     first, second : Look
         The first look, and the one that confirmed it and was synced on, or by which its position counts.
@@ -360,7 +349,6 @@ class RecoverReport:
         The mount's reading afterwards.
     read_back_miss_arcsec : float
         Its distance from the solved place.
-    elapsed_s : float
     """
 
     outcome: SyncOutcome
@@ -376,7 +364,7 @@ class RecoverReport:
 
 @dataclass(frozen=True, slots=True)
 class FirstLightReport:
-    """A telescope that was set up by eye, told where it points, and its camera learned.
+    """A telescope that was set up by eye, synced, and its camera learned.
 
     Attributes
     ----------
@@ -386,13 +374,10 @@ class FirstLightReport:
         The first look that counted, the one after a small move that was synced on, and the last one after it.
     altitude_deg : float
         Of the last one.
-    looks : int
     learned : str
         What is known of the camera now, in words.
     read_back : Icrs
         The mount's reading after the sync.
-    read_back_miss_arcsec : float
-    elapsed_s : float
     """
 
     outcome: SyncOutcome
@@ -437,12 +422,10 @@ class Corrected:
     ----------
     by : Correction
         What was done in the end.
-    outcome : str
     moved_arcsec : float
-        How far the mount was sent from where it was; 0 when it was only told where it points.
+        How far the mount was sent from where it was; 0 when it was only synced.
     moved : Offset or None
         How far the tube was to move by that; None when nothing was slewed.
-    report : SyncReport or SlewReport or None
     """
 
     by: Correction
@@ -467,3 +450,13 @@ class TelescopeState:
     trusted: bool | None = None
     link: str | None = None
     slew_state: str | None = None
+
+
+def finite_or_none(value: float) -> float | None:
+    """A number as JSON takes it, which knows no infinity."""
+    return value if math.isfinite(value) else None
+
+
+def angle_words(arcsec: float) -> str:
+    """An angle for a message: seconds of arc, or degrees from 1° on."""
+    return f"{arcsec / 3600.0:.1f}°" if arcsec >= 3600.0 else f"{arcsec:.0f}″"

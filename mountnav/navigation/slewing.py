@@ -1,6 +1,6 @@
 """Slews of a navigator: target and aim are checked, the end is named, and a change of sides is noticed.
 
-On which side of the pier the tube hangs is told by the mount and by the solved rotation.
+On which side of the pier the tube hangs is known from the mount and from the solved rotation.
 """
 
 from __future__ import annotations
@@ -27,16 +27,12 @@ from mountnav.sky.chain import icrs_to_hour_angle
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import Offset, displaced, separation_arcsec
 
-__all__ = ["LOOK_AHEAD_S", "Slewing", "crossing", "side_note", "side_of"]
+__all__ = ["LOOK_AHEAD_S", "Slewing", "crossing", "side_note"]
 
 
 LOOK_AHEAD_S = 3600.0
-"""How far limits are looked for when nobody says how long a target is to be followed."""
-
-
-def side_of(found: Look) -> PierSide:
-    """The side that the mount says it is on, after the exposure."""
-    return found.after.pier_side or PierSide.UNKNOWN
+"""How far limits are looked for when nobody says how long a target is to be followed, s. Chosen by hand, a
+usual exposure. Doubled, reports warn of limits two hours away."""
 
 
 def side_note(found: Look, seen: PierSide) -> str | None:
@@ -44,11 +40,10 @@ def side_note(found: Look, seen: PierSide) -> str | None:
 
     Parameters
     ----------
-    found : Look
     seen : PierSide
         By the rotation; unknown while the camera's angle has not been learned.
     """
-    said = side_of(found)
+    said = found.after.side
     if PierSide.UNKNOWN in (said, seen) or said is seen:
         return None
     return (
@@ -63,8 +58,6 @@ def crossing(equipment: Equipment, target: Icrs, side: PierSide, planned_s: floa
 
     Parameters
     ----------
-    equipment : Equipment
-    target : Icrs
     side : PierSide
         On which the tube hangs.
     planned_s : float or None
@@ -97,16 +90,12 @@ def _words(limit: LimitKind, after_s: float, alt_deg: float) -> str:
 
 
 PLANNED_ANEW = 2
-"""So often a slew that took another way is planned anew: for its side of the pier, and for its rates."""
+"""So often a slew that took another way is planned again: for its side of the pier, and for its rates.
+Doubled, a mount that goes its own way is planned again four times before that is said."""
 
 
 class Slewing:
-    """Sends one telescope to places.
-
-    Parameters
-    ----------
-    equipment : Equipment
-    """
+    """Sends one telescope to places."""
 
     def __init__(self, equipment: Equipment) -> None:
         self._equipment = equipment
@@ -118,7 +107,6 @@ class Slewing:
 
         Parameters
         ----------
-        target : Icrs
         aim : Icrs, optional
             The target, if left out.
         approach : Offset, optional
@@ -187,7 +175,7 @@ class Slewing:
         return report
 
     async def _sent(self, aim: Icrs) -> SlewOutcome:
-        """Send it; anew, planned from where it stands, if it took another way and was stopped."""
+        """Send it; again, planned from where it stands, if it took another way and was stopped."""
         mount, clock = self._equipment.mount, self._equipment.clock
         for _ in range(PLANNED_ANEW):
             try:
@@ -232,7 +220,7 @@ class Slewing:
             return target
 
     def expected(self, target: Icrs, side: PierSide) -> Expected | None:
-        """How far off the tube may look at `target`; None where the model can't tell."""
+        """How far off the tube may look at `target`; None where the model can't say."""
         equipment = self._equipment
         try:
             return equipment.pointing.expected(target, equipment.clock.utc(), side)

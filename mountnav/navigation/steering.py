@@ -73,9 +73,8 @@ class Steering:
 
     Parameters
     ----------
-    target : Icrs
     noise_arcsec : float
-        Below this nothing is told from a step: the mount's resolution, and what looks scatter.
+        Below this a step shows nothing: the mount's resolution, and what looks scatter.
     """
 
     polar = False
@@ -86,7 +85,7 @@ class Steering:
         self._last: Sighting | None = None
 
     def sighted(self, sighting: Sighting, utc: datetime) -> Followed:
-        """Take in a look of that instant; tell whether the tube followed the correction before it."""
+        """Take in a look of that instant; whether the tube followed the correction before it."""
         before, self._last = self._last, sighting
         if before is None:
             return Followed.FIRST
@@ -146,14 +145,20 @@ def _minus(a: Vector, b: Vector) -> Vector:
 
 
 POLAR_DEC_DEG = 87.0
-"""From here on steps are taken in the plane about the pole."""
+"""From here on steps are taken in the plane about the pole, °. Chosen by hand: at 3° from the pole a cone
+error of 3′ turns a step by 1°. Doubled distance (84°), the plane's curvature begins to count."""
 
 ENOUGH_LOOKS = 3
-"""So many looks tell the geometry."""
+"""So many looks determine the geometry. Two components each, for five unknowns with a prior. Doubled, a
+centering at the pole needs three more exposures before it says that there is a hole."""
 _LIKELY_ARCSEC = 900.0
+"""How large pole errors, zero points and cone errors are before anything is seen, ″, one sigma: the prior of
+the fit, weak beside looks that are good to some seconds. Chosen by hand. Doubled, it is weaker still."""
 _AT_THE_POLE_ARCSEC = 15.0
-"""At the pole itself there is no hour angle any more to turn to."""
+"""At the pole itself there is no hour angle any more to turn to: so far beside it the mount is sent, ″."""
 _LIKELY_TURN_RAD = math.radians(3.0)
+"""How far the hour angle's zero is off before anything is seen, one sigma: 3° are 12 min of a wrong clock.
+Chosen by hand; doubled, it says less."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,8 +169,6 @@ class Hole:
     ----------
     short_arcsec : float
         How far the target is from the nearest place that it can point to.
-    words : str
-    advice : str
     """
 
     short_arcsec: float
@@ -187,10 +190,8 @@ class PolarSteering:
 
     Parameters
     ----------
-    target : Icrs
     noise_arcsec : float
         How well looks fit the geometry: the mount's steps, and what is left out.
-    site : Site
     """
 
     polar = True
@@ -283,12 +284,12 @@ class PolarSteering:
             way = look.posture * _direction(look.sent)
             columns = (1.0 + 0.0j, 1j, way, 1j * way, 1j * look.sent)
             rest = look.seen - look.sent
-            rows += [tuple(one.real for one in columns), tuple(one.imag for one in columns)]
+            rows += [tuple(column.real for column in columns), tuple(column.imag for column in columns)]
             values += [rest.real, rest.imag]
         weights = np.array([1.0 / _LIKELY_ARCSEC] * 4 + [1.0 / _LIKELY_TURN_RAD])
         design = np.vstack([np.array(rows) / self._noise_arcsec, np.diag(weights)])
         wanted = np.concatenate([np.array(values) / self._noise_arcsec, np.zeros(5)])
-        x, y, zero, cone, turn = (float(one) for one in np.linalg.lstsq(design, wanted, rcond=None)[0])
+        x, y, zero, cone, turn = (float(value) for value in np.linalg.lstsq(design, wanted, rcond=None)[0])
         return complex(x, y), complex(zero, cone), turn
 
     def _plane(self, place: Icrs, utc: datetime) -> complex:

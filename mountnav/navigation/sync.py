@@ -24,13 +24,14 @@ from mountnav.mount import CheckedMount
 from mountnav.mount.kill_points import kill_point
 from mountnav.navigation.learned import Learned, Lesson, LessonKind
 from mountnav.navigation.reports import CameraIdentity, Look, SyncReport
-from mountnav.navigation.sync_judge import Judge, SyncCounts, decide, night_of, side_of
+from mountnav.navigation.sync_judge import Judge, SyncCounts, decide, night_of
 from mountnav.navigation.sync_policy import SyncPolicy
 from mountnav.navigation.sync_to_coordinates import CoordinateSyncs, Seen
 from mountnav.navigation.sync_transaction import (
     Listener,
     LookAgain,
     SyncEnd,
+    SyncProgress,
     SyncTransaction,
     TookElsewhere,
     context_facts,
@@ -40,7 +41,7 @@ from mountnav.navigation.sync_transaction import (
     stood_still,
     why_not_by_sight,
 )
-from mountnav.navigation.sync_trigger import Occasion, SyncDecision, decided
+from mountnav.navigation.sync_trigger import SyncDecision, SyncTrigger, decided
 from mountnav.navigation.vetoes import (
     ADVICE,
     AGAINST_THE_LOOK,
@@ -50,10 +51,9 @@ from mountnav.navigation.vetoes import (
     disagreement,
     in_order,
 )
-from mountnav.pointing.limits import Limits
 from mountnav.pointing.model.in_force import Pointing
 from mountnav.pointing.offset import TooFarToSync
-from mountnav.sky.coordinates import Air, Icrs, Site
+from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import Offset
 
 _PASSING = frozenset({Refusal.BUSY, Refusal.PARKED, Refusal.NOT_TRACKING, Refusal.UNTRUSTED})
@@ -65,28 +65,23 @@ _WONT_TAKE = (SyncEnd.IGNORED, SyncEnd.ELSEWHERE, SyncEnd.UNDONE, SyncEnd.UNDO_F
 class GuardedSync:
     """The syncs of one telescope, and what its looks teach.
 
+    The limits are not asked: a tube may look where it may not be sent.
+
     Parameters
     ----------
     mount : CheckedMount
         It writes the commands down and begins a new segment with each sync that was seen.
-    telescope : str
-    policy : SyncPolicy
     learned : Learned
         Of the camera.
     pointing : Pointing
-        The model in force; told of each new segment and of each look that nothing stands against.
-    site, air : Site, Air
-    limits : Limits, optional
-        Not asked: a tube may look where it may not be sent.
-    journal : Journal, optional
-    clock : Clock, optional
+        The model in force; it gets each new segment and each look that nothing stands against.
     listen : callable, optional
         Told of each step: ``listen(kind, data)``.
 
     Attributes
     ----------
     synced : Look or None
-        The look that the mount was last told to sync on, whatever came of it.
+        The look that the mount was last synced on, whatever came of it.
     """
 
     def __init__(
@@ -97,27 +92,24 @@ class GuardedSync:
         policy: SyncPolicy,
         learned: Learned,
         pointing: Pointing,
-        site: Site,
-        air: Air,
-        limits: Limits | None = None,
         journal: Journal | None = None,
         clock: Clock | None = None,
         listen: Listener | None = None,
     ) -> None:
         self._mount = mount
         self._telescope = telescope
-        self._site = site
+        self._site = mount.site
         self._journal = journal or Unwritten()
         self._clock = clock or SystemClock()
         self._listen = listen or _nobody
-        counts = SyncCounts(site, policy.same_target_deg)
-        self._judge = Judge(mount, policy, learned, pointing, site, air, self._clock, counts)
-        self._unexpected = SurprisingLooks()
-        self._witnesses = ConfirmingLooks()
+        counts = SyncCounts(mount.site, policy.same_target_deg)
+        self._judge = Judge(mount, policy, learned, pointing, self._clock, counts)
+        self._surprising = SurprisingLooks()
+        self._confirming = ConfirmingLooks()
         self._offset_night: str | None = None
         self.synced: Look | None = None
-        self.told = CoordinateSyncs(self._judge, self._note, self._listen)
-        """Syncs on told coordinates, of whatever face."""
+        self.coordinate_syncs = CoordinateSyncs(self._judge, self._note, self._listen)
+        """Syncs on given coordinates, by whatever face."""
         mount.listen(self._mount_said)
         mount.on_segment(self._new_segment)
 
@@ -164,7 +156,7 @@ class GuardedSync:
         self._judge.note_move(utc)
 
     def side_seen(self, found: Look) -> PierSide:
-        """On which side of the pier the tube hangs, by the solved rotation; unknown if that can't tell."""
+        """On which side of the pier the tube hangs, by the solved rotation; unknown if it can't say."""
         return self._judge.learned_of(found).side_seen(self._judge.sample(found))
 
     def restore(self, entries: Iterable[Entry]) -> None:
@@ -188,11 +180,11 @@ class GuardedSync:
     def _recount(self, entry: Entry) -> None:
         outcome, target, seen = (entry.facts.get(name) for name in ("outcome", "target", "seen"))
         if entry.facts.get("told"):
-            self.told.restore(entry.facts)
+            self.coordinate_syncs.restore(entry.facts)
         elif outcome == SyncEnd.COMMITTED and isinstance(seen, Mapping):
             place = Icrs(float(seen["ra_deg"]), float(seen["dec_deg"]))
             self._judge.counts.add(entry.utc, None if target is None else str(target), place)
-            self.told.restore_proof(place, entry.utc)
+            self.coordinate_syncs.restore_proof(place, entry.utc)
         elif entry.facts.get("by_offset"):
             self._offset_night = night_of(entry.utc, self._site)
 
@@ -204,8 +196,9 @@ class GuardedSync:
         One false solve teaches nothing. Three looks in a row that are not what was expected, and agree with
         each other, mean that the mount's zero points have changed: a clutch slipped, or a hand was at work.
         """
-        context = self._judge.context(found, Occasion.ORDERED)
-        doubts = in_order(self._judge.doubts(found, context))
+        # judged by what was known before it: what is learned here changes what a decision later on goes by
+        context = self._judge.context(found, SyncTrigger.ORDERED)
+        doubts = in_order(self._judge.vetoes(found, context))
         against = {kind for kind in doubts if kind in AGAINST_THE_LOOK}
         if against - set(context.departures):
             lesson = Lesson(LessonKind.REFUSED, "; ".join(doubts.values()))
@@ -217,23 +210,23 @@ class GuardedSync:
         if lesson.kind is LessonKind.NEW_NORMAL:
             self._listen("camera-changed", {"look_id": found.look_id, "words": lesson.words})
         if not against - {SyncDoubt.NOT_EXPECTED, SyncDoubt.TOO_FAR}:
-            self._witnesses.add(found)
-            self.told.looked(found)
+            self._confirming.add(found)
+            self.coordinate_syncs.looked(found)
         astray = against & {SyncDoubt.NOT_EXPECTED, SyncDoubt.TOO_FAR}
         if not context.trusted:
-            # what it believes says nothing, and a recovery begins anew
-            self._unexpected.forget()
+            # what it believes says nothing, and a recovery begins from nothing
+            self._surprising.forget()
         elif astray and against == astray:
             expected = Offset(0.0, 0.0) if context.expected is None else context.expected.offset
-            if self._unexpected.agree(found, expected, self.policy.expected_floor_arcsec):
+            if self._surprising.agree(found, expected, self.policy.expected_floor_arcsec):
                 await self._slipped(found, next(doubts[kind] for kind in doubts if kind in astray), astray)
         elif not against:
-            self._unexpected.forget()
+            self._surprising.forget()
             self.pointing.observed(self._judge.observation(found))
         return lesson
 
     async def _slipped(self, found: Look, words: str, astray: set[SyncDoubt]) -> None:
-        self._unexpected.forget()
+        self._surprising.forget()
         why = f"looks in a row agree that the zero points have changed: {words}"
         self.pointing.new_segment(self._mount.new_segment(why), None)
         if SyncDoubt.TOO_FAR in astray:
@@ -241,47 +234,45 @@ class GuardedSync:
             self._mount.distrust(why)
         else:
             self.pointing.observed(self._judge.observation(found))
-        self.told.looked(found)
+        self.coordinate_syncs.looked(found)
         self._listen("zero-points-changed", {"look_id": found.look_id, "words": why})
         await self._note(EntryKind.FAULT, why, look_facts(found, self.learned.normal))
 
     # -- the transaction ---------------------------------------------------------------------------
 
-    def consider(self, found: Look, occasion: Occasion, *, target: str | None = None) -> SyncDecision:
+    def consider(self, found: Look, trigger: SyncTrigger, *, target: str | None = None) -> SyncDecision:
         """Judge without sending anything.
 
         Parameters
         ----------
-        found : Look
-        occasion : Occasion
         target : str, optional
             Name of the target, for the rules and caps that count by target; its place if left out.
         """
-        return self.judge(found, occasion, self.context(found, occasion, target=target))
+        return self._judge.consider(found, trigger, target)
 
-    def context(self, found: Look, occasion: Occasion, *, target: str | None = None) -> SyncContext:
+    def context(self, found: Look, trigger: SyncTrigger, *, target: str | None = None) -> SyncContext:
         """What `consider` goes by besides the look itself."""
-        return self._judge.context(found, occasion, target)
+        return self._judge.context(found, trigger, target)
 
-    def judge(self, found: Look, occasion: Occasion, context: SyncContext) -> SyncDecision:
+    def judge(self, found: Look, trigger: SyncTrigger, context: SyncContext) -> SyncDecision:
         """Judge a look by that alone: the same values give the same decision."""
-        return decide(found, occasion, self.policy, context)
+        return decide(found, trigger, self.policy, context)
 
     async def commit(
         self,
         found: Look,
-        occasion: Occasion,
+        trigger: SyncTrigger,
         *,
         target: str | None = None,
+        decision: SyncDecision | None = None,
         look_again: LookAgain | None = None,
     ) -> SyncReport:
         """Do the whole transaction.
 
         Parameters
         ----------
-        found : Look
-        occasion : Occasion
-        target : str, optional
+        decision : SyncDecision, optional
+            Of `consider`, for the same look, if nothing was awaited since; it is judged here if left out.
         look_again : callable, optional
             Takes the look that confirms the first one before anything is sent, when nothing known can judge
             it, and the verifying one after the sync, when the policy asks for that.
@@ -311,59 +302,64 @@ class GuardedSync:
         JournalFailed
         """
         with because(look_id=found.look_id):
-            context = self._judge.context(found, occasion, target)
-            decision = self._judge.decide(found, occasion, context)
-            facts = {
-                "occasion": str(occasion),
+            decision = decision or self._judge.consider(found, trigger, target)
+            context = decision.context
+            assert context is not None, "`consider` makes decisions with their context"
+            decided_by = {
+                "occasion": str(trigger),
                 "target": target,
                 **look_facts(found, self.learned.normal),
                 **context_facts(context, self.policy),
             }
+            progress = SyncProgress(found, decided_by)
             if not decision.allowed:
-                raise await self._refused(decision, facts)
-            if not occasion.lost and self._judge.needs_second_look(found, context):
-                decision = await self._confirmed(found, look_again, facts)
+                raise await self._refused(decision, progress)
+            if not trigger.lost and self._judge.needs_second_look(found, context):
+                decision = await self._confirmed(progress, look_again)
                 if not decision.allowed:
-                    raise await self._refused(decision, facts)
+                    raise await self._refused(decision, progress)
             kill_point("sync transaction: decided")
             # durable before anything is sent; if it can't be written, nothing is
-            await self._journal.note(self._entry(EntryKind.DECISION, f"sync: {decision.why}", facts))
+            await self._journal.note(
+                self._entry(EntryKind.DECISION, f"sync: {decision.why}", progress.facts())
+            )
             kill_point("sync transaction: decision written")
+            # read once more: what the look says is sent only to a mount that has not moved since
             before = await self._mount.reading()
             decision = self._judge.unmoved(found, before)
             if not decision.allowed:
-                raise await self._refused(decision, facts)
+                raise await self._refused(decision, progress)
             self.synced = found
-            transaction = SyncTransaction(self._judge, self._listen, found, before, facts)
+            transaction = SyncTransaction(self._judge, self._listen, progress, before)
             try:
                 sent, again = await transaction.run(look_again)
             except BaseException as error:
-                await self._failed(error, facts)
+                await self._failed(error, progress)
                 if isinstance(error, SyncElsewhere) and context.trusted and look_again is not None:
                     seen = await self._seen_after(found, before, look_again)
                     if seen is not None and await self.count_by_sight(seen):
                         raise TookElsewhere(error, seen) from error
                 raise
             self._judge.counts.add(self._clock.utc(), target, found.seen)
-            self._unexpected.forget()
-            if self._mount.segment_id == facts["segment_before"]:
+            self._surprising.forget()
+            if self._mount.segment_id == progress.segment_before:
                 self._mount.new_segment("a sync that had seemed to be ignored was seen late")
             synced = replace(
                 self._judge.observation(found),
                 utc=sent.reading.utc,
                 reading=sent.reading.place,
-                side=side_of(sent.reading),
+                side=sent.reading.side,
             )
             self.pointing.new_segment(self._mount.segment_id, synced)
-            self.told.proven(Seen(found.seen, Offset(0.0, 0.0), side=side_of(sent.reading)))
+            self.coordinate_syncs.proven(Seen(found.seen, Offset(0.0, 0.0), side=sent.reading.side))
             if again is not None:
                 self.pointing.observed(self._judge.observation(again))
-            facts["verified_by"] = None if again is None else again.look_id
-            await self._ended(SyncEnd.COMMITTED, facts)
+            verified_by = None if again is None else again.look_id
+            await self._ended(SyncEnd.COMMITTED, progress.facts() | {"verified_by": verified_by})
             return SyncReport(sent.outcome, found, sent.place, sent.miss_arcsec)
 
     async def _seen_after(self, found: Look, before: MountReading, look_again: LookAgain) -> Look | None:
-        """Look where the tube points after a sync that went elsewhere; None if that tells nothing."""
+        """Look where the tube points after a sync that went elsewhere; None if that shows nothing."""
         kill_point("sync transaction: to be seen by the sky")
         try:
             again = await look_again()
@@ -395,17 +391,16 @@ class GuardedSync:
         self._mount.trust_by_sight(widest_arcsec / 3600.0, why)
         self._offset_night = self._night()
         self.pointing.observed(self._judge.observation(found))
-        self.told.looked(found)
+        self.coordinate_syncs.looked(found)
         self._listen("by-sight", {"look_id": found.look_id, "off_arcsec": off_arcsec})
         await self._note(EntryKind.SYNC, why, {**facts, "outcome": str(SyncEnd.BY_SIGHT)})
         return True
 
-    async def _confirmed(
-        self, found: Look, look_again: LookAgain | None, facts: dict[str, object]
-    ) -> SyncDecision:
+    async def _confirmed(self, progress: SyncProgress, look_again: LookAgain | None) -> SyncDecision:
         """Whether an earlier look agrees, or one that is taken now."""
+        found = progress.found
         resolution = self._mount.resolution_arcsec
-        witness = self._witnesses.for_look(found, self.policy, resolution)
+        witness = self._confirming.for_look(found, self.policy, resolution)
         words = None
         if witness is None and look_again is None:
             words = "nothing is known here yet that could judge it, and there is no second look that agrees"
@@ -419,14 +414,17 @@ class GuardedSync:
             else:
                 no_good = self._judge.no_good(witness)
                 words = no_good[1] if no_good else disagreement(found, witness, self.policy, resolution)
-        facts["confirmed_by"] = witness.look_id if witness is not None and words is None else None
+        progress.asked_for_second = True
+        progress.confirmed_by = witness.look_id if witness is not None and words is None else None
         return decided({} if words is None else {SyncDoubt.NOT_EXPECTED: words}, found)
 
-    async def _refused(self, decision: SyncDecision, facts: Mapping[str, object]) -> SyncRefused:
+    async def _refused(self, decision: SyncDecision, progress: SyncProgress) -> SyncRefused:
         """Tell and write down that nothing is sent; what is to be raised."""
-        doubts = [str(one) for one in decision.doubts]
-        self._listen("sync-refused", {"look_id": facts["look_id"], "doubts": doubts, "why": decision.why})
-        told = {**facts, "order": "sync", "doubts": doubts}
+        doubts = [str(doubt) for doubt in decision.doubts]
+        self._listen(
+            "sync-refused", {"look_id": progress.found.look_id, "doubts": doubts, "why": decision.why}
+        )
+        told = {**progress.facts(), "order": "sync", "doubts": doubts}
         await self._note(EntryKind.REFUSAL, f"sync refused: {decision.why}", told)
         kind = TooFarToSync if decision.doubts[0] is SyncDoubt.TOO_FAR else SyncRefused
         return kind(
@@ -436,14 +434,14 @@ class GuardedSync:
             doubts=decision.doubts,
         )
 
-    async def _failed(self, error: BaseException, facts: Mapping[str, object]) -> None:
+    async def _failed(self, error: BaseException, progress: SyncProgress) -> None:
         """Write down how a sync did not come to its end; the error itself is the caller's."""
         refused = isinstance(error, DeviceRefused)
         end = SyncEnd.REFUSED if refused else end_of(error)
         if isinstance(error, DeviceRefused):
             lasting = error.reason not in _PASSING
         else:
-            lasting = end in _WONT_TAKE and "unverified" not in facts
+            lasting = end in _WONT_TAKE and not progress.unverified
         if lasting:
             self._offset_night = self._night()
         if not refused:
@@ -454,7 +452,7 @@ class GuardedSync:
         if end is SyncEnd.ELSEWHERE:
             # it believes neither what it did nor what was seen
             self.synced = None
-        told = {**facts, "by_offset": lasting, "error": str(error)}
+        told = {**progress.facts(), "by_offset": lasting, "error": str(error)}
         if end is SyncEnd.INTERRUPTED:
             # a cancelled task must not wait
             self._journal.note_now(self._entry(EntryKind.SYNC, f"sync {end}", {**told, "outcome": str(end)}))
@@ -480,9 +478,9 @@ class GuardedSync:
             self._new_segment(self._mount.segment_id, what)
 
     def _new_segment(self, segment_id: str, why: str) -> None:
-        self._unexpected.forget()
-        self._witnesses.forget()
-        self.told.new_segment(why)
+        self._surprising.forget()
+        self._confirming.forget()
+        self.coordinate_syncs.new_segment(why)
         self.pointing.new_segment(segment_id, None)
 
     def _night(self) -> str:
@@ -503,4 +501,4 @@ def _nobody(kind: str, data: dict[str, object]) -> None:
     """Tell nobody."""
 
 
-__all__ = ["GuardedSync", "LookAgain", "Occasion", "SyncDecision"]
+__all__ = ["GuardedSync", "LookAgain", "SyncDecision", "SyncTrigger"]

@@ -6,14 +6,14 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 
 from mountnav.clock import Clock
-from mountnav.devices import MountReading, PierSide, for_mount, from_mount
+from mountnav.devices import MountReading, for_mount, from_mount
 from mountnav.errors import ModelRefused, SyncDoubt
 from mountnav.mount import CheckedMount
 from mountnav.navigation.camera import CameraSample, camera_sample
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.reports import CameraIdentity, Look
 from mountnav.navigation.sync_policy import SyncPolicy
-from mountnav.navigation.sync_trigger import Occasion, SyncDecision, decided
+from mountnav.navigation.sync_trigger import SyncDecision, SyncTrigger, decided
 from mountnav.navigation.vetoes import (
     AGAINST_THE_LOOK,
     Claim,
@@ -34,7 +34,7 @@ from mountnav.pointing.observation import PointingObservation
 from mountnav.sky.coordinates import Air, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 
-__all__ = ["Judge", "SyncCounts", "all_vetoes", "decide", "night_of", "side_of"]
+__all__ = ["Judge", "SyncCounts", "all_vetoes", "decide", "night_of"]
 
 
 def night_of(utc: datetime, site: Site) -> str:
@@ -55,7 +55,6 @@ class SyncCounts:
 
     Parameters
     ----------
-    site : Site
     same_target_deg : float
         Targets without a name are told apart by their place.
     """
@@ -68,14 +67,14 @@ class SyncCounts:
     def add(self, utc: datetime, target: str | None, place: Icrs) -> None:
         """Count one; those of other nights are forgotten."""
         night = night_of(utc, self._site)
-        self._counted = [one for one in self._counted if one.night == night]
+        self._counted = [sync for sync in self._counted if sync.night == night]
         self._counted.append(_Counted(night, target, place))
 
     def at(self, utc: datetime, target: str | None, place: Icrs) -> Counts:
         """How many there were in the night of `utc`, and for a target."""
         night = night_of(utc, self._site)
-        tonight = [one for one in self._counted if one.night == night]
-        return Counts(len(tonight), sum(self._same(one, target, place) for one in tonight))
+        tonight = [sync for sync in self._counted if sync.night == night]
+        return Counts(len(tonight), sum(self._same(sync, target, place) for sync in tonight))
 
     def _same(self, one: _Counted, target: str | None, place: Icrs) -> bool:
         if one.target is not None and target is not None:
@@ -89,15 +88,8 @@ class Judge:
 
     Attributes
     ----------
-    mount : CheckedMount
-    policy : SyncPolicy
-    learned : Learned
-    pointing : Pointing
-    site, air : Site, Air
-    clock : Clock
-    counts : SyncCounts
     moved_utc : datetime or None
-        End of the last order that moved the mount, as far as it was told and the mount doesn't know itself.
+        End of the last order that moved the mount, as far as the mount doesn't know it itself.
     camera : str
         Whose `learned` is: the one that looks; empty until a frame has shown it.
     others : dict of str to Learned
@@ -108,13 +100,21 @@ class Judge:
     policy: SyncPolicy
     learned: Learned
     pointing: Pointing
-    site: Site
-    air: Air
     clock: Clock
     counts: SyncCounts
     moved_utc: datetime | None = field(default=None)
     camera: str = ""
     others: dict[str, Learned] = field(default_factory=dict)
+
+    @property
+    def site(self) -> Site:
+        """Where the mount stands."""
+        return self.mount.site
+
+    @property
+    def air(self) -> Air:
+        """The air there."""
+        return self.mount.air
 
     def looks_through(self, camera: CameraIdentity) -> None:
         """Let `learned` be what is known of the camera that looks: each has its own, by its binning too."""
@@ -141,23 +141,23 @@ class Judge:
         self.moved_utc = utc if self.moved_utc is None else max(utc, self.moved_utc)
 
     def sample(self, found: Look, *, lost: bool = False) -> CameraSample:
-        """What a look tells of the camera."""
+        """What a look shows of the camera."""
         return camera_sample(found, self.site, self.air, self.learned.rules.mounting, lost=lost)
 
-    def context(self, found: Look, occasion: Occasion, target: str | None = None) -> SyncContext:
+    def context(self, found: Look, trigger: SyncTrigger, target: str | None = None) -> SyncContext:
         """What is known besides a look."""
-        sample = self.sample(found, lost=occasion.lost)
+        sample = self.sample(found, lost=trigger.lost)
         return replace(
             self.surroundings(claimed(found), target),
             expected=self._expected(found),
-            lost=occasion.lost,
+            lost=trigger.lost,
             departures=self.learned_of(found).departures(sample),
         )
 
     def surroundings(self, claim: Claim, target: str | None = None) -> SyncContext:
         """What is known besides what somebody says of a place, camera and expectation left out."""
         now = self.clock.utc()
-        ended = [one for one in (self.moved_utc, self.mount.last_motion_utc) if one is not None]
+        ended = [utc for utc in (self.moved_utc, self.mount.last_motion_utc) if utc is not None]
         return SyncContext(
             now=now,
             site=self.site,
@@ -173,22 +173,22 @@ class Judge:
     def _expected(self, found: Look) -> Expected | None:
         # at the believed place: a false solution must not choose where it is judged
         try:
-            return self.pointing.expected(found.believed, found.mid_exposure_utc, side_of(found.after))
+            return self.pointing.expected(found.believed, found.mid_exposure_utc, found.after.side)
         except ModelRefused:
             return None
 
-    def decide(self, found: Look, occasion: Occasion, context: SyncContext) -> SyncDecision:
-        """Whether a look is synced on."""
-        return decide(found, occasion, self.policy, context)
+    def consider(self, found: Look, trigger: SyncTrigger, target: str | None = None) -> SyncDecision:
+        """Whether a look is synced on, by what is known now."""
+        return decide(found, trigger, self.policy, self.context(found, trigger, target))
 
-    def doubts(self, found: Look, context: SyncContext) -> Vetoes:
+    def vetoes(self, found: Look, context: SyncContext) -> Vetoes:
         """All that stands against a look, the policy's rule left out."""
         return all_vetoes(found, self.policy, context)
 
     def no_good(self, found: Look) -> tuple[SyncDoubt, str] | None:
         """The gravest doubt about a look by itself, wherever the mount believes to be."""
-        doubts = self.doubts(found, self.context(found, Occasion.RECOVERY))
-        for kind, words in in_order(without(doubts, Occasion.RECOVERY.not_asked)).items():
+        vetoes = self.vetoes(found, self.context(found, SyncTrigger.RECOVERY))
+        for kind, words in in_order(without(vetoes, SyncTrigger.RECOVERY.not_asked)).items():
             if kind in AGAINST_THE_LOOK:
                 return kind, words
         return None
@@ -202,12 +202,12 @@ class Judge:
         """Whether the mount still believes to be where it was when the frame was exposed."""
         since = separation_arcsec(from_mount(now.place), found.believed)
         allowed = self.policy.max_motion_arcsec + self.mount.resolution_arcsec
-        doubts: Vetoes = {}
+        vetoes: Vetoes = {}
         if now.slewing or not since <= allowed:
-            doubts[SyncDoubt.MOVED] = (
+            vetoes[SyncDoubt.MOVED] = (
                 f"the mount moved {since:.0f}″ between the frame and the sync (allowed {allowed:.0f}″)"
             )
-        return decided(doubts, found)
+        return decided(vetoes, found)
 
     def observation(self, found: Look) -> PointingObservation:
         """A look of the present segment, as the pointing takes it."""
@@ -216,7 +216,7 @@ class Judge:
             seen=found.seen,
             sigma_arcsec=found.solution.center_sigma_arcsec,
             reading=for_mount(found.believed, self.mount.epoch, found.mid_exposure_utc),
-            side=side_of(found.after),
+            side=found.after.side,
             segment_id=self.mount.segment_id,
             air=self.air,
             rotation_deg=found.solution.rotation_deg,
@@ -227,15 +227,15 @@ class Judge:
         )
 
 
-def decide(found: Look, occasion: Occasion, policy: SyncPolicy, context: SyncContext) -> SyncDecision:
+def decide(found: Look, trigger: SyncTrigger, policy: SyncPolicy, context: SyncContext) -> SyncDecision:
     """Whether a look is synced on: a function of its values, so that it can be judged again."""
-    doubts = all_vetoes(found, policy, context)
-    if occasion.by_rule:
-        doubts |= policy_vetoes(found, policy, context)
+    vetoes = all_vetoes(found, policy, context)
+    if trigger.by_rule:
+        vetoes |= policy_vetoes(found, policy, context)
         if not context.trusted:
             # one look must not make it count again
-            doubts[SyncDoubt.NOT_EXPECTED] = "the mount's position doesn't count: it needs a recovery"
-    return decided(without(doubts, occasion.not_asked), found)
+            vetoes[SyncDoubt.NOT_EXPECTED] = "the mount's position doesn't count: it needs a recovery"
+    return decided(without(vetoes, trigger.not_asked), found, context)
 
 
 def all_vetoes(found: Look, policy: SyncPolicy, context: SyncContext) -> Vetoes:
@@ -246,8 +246,3 @@ def all_vetoes(found: Look, policy: SyncPolicy, context: SyncContext) -> Vetoes:
         **context.departures,
         **place_vetoes(claimed(found), policy, context),
     }
-
-
-def side_of(reading: MountReading) -> PierSide:
-    """The side that a mount tells."""
-    return reading.pier_side or PierSide.UNKNOWN

@@ -1,4 +1,4 @@
-"""When a mount may be told where it points, and what a look must show for that: an operator's values."""
+"""When a mount may be synced, and what a look must show for that: an operator's values."""
 
 from __future__ import annotations
 
@@ -29,7 +29,6 @@ class SyncPolicy:
 
     Attributes
     ----------
-    rule : SyncRule
     off_by_arcsec : float
         Of `WHEN_OFF_BY`; the mount's resolution, if that is more.
     max_arcsec : float
@@ -42,7 +41,7 @@ class SyncPolicy:
         Hour angle from the meridian below which nothing is synced (a German mount may take a sync there for
         the other side of the pier); 0 doesn't ask.
     min_pole_deg : float
-        Distance from the pole below which nothing is synced, on no occasion: a frame there doesn't tell the
+        Distance from the pole below which nothing is synced, on no occasion: a frame there doesn't show the
         hour angle axis.
     max_turn_arcsec : float
         How much more than the offset that is seen a sync may turn the hour angle: east / cos δ - east.
@@ -83,7 +82,7 @@ class SyncPolicy:
     verify_arcsec : float
         How near solved place and reading must be in that look (the mount's resolution is added).
     told_max_arcsec : float
-        Cap on the size of a sync on told coordinates, which nobody has seen; 0 believes no words.
+        Cap on the size of a sync on given coordinates, which nobody has seen; 0 allows none.
 
     Raises
     ------

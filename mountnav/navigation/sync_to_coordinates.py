@@ -1,4 +1,4 @@
-"""A sync on told coordinates: somebody says where the telescope points, and nobody has looked.
+"""A sync on given coordinates: a person or program says where the telescope points, and nobody has looked.
 
 A planetarium's sync, mostly, by whatever face. Words are believed within the bounds of a solved sync: the
 mount's own position counts, it follows the sky, the place stands well, the sky isn't turned more than a look
@@ -16,11 +16,19 @@ from datetime import datetime
 from typing import Any
 
 from mountnav.devices import MountReading, PierSide, SyncOutcome, from_mount
-from mountnav.errors import DeviceRefused, ModelRefused, Refusal, SyncDoubt, SyncIgnored, SyncRefused
+from mountnav.errors import (
+    DeviceRefused,
+    ModelRefused,
+    MountnavError,
+    Refusal,
+    SyncDoubt,
+    SyncIgnored,
+    SyncRefused,
+)
 from mountnav.journal.records import EntryKind
 from mountnav.mount.mount_state import SEEN_LATE
-from mountnav.navigation.reports import CoordinateSyncReport, Look
-from mountnav.navigation.sync_judge import Judge, night_of, side_of
+from mountnav.navigation.reports import CoordinateSyncReport, Listener, Look, finite_or_none
+from mountnav.navigation.sync_judge import Judge, night_of
 from mountnav.navigation.sync_transaction import (
     ReadBack,
     SyncEnd,
@@ -39,7 +47,6 @@ from mountnav.sky.coordinates import HourAngle, Icrs
 from mountnav.sky.sphere import Offset, half_turn_deg, separation_arcsec
 
 Note = Callable[[EntryKind, str, Mapping[str, object]], Awaitable[None]]
-Listener = Callable[[str, dict[str, object]], None]
 
 _LOOK = "let it look (sync; first light if it is new or far off; recover if it is lost)"
 _ADVICE: Mapping[SyncDoubt, str] = {
@@ -62,11 +69,8 @@ class Seen:
 
     Attributes
     ----------
-    place : Icrs
     offset : Offset
         Seen minus believed there, as it was then; 0 after a sync.
-    sigma_arcsec : float
-    side : PierSide
     """
 
     place: Icrs
@@ -81,7 +85,6 @@ class CoordinateSyncTotals:
 
     Attributes
     ----------
-    count : int
     turned_deg, raised_deg : float
         Of the hour angle axis (west positive) and the declination: the sum, with its sign.
     seen : Seen or None
@@ -108,27 +111,26 @@ class CoordinateSyncTotals:
 
 @dataclass(slots=True)
 class CoordinateSyncs:
-    """The told syncs of one telescope, of all faces.
+    """The syncs on given coordinates of one telescope, by all faces.
 
     Attributes
     ----------
-    judge : Judge
     note : callable
         Writes down what has happened.
     listen : callable
-    words : Words
+    totals : CoordinateSyncTotals
         Of the present night.
     """
 
     judge: Judge
     note: Note
     listen: Listener
-    words: CoordinateSyncTotals = field(default_factory=CoordinateSyncTotals)
+    totals: CoordinateSyncTotals = field(default_factory=CoordinateSyncTotals)
     _late: Claim | None = None
     _sending: bool = False
 
     async def sync_to(self, place: Icrs) -> CoordinateSyncReport:
-        """Tell the mount that it points at `place`, as somebody said, and read it back.
+        """Sync the mount to `place`, which nobody has seen, and read it back.
 
         Raises
         ------
@@ -151,10 +153,10 @@ class CoordinateSyncs:
             "told": True,
             "place": place_facts(place),
             "believed": place_facts(claim.believed),
-            "off_arcsec": _number(claim.offset.total_arcsec),
+            "off_arcsec": finite_or_none(claim.offset.total_arcsec),
         }
         if refusal is not None:
-            doubts = [str(one) for one in getattr(refusal, "doubts", ())]
+            doubts = [str(doubt) for doubt in getattr(refusal, "doubts", ())]
             self.listen("sync-refused", {"told": True, "doubts": doubts, "why": refusal.what})
             await self.note(EntryKind.REFUSAL, refusal.what, {**facts, "order": "sync", "doubts": doubts})
             raise refusal
@@ -210,11 +212,11 @@ class CoordinateSyncs:
             return
         sigma = found.solution.center_sigma_arcsec
         sigma = sigma if math.isfinite(sigma) else 0.0
-        self.proven(Seen(found.seen, found.offset, sigma, side_of(found.after)))
+        self.proven(Seen(found.seen, found.offset, sigma, found.after.side))
 
     def proven(self, seen: Seen | None = None) -> None:
         """The belief was proven, by a frame or by an operator: what words did before counts no more."""
-        self.words = CoordinateSyncTotals(seen=seen, night=self._night())
+        self.totals = CoordinateSyncTotals(seen=seen, night=self._night())
 
     def taken(self, claim: Claim) -> None:
         """The mount believes these words: its two axes have other zeros from now on."""
@@ -222,8 +224,8 @@ class CoordinateSyncs:
         seen = icrs_to_hour_angle(claim.seen, claim.utc, judge.site, judge.air)
         believed = icrs_to_hour_angle(claim.believed, claim.utc, judge.site, judge.air)
         turned_deg = half_turn_deg(seen.ha_deg - believed.ha_deg)
-        self.words = replace(
-            self.words.and_by(turned_deg, seen.dec_deg - believed.dec_deg), night=self._night()
+        self.totals = replace(
+            self.totals.and_by(turned_deg, seen.dec_deg - believed.dec_deg), night=self._night()
         )
 
     def new_segment(self, why: str) -> None:
@@ -238,12 +240,12 @@ class CoordinateSyncs:
 
     def restore_proof(self, place: Icrs, utc: datetime) -> None:
         """A sync on a frame that stands in the journal."""
-        self.words = CoordinateSyncTotals(
+        self.totals = CoordinateSyncTotals(
             seen=Seen(place, Offset(0.0, 0.0)), night=night_of(utc, self.judge.site)
         )
 
     def restore(self, facts: Mapping[str, Any]) -> None:
-        """Take over what a row of the journal tells of the words of its night; an older one tells none."""
+        """Take over the totals of its night from a row of the journal; an older row has none."""
         seen, since = facts.get("since_seen"), facts.get("words")
         if not isinstance(since, Mapping):
             return
@@ -255,7 +257,7 @@ class CoordinateSyncs:
                 float(seen["sigma_arcsec"]),
                 PierSide(seen["side"]),
             )
-        self.words = CoordinateSyncTotals(
+        self.totals = CoordinateSyncTotals(
             int(since["count"]),
             float(since["turned_deg"]),
             float(since["raised_deg"]),
@@ -264,7 +266,7 @@ class CoordinateSyncs:
         )
 
     def _as_facts(self) -> dict[str, object]:
-        words, seen = self.words, self.words.seen
+        words, seen = self.totals, self.totals.seen
         since = None
         if seen is not None:
             since = {
@@ -287,28 +289,23 @@ class CoordinateSyncs:
 
     # -- what stands against it --------------------------------------------------------------------
 
-    def _unfit(self, before: MountReading) -> DeviceRefused | None:
-        """What speaks against any word, as the mount stands."""
+    def _unfit(self, before: MountReading) -> MountnavError | None:
+        """What speaks against any sync on coordinates, as the mount stands."""
         mount = self.judge.mount
-        if before.parked:
-            return DeviceRefused(
-                "the sync refused: it is parked",
-                device=mount.name,
-                advice="unpark it first",
-                reason=Refusal.PARKED,
-            )
-        if not mount.trusted:
-            # near to where it believes to be means nothing then, and after a sync it would slew again
+        parked = mount.unfit("sync", before, needs_trust=False)
+        if parked is None and not mount.trusted:
+            # with an advice of its own: near to where it believes to be means nothing then, and after a sync
+            # it would slew again
             return DeviceRefused(
                 "the sync refused: its position can't be trusted, and nobody has looked",
                 device=mount.name,
                 advice="solve a frame and sync (recover), let it find its home, or say trust",
                 reason=Refusal.UNTRUSTED,
             )
-        return None
+        return parked
 
     def _doubted(self, before: MountReading, claim: Claim) -> SyncRefused | None:
-        doubts = in_order(self.doubts(before, claim))
+        doubts = in_order(self.vetoes(before, claim))
         if not doubts:
             return None
         gravest = next(iter(doubts))
@@ -319,48 +316,48 @@ class CoordinateSyncs:
             doubts=tuple(doubts),
         )
 
-    def doubts(self, before: MountReading, claim: Claim) -> Vetoes:
-        """All that stands against a told place; nothing that is no number passes."""
+    def vetoes(self, before: MountReading, claim: Claim) -> Vetoes:
+        """All that stands against a given place; nothing that is no number passes."""
         judge = self.judge
         policy = judge.policy
         night = self._night()
-        if self.words.night != night:
-            self.words = CoordinateSyncTotals(night=night)
-        doubts: Vetoes = {}
+        if self.totals.night != night:
+            self.totals = CoordinateSyncTotals(night=night)
+        vetoes: Vetoes = {}
         if before.slewing:
-            doubts[SyncDoubt.MOVED] = "it is moving"
+            vetoes[SyncDoubt.MOVED] = "it is moving"
         if before.tracking is False:
-            doubts[SyncDoubt.NOT_TRACKING] = "it does not follow the sky"
+            vetoes[SyncDoubt.NOT_TRACKING] = "it does not follow the sky"
         context = replace(judge.surroundings(claim), expected=self._by_model(before, claim))
-        doubts |= place_vetoes(claim, policy, context)
+        vetoes |= place_vetoes(claim, policy, context)
         if math.isfinite(claim.offset.total_arcsec):
-            doubts |= self._all_together(before, claim, doubts)
-        count = context.counts.tonight + self.words.count
+            vetoes |= self._all_together(before, claim, vetoes)
+        count = context.counts.tonight + self.totals.count
         if policy.max_per_night is not None and count >= policy.max_per_night:
-            doubts[SyncDoubt.TOO_MANY] = f"{count} sync(s) in this night (allowed {policy.max_per_night})"
-        return doubts
+            vetoes[SyncDoubt.TOO_MANY] = f"{count} sync(s) in this night (allowed {policy.max_per_night})"
+        return vetoes
 
     def _all_together(self, before: MountReading, claim: Claim, alone: Vetoes) -> Vetoes:
         """All words since the belief was proven last, this one among them, taken as one sync."""
-        judge, words = self.judge, self.words
-        whole = replace(claim, believed=self._without_words(claim))
+        judge, words = self.judge, self.totals
+        whole = replace(claim, believed=self._without_these_syncs(claim))
         expected = self._as_seen(before, claim.seen)
         context = replace(
             judge.surroundings(claim), expected=expected, modeled=False, expected_by="what was seen last"
         )
         found = place_vetoes(whole, judge.policy, context)
-        doubts = {kind: found[kind] for kind in (SyncDoubt.NOT_EXPECTED,) if kind in found}
+        vetoes = {kind: found[kind] for kind in (SyncDoubt.NOT_EXPECTED,) if kind in found}
         caps = (SyncDoubt.TOO_FAR, SyncDoubt.NEAR_POLE)
         too_much = [found[kind] for kind in caps if kind in found and kind not in alone]
         if words.count and too_much:
-            doubts[SyncDoubt.TOLD_TOO_MUCH] = (
+            vetoes[SyncDoubt.TOLD_TOO_MUCH] = (
                 f"with the {words.count} told before it in this night: {'; '.join(too_much)}"
             )
-        return doubts
+        return vetoes
 
-    def _without_words(self, claim: Claim) -> Icrs:
-        """Where the mount would believe itself if nobody had told it anything since that was proven."""
-        judge, words = self.judge, self.words
+    def _without_these_syncs(self, claim: Claim) -> Icrs:
+        """Where the mount would believe itself without the syncs on coordinates since it was proven."""
+        judge, words = self.judge, self.totals
         if not words.count:
             return claim.believed
         now = icrs_to_hour_angle(claim.believed, claim.utc, judge.site, judge.air)
@@ -370,8 +367,8 @@ class CoordinateSyncs:
 
     def _as_seen(self, before: MountReading, place: Icrs) -> Expected | None:
         """What the last frame lets expect; nothing on the other side of the pier."""
-        seen = self.words.seen
-        if seen is None or {seen.side, side_of(before)} == {PierSide.EAST, PierSide.WEST}:
+        seen = self.totals.seen
+        if seen is None or {seen.side, before.side} == {PierSide.EAST, PierSide.WEST}:
             return None
         away_deg = separation_arcsec(seen.place, place) / 3600.0
         sigma = math.hypot(seen.sigma_arcsec, one_point_sigma_arcsec(away_deg))
@@ -383,14 +380,9 @@ class CoordinateSyncs:
         if pointing.model_id is None:
             return None
         try:
-            return pointing.expected(claim.believed, claim.utc, side_of(before))
+            return pointing.expected(claim.believed, claim.utc, before.side)
         except ModelRefused:
             return None
-
-
-def _number(value: float) -> float | None:
-    """JSON knows no infinity."""
-    return value if math.isfinite(value) else None
 
 
 __all__ = ["CoordinateSyncTotals", "CoordinateSyncs", "Seen"]

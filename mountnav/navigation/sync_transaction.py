@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -15,11 +15,11 @@ from mountnav.clock import Clock
 from mountnav.devices import (
     MountReading,
     PierSide,
+    SyncLaw,
     SyncOutcome,
     SyncResult,
     for_mount,
     from_mount,
-    near_arcsec,
 )
 from mountnav.errors import (
     BadFrame,
@@ -36,7 +36,7 @@ from mountnav.errors import (
 from mountnav.mount import CheckedMount
 from mountnav.mount.kill_points import kill_point
 from mountnav.navigation.camera import Normal
-from mountnav.navigation.reports import Look
+from mountnav.navigation.reports import Listener, Look, angle_words, finite_or_none
 from mountnav.navigation.sync_judge import Judge
 from mountnav.navigation.sync_policy import SyncPolicy
 from mountnav.navigation.vetoes import SyncContext
@@ -50,6 +50,7 @@ __all__ = [
     "LookAgain",
     "ReadBack",
     "SyncEnd",
+    "SyncProgress",
     "SyncTransaction",
     "SyncUndone",
     "TookElsewhere",
@@ -58,7 +59,6 @@ __all__ = [
     "contradiction",
     "end_of",
     "look_facts",
-    "number",
     "place_facts",
     "read_back_facts",
     "send_sync",
@@ -73,9 +73,11 @@ __all__ = [
 
 
 _EACH_S = 0.2
+"""Between two readings after a sync, s, as the drivers' own. Doubled, a sync that is seen late is reported up
+to 0.2 s later."""
 LOST_S = 30.0
 """A mount that is lost is read so long after a sync that doesn't show, s: without it nothing can be done; the
-slowest simulated ones take 25 s."""
+slowest simulated ones take 25 s. Halved, those would be called deaf."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +86,6 @@ class ReadBack:
 
     Attributes
     ----------
-    outcome : SyncOutcome
     reading : MountReading
         The last one.
     place : Icrs
@@ -115,26 +116,18 @@ async def send_sync(
 
     Parameters
     ----------
-    mount : CheckedMount
-    place : Icrs
     way_arcsec : float
         How far the reading has to jump. A quarter of that is left to the mount, but no more than the policy's
         bound; its own resolution always. So a small sync that was ignored is still recognized.
-    policy : SyncPolicy
-    clock : Clock
     lost : bool
         Whether the mount's position doesn't count: then it is read for `LOST_S` at least.
-
-    Returns
-    -------
-    ReadBack
 
     Raises
     ------
     DeviceError, JournalFailed
         As of the mount's sync.
     """
-    near = near_arcsec(way_arcsec, mount.resolution_arcsec, policy.read_back_arcsec)
+    law = SyncLaw.of(way_arcsec, mount.resolution_arcsec, policy.read_back_arcsec)
     began = clock.monotonic_s()
     result: SyncResult = await mount.sync(for_mount(place, mount.epoch, clock.utc()))
     kill_point("sync transaction: answered")
@@ -143,7 +136,7 @@ async def send_sync(
     while True:
         there = from_mount(reading.place)
         miss, after_s = separation_arcsec(there, place), clock.monotonic_s() - began
-        if miss <= near:
+        if law.seen(miss):
             seen = SyncOutcome.SEEN if outcome is SyncOutcome.SEEN else SyncOutcome.LATE
             return ReadBack(seen, reading, there, miss, after_s)
         if after_s >= until_s or (outcome is SyncOutcome.ELSEWHERE and after_s >= policy.read_back_s):
@@ -195,9 +188,9 @@ def look_facts(found: Look, normal: Normal | None) -> dict[str, object]:
         "offset_arcsec": found.offset.total_arcsec,
         "mid_exposure_utc": found.mid_exposure_utc.isoformat(),
         "pairs": solution.pairs,
-        "rms_arcsec": number(solution.rms_arcsec),
-        "sigma_arcsec": number(solution.center_sigma_arcsec),
-        "false_probability": number(solution.false_probability),
+        "rms_arcsec": finite_or_none(solution.rms_arcsec),
+        "sigma_arcsec": finite_or_none(solution.center_sigma_arcsec),
+        "false_probability": finite_or_none(solution.false_probability),
         "mode": solution.mode,
         "scale_arcsec_px": solution.scale_arcsec_px,
         "rotation_deg": solution.rotation_deg,
@@ -217,7 +210,7 @@ def context_facts(context: SyncContext, policy: SyncPolicy) -> dict[str, object]
         "modeled": context.modeled,
         "expected_east_arcsec": None if expected is None else expected.offset.east_arcsec,
         "expected_north_arcsec": None if expected is None else expected.offset.north_arcsec,
-        "expected_sigma_arcsec": None if expected is None else number(expected.sigma_arcsec),
+        "expected_sigma_arcsec": None if expected is None else finite_or_none(expected.sigma_arcsec),
     }
 
 
@@ -234,11 +227,6 @@ def read_back_facts(sent: ReadBack) -> dict[str, object]:
 def place_facts(place: Icrs) -> dict[str, float]:
     """An ICRS place."""
     return {"ra_deg": place.ra_deg, "dec_deg": place.dec_deg}
-
-
-def number(value: float) -> float | None:
-    """JSON knows no infinity."""
-    return value if math.isfinite(value) else None
 
 
 class SyncUndone(SyncRefused):
@@ -270,9 +258,6 @@ def contradiction(
     ----------
     first : Look
         That was synced on.
-    again : Look
-    sent : ReadBack
-    policy : SyncPolicy
     resolution_arcsec : float
         The mount's.
     """
@@ -281,7 +266,9 @@ def contradiction(
     allowed = policy.verify_arcsec + resolution_arcsec
     off = again.offset.total_arcsec
     if not off <= allowed:
-        return f"after the sync the tube looks {_angle(off)} from where the mount believes ({allowed:.0f}″)"
+        return (
+            f"after the sync the tube looks {angle_words(off)} from where the mount believes ({allowed:.0f}″)"
+        )
     return None
 
 
@@ -292,13 +279,10 @@ async def undo(
 
     Parameters
     ----------
-    mount : CheckedMount
     believed : Icrs
         Before the sync; a mount that tracks stays there, and a JNow mount is sent it as of now.
     sent : ReadBack
         Of the sync.
-    policy : SyncPolicy
-    clock : Clock
 
     Raises
     ------
@@ -338,12 +322,62 @@ def undone(words: str, device: str, doubt: SyncDoubt = SyncDoubt.NOT_EXPECTED) -
     )
 
 
-def _angle(arcsec: float) -> str:
-    return f"{arcsec / 3600.0:.1f}°" if arcsec >= 3600.0 else f"{arcsec:.0f}″"
-
-
-Listener = Callable[[str, dict[str, object]], None]
 LookAgain = Callable[[], Awaitable[Look]]
+
+
+@dataclass(slots=True)
+class SyncProgress:
+    """How far one sync has come: what its transaction decides by, and the facts of its rows in the journal.
+
+    Attributes
+    ----------
+    found : Look
+        That is synced on.
+    decided_by : mapping
+        The facts of the decision: trigger, target, look, context.
+    confirmed_by : str or None
+        The look that agrees with it, where one was asked for.
+    segment_before : str
+        The mount's segment when the sync was sent: a sync that was seen has begun another one.
+    sent : ReadBack or None
+        None: not sent yet, or not answered.
+    unverified : bool
+        The verifying look could not be had or was no good: that says nothing of the mount.
+    contradiction : str
+        Why it was taken back, in words.
+    undone : bool or None
+        Whether it could be taken back; None: it wasn't tried, or not finished.
+    """
+
+    found: Look
+    decided_by: Mapping[str, object]
+    asked_for_second: bool = False
+    confirmed_by: str | None = None
+    segment_before: str = ""
+    sent: ReadBack | None = None
+    unverified: bool = False
+    contradiction: str = ""
+    undone: bool | None = None
+    undone_miss_arcsec: float = 0.0
+
+    def facts(self) -> dict[str, object]:
+        """For the journal, as far as it has come."""
+        facts = dict(self.decided_by)
+        if self.asked_for_second:
+            facts["confirmed_by"] = self.confirmed_by
+        if self.segment_before:
+            facts["segment_before"] = self.segment_before
+        if self.sent is not None:
+            facts |= read_back_facts(self.sent)
+        if self.unverified:
+            facts["unverified"] = True
+        if self.contradiction:
+            facts["contradiction"] = self.contradiction
+        if self.undone is not None:
+            facts["undone"] = self.undone
+        if self.undone:
+            facts["undone_miss_arcsec"] = self.undone_miss_arcsec
+        return facts
 
 
 @dataclass(slots=True)
@@ -352,20 +386,17 @@ class SyncTransaction:
 
     Attributes
     ----------
-    judge : Judge
     listen : callable
-    found : Look
+    progress : SyncProgress
+        What happens is added.
     before : MountReading
         The mount's last one before the sync.
-    facts : dict
-        For the journal; what happens is added.
     """
 
     judge: Judge
     listen: Listener
-    found: Look
+    progress: SyncProgress
     before: MountReading
-    facts: dict[str, object]
 
     async def run(self, look_again: LookAgain | None) -> tuple[ReadBack, Look | None]:
         """Send it and see it through.
@@ -386,16 +417,16 @@ class SyncTransaction:
         ------
         SyncIgnored, SyncElsewhere, SyncUndone, UndoFailed, DeviceError, JournalFailed
         """
-        judge, found, mount = self.judge, self.found, self.judge.mount
-        was_trusted = mount.trusted
-        self.facts["segment_before"] = mount.segment_id
+        judge, progress, mount = self.judge, self.progress, self.judge.mount
+        found, was_trusted = progress.found, mount.trusted
+        progress.segment_before = mount.segment_id
         self.listen(
             "syncing", {"look_id": found.look_id, "ra_deg": found.seen.ra_deg, "dec_deg": found.seen.dec_deg}
         )
         sent = await send_sync(
             mount, found.seen, found.offset.total_arcsec, judge.policy, judge.clock, lost=not was_trusted
         )
-        self.facts |= read_back_facts(sent)
+        progress.sent = sent
         self.listen("synced", {"outcome": str(sent.outcome), "read_back_miss_arcsec": sent.miss_arcsec})
         if sent.outcome is SyncOutcome.IGNORED:
             raise SyncIgnored(
@@ -408,7 +439,7 @@ class SyncTransaction:
         again, against = await self._verified(sent, look_again)
         if against is not None:
             doubt, words = against
-            self.facts["contradiction"] = words
+            progress.contradiction = words
             await self._take_back(sent, from_mount(self.before.place), was_trusted)
             raise undone(words, mount.name, doubt)
         return sent, again
@@ -427,21 +458,21 @@ class SyncTransaction:
             again = await look_again()
         except (SkyError, BadFrame, DeviceError) as error:
             # that says nothing of the mount
-            self.facts["unverified"] = True
+            self.progress.unverified = True
             return None, (SyncDoubt.NOT_EXPECTED, f"it could not be verified: {error}")
         kill_point("sync transaction: looked again")
         no_good = self.judge.no_good(again)
         if no_good is not None:
-            self.facts["unverified"] = True
+            self.progress.unverified = True
             return again, (no_good[0], f"the verifying look is no good: {no_good[1]}")
         resolution_arcsec = self.judge.mount.resolution_arcsec
-        words = contradiction(self.found, again, sent, self.judge.policy, resolution_arcsec)
+        words = contradiction(self.progress.found, again, sent, self.judge.policy, resolution_arcsec)
         return again, None if words is None else (SyncDoubt.NOT_EXPECTED, words)
 
     async def _take_back(self, sent: ReadBack, believed: Icrs, was_trusted: bool) -> None:
         """Undo it; to its end also when the work is cancelled: no wrong sync must stay half undone."""
         mount = self.judge.mount
-        self.listen("undoing-sync", {"look_id": self.found.look_id})
+        self.listen("undoing-sync", {"look_id": self.progress.found.look_id})
         task = waited_for(undo(mount, believed, sent, self.judge.policy, self.judge.clock))
         try:
             await asyncio.shield(task)
@@ -454,13 +485,14 @@ class SyncTransaction:
                     "a sync that was contradicted was being taken back when the work was cancelled"
                 )
             elif (error := task.exception()) is not None:
-                self.facts["undone"] = False
+                self.progress.undone = False
                 mount.distrust(str(error))
             else:
-                self.facts |= {"undone": True, "undone_miss_arcsec": task.result().miss_arcsec}
+                self.progress.undone = True
+                self.progress.undone_miss_arcsec = task.result().miss_arcsec
                 if not was_trusted:
                     mount.distrust("the sync that had made it count was taken back")
-                self.listen("sync-undone", {"look_id": self.found.look_id})
+                self.listen("sync-undone", {"look_id": self.progress.found.look_id})
 
 
 def end_of(error: BaseException) -> SyncEnd:
@@ -482,7 +514,7 @@ def end_of(error: BaseException) -> SyncEnd:
 
 
 class TookElsewhere(SyncElsewhere):
-    """The mount took another place than it was told, and counts all the same: a look has shown which.
+    """The mount took another place than it was sent, and counts all the same: a look has shown which.
 
     Attributes
     ----------
@@ -525,7 +557,6 @@ def why_not_by_sight(judge: Judge, found: Look) -> str | None:
 
     Parameters
     ----------
-    judge : Judge
     found : Look
         Another one agrees with it, and how a German mount stands is known.
     """
@@ -568,7 +599,6 @@ def stood_still(found: Look, before: MountReading, again: Look, allowed_arcsec: 
         The last one before it.
     again : Look
         After it.
-    allowed_arcsec : float
     """
     apart = separation_arcsec(found.seen, again.seen)
     return apart <= allowed_arcsec and turned_over(before, again.after) is None

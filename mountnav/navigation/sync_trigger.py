@@ -1,4 +1,4 @@
-"""On what occasion a sync is thought of, and what is decided."""
+"""What makes navigation consider a sync, and what it decides."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from enum import StrEnum
 
 from mountnav.errors import SyncDoubt
 from mountnav.navigation.reports import Look
-from mountnav.navigation.vetoes import AGAINST_THE_LOOK, in_order
+from mountnav.navigation.vetoes import AGAINST_THE_LOOK, SyncContext, in_order
 
 
-class Occasion(StrEnum):
-    """On what occasion a sync is thought of."""
+class SyncTrigger(StrEnum):
+    """What makes navigation consider a sync. The journal keeps it as `occasion`."""
 
     ORDERED = "ordered"
-    """An operator or a program asks for it: the policy is not asked, the doubts are."""
+    """An operator or a program asks for it: the policy is not asked, the vetoes are."""
     CENTERING = "centering"
     NIGHT = "night"
     RECOVERY = "recovery"
@@ -26,18 +26,18 @@ class Occasion(StrEnum):
     @property
     def by_rule(self) -> bool:
         """Whether the policy's rule and its caps on the number are asked."""
-        return self in (Occasion.CENTERING, Occasion.NIGHT)
+        return self in (SyncTrigger.CENTERING, SyncTrigger.NIGHT)
 
     @property
     def not_asked(self) -> frozenset[SyncDoubt]:
-        """Doubts that don't count on this occasion."""
+        """Vetoes that don't count here."""
         lost = {SyncDoubt.TOO_FAR, SyncDoubt.NOT_EXPECTED}
         return frozenset(lost if self.lost else ())
 
     @property
     def lost(self) -> bool:
         """Whether what the mount believes says nothing."""
-        return self in (Occasion.RECOVERY, Occasion.FIRST_LIGHT)
+        return self in (SyncTrigger.RECOVERY, SyncTrigger.FIRST_LIGHT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +52,14 @@ class SyncDecision:
         In words, with the numbers.
     words : mapping of SyncDoubt to str
         The same for each.
+    context : SyncContext or None
+        What it was judged by besides the look, so that a sync that follows at once needn't be judged again.
     """
 
     doubts: tuple[SyncDoubt, ...]
     why: str
     words: Mapping[SyncDoubt, str] = field(default_factory=dict)
+    context: SyncContext | None = field(default=None, compare=False, repr=False)
 
     @property
     def allowed(self) -> bool:
@@ -66,14 +69,14 @@ class SyncDecision:
     @property
     def against_the_sky(self) -> tuple[SyncDoubt, ...]:
         """Those for which the look is no good for an offset either; the others only forbid the sync."""
-        return tuple(one for one in self.doubts if one in AGAINST_THE_LOOK)
+        return tuple(doubt for doubt in self.doubts if doubt in AGAINST_THE_LOOK)
 
 
-def decided(doubts: Mapping[SyncDoubt, str], found: Look) -> SyncDecision:
-    """Make a decision of doubts and their words."""
+def decided(doubts: Mapping[SyncDoubt, str], found: Look, context: SyncContext | None = None) -> SyncDecision:
+    """Make a decision of vetoes and their words."""
     ordered = in_order(doubts)
     why = "; ".join(ordered.values()) or f"{found.offset.total_arcsec:.0f}″ off; nothing stands against it"
-    return SyncDecision(tuple(ordered), why, ordered)
+    return SyncDecision(tuple(ordered), why, ordered, context)
 
 
-__all__ = ["Occasion", "SyncDecision", "decided"]
+__all__ = ["SyncDecision", "SyncTrigger", "decided"]

@@ -37,12 +37,7 @@ def tolerance_kept(asked_arcsec: float, resolution_arcsec: float) -> tuple[float
 
 
 class Tries:
-    """The tries so far.
-
-    Parameters
-    ----------
-    equipment : Equipment
-    """
+    """The tries so far."""
 
     def __init__(self, equipment: Equipment) -> None:
         self._equipment = equipment
@@ -56,17 +51,6 @@ class Tries:
     def latest(self) -> Try:
         """The last one."""
         return self.all[-1]
-
-    @property
-    def since_best(self) -> int:
-        """How many tries ago the error was smallest."""
-        errors = [one.error_arcsec for one in self.all]
-        return len(errors) - 1 - errors.index(min(errors))
-
-    @property
-    def best_arcsec(self) -> float:
-        """The smallest error so far."""
-        return min(one.error_arcsec for one in self.all)
 
     def begin(self) -> None:
         """Time runs from here for the next try."""
@@ -102,7 +86,7 @@ class Tries:
         )
 
     def seen_again(self, found: Look, error: Offset) -> None:
-        """The latest look was taken anew at the same place, and is what counts."""
+        """The latest look was taken again at the same place, and is what counts."""
         self.all[-1] = replace(
             self.all[-1],
             seen=found.seen,
@@ -126,7 +110,7 @@ class Tries:
         slewed: bool,
         sync_outcome: SyncOutcome | None = None,
     ) -> None:
-        """The try is over: tell it."""
+        """The try is over: report it."""
         self.all[-1] = replace(
             self.all[-1],
             synced=correction is Correction.SYNC,
@@ -179,13 +163,19 @@ def try_facts(one: Try) -> dict[str, object]:
 
 
 DOUBTFUL_LOOKS = 2
-"""So many looks in a row may be doubted, and taken anew, before a centering ends."""
+"""So many looks in a row may be doubted, and taken again, before a centering ends. Chosen by hand. Doubled,
+clouds or a wrong scale cost two more exposures before that is said."""
 _ADVICE = (
     "nothing was moved or synced by it; look again; if the mount is really that far off, as after it was set "
     "up anew, order first light"
 )
 STUCK_TRIES = 2
+"""After so many corrections that the tube did not follow a centering ends; after one more where it may take
+up play first. Chosen by hand. Doubled, a blocked axis is driven twice as often before somebody hears of
+it."""
 ELSEWHERE_TRIES = 3
+"""After so many corrections that ended elsewhere it ends. Chosen by hand. Doubled, a mount that somebody else
+moves is followed for as long again."""
 NEARER = 0.7
 """A correction that leaves less than this share of what the target was off is no slip. Doubled, whatever
 slips a little would be followed to the last try."""
@@ -198,9 +188,6 @@ class StopRules:
     ----------
     name : str
         The telescope's.
-    policy : CenteringPolicy
-    tries : Tries
-    tolerance_arcsec : float
 
     Attributes
     ----------

@@ -114,11 +114,10 @@ class Counts:
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """Where the tube is said to point, by a frame or by words, and where the mount believes it.
+    """Where the tube points by a frame or by given coordinates, and where the mount believes it.
 
     Attributes
     ----------
-    seen, believed : Icrs
     utc : datetime
         For both.
     sigma_arcsec : float
@@ -150,8 +149,6 @@ class SyncContext:
 
     Attributes
     ----------
-    now : datetime
-    site, air : Site, Air
     resolution_arcsec : float
         The mount's.
     last_moved_utc : datetime or None
@@ -170,7 +167,6 @@ class SyncContext:
         Who expects it, if it is neither a model nor the last sync.
     departures : mapping of SyncDoubt to str
         What the look shows of the camera that those before it didn't.
-    counts : Counts
     """
 
     now: datetime
@@ -191,74 +187,74 @@ class SyncContext:
 Vetoes = dict[SyncDoubt, str]
 
 
-def in_order(doubts: Mapping[SyncDoubt, str]) -> Vetoes:
+def in_order(vetoes: Mapping[SyncDoubt, str]) -> Vetoes:
     """The gravest first."""
-    return {kind: doubts[kind] for kind in GRAVEST_FIRST if kind in doubts}
+    return {kind: vetoes[kind] for kind in GRAVEST_FIRST if kind in vetoes}
 
 
-def without(doubts: Mapping[SyncDoubt, str], kinds: Iterable[SyncDoubt]) -> Vetoes:
+def without(vetoes: Mapping[SyncDoubt, str], kinds: Iterable[SyncDoubt]) -> Vetoes:
     """Leave some out: they are not asked on this occasion."""
     left_out = set(kinds)
-    return {kind: words for kind, words in doubts.items() if kind not in left_out}
+    return {kind: words for kind, words in vetoes.items() if kind not in left_out}
 
 
 def frame_vetoes(found: Look, policy: SyncPolicy, context: SyncContext) -> Vetoes:
     """Whether the mount rested, tracked, and has not been moved since; whether the frame is fresh."""
-    doubts: Vetoes = {}
+    vetoes: Vetoes = {}
     before, after = found.before, found.after
     wandered = separation_arcsec(from_mount(before.place), from_mount(after.place))
     allowed = policy.max_motion_arcsec + context.resolution_arcsec
     if before.slewing or after.slewing:
-        doubts[SyncDoubt.MOVED] = "the mount was slewing while the frame was exposed"
+        vetoes[SyncDoubt.MOVED] = "the mount was slewing while the frame was exposed"
     elif not wandered <= allowed:
-        doubts[SyncDoubt.MOVED] = (
+        vetoes[SyncDoubt.MOVED] = (
             f"the mount moved {wandered:.0f}″ while the frame was exposed (allowed {allowed:.0f}″)"
         )
     elif before.pier_side and after.pier_side and before.pier_side is not after.pier_side:
-        doubts[SyncDoubt.MOVED] = f"the mount changed sides ({before.pier_side} → {after.pier_side})"
+        vetoes[SyncDoubt.MOVED] = f"the mount changed sides ({before.pier_side} → {after.pier_side})"
     moved = context.last_moved_utc
     if moved is not None and before.utc < moved:
-        doubts[SyncDoubt.OLDER_THAN_MOVE] = (
+        vetoes[SyncDoubt.OLDER_THAN_MOVE] = (
             f"the frame was begun {(moved - before.utc).total_seconds():.1f} s before the end of the mount's "
             "last order"
         )
     if before.tracking is False or after.tracking is False:
-        doubts[SyncDoubt.NOT_TRACKING] = "the mount didn't track: the sky has moved on since the frame"
+        vetoes[SyncDoubt.NOT_TRACKING] = "the mount didn't track: the sky has moved on since the frame"
     age_s = (context.now - after.utc).total_seconds()
     if not -policy.max_age_s <= age_s <= policy.max_age_s:
-        doubts[SyncDoubt.TOO_OLD] = f"the frame is {age_s:.0f} s old (allowed {policy.max_age_s:.0f} s)"
-    return doubts
+        vetoes[SyncDoubt.TOO_OLD] = f"the frame is {age_s:.0f} s old (allowed {policy.max_age_s:.0f} s)"
+    return vetoes
 
 
 def solution_vetoes(found: Look, policy: SyncPolicy) -> Vetoes:
     """Whether the solution could be chance."""
-    doubts: Vetoes = {}
+    vetoes: Vetoes = {}
     solution = found.solution
     if not solution.false_probability <= policy.max_false_probability:
-        doubts[SyncDoubt.ODDS] = (
+        vetoes[SyncDoubt.ODDS] = (
             f"a wrong place would look as good with a chance of {solution.false_probability:.1e} "
             f"(allowed {policy.max_false_probability:.0e})"
         )
     if solution.pairs < policy.min_pairs:
-        doubts[SyncDoubt.FEW_STARS] = f"{solution.pairs} stars identified, {policy.min_pairs} are needed"
-    return doubts
+        vetoes[SyncDoubt.FEW_STARS] = f"{solution.pairs} stars identified, {policy.min_pairs} are needed"
+    return vetoes
 
 
 def place_vetoes(claim: Claim, policy: SyncPolicy, context: SyncContext) -> Vetoes:
     """Whether the mount can be that far off, and whether the place is one to sync at."""
-    doubts: Vetoes = {}
+    vetoes: Vetoes = {}
     words = _too_far(claim, policy)
     if words is not None:
-        doubts[SyncDoubt.TOO_FAR] = words
+        vetoes[SyncDoubt.TOO_FAR] = words
         if not math.isfinite(claim.offset.total_arcsec):
             # no place at all: it stands nowhere in the sky
-            return doubts
+            return vetoes
     surprise, allowed = surprise_arcsec(claim, policy, context)
     if context.trusted and surprise is not None and not surprise <= allowed:
         assert context.expected is not None
         by = context.expected_by or ("the model" if context.modeled else "the last sync")
         expected = context.expected.offset
-        doubts[SyncDoubt.NOT_EXPECTED] = (
+        vetoes[SyncDoubt.NOT_EXPECTED] = (
             f"{surprise:.0f}″ from the offset to be expected by {by} ({expected.east_arcsec:+.0f}″ east, "
             f"{expected.north_arcsec:+.0f}″ north, sigma {context.expected.sigma_arcsec:.0f}″; "
             f"allowed {allowed:.0f}″)"
@@ -266,19 +262,19 @@ def place_vetoes(claim: Claim, policy: SyncPolicy, context: SyncContext) -> Veto
     hour_angle = icrs_to_hour_angle(claim.seen, claim.utc, context.site, context.air)
     altitude_deg = hour_angle_to_observed(hour_angle, context.site).alt_deg
     if not altitude_deg >= policy.min_altitude_deg:
-        doubts[SyncDoubt.TOO_LOW] = (
+        vetoes[SyncDoubt.TOO_LOW] = (
             f"the {_said(claim)} place stands at altitude {altitude_deg:.1f}° (allowed "
             f"{policy.min_altitude_deg:g}°)"
         )
     near_pole = _near_pole(claim, hour_angle, policy, context)
     if near_pole is not None:
-        doubts[SyncDoubt.NEAR_POLE] = near_pole
+        vetoes[SyncDoubt.NEAR_POLE] = near_pole
     from_meridian_deg = min(abs(hour_angle.ha_deg), 180.0 - abs(hour_angle.ha_deg))
     if from_meridian_deg < policy.min_meridian_deg:
-        doubts[SyncDoubt.NEAR_MERIDIAN] = (
+        vetoes[SyncDoubt.NEAR_MERIDIAN] = (
             f"{from_meridian_deg:.2f}° of hour angle from the meridian (allowed {policy.min_meridian_deg:g}°)"
         )
-    return doubts
+    return vetoes
 
 
 def _said(claim: Claim) -> str:
@@ -332,7 +328,6 @@ def surprise_arcsec(claim: Claim, policy: SyncPolicy, context: SyncContext) -> t
     -------
     surprise_arcsec : float or None
         None where nothing is expected.
-    allowed_arcsec : float
     """
     expected = context.expected
     if expected is None:
@@ -350,30 +345,34 @@ def surprise_arcsec(claim: Claim, policy: SyncPolicy, context: SyncContext) -> t
 
 def policy_vetoes(found: Look, policy: SyncPolicy, context: SyncContext) -> Vetoes:
     """Whether the rule and the caps on the number let this sync through."""
-    doubts: Vetoes = {}
+    vetoes: Vetoes = {}
     counts, off = context.counts, found.offset.total_arcsec
     match policy.rule:
         case SyncRule.NEVER:
-            doubts[SyncDoubt.POLICY_NEVER] = "the settings never sync"
+            vetoes[SyncDoubt.POLICY_NEVER] = "the settings never sync"
         case SyncRule.FIRST_OF_NIGHT if counts.tonight:
-            doubts[SyncDoubt.NOT_FIRST] = f"{counts.tonight} sync(s) were committed in this night"
+            vetoes[SyncDoubt.NOT_FIRST] = f"{counts.tonight} sync(s) were committed in this night"
         case SyncRule.PER_TARGET if counts.on_target:
-            doubts[SyncDoubt.SAME_TARGET] = f"this target had {counts.on_target} sync(s) in this night"
+            vetoes[SyncDoubt.SAME_TARGET] = f"this target had {counts.on_target} sync(s) in this night"
         case SyncRule.WHEN_OFF_BY:
             least = max(policy.off_by_arcsec, context.resolution_arcsec)
             if off < least:
-                doubts[SyncDoubt.NOT_OFF_ENOUGH] = f"{off:.1f}″ off, less than {least:.1f}″"
+                vetoes[SyncDoubt.NOT_OFF_ENOUGH] = f"{off:.1f}″ off, less than {least:.1f}″"
     for count, most, of in (
         (counts.tonight, policy.max_per_night, "in this night"),
         (counts.on_target, policy.max_per_target, "on this target"),
     ):
         if most is not None and count >= most:
-            doubts[SyncDoubt.TOO_MANY] = f"{count} sync(s) {of} (allowed {most})"
-    return doubts
+            vetoes[SyncDoubt.TOO_MANY] = f"{count} sync(s) {of} (allowed {most})"
+    return vetoes
 
 
 _NEAR_DEG = 5.0
+"""So near in the sky another look shows the same offset, °: what one sync leaves over within 5° is 7″ for
+nine of ten [POINTING §4], within 10° 19″. Doubled, looks that are right would seem to disagree."""
 _KEPT = 3
+"""So many earlier looks may confirm one. Chosen by hand. Halved to one, a false look in between hides the one
+that would agree."""
 
 
 class ConfirmingLooks:
@@ -387,7 +386,7 @@ class ConfirmingLooks:
         self._looks.append(found)
 
     def forget(self) -> None:
-        """Begin anew: the zero points are others."""
+        """Forget all: the zero points are others."""
         self._looks.clear()
 
     def for_look(self, found: Look, policy: SyncPolicy, resolution_arcsec: float) -> Look | None:
@@ -403,13 +402,10 @@ class ConfirmingLooks:
 
 
 def to_be_confirmed(found: Look, policy: SyncPolicy, context: SyncContext, rotation_judged: bool) -> bool:
-    """Whether a look needs a second one: it is far off, and what is known can't tell whether it may be.
+    """Whether a look needs a second one: it is far off, and what is known doesn't say whether it may be.
 
     Parameters
     ----------
-    found : Look
-    policy : SyncPolicy
-    context : SyncContext
     rotation_judged : bool
         Whether the camera's angle is known, and means something at that place.
     """
@@ -441,8 +437,11 @@ def apart_arcsec(first: Look, again: Look) -> float:
 
 
 _IN_A_ROW = 3
+"""So many looks that agree with each other and with nothing expected mean other zero points. Chosen by
+hand: two false solutions of one field may agree. Doubled, a slip costs a centering most of its tries."""
 _SHARE = 0.25
-"""A slip of one axis shows differently at different declinations: so much of it may the looks differ."""
+"""A slip of one axis shows differently at different declinations: so much of it may the looks differ. Chosen
+by hand. Doubled, three false solutions agree more easily."""
 
 
 class SurprisingLooks:
@@ -452,16 +451,18 @@ class SurprisingLooks:
         self._surprises: list[tuple[str, float, float]] = []
 
     def forget(self) -> None:
-        """Begin anew: a look was as expected, or the zero points are others."""
+        """Forget all: a look was as expected, or the zero points are others."""
         self._surprises = []
 
     def agree(self, found: Look, expected: Offset, floor_arcsec: float) -> bool:
         """Add a look; whether it and those just before it agree on where the tube is instead."""
         east = found.offset.east_arcsec - expected.east_arcsec
         north = found.offset.north_arcsec - expected.north_arcsec
-        others = [one for one in self._surprises if one[0] != found.look_id]
+        others = [surprise for surprise in self._surprises if surprise[0] != found.look_id]
         self._surprises = [*others, (found.look_id, east, north)][-_IN_A_ROW:]
         if len(self._surprises) < _IN_A_ROW:
             return False
         allowed = max(floor_arcsec, _SHARE * math.hypot(east, north))
-        return all(math.hypot(one[1] - east, one[2] - north) <= allowed for one in self._surprises)
+        return all(
+            math.hypot(surprise[1] - east, surprise[2] - north) <= allowed for surprise in self._surprises
+        )

@@ -39,8 +39,6 @@ class PlateSeen:
 
     Attributes
     ----------
-    scale_arcsec_px, rotation_deg : float
-    parity : int
     size : (int, int)
         Width and height, pixels: another binning is another plate.
     """
@@ -63,7 +61,6 @@ class Evidence:
         Mid-exposure of the last.
     error : Offset
         What it said: seen minus wanted.
-    segment, field : str
     """
 
     frame_ids: tuple[str, ...]
@@ -79,16 +76,12 @@ class NightState:
 
     Attributes
     ----------
-    phase : Phase
-    night_id : str
     forced : bool
         Begun by an operator, whatever the Sun says.
-    was_dark : bool
     plates : tuple of PlateSeen
         Of the calibration frames so far; of a finished calibration those that agreed.
     plate : PlateSeen or None
         What they agreed on.
-    holds : frozenset of Hold
     unsafe : tuple of (str, str)
         Who says that it isn't safe, and why, one entry each, sorted: it is safe when nobody says so.
     safe_for_s : float or None
@@ -96,7 +89,6 @@ class NightState:
         means not safe. None if nobody says so.
     safe_until : datetime or None
         Until when that is.
-    evidence : Evidence or None
     field, segment : str
         Of the last frame that was placed.
     applied : Offset
@@ -161,8 +153,6 @@ class Tick:
 
     Attributes
     ----------
-    utc : datetime
-    sun_altitude_deg : float
     night_id : str
         The night that this instant belongs to.
     """
@@ -173,7 +163,7 @@ class Tick:
 
 
 class Word(StrEnum):
-    """What is said to a night, by people, schedulers and sensors."""
+    """What people, schedulers and sensors report to a night, or order."""
 
     START = "start"
     STOP = "stop"
@@ -190,12 +180,10 @@ class Word(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """A word.
+    """A report or an order that came to the night: from people, the scheduler, sensors.
 
     Attributes
     ----------
-    utc : datetime
-    word : Word
     why : str
         In the sayer's words.
     until : datetime or None
@@ -222,27 +210,22 @@ class FrameSeen:
     ----------
     utc : datetime
         Now.
-    frame_id : str
     mid_utc, begun_utc : datetime or None
-        Of the exposure; None where the frame doesn't tell.
-    arrived_utc : datetime
+        Of the exposure; None where the frame doesn't say.
     held : bool
         The sender waits for the answer and exposes nothing meanwhile.
-    placed : bool
     fully : bool
         Identified fully, not by its shift.
-    plate : PlateSeen or None
     error : Offset or None
-        Seen minus believed, or minus the target where the sender told one; None if it isn't known.
+        Seen minus believed, or minus the target where the sender gave one; None if it isn't known.
     of_target : bool
-        `error` is against a target that the sender told.
+        `error` is against a target that the sender gave.
     sigma_arcsec : float
         One-sigma of it per coordinate.
     doubts : tuple of str
         Why it must not be used for a correction.
     moving : bool
         Whether the mount moves now, or something else holds the telescope.
-    field, segment : str
     detail : str
         Why it wasn't placed.
     """
@@ -272,8 +255,6 @@ class CorrectionEnded:
 
     Attributes
     ----------
-    utc : datetime
-    frame_id : str
     outcome : str
         "done", "refused", "failed", "cancelled", "unknown".
     meant : Offset or None
@@ -310,7 +291,7 @@ class Act(StrEnum):
 
 
 class Why(StrEnum):
-    """For what reason; of `LEAVE` each tells what stands against a correction."""
+    """For what reason; of `LEAVE` each says what stands against a correction."""
 
     DARK = "it is dark"
     DAYLIGHT = "daylight"
@@ -351,11 +332,8 @@ class Decision:
 
     Attributes
     ----------
-    act : Act
-    why : Why
     text : str
         With the numbers.
-    frame_id : str
     error : Offset or None
         Of `CORRECT`: what the telescope is off.
     facts : mapping

@@ -18,10 +18,12 @@ __all__ = ["STATE_EVERY", "EventsKept"]
 
 
 USED_WRITTEN = 50
+"""So many of the frames that a correction was decided on stand in each row of state. Chosen by hand: a
+restart must not decide on one of the last frames again. Doubled, each row of a night grows by 1.7 kB."""
 STATE = "state"
 FRAME = "frame_id"
 PARK_OVER = "park over"
-"""Stands as the act of a row that tells how a park ended."""
+"""The act of a row that says how a park ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +32,6 @@ class OwedPark:
 
     Attributes
     ----------
-    decision : Decision
     night_id : str
         Of its night.
     """
@@ -42,7 +43,7 @@ class OwedPark:
         """What is owed after another decision.
 
         One that takes the reason away ends it, and one that says that somebody has taken over. A park for
-        rain that is owed already stays one: the morning's would wait for whoever works.
+        a park for rain stays one: the morning's would wait for those who work.
         """
         for_rain = self.decision.why is Why.UNSAFE
         if decision.act is Act.PARK:
@@ -58,7 +59,7 @@ class Remembered:
     Attributes
     ----------
     state : NightState or None
-        As of the last row that tells it.
+        As of the last row that has it.
     frame_ids : tuple of str
         Frames that were looked at, oldest first.
     owed : OwedPark or None
@@ -77,10 +78,6 @@ def remembered(entries: Iterable[Entry]) -> Remembered:
     ----------
     entries : iterable of Entry
         Of the kind `NIGHT`, oldest first.
-
-    Returns
-    -------
-    Remembered
     """
     state: NightState | None = None
     owed: OwedPark | None = None
@@ -121,9 +118,9 @@ def state_record(state: NightState) -> dict[str, Any]:
         "forced": state.forced,
         "was_dark": state.was_dark,
         "plate": None if plate is None else _plate_record(plate),
-        "plates": [_plate_record(one) for one in state.plates],
-        "holds": sorted(str(one) for one in state.holds),
-        "unsafe": [list(one) for one in state.unsafe],
+        "plates": [_plate_record(plate) for plate in state.plates],
+        "holds": sorted(str(hold) for hold in state.holds),
+        "unsafe": [list(report) for report in state.unsafe],
         "safe_for_s": state.safe_for_s,
         "field": state.field,
         "segment": state.segment,
@@ -131,7 +128,7 @@ def state_record(state: NightState) -> dict[str, Any]:
         "applied_north_arcsec": state.applied.north_arcsec,
         "under_way": state.under_way,
         "used": list(state.used[-USED_WRITTEN:]),
-        "corrections": [one.isoformat() for one in state.corrections],
+        "corrections": [utc.isoformat() for utc in state.corrections],
         "corrected": state.corrected,
         "not_before": None if state.not_before is None else state.not_before.isoformat(),
         "frames": state.frames,
@@ -167,9 +164,9 @@ def state_with(record: Mapping[str, Any], applied: Offset) -> NightState:
         night_id=str(record["night_id"]),
         forced=bool(record["forced"]),
         was_dark=bool(record["was_dark"]),
-        plates=tuple(plate_of(one) for one in record["plates"]),
+        plates=tuple(plate_of(plate) for plate in record["plates"]),
         plate=None if plate is None else plate_of(plate),
-        holds=frozenset(Hold(one) for one in record["holds"]),
+        holds=frozenset(Hold(hold) for hold in record["holds"]),
         unsafe=_unsafe(record),
         safe_for_s=None if (safe_for_s := record.get("safe_for_s")) is None else float(safe_for_s),
         field=str(record["field"]),
@@ -177,7 +174,7 @@ def state_with(record: Mapping[str, Any], applied: Offset) -> NightState:
         applied=applied,
         under_way=record["under_way"],
         used=tuple(record["used"]),
-        corrections=tuple(datetime.fromisoformat(one) for one in record["corrections"]),
+        corrections=tuple(datetime.fromisoformat(utc) for utc in record["corrections"]),
         corrected=int(record["corrected"]),
         not_before=None if not_before is None else datetime.fromisoformat(not_before),
         frames=int(record["frames"]),
@@ -189,7 +186,7 @@ def state_with(record: Mapping[str, Any], applied: Offset) -> NightState:
 def _unsafe(record: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
     if "unsafe" in record:
         return tuple((str(by), str(why)) for by, why in record["unsafe"])
-    # until 2026-11 it was not written down who said so
+    # until 2026-11 it was not written down who reported it
     return (("", str(record["unsafe_why"])),) if str(Hold.UNSAFE) in record["holds"] else ()
 
 
@@ -240,8 +237,6 @@ class NightNotes:
     ----------
     name : str
         Of the telescope, in the journal.
-    journal : Journal
-    clock : Clock
     listen : callable
         Told of each decision.
     """
@@ -307,7 +302,6 @@ class EventsKept:
 
     Parameters
     ----------
-    recorder : Recorder
     night_name : callable
         Names the night of an instant: each has a recording of its own, which begins with the state.
     """
@@ -326,7 +320,6 @@ class EventsKept:
         ----------
         state : NightState
             Before it.
-        event : Event
         decisions : sequence of Decision
             What was decided by it.
         """

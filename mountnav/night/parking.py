@@ -64,12 +64,12 @@ class Corrected(Protocol):
 
     @property
     def moved_arcsec(self) -> float:
-        """How far the tube was sent; 0 when the mount was only told where it points."""
+        """How far the tube was sent; 0 when the mount was only synced."""
         ...
 
 
 class Segmented(Protocol):
-    """A mount that tells when its zero points change."""
+    """A mount that announces when its zero points change."""
 
     @property
     def segment_id(self) -> str:
@@ -90,12 +90,12 @@ class NightTelescope(Protocol):
         """Its mount, as far as a night looks at it."""
         ...
 
-    async def glance(self) -> MountReading:
+    async def read_mount(self) -> MountReading:
         """Read the mount once, whatever runs; kept for frames that come later. Raises `DeviceError`."""
         ...
 
     def believed(self, utc: datetime) -> Icrs | None:
-        """Where the mount believed to be then; None where no readings tell."""
+        """Where the mount believed to be then; None where no readings show it."""
         ...
 
     async def frame(self, frame: Frame, verdict: Verdict, *, used: str = "night") -> FrameLooked:
@@ -114,7 +114,7 @@ class NightTelescope(Protocol):
         key: str,
         heard: Callable[[object], None] | None = None,
     ) -> Corrected:
-        """Correct the mount by a look, guarded; `heard` is told what it is judged by, before it is done.
+        """Correct the mount by a look, guarded; `heard` gets what it is judged by, before it is done.
 
         Raises `SyncRefused`, `Busy`, `OutsideLimits`, `DeviceError`.
         """
@@ -128,8 +128,11 @@ class NightTelescope(Protocol):
 _log = logging.getLogger(__name__)
 
 AGAIN_S = 15.0
+"""A park that failed is ordered again after so long, s. Chosen by hand: a lost link comes back in some
+seconds. Doubled, a telescope stands in the rain for as long more."""
 PATIENCE_S = 3600.0
-"""So long the morning's park waits for whoever works with the telescope; rain waits for nobody."""
+"""So long the morning's park waits for work with the telescope, s; a park for rain doesn't wait. Chosen by
+hand. Doubled, a telescope may be open two hours after dawn."""
 _PASSING = (Busy, DeviceMissing, DeviceSilent, JournalFailed)
 
 Preempt = Callable[[], Awaitable[None]]
@@ -153,15 +156,12 @@ class NightParking:
 
     Parameters
     ----------
-    telescope : NightTelescope
     name : str
         Of the telescope.
-    notes : NightNotes
     listen : callable
         Told ``night-park-waits``, ``night-park-failed``, and ``night-parked`` where it had waited.
-    clock : Clock
     make_way : callable, optional
-        Used where it is unsafe: whoever works with the telescope then is stopped.
+        Used where it is unsafe: all work with the telescope is stopped then.
     """
 
     def __init__(
@@ -254,6 +254,6 @@ class NightParking:
         await self._over(owed, f"not parked ({error})")
 
     async def _over(self, owed: _Owed, how: str) -> None:
-        """Written down, so that a service that starts anew doesn't park once more."""
+        """Written down, so that a service that starts again doesn't park once more."""
         why = str(owed.why)
         await self._notes.note(EntryKind.NIGHT, f"{how}: {why}", {"act": PARK_OVER, "why": why})

@@ -16,7 +16,7 @@ import numpy as np
 
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Frame, Hint
-from mountnav.navigation.look import Solve
+from mountnav.navigation.equipment import Solve
 from mountnav.navigation.reports import Look
 from mountnav.night.events import FrameSeen, PlateSeen
 from mountnav.night.frames_in import Arrived
@@ -33,11 +33,17 @@ if TYPE_CHECKING:
 
 
 FIELDS_KEPT = 4
+"""So many fields are remembered, each with the follower of its stars. Chosen by hand: a night goes to and fro
+between a few. Halved, a scheduler with three targets in turn has each frame identified fully."""
 FRAMES_PER_FOLLOWER = 100
-"""Then the field is identified fully anew, and what was remembered of it is let go: memory doesn't grow."""
+"""Then the field is identified fully again, and what was remembered of it is let go: memory doesn't grow.
+Chosen by hand: a hundred minutes of a frame a minute. Doubled, so is that memory."""
 UNKNOWN_FIELD_DEG = 0.5
+"""Radius that a field is taken to have before a frame of it was identified, °. Chosen by hand. Doubled,
+neighbor targets up to 1° apart are taken for one field until then."""
 OTHER_PLACE_DEG = 0.5
-"""A header that names a place further from the mount's belief is asked too, when the belief leads nowhere."""
+"""A header that names a place further from the mount's belief is asked too, when the belief leads nowhere, °.
+Chosen by hand. Doubled, a header that is right and 0.8° away isn't tried."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +52,6 @@ class Placed:
 
     Attributes
     ----------
-    verdict : Verdict
     fully : bool
         Identified fully, not only by its shift.
     field : str
@@ -69,7 +74,6 @@ class Placing(Protocol):
 
         Parameters
         ----------
-        frame : Frame
         near : Icrs or None
             Where the mount believed to be.
         fully : bool
@@ -83,11 +87,8 @@ async def placed_by(placing: Placing, frame: Frame, near: Icrs | None, *, fully:
 
     Parameters
     ----------
-    placing : Placing
-    frame : Frame
     near : Icrs or None
         Where the mount believed to be.
-    fully : bool
     """
     placed = await placing.place(frame, near, fully=fully)
     told = frame.hint.center
@@ -113,10 +114,8 @@ class BySeries:
 
     Parameters
     ----------
-    catalog : Catalog
     hint : callable
         Makes the hint for a full solution from where the mount believed to be.
-    settings : SeriesSettings, optional
     """
 
     def __init__(
@@ -160,9 +159,11 @@ class BySeries:
         from mountnav.series.follow import SeriesFollower
 
         known = None
-        for one in reversed(self._fields.values()):
-            if near is None or (one.center is not None and _apart_deg(one.center, near) <= one.radius_deg):
-                known = one
+        for field in reversed(self._fields.values()):
+            if near is None or (
+                field.center is not None and _apart_deg(field.center, near) <= field.radius_deg
+            ):
+                known = field
                 break
         if known is not None and known.fully == fully and known.frames < FRAMES_PER_FOLLOWER:
             return known
@@ -180,10 +181,8 @@ class BySolve:
 
     Parameters
     ----------
-    solve : Solve
     hint : callable
         As of `BySeries`.
-    settings : SolveSettings
     """
 
     def __init__(
@@ -222,7 +221,9 @@ def _verdict(result: FrameResult) -> Verdict:
     told = "; ".join(result.notes)
     if result.solution is not None:
         return Verdict(result.solution, None, told, result.measured, spent)
-    reason = next((one for one in Reason if any(one.value in note for note in result.notes)), Reason.NO_MATCH)
+    reason = next(
+        (known for known in Reason if any(known.value in note for note in result.notes)), Reason.NO_MATCH
+    )
     return Verdict(None, reason, told, result.measured, spent)
 
 
@@ -243,12 +244,10 @@ class Seen:
     looked: FrameLooked
 
     def event(self, arrived: Arrived, utc: datetime, *, moving: bool, segment: str) -> FrameSeen:
-        """What the rules are told at `utc`.
+        """What the rules are given at `utc`.
 
         Parameters
         ----------
-        arrived : Arrived
-        utc : datetime
         moving : bool
             Whether the telescope is at work.
         segment : str
@@ -270,7 +269,7 @@ class Seen:
             error=error,
             of_target=arrived.target is not None,
             sigma_arcsec=sigma,
-            doubts=tuple(str(one) for one in self.looked.doubts),
+            doubts=tuple(str(doubt) for doubt in self.looked.doubts),
             moving=moving,
             field=self.placed.field,
             segment=segment,

@@ -35,6 +35,8 @@ _log = logging.getLogger(__name__)
 VERSION = 2
 """1 did not hold what decisions hang on: played again, they differed."""
 MOST_WAITING = 100_000
+"""So many lines may wait for a disk that is slow or full; more are dropped, and that is reported. Chosen by
+hand. Doubled, so is the memory that a full disk may cost."""
 
 
 class NightRecording:
@@ -61,10 +63,6 @@ class NightRecording:
         self._lock = threading.Lock()
         self._closed = False
         self.problem = ""
-
-    def path_of(self, utc: datetime) -> Path:
-        """The file of the night that an instant belongs to."""
-        return self._folder / f"{self._name_of(utc)}.jsonl"
 
     def keep(self, kind: str, utc: datetime, facts: Mapping[str, object]) -> None:
         """Keep one thing; from any thread, never raises, never waits."""
@@ -132,7 +130,6 @@ class RecordedJournal:
 
     Parameters
     ----------
-    journal : Journal
     keep : callable
         As `NightRecording.keep`.
     """
@@ -143,7 +140,7 @@ class RecordedJournal:
 
     @property
     def problem(self) -> str | None:
-        """Why the journal can't be written just now; None when all is well, or where it doesn't tell."""
+        """Why the journal can't be written just now; None when all is well, or where it doesn't say."""
         told: str | None = getattr(self._journal, "problem", None)
         return told
 
@@ -188,7 +185,10 @@ def _is_torn(path: Path) -> bool:
 
 
 def as_json(value: Any) -> Any:
-    """Values of ours as JSON values: a dataclass becomes an object with its class as `is`."""
+    """Values of ours as JSON values: a dataclass becomes an object with its class as `is`.
+
+    So the names of such classes are part of the file's format: one that is renamed makes other files.
+    """
     match value:
         case None | bool() | int() | str():
             return str(value) if isinstance(value, Enum) else value
@@ -228,11 +228,11 @@ def as_json(value: Any) -> Any:
         case Mapping():
             return {str(key): as_json(one) for key, one in value.items()}
         case list() | tuple():
-            return [as_json(one) for one in value]
+            return [as_json(item) for item in value]
         case set() | frozenset():
-            return sorted(as_json(one) for one in value)
+            return sorted(as_json(item) for item in value)
     if is_dataclass(value) and not isinstance(value, type):
-        plain = {one.name: as_json(getattr(value, one.name)) for one in fields(value)}
+        plain = {field.name: as_json(getattr(value, field.name)) for field in fields(value)}
         return {"is": type(value).__name__, **plain}
     raise TypeError(f"{type(value).__name__} is no JSON value")
 
@@ -279,10 +279,8 @@ class Line:
     ----------
     number : int
         From 1.
-    kind : str
     utc : datetime or None
         Of a header that of the first line of its run.
-    facts : dict
     """
 
     number: int
@@ -297,7 +295,6 @@ class Recording:
 
     Attributes
     ----------
-    path : Path
     header : dict
         Of the first run.
     lines : tuple of Line
@@ -372,7 +369,9 @@ def read_recording(path: Path) -> Recording:
             device=str(path),
             advice="give a file that night.record has written",
         )
-    other = next((one for one in lines if one.kind == "header" and one.facts.get("version") != VERSION), None)
+    other = next(
+        (line for line in lines if line.kind == "header" and line.facts.get("version") != VERSION), None
+    )
     if other is not None:
         raise BadRequest(
             f"line {other.number}: a recording of version {other.facts.get('version')}, not {VERSION}",
@@ -383,7 +382,7 @@ def read_recording(path: Path) -> Recording:
 
 
 class _Facts(dict[str, Any]):
-    """What a line tells; a field that it doesn't have is told with its place."""
+    """The facts of a line; a missing field is reported with its place."""
 
     where = file = ""
 
@@ -398,7 +397,7 @@ class _Facts(dict[str, Any]):
 def _with_place(value: Any, where: str, file: str) -> Any:
     """The same value, whose objects know which line they come from."""
     if isinstance(value, list):
-        return [_with_place(one, where, file) for one in value]
+        return [_with_place(item, where, file) for item in value]
     if not isinstance(value, dict):
         return value
     facts = _Facts((key, _with_place(one, f"{where}, {key}", file)) for key, one in value.items())
@@ -515,7 +514,7 @@ def offset_of(record: Json | None) -> Offset | None:
 
 
 def _solution_read(record: Json) -> Solution:
-    ee, en, nn = (math.nan if one is None else float(one) for one in record["covariance_arcsec2"])
+    ee, en, nn = (math.nan if term is None else float(term) for term in record["covariance_arcsec2"])
     nothing = np.zeros(0)
     pairs = IdentifiedPairs(
         x_px=nothing,

@@ -89,7 +89,7 @@ def meanwhile_of(record: Json) -> Meanwhile:
 
 def judged_of(record: Json) -> Judged:
     """What a correction was judged by."""
-    doubts = tuple(SyncDoubt(one) for one in record["doubts"])
+    doubts = tuple(SyncDoubt(doubt) for doubt in record["doubts"])
     return Judged(cast("By", record["by"]), _context(record["context"]), doubts)
 
 
@@ -194,7 +194,7 @@ class Beliefs:
     def made(self, utc: datetime, look: Look, *, recorded: RecordedSync | None) -> None:
         """A sync on a look is made now; the recorded night made another one in its place, or none."""
         kind: Epoch = "icrs" if isinstance(look.after.place, Icrs) else "apparent"
-        seen, believed = (for_mount(one, kind, utc) for one in (look.seen, look.believed))
+        seen, believed = (for_mount(place, kind, utc) for place in (look.seen, look.believed))
         if recorded is not None:
             self._changes.append(RecordedSync(utc, -recorded.ra_deg, -recorded.dec_deg))
         else:
@@ -214,7 +214,7 @@ class Beliefs:
         return self._now
 
     def of(self, meanwhile: Meanwhile) -> Meanwhile:
-        """What the mount would have said round a frame."""
+        """What the mount's readings round a frame would have been."""
         around = meanwhile.around
         if not self._changes or around is None:
             return meanwhile
@@ -228,8 +228,8 @@ class Beliefs:
 
     def _reading(self, reading: MountReading) -> MountReading:
         place = reading.place
-        since = [one for one in self._changes if one.utc <= reading.utc]
-        ra_deg, dec_deg = sum(one.ra_deg for one in since), sum(one.dec_deg for one in since)
+        since = [change for change in self._changes if change.utc <= reading.utc]
+        ra_deg, dec_deg = sum(change.ra_deg for change in since), sum(change.dec_deg for change in since)
         if ra_deg == 0.0 and dec_deg == 0.0:
             return reading
         moved = replace(place, ra_deg=turn_deg(place.ra_deg + ra_deg), dec_deg=place.dec_deg + dec_deg)

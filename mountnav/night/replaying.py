@@ -15,7 +15,7 @@ from mountnav.navigation.outside_frames import By, Judged, compared, forbids
 from mountnav.navigation.reports import Look
 from mountnav.navigation.sync_judge import decide as judge
 from mountnav.navigation.sync_policy import SyncPolicy
-from mountnav.navigation.sync_trigger import Occasion
+from mountnav.navigation.sync_trigger import SyncTrigger
 from mountnav.night.daylight import night_name, sun_altitude_deg
 from mountnav.night.events import Act, CorrectionEnded, Decision, Event, FrameSeen, NightState, Tick, Why
 from mountnav.night.frames_in import Arrived
@@ -40,9 +40,11 @@ __all__ = ["Judgement", "Replay", "ReplayReport", "Row", "paired"]
 
 
 SAME_ARCSEC = 0.01
-"""Errors that differ by less are the same: the numbers go through a file, and are added up once more."""
+"""Errors that differ by less are the same: the numbers go through a file, and are added up once more, ″. Far
+below what any rule asks for."""
 SAME_ANEW_ARCSEC = 1.0
-"""The same where the frame was identified anew, perhaps by another version."""
+"""The same where the frame was identified again, perhaps by another version, ″. Chosen by hand. Doubled, a
+change of the solver by 2″ goes unsaid."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +53,10 @@ class Row:
 
     Attributes
     ----------
-    utc : datetime
     what : str
         The frame's source, or "night".
     recorded, replayed : str
         "-" where nothing was.
-    same : bool
     """
 
     utc: datetime
@@ -72,13 +72,10 @@ class Judgement:
 
     Attributes
     ----------
-    utc : datetime
     source : str
         Of the frame; empty for decisions about the night itself.
-    then, now : Decision or None
-    ended_then, ended_now : CorrectionEnded or None
     anew : bool
-        Whether the frame was identified anew.
+        Whether the frame was identified again.
     """
 
     utc: datetime
@@ -112,7 +109,7 @@ class Judgement:
             if max(east, north) > (SAME_ANEW_ARCSEC if self.anew else SAME_ARCSEC):
                 return False
         if self.ended_then is None or self.ended_now is None:
-            # a recording that ends before the correction did can't tell
+            # a recording that ends before the correction did doesn't show it
             return self.ended_then is None
         return (self.ended_then.outcome, self.ended_then.doubts) == (
             self.ended_now.outcome,
@@ -124,7 +121,7 @@ def paired(
     then: Sequence[Decision], now: Sequence[Decision]
 ) -> Iterator[tuple[Decision | None, Decision | None]]:
     """The decisions of one event, like with like: an event has one of each kind at most, in their order."""
-    before, after = ({_kind(one): one for one in some} for some in (then, now))
+    before, after = ({_kind(decision): decision for decision in some} for some in (then, now))
     for kind in {**before, **after}:
         yield before.get(kind), after.get(kind)
 
@@ -149,7 +146,8 @@ def _told(decision: Decision | None, end: CorrectionEnded | None) -> str:
 
 
 NEVER_LONGER_S = 3600.0
-"""A pause in the recording is played no longer than this (s of the night)."""
+"""A pause in the recording is played no longer than this (s of the night). Chosen by hand: an hour without a
+line is a service that was off."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,14 +160,12 @@ class ReplayReport:
         The decisions that could be judged, in their order.
     not_judged : int
         Recorded decisions whose values are not all in the recording.
-    frames : int
     solved_anew : int
-        Frames that were identified anew from their files.
+        Frames that were identified again from their files.
     missing : tuple of str
         Files that are gone or changed: their recorded solutions were taken.
     after_missing : int
         Frames that were identified together with a missing one: theirs were taken as well.
-    notes : tuple of str
     """
 
     rows: tuple[Row, ...]
@@ -201,18 +197,15 @@ class Replay:
 
     Parameters
     ----------
-    recording : Recording
     rules : NightRules
         The recorded ones, or others.
-    site : Site
-    telescope_id : str
     sync : SyncPolicy
         By which corrections are judged.
     other_rules : bool
         Whether rules or policy are others than the recorded ones: then what was remembered of the night is
         the replay's own.
     anew : callable or None
-        Makes who identifies frames anew; one for each run of the service.
+        Makes what identifies frames again; one for each run of the service.
     read : callable
         Reads a frame's file if it is still what it was; None if it is not.
     speed : float
@@ -273,7 +266,7 @@ class Replay:
                 case "command-end":
                     self._command_ended(self._commands.pop(line.facts["command_id"], None), line.facts["end"])
         return ReplayReport(
-            tuple(one.row for one in self._judgements),
+            tuple(judgement.row for judgement in self._judgements),
             self._not_judged,
             self._count,
             self._solved_anew,
@@ -330,7 +323,7 @@ class Replay:
     # -- frames -------------------------------------------------------------------------------------------
 
     async def _frame(self, line: Line) -> None:
-        """What the rules are to be told of a frame, made anew of what was known of it."""
+        """What the rules are given of a frame, made again of what was known of it."""
         facts = line.facts
         arrived = _arrived(facts["arrived"])
         self._count += 1
@@ -378,7 +371,7 @@ class Replay:
     # -- events -------------------------------------------------------------------------------------------
 
     def _event(self, line: Line) -> None:
-        number, then = int(line.facts["number"]), [decision_of(one) for one in line.facts["decisions"]]
+        number, then = int(line.facts["number"]), [decision_of(record) for record in line.facts["decisions"]]
         if self._known and number != self._next:
             self._known = False
             self._gaps += 1
@@ -414,7 +407,9 @@ class Replay:
         return decisions
 
     def _compare(self, event: Event, then: Decision | None, now: Decision | None) -> None:
-        frame_id = next((one.frame_id for one in (then, now) if one is not None and one.frame_id), "")
+        frame_id = next(
+            (decision.frame_id for decision in (then, now) if decision is not None and decision.frame_id), ""
+        )
         known = self._frames.get(frame_id)
         judgement = Judgement(
             event.utc,
@@ -463,7 +458,7 @@ class Replay:
         if doubts == judged.doubts and self._by == judged.by:
             return event
         if forbids(doubts, self._by):
-            told = tuple(str(one) for one in doubts)
+            told = tuple(str(doubt) for doubt in doubts)
             return CorrectionEnded(event.utc, frame_id, "refused", None, told)
         if self._by == judged.by and not forbids(judged.doubts, judged.by):
             return event
@@ -472,11 +467,11 @@ class Replay:
         return self._done(event.utc, frame_id)
 
     def _doubts(self, frame_id: str, judged: Judged) -> tuple[SyncDoubt, ...]:
-        """What stands against a correction, judged anew by what it was judged by."""
+        """What stands against a correction, judged again by the same values."""
         look = self._look(frame_id)
         if look is None:
             return judged.doubts
-        return judge(look, Occasion.NIGHT, self.sync, judged.context).doubts
+        return judge(look, SyncTrigger.NIGHT, self.sync, judged.context).doubts
 
     def _made_now(self, utc: datetime, frame_id: str, judgement: Judgement) -> None:
         """A correction that wasn't made then is taken as carried out: the frames don't show it."""

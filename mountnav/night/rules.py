@@ -66,10 +66,8 @@ def plates_agree(
 
     Parameters
     ----------
-    one, other : PlateSeen
     scale_agrees : float
         How near, as a share.
-    rotation_agrees_deg : float
     turned : bool
         Whether half a turn counts as none: the tube may have gone to the other side of the pier.
 
@@ -126,7 +124,7 @@ def agreed_plate(
     if len(kept) < count:
         return kept, None
     newest = kept[-1]
-    scale = median(one.scale_arcsec_px for one in kept)
+    scale = median(plate.scale_arcsec_px for plate in kept)
     return kept, PlateSeen(scale, newest.rotation_deg, newest.parity, newest.size)
 
 
@@ -263,7 +261,7 @@ def _silence(state: NightState, until: datetime, event: Tick) -> Said:
 
 
 def _unsafe_by_others(state: NightState, event: Said) -> tuple[tuple[str, str], ...]:
-    return tuple(one for one in state.unsafe if one[0] != event.by)
+    return tuple(report for report in state.unsafe if report[0] != event.by)
 
 
 def held(state: NightState, hold: Hold, why: Why, text: str) -> Outcome:
@@ -321,9 +319,13 @@ def on_end(state: NightState, event: CorrectionEnded, rules: NightRules) -> Outc
 
 
 USED_KEPT = 1000
-"""So many frames that a correction was decided on are remembered."""
+"""So many frames that a correction was decided on are remembered. Chosen by hand, more than a night's frames
+that correct. Doubled, so is that memory."""
 SIGMAS = 3.0
+"""An error counts from so many sigma of the frame's own noise beyond the bound on, and frames agree within as
+many: 1 of 370 by chance. Doubled, faint frames correct nothing."""
 HOUR = timedelta(hours=1)
+"""Over which `NightRules.max_corrections_per_hour` counts."""
 
 
 def on_frame(state: NightState, frame: FrameSeen, rules: NightRules) -> Outcome:
@@ -406,7 +408,7 @@ def _judged(state: NightState, frame: FrameSeen, rules: NightRules) -> tuple[Nig
         why = _not_now(state, frame, rules)
     if why is not None:
         return state, _leave(frame, why, numbers, error)
-    recent = tuple(one for one in state.corrections if frame.utc - one < HOUR)
+    recent = tuple(corrected_utc for corrected_utc in state.corrections if frame.utc - corrected_utc < HOUR)
     state = replace(
         state,
         under_way=frame.frame_id,
@@ -492,7 +494,10 @@ def _not_now(state: NightState, frame: FrameSeen, rules: NightRules) -> Why | No
         late_s = (frame.utc - frame.arrived_utc).total_seconds()
         if not state.free and late_s >= rules.quiet_s:
             return Why.NOT_QUIET
-    if sum(frame.utc - one < HOUR for one in state.corrections) >= rules.max_corrections_per_hour:
+    if (
+        sum(frame.utc - corrected_utc < HOUR for corrected_utc in state.corrections)
+        >= rules.max_corrections_per_hour
+    ):
         return Why.ENOUGH_THIS_HOUR
     if state.corrected >= rules.max_corrections_per_night:
         return Why.ENOUGH_TONIGHT
@@ -512,12 +517,6 @@ def begun_utc(mid_utc: datetime | None, exposure_s: float | None) -> datetime | 
 
 def decide(state: NightState, event: Event, rules: NightRules) -> Outcome:
     """Tell what a night does about an event.
-
-    Parameters
-    ----------
-    state : NightState
-    event : Tick, Said, FrameSeen or CorrectionEnded
-    rules : NightRules
 
     Returns
     -------

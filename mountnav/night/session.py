@@ -53,7 +53,11 @@ __all__ = ["Listen", "NightReport", "NightSession", "Recorder", "Unrecorded"]
 
 
 POINTS_KEPT = 500
+"""So many frames of the present field are kept for its drift. Chosen by hand: eight hours of a frame a
+minute; older ones are dropped. Doubled, so is the memory that they take."""
 LEAST_JUMP_ARCSEC = 5.0
+"""A smaller step between two frames is no jump but noise and the worm, ″. Chosen by hand. Doubled, a dither
+of 8″ counts as drift."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,9 +75,6 @@ class DriftSoFar:
 
     Attributes
     ----------
-    field, segment : str
-    since_utc, until_utc : datetime
-    frames : int
     drift : Drift or None
         How fast seen minus believed changes since the last jump; None with less than three frames.
     jumps_utc : tuple of datetime
@@ -121,7 +122,7 @@ class Drifting:
             until_utc=points[-1].utc,
             frames=len(points) - start,
             drift=fit_drift(track.part(start, len(points))),
-            jumps_utc=tuple(points[one].utc for one in found),
+            jumps_utc=tuple(points[index].utc for index in found),
             last=points[-1].offset,
         )
 
@@ -129,13 +130,13 @@ class Drifting:
 def _track(points: list[DriftPoint]) -> Track:
     """Offsets as places about the origin of the sky, where east and north are what they are."""
     origin = Icrs(0.0, 0.0)
-    places = [displaced(origin, one.offset.east_arcsec, one.offset.north_arcsec) for one in points]
-    minutes = [(one.utc - points[0].utc).total_seconds() / 60.0 for one in points]
-    sigma = np.array([max(one.sigma_arcsec, 1e-3) for one in points])
+    places = [displaced(origin, point.offset.east_arcsec, point.offset.north_arcsec) for point in points]
+    minutes = [(point.utc - points[0].utc).total_seconds() / 60.0 for point in points]
+    sigma = np.array([max(point.sigma_arcsec, 1e-3) for point in points])
     return Track(
         minutes=np.array(minutes),
-        ra_deg=np.array([one.ra_deg for one in places]),
-        dec_deg=np.array([one.dec_deg for one in places]),
+        ra_deg=np.array([place.ra_deg for place in places]),
+        dec_deg=np.array([place.dec_deg for place in places]),
         sigma_arcsec=sigma,
         anchor=np.zeros(len(points), dtype=np.int64),
         anchor_sigma_arcsec=np.zeros(len(points)),
@@ -145,8 +146,11 @@ def _track(points: list[DriftPoint]) -> Track:
 _log = logging.getLogger(__name__)
 
 READINGS_MISSED = 3
-"""So many readings in a row that fail, and the mount counts as lost."""
+"""So many readings in a row that fail, and the mount counts as lost. Chosen by hand. Doubled, a lost mount is
+noticed twice as late."""
 HALT_S = 60.0
+"""A correction that is cancelled has so long to stop its mount, s: three times as long as a driver waits for
+it to rest (`Timing.stop_timeout_s`). Below that a night could end while its mount still turns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,11 +159,8 @@ class NightReport:
 
     Attributes
     ----------
-    state : NightState
     waiting : int
         Frames that wait.
-    drift : DriftSoFar or None
-    last : Decision or None
     sun_altitude_deg : float or None
         At the last tick.
     """
@@ -176,23 +177,16 @@ class NightSession:
 
     Parameters
     ----------
-    telescope : NightTelescope
-    rules : NightRules
-    frames : FramesIn
-    placing : Placing
     name : str
         Of the telescope, in the journal.
     sun_altitude_deg : callable
         Of an instant.
     night_name : callable
         Names the night of an instant.
-    journal : Journal, optional
-    clock : Clock, optional
     listen : callable, optional
         Told of each decision; it never steers.
     remembered : Remembered, optional
         From the journal: the night goes on where it was.
-    recorder : Recorder, optional
     make_way : callable, optional
         Ends what others do with the telescope, where it must be parked because it isn't safe.
     """
@@ -281,8 +275,6 @@ class NightSession:
 
         Parameters
         ----------
-        word : Word
-        why : str
         for_s : float, optional
             Of `BUSY`: how long the exposure takes from now on. Of `SAFE`: how long that holds.
         by : str
@@ -300,7 +292,7 @@ class NightSession:
     async def read_mount(self) -> None:
         """Read the mount, so that frames that come later can be compared; notice when it is gone."""
         try:
-            reading = await self._telescope.glance()
+            reading = await self._telescope.read_mount()
         except DeviceError as error:
             self._missed += 1
             if self._missed == READINGS_MISSED:
@@ -375,7 +367,7 @@ class NightSession:
         return answer
 
     async def _seen(self, frame: Frame, inputs: dict[str, object]) -> Seen:
-        """Identify and compare; `inputs` is told all that this goes by, as far as it came."""
+        """Identify and compare; `inputs` gets all that this goes by, as far as it came."""
         fully = self._state.phase is Phase.CALIBRATING
         middle = frame.mid_exposure_utc
         near = None if middle is None else self._telescope.believed(middle)
@@ -409,7 +401,7 @@ class NightSession:
     # -- corrections --------------------------------------------------------------------------------------
 
     async def _correct(self, look: Look, decision: Decision, told_target: Icrs | None, field: str) -> str:
-        """Carry a correction out; whatever happens, its end is told to the rules."""
+        """Carry a correction out; whatever happens, its end goes to the rules."""
         by = cast("By", self.rules.correct_by)  # "nothing" is never decided
         wanted = told_target
         if by != "sync" and wanted is None and decision.error is not None:
@@ -438,7 +430,7 @@ class NightSession:
                     self._forget_correction(look, decision, outcome)
                     raise
             except SyncRefused as error:
-                outcome, told, doubts = "refused", str(error), tuple(str(one) for one in error.doubts)
+                outcome, told, doubts = "refused", str(error), tuple(str(doubt) for doubt in error.doubts)
             except Cancelled as error:
                 outcome, told = "cancelled", str(error)
             except MountnavError as error:
@@ -460,7 +452,7 @@ class NightSession:
         self._notes.decided_now(decision, self._state, ended=outcome)
 
     async def _halt(self) -> None:
-        """End the correction under way; what it moved is stopped by whoever moves it."""
+        """End the correction under way; what it moved is stopped by the order that moves it."""
         task = self._correcting
         if task is None:
             return
@@ -478,14 +470,14 @@ class NightSession:
             for decision in decisions:
                 self._last = decision
                 self._parking.decided(decision)
-                # told and begun to be written in their order; only a correction waits until that is done: a
-                # journal that hangs must not leave the telescope in the rain
+                # reported and begun to be written in their order; only a correction waits until that is
+                # done: a journal that hangs must not leave the telescope in the rain
                 writing.append(waited_for(self._notes.decided(decision, state)))
                 await asyncio.sleep(0)
                 if decision.act is Act.CORRECT and not await writing[-1]:
                     # what leaves no trace isn't done
                     self._decide(CorrectionEnded(self._clock.utc(), decision.frame_id, "failed"))
-                    return tuple(_unwritten(one) if one is decision else one for one in decisions)
+                    return tuple(_unwritten(each) if each is decision else each for each in decisions)
                 if decision.act is Act.HALT:
                     await self._halt()
                 elif decision.act is Act.PARK:
@@ -503,7 +495,9 @@ class NightSession:
 
 
 def _of_frame(decisions: tuple[Decision, ...]) -> Decision | None:
-    return next((one for one in reversed(decisions) if one.act in (Act.CORRECT, Act.LEAVE)), None)
+    return next(
+        (decision for decision in reversed(decisions) if decision.act in (Act.CORRECT, Act.LEAVE)), None
+    )
 
 
 def _unwritten(decision: Decision) -> Decision:

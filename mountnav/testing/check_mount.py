@@ -18,6 +18,8 @@ from mountnav.tasks import waited_for
 __all__ = ["NonConforming", "check_mount", "check_skills"]
 
 STOP_ON_WIRE_S = 0.1
+"""A stop must be on the wire so soon, s, whatever else goes on: at 5°/s that is half a degree. Doubled, a
+stop that queues behind a question of 0.15 s would pass."""
 
 
 class NonConforming(AssertionError):
@@ -28,7 +30,7 @@ async def check_mount(mount: Mount, *, step_deg: float = 1.0) -> None:
     """Check an opened mount: reading, small slew and back, sync and its undoing, stop, wrong kind of place.
 
     A mount that is `Skilled` is also parked and unparked, and its tracking switched off and on, where it says
-    it can; one that `Trusts` must do so after connecting, or be told to before. A mount with a `wire_log` is
+    it can; one that `Trusts` must do so after connecting, or be trusted before. A mount with a `wire_log` is
     checked for a stop on the wire within 100 ms.
 
     Parameters

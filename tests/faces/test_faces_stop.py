@@ -175,7 +175,7 @@ async def test_a_stop_is_next_though_an_answer_is_awaited() -> None:
     """The mount owes an answer for seconds; the stop doesn't wait for it."""
     async with standing() as stand, hands(stand) as by:
         stand.mechanics.slew_rate_deg_s = 1.0
-        wire = stand.service.observatory.telescope("east").navigator.mount.told("wire_log")
+        wire = stand.service.observatory.telescope("east").navigator.mount.wire_log
         assert isinstance(wire, WireLog)
         stand.fake.add_fault(Fault("late", on=b":MS#", delay_s=LATE_S))
         mark = stand.mark()

@@ -16,7 +16,7 @@ from mountnav.pointing.limits.scene import Scene
 from mountnav.simulation.machine import Machine
 from mountnav.sky.chain import hour_angle_to_icrs
 from mountnav.sky.coordinates import HourAngle, Icrs, Site
-from tests.mount.test_mount import AIR, NIGHT, SITE, Rig, run
+from tests.mount.mount_rig import AIR, NIGHT, SITE, Rig, run
 
 LIMITS = Limits(20.0, margin_deg=0.5, rate_ratio=(0.8, 1.25))
 STAYS = Machine(mounting="german", side_rule="stay", meridian_limits_deg=(60.0, 60.0), starts_at="zenith")

@@ -9,7 +9,7 @@ import pytest
 from mountnav.devices import PierSide
 from mountnav.mount.axis_rates import HEARD_AFTER_S, Braking
 from mountnav.pointing.limits.postures import Standing
-from tests.mount.test_mount import NIGHT
+from tests.mount.mount_rig import NIGHT
 
 
 def turned_deg(t_s: float, rate: float, acceleration: float) -> float:

@@ -16,7 +16,7 @@ import pytest
 
 from drivers.simulated.mount import SimulatedMount
 from mountnav.devices import Direction, SlewOutcome
-from tests.mount.test_mount import Rig, run
+from tests.mount.mount_rig import Rig, run
 
 ROOT = Path(__file__).parents[2]
 ORDERS = {"slew", "sync", "park", "unpark", "home", "set_tracking", "guide", "stop", "set_park"}

@@ -12,7 +12,7 @@ from mountnav.errors import DeviceRefused, Refusal, RefusedButDone, SyncIgnored
 from mountnav.journal.records import EntryKind, Outcome
 from mountnav.pointing.limits import Limits
 from mountnav.sky.sphere import displaced
-from tests.mount.test_mount import Rig, run
+from tests.mount.mount_rig import Rig, run
 from tests.navigation.virtual_rig import ERRORS, VirtualRig, in_virtual_time
 
 

@@ -10,7 +10,7 @@ from drivers.simulated.behavior import MountBehavior
 from mountnav.devices import MountReading, PierSide, SlewOutcome
 from mountnav.pointing.limits import Limits
 from mountnav.simulation.mechanics import Machine
-from tests.mount.test_mount import Rig, run
+from tests.mount.mount_rig import Rig, run
 
 _OTHER = {PierSide.EAST: PierSide.WEST, PierSide.WEST: PierSide.EAST}
 

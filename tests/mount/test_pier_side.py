@@ -25,7 +25,7 @@ from mountnav.simulation.machine import Machine
 from mountnav.simulation.virtual_time import run_virtually
 from mountnav.sky.chain import icrs_to_observed
 from mountnav.sky.sphere import half_turn_deg
-from tests.mount.test_mount import AIR, SITE, Rig, run
+from tests.mount.mount_rig import AIR, SITE, Rig, run
 
 STAYS = Machine(
     mounting="german",

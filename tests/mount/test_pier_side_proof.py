@@ -14,7 +14,7 @@ from mountnav.mount.pier_side import SIDE_PROVEN, SideUnproven
 from mountnav.pointing.limits import Limits
 from mountnav.simulation.machine import Machine
 from mountnav.sky.sphere import half_turn_deg
-from tests.mount.test_mount import AIR, SITE, Rig, run
+from tests.mount.mount_rig import AIR, SITE, Rig, run
 
 # one that would go far past the meridian rather than change sides
 GERMAN = Machine(mounting="german", starts_at="zenith", side_rule="stay", meridian_limits_deg=(60.0, 60.0))

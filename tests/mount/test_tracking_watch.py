@@ -19,7 +19,7 @@ from mountnav.simulation.mechanics import Machine
 from mountnav.sky.chain import icrs_to_apparent, icrs_to_observed
 from mountnav.sky.planets import position_of_body
 from mountnav.sky.sphere import separation_arcsec
-from tests.mount.test_mount import AIR, SITE, Rig, run
+from tests.mount.mount_rig import AIR, SITE, Rig, run
 
 
 def altitude_deg(rig: Rig) -> float:

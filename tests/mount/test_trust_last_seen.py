@@ -17,7 +17,7 @@ from mountnav.errors import DeviceRefused, Refusal
 from mountnav.journal.records import CommandRecord, Order
 from mountnav.journal.sql_journal import SqlJournal, open_journal
 from mountnav.mount.trust import ELSEWHERE_DEG, LastSeen, strayed_deg, why_not_to_trust
-from mountnav.navigation.sync import Occasion
+from mountnav.navigation.sync import SyncTrigger
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_apparent
 from mountnav.sky.coordinates import HourAngle, Icrs
 from mountnav.sky.sphere import displaced
@@ -163,7 +163,7 @@ def test_distrust_survives_until_a_sync_was_seen(tmp_path: Path) -> None:
         rig.driver._session.trust("the way there is not what is tried here")
         await rig.driver.slew(for_mount(rig.up(), "apparent", rig.clock.utc()))
         await rig.clock.sleep(2.0)
-        await rig.guard.commit(await rig.look(), Occasion.RECOVERY)
+        await rig.guard.commit(await rig.look(), SyncTrigger.RECOVERY)
         assert rig.mount.trusted
         await rig.mount.reading()
 

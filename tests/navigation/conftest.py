@@ -16,7 +16,7 @@ from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.stars import Catalog
 from mountnav.clock import utc_now
 from mountnav.devices import Mount
-from mountnav.navigation.look import Solve
+from mountnav.navigation.equipment import Solve, equip
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
@@ -93,17 +93,19 @@ async def make_rig() -> AsyncIterator[MakeRig]:
             catalog = embedded_catalog()
             events: list[tuple[str, dict[str, object]]] = []
             navigator = Navigator(
-                name="rig",
-                mount=wrap(open_mount(f"lx200+serial://{bench.address}")),
-                camera=SimulatedCamera(mechanics.truth, optics, catalog, seed=7),
-                catalog=catalog,
-                site=site,
-                air=AIR,
-                policy=policy,
-                listen=lambda kind, data: events.append((kind, data)),
-                solving=solving,
-                solve=None if solve is None else solve(mechanics, catalog),
-                mounting="fork",
+                equip(
+                    name="rig",
+                    mount=wrap(open_mount(f"lx200+serial://{bench.address}")),
+                    camera=SimulatedCamera(mechanics.truth, optics, catalog, seed=7),
+                    catalog=catalog,
+                    site=site,
+                    air=AIR,
+                    policy=policy,
+                    listen=lambda kind, data: events.append((kind, data)),
+                    solving=solving,
+                    solve=None if solve is None else solve(mechanics, catalog),
+                    mounting="fork",
+                )
             )
             await navigator.open()
             stack.push_async_callback(navigator.close)

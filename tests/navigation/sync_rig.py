@@ -166,8 +166,6 @@ class SyncRig:
             policy=self.policy,
             learned=self.learned,
             pointing=self.pointing,
-            site=SITE,
-            air=AIR,
             journal=self.journal,
             clock=clock,
             listen=lambda kind, data: self.events.append((kind, data)),

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import math
 import random
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from mountnav.identification.plate import Plate
 from mountnav.identification.wcs import wcs_cards
 from mountnav.navigation.camera import CameraSample, axis_angle_deg, distortion_px2
 from mountnav.navigation.learned import Learned, LessonKind
+from mountnav.pointing.limits import Mounting
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.chain import apparent_to_icrs, hour_angle_to_apparent
@@ -69,6 +72,13 @@ inliers = st.builds(
     st.floats(CAMERA_DEG - 1.0, CAMERA_DEG + 1.0),
     st.sampled_from([PierSide.EAST, PierSide.WEST]),
 )
+
+
+def _restored(data: Mapping[str, Any], mounting: Mounting | None = None) -> Learned:
+    """What another start makes of it."""
+    made = Learned(mounting=mounting)
+    made.restore(data)
+    return made
 
 
 @given(st.lists(inliers, min_size=5, max_size=30), st.randoms(use_true_random=False))
@@ -260,7 +270,7 @@ def test_a_wrong_focal_length_is_only_a_warning() -> None:
 def test_it_survives_a_restart(samples: list[CameraSample]) -> None:
     learned = taught(*samples)
     data = json.loads(json.dumps(learned.as_dict()))
-    again = Learned.from_dict(data, mounting="german")
+    again = _restored(data, mounting="german")
     assert again.normal == learned.normal
     assert again.waiting == learned.waiting
     assert again.as_dict() == learned.as_dict()
@@ -272,10 +282,10 @@ def test_a_damaged_journal_teaches_nothing_wrong() -> None:
     data["kept"][1]["side"] = "left"
     del data["kept"][2]["utc"]
     data["kept"].append("nonsense")
-    again = Learned.from_dict(data, mounting="german")
+    again = _restored(data, mounting="german")
     assert again.normal is not None
     assert again.normal.solves == 3
-    assert Learned.from_dict({"format": 99, "kept": data["kept"]}).normal is None
+    assert _restored({"format": 99, "kept": data["kept"]}).normal is None
     assert taught(replace(sample(), scale_arcsec_px=math.inf)).as_dict()["kept"] == []
 
 

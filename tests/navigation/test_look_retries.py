@@ -289,7 +289,7 @@ def test_a_recovery_takes_a_third_frame_and_lets_the_mount_track() -> None:
             await rig.navigator.recover()
         except (OffsetImplausible, SyncRefused, OutsideLimits):
             return 0
-        assert (await rig.navigator.glance()).tracking is True
+        assert (await rig.navigator.read_mount()).tracking is True
         used = [one for one in rig.journal.looks if one.used == "recovery"]
         assert rig.off_arcsec((await rig.navigator.look()).believed) < 30.0
         return len(used)

@@ -22,9 +22,9 @@ from tests.navigation.virtual_rig import AIR, START, VirtualRig, in_virtual_time
 
 async def exposed(rig: VirtualRig, exposure_s: float = 30.0) -> Frame:
     """A science frame, with the mount glanced at before and after, as a night does."""
-    await rig.navigator.glance()
+    await rig.navigator.read_mount()
     frame = await rig.camera.expose(exposure_s)
-    await rig.navigator.glance()
+    await rig.navigator.read_mount()
     return frame
 
 
@@ -85,7 +85,7 @@ def test_a_frame_from_before_the_last_move_corrects_nothing() -> None:
 def test_a_frame_in_motion_is_doubted() -> None:
     async def work(rig: VirtualRig) -> None:
         await rig.navigator.slew(rig.up(-20.0, 30.0))
-        await rig.navigator.glance()
+        await rig.navigator.read_mount()
         exposing = asyncio.ensure_future(rig.camera.expose(20.0))
         await rig.clock.sleep(2.0)
         await rig.navigator.offset(1500.0, 0.0)
@@ -124,7 +124,7 @@ def test_an_offset_without_a_target_and_a_second_work_are_refused() -> None:
         with pytest.raises(Busy):
             await rig.navigator.correct(found.look, by="offset", target=rig.up(0.0, 0.0))
         assert rig.navigator.activity == "centering"
-        await rig.navigator.glance()
+        await rig.navigator.read_mount()
         await running
 
     in_virtual_time(work)

@@ -26,7 +26,7 @@ from mountnav.journal.records import CommandRecord, Entry, EntryKind
 from mountnav.mount.kill_points import watching_kill_points
 from mountnav.navigation.learned import Learned, LessonKind
 from mountnav.navigation.reports import Look
-from mountnav.navigation.sync import GuardedSync, Occasion
+from mountnav.navigation.sync import GuardedSync, SyncTrigger
 from mountnav.navigation.sync_policy import SyncPolicy, SyncRule
 from mountnav.navigation.sync_transaction import SyncUndone, UndoFailed, turned_over
 from mountnav.pointing.model.in_force import Expected
@@ -56,7 +56,7 @@ def test_a_sync_makes_the_mount_believe_the_truth(place: tuple[float, float], di
         found = await pointed(rig, *place)
         before, segment = await rig.off_arcsec(), rig.mount.segment_id
         assert before > 500.0
-        report = await rig.guard.commit(found, Occasion.CENTERING, target="M13")
+        report = await rig.guard.commit(found, SyncTrigger.CENTERING, target="M13")
         assert report.outcome is SyncOutcome.SEEN
         assert await rig.off_arcsec() < 2.0 + rig.mount.resolution_arcsec
         assert rig.syncs == 1
@@ -80,12 +80,56 @@ def test_a_sync_makes_the_mount_believe_the_truth(place: tuple[float, float], di
     rigged(work, dialect=dialect, policy=ANYWHERE)
 
 
+def test_a_decision_that_is_handed_on_is_not_judged_once_more() -> None:
+    async def work(rig: SyncRig) -> None:
+        found = await pointed(rig)
+        decision = rig.guard.consider(found, SyncTrigger.CENTERING)
+        assert decision.allowed
+        # judged now it would be refused: by the rule
+        rig.guard.policy = SyncPolicy(rule=SyncRule.NEVER, confirm=False)
+        with pytest.raises(SyncRefused):
+            await rig.guard.commit(found, SyncTrigger.CENTERING)
+        report = await rig.guard.commit(found, SyncTrigger.CENTERING, decision=decision)
+        assert report.outcome is SyncOutcome.SEEN
+        assert rig.syncs == 1
+
+    rigged(work)
+
+
+def test_a_decision_that_is_handed_on_does_not_hide_a_mount_that_moved_since() -> None:
+    async def work(rig: SyncRig) -> None:
+        found = await pointed(rig)
+        decision = rig.guard.consider(found, SyncTrigger.CENTERING)
+        await rig.slew(rig.up(20.0, 31.0))
+        with pytest.raises(SyncRefused) as refusal:
+            await rig.guard.commit(found, SyncTrigger.CENTERING, decision=decision)
+        assert refusal.value.doubts == (SyncDoubt.MOVED,)
+        assert rig.syncs == 0
+
+    rigged(work)
+
+
+def test_the_facts_of_a_sync_grow_in_the_order_in_which_things_happened() -> None:
+    async def work(rig: SyncRig) -> None:
+        found = await pointed(rig)
+        again = rig.look
+        await rig.guard.commit(found, SyncTrigger.CENTERING, look_again=again)
+        (end,) = rig.notes(EntryKind.SYNC)
+        names = list(end.facts)
+        assert names[:3] == ["occasion", "target", "look_id"]
+        order = ["confirmed_by", "segment_before", "seen_as", "verified_by", "outcome", "segment_after"]
+        assert [name for name in names if name in order] == order
+        assert end.facts["segment_before"] != end.facts["segment_after"] == rig.mount.segment_id
+
+    rigged(work, policy=SyncPolicy(verify=True))
+
+
 def test_a_frame_from_before_the_sync_never_doubles_it() -> None:
     async def work(rig: SyncRig) -> None:
         found = await pointed(rig)
-        await rig.guard.commit(found, Occasion.ORDERED)
+        await rig.guard.commit(found, SyncTrigger.ORDERED)
         with pytest.raises(SyncRefused) as refusal:
-            await rig.guard.commit(found, Occasion.ORDERED)
+            await rig.guard.commit(found, SyncTrigger.ORDERED)
         assert refusal.value.doubts[0] is SyncDoubt.OLDER_THAN_MOVE
         assert rig.syncs == 1
         assert await rig.off_arcsec() < 2.0
@@ -98,7 +142,7 @@ def test_a_mount_that_was_moved_since_the_frame_is_not_synced() -> None:
     async def work(rig: SyncRig) -> None:
         found = await pointed(rig)
         await rig.slew(rig.up(20.0, 31.0))
-        decision = rig.guard.consider(found, Occasion.CENTERING)
+        decision = rig.guard.consider(found, SyncTrigger.CENTERING)
         assert SyncDoubt.OLDER_THAN_MOVE in decision.doubts
         assert SyncDoubt.OLDER_THAN_MOVE in decision.against_the_sky
 
@@ -107,19 +151,19 @@ def test_a_mount_that_was_moved_since_the_frame_is_not_synced() -> None:
         place = rig.mechanics.reported()
         rig.mechanics.slew(replace(place, dec_deg=place.dec_deg + 0.2))
         await rig.clock.sleep(3.0)
-        assert rig.guard.consider(found, Occasion.CENTERING).allowed
+        assert rig.guard.consider(found, SyncTrigger.CENTERING).allowed
         with pytest.raises(SyncRefused) as refusal:
-            await rig.guard.commit(found, Occasion.CENTERING)
+            await rig.guard.commit(found, SyncTrigger.CENTERING)
         assert refusal.value.doubts == (SyncDoubt.MOVED,)
         assert rig.syncs == 0
 
         # or told of late
         fresh = await rig.look()
-        assert rig.guard.consider(fresh, Occasion.ORDERED).allowed
+        assert rig.guard.consider(fresh, SyncTrigger.ORDERED).allowed
         rig.guard.note_move(rig.clock.utc())
-        assert rig.guard.consider(fresh, Occasion.ORDERED).doubts == (SyncDoubt.OLDER_THAN_MOVE,)
+        assert rig.guard.consider(fresh, SyncTrigger.ORDERED).doubts == (SyncDoubt.OLDER_THAN_MOVE,)
         await rig.clock.sleep(200.0)
-        assert SyncDoubt.TOO_OLD in rig.guard.consider(fresh, Occasion.ORDERED).doubts
+        assert SyncDoubt.TOO_OLD in rig.guard.consider(fresh, SyncTrigger.ORDERED).doubts
 
     rigged(work)
 
@@ -131,7 +175,7 @@ def test_a_refusal_is_named_written_and_sends_nothing() -> None:
     async def work(rig: SyncRig) -> None:
         found = await pointed(rig)
         with pytest.raises(SyncRefused, match="never sync") as refusal:
-            await rig.guard.commit(found, Occasion.CENTERING)
+            await rig.guard.commit(found, SyncTrigger.CENTERING)
         assert refusal.value.doubts == (SyncDoubt.POLICY_NEVER,)
         assert "sync.rule" in str(refusal.value.advice)
         assert rig.syncs == 0
@@ -140,7 +184,7 @@ def test_a_refusal_is_named_written_and_sends_nothing() -> None:
         assert rig.decisions() == []
         assert rig.told("sync-refused")[0]["doubts"] == ["policy-never"]
         # what is ordered by name doesn't ask for the rule
-        await rig.guard.commit(await rig.look(), Occasion.ORDERED)
+        await rig.guard.commit(await rig.look(), SyncTrigger.ORDERED)
         assert rig.syncs == 1
 
     rigged(work, policy=SyncPolicy(rule=SyncRule.NEVER, confirm=False))
@@ -150,7 +194,7 @@ def test_the_cap_on_the_size_is_the_old_error_too() -> None:
     async def work(rig: SyncRig) -> None:
         found = await pointed(rig)
         with pytest.raises(OffsetImplausible) as refusal:
-            await rig.guard.commit(found, Occasion.ORDERED)
+            await rig.guard.commit(found, SyncTrigger.ORDERED)
         assert isinstance(refusal.value, TooFarToSync)
         assert isinstance(refusal.value, SyncRefused)
         assert refusal.value.slug == "offset-too-large"
@@ -168,27 +212,27 @@ def test_counting_rules_over_a_night_and_a_restart() -> None:
             ((20.0, 30.0), "one", False),
         ):
             found = await pointed(rig, *place)
-            decision = rig.guard.consider(found, Occasion.NIGHT, target=name)
+            decision = rig.guard.consider(found, SyncTrigger.NIGHT, target=name)
             assert decision.allowed is allowed, decision
             if allowed:
-                await rig.guard.commit(found, Occasion.NIGHT, target=name)
+                await rig.guard.commit(found, SyncTrigger.NIGHT, target=name)
         reborn = SyncRig(rig.clock, {"policy": rig.policy}).guard
         reborn.restore(rig.journal.entries)
-        doubts = reborn.consider(found, Occasion.NIGHT, target="one").doubts
+        doubts = reborn.consider(found, SyncTrigger.NIGHT, target="one").doubts
         assert SyncDoubt.SAME_TARGET in doubts
-        assert SyncDoubt.SAME_TARGET not in reborn.consider(found, Occasion.NIGHT, target="three").doubts
+        assert SyncDoubt.SAME_TARGET not in reborn.consider(found, SyncTrigger.NIGHT, target="three").doubts
         rig.clock.now_s += 24 * 3600.0
-        assert SyncDoubt.SAME_TARGET not in rig.guard.consider(found, Occasion.NIGHT, target="one").doubts
+        assert SyncDoubt.SAME_TARGET not in rig.guard.consider(found, SyncTrigger.NIGHT, target="one").doubts
 
     rigged(work, policy=SyncPolicy(rule=SyncRule.PER_TARGET, confirm=False))
 
 
 def test_first_of_night() -> None:
     async def work(rig: SyncRig) -> None:
-        await rig.guard.commit(await pointed(rig), Occasion.NIGHT)
+        await rig.guard.commit(await pointed(rig), SyncTrigger.NIGHT)
         found = await pointed(rig, 40.0, 10.0)
-        assert rig.guard.consider(found, Occasion.NIGHT).doubts == (SyncDoubt.NOT_FIRST,)
-        assert rig.guard.consider(found, Occasion.ORDERED).allowed
+        assert rig.guard.consider(found, SyncTrigger.NIGHT).doubts == (SyncDoubt.NOT_FIRST,)
+        assert rig.guard.consider(found, SyncTrigger.ORDERED).allowed
 
     rigged(work, policy=SyncPolicy(rule=SyncRule.FIRST_OF_NIGHT, confirm=False))
 
@@ -200,7 +244,7 @@ def test_first_of_night() -> None:
 def test_false_solutions_are_never_committed_and_teach_nothing() -> None:
     async def work(rig: SyncRig) -> None:
         await rig.taught()
-        await rig.guard.commit(await pointed(rig), Occasion.CENTERING)
+        await rig.guard.commit(await pointed(rig), SyncTrigger.CENTERING)
         await rig.guard.learn(await rig.look())
         pointing, chance = rig.pointing, random.Random(11)
         assert isinstance(pointing, HeardPointing)
@@ -216,9 +260,9 @@ def test_false_solutions_are_never_committed_and_teach_nothing() -> None:
             lesson = await rig.guard.learn(wrong)
             assert lesson.kind is LessonKind.REFUSED
             with pytest.raises(SyncRefused):
-                await rig.guard.commit(wrong, Occasion.CENTERING)
+                await rig.guard.commit(wrong, SyncTrigger.CENTERING)
             # and no correction by offset either
-            assert rig.guard.consider(wrong, Occasion.CENTERING).against_the_sky
+            assert rig.guard.consider(wrong, SyncTrigger.CENTERING).against_the_sky
         assert rig.syncs == 1
         assert rig.learned.normal == normal
         assert len(pointing.looks) == looks
@@ -234,10 +278,10 @@ def test_a_false_solution_with_all_the_right_numbers_is_where_the_model_says_it_
         await rig.taught()
         for wrong in ((400.0, 0.0), (0.0, -1500.0), (1500.0, 3000.0)):
             found = await rig.look(wrong=wrong)
-            decision = rig.guard.consider(found, Occasion.CENTERING)
+            decision = rig.guard.consider(found, SyncTrigger.CENTERING)
             assert decision.doubts == (SyncDoubt.NOT_EXPECTED,), wrong
             assert "the model" in decision.why
-        assert rig.guard.consider(await rig.look(wrong=(100.0, 0.0)), Occasion.CENTERING).allowed
+        assert rig.guard.consider(await rig.look(wrong=(100.0, 0.0)), SyncTrigger.CENTERING).allowed
 
     errors = PointingErrors(ih_arcsec=-150.0)
     rigged(work, errors=errors, pointing=SureModel(Expected(Offset(130.0, 0.0), 15.0)))
@@ -250,17 +294,17 @@ def test_one_accepted_false_sync_poisons_nothing_for_long() -> None:
         await rig.slew(rig.up())
         # nothing is known of this pointing yet, and it looks perfect: it is believed
         false = await rig.look(wrong=(3000.0, 4000.0))
-        await rig.guard.commit(false, Occasion.ORDERED)
+        await rig.guard.commit(false, SyncTrigger.ORDERED)
         assert await rig.off_arcsec() > 4000.0
         lessons = [await rig.guard.learn(await rig.look()) for _ in range(2)]
         assert {one.kind for one in lessons} == {LessonKind.REFUSED}
-        assert rig.guard.consider(await rig.look(), Occasion.CENTERING).doubts == (SyncDoubt.NOT_EXPECTED,)
+        assert rig.guard.consider(await rig.look(), SyncTrigger.CENTERING).doubts == (SyncDoubt.NOT_EXPECTED,)
         assert rig.told("zero-points-changed") == []
         # three true looks agree against the one false one
         await rig.guard.learn(await rig.look())
         assert len(rig.told("zero-points-changed")) == 1
         assert any("zero points have changed" in row.what for row in rig.notes(EntryKind.FAULT))
-        await rig.guard.commit(await rig.look(), Occasion.CENTERING)
+        await rig.guard.commit(await rig.look(), SyncTrigger.CENTERING)
         assert await rig.off_arcsec() < 3.0
         assert rig.learned.normal is not None
         assert normal is not None
@@ -285,8 +329,8 @@ def test_a_frame_unlike_those_before_is_refused(shown: dict[str, Any], doubt: Sy
     async def work(rig: SyncRig) -> None:
         await rig.taught()
         found = await rig.look(**shown)
-        for occasion in Occasion:
-            assert rig.guard.consider(found, occasion).doubts == (doubt,)
+        for trigger in SyncTrigger:
+            assert rig.guard.consider(found, trigger).doubts == (doubt,)
 
     rigged(work)
 
@@ -299,7 +343,7 @@ def test_both_sides_of_the_pier_show_one_camera() -> None:
             found = await pointed(rig, ha_deg, 40.0)
             sides.add(found.after.pier_side)
             assert await rig.guard.learn(found)
-            assert rig.guard.consider(found, Occasion.ORDERED).allowed
+            assert rig.guard.consider(found, SyncTrigger.ORDERED).allowed
             if rig.learned.normal is not None:
                 assert rig.guard.side_seen(found) is found.after.pier_side
         assert sides == {PierSide.EAST, PierSide.WEST}
@@ -308,7 +352,7 @@ def test_both_sides_of_the_pier_show_one_camera() -> None:
 
         lying = replace(found.after, pier_side=PierSide.WEST)
         misled = replace(found, before=lying, after=lying)
-        assert rig.guard.consider(misled, Occasion.RECOVERY).doubts == (SyncDoubt.WRONG_SIDE,)
+        assert rig.guard.consider(misled, SyncTrigger.RECOVERY).doubts == (SyncDoubt.WRONG_SIDE,)
         assert rig.guard.side_seen(misled) is PierSide.EAST
 
     rigged(work)
@@ -329,8 +373,8 @@ def test_looks_that_agree_on_a_place_too_far_off_make_the_position_count_no_more
         assert not rig.mount.trusted
         # and then one look, however good, doesn't make it count again
         found = await rig.look()
-        assert rig.guard.consider(found, Occasion.CENTERING).doubts == (SyncDoubt.NOT_EXPECTED,)
-        assert rig.guard.consider(found, Occasion.RECOVERY).allowed
+        assert rig.guard.consider(found, SyncTrigger.CENTERING).doubts == (SyncDoubt.NOT_EXPECTED,)
+        assert rig.guard.consider(found, SyncTrigger.RECOVERY).allowed
         pointing = rig.pointing
         assert isinstance(pointing, HeardPointing)
         looks = len(pointing.looks)
@@ -360,7 +404,7 @@ def test_the_first_sync_is_confirmed_and_the_next_ones_need_it_no_more() -> None
             await rig.slew(rig.up(*place))
             found = await again()
             taken -= 1
-            await rig.guard.commit(found, Occasion.CENTERING, look_again=again)
+            await rig.guard.commit(found, SyncTrigger.CENTERING, look_again=again)
             assert await rig.off_arcsec() < 3.0
         # before the camera was learned (three solves), and never again
         confirmed = [row.facts.get("confirmed_by") for row in rig.notes(EntryKind.SYNC)]
@@ -375,18 +419,18 @@ def test_a_false_first_look_is_not_confirmed_and_never_sent() -> None:
         await rig.slew(rig.up())
         false = await rig.look(wrong=(2500.0, -1500.0))
         await rig.guard.learn(false)
-        assert rig.guard.consider(false, Occasion.CENTERING).allowed
+        assert rig.guard.consider(false, SyncTrigger.CENTERING).allowed
         with pytest.raises(SyncRefused, match="apart") as refusal:
-            await rig.guard.commit(false, Occasion.CENTERING, look_again=rig.look)
+            await rig.guard.commit(false, SyncTrigger.CENTERING, look_again=rig.look)
         assert refusal.value.doubts == (SyncDoubt.NOT_EXPECTED,)
         with pytest.raises(SyncRefused, match="no second look"):
-            await rig.guard.commit(false, Occasion.CENTERING)
+            await rig.guard.commit(false, SyncTrigger.CENTERING)
 
         async def clouds() -> Look:
             raise NotSolved("clouds")
 
         with pytest.raises(SyncRefused, match="clouds"):
-            await rig.guard.commit(false, Occasion.ORDERED, look_again=clouds)
+            await rig.guard.commit(false, SyncTrigger.ORDERED, look_again=clouds)
         # a second false one agrees with nothing either
         other = await rig.look(wrong=(-3000.0, 500.0))
 
@@ -394,7 +438,7 @@ def test_a_false_first_look_is_not_confirmed_and_never_sent() -> None:
             return await rig.look(wrong=(1000.0, 4000.0))
 
         with pytest.raises(SyncRefused):
-            await rig.guard.commit(other, Occasion.CENTERING, look_again=false_again)
+            await rig.guard.commit(other, SyncTrigger.CENTERING, look_again=false_again)
         assert rig.syncs == 0
         assert len(rig.notes(EntryKind.REFUSAL)) == 4
         assert rig.decisions() == []
@@ -408,11 +452,11 @@ def test_a_second_look_is_asked_for_as_long_as_the_camera_is_unknown() -> None:
         rig.guard.pointing = pointing
         found = await pointed(rig)
         with pytest.raises(SyncRefused, match="no second look"):
-            await rig.guard.commit(found, Occasion.CENTERING)
+            await rig.guard.commit(found, SyncTrigger.CENTERING)
         rig.guard.pointing = HeardPointing()
         await rig.taught(3)
         rig.guard.pointing = pointing
-        await rig.guard.commit(await pointed(rig), Occasion.CENTERING)
+        await rig.guard.commit(await pointed(rig), SyncTrigger.CENTERING)
         assert rig.syncs == 1
 
     rigged(work, policy=replace(WARY, confirm_above_arcsec=5.0))
@@ -426,8 +470,8 @@ def test_frames_of_a_night_confirm_each_other() -> None:
             await rig.guard.learn(found)
             if number == 0:
                 with pytest.raises(SyncRefused, match="no second look"):
-                    await rig.guard.commit(found, Occasion.NIGHT)
-        await rig.guard.commit(found, Occasion.NIGHT)
+                    await rig.guard.commit(found, SyncTrigger.NIGHT)
+        await rig.guard.commit(found, SyncTrigger.NIGHT)
         assert rig.notes(EntryKind.SYNC)[0].facts["confirmed_by"] == "look-2"
         assert await rig.off_arcsec() < 3.0
 
@@ -436,7 +480,7 @@ def test_frames_of_a_night_confirm_each_other() -> None:
 
 def test_a_small_sync_needs_no_second_look() -> None:
     async def work(rig: SyncRig) -> None:
-        await rig.guard.commit(await pointed(rig), Occasion.ORDERED)
+        await rig.guard.commit(await pointed(rig), SyncTrigger.ORDERED)
         assert rig.syncs == 1
 
     rigged(work, policy=WARY, errors=PointingErrors(id_arcsec=100.0))
@@ -451,7 +495,7 @@ def test_an_ignored_sync_is_named_and_remembered_for_the_night() -> None:
         found = await pointed(rig)
         segments = len(rig.notes(EntryKind.SEGMENT))
         with pytest.raises(SyncIgnored):
-            await rig.guard.commit(found, Occasion.CENTERING)
+            await rig.guard.commit(found, SyncTrigger.CENTERING)
         assert rig.syncs == 1
         assert rig.guard.prefers_offset
         (row,) = rig.notes(EntryKind.SYNC)
@@ -474,7 +518,7 @@ def test_a_refused_sync_is_raised_as_it_is() -> None:
         found = await pointed(rig)
         before = await rig.off_arcsec()
         with pytest.raises(DeviceRefused):
-            await rig.guard.commit(found, Occasion.CENTERING)
+            await rig.guard.commit(found, SyncTrigger.CENTERING)
         assert rig.guard.prefers_offset
         assert rig.notes(EntryKind.SYNC)[0].facts["outcome"] == "refused by the mount"
         assert await rig.off_arcsec() == pytest.approx(before, abs=2.0)
@@ -488,7 +532,7 @@ def test_a_late_sync_is_waited_for(late_s: float) -> None:
         rig.mechanics.sync_behavior, rig.mechanics.sync_late_s = "late", late_s
         found = await pointed(rig)
         segment = rig.mount.segment_id
-        report = await rig.guard.commit(found, Occasion.CENTERING)
+        report = await rig.guard.commit(found, SyncTrigger.CENTERING)
         assert report.outcome is SyncOutcome.LATE
         assert await rig.off_arcsec() < 3.0
         assert not rig.guard.prefers_offset
@@ -502,19 +546,21 @@ def test_a_sync_that_comes_later_than_it_is_waited_for_never_doubles_a_correctio
         rig.mechanics.sync_behavior, rig.mechanics.sync_late_s = "late", 25.0
         found = await pointed(rig)
         with pytest.raises(SyncIgnored):
-            await rig.guard.commit(found, Occasion.CENTERING)
+            await rig.guard.commit(found, SyncTrigger.CENTERING)
         # a look while it hangs in the air, and it comes before that is acted on
         between = await rig.look()
         await rig.clock.sleep(30.0)
         assert await rig.off_arcsec() < 3.0
-        decision = rig.guard.consider(between, Occasion.ORDERED)
+        decision = rig.guard.consider(between, SyncTrigger.ORDERED)
         assert SyncDoubt.OLDER_THAN_MOVE in decision.doubts
         assert rig.syncs == 1
         pointing = rig.pointing
         assert isinstance(pointing, HeardPointing)
         assert pointing.segments[-1][0] == rig.mount.segment_id
         # what is seen now is right, and nothing is to be corrected
-        assert rig.guard.consider(await rig.look(), Occasion.CENTERING).doubts == (SyncDoubt.NOT_OFF_ENOUGH,)
+        assert rig.guard.consider(await rig.look(), SyncTrigger.CENTERING).doubts == (
+            SyncDoubt.NOT_OFF_ENOUGH,
+        )
 
     rigged(work)
 
@@ -533,7 +579,7 @@ def test_a_lost_link_leaves_the_outcome_unknown() -> None:
 
         rig.line.write = pulled  # type: ignore[method-assign]
         with pytest.raises(DeviceError):
-            await rig.guard.commit(found, Occasion.CENTERING)
+            await rig.guard.commit(found, SyncTrigger.CENTERING)
         (row,) = rig.notes(EntryKind.SYNC)
         assert row.facts["outcome"] == "unknown"
         assert rig.syncs == 1
@@ -541,7 +587,7 @@ def test_a_lost_link_leaves_the_outcome_unknown() -> None:
         assert isinstance(pointing, HeardPointing)
         assert pointing.segments[-1] == (rig.mount.segment_id, None)
         assert not rig.guard.prefers_offset
-        assert SyncDoubt.OLDER_THAN_MOVE in rig.guard.consider(found, Occasion.ORDERED).doubts
+        assert SyncDoubt.OLDER_THAN_MOVE in rig.guard.consider(found, SyncTrigger.ORDERED).doubts
 
     rigged(work)
 
@@ -552,7 +598,7 @@ def test_a_lost_link_leaves_the_outcome_unknown() -> None:
 def test_a_verified_sync_is_committed_with_its_second_look() -> None:
     async def work(rig: SyncRig) -> None:
         found = await pointed(rig)
-        await rig.guard.commit(found, Occasion.CENTERING, look_again=rig.look)
+        await rig.guard.commit(found, SyncTrigger.CENTERING, look_again=rig.look)
         (row,) = rig.notes(EntryKind.SYNC)
         assert row.facts["outcome"] == "committed"
         assert row.facts["verified_by"] == "look-2"
@@ -572,7 +618,7 @@ def test_a_contradicted_sync_is_taken_back(dialect: str, place: tuple[float, flo
         before = await rig.off_arcsec()
         false = await rig.look(wrong=(2500.0, -1500.0))
         with pytest.raises(SyncUndone, match="taken back") as undone:
-            await rig.guard.commit(false, Occasion.CENTERING, target="M1", look_again=rig.look)
+            await rig.guard.commit(false, SyncTrigger.CENTERING, target="M1", look_again=rig.look)
         assert isinstance(undone.value, SyncRefused)
         assert rig.syncs == 2
         # the mount believes what it did before, not the truth
@@ -588,7 +634,7 @@ def test_a_contradicted_sync_is_taken_back(dialect: str, place: tuple[float, flo
         # it counts as no sync
         assert row.facts["syncs_tonight"] == 0
         found = await rig.look()
-        assert rig.guard._judge.context(found, Occasion.NIGHT, "M1").counts.tonight == 0
+        assert rig.guard._judge.context(found, SyncTrigger.NIGHT, "M1").counts.tonight == 0
 
     rigged(work, policy=replace(ANYWHERE, verify=True), dialect=dialect)
 
@@ -602,7 +648,7 @@ def test_a_sync_that_cannot_be_verified_is_taken_back() -> None:
             raise NotSolved("clouds")
 
         with pytest.raises(SyncUndone, match="clouds"):
-            await rig.guard.commit(found, Occasion.CENTERING, look_again=clouds)
+            await rig.guard.commit(found, SyncTrigger.CENTERING, look_again=clouds)
         # clouds say nothing of how the mount takes syncs
         assert not rig.guard.prefers_offset
         assert await rig.off_arcsec() == pytest.approx(before, abs=3.0)
@@ -612,7 +658,7 @@ def test_a_sync_that_cannot_be_verified_is_taken_back() -> None:
 
         found = await rig.look()
         with pytest.raises(SyncUndone):
-            await rig.guard.commit(found, Occasion.CENTERING, look_again=the_same)
+            await rig.guard.commit(found, SyncTrigger.CENTERING, look_again=the_same)
 
     rigged(work, policy=VERIFYING)
 
@@ -627,7 +673,7 @@ def test_a_sync_that_cannot_be_taken_back_leaves_the_position_untrusted() -> Non
             return await rig.look()
 
         with pytest.raises(UndoFailed, match="could not be taken back"):
-            await rig.guard.commit(false, Occasion.CENTERING, look_again=look_and_turn_deaf)
+            await rig.guard.commit(false, SyncTrigger.CENTERING, look_again=look_and_turn_deaf)
         assert not rig.mount.trusted
         (fault,) = [row for row in rig.notes(EntryKind.FAULT) if "taken back" in row.what]
         assert fault.facts["contradiction"]
@@ -636,7 +682,7 @@ def test_a_sync_that_cannot_be_taken_back_leaves_the_position_untrusted() -> Non
             await rig.slew(rig.up(10.0, 20.0))
         # two frames that agree make it count again
         rig.mechanics.sync_behavior = "normal"
-        await rig.guard.commit(await rig.look(), Occasion.RECOVERY, look_again=rig.look)
+        await rig.guard.commit(await rig.look(), SyncTrigger.RECOVERY, look_again=rig.look)
         assert rig.mount.trusted
         assert await rig.off_arcsec() < 3.0
 
@@ -649,7 +695,7 @@ def test_a_look_that_could_be_chance_verifies_nothing() -> None:
             return await rig.look(false_probability=1e-3)
 
         with pytest.raises(SyncUndone, match="no good") as undone:
-            await rig.guard.commit(await pointed(rig), Occasion.CENTERING, look_again=weak)
+            await rig.guard.commit(await pointed(rig), SyncTrigger.CENTERING, look_again=weak)
         assert undone.value.doubts == (SyncDoubt.ODDS,)
         assert rig.syncs == 2
 
@@ -670,7 +716,7 @@ def test_a_mount_that_took_the_sync_for_the_other_side_is_told_its_old_place() -
 
         rig.driver.sync = turns_over  # type: ignore[method-assign]
         with pytest.raises(SyncUndone, match="east → west") as undone:
-            await rig.guard.commit(found, Occasion.CENTERING)
+            await rig.guard.commit(found, SyncTrigger.CENTERING)
         assert undone.value.doubts == (SyncDoubt.WRONG_SIDE,)
         assert await rig.off_arcsec() == pytest.approx(before, abs=3.0)
 
@@ -686,7 +732,7 @@ def test_a_sync_that_the_driver_had_given_up_begins_a_segment_when_it_shows() ->
             return replace(await sync(place), outcome=SyncOutcome.IGNORED)
 
         rig.driver.sync = impatient  # type: ignore[method-assign]
-        report = await rig.guard.commit(found, Occasion.CENTERING)
+        report = await rig.guard.commit(found, SyncTrigger.CENTERING)
         assert report.outcome is SyncOutcome.LATE
         assert rig.mount.segment_id != segment
         pointing = rig.pointing
@@ -703,7 +749,7 @@ def test_trust_that_a_wrong_sync_had_brought_is_taken_back_with_it() -> None:
         rig.mount.distrust("it was switched on just now")
         false = await rig.look(wrong=(2500.0, -1500.0))
         with pytest.raises(SyncUndone):
-            await rig.guard.commit(false, Occasion.RECOVERY, look_again=rig.look)
+            await rig.guard.commit(false, SyncTrigger.RECOVERY, look_again=rig.look)
         assert not rig.mount.trusted
 
     rigged(work, policy=VERIFYING)
@@ -714,7 +760,7 @@ def test_an_undo_is_not_cut_short_by_a_cancel() -> None:
         await rig.slew(rig.up())
         before = await rig.off_arcsec()
         false = await rig.look(wrong=(2500.0, -1500.0))
-        task = asyncio.create_task(rig.guard.commit(false, Occasion.CENTERING, look_again=rig.look))
+        task = asyncio.create_task(rig.guard.commit(false, SyncTrigger.CENTERING, look_again=rig.look))
 
         def cancels(name: str) -> None:
             if name == "sync transaction: undo":
@@ -741,7 +787,7 @@ def test_an_undo_that_cannot_be_written_down_is_no_undo() -> None:
                 rig.journal.full = True
 
         with watching_kill_points(fills_up), pytest.raises(UndoFailed, match="no space left"):
-            await rig.guard.commit(false, Occasion.CENTERING, look_again=rig.look)
+            await rig.guard.commit(false, SyncTrigger.CENTERING, look_again=rig.look)
         assert rig.syncs == 1
         assert not rig.mount.trusted
 
@@ -774,9 +820,9 @@ def test_a_lost_mount_is_told_where_it_points() -> None:
         found = await rig.look()
         assert found.offset.total_arcsec > 40 * 3600.0
         with pytest.raises(TooFarToSync):
-            await rig.guard.commit(found, Occasion.CENTERING)
+            await rig.guard.commit(found, SyncTrigger.CENTERING)
         assert (await rig.guard.learn(found)).kind is LessonKind.REFUSED
-        await rig.guard.commit(found, Occasion.RECOVERY)
+        await rig.guard.commit(found, SyncTrigger.RECOVERY)
         assert rig.mount.trusted
         assert await rig.off_arcsec() < 3.0
 
@@ -793,14 +839,14 @@ def test_work_that_is_cancelled_after_the_sync_leaves_a_row() -> None:
             await asyncio.Event().wait()
             raise AssertionError
 
-        task = asyncio.create_task(rig.guard.commit(found, Occasion.CENTERING, look_again=forever))
+        task = asyncio.create_task(rig.guard.commit(found, SyncTrigger.CENTERING, look_again=forever))
         await looking.wait()
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
             await task
         (row,) = rig.notes(EntryKind.SYNC)
         assert row.facts["outcome"] == "interrupted"
-        assert SyncDoubt.OLDER_THAN_MOVE in rig.guard.consider(found, Occasion.ORDERED).doubts
+        assert SyncDoubt.OLDER_THAN_MOVE in rig.guard.consider(found, SyncTrigger.ORDERED).doubts
 
     rigged(work, policy=VERIFYING)
 
@@ -826,7 +872,7 @@ def test_what_cannot_be_written_down_is_not_sent() -> None:
         found = await pointed(rig)
         rig.journal.full = True
         with pytest.raises(JournalFailed):
-            await rig.guard.commit(found, Occasion.ORDERED)
+            await rig.guard.commit(found, SyncTrigger.ORDERED)
         assert rig.syncs == 0
         rig.journal.full = False
 
@@ -836,7 +882,7 @@ def test_what_cannot_be_written_down_is_not_sent() -> None:
                 rig.journal.full = True
 
         with watching_kill_points(fills_up):
-            await rig.guard.commit(await rig.look(), Occasion.ORDERED)
+            await rig.guard.commit(await rig.look(), SyncTrigger.ORDERED)
         assert await rig.off_arcsec() < 3.0
         assert "sync committed" in str(rig.told("journal-failed")[0]["lost"])
 
@@ -865,11 +911,11 @@ def test_the_process_may_end_at_each_step() -> None:
 
         with watching_kill_points(watch):
             if at is None:
-                await rig.guard.commit(found, Occasion.CENTERING, look_again=rig.look)
+                await rig.guard.commit(found, SyncTrigger.CENTERING, look_again=rig.look)
                 steps.extend(reached)
             else:
                 with pytest.raises(Killed):
-                    await rig.guard.commit(found, Occasion.CENTERING, look_again=rig.look)
+                    await rig.guard.commit(found, SyncTrigger.CENTERING, look_again=rig.look)
         assert rig.syncs <= 1
         decided, begun = rig.decisions(), [one for one in rig.journal.commands if one.order == "sync"]
         assert len(begun) <= len(decided) <= 1
@@ -888,9 +934,9 @@ def test_a_camera_that_is_turned_is_learned_anew_and_told() -> None:
         for _ in range(4):
             assert (await rig.guard.learn(await rig.look(turned_deg=50.0))).kind is LessonKind.ASIDE
         last = await rig.look(turned_deg=50.0)
-        assert rig.guard.consider(last, Occasion.ORDERED).doubts == (SyncDoubt.ROTATION,)
+        assert rig.guard.consider(last, SyncTrigger.ORDERED).doubts == (SyncDoubt.ROTATION,)
         assert (await rig.guard.learn(last)).kind is LessonKind.NEW_NORMAL
-        assert rig.guard.consider(last, Occasion.ORDERED).allowed
+        assert rig.guard.consider(last, SyncTrigger.ORDERED).allowed
         assert "33.0° → 83.0°" in str(rig.told("camera-changed")[0]["words"])
         reborn = SyncRig(rig.clock, {"learned": Learned(mounting="german")}).guard
         reborn.restore([replace(row, telescope="another") for row in rig.journal.entries])
@@ -906,12 +952,12 @@ def test_the_policy_and_the_model_may_be_exchanged() -> None:
     async def work(rig: SyncRig) -> None:
         found = await pointed(rig)
         guard: GuardedSync = rig.guard
-        assert guard.consider(found, Occasion.CENTERING).allowed
+        assert guard.consider(found, SyncTrigger.CENTERING).allowed
         guard.pointing = SureModel(Expected(Offset(9000.0, 0.0), 1.0))
-        assert guard.consider(found, Occasion.CENTERING).doubts == (SyncDoubt.NOT_EXPECTED,)
+        assert guard.consider(found, SyncTrigger.CENTERING).doubts == (SyncDoubt.NOT_EXPECTED,)
         guard.pointing = HeardPointing()
         guard.policy = SyncPolicy(min_altitude_deg=85.0)
-        assert guard.consider(found, Occasion.CENTERING).doubts == (SyncDoubt.TOO_LOW,)
+        assert guard.consider(found, SyncTrigger.CENTERING).doubts == (SyncDoubt.TOO_LOW,)
         assert separation_arcsec(found.seen, rig.mechanics.truth()) < 30.0
         assert timedelta(0) < rig.clock.utc() - found.mid_exposure_utc
 

@@ -15,7 +15,7 @@ from mountnav.errors import DeviceRefused, OutsideLimits, Refusal, SyncDoubt, Sy
 from mountnav.journal.memory import MemoryJournal
 from mountnav.journal.records import EntryKind
 from mountnav.mount.mount_state import SEEN_LATE
-from mountnav.navigation.sync import Occasion
+from mountnav.navigation.sync import SyncTrigger
 from mountnav.navigation.sync_to_coordinates import CoordinateSyncTotals
 from mountnav.navigation.vetoes import Claim
 from mountnav.pointing.model.in_force import Expected
@@ -134,7 +134,7 @@ async def believed(rig: SyncRig) -> Icrs:
 async def told(rig: SyncRig, east_arcsec: float, north_arcsec: float) -> tuple[SyncDoubt, ...]:
     """Tell it that it points so far from where it believes; what was said against it."""
     try:
-        await rig.guard.told.sync_to(displaced(await believed(rig), east_arcsec, north_arcsec))
+        await rig.guard.coordinate_syncs.sync_to(displaced(await believed(rig), east_arcsec, north_arcsec))
     except SyncRefused as refused:
         return refused.doubts
     return ()
@@ -158,7 +158,7 @@ def test_words_turn_the_sky_no_further_than_a_look_may() -> None:
         assert await taken(rig, 180.0, 0.0) == 1
         assert rig.syncs == 1
         with pytest.raises(SyncRefused, match="nothing was synced; let it look"):
-            await rig.guard.told.sync_to(displaced(await believed(rig), 180.0, 0.0))
+            await rig.guard.coordinate_syncs.sync_to(displaced(await believed(rig), 180.0, 0.0))
         refusals = [entry for entry in rig.notes(EntryKind.REFUSAL) if entry.facts.get("told")]
         assert refusals[-1].facts["doubts"] == [SyncDoubt.TOLD_TOO_MUCH]
 
@@ -176,11 +176,11 @@ def test_words_add_up_over_the_night() -> None:
         assert await told(rig, 0.0, 5400.0) == (SyncDoubt.TOLD_TOO_MUCH,)
         # back to where it was is no further than it was
         assert await told(rig, 0.0, -5400.0) == ()
-        assert rig.guard.told.words.count == 2
+        assert rig.guard.coordinate_syncs.totals.count == 2
         # at noon another night begins
         await taken(rig, 0.0, 3000.0)
         assert await told(rig, 0.0, 3000.0) == (SyncDoubt.TOLD_TOO_MUCH,)
-        rig.guard.told.words = replace(rig.guard.told.words, night="2026-11-20")
+        rig.guard.coordinate_syncs.totals = replace(rig.guard.coordinate_syncs.totals, night="2026-11-20")
         assert await told(rig, 0.0, 3000.0) == ()
 
     rigged(night)
@@ -189,7 +189,7 @@ def test_words_add_up_over_the_night() -> None:
 def test_words_that_contradict_what_was_seen_are_refused() -> None:
     async def night(rig: SyncRig) -> None:
         await rig.slew(rig.up())
-        await rig.guard.commit(await rig.look(), Occasion.ORDERED)
+        await rig.guard.commit(await rig.look(), SyncTrigger.ORDERED)
         sent = rig.syncs
         assert await told(rig, 0.0, 1800.0) == (SyncDoubt.NOT_EXPECTED,)
         # and neither step by step
@@ -230,7 +230,7 @@ def test_another_segment_and_an_operators_word_let_words_count_anew() -> None:
         assert await taken(rig, 0.0, 3000.0) == 2
         rig.mount.new_segment("its home was found")
         assert await taken(rig, 0.0, 3000.0) == 2
-        rig.guard.told.proven()
+        rig.guard.coordinate_syncs.proven()
         assert await taken(rig, 0.0, 3000.0) == 2
 
     rigged(night)
@@ -238,9 +238,9 @@ def test_another_segment_and_an_operators_word_let_words_count_anew() -> None:
 
 async def test_trust_is_such_a_word(make_rig: MakeRig) -> None:
     rig = await make_rig()
-    rig.navigator.guard.told.words = CoordinateSyncTotals(count=3, raised_deg=1.9)
+    rig.navigator.guard.coordinate_syncs.totals = CoordinateSyncTotals(count=3, raised_deg=1.9)
     rig.navigator.trust()
-    assert rig.navigator.guard.told.words.count == 0
+    assert rig.navigator.guard.coordinate_syncs.totals.count == 0
 
 
 def test_a_restart_forgets_no_words() -> None:
@@ -248,7 +248,7 @@ def test_a_restart_forgets_no_words() -> None:
 
     async def before(rig: SyncRig) -> None:
         await rig.slew(rig.up())
-        await rig.guard.commit(await rig.look(), Occasion.ORDERED)
+        await rig.guard.commit(await rig.look(), SyncTrigger.ORDERED)
         assert await told(rig, 0.0, 500.0) == ()
 
     async def after(rig: SyncRig) -> None:
@@ -264,12 +264,12 @@ def test_a_restart_forgets_no_words() -> None:
 def test_a_sync_that_shows_late_is_counted_and_one_that_never_shows_is_not() -> None:
     async def night(rig: SyncRig) -> None:
         await rig.slew(rig.up())
-        words, place = rig.guard.told, await believed(rig)
-        words._late = Claim(displaced(place, 0.0, 3600.0), place, rig.clock.utc(), told=True)
+        syncs, place = rig.guard.coordinate_syncs, await believed(rig)
+        syncs._late = Claim(displaced(place, 0.0, 3600.0), place, rig.clock.utc(), told=True)
         rig.mount.new_segment(SEEN_LATE)
-        assert (words.words.count, round(words.words.raised_deg, 3)) == (1, 1.0)
+        assert (syncs.totals.count, round(syncs.totals.raised_deg, 3)) == (1, 1.0)
         rig.mount.new_segment(SEEN_LATE)
-        assert words.words.count == 0
+        assert syncs.totals.count == 0
 
     rigged(night)
 
@@ -285,7 +285,7 @@ def test_no_words_of_a_night_move_the_belief_further_than_one_may(
     """Truth from outside the guard: the zeros of the axes, as the mount would take them."""
 
     async def night(rig: SyncRig) -> None:
-        words, utc = rig.guard.told, rig.clock.utc()
+        syncs, utc = rig.guard.coordinate_syncs, rig.clock.utc()
         turned = raised = 0.0
         for east, north in steps:
             believed = HourAngle(30.0 + turned, dec + raised, utc)
@@ -294,8 +294,8 @@ def test_no_words_of_a_night_move_the_belief_further_than_one_may(
                 hour_angle_to_icrs(seen, SITE, AIR), hour_angle_to_icrs(believed, SITE, AIR), utc, told=True
             )
             now = MountReading(claim.believed, utc, slewing=False, tracking=True)
-            if not words.doubts(now, claim):
-                words.taken(claim)
+            if not syncs.vetoes(now, claim):
+                syncs.taken(claim)
                 turned += seen.ha_deg - believed.ha_deg
                 raised += seen.dec_deg - believed.dec_deg
         assert abs(raised) <= 2.01

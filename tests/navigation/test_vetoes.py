@@ -15,7 +15,7 @@ from mountnav.errors import BadSettings, SyncDoubt
 from mountnav.navigation.reports import Look
 from mountnav.navigation.sync_judge import SyncCounts, night_of
 from mountnav.navigation.sync_policy import SyncPolicy, SyncRule
-from mountnav.navigation.sync_trigger import Occasion, decided
+from mountnav.navigation.sync_trigger import SyncTrigger, decided
 from mountnav.navigation.vetoes import (
     ADVICE,
     GRAVEST_FIRST,
@@ -222,10 +222,10 @@ def test_the_gravest_comes_first_however_they_were_found(kinds: list[SyncDoubt],
 def test_doubts_about_the_look_forbid_an_offset_too_and_the_policy_does_not() -> None:
     decision = decided({SyncDoubt.NOT_FIRST: "", SyncDoubt.SCALE: "", SyncDoubt.NEAR_MERIDIAN: ""}, look())
     assert decision.against_the_sky == (SyncDoubt.SCALE,)
-    assert not Occasion.ORDERED.by_rule
-    assert not Occasion.RECOVERY.by_rule
-    assert Occasion.RECOVERY.not_asked == {SyncDoubt.TOO_FAR, SyncDoubt.NOT_EXPECTED}
-    assert Occasion.CENTERING.not_asked == set()
+    assert not SyncTrigger.ORDERED.by_rule
+    assert not SyncTrigger.RECOVERY.by_rule
+    assert SyncTrigger.RECOVERY.not_asked == {SyncDoubt.TOO_FAR, SyncDoubt.NOT_EXPECTED}
+    assert SyncTrigger.CENTERING.not_asked == set()
 
 
 # -- counting --------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from mountnav.catalog.embedded import embedded_catalog
 from mountnav.devices import Mount
 from mountnav.journal.memory import MemoryJournal
 from mountnav.journal.records import EntryKind
+from mountnav.navigation.equipment import equip
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.simulation.machine import Machine
@@ -97,19 +98,21 @@ def in_virtual_time(
 
     async def run() -> Result:
         navigator = Navigator(
-            name="rig",
-            mount=wrap(mount),
-            camera=camera,
-            catalog=embedded_catalog(),
-            site=SITE,
-            air=AIR,
-            policy=policy,
-            listen=lambda kind, facts: events.append((kind, facts)),
-            solve=sky,
-            journal=journal,
-            clock=clock,
-            mounting=mechanics.machine.mounting,
-            **given,
+            equip(
+                name="rig",
+                mount=wrap(mount),
+                camera=camera,
+                catalog=embedded_catalog(),
+                site=SITE,
+                air=AIR,
+                policy=policy,
+                listen=lambda kind, facts: events.append((kind, facts)),
+                solve=sky,
+                journal=journal,
+                clock=clock,
+                mounting=mechanics.machine.mounting,
+                **given,
+            )
         )
         await navigator.open()
         try:

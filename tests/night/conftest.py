@@ -17,6 +17,7 @@ from mountnav.devices import from_mount
 from mountnav.frames import Frame, Hint
 from mountnav.journal.memory import MemoryJournal
 from mountnav.journal.records import EntryKind, Journal
+from mountnav.navigation.equipment import equip
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.night.daylight import night_name, sun_altitude_deg
@@ -161,17 +162,19 @@ async def make_night(
     rows = MemoryJournal()
     kept = journal(rows)
     navigator = Navigator(
-        name="east",
-        mount=mount,
-        camera=camera,
-        catalog=embedded_catalog(),
-        site=SITE,
-        air=AIR,
-        policy=POLICY,
-        listen=lambda kind, data: events.append((kind, data)),
-        solve=sky,
-        journal=kept,
-        clock=clock,
+        equip(
+            name="east",
+            mount=mount,
+            camera=camera,
+            catalog=embedded_catalog(),
+            site=SITE,
+            air=AIR,
+            policy=POLICY,
+            listen=lambda kind, data: events.append((kind, data)),
+            solve=sky,
+            journal=kept,
+            clock=clock,
+        )
     )
     await navigator.open()
     session = make_session(

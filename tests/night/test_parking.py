@@ -210,7 +210,7 @@ def test_dawn_waits_for_whoever_works_but_not_for_ever() -> None:
         assert rig.mechanics.parked
 
     async def held(rig: NightRig, seconds: float) -> None:
-        async with rig.navigator._work.work("flats"):
+        async with rig.navigator.work("flats"):
             await rig.clock.sleep(seconds)
 
     async def longer(clock: VirtualClock) -> None:

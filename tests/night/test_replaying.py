@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from mountnav.errors import BadRequest
+from mountnav.navigation.equipment import sync_rules
 from mountnav.navigation.frames_seen import FramesSeen
-from mountnav.navigation.navigator import sync_rules
 from mountnav.navigation.sync_policy import SyncPolicy
 from mountnav.night.daylight import night_name
 from mountnav.night.events import FrameSeen, NightState, Tick, Word

@@ -57,7 +57,7 @@ async def get_drift(service: TheService, telescope: TheTelescope, hours: Hours =
 
 def _says_the_same(telescope: Telescope) -> bool:
     """Whether the mount has told the longitude that we have, to half a degree."""
-    report = telescope.navigator.mount.told("report")
+    report = telescope.navigator.mount.report
     off_deg = report.longitude_off_deg if isinstance(report, ConnectReport) else None
     return off_deg is not None and abs(off_deg) < 0.5
 

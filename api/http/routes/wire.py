@@ -30,7 +30,7 @@ async def get_wire(
     A header line stands in front of a dump from the beginning (`after` = 0). Each line: `t` seconds since the
     service began to log, `dir`, `bytes`, `hex`, `meaning`, `n`.
     """
-    log = telescope.navigator.mount.told("wire_log")
+    log = telescope.navigator.mount.wire_log
     if not isinstance(log, WireLog):
         raise Unknown("its driver keeps no wire log", device=telescope.id)
     header = {"telescope": telescope.id, "mount": telescope.mount_address} if after == 0 else None

@@ -11,6 +11,7 @@ import pytest
 from drivers.registry import open_camera, open_mount
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.clock import utc_now
+from mountnav.navigation.equipment import equip
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.reports import CenterOutcome
@@ -56,14 +57,16 @@ async def rig(tmp_path: Path, target: Icrs) -> AsyncIterator[tuple[Navigator, Gs
         )
         camera = open_camera(f"{base}/CCD%20Simulator?mount=Telescope%20Simulator")
         navigator = Navigator(
-            name="indi",
-            mount=mount,
-            camera=camera,
-            catalog=embedded_catalog(),
-            site=SITE,
-            air=AIR,
-            policy=POLICY,
-            listen=lambda kind, data: print(kind, data),
+            equip(
+                name="indi",
+                mount=mount,
+                camera=camera,
+                catalog=embedded_catalog(),
+                site=SITE,
+                air=AIR,
+                policy=POLICY,
+                listen=lambda kind, data: print(kind, data),
+            )
         )
         await navigator.open()
         await mount.set_tracking(True)
