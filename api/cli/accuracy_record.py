@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 from pydantic import BaseModel, Field
 
+from api.cli.output import finite_or_none
 from mountnav.identification.accuracy import (
     AccuracyRow,
     Indicators,
@@ -129,19 +128,19 @@ def accuracy_record(
     )
 
 
-def _photometry(one: Photometry | None) -> PhotometryRecord | None:
-    if one is None:
+def _photometry(fitted: Photometry | None) -> PhotometryRecord | None:
+    if fitted is None:
         return None
     return PhotometryRecord(
-        zero_point_mag=one.zero_point_mag,
-        zero_point_sigma_mag=one.zero_point_sigma_mag,
-        color_term=one.color_term,
-        color_term_sigma=_finite(one.color_term_sigma),
-        pivot_mag=_finite(one.pivot_mag),
-        color_name=one.color_name,
-        band=one.band,
-        stars=one.stars,
-        scatter_mag=one.scatter_mag,
+        zero_point_mag=fitted.zero_point_mag,
+        zero_point_sigma_mag=fitted.zero_point_sigma_mag,
+        color_term=fitted.color_term,
+        color_term_sigma=finite_or_none(fitted.color_term_sigma),
+        pivot_mag=finite_or_none(fitted.pivot_mag),
+        color_name=fitted.color_name,
+        band=fitted.band,
+        stars=fitted.stars,
+        scatter_mag=fitted.scatter_mag,
     )
 
 
@@ -154,15 +153,11 @@ def _row(row: AccuracyRow) -> RowRecord:
     )
 
 
-def _indicators(one: Indicators) -> IndicatorRecord:
+def _indicators(found: Indicators) -> IndicatorRecord:
     return IndicatorRecord(
-        number=one.number,
-        mean=_finite(one.mean),
-        standard_deviation=_finite(one.standard_deviation),
-        least_modulus=_finite(one.least_modulus),
-        most_modulus=_finite(one.most_modulus),
+        number=found.number,
+        mean=finite_or_none(found.mean),
+        standard_deviation=finite_or_none(found.standard_deviation),
+        least_modulus=finite_or_none(found.least_modulus),
+        most_modulus=finite_or_none(found.most_modulus),
     )
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -259,12 +259,12 @@ def test_other_commands_too(words: tuple[str, ...], here: Callable[..., Ended]) 
 
 
 def test_wire_leaves_the_file_alone(tmp_path: Path) -> None:
-    from api.cli.wire import run
+    from api.cli.wire import wire
 
     kept = tmp_path / "kept.jsonl"
     kept.write_text("dear\n", encoding="utf-8")
     with pytest.raises((BadSettings, BadRequest)):
-        run("lx200+tcp://host", service="", token=None, follow=False, as_json=False, dump=kept)
+        wire("lx200+tcp://host", follow=False, dump=kept)
     assert kept.read_text(encoding="utf-8") == "dear\n"
 
 
