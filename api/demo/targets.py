@@ -16,7 +16,7 @@ from mountnav.solving.solve import epoch_of
 ALTITUDES_DEG = (30.0, 75.0)
 """Between which targets are chosen. chosen: lower ones stand in thick air and near horizons, and near the
 zenith an azimuth means little. With the named stars five are up between them at each hour
-(tests/api/test_demo_targets.py)."""
+(tests/api/demo/test_targets.py)."""
 SEARCH_RADIUS_DEG = 0.1
 """Round the rough position of a named star. It is good to 0.001°, and the fastest of them moves by 2.3″ a
 year; a wider circle could hold another star as bright."""

@@ -19,7 +19,7 @@ from mountnav.journal.records import Cause, CommandEnd, EntryKind, Outcome
 from mountnav.journal.sql_journal import open_journal
 from tests.journal.samples import at, look_of, note_of, slew_of
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 VERSION_1 = ROOT / "tests" / "journal" / "version_1.sql"
 
 

@@ -270,5 +270,5 @@ def test_wire_leaves_the_file_alone(tmp_path: Path) -> None:
 
 def test_the_unit_starts_it_never_again_for_that() -> None:
     unit = configparser.ConfigParser(strict=False, interpolation=None)
-    unit.read(Path(__file__).parents[2] / "deploy" / "mountnav.service")
+    unit.read(Path(__file__).parents[3] / "deploy" / "mountnav.service")
     assert "2" in unit["Service"]["RestartPreventExitStatus"].split()
