@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 from datetime import datetime
+from typing import ParamSpec
 
 from mountnav.devices import Epoch
 from mountnav.errors import BadRequest
@@ -14,6 +16,9 @@ from mountnav.pointing.drift import DriftReport, drift_report
 from mountnav.pointing.model.model import PointingModel
 from mountnav.pointing.observation import PointingObservation
 from mountnav.sky.coordinates import Site
+
+Known = ParamSpec("Known")
+"""The looks, and what is known of the mount."""
 
 
 def diagnosed(
@@ -58,32 +63,6 @@ def diagnosed(
     )
 
 
-def diagnosis_view(
-    observations: Sequence[PointingObservation],
-    *,
-    site: Site,
-    epoch: Epoch,
-    mounting: Mounting | None = None,
-    parity: int | None = None,
-    rotator: bool = False,
-    model: PointingModel | None = None,
-    synced_on: Sequence[PointingObservation] | None = None,
-    sign_confirmed: bool = False,
-) -> dict[str, object]:
-    """Diagnose as plain values, for HTTP; docs/doctor.md describes them. Raises `BadRequest`."""
-    return diagnosed(
-        observations,
-        site=site,
-        epoch=epoch,
-        mounting=mounting,
-        parity=parity,
-        rotator=rotator,
-        model=model,
-        synced_on=synced_on,
-        sign_confirmed=sign_confirmed,
-    ).as_dict()
-
-
 def drift_reported(
     observations: Sequence[PointingObservation],
     *,
@@ -110,23 +89,17 @@ def drift_reported(
     )
 
 
-def drift_view(
-    observations: Sequence[PointingObservation],
-    *,
-    site: Site,
-    slew_ends: Sequence[datetime] = (),
-    model: PointingModel | None = None,
-    worm_period_s: float | None = None,
-    mount_refracts: bool = False,
-    altaz: bool = False,
-) -> dict[str, object]:
-    """Report as plain values, for HTTP; docs/drift.md describes them."""
-    return drift_reported(
-        observations,
-        site=site,
-        slew_ends=slew_ends,
-        model=model,
-        worm_period_s=worm_period_s,
-        mount_refracts=mount_refracts,
-        altaz=altaz,
-    ).as_dict()
+def _as_values(judge: Callable[Known, Diagnosis | DriftReport]) -> Callable[Known, dict[str, object]]:
+    """The same judgement as plain values, for HTTP."""
+
+    @functools.wraps(judge)
+    def view(*arguments: Known.args, **known: Known.kwargs) -> dict[str, object]:
+        return judge(*arguments, **known).as_dict()
+
+    return view
+
+
+diagnosis_view = _as_values(diagnosed)
+"""The diagnosis as docs/doctor.md describes it."""
+drift_view = _as_values(drift_reported)
+"""The report as docs/drift.md describes it."""

@@ -44,7 +44,6 @@ def test_files_that_cant_be_used_are_refused_with_the_reason() -> None:
     "words",
     [
         ["first-light", "east"],
-        ["site-time", "east"],
         ["site-time", "east", "--accept"],
         ["night", "status", "east"],
         ["night", "pause", "east"],
