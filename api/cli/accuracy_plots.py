@@ -73,7 +73,6 @@ def histograms(found: Deviations, *, frames: int) -> Figure:
 
     Parameters
     ----------
-    found : Deviations
     frames : int
         From how many frames, for the title.
     """
@@ -129,7 +128,6 @@ def residual_map(found: Deviations, width_px: int, height_px: int, *, frames: in
 
     Parameters
     ----------
-    found : Deviations
     width_px, height_px : int
         Size of the frame.
     frames : int

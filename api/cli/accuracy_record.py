@@ -87,14 +87,9 @@ def accuracy_record(
     every: bool,
     leave_one_out: bool,
 ) -> AccuracyRecord:
-    """Make the record of a run.
+    """The record of a run, of each file and its solution or the reason why there is none.
 
-    Parameters
-    ----------
-    outcomes : list of (file, Solution or reason)
-    rejected_percent : tuple of float
-    every, leave_one_out : bool
-        See `mountnav.identification.accuracy.deviations`.
+    `every` and `leave_one_out` are those of `mountnav.identification.accuracy.deviations`.
     """
     frames, parts, parameters, pairs = [], [], 0.0, 0
     for file, outcome in outcomes:

@@ -213,8 +213,6 @@ def build_of(found: Capabilities, mount: GenericMount, protocol: str, mounting: 
     ----------
     found : Capabilities
         Of the mount.
-    mount : GenericMount
-    protocol : str
     mounting : {"fork", "german"} or None
         What the owner says, before all else.
     """

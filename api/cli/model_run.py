@@ -176,7 +176,6 @@ def observation(look: Json, telescope: Json, air: Air) -> PointingObservation:
         synced meanwhile is one segment.
     telescope : dict
         The state right after the look.
-    air : Air
     """
     utc = datetime.fromisoformat(str(look["mid_exposure_utc"]))
     side = look.get("pier_side") or telescope.get("pier_side") or "unknown"

@@ -84,19 +84,7 @@ def _follow(follower: SeriesFollower, files: list[Path]) -> None:
 
 
 def series_record(report: SeriesReport, files: list[str]) -> dict[str, Any]:
-    """Make the JSON object of a series; docs/series.md describes it.
-
-    Parameters
-    ----------
-    report : SeriesReport
-    files : list of str
-        The frames' paths, in order.
-
-    Returns
-    -------
-    dict
-        Plain values only; NaN and infinities become null.
-    """
+    """The JSON object of a series, as docs/series.md describes it; `files` are the paths of its frames."""
     return {
         "frames": [_frame_record(frame, file) for frame, file in zip(report.frames, files, strict=True)],
         "segments": [

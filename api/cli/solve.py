@@ -114,14 +114,6 @@ def solve_files(files: list[Path], solver: FileSolver, *, as_json: bool) -> bool
 class FileSolver:
     """Solves one file after the other; the index of the whole sky is got when the first one needs it.
 
-    Parameters
-    ----------
-    catalog : Shelf
-    hint : Hint or None
-    hdu : int, str or None
-        FITS extension.
-    settings : SolveSettings
-
     Raises
     ------
     BadSettings

@@ -53,7 +53,6 @@ def demo_service_settings(demo: DemoSettings, port: int, mounting: Mounting = "f
         Its seed makes another mount, which points wrongly in another way.
     port : int
         0: any that is free, and so for the other faces.
-    mounting : {"fork", "german"}
     """
     settings = demo_settings("127.0.0.1", port)
     (telescope,) = settings.telescope

@@ -23,15 +23,12 @@ FILES = (".jsonl", ".ndjson")
 
 @dataclass(frozen=True, slots=True)
 class Looks:
-    """What a command works on.
+    """The solved looks of a mount, and what is known of it.
 
     Attributes
     ----------
-    observations : list of PointingObservation
-    site : Site
     epoch : {"apparent", "icrs"}
         What the mount is believed to speak.
-    mounting : {"german", "fork", "altaz"} or None
     slew_ends : list of datetime
         When slews arrived; empty if it isn't known.
     synced_on : list of PointingObservation or None
@@ -76,7 +73,6 @@ def read_looks(
         Site in degrees, east positive, instead of the settings'.
     epoch : str, optional
         Instead of the settings'; else the one that most readings are in.
-    mounting : str, optional
     unsynced : bool
         Nothing was synced in a file's looks (a journal knows by itself).
 
@@ -148,8 +144,6 @@ def looks_of_journal(
     ----------
     url : str
         A journal's file or URL; empty: the usual place.
-    telescope : str or None
-    since, until : datetime or None
 
     Raises
     ------

@@ -100,11 +100,7 @@ def _before_its_question(lines: list[Line], at: int) -> bytes:
 class TapeLine:
     """A `drivers.wire.line.ByteLine` that has no other end but a recording.
 
-    Parameters
-    ----------
-    turns : dict of bytes to Turns
-    clock : VirtualClock
-
+    It answers each question as the recording did last before the clock's time.
     """
 
     def __init__(self, turns: dict[bytes, Turns], clock: VirtualClock) -> None:
@@ -208,7 +204,6 @@ def check_wire(url: str, recording: Recording) -> WireCheck:
     ----------
     url : str
         The mount's, for its driver and options.
-    recording : Recording
     """
     readings = [reading_of(line.facts["reading"]) for line in recording.of("reading")]
     if not readings:
@@ -250,7 +245,6 @@ class Played:
 
     Attributes
     ----------
-    report : ReplayReport
     wire : WireCheck or None
         What the real driver makes of the recorded wire; None where it wasn't asked.
     """
@@ -272,7 +266,6 @@ def play(
 
     Parameters
     ----------
-    recording : Recording
     speed : float
         Seconds of the night in one second; 0: as fast as it goes.
     solve : bool
