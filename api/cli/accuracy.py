@@ -6,50 +6,69 @@ import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from api.cli.accuracy_record import AccuracyRecord, FrameAccuracy, IndicatorRecord, RowRecord, accuracy_record
-from api.http.file_names import shown
-from api.solver.hints import asked_hint
-from mountnav.catalog.stars import Catalog
+import typer
+
+from api.cli.options import Calibration, Catalog, Config, Dec, Json, Profile, Ra, Radius, Scale
+from api.cli.output import refusing_os_errors, unreadable
 from mountnav.errors import BadFrame, BadRequest
-from mountnav.frames import Hint
-from mountnav.solution import Solution
-from mountnav.solving.solve import SolveSettings, solve_file
+
+if TYPE_CHECKING:
+    from api.cli.accuracy_record import AccuracyRecord, FrameAccuracy, IndicatorRecord, RowRecord
+    from mountnav.catalog.stars import Catalog as StarCatalog
+    from mountnav.frames import Hint
+    from mountnav.solution import Solution
+    from mountnav.solving.settings import SolveSettings
 
 COLUMNS = ("frame", "rejected", "deviation", "number", "mean", "st. dev.", "min |Δ|", "max |Δ|")
 
 
-def run(
-    files: list[Path],
-    *,
-    ra: float | None,
-    dec: float | None,
-    radius: float | None,
-    scale: float | None,
-    reject: str,
-    every: bool,
-    leave_one_out: bool,
-    as_json: bool,
-    as_markdown: bool,
-    plot: Path | None,
-    catalog: Catalog,
-    settings: SolveSettings | None = None,
-) -> int:
-    """Reduce the files and print; 0 if all were solved, else 1.
+def accuracy(
+    frames: Annotated[list[Path], typer.Argument(metavar="FRAME...", help="Images (FITS, PNG, JPEG).")],
+    ra: Ra = None,
+    dec: Dec = None,
+    radius: Radius = None,
+    scale: Scale = None,
+    reject: Annotated[str, typer.Option(metavar="P,P,...", help="Reject the worst P %.")] = "0,5,10",
+    all_pairs: Annotated[
+        bool, typer.Option("--all-pairs", help="Also pairs that their deviation threw out of the fit.")
+    ] = False,
+    leave_one_out: Annotated[
+        bool, typer.Option("--leave-one-out", help="Each pair against a plate fit without it.")
+    ] = False,
+    calibration: Calibration = None,
+    profile: Profile = None,
+    config: Config = None,
+    catalog: Catalog = None,
+    as_json: Json = False,
+    as_markdown: Annotated[bool, typer.Option("--markdown", help="A Markdown table.")] = False,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write histograms and residual maps (PNG) here.")
+    ] = None,
+) -> None:
+    """Tell how accurate the measured places of stars are: mean, spread and extremes against the catalog.
 
-    Raises
-    ------
-    BadRequest
-        Options that make no sense, alone or together; nothing was reduced.
+    Exit code 0 if all frames were solved, 1 if some were not (they are listed), 2 on bad usage.
     """
+    from api.cli.accuracy_record import accuracy_record
+    from api.cli.chosen_catalogs import chosen_shelf
+    from api.http.file_names import shown
+    from api.solver.hints import asked_hint
+    from api.solver.solve_settings import chosen_settings
+    from mountnav.solution import Solution
+
+    settings = chosen_settings(config=config, profile=profile, budget_s=None, calibration=calibration)
+    shelf = chosen_shelf(config, catalog)
     percents = rejected_percents(reject)
     if as_json and as_markdown:
         raise BadRequest("--json and --markdown together", advice="give one or the other")
     hint = asked_hint(ra, dec, radius, scale)
     if plot is not None:
-        _make_folder(plot)
-    outcomes = [(shown(path), _outcome(path, catalog, hint, settings)) for path in files]
-    record = accuracy_record(outcomes, percents, every=every, leave_one_out=leave_one_out)
+        with refusing_os_errors(f"--plot {plot}", advice="name a folder that can be made"):
+            plot.mkdir(parents=True, exist_ok=True)
+    outcomes = [(shown(path), _outcome(path, shelf, hint, settings)) for path in frames]
+    record = accuracy_record(outcomes, percents, every=all_pairs, leave_one_out=leave_one_out)
     if as_json:
         sys.stdout.write(record.model_dump_json() + "\n")
     elif as_markdown:
@@ -60,9 +79,9 @@ def run(
         from api.cli.accuracy_plots import write_plots
 
         solutions = [outcome for _, outcome in outcomes if isinstance(outcome, Solution)]
-        for path in write_plots(solutions, plot, every=every, leave_one_out=leave_one_out):
+        for path in write_plots(solutions, plot, every=all_pairs, leave_one_out=leave_one_out):
             sys.stderr.write(f"{path}\n")
-    return 0 if record.solved == len(record.frames) else 1
+    raise typer.Exit(0 if record.solved == len(record.frames) else 1)
 
 
 def rejected_percents(text: str) -> tuple[float, ...]:
@@ -89,25 +108,16 @@ def rejected_percents(text: str) -> tuple[float, ...]:
     return tuple(percents)
 
 
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BadRequest(
-            f"--plot {folder}: {error.strerror or error}", advice="name a folder that can be made"
-        ) from error
+def _outcome(path: Path, catalog: StarCatalog, hint: Hint | None, settings: SolveSettings) -> Solution | str:
+    """The solution, or why there is none."""
+    from mountnav.solving.solve import solve_file
 
-
-def _outcome(
-    path: Path, catalog: Catalog, hint: Hint | None, settings: SolveSettings | None
-) -> Solution | str:
-    """Give the solution, or why there is none."""
     try:
         verdict = solve_file(path, catalog, hint, settings=settings)
     except BadFrame as error:
         return error.what
     except OSError as error:
-        return f"the file can't be read: {error.strerror or error}"
+        return unreadable(error)
     if verdict.solution is not None:
         return verdict.solution
     reason = str(verdict.reason) if verdict.reason else "not solved"
@@ -136,19 +146,22 @@ def _notes(record: AccuracyRecord) -> Iterator[str]:
 
 def _lines(name: str, rows: list[RowRecord]) -> Iterator[tuple[str, ...]]:
     for row in rows:
-        for label, one, places in (
-            ("ΔRA cos δ ″", row.ra_arcsec, 3),
-            ("ΔDec ″", row.dec_arcsec, 3),
-            ("Δmag", row.mag, 3),
+        for label, indicators in (
+            ("ΔRA cos δ ″", row.ra_arcsec),
+            ("ΔDec ″", row.dec_arcsec),
+            ("Δmag", row.mag),
         ):
-            yield (name, f"{row.rejected_percent:g} %", label, *_numbers(one, places))
+            yield (name, f"{row.rejected_percent:g} %", label, *_numbers(indicators))
 
 
-def _numbers(one: IndicatorRecord, places: int) -> tuple[str, ...]:
-    values = (one.mean, one.standard_deviation, one.least_modulus, one.most_modulus)
+def _numbers(found: IndicatorRecord) -> tuple[str, ...]:
+    """Number of deviations, then mean, standard deviation and extremes to a thousandth."""
+    values = (found.mean, found.standard_deviation, found.least_modulus, found.most_modulus)
     signs = ("+", "", "", "")
-    told = ("–" if v is None else f"{v:{sign}.{places}f}" for v, sign in zip(values, signs, strict=True))
-    return (str(one.number), *told)
+    cells = (
+        "–" if value is None else f"{value:{sign}.3f}" for value, sign in zip(values, signs, strict=True)
+    )
+    return (str(found.number), *cells)
 
 
 def brightness_scale(frame: FrameAccuracy) -> str:

@@ -19,9 +19,19 @@ from mountnav.solution import Solution
 Array = NDArray[np.float64]
 
 MOST_ARROWS = 400
-"""Above this the map shows the mean vector of each cell."""
+"""Above this the map shows the mean vector of each cell. chosen by eye: more arrows hide each other."""
 CELLS = 14
+"""Cells along the longer side of that map. chosen by eye: about as many arrows as without cells; twice as
+many hold too few measurements for a mean."""
 FEWEST_IN_CELL = 3
+"""Measurements of a cell that is drawn: the mean of fewer shows their noise and not the camera."""
+REACH_SIGMA = 4.5
+"""Half width of a histogram in standard deviations of its middle half. chosen by eye: a Gaussian's tails are
+seen to their end, and outliers don't press all others into one bar."""
+IQR_SIGMA = 1.349
+"""Distance of the quartiles of a Gaussian, in its standard deviations."""
+SCALE_ARROW_SHARE = 0.1
+"""Length of the arrow that shows the scale, of the frame's longer side. chosen by eye."""
 _BAR, _CURVE, _ARROW = "#4c78a8", "#d1495b", "#22577a"
 
 
@@ -63,7 +73,6 @@ def histograms(found: Deviations, *, frames: int) -> Figure:
 
     Parameters
     ----------
-    found : Deviations
     frames : int
         From how many frames, for the title.
     """
@@ -92,19 +101,19 @@ def _histogram(axes: Axes, label: str, unit: str, values: Array) -> None:
     mean, deviation = float(values.mean()), float(values.std(ddof=1)) if values.size > 1 else 0.0
     # the middle half of the values sets the scale: a few outliers shall not press all into one bar
     low, middle, high = np.percentile(values, [25.0, 50.0, 75.0])
-    reach = 4.5 * max((high - low) / 1.349, 1e-6)
+    reach = REACH_SIGMA * max((high - low) / IQR_SIGMA, 1e-6)
     bins = int(np.clip(2.0 * math.sqrt(values.size), 9, 61))
     edges = np.linspace(middle - reach, middle + reach, bins + 1)
     axes.hist(values, bins=edges.tolist(), color=_BAR, edgecolor="white", linewidth=0.4)
     if deviation > 0.0:
         x = np.linspace(edges[0], edges[-1], 200)
-        bell = np.exp(-0.5 * ((x - mean) / deviation) ** 2) / (deviation * math.sqrt(math.tau))
-        axes.plot(x, bell * values.size * (edges[1] - edges[0]), color=_CURVE, linewidth=1.2)
+        gaussian = np.exp(-0.5 * ((x - mean) / deviation) ** 2) / (deviation * math.sqrt(math.tau))
+        axes.plot(x, gaussian * values.size * (edges[1] - edges[0]), color=_CURVE, linewidth=1.2)
     outside = int(np.sum((values < edges[0]) | (values > edges[-1])))
-    told = f"mean {mean:+.4f}{unit}\nst. dev. {deviation:.3f}{unit}"
+    text = f"mean {mean:+.4f}{unit}\nst. dev. {deviation:.3f}{unit}"
     if outside:
-        told += f"\n{outside} outside"
-    axes.text(0.97, 0.96, told, transform=axes.transAxes, ha="right", va="top", fontsize=8.5)
+        text += f"\n{outside} outside"
+    axes.text(0.97, 0.96, text, transform=axes.transAxes, ha="right", va="top", fontsize=8.5)
     axes.set_ylim(top=axes.get_ylim()[1] * 1.18)
     axes.yaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
     axes.set_xlabel(f"{label} ({unit.strip()})")
@@ -119,7 +128,6 @@ def residual_map(found: Deviations, width_px: int, height_px: int, *, frames: in
 
     Parameters
     ----------
-    found : Deviations
     width_px, height_px : int
         Size of the frame.
     frames : int
@@ -138,14 +146,13 @@ def residual_map(found: Deviations, width_px: int, height_px: int, *, frames: in
     axes = figure.add_subplot()
     length = np.hypot(right, up)
     shown = _round_length(float(np.median(length)) * 2.0 if length.size else 1.0)
-    # the scale arrow is a tenth of the frame long
     arrows = axes.quiver(
         x,
         y,
         right,
         up,
         angles="uv",
-        scale=shown / (0.1 * longer),
+        scale=shown / (SCALE_ARROW_SHARE * longer),
         scale_units="x",
         units="width",
         width=0.0028,

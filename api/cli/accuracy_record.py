@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 from pydantic import BaseModel, Field
 
+from api.cli.output import finite_or_none
 from mountnav.identification.accuracy import (
     AccuracyRow,
     Indicators,
@@ -88,14 +87,9 @@ def accuracy_record(
     every: bool,
     leave_one_out: bool,
 ) -> AccuracyRecord:
-    """Make the record of a run.
+    """The record of a run, of each file and its solution or the reason why there is none.
 
-    Parameters
-    ----------
-    outcomes : list of (file, Solution or reason)
-    rejected_percent : tuple of float
-    every, leave_one_out : bool
-        See `mountnav.identification.accuracy.deviations`.
+    `every` and `leave_one_out` are those of `mountnav.identification.accuracy.deviations`.
     """
     frames, parts, parameters, pairs = [], [], 0.0, 0
     for file, outcome in outcomes:
@@ -129,19 +123,19 @@ def accuracy_record(
     )
 
 
-def _photometry(one: Photometry | None) -> PhotometryRecord | None:
-    if one is None:
+def _photometry(fitted: Photometry | None) -> PhotometryRecord | None:
+    if fitted is None:
         return None
     return PhotometryRecord(
-        zero_point_mag=one.zero_point_mag,
-        zero_point_sigma_mag=one.zero_point_sigma_mag,
-        color_term=one.color_term,
-        color_term_sigma=_finite(one.color_term_sigma),
-        pivot_mag=_finite(one.pivot_mag),
-        color_name=one.color_name,
-        band=one.band,
-        stars=one.stars,
-        scatter_mag=one.scatter_mag,
+        zero_point_mag=fitted.zero_point_mag,
+        zero_point_sigma_mag=fitted.zero_point_sigma_mag,
+        color_term=fitted.color_term,
+        color_term_sigma=finite_or_none(fitted.color_term_sigma),
+        pivot_mag=finite_or_none(fitted.pivot_mag),
+        color_name=fitted.color_name,
+        band=fitted.band,
+        stars=fitted.stars,
+        scatter_mag=fitted.scatter_mag,
     )
 
 
@@ -154,15 +148,11 @@ def _row(row: AccuracyRow) -> RowRecord:
     )
 
 
-def _indicators(one: Indicators) -> IndicatorRecord:
+def _indicators(found: Indicators) -> IndicatorRecord:
     return IndicatorRecord(
-        number=one.number,
-        mean=_finite(one.mean),
-        standard_deviation=_finite(one.standard_deviation),
-        least_modulus=_finite(one.least_modulus),
-        most_modulus=_finite(one.most_modulus),
+        number=found.number,
+        mean=finite_or_none(found.mean),
+        standard_deviation=finite_or_none(found.standard_deviation),
+        least_modulus=finite_or_none(found.least_modulus),
+        most_modulus=finite_or_none(found.most_modulus),
     )
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

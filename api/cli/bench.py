@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import signal
 import threading
@@ -11,54 +10,62 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from drivers.acceptance.report import Capabilities, StepResult, as_lines
-from drivers.acceptance.steps import STEPS, Ask, Step, empty_report, run_steps, run_trial
-from drivers.acceptance.trial import Trial
-from drivers.fakes.bench import FakeOnPty
-from drivers.generic.mount import GenericMount
-from drivers.generic.options import PORT_OPTIONS
-from drivers.registry import fake_dialects, fake_machine, fake_protocols, make_fake, open_mount, read_url
-from drivers.wire.wire_log import WireEntry
-from mountnav.clock import utc_now
-from mountnav.devices import PierSide
+import typer
+
+from api.cli.options import takes_options
 from mountnav.errors import BadRequest
-from mountnav.simulation.machine import Machine, Mounting
-from mountnav.simulation.mechanics import Mechanics
-from mountnav.simulation.pointing_errors import PointingErrors
-from mountnav.sky.coordinates import Air, Site
-from mountnav.sky.iers import read_tables
+
+if TYPE_CHECKING:
+    from drivers.acceptance.report import Capabilities, StepResult
+    from drivers.acceptance.steps import Ask, Step
+    from drivers.generic.mount import GenericMount
+    from drivers.wire.wire_log import WireEntry
+    from mountnav.simulation.machine import Machine, Mounting
+    from mountnav.sky.coordinates import Site
+
+FAKE_WATCH_S = 5.0
+"""So long the fake's tracking is watched at most. chosen: a fake tracks evenly, so that more shows nothing
+new; the owner's patience is for the real mount."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BenchRun:
-    """What was asked for; see the options of the command."""
+class BenchOptions:
+    """The options of the command."""
 
-    url: str
-    latitude_deg: float
-    longitude_deg: float
-    steps: tuple[str, ...] = ()
-    yes: bool = False
-    compare: bool = True
-    dialect: str | None = None
-    mounting: Mounting | None = None
-    report: Path | None = None
-    transcript: Path | None = None
-    watch_s: float = 30.0
-    lowest_altitude_deg: float = 20.0
+    url: Annotated[str, typer.Argument(help="The mount, such as lx200+serial:///dev/ttyUSB0.")]
+    latitude: Annotated[float, typer.Option(min=-90, max=90, help="Where it stands, degrees.")]
+    longitude: Annotated[float, typer.Option(min=-180, max=180, help="Degrees, east positive.")]
+    step: Annotated[
+        list[str] | None,
+        typer.Option(help="Only read, move, stop, sync, track, guide, limit, flip, park; repeatable."),
+    ] = None
+    yes: Annotated[bool, typer.Option("--yes", help="Don't ask before each step. It moves!")] = False
+    compare: Annotated[
+        bool, typer.Option("--compare/--no-compare", help="Try the same on a fake of its family.")
+    ] = True
+    dialect: Annotated[str | None, typer.Option(help="Of that fake; see `fake-mount --list`.")] = None
+    mounting: Annotated[
+        Literal["fork", "german"] | None,
+        typer.Option(help="Build of that fake; as the mount shows itself, or its family usually is."),
+    ] = None
+    report: Annotated[Path | None, typer.Option(help="Write the findings here (JSON).")] = None
+    transcript: Annotated[
+        Path | None,
+        typer.Option(help="Write what was said here, for `fake-mount --replay`."),
+    ] = None
+    watch: Annotated[float, typer.Option(min=1, max=3600, help="Seconds to watch it track.")] = 30.0
+    lowest: Annotated[float, typer.Option(min=0, max=80, help="Lowest altitude to be sent to.")] = 20.0
 
 
-def run(asked: BenchRun) -> int:
-    """Try the mount; 0 if all that was tried is as it should be, else 1.
+def try_mount(asked: BenchOptions) -> int:
+    """Try a real mount step by step, each step asked for; a fake in its place tries the steps."""
+    import asyncio
 
-    Raises
-    ------
-    BadRequest, BadSettings
-        Options that make no sense.
-    DeviceError
-        The mount can't be opened.
-    """
-    steps = _steps(asked.steps)
+    from mountnav.sky.iers import read_tables
+
+    steps = _steps(tuple(asked.step or ()))
     for path in (asked.report, asked.transcript):
         if path is not None and not path.absolute().parent.is_dir():
             raise BadRequest(f"{path.parent} is no folder", advice="give another path")
@@ -69,7 +76,13 @@ def run(asked: BenchRun) -> int:
         return 128 + signal.SIGTERM
 
 
+bench = takes_options(BenchOptions)(try_mount)
+
+
 def _steps(names: tuple[str, ...]) -> list[Step]:
+    """The steps of these names, in the order of the trial; all without names."""
+    from drivers.acceptance.steps import STEPS
+
     known = {step.name: step for step in STEPS}
     unknown = [name for name in names if name not in known]
     if unknown:
@@ -77,8 +90,15 @@ def _steps(names: tuple[str, ...]) -> list[Step]:
     return [step for step in STEPS if not names or step.name in names]
 
 
-async def _run(asked: BenchRun, steps: list[Step]) -> int:
-    site = Site(asked.latitude_deg, asked.longitude_deg)
+async def _run(asked: BenchOptions, steps: list[Step]) -> int:
+    """Try the mount, then a fake; 0 if all that was tried is as it should be, else 1."""
+    from drivers.acceptance.report import as_lines
+    from drivers.acceptance.steps import empty_report, run_steps
+    from drivers.acceptance.trial import Trial
+    from drivers.registry import fake_protocols, read_url
+    from mountnav.sky.coordinates import Air, Site
+
+    site = Site(asked.latitude, asked.longitude)
     url = read_url(asked.url)
     mount = _mount(asked.url, site)
     found: Capabilities | None = None
@@ -89,11 +109,11 @@ async def _run(asked: BenchRun, steps: list[Step]) -> int:
         try:
             await mount.open()
             _greet(mount)
-            trial = Trial(mount, site, Air(), asked.lowest_altitude_deg, asked.watch_s)
+            trial = Trial(mount, site, Air(), asked.lowest, asked.watch)
             found = empty_report(trial, url.driver)
-            await run_steps(found, trial, steps, _asker(yes=asked.yes), _tell)
+            await run_steps(found, trial, steps, _asker(yes=asked.yes), _print_result)
         finally:
-            # an interrupted slew has been told to stop by whoever followed it
+            # whoever followed an interrupted slew has stopped it by now
             await mount.close()
             if found is not None:
                 _write_report(asked, found, None)
@@ -111,25 +131,30 @@ async def _run(asked: BenchRun, steps: list[Step]) -> int:
 @contextmanager
 def _interruptible() -> Iterator[None]:
     """A closed terminal or a shutdown ends the trial as an interrupt does: what moves is stopped first."""
+    import asyncio
+
     loop, task = asyncio.get_running_loop(), asyncio.current_task()
     assert task is not None
     endings = (signal.SIGTERM, signal.SIGHUP) if threading.current_thread() is threading.main_thread() else ()
-    for one in endings:
-        loop.add_signal_handler(one, task.cancel)
+    for number in endings:
+        loop.add_signal_handler(number, task.cancel)
     try:
         yield
     finally:
-        for one in endings:
-            loop.remove_signal_handler(one)
+        for number in endings:
+            loop.remove_signal_handler(number)
 
 
-def _write_report(asked: BenchRun, found: Capabilities, fake: Capabilities | None) -> None:
+def _write_report(asked: BenchOptions, found: Capabilities, fake: Capabilities | None) -> None:
     if asked.report is not None:
         both = {"mount": found.as_dict(), "fake": None if fake is None else fake.as_dict()}
         asked.report.write_text(json.dumps(both, indent=1) + "\n", encoding="utf-8")
 
 
 def _mount(url: str, site: Site) -> GenericMount:
+    from drivers.generic.mount import GenericMount
+    from drivers.registry import open_mount
+
     mount = open_mount(url, site=site)
     if not isinstance(mount, GenericMount):
         raise BadRequest(
@@ -147,6 +172,9 @@ def _greet(mount: GenericMount) -> None:
 
 
 def _asker(*, yes: bool) -> Ask:
+    """Asks the owner before each step, or says yes in their place."""
+    import asyncio
+
     async def ask(question: str) -> bool:
         if yes:
             print(f"{question} yes")
@@ -157,7 +185,7 @@ def _asker(*, yes: bool) -> Ask:
     return ask
 
 
-def _tell(result: StepResult) -> None:
+def _print_result(result: StepResult) -> None:
     bad = [finding.key for finding in result.findings if finding.fine is False]
     end = f"not as it should be: {', '.join(bad)}" if bad else "ok"
     if not result.done:
@@ -166,7 +194,9 @@ def _tell(result: StepResult) -> None:
 
 
 def _dialect_of(mount: GenericMount, protocol: str) -> str:
-    """The dialect that the handshake found, as the fakes call it; the usual one if it tells none."""
+    """The dialect that the handshake found, as the fakes call it; the usual one if it names none."""
+    from drivers.registry import fake_dialects
+
     spoken = getattr(mount.language, "dialect", None)
     name = str(getattr(spoken, "name", spoken))
     known = fake_dialects(protocol)
@@ -183,11 +213,12 @@ def build_of(found: Capabilities, mount: GenericMount, protocol: str, mounting: 
     ----------
     found : Capabilities
         Of the mount.
-    mount : GenericMount
-    protocol : str
     mounting : {"fork", "german"} or None
         What the owner says, before all else.
     """
+    from drivers.registry import fake_machine
+    from mountnav.devices import PierSide
+
     usual = fake_machine(protocol)
     if mounting is None:
         values = {key: finding.value for key, finding in found.findings().items()}
@@ -203,9 +234,19 @@ def build_of(found: Capabilities, mount: GenericMount, protocol: str, mounting: 
 
 
 async def _of_fake(
-    asked: BenchRun, protocol: str, dialect: str, build: Machine, site: Site, steps: list[Step]
+    asked: BenchOptions, protocol: str, dialect: str, build: Machine, site: Site, steps: list[Step]
 ) -> Capabilities:
     """The same steps on a fake of the same family and build, without asking."""
+    from drivers.acceptance.steps import run_trial
+    from drivers.acceptance.trial import Trial
+    from drivers.fakes.bench import FakeOnPty
+    from drivers.generic.options import PORT_OPTIONS
+    from drivers.registry import make_fake, read_url
+    from mountnav.clock import utc_now
+    from mountnav.simulation.mechanics import Mechanics
+    from mountnav.simulation.pointing_errors import PointingErrors
+    from mountnav.sky.coordinates import Air
+
     mechanics = Mechanics(site, Air(), PointingErrors(), machine=build)
     fake = make_fake(protocol, dialect, mechanics, clock=utc_now, monotonic=time.monotonic)
     with ExitStack() as stack:
@@ -216,7 +257,7 @@ async def _of_fake(
         try:
             await mount.open()
             mount.trust()
-            trial = Trial(mount, site, Air(), asked.lowest_altitude_deg, min(asked.watch_s, 5.0))
+            trial = Trial(mount, site, Air(), asked.lowest, min(asked.watch, FAKE_WATCH_S))
             return await run_trial(trial, steps, _asker_of_fake, driver=protocol)
         finally:
             await mount.close()
@@ -226,8 +267,11 @@ async def _asker_of_fake(question: str) -> bool:
     return True
 
 
-def _keep_transcript(asked: BenchRun, path: Path, mount: GenericMount, ending: ExitStack) -> None:
-    """Write all that is said as it is said: the greeting, which tells who it is, and however it ends."""
+def _keep_transcript(asked: BenchOptions, path: Path, mount: GenericMount, ending: ExitStack) -> None:
+    """Write all that is said as it is said: the greeting, which names the mount, and however it ends."""
+    from drivers.registry import read_url
+    from mountnav.clock import utc_now
+
     file = ending.enter_context(path.open("w", encoding="utf-8", buffering=1))
     header = {
         "driver": read_url(asked.url).driver,

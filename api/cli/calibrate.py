@@ -2,135 +2,151 @@
 
 from __future__ import annotations
 
-import json
-import sys
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
+import typer
 
-from api.http.file_names import shown
+from api.cli.options import Json, ManyValues
+from api.cli.output import print_json, refusing_os_errors
 from mountnav.errors import BadFrame, BadRequest
-from mountnav.frames import Frame
-from mountnav.measuring.calibration import Calibration, CalibrationPolicy, CalibrationReport
-from mountnav.measuring.calibration.building import build
-from mountnav.measuring.calibration.camera_setup import Kind, assumptions
-from mountnav.measuring.calibration.masters import Master
-from mountnav.measuring.calibration.stacking import StackSettings
-from mountnav.reading import read_frame
+
+if TYPE_CHECKING:
+    from mountnav.frames import Frame
+    from mountnav.measuring.calibration import Calibration, CalibrationReport
+    from mountnav.measuring.calibration.masters import Master
+
+calibrate_app = typer.Typer(help="Master bias, dark and flat frames.", no_args_is_help=True)
+_CARDS_OF_THE_ARRAY = frozenset(
+    ("SIMPLE", "BITPIX", "EXTEND", "BZERO", "BSCALE", "BLANK", "XTENSION", "PCOUNT", "GCOUNT")
+)
+"""FITS cards that describe the array as it was stored: the calibrated one is stored otherwise."""
 
 
-def run_build(
-    out: Path,
-    *,
-    bias: Sequence[str],
-    dark: Sequence[str],
-    flat: Sequence[str],
-    lights: Sequence[str],
-    zero_adu: float | None,
-    method: str,
-    kappa_sigma: float,
-    assumed: Sequence[str] = (),
-    as_json: bool,
-) -> int:
-    """Build masters and print what was made; 0.
+@calibrate_app.command("build", cls=ManyValues)
+def calibrate_build(
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the masters; made if it isn't there.")],
+    bias: Annotated[
+        list[str] | None, typer.Option(metavar="F...", help="Bias frames: files, folders, patterns.")
+    ] = None,
+    dark: Annotated[list[str] | None, typer.Option(metavar="F...", help="Dark frames.")] = None,
+    flat: Annotated[
+        list[str] | None, typer.Option(metavar="F...", help="Flats, of one or more filters.")
+    ] = None,
+    flat_from_lights: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="F...", help="Frames of several fields, made a flat by the inverse median filter."
+        ),
+    ] = None,
+    zero: Annotated[
+        float | None,
+        typer.Option(help="ADU of a pixel without light, for --flat-from-lights without a bias."),
+    ] = None,
+    method: Annotated[str, typer.Option(help="Of what is left after clipping: mean or median.")] = "mean",
+    kappa: Annotated[float, typer.Option(help="Clip beyond so many sigma.")] = 5.0,
+    assume: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE",
+            help="Of frames whose headers don't say it: gain, offset, egain, readout, camera, binning.",
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Build masters from stacks of frames. All of them or, if a frame doesn't belong there, none."""
+    from mountnav.measuring.calibration.building import build
+    from mountnav.measuring.calibration.camera_setup import assumptions
+    from mountnav.measuring.calibration.stacking import StackSettings
 
-    Raises
-    ------
-    BadRequest, BadFrame
-        A frame that doesn't belong there; the folder is as before.
-    """
     report = build(
         out,
-        bias=bias,
-        dark=dark,
-        flat=flat,
-        lights=lights,
-        zero_adu=zero_adu,
-        settings=StackSettings(method=method, kappa_sigma=kappa_sigma),
-        assumed=assumptions(assumed),
+        bias=bias or (),
+        dark=dark or (),
+        flat=flat or (),
+        lights=flat_from_lights or (),
+        zero_adu=zero,
+        settings=StackSettings(method=method, kappa_sigma=kappa),
+        assumed=assumptions(assume or ()),
     )
     if as_json:
-        facts = {
-            "folder": str(out),
-            "masters": [_facts(one) for one in report.masters],
-            "notes": report.notes,
-        }
-        sys.stdout.write(json.dumps(facts) + "\n")
-        return 0
+        masters = [_facts(master) for master in report.masters]
+        print_json({"folder": str(out), "masters": masters, "notes": report.notes})
+        return
     for master in report.masters:
-        sys.stdout.write(_line(master) + "\n")
+        typer.echo(_line(master))
     for note in report.notes:
-        sys.stdout.write(f"note: {note}\n")
-    return 0
+        typer.echo(f"note: {note}")
 
 
-def run_info(folder: Path, *, as_json: bool) -> int:
-    """Print the masters of a folder; 0.
+@calibrate_app.command("info")
+def calibrate_info(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder of masters.")], as_json: Json = False
+) -> None:
+    """Tell what masters a folder holds."""
+    from mountnav.measuring.calibration import Calibration
 
-    Raises
-    ------
-    BadRequest
-        No folder, or no masters in it.
-    BadFrame
-        A master is damaged.
-    """
     calibration = Calibration.load(folder)
     if as_json:
-        facts = {
-            "folder": str(folder),
-            "bias_adu": calibration.bias_adu,
-            "masters": [_facts(one) for one in calibration.masters],
-        }
-        sys.stdout.write(json.dumps(facts) + "\n")
-        return 0
+        masters = [_facts(master) for master in calibration.masters]
+        print_json({"folder": str(folder), "bias_adu": calibration.bias_adu, "masters": masters})
+        return
     for master in calibration.masters:
-        sys.stdout.write(_line(master) + "\n")
-    return 0
+        typer.echo(_line(master))
 
 
-def run_apply(folder: Path, files: Sequence[Path], *, out: Path, other_filter: bool, as_json: bool) -> int:
-    """Calibrate frames and write them as FITS of float32; 0 if all were, else 1.
+@calibrate_app.command("apply")
+def calibrate_apply(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder of masters.")],
+    frames: Annotated[list[Path], typer.Argument(metavar="FRAME...", help="Raw frames.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the calibrated frames.")],
+    other_filter: Annotated[
+        bool,
+        typer.Option("--other-filter", help="Use a flat of another filter if there is none of the frame's."),
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Calibrate frames and write them as FITS. Exit code 1 if some could not be."""
+    from mountnav.measuring.calibration import Calibration, CalibrationPolicy
 
-    Raises
-    ------
-    BadRequest
-        No masters, two frames of one name, or an output folder that can't be made.
-    """
     calibration = Calibration.load(folder, policy=CalibrationPolicy(other_filter=other_filter))
-    names = [_output_name(path) for path in files]
+    names = [_output_name(path) for path in frames]
     if len(set(names)) < len(names):
         raise BadRequest(
             "two of the frames have the same name", advice="calibrate them into different folders"
         )
-    try:
+    with refusing_os_errors(f"{out} can't be made"):
         out.mkdir(parents=True, exist_ok=True)
-    except OSError as fault:
-        raise BadRequest(f"{out} can't be made: {fault.strerror or fault}") from fault
     failed = 0
-    for path, name in zip(files, names, strict=True):
+    for path, name in zip(frames, names, strict=True):
         target = out / name
         try:
-            if target.resolve() == path.resolve():
-                raise BadFrame(
-                    "it would be written over itself", device=path.name, advice="choose another folder"
-                )
-            frame, report = calibration.applied(read_frame(path, raw=True))
-            if not report.steps and not report.healed:
-                raise BadFrame(f"nothing was done to it: {'; '.join(report.not_applied)}", device=path.name)
-            _write(target, frame, report)
+            with refusing_os_errors(f"{target} can't be written"):
+                report = _apply(calibration, path, target)
         except BadFrame as error:
             failed += 1
-            _show_applied(path, None, str(error), as_json)
-            continue
-        except OSError as fault:
-            raise BadRequest(f"{target} can't be written: {fault.strerror or fault}") from fault
-        _show_applied(path, report, str(target), as_json)
-    return 1 if failed else 0
+            _print_applied(path, None, str(error), as_json)
+        else:
+            _print_applied(path, report, str(target), as_json)
+    raise typer.Exit(1 if failed else 0)
+
+
+def _apply(calibration: Calibration, path: Path, target: Path) -> CalibrationReport:
+    """Calibrate a frame and write it. Raises `BadFrame` where nothing can be done to it, and `OSError`."""
+    from mountnav.reading import read_frame
+
+    if target.resolve() == path.resolve():
+        raise BadFrame("it would be written over itself", device=path.name, advice="choose another folder")
+    frame, report = calibration.applied(read_frame(path, raw=True))
+    if not report.steps and not report.healed:
+        raise BadFrame(f"nothing was done to it: {'; '.join(report.not_applied)}", device=path.name)
+    _write(target, frame, report)
+    return report
 
 
 def _output_name(path: Path) -> str:
+    """The frame's name with .fits in place of its endings."""
     stem = path.name
     for ending in (".gz", ".bz2", ".fz", ".fits", ".fit", ".fts"):
         if stem.lower().endswith(ending):
@@ -138,45 +154,35 @@ def _output_name(path: Path) -> str:
     return f"{stem}.fits"
 
 
-def _show_applied(path: Path, report: CalibrationReport | None, text: str, as_json: bool) -> None:
+def _print_applied(path: Path, report: CalibrationReport | None, text: str, as_json: bool) -> None:
+    """What became of a frame: `text` is the file that was written, or why there is none."""
+    from api.http.file_names import shown
+
     if as_json:
         facts = {"file": shown(path), "out": None if report is None else text}
         facts |= {"reason": text} if report is None else asdict(report)
-        sys.stdout.write(json.dumps(facts) + "\n")
+        print_json(facts)
     elif report is None:
-        sys.stdout.write(f"{path}: {text}\n")
+        typer.echo(f"{path}: {text}")
     else:
         done = ", ".join(name for name in (report.bias, report.dark, report.flat) if name)
-        sys.stdout.write(
-            f"{path} -> {text}: {done}; {report.healed} pixels healed, {report.missing} missing\n"
-        )
+        typer.echo(f"{path} -> {text}: {done}; {report.healed} pixels healed, {report.missing} missing")
         for line in (*report.not_applied, *report.warnings):
-            sys.stdout.write(f"  {line}\n")
+            typer.echo(f"  {line}")
 
 
 def _write(target: Path, frame: Frame, report: CalibrationReport) -> None:
     """Write a calibrated frame, atomically, with the cards it came with."""
     import warnings
 
+    import numpy as np
     from astropy.io import fits
 
     header = fits.Header()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # long keys and strings of the original become HIERARCH or are cut
         for key, value in frame.header.items():
-            if key in (
-                "SIMPLE",
-                "BITPIX",
-                "EXTEND",
-                "BZERO",
-                "BSCALE",
-                "BLANK",
-                "XTENSION",
-                "PCOUNT",
-                "GCOUNT",
-            ):
-                continue
-            if key.startswith(("NAXIS", "ZNAXIS")):
+            if key in _CARDS_OF_THE_ARRAY or key.startswith(("NAXIS", "ZNAXIS")):
                 continue
             try:
                 header[key] = value
@@ -220,12 +226,20 @@ def _facts(master: Master) -> dict[str, object]:
 
 
 def _bad_share(master: Master) -> float | None:
+    """The share of bad pixels, of a map of them."""
+    import numpy as np
+
+    from mountnav.measuring.calibration.camera_setup import Kind
+
     if master.kind is not Kind.BAD_PIXELS:
         return None
     return round(float(np.count_nonzero(master.flags()) / master.flags().size), 7)
 
 
 def _line(master: Master) -> str:
+    """A master for people."""
+    from mountnav.measuring.calibration.camera_setup import Kind
+
     facts = master.facts
     words = [f"{master.name}:", f"{master.frames} frame{'s' if master.frames != 1 else ''},"]
     if master.kind is Kind.BAD_PIXELS:

@@ -1,54 +1,97 @@
-"""`mountnav catalog`: lists, describes, verifies and removes star catalogs, and lists stars."""
+"""`mountnav catalog`: lists, describes, verifies and removes star catalogs, and lists stars.
+
+The commands that take long are in `catalog_import`, the doctor in `catalog_doctor`.
+"""
 
 from __future__ import annotations
 
-import json
-import math
 import sys
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from api.cli.chosen_catalogs import folder_of, named, online_sources, opened
-from api.http.file_names import shown
-from mountnav.catalog.credits import EMBEDDED, credit_of
-from mountnav.catalog.embedded import EMBEDDED_PATH, embedded_catalog, verify_embedded
-from mountnav.catalog.installed import (
-    EMBEDDED_SLUG,
-    Installed,
-    find_installed,
-    installed,
-    remove,
-    unfinished,
+import typer
+
+from api.cli.catalog_doctor import doctor
+from api.cli.catalog_import import fetch, import_, index
+from api.cli.chosen_catalogs import (
+    CatalogsConfig,
+    Folder,
+    Name,
+    folder_of,
+    named_catalog,
+    online_sources,
+    opened_catalog,
 )
-from mountnav.catalog.packed import PackedStore
-from mountnav.catalog.packed.contents import contents
-from mountnav.catalog.stars import StarFlag
-from mountnav.clock import utc_now
+from api.cli.options import DEC_OPTION, RA_OPTION, Json
+from api.cli.output import print_json
 from mountnav.errors import BadRequest, BadSettings
-from mountnav.sky.coordinates import Icrs
 
 if TYPE_CHECKING:
+    from mountnav.catalog.installed import Installed
+    from mountnav.catalog.packed import PackedStore
     from mountnav.settings.catalogs import OnlineSettings
 
-
 _J2000_UNIX_S = 946_728_000.0
+"""2000-01-01T12:00 UTC as a Unix time: the epoch J2000.0, but for the minute between UTC and TT."""
 _JULIAN_YEAR_S = 365.25 * 86400.0
+_LIST_COLUMNS = (
+    "slug",
+    "stars",
+    "band",
+    "commonest_mag",
+    "faintest_mag",
+    "epoch_yr",
+    "sky_percent",
+    "size_mb",
+    "what",
+)
+
+catalog_app = typer.Typer(
+    help="Star catalogs: the embedded one, imported ones, online ones.", no_args_is_help=True
+)
+catalog_app.command("import")(import_)
 
 
-def show_info(name: str | None, folder: Path | None, config: Path | None, as_json: bool) -> None:
-    """Print what a catalog says of itself, what a sample of its stars says, and whose work it is.
+@catalog_app.command("list")
+def list_(folder: Folder = None, config: CatalogsConfig = None, as_json: Json = False) -> None:
+    """List the catalogs at hand: embedded, imported, damaged, unfinished; online ones with --config."""
+    from api.http.file_names import shown
+    from mountnav.catalog.embedded import EMBEDDED_PATH, embedded_catalog
+    from mountnav.catalog.installed import EMBEDDED_SLUG, Installed, installed, unfinished
 
-    Raises
-    ------
-    Unknown
-        There is none of that name.
-    BadSettings
-        It is damaged, or the settings file is wrong.
-    """
-    store = opened(name, folder_of(folder, config))
-    facts = _facts(name or EMBEDDED_SLUG, store)
+    where = folder_of(folder, config)
+    embedded = Installed(EMBEDDED_SLUG, EMBEDDED_PATH, embedded_catalog())
+    rows = [_list_facts(embedded, "embedded")]
+    rows += [_list_facts(found, "imported") for found in installed(where)]
+    rows += [
+        {"slug": slug, "state": "unfinished", "problem": "an import that isn't ended: run it again"}
+        for slug in unfinished(where)
+    ]
+    rows += [_online_facts(source) for source in online_sources(config)]
     if as_json:
-        sys.stdout.write(json.dumps(facts) + "\n")
+        for row in rows:
+            print_json(row)
+        return
+    sys.stdout.write(f"# imported catalogs are in {shown(where)}\n")
+    table = [_LIST_COLUMNS, *(_list_cells(row) for row in rows)]
+    widths = [max(len(row[column]) for row in table) for column in range(len(_LIST_COLUMNS))]
+    for cells in table:
+        left, *numbers, what = cells
+        padded = [left.ljust(widths[0])]
+        padded += [cell.rjust(width) for cell, width in zip(numbers, widths[1:-1], strict=True)]
+        sys.stdout.write("  ".join([*padded, what]) + "\n")
+
+
+@catalog_app.command()
+def info(
+    name: Name = None, folder: Folder = None, config: CatalogsConfig = None, as_json: Json = False
+) -> None:
+    """Tell what a catalog holds: stars, errors today by magnitude, source, terms."""
+    from mountnav.catalog.installed import EMBEDDED_SLUG
+
+    store = opened_catalog(name, folder_of(folder, config))
+    facts = _info_facts(name or EMBEDDED_SLUG, store)
+    if as_json:
+        print_json(facts)
         return
     bins = facts.pop("magnitudes")
     width = max(len(key) for key in facts)
@@ -56,37 +99,101 @@ def show_info(name: str | None, folder: Path | None, config: Path | None, as_jso
         sys.stdout.write(f"{key:{width}}  {'-' if value is None else value}\n")
     sys.stdout.write(f"\n{'mag':>5}  {'share':>7}  {'stars/deg2':>10}  sigma at {facts['sigma_epoch_yr']}\n")
     assert isinstance(bins, list)
-    for one in bins:
+    for magnitude in bins:
         sys.stdout.write(
-            f"{one['mag']:>2}-{one['mag'] + 1:<2}  {100.0 * one['share']:>5.1f} %  "
-            f"{one['density_deg2']:>10.4g}  {one['sigma_arcsec']:.2g}″\n"
+            f"{magnitude['mag']:>2}-{magnitude['mag'] + 1:<2}  {100.0 * magnitude['share']:>5.1f} %  "
+            f"{magnitude['density_deg2']:>10.4g}  {magnitude['sigma_arcsec']:.2g}″\n"
         )
 
 
-def show_cone(
-    ra_deg: float,
-    dec_deg: float,
-    radius_deg: float,
-    mag_limit: float | None,
-    epoch_yr: float | None,
-    as_json: bool,
-    *,
-    catalog: str | None = None,
-    folder: Path | None = None,
-    config: Path | None = None,
+@catalog_app.command()
+def verify(
+    name: Name = None,
+    every: Annotated[bool, typer.Option("--all", help="All that are on this machine.")] = False,
+    folder: Folder = None,
+    config: CatalogsConfig = None,
+    as_json: Json = False,
 ) -> None:
-    """Print the stars round a place; JSON lines with `as_json`.
+    """Read every byte of a catalog and compare its checksum; exit code 1 if it is damaged."""
+    from api.http.file_names import shown
+    from mountnav.catalog.embedded import EMBEDDED_PATH
+    from mountnav.catalog.installed import EMBEDDED_SLUG, Installed, find_installed, installed
 
-    Raises
-    ------
-    MountnavError
-        As `api.cli.chosen_catalogs.named`.
-    """
-    stars = named(catalog, folder, config).cone(
-        Icrs(ra_deg % 360.0, dec_deg),
-        radius_deg,
-        epoch_yr=_now_yr() if epoch_yr is None else epoch_yr,
-        mag_limit=mag_limit,
+    if every and name is not None:
+        raise BadRequest("both a name and --all", advice="give one of them")
+    where = folder_of(folder, config)
+    embedded = Installed(EMBEDDED_SLUG, EMBEDDED_PATH, None)
+    if every:
+        chosen = [embedded, *installed(where)]
+    else:
+        chosen = [embedded if name in (None, EMBEDDED_SLUG) else find_installed(where, str(name))]
+    problems = 0
+    for found in chosen:
+        problem = _problem(found)
+        problems += problem is not None
+        if as_json:
+            fact = {
+                "slug": found.slug,
+                "file": shown(found.path),
+                "sound": problem is None,
+                "problem": problem,
+            }
+            print_json(fact)
+        else:
+            sys.stdout.write(f"{found.slug}: {'sound' if problem is None else problem}\n")
+        sys.stdout.flush()
+    raise typer.Exit(1 if problems else 0)
+
+
+@catalog_app.command()
+def remove(
+    name: Annotated[str, typer.Argument(help="As `list` has it; an unfinished import too.")],
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Don't ask.")] = False,
+    folder: Folder = None,
+    config: CatalogsConfig = None,
+) -> None:
+    """Remove an imported catalog, or what an unfinished import left."""
+    from api.http.file_names import shown
+    from mountnav.catalog.installed import EMBEDDED_SLUG, find_installed, unfinished
+    from mountnav.catalog.installed import remove as remove_catalog
+
+    where = folder_of(folder, config)
+    if name != EMBEDDED_SLUG and name not in unfinished(where):
+        find_installed(where, name)  # refuses a name that there isn't, before anything is asked
+    if not yes and name != EMBEDDED_SLUG:
+        if not _is_interactive():
+            raise BadRequest(f"{name} would be removed for good", advice="say so with --yes")
+        what = shown(where / f"{name}.mnc")
+        if not typer.confirm(f"Remove {what}?", err=True):
+            raise typer.Exit(1)
+    freed_bytes = remove_catalog(where, name)
+    sys.stdout.write(f"{name} is removed: {freed_bytes / 1e6:.1f} MB are free again\n")
+
+
+@catalog_app.command()
+def cone(
+    ra: Annotated[float, RA_OPTION],
+    dec: Annotated[float, DEC_OPTION],
+    radius: Annotated[float, typer.Option(min=0, max=180, help="Degrees.")],
+    mag: Annotated[float | None, typer.Option(help="Faintest magnitude.")] = None,
+    epoch: Annotated[
+        float | None, typer.Option(min=1000, max=3000, help="Julian year; now if not given.")
+    ] = None,
+    catalog: Annotated[
+        str | None, typer.Option(help="As `list` has it; the embedded one if not given.")
+    ] = None,
+    folder: Folder = None,
+    config: CatalogsConfig = None,
+    as_json: Json = False,
+) -> None:
+    """List the stars round a place, brightest first."""
+    from mountnav.sky.coordinates import Icrs
+
+    stars = named_catalog(catalog, folder, config).cone(
+        Icrs(ra % 360.0, dec),
+        radius,
+        epoch_yr=_now_yr() if epoch is None else epoch,
+        mag_limit=mag,
     )
     columns = {
         "ra_deg": (stars.ra_deg, 7),
@@ -99,11 +206,8 @@ def show_cone(
     }
     if as_json:
         for row in range(len(stars)):
-            values = {name: float(column[row]) for name, (column, _) in columns.items()}
-            record: dict[str, object] = {
-                name: value if math.isfinite(value) else None for name, value in values.items()
-            }
-            sys.stdout.write(json.dumps(record | {"flags": _flag_names(int(stars.flags[row]))}) + "\n")
+            values: dict[str, object] = {name: float(column[row]) for name, (column, _) in columns.items()}
+            print_json(values | {"flags": _flag_names(int(stars.flags[row]))})
         return
     color = f", color {stars.color_name}" if stars.color_name else ""
     sys.stdout.write(
@@ -119,7 +223,17 @@ def show_cone(
         sys.stdout.write("  ".join([*cells, " ".join(_flag_names(int(stars.flags[row])))]).rstrip() + "\n")
 
 
-def _facts(slug: str, store: PackedStore) -> dict[str, object]:
+catalog_app.command("fetch")(fetch)
+catalog_app.command("doctor")(doctor)
+catalog_app.command("index")(index)
+
+
+def _info_facts(slug: str, store: PackedStore) -> dict[str, object]:
+    from api.http.file_names import shown
+    from mountnav.catalog.credits import EMBEDDED, credit_of
+    from mountnav.catalog.embedded import embedded_catalog
+    from mountnav.catalog.packed.contents import contents
+
     header, epoch_yr = store.header, round(_now_yr(), 1)
     held = contents(store, epoch_yr=epoch_yr)
     made_from = header.made_from or "mountnav's own recipe: tools/build_tycho2.py"
@@ -149,90 +263,52 @@ def _facts(slug: str, store: PackedStore) -> dict[str, object]:
         "sigma_epoch_yr": epoch_yr,
         "magnitudes": [
             {
-                "mag": one.mag,
-                "share": round(one.share, 5),
-                "density_deg2": round(one.density_deg2, 3),
-                "sigma_arcsec": round(one.sigma_arcsec, 6),
+                "mag": magnitude.mag,
+                "share": round(magnitude.share, 5),
+                "density_deg2": round(magnitude.density_deg2, 3),
+                "sigma_arcsec": round(magnitude.sigma_arcsec, 6),
             }
-            for one in held.bins
+            for magnitude in held.bins
         ],
     }
 
 
 def _flag_names(flags: int) -> list[str]:
-    return [(one.name or "").lower().replace("_", "-") for one in StarFlag if flags & one]
+    from mountnav.catalog.stars import StarFlag
+
+    return [(flag.name or "").lower().replace("_", "-") for flag in StarFlag if flags & flag]
 
 
 def _now_yr() -> float:
     """The Julian year now."""
+    from mountnav.clock import utc_now
+
     return 2000.0 + (utc_now().timestamp() - _J2000_UNIX_S) / _JULIAN_YEAR_S
 
 
-_LIST_COLUMNS = (
-    "slug",
-    "stars",
-    "band",
-    "commonest_mag",
-    "faintest_mag",
-    "epoch_yr",
-    "sky_percent",
-    "size_mb",
-    "what",
-)
+def _list_facts(found: Installed, state: str) -> dict[str, object]:
+    from api.http.file_names import shown
 
-
-def show_list(folder: Path | None, config: Path | None, as_json: bool) -> None:
-    """Print one line for each catalog: the embedded one, the imported ones, then the online ones.
-
-    Raises
-    ------
-    BadSettings
-        The settings file is wrong, or the folder can't be looked into.
-    """
-    where = folder_of(folder, config)
-    embedded = Installed(EMBEDDED_SLUG, EMBEDDED_PATH, embedded_catalog())
-    rows = [_list_facts(one, "embedded") for one in (embedded,)]
-    rows += [_list_facts(one, "imported") for one in installed(where)]
-    rows += [
-        {"slug": slug, "state": "unfinished", "problem": "an import that isn't ended: run it again"}
-        for slug in unfinished(where)
-    ]
-    rows += [_online_facts(one) for one in online_sources(config)]
-    if as_json:
-        for row in rows:
-            sys.stdout.write(json.dumps(row) + "\n")
-        return
-    sys.stdout.write(f"# imported catalogs are in {shown(where)}\n")
-    table = [_LIST_COLUMNS, *(_list_cells(row) for row in rows)]
-    widths = [max(len(row[column]) for row in table) for column in range(len(_LIST_COLUMNS))]
-    for cells in table:
-        left, *numbers, what = cells
-        padded = [left.ljust(widths[0])]
-        padded += [cell.rjust(width) for cell, width in zip(numbers, widths[1:-1], strict=True)]
-        sys.stdout.write("  ".join([*padded, what]) + "\n")
-
-
-def _list_facts(one: Installed, state: str) -> dict[str, object]:
     facts: dict[str, object] = {
-        "slug": one.slug,
-        "state": "damaged" if one.store is None else state,
-        "file": shown(one.path),
+        "slug": found.slug,
+        "state": "damaged" if found.store is None else state,
+        "file": shown(found.path),
     }
     try:
-        facts["size_mb"] = round(one.path.stat().st_size / 1e6, 3)
+        facts["size_mb"] = round(found.path.stat().st_size / 1e6, 3)
     except OSError:  # a link whose target has gone
         facts["size_mb"] = None
-    if one.store is None:
-        return facts | {"problem": one.problem}
-    header = one.store.header
+    if found.store is None:
+        return facts | {"problem": found.problem}
+    header = found.store.header
     return facts | {
         "name": header.name,
         "stars": header.count,
         "band": header.band,
-        "commonest_mag": round(one.store.magnitudes[2], 2),
-        "faintest_mag": round(one.store.magnitudes[1], 2),
+        "commonest_mag": round(found.store.magnitudes[2], 2),
+        "faintest_mag": round(found.store.magnitudes[1], 2),
         "epoch_yr": header.epoch_yr,
-        "sky_percent": float(f"{100.0 * one.store.sky_share():.3g}"),
+        "sky_percent": float(f"{100.0 * found.store.sky_share():.3g}"),
     }
 
 
@@ -271,83 +347,12 @@ def _list_cells(row: dict[str, object]) -> tuple[str, ...]:
     return (str(row["slug"]), *cells, what)
 
 
-def show_verify(
-    name: str | None, every: bool, folder: Path | None, config: Path | None, as_json: bool
-) -> int:
-    """Compare catalogs with their checksums; one line for each.
-
-    Returns
-    -------
-    int
-        0 if all are sound, 1 if one isn't.
-
-    Raises
-    ------
-    BadRequest
-        Both a name and `every`.
-    Unknown
-        There is no catalog of that name.
-    BadSettings
-        The settings file is wrong, or the folder can't be looked into.
-    """
-    if every and name is not None:
-        raise BadRequest("both a name and --all", advice="give one of them")
-    where = folder_of(folder, config)
-    embedded = Installed(EMBEDDED_SLUG, EMBEDDED_PATH, None)
-    if every:
-        chosen = [embedded, *installed(where)]
-    else:
-        chosen = [embedded if name in (None, EMBEDDED_SLUG) else find_installed(where, str(name))]
-    problems = 0
-    for one in chosen:
-        problem = _problem(one)
-        problems += problem is not None
-        if as_json:
-            fact = {"slug": one.slug, "file": shown(one.path), "sound": problem is None, "problem": problem}
-            sys.stdout.write(json.dumps(fact) + "\n")
-        else:
-            sys.stdout.write(f"{one.slug}: {'sound' if problem is None else problem}\n")
-        sys.stdout.flush()
-    return 1 if problems else 0
-
-
-def show_remove(name: str, yes: bool, folder: Path | None, config: Path | None) -> int:
-    """Remove a catalog, after asking once.
-
-    Returns
-    -------
-    int
-        0 when it is gone, 1 when the answer was no.
-
-    Raises
-    ------
-    MountnavError
-        As `mountnav.catalog.installed.remove`.
-    BadRequest
-        There is nobody to ask, and no --yes.
-    """
-    where = folder_of(folder, config)
-    if name != EMBEDDED_SLUG and name not in unfinished(where):
-        find_installed(where, name)  # a question about nothing is none
-    if not yes and name != EMBEDDED_SLUG:
-        if not _somebody_to_ask():
-            raise BadRequest(f"{name} would be removed for good", advice="say so with --yes")
-        import typer
-
-        what = shown(where / f"{name}.mnc")
-        if not typer.confirm(f"Remove {what}?", err=True):
-            return 1
-    freed = remove(where, name)
-    sys.stdout.write(f"{name} is removed: {freed / 1e6:.1f} MB are free again\n")
-    return 0
-
-
-def _somebody_to_ask() -> bool:
+def _is_interactive() -> bool:
     return sys.stdin.isatty()
 
 
 def _verify(slug: str, store: PackedStore) -> None:
-    """Under a progress bar, if somebody looks: some GB take some seconds."""
+    """Read a catalog, under a progress bar on a terminal: some GB take some seconds."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -358,14 +363,18 @@ def _verify(slug: str, store: PackedStore) -> None:
         store.verify(progress=lambda share: bar.update(task, completed=share))
 
 
-def _problem(one: Installed) -> str | None:
+def _problem(found: Installed) -> str | None:
+    """Why a catalog is not sound; None if it is."""
+    from mountnav.catalog.embedded import EMBEDDED_PATH, verify_embedded
+    from mountnav.catalog.installed import EMBEDDED_SLUG
+
     try:
-        if one.slug == EMBEDDED_SLUG and one.path == EMBEDDED_PATH:
+        if found.slug == EMBEDDED_SLUG and found.path == EMBEDDED_PATH:
             verify_embedded()
-        elif one.store is None:
-            return one.problem
+        elif found.store is None:
+            return found.problem
         else:
-            _verify(one.slug, one.store)
+            _verify(found.slug, found.store)
     except (BadSettings, OSError) as error:
         return str(error)
     return None

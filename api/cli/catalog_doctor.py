@@ -2,40 +2,47 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import textwrap
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from api.http.doctor_record import CheckRecord, DoctorRecord, doctor_record
-from mountnav.catalog.catalog_set import open_catalogs
-from mountnav.catalog.doctor.cameras import camera_facts
-from mountnav.catalog.doctor.diagnosis import Verdict, diagnose, julian_year_now, named_catalogs, reach_of
-from mountnav.settings.described_cameras import described_camera
-from mountnav.settings.observatory import Settings
+import typer
+
+from api.cli.options import Json, config_option
+from api.cli.output import print_json
+
+if TYPE_CHECKING:
+    from api.http.doctor_record import CheckRecord, DoctorRecord
 
 _WIDTH = 98
+"""Columns of the text: a terminal of 100, with a margin."""
 _SAYS = {
-    Verdict.SUFFICES: "The catalogs on this machine suffice: {fails} of the fields would fail.",
-    Verdict.MARGINAL: "The catalogs on this machine are marginal: {fails} of the fields would fail.",
-    Verdict.INSUFFICIENT: "The catalogs on this machine do NOT suffice: {fails} of the fields would fail.",
-    Verdict.UNKNOWN: "Whether the catalogs suffice is not known.",
+    "suffices": "The catalogs on this machine suffice: {fails} of the fields would fail.",
+    "marginal": "The catalogs on this machine are marginal: {fails} of the fields would fail.",
+    "insufficient": "The catalogs on this machine do NOT suffice: {fails} of the fields would fail.",
+    "unknown": "Whether the catalogs suffice is not known.",
 }
+"""By the verdict's value."""
 
 
-def show_doctor(config: Path, as_json: bool) -> int:
-    """Print what the doctor says; 0 if the catalogs suffice for every camera, else 1.
+def doctor(
+    config: Annotated[Path, config_option("The settings (TOML).")],
+    as_json: Json = False,
+) -> None:
+    """Tell for each camera whether the catalogs hold stars enough, and which one would help."""
+    from api.http.doctor_record import doctor_record
+    from mountnav.catalog.catalog_set import open_catalogs
+    from mountnav.catalog.doctor.cameras import camera_facts
+    from mountnav.catalog.doctor.diagnosis import Verdict, diagnose, julian_year_now, named_catalogs, reach_of
+    from mountnav.settings.described_cameras import described_camera
+    from mountnav.settings.observatory import Settings
 
-    Raises
-    ------
-    BadSettings
-        The file is wrong, or names a catalog that isn't there.
-    """
     settings = Settings.load(config)
     shelf = open_catalogs(settings.catalogs.choice())
     stores, epoch_yr = named_catalogs(shelf), julian_year_now()
-    online = [one.name for one in settings.catalogs.online]
+    online = [source.name for source in settings.catalogs.online]
     records = []
     for telescope in settings.telescope:
         reach = reach_of(settings.site.latitude_deg, telescope.limits.min_altitude_deg)
@@ -45,9 +52,9 @@ def show_doctor(config: Path, as_json: bool) -> int:
             sys.stdout.write("\n".join(lines_of(records[-1])) + "\n\n")
             sys.stdout.flush()
     if as_json:
-        told = {"telescopes": [one.model_dump(mode="json") for one in records]}
-        sys.stdout.write(json.dumps(told, ensure_ascii=False, allow_nan=False) + "\n")
-    return 0 if all(one.catalogs.verdict is Verdict.SUFFICES for one in records) else 1
+        print_json({"telescopes": [record.model_dump(mode="json") for record in records]}, ascii_only=False)
+    enough = all(record.catalogs.verdict is Verdict.SUFFICES for record in records)
+    raise typer.Exit(0 if enough else 1)
 
 
 def lines_of(record: DoctorRecord) -> Iterator[str]:
@@ -70,15 +77,15 @@ def lines_of(record: DoctorRecord) -> Iterator[str]:
         yield f"  {'':30}{'stars':>9}   {'stars in a frame at the galactic':^32}   {'fields that':>11}"
         heads = f"{'in all':>9}{'pole':>13}{'median':>11}{'plane':>11}{'would fail':>14}"
         yield f"  {'on this machine':30}{heads}"
-        yield from (_row(one) for one in found.here)
+        yield from (_row(check) for check in found.here)
         if len(found.here) > 1:
             yield f"  {'the best for each field':30}{'':44}{_of(found.fails_percent):>14}"
         yield ""
-    yield from _wrapped(_SAYS[found.verdict].format(fails=_of(found.fails_percent)), "  ", "  ")
+    yield from _wrapped(_SAYS[found.verdict.value].format(fails=_of(found.fails_percent)), "  ", "  ")
     if found.remedies:
         yield ""
         yield "  can be had (by a model of the Galaxy)"
-        yield from (_row(one) for one in found.remedies)
+        yield from (_row(check) for check in found.remedies)
         yield ""
     for sentence in found.advice:
         yield from _wrapped(sentence, "  - ", "    ")
@@ -88,17 +95,19 @@ def lines_of(record: DoctorRecord) -> Iterator[str]:
         )
 
 
-def _row(one: CheckRecord) -> str:
+def _row(check: CheckRecord) -> str:
     uncovered = (
-        f"  {_of(one.uncovered_percent)} not in it"
-        if one.uncovered_percent and one.uncovered_percent > 0
+        f"  {_of(check.uncovered_percent)} not in it"
+        if check.uncovered_percent and check.uncovered_percent > 0
         else ""
     )
     stars = "".join(
         f"{_number(value):>{width}}"
-        for value, width in ((one.pole_stars, 13), (one.median_stars, 11), (one.plane_stars, 11))
+        for value, width in ((check.pole_stars, 13), (check.median_stars, 11), (check.plane_stars, 11))
     )
-    return f"  {one.name[:29]:30}{_millions(one.stars):>9}{stars}{_of(one.fails_percent):>14}{uncovered}"
+    return (
+        f"  {check.name[:29]:30}{_millions(check.stars):>9}{stars}{_of(check.fails_percent):>14}{uncovered}"
+    )
 
 
 def _wrapped(sentence: str, first: str, others: str) -> list[str]:

@@ -1,41 +1,226 @@
-"""`mountnav catalog import`, `fetch` and `index`: what takes long, under a progress bar."""
+"""`mountnav catalog import`, `fetch` and `index`: what takes long, under a progress bar on stderr."""
 
 from __future__ import annotations
 
-import json
 import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Annotated
 
-from api.cli.chosen_catalogs import folder_of, online_catalog, online_sources
-from api.http.file_names import shown
-from mountnav.catalog.credits import credit_of
-from mountnav.catalog.embedded import embedded_catalog
-from mountnav.catalog.importing.job import import_catalog
-from mountnav.catalog.importing.order import Imported, ImportOrder, ImportProgress, Selection
-from mountnav.catalog.packed import PackedStore
+import typer
+
+from api.cli.chosen_catalogs import CatalogsConfig, Folder, folder_of, online_catalog, online_sources
+from api.cli.options import DEC_OPTION, RA_OPTION, Json, config_option
+from api.cli.output import print_json
 from mountnav.errors import BadRequest
-from mountnav.identification.blind.cache import cached_index
-from mountnav.identification.blind.index import BlindIndex
-from mountnav.sky.coordinates import Icrs
 
 if TYPE_CHECKING:
+    from types import TracebackType
+    from typing import Self
+
     from rich.progress import TaskID
 
+    from mountnav.catalog.importing.order import Imported, ImportProgress, Selection
+    from mountnav.catalog.packed import PackedStore
+    from mountnav.identification.blind.index import BlindIndex
 
 _LINE_EACH_S = 10.0
+"""Between two lines of progress where there is no terminal. chosen: an import of some minutes fills no
+log."""
 _WIDE = 120
-"""Columns of a terminal that shows all there is to tell."""
+"""Columns of a terminal that shows all there is to say; a narrower one gets the short form."""
+_RATE_AFTER_S = 1.0
+"""So long a stage runs before its rate and the time left are worth telling. chosen by hand."""
+INTERRUPTED = 130
+"""Exit code of a shell for a command that Ctrl-C ended."""
 _STAGES = {"reading": "reading", "packing": "sorting and writing", "checking": "checking"}
 
 
-class ShownProgress:
-    """Shows the progress of an import; a context, so that the terminal is left in order."""
+def import_(
+    kind: Annotated[str, typer.Argument(help="One of: ucac4, usno-b1, gaia, astrometry-net, astap, siril.")],
+    path: Annotated[Path, typer.Argument(help="A file, or the folder of the files.")],
+    name: Annotated[str | None, typer.Option(help="What it will be called; the kind if not given.")] = None,
+    folder: Folder = None,
+    config: CatalogsConfig = None,
+    mag_limit: Annotated[
+        float | None, typer.Option(help="Take only stars as bright as this, in the catalog's band.")
+    ] = None,
+    cone: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(metavar="RA DEC RADIUS", help="Take only stars in this cone, degrees (ICRS)."),
+    ] = None,
+    dec_range: Annotated[
+        tuple[float, float] | None,
+        typer.Option(metavar="LOW HIGH", help="Take only stars between these declinations, degrees."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Take the place of a catalog of that name.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Import a star catalog. Interrupted, it goes on when the same command is run again."""
+    from mountnav.catalog.importing.job import import_catalog
+    from mountnav.catalog.importing.order import ImportOrder
+
+    slug = name if name is not None else kind
+    if any(online.name == slug for online in online_sources(config)):
+        raise BadRequest(
+            f"{slug!r} is the name of an online catalog in {config}", advice="choose another with --name"
+        )
+    order = ImportOrder(
+        kind=kind,
+        source=path,
+        slug=slug,
+        folder=folder_of(folder, config),
+        selection=_selection(mag_limit, cone, dec_range),
+        force=force,
+    )
+    began_s = time.monotonic()
+    progress = ImportProgressBar()
+    try:
+        with progress:
+            imported = import_catalog(order, tell=progress.show, note=progress.note)
+    except KeyboardInterrupt:
+        _print_how_to_go_on(progress)
+        raise typer.Exit(INTERRUPTED) from None
+    _print_imported(imported, slug, time.monotonic() - began_s, as_json)
+
+
+def fetch(
+    name: Annotated[str, typer.Argument(help="Of an online catalog in the settings file.")],
+    config: Annotated[Path, config_option("Settings file: its catalogs table is used.")],
+    ra: Annotated[float, RA_OPTION],
+    dec: Annotated[float, DEC_OPTION],
+    radius: Annotated[float, typer.Option(min=0, max=180, help="Degrees.")],
+    mag: Annotated[float | None, typer.Option(help="Faintest magnitude that will be asked for.")] = None,
+    timeout: Annotated[
+        float | None,
+        typer.Option(
+            min=1, max=600, help="Seconds for each round of three tiles.", show_default="the settings'"
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Fetch an area of an online catalog into the cache, for a night without network."""
+    from mountnav.sky.coordinates import Icrs
+
+    catalog = online_catalog(name, config)
+    center = Icrs(ra % 360.0, dec)
+    with _tiles_progress(f"asking {catalog.source.host}") as show:
+        came = catalog.prefetch(center, radius, mag_limit=mag, timeout_s=timeout, progress=show)
+    cached = catalog.cached_tiles()
+    if as_json:
+        facts = {
+            "name": name,
+            "tiles": came.tiles,
+            "fetched": came.fetched,
+            "problem": came.problem,
+            "cached_stars": cached.stars,
+            "cached_mb": round(cached.size_bytes / 1e6, 3),
+        }
+        print_json(facts)
+    else:
+        sys.stdout.write(
+            f"{name}: {came.fetched} tiles came, the area has {came.tiles}; in the cache are now "
+            f"{cached.tiles} tiles, {cached.stars:,} stars, {cached.size_bytes / 1e6:.1f} MB\n"
+        )
+        if came.problem is not None:
+            sys.stdout.write(
+                f"not all of it: {came.problem}. The same command goes on where it ended"
+                f"{'; --timeout gives a slow server more time' if 'within' in came.problem else ''}\n"
+            )
+    raise typer.Exit(0 if came.problem is None else 1)
+
+
+def index(
+    force: Annotated[bool, typer.Option("--force", help="Build it anew if it is there.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Build the index for blind solving, once, into the user's cache; takes half a minute."""
+    from mountnav.catalog.embedded import embedded_catalog
+
+    began_s = time.monotonic()
+    found, built = _open_or_build_index(embedded_catalog(), force=force)
+    facts: dict[str, object] = {
+        "file": str(found.path),
+        "size_mb": round(found.path.stat().st_size / 1e6, 1),
+        "quads": len(found),
+        "catalog": found.header.catalog,
+        "built": built,
+        "took_s": round(time.monotonic() - began_s, 1),
+    }
+    if as_json:
+        print_json(facts)
+        return
+    state = f"built in {facts['took_s']} s" if built else "was there already (--force builds it anew)"
+    sys.stdout.write(
+        f"{facts['file']}  {facts['size_mb']} MB  {len(found)} quads of {facts['catalog']}, {state}\n"
+    )
+
+
+def _selection(
+    mag_limit: float | None, cone: tuple[float, float, float] | None, dec_range: tuple[float, float] | None
+) -> Selection:
+    from mountnav.catalog.importing.order import Selection
+    from mountnav.sky.coordinates import Icrs
+
+    if cone is None:
+        return Selection(mag_limit=mag_limit, dec_range_deg=dec_range)
+    ra_deg, dec_deg, radius_deg = cone
+    if not (0.0 <= ra_deg <= 360.0 and -90.0 <= dec_deg <= 90.0):
+        raise BadRequest(
+            f"no place: RA {ra_deg}°, Dec {dec_deg}°", advice="--cone RA DEC RADIUS, all in degrees (ICRS)"
+        )
+    return Selection(mag_limit, Icrs(ra_deg % 360.0, dec_deg), radius_deg, dec_range)
+
+
+def _print_how_to_go_on(progress: ImportProgressBar) -> None:
+    last = progress.last
+    if last is None or last.parts_done == 0:
+        sys.stderr.write("interrupted before a part was in: nothing is kept\n")
+        return
+    sys.stderr.write(
+        f"interrupted: {last.parts_done} of {last.parts} parts are in and kept. The same command goes on:\n"
+        f"  {shlex.join(['mountnav', *sys.argv[1:]])}\n"
+    )
+
+
+def _print_imported(imported: Imported, slug: str, took_s: float, as_json: bool) -> None:
+    from api.http.file_names import shown
+    from mountnav.catalog.credits import credit_of
+
+    header, size = imported.header, imported.path.stat().st_size
+    if as_json:
+        facts: dict[str, object] = {
+            "slug": slug,
+            "name": header.name,
+            "file": shown(imported.path),
+            "size_mb": round(size / 1e6, 3),
+            "stars": header.count,
+            "band": header.band,
+            "epoch_yr": header.epoch_yr,
+            "parts": imported.parts,
+            "resumed": imported.resumed,
+            "compared": imported.compared,
+            "took_s": round(took_s, 1),
+        }
+        print_json(facts)
+        return
+    sys.stdout.write(
+        f"{slug}: {header.count:,} stars of {header.name}, {size / 1e6:.1f} MB, in {took_s:.0f} s\n"
+        f"{shown(imported.path)}\n"
+        f"{imported.compared} stars of the source were looked for in it and found\n"
+    )
+    if (credit := credit_of(header.made_from)) is not None:
+        sys.stdout.write(f"terms: {credit.terms}\n")
+
+
+class ImportProgressBar:
+    """The progress of an import: a bar on a terminal, a plain line now and then elsewhere.
+
+    A context, so that the terminal is left in order.
+    """
 
     def __init__(self) -> None:
         from rich.console import Console
@@ -46,7 +231,7 @@ class ShownProgress:
         self._bar = Progress(
             TextColumn("{task.description}"),
             BarColumn(bar_width=20),
-            TextColumn("{task.percentage:3.0f} %  {task.fields[told]}"),
+            TextColumn("{task.percentage:3.0f} %  {task.fields[text]}"),
             TimeRemainingColumn(),
             console=console,
             transient=True,
@@ -75,20 +260,20 @@ class ShownProgress:
         else:
             sys.stderr.write(f"{text}\n")
 
-    def tell(self, progress: ImportProgress) -> None:
+    def show(self, progress: ImportProgress) -> None:
         """Show how far it is."""
         self.last = progress
         if progress.stage != self._stage:
             self._begin(progress)
         assert self._first is not None
         elapsed_s = time.monotonic() - self._began_s
-        told = self._told(progress, elapsed_s)
+        text = self._text(progress, elapsed_s)
         if self._terminal:
             assert self._task is not None
-            self._bar.update(self._task, completed=progress.share, told=told)
+            self._bar.update(self._task, completed=progress.share, text=text)
         elif time.monotonic() >= self._line_due_s:
             self._line_due_s = time.monotonic() + _LINE_EACH_S
-            self._line(progress, told, elapsed_s)
+            self._print_line(progress, text, elapsed_s)
 
     def _begin(self, progress: ImportProgress) -> None:
         """A stage begins: with a bar of its own, and a clock of its own."""
@@ -96,27 +281,27 @@ class ShownProgress:
             self._bar.remove_task(self._task)
         self._stage, self._first = progress.stage, progress
         self._began_s, self._line_due_s = time.monotonic(), 0.0
-        self._task = self._bar.add_task(_STAGES[progress.stage], total=1.0, told="")
+        self._task = self._bar.add_task(_STAGES[progress.stage], total=1.0, text="")
 
-    def _told(self, progress: ImportProgress, elapsed_s: float) -> str:
+    def _text(self, progress: ImportProgress, elapsed_s: float) -> str:
         assert self._first is not None
         if progress.stage != "reading":
             return f"{progress.stars:,} stars"
         new = progress.stars - self._first.stars
-        rate = f"  {new / elapsed_s:,.0f} stars/s" if new and elapsed_s >= 1.0 else ""
+        rate = f"  {new / elapsed_s:,.0f} stars/s" if new and elapsed_s >= _RATE_AFTER_S else ""
         if self._terminal and self._bar.console.width < _WIDE:
             return f"{_size(progress.bytes_done)}/{_size(progress.size_bytes)}  {progress.stars:,} stars"
         size = f"{_size(progress.bytes_done)} of {_size(progress.size_bytes)}"
         return f"{progress.parts_done} of {progress.parts} parts  {size}  {progress.stars:,} stars{rate}"
 
-    def _line(self, progress: ImportProgress, told: str, elapsed_s: float) -> None:
+    def _print_line(self, progress: ImportProgress, text: str, elapsed_s: float) -> None:
         assert self._first is not None
         done = progress.share - self._first.share
         left = ""
-        if done > 0 and elapsed_s >= 1.0:
+        if done > 0 and elapsed_s >= _RATE_AFTER_S:
             left = f"  {_time(elapsed_s * (1.0 - progress.share) / done)} left"
         stage = _STAGES[progress.stage]
-        sys.stderr.write(f"{stage}: {100.0 * progress.share:.0f} %  {told}{left}\n")
+        sys.stderr.write(f"{stage}: {100.0 * progress.share:.0f} %  {text}{left}\n")
         sys.stderr.flush()
 
 
@@ -134,164 +319,8 @@ def _time(seconds: float) -> str:
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
-def show_import(
-    kind: str,
-    source: Path,
-    *,
-    name: str | None,
-    folder: Path | None,
-    config: Path | None,
-    mag_limit: float | None,
-    cone: tuple[float, float, float] | None,
-    dec_range: tuple[float, float] | None,
-    force: bool,
-    as_json: bool,
-) -> int:
-    """Import a catalog under a progress bar on stderr, and print what came of it.
-
-    Returns
-    -------
-    int
-        The exit code: 0, or 130 when it was interrupted.
-
-    Raises
-    ------
-    MountnavError
-        As `mountnav.catalog.importing.job.import_catalog`.
-    """
-    slug = name if name is not None else kind
-    if any(one.name == slug for one in online_sources(config)):
-        raise BadRequest(
-            f"{slug!r} is the name of an online catalog in {config}", advice="choose another with --name"
-        )
-    order = ImportOrder(
-        kind=kind,
-        source=source,
-        slug=slug,
-        folder=folder_of(folder, config),
-        selection=_selection(mag_limit, cone, dec_range),
-        force=force,
-    )
-    began_s = time.monotonic()
-    progress = ShownProgress()
-    try:
-        with progress:
-            imported = import_catalog(order, tell=progress.tell, note=progress.note)
-    except KeyboardInterrupt:
-        _tell_how_to_go_on(progress)
-        return 130
-    _show_imported(imported, slug, time.monotonic() - began_s, as_json)
-    return 0
-
-
-def _selection(
-    mag_limit: float | None, cone: tuple[float, float, float] | None, dec_range: tuple[float, float] | None
-) -> Selection:
-    if cone is None:
-        return Selection(mag_limit=mag_limit, dec_range_deg=dec_range)
-    ra_deg, dec_deg, radius_deg = cone
-    if not (0.0 <= ra_deg <= 360.0 and -90.0 <= dec_deg <= 90.0):
-        raise BadRequest(
-            f"no place: RA {ra_deg}°, Dec {dec_deg}°", advice="--cone RA DEC RADIUS, all in degrees (ICRS)"
-        )
-    return Selection(mag_limit, Icrs(ra_deg % 360.0, dec_deg), radius_deg, dec_range)
-
-
-def _tell_how_to_go_on(progress: ShownProgress) -> None:
-    last = progress.last
-    if last is None or last.parts_done == 0:
-        sys.stderr.write("interrupted before a part was in: nothing is kept\n")
-        return
-    sys.stderr.write(
-        f"interrupted: {last.parts_done} of {last.parts} parts are in and kept. The same command goes on:\n"
-        f"  {shlex.join(['mountnav', *sys.argv[1:]])}\n"
-    )
-
-
-def _show_imported(imported: Imported, slug: str, took_s: float, as_json: bool) -> None:
-    header, size = imported.header, imported.path.stat().st_size
-    if as_json:
-        facts: dict[str, object] = {
-            "slug": slug,
-            "name": header.name,
-            "file": shown(imported.path),
-            "size_mb": round(size / 1e6, 3),
-            "stars": header.count,
-            "band": header.band,
-            "epoch_yr": header.epoch_yr,
-            "parts": imported.parts,
-            "resumed": imported.resumed,
-            "compared": imported.compared,
-            "took_s": round(took_s, 1),
-        }
-        sys.stdout.write(json.dumps(facts) + "\n")
-        return
-    sys.stdout.write(
-        f"{slug}: {header.count:,} stars of {header.name}, {size / 1e6:.1f} MB, in {took_s:.0f} s\n"
-        f"{shown(imported.path)}\n"
-        f"{imported.compared} stars of the source were looked for in it and found\n"
-    )
-    if (credit := credit_of(header.made_from)) is not None:
-        sys.stdout.write(f"terms: {credit.terms}\n")
-
-
-def show_fetch(
-    name: str,
-    config: Path,
-    *,
-    ra_deg: float,
-    dec_deg: float,
-    radius_deg: float,
-    mag_limit: float | None,
-    timeout_s: float | None,
-    as_json: bool,
-) -> int:
-    """Fetch what isn't in the cache yet, and print what came.
-
-    Returns
-    -------
-    int
-        0 if the whole area is in the cache now, 1 if some of it didn't come.
-
-    Raises
-    ------
-    Unknown
-        The settings file has no online catalog of that name.
-    BadRequest
-        The area is too large.
-    BadSettings
-        The settings file is wrong.
-    """
-    catalog = online_catalog(name, config)
-    center = Icrs(ra_deg % 360.0, dec_deg)
-    with _fetch_progress(f"asking {catalog.source.host}") as tell:
-        came = catalog.prefetch(center, radius_deg, mag_limit=mag_limit, timeout_s=timeout_s, progress=tell)
-    cached = catalog.cached_tiles()
-    if as_json:
-        facts = {
-            "name": name,
-            "tiles": came.tiles,
-            "fetched": came.fetched,
-            "problem": came.problem,
-            "cached_stars": cached.stars,
-            "cached_mb": round(cached.size_bytes / 1e6, 3),
-        }
-        sys.stdout.write(json.dumps(facts) + "\n")
-    else:
-        sys.stdout.write(
-            f"{name}: {came.fetched} tiles came, the area has {came.tiles}; in the cache are now "
-            f"{cached.tiles} tiles, {cached.stars:,} stars, {cached.size_bytes / 1e6:.1f} MB\n"
-        )
-        if came.problem is not None:
-            sys.stdout.write(
-                f"not all of it: {came.problem}. The same command goes on where it ended"
-                f"{'; --timeout gives a slow server more time' if 'within' in came.problem else ''}\n"
-            )
-    return 0 if came.problem is None else 1
-
-
 @contextmanager
-def _fetch_progress(what: str) -> Iterator[Callable[[int, int], None]]:
+def _tiles_progress(what: str) -> Iterator[Callable[[int, int], None]]:
     """Say on stderr how many tiles came: a progress bar to a person, else a line for each."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -305,33 +334,6 @@ def _fetch_progress(what: str) -> Iterator[Callable[[int, int], None]]:
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task(what, total=None)
         yield lambda came, wanted: bar.update(task, completed=came, total=wanted)
-
-
-def show_index(force: bool, as_json: bool) -> None:
-    """Build the index if it isn't there (or anyhow, with `force`), and print where it is.
-
-    Raises
-    ------
-    BadSettings
-        The cache can't be written.
-    """
-    began = time.monotonic()
-    index, built = _open_or_build_index(embedded_catalog(), force=force)
-    facts: dict[str, object] = {
-        "file": str(index.path),
-        "size_mb": round(index.path.stat().st_size / 1e6, 1),
-        "quads": len(index),
-        "catalog": index.header.catalog,
-        "built": built,
-        "took_s": round(time.monotonic() - began, 1),
-    }
-    if as_json:
-        sys.stdout.write(json.dumps(facts) + "\n")
-        return
-    state = f"built in {facts['took_s']} s" if built else "was there already (--force builds it anew)"
-    sys.stdout.write(
-        f"{facts['file']}  {facts['size_mb']} MB  {len(index)} quads of {facts['catalog']}, {state}\n"
-    )
 
 
 def built_with_progress(catalog: PackedStore) -> BlindIndex:
@@ -350,7 +352,9 @@ def _open_or_build_index(catalog: PackedStore, *, force: bool) -> tuple[BlindInd
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    told: list[float] = []
+    from mountnav.identification.blind.cache import cached_index
+
+    shares: list[float] = []
     console = Console(stderr=True)
     bar = Progress(
         TextColumn("building the index for blind solving"),
@@ -362,17 +366,17 @@ def _open_or_build_index(catalog: PackedStore, *, force: bool) -> tuple[BlindInd
     )
     task = bar.add_task("", total=1.0)
 
-    def tell(share: float) -> None:
-        if not told:
+    def show(share: float) -> None:
+        if not shares:
             bar.start()  # not before something is to be seen: an index that is there is opened silently
             if not console.is_terminal:
                 sys.stderr.write("building the index for blind solving: once, about half a minute\n")
-        told.append(share)
+        shares.append(share)
         bar.update(task, completed=share)
 
     try:
-        index = cached_index(catalog, progress=tell, force=force)
+        index = cached_index(catalog, progress=show, force=force)
     finally:
-        if told:
+        if shares:
             bar.stop()
-    return index, bool(told)
+    return index, bool(shares)

@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from mountnav.catalog.catalog_set import CatalogSet, open_catalogs
-from mountnav.catalog.embedded import embedded_catalog
-from mountnav.catalog.installed import EMBEDDED_SLUG, catalogs_folder, find_installed
-from mountnav.catalog.packed import PackedStore
-from mountnav.catalog.stars import Catalog
+import typer
+
+from api.cli.options import config_option
 from mountnav.errors import BadCatalog, Unknown
 
 if TYPE_CHECKING:
+    from mountnav.catalog.catalog_set import CatalogSet
     from mountnav.catalog.online import OnlineCatalog
+    from mountnav.catalog.packed import PackedStore
+    from mountnav.catalog.stars import Catalog
     from mountnav.settings.catalogs import CatalogsSettings, OnlineSettings
+
+Folder = Annotated[
+    Path | None,
+    typer.Option(help="Folder of imported catalogs; else that of --config, MOUNTNAV_CATALOGS, or your own."),
+]
+CatalogsConfig = Annotated[Path | None, config_option("Settings file: its catalogs table is used.")]
+Name = Annotated[str | None, typer.Argument(help="As `list` has it; the embedded one if not given.")]
 
 
 def folder_of(folder: Path | None, config: Path | None) -> Path:
@@ -25,6 +33,8 @@ def folder_of(folder: Path | None, config: Path | None) -> Path:
     BadSettings
         The settings file is wrong; it is read even where --folder is given.
     """
+    from mountnav.catalog.installed import catalogs_folder
+
     configured = None if config is None else _settings(config).folder
     return catalogs_folder(folder if folder is not None else configured)
 
@@ -34,7 +44,7 @@ def online_sources(config: Path | None) -> tuple[OnlineSettings, ...]:
     return () if config is None else _settings(config).online
 
 
-def opened(name: str | None, folder: Path) -> PackedStore:
+def opened_catalog(name: str | None, folder: Path) -> PackedStore:
     """A catalog on this machine; the embedded one without a name.
 
     Raises
@@ -44,6 +54,9 @@ def opened(name: str | None, folder: Path) -> PackedStore:
     BadCatalog
         It is damaged.
     """
+    from mountnav.catalog.embedded import embedded_catalog
+    from mountnav.catalog.installed import EMBEDDED_SLUG, find_installed
+
     if name is None or name == EMBEDDED_SLUG:
         return embedded_catalog()
     found = find_installed(folder, name)
@@ -56,18 +69,18 @@ def opened(name: str | None, folder: Path) -> PackedStore:
     return found.store
 
 
-def named(name: str | None, folder: Path | None, config: Path | None) -> Catalog:
+def named_catalog(name: str | None, folder: Path | None, config: Path | None) -> Catalog:
     """A catalog on this machine, or an online one of the settings file.
 
     Raises
     ------
     Unknown, BadCatalog
-        As `opened`.
+        As `opened_catalog`.
     BadSettings
         The settings file is wrong.
     """
-    source = next((one for one in online_sources(config) if one.name == name), None)
-    return opened(name, folder_of(folder, config)) if source is None else _opened_online(source)
+    source = next((online for online in online_sources(config) if online.name == name), None)
+    return opened_catalog(name, folder_of(folder, config)) if source is None else _opened_online(source)
 
 
 def online_catalog(name: str, config: Path) -> OnlineCatalog:
@@ -80,7 +93,7 @@ def online_catalog(name: str, config: Path) -> OnlineCatalog:
     BadSettings
         The settings file is wrong.
     """
-    sources = {one.name: one for one in online_sources(config)}
+    sources = {online.name: online for online in online_sources(config)}
     if name not in sources:
         there = f"there are: {', '.join(sources)}" if sources else "add a [[catalogs.online]] table"
         raise Unknown(f"there is no online catalog {name!r} in {config}", advice=there)
@@ -88,13 +101,14 @@ def online_catalog(name: str, config: Path) -> OnlineCatalog:
 
 
 def _opened_online(source: OnlineSettings) -> OnlineCatalog:
+    from mountnav.catalog.embedded import embedded_catalog
     from mountnav.catalog.online import open_online
 
     return open_online(source.source(), behind=embedded_catalog())
 
 
 def _settings(config: Path) -> CatalogsSettings:
-    # the models of the settings file are dear to import: most commands need none
+    # importing the models of the settings file takes long: most commands need none
     from mountnav.settings.observatory import Settings
 
     return Settings.load_catalogs(config)
@@ -115,10 +129,8 @@ def chosen_shelf(config: Path | None, only: str | None = None) -> CatalogSet:
     BadSettings
         The file is wrong, or names a catalog that isn't there.
     """
-    use = None if only is None else (only,)
-    if config is None:
-        # the defaults need none of the models of the settings file, which are dear to import
-        return open_catalogs(use=use)
-    from mountnav.settings.observatory import Settings
+    from mountnav.catalog.catalog_set import open_catalogs
 
-    return open_catalogs(Settings.load_catalogs(config).choice(), use=use)
+    use = None if only is None else (only,)
+    # without a file the defaults serve, which need none of the models of the settings
+    return open_catalogs(use=use) if config is None else open_catalogs(_settings(config).choice(), use=use)

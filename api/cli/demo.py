@@ -13,22 +13,26 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-import uvicorn
-from rich.console import Console
-from rich.table import Table
+import typer
 
-from api.demo.observatory import TELESCOPE, demo_journal, demo_settings
-from api.demo.targets import Target, targets_up_now
-from api.http.app import create_app
-from mountnav.catalog.embedded import embedded_catalog
-from mountnav.client import Client, Json, ServerEvent
-from mountnav.clock import utc_now
+from api.cli.output import reason_of
 from mountnav.errors import DeviceMissing
-from mountnav.settings.observatory import Settings
-from mountnav.sky.coordinates import Icrs
-from mountnav.sky.iers import read_tables
-from mountnav.sky.sphere import separation_arcsec
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from api.demo.targets import Target
+    from mountnav.client import Client, Json, ServerEvent
+    from mountnav.settings.observatory import Settings
+    from mountnav.sky.coordinates import Icrs
+
+TRULY_CENTERED_ARCSEC = 45.0
+"""Where the fake mount truly points, from the target. chosen: the tolerance of a centering is 30″, and until
+the truth is read the mount drifts on; doubled, a centering that missed would pass."""
+PICTURE_COLUMNS = 110
+"""Width of the terminal in the picture: the table of the results fits without breaking its lines."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,32 +47,27 @@ class Centered:
     @property
     def ok(self) -> bool:
         """Whether the service says so and the truth agrees (to what the mount drifts meanwhile)."""
-        return self.job["state"] == "succeeded" and self.truly_arcsec is not None and self.truly_arcsec < 45.0
+        return (
+            self.job["state"] == "succeeded"
+            and self.truly_arcsec is not None
+            and self.truly_arcsec < TRULY_CENTERED_ARCSEC
+        )
 
 
-def run(*, keep: bool, host: str, port: int, picture: Path | None = None) -> int:
-    """Run the demo.
+def demo(
+    keep: Annotated[bool, typer.Option("--keep", help="Leave the service running afterwards.")] = False,
+    host: Annotated[str, typer.Option(help="Where the service listens.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535)] = 8000,
+    picture: Annotated[Path | None, typer.Option(help="Write a picture of the run (SVG) here.")] = None,
+) -> None:
+    """Center five targets with an observatory that has no hardware."""
+    from rich.console import Console
 
-    Parameters
-    ----------
-    keep : bool
-        Leave the service running until interrupted.
-    host, port
-        Where the service listens.
-    picture : Path, optional
-        Where to write the terminal's picture (SVG).
+    from api.demo.observatory import demo_journal, demo_settings
+    from mountnav.client import Client
+    from mountnav.sky.iers import read_tables
 
-    Returns
-    -------
-    int
-        0 only if every target was centered.
-
-    Raises
-    ------
-    DeviceMissing
-        The port is taken.
-    """
-    console = Console(record=picture is not None, width=110 if picture is not None else None)
+    console = Console(record=picture is not None, width=PICTURE_COLUMNS if picture is not None else None)
     read_tables()
     settings = demo_settings(host, port)
     console.rule("[bold]mountnav demo: an observatory without hardware")
@@ -94,12 +93,18 @@ def run(*, keep: bool, host: str, port: int, picture: Path | None = None) -> int
                 threading.Event().wait()
             except KeyboardInterrupt:
                 console.print("ended")
-    return 0 if good == len(results) > 0 else 1
+    raise typer.Exit(0 if good == len(results) > 0 else 1)
 
 
 def _center_all(
     client: Client, settings: Settings, truth: Callable[[], Icrs], console: Console
 ) -> list[Centered]:
+    from api.demo.observatory import TELESCOPE
+    from api.demo.targets import targets_up_now
+    from mountnav.catalog.embedded import embedded_catalog
+    from mountnav.clock import utc_now
+    from mountnav.sky.sphere import separation_arcsec
+
     targets = targets_up_now(utc_now(), settings.site.site, settings.air.air, embedded_catalog())
     names = ", ".join(target.name for target in targets)
     console.print(f"Five stars that are up now, spread over the sky: [bold]{names}[/]\n")
@@ -110,23 +115,26 @@ def _center_all(
             f"azimuth {target.azimuth_deg:.0f}°"
         )
         began = time.monotonic()
-        job = client.center(TELESCOPE, target.place.ra_deg, target.place.dec_deg)
+        job = client.center(TELESCOPE, target.position.ra_deg, target.position.dec_deg)
         for event in client.events(after="0"):
             if event.data.get("job_id") != job["id"]:
                 continue
-            line = _line(event, target.place)
+            line = _line(event, target.position)
             if line:
                 console.print(f"  [dim]{time.monotonic() - began:6.1f} s[/]  {line}")
             if event.kind == "job" and event.data["state"] in ("succeeded", "failed", "cancelled"):
                 break
         job = client.job(job["id"], wait_s=5.0)
-        truly = separation_arcsec(truth(), target.place) if job["state"] == "succeeded" else None
+        truly = separation_arcsec(truth(), target.position) if job["state"] == "succeeded" else None
         results.append(Centered(target, job, truly, time.monotonic() - began))
     return results
 
 
 def _line(event: ServerEvent, target: Icrs) -> str | None:
     """One step of the way as a line; None for steps that need none."""
+    from mountnav.sky.coordinates import Icrs
+    from mountnav.sky.sphere import separation_arcsec
+
     data = event.data
     match event.kind:
         case "slewing":
@@ -150,6 +158,8 @@ def _line(event: ServerEvent, target: Icrs) -> str | None:
 
 
 def _table(results: list[Centered], console: Console) -> None:
+    from rich.table import Table
+
     table = Table(title="What became of each target")
     table.add_column("target")
     for name in ("altitude", "error before", "error after", "truly", "tries", "stars", "time"):
@@ -194,13 +204,18 @@ def _angle(arcsec: float) -> str:
 @contextmanager
 def _service(settings: Settings) -> Iterator[tuple[str, Callable[[], Icrs]]]:
     """The service in a thread of its own; its address, and where the fake truly points."""
+    import uvicorn
+
+    from api.demo.observatory import TELESCOPE
+    from api.http.app import create_app
+
     host, port = settings.service.host, settings.service.port
     try:
         listening = socket.create_server((host, port))
         listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # as `api.http.serving.bind`
     except OSError as error:
         raise DeviceMissing(
-            f"the service can't listen at {host}:{port}: {error.strerror}",
+            f"the service can't listen at {host}:{port}: {reason_of(error)}",
             advice="is another mountnav running? choose another one with --port",
         ) from error
     app = create_app(settings)

@@ -8,70 +8,69 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
+from typing import TYPE_CHECKING, Annotated
 
-from drivers.fakes.bench import Bench, Fake, FakeOnPty, FakeOnTcp, FakeOnUdp
-from drivers.fakes.bench.thread import InFastTime
-from drivers.fakes.faults import FaultScript, faults_as_toml, read_faults, scripted
-from drivers.fakes.recording import Recorder, profile_of, read_dialogue
-from drivers.fakes.wire_fake import WireFake
-from drivers.registry import fake_dialects, fake_machine, fake_protocols, make_fake
+import typer
+
+from api.cli.options import takes_options
+from api.cli.output import reason_of
 from mountnav.errors import BadRequest, BadSettings, DeviceMissing
-from mountnav.simulation.machine_file import MachineFile
-from mountnav.simulation.mechanics import Mechanics
-from mountnav.simulation.pointing_errors import PointingErrors
-from mountnav.simulation.sky_clock import FastClock
-from mountnav.sky.coordinates import Air, Site
-from mountnav.sky.iers import read_tables
 
+if TYPE_CHECKING:
+    from types import FrameType
+
+    from drivers.fakes.bench import Bench, Fake
+    from drivers.fakes.wire_fake import WireFake
+    from mountnav.simulation.mechanics import Mechanics
+    from mountnav.simulation.sky_clock import FastClock
+
+AIR_PRESSURE_HPA = 1010.0
+"""Of the air that a fake without a mechanics file refracts through, as mechanics files have it by default:
+near sea level. Doubled, the fake's refraction doubles, about 1′ more at an altitude of 45°."""
 _ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Ctrl-C, a supervisor, and a terminal that was closed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FakeMount:
-    """What was asked for; see the options of the command."""
+class FakeMountOptions:
+    """The options of the command."""
 
-    protocol: str
-    dialect: str | None = None
-    link: Path | None = None
-    tcp: str | None = None
-    udp: str | None = None
-    baud: int | None = None
-    mechanics: Path | None = None
-    errors: Path | None = None
-    faults: Path | None = None
-    seed: int | None = None
-    struck: Path | None = None
-    speed: float | None = None
-    record: Path | None = None
-    replay: Path | None = None
-    latitude_deg: float = 47.0
-    longitude_deg: float = 11.0
+    protocol: Annotated[
+        str, typer.Option(help="What it speaks: lx200, nexstar, synscan, ioptron, skywatcher.")
+    ] = "lx200"
+    dialect: Annotated[str | None, typer.Option(help="How it speaks it; --list tells what there is.")] = None
+    list_all: Annotated[bool, typer.Option("--list", help="List protocols and dialects, and leave.")] = False
+    link: Annotated[Path | None, typer.Option(help="Make this a symlink to the pseudo-terminal.")] = None
+    tcp: Annotated[str | None, typer.Option(metavar="HOST:PORT", help="Serve on TCP instead.")] = None
+    udp: Annotated[str | None, typer.Option(metavar="HOST:PORT", help="Serve on UDP instead.")] = None
+    baud: Annotated[
+        int | None, typer.Option(min=50, help="Let bytes take their time, as on a line of this speed.")
+    ] = None
+    mechanics: Annotated[Path | None, typer.Option(help="How the mount is built (TOML).")] = None
+    errors: Annotated[Path | None, typer.Option(help="Pointing errors (TOML).")] = None
+    faults: Annotated[Path | None, typer.Option(help="What goes wrong, and when (TOML).")] = None
+    seed: Annotated[int | None, typer.Option(help="Seed of the random faults, instead of the file's.")] = None
+    struck: Annotated[
+        Path | None, typer.Option(help="At the end write here what struck, as a faults file that repeats it.")
+    ] = None
+    speed: Annotated[float | None, typer.Option(min=0.01, max=1000, help="How fast its time runs.")] = None
+    record: Annotated[Path | None, typer.Option(help="Write the dialogue here (JSON lines).")] = None
+    replay: Annotated[
+        Path | None, typer.Option(help="Take its identity from this recording of a real mount.")
+    ] = None
+    latitude: Annotated[float, typer.Option(min=-90, max=90, help="Degrees.")] = 47.0
+    longitude: Annotated[float, typer.Option(min=-180, max=180, help="Degrees, east positive.")] = 11.0
 
 
-def list_fakes() -> int:
-    """Print the protocols and their dialects."""
-    for protocol in fake_protocols():
-        print(f"{protocol}: {', '.join(fake_dialects(protocol))}")
-    return 0
-
-
-def run(asked: FakeMount) -> int:
-    """Serve until SIGINT, SIGTERM or SIGHUP; the symlink is taken away again.
-
-    Raises
-    ------
-    BadRequest
-        Options that make no sense.
-    BadSettings
-        A file that can't be read, or says something that makes no sense.
-    DeviceMissing
-        The link or the port can't be had.
-    """
-    _check(asked)
+def serve_fake(asked: FakeMountOptions) -> int:
+    """Serve a fake mount until interrupted; prints its address when it is ready."""
+    if asked.list_all:
+        return _list_fakes()
+    _refuse_contradictions(asked)
     address = _address(asked)
     with _ending_signal() as wait_for_end, ExitStack() as ending:
+        from mountnav.sky.iers import read_tables
+
         read_tables()
         clock, mechanics = _telescope(asked)
         fake = _fake(asked, clock, mechanics)
@@ -82,13 +81,24 @@ def run(asked: FakeMount) -> int:
             bench.start()
         except OSError as error:
             raise DeviceMissing(
-                f"can't be served: {error.strerror or error}",
+                f"can't be served: {reason_of(error)}",
                 device=asked.tcp or asked.udp or str(asked.link),
                 advice="give another address",
             ) from error
         ending.callback(bench.stop)
         print(bench.address, flush=True)
         wait_for_end()
+    return 0
+
+
+fake_mount = takes_options(FakeMountOptions)(serve_fake)
+
+
+def _list_fakes() -> int:
+    from drivers.registry import fake_dialects, fake_protocols
+
+    for protocol in fake_protocols():
+        print(f"{protocol}: {', '.join(fake_dialects(protocol))}")
     return 0
 
 
@@ -104,8 +114,8 @@ def _ending_signal() -> Iterator[Callable[[], None]]:
     with heard, written:
         written.setblocking(False)
         fd_before = signal.set_wakeup_fd(written.fileno(), warn_on_full_buffer=False)
-        # nohup has a closed terminal ignored: so be it
-        taken = [one for one in _ENDING_SIGNALS if one is not signal.SIGHUP or not _ignored(one)]
+        # under nohup a closed terminal is ignored, and shall be
+        taken = [number for number in _ENDING_SIGNALS if number is not signal.SIGHUP or not _ignored(number)]
         before = {number: signal.signal(number, _nothing) for number in taken}
         try:
             yield lambda: _wait(heard)
@@ -127,7 +137,7 @@ def _nothing(number: int, frame: FrameType | None) -> None:
     """A handler is what makes the signal reach the wake-up descriptor."""
 
 
-def _check(asked: FakeMount) -> None:
+def _refuse_contradictions(asked: FakeMountOptions) -> None:
     wires = [
         name
         for name, given in (("--link", asked.link), ("--tcp", asked.tcp), ("--udp", asked.udp))
@@ -145,14 +155,18 @@ def _check(asked: FakeMount) -> None:
         raise BadRequest(f"{asked.struck.parent} is no folder", advice="give another path to --struck")
 
 
-def _address(asked: FakeMount) -> tuple[str, int] | None:
+def _address(asked: FakeMountOptions) -> tuple[str, int] | None:
     for option, text in (("--tcp", asked.tcp), ("--udp", asked.udp)):
         if text is not None:
             return _host_and_port(option, text)
     return None
 
 
-def _fake(asked: FakeMount, clock: FastClock, mechanics: Mechanics) -> WireFake:
+def _fake(asked: FakeMountOptions, clock: FastClock, mechanics: Mechanics) -> WireFake:
+    from drivers.fakes.faults import FaultScript, read_faults
+    from drivers.fakes.recording import profile_of, read_dialogue
+    from drivers.registry import make_fake
+
     script = FaultScript() if asked.faults is None else read_faults(asked.faults, seed=asked.seed)
     fake = make_fake(
         asked.protocol,
@@ -174,9 +188,16 @@ def _fake(asked: FakeMount, clock: FastClock, mechanics: Mechanics) -> WireFake:
     return fake
 
 
-def _telescope(asked: FakeMount) -> tuple[FastClock, Mechanics]:
+def _telescope(asked: FakeMountOptions) -> tuple[FastClock, Mechanics]:
     """The mechanics, and the clock that all of it goes by."""
-    site = Site(asked.latitude_deg, asked.longitude_deg)
+    from drivers.registry import fake_machine
+    from mountnav.simulation.machine_file import MachineFile
+    from mountnav.simulation.mechanics import Mechanics
+    from mountnav.simulation.pointing_errors import PointingErrors
+    from mountnav.simulation.sky_clock import FastClock
+    from mountnav.sky.coordinates import Air, Site
+
+    site = Site(asked.latitude, asked.longitude)
     if asked.mechanics is not None:
         built = MachineFile.from_toml(asked.mechanics)
         clock = FastClock(asked.speed or built.clock_speed, built.clock_start_utc)
@@ -184,10 +205,13 @@ def _telescope(asked: FakeMount) -> tuple[FastClock, Mechanics]:
     clock = FastClock(asked.speed or 1.0)
     pointing = PointingErrors() if asked.errors is None else PointingErrors.from_toml(asked.errors)
     built_as = fake_machine(asked.protocol)
-    return clock, Mechanics(site, Air(pressure_hpa=1010.0), pointing, machine=built_as, clock=clock)
+    return clock, Mechanics(site, Air(pressure_hpa=AIR_PRESSURE_HPA), pointing, machine=built_as, clock=clock)
 
 
-def _around(asked: FakeMount, fake: WireFake, clock: FastClock, ending: ExitStack) -> Fake:
+def _around(asked: FakeMountOptions, fake: WireFake, clock: FastClock, ending: ExitStack) -> Fake:
+    from drivers.fakes.bench.thread import InFastTime
+    from drivers.fakes.recording import Recorder
+
     spoken: Fake = fake if clock.speed == 1.0 else InFastTime(fake, clock)
     if asked.record is None:
         return spoken
@@ -195,13 +219,17 @@ def _around(asked: FakeMount, fake: WireFake, clock: FastClock, ending: ExitStac
     return ending.enter_context(Recorder(spoken, asked.record, header))
 
 
-def _bench(asked: FakeMount, fake: Fake, address: tuple[str, int] | None) -> Bench:
+def _bench(asked: FakeMountOptions, fake: Fake, address: tuple[str, int] | None) -> Bench:
+    from drivers.fakes.bench import FakeOnPty, FakeOnTcp, FakeOnUdp
+
     if address is None:
         return FakeOnPty(fake, asked.link, baud=asked.baud)
     return FakeOnTcp(fake, *address, baud=asked.baud) if asked.udp is None else FakeOnUdp(fake, *address)
 
 
 def _write_struck(path: Path, fake: WireFake) -> None:
+    from drivers.fakes.faults import faults_as_toml, scripted
+
     path.write_text(faults_as_toml(scripted(fake.strikes)), encoding="utf-8")
 
 

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import json
-
 import typer
 
-from api.cli.cli_night import AT_HOME, Service, Telescope, Token
-from api.cli.options import Json
+from api.cli.options import LOCAL_SERVICE, Json, Service, ServiceTelescope, Token
+from api.cli.output import answering, print_json
 
 LONGEST_S = 900.0
-"""A first light takes some ten looks: one or two minutes, and a blind search more on a slow machine."""
+"""For a first light: it takes some ten looks, one or two minutes, and a blind search more on a slow machine.
+Given up earlier, it goes on in the service, and its words are lost here."""
 
 
 def first_light(
-    telescope: Telescope, service: Service = AT_HOME, token: Token = None, as_json: Json = False
+    telescope: ServiceTelescope, service: Service = LOCAL_SERVICE, token: Token = None, as_json: Json = False
 ) -> None:
     """Tell a telescope that was set up by eye where it points, and learn its camera.
 
@@ -23,19 +22,18 @@ def first_light(
     """
     from mountnav.client import Client
 
-    with Client(service, token=token) as client:
+    with answering(service), Client(service, token=token) as client:
         job = client.wait(client.first_light(telescope), timeout_s=LONGEST_S)
     done = job["state"] == "succeeded"
+    result = job["result"]
     if as_json:
-        typer.echo(json.dumps(job, indent=1))
-    elif done and job["result"] is not None:
-        result = job["result"]
-        off_deg, left = (
-            result["first"]["offset"]["total_arcsec"] / 3600.0,
-            result["last"]["offset"]["total_arcsec"],
-        )
+        print_json(job, indent=1)
+    elif done and result is not None:
+        before_deg = result["first"]["offset"]["total_arcsec"] / 3600.0
+        after_arcsec = result["last"]["offset"]["total_arcsec"]
         typer.echo(
-            f"{telescope}: it was {off_deg:.2f}° off, and is {left:.0f}″ off after {result['looks']} looks"
+            f"{telescope}: it was {before_deg:.2f}° off, and is {after_arcsec:.0f}″ off after "
+            f"{result['looks']} looks"
         )
         typer.echo(f"camera: {result['learned']}")
     else:
@@ -43,6 +41,3 @@ def first_light(
         typer.echo(f"{telescope}: {job['state']}: {'' if problem is None else problem}", err=True)
     if not done:
         raise typer.Exit(1)
-
-
-__all__ = ["first_light"]

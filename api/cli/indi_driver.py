@@ -1,4 +1,4 @@
-"""The command that lets a stock indiserver run our telescopes as a driver of its own."""
+"""`mountnav indi-driver`: a stock indiserver runs the service's telescopes as a driver of its own."""
 
 from __future__ import annotations
 

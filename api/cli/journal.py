@@ -8,33 +8,231 @@ import time
 from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from mountnav.clock import utc_now
-from mountnav.errors import BadRequest, Unknown
-from mountnav.journal.audit_and_leases import AuditRow
-from mountnav.journal.database import database_url, default_url
-from mountnav.journal.exporting import export
-from mountnav.journal.reading import JournalReader, Line, Wanted, instant
-from mountnav.journal.restart import named
-from mountnav.journal.upgrading import upgrade as bring_up_to_date
-from mountnav.journal.upkeep import Checked, check
-from mountnav.journal.wording import as_json as json_of
-from mountnav.journal.wording import in_words
+import typer
+
+from api.cli.options import Json, config_option
+from api.cli.output import print_json, refusing_os_errors
+
+if TYPE_CHECKING:
+    from mountnav.journal.audit_and_leases import AuditRow
+    from mountnav.journal.reading import JournalReader, Line, Wanted
+    from mountnav.journal.upkeep import Checked
+
+journal_app = typer.Typer(
+    help="The journal: every look, command, refusal, fault and change.", no_args_is_help=True
+)
+
+Where = Annotated[
+    str | None,
+    typer.Option(
+        "--journal", "-j", help="Its file or URL; else that of --config, MOUNTNAV_JOURNAL, or yours."
+    ),
+]
+JournalConfig = Annotated[Path | None, config_option("Settings file: its journal table is used.")]
+Telescope = Annotated[str | None, typer.Option("--telescope", "-t", help="Of this telescope alone.")]
+Kinds = Annotated[
+    list[str] | None,
+    typer.Option("--kind", "-k", help="look, command, sync, refusal, fault, model, ...; may be repeated."),
+]
+Since = Annotated[
+    str | None, typer.Option(help="From then on: 2h, 3d (ago), 2026-11-22, 2026-11-22T03:00 (UTC).")
+]
+Until = Annotated[str | None, typer.Option(help="Before then; as --since.")]
+JobId = Annotated[str | None, typer.Option("--job", help="What was done for this job.")]
+NightId = Annotated[str | None, typer.Option("--night", help="What was done for this night, by its id.")]
+Outcome = Annotated[
+    str | None,
+    typer.Option(help="Of commands: done, refused, unknown, ..., open; of looks: solved, unsolved."),
+]
+Text = Annotated[str | None, typer.Option(help="Somewhere in its words.")]
 
 _KIND_WIDTH = 9
+"""Columns of the longest kind of a line, `centering`, so that the words begin below each other."""
+MOST_MENTIONS = 100
+"""Lines that mention an id, of which `show` takes those that are about it. chosen by hand: an id is unique,
+so that few lines name it; where more do, the line that it is about could be cut off."""
 
 
-def wanted_of(
+@journal_app.command("list")
+def list_(
+    telescope: Telescope = None,
+    kind: Kinds = None,
+    since: Since = None,
+    until: Until = None,
+    job: JobId = None,
+    night: NightId = None,
+    outcome: Outcome = None,
+    text: Text = None,
+    limit: Annotated[int, typer.Option("--limit", "-n", min=0, help="The newest so many; 0 for all.")] = 50,
+    journal: Where = None,
+    config: JournalConfig = None,
+    as_json: Json = False,
+) -> None:
+    """List what was written down, the newest last."""
+    wanted = _wanted(telescope, kind, since, until, job, night, outcome, text)
+    reader = _reader(journal, config)
+    lines: Iterable[Line]
+    lines = reader.lines(wanted, limit=limit, newest_first=True)[::-1] if limit else reader.story(wanted)
+    for line in lines:
+        _print(line, as_json)
+
+
+@journal_app.command()
+def show(
+    identity: Annotated[
+        str, typer.Argument(help="Of a look, a command or a job (all that was done for it).")
+    ],
+    journal: Where = None,
+    config: JournalConfig = None,
+    as_json: Json = False,
+) -> None:
+    """Show all that is known of one look, command or job."""
+    from mountnav.errors import Unknown
+    from mountnav.journal.reading import Wanted
+    from mountnav.journal.wording import as_json as columns_of
+
+    reader = _reader(journal, config)
+    found = [
+        line
+        for line in reader.lines(Wanted(text=identity), limit=MOST_MENTIONS)
+        if identity in (getattr(line.record, "look_id", None), getattr(line.record, "command_id", None))
+    ]
+    job = reader.job(identity)
+    lines: list[Line] = found or list(reader.story(Wanted(job_id=identity)))
+    if not lines and job is None:
+        raise Unknown(
+            f"there is no look, command or job {identity!r} in the journal",
+            advice="`mountnav journal list --json` tells their ids",
+        )
+    if as_json:
+        for line in lines:
+            _print(line, as_json=True)
+        return
+    if job is not None and not found:
+        sys.stdout.write(f"job {job.job_id}: {job.kind} of {job.telescope}, {job.state}\n")
+        for line in lines:
+            _print(line, as_json=False)
+        return
+    for line in lines:
+        columns = columns_of(line)
+        width = max(len(name) for name in columns)
+        for name, value in columns.items():
+            cell = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+            sys.stdout.write(f"{name.ljust(width)}  {cell}\n")
+
+
+@journal_app.command()
+def export(
+    path: Annotated[Path, typer.Argument(help="What to write: a .csv, .parquet or .fits file.")],
+    what: Annotated[str, typer.Option(help="looks, commands or entries.")] = "looks",
+    telescope: Telescope = None,
+    kind: Annotated[
+        list[str] | None, typer.Option("--kind", "-k", help="Of entries; may be repeated.")
+    ] = None,
+    since: Since = None,
+    until: Until = None,
+    job: JobId = None,
+    night: NightId = None,
+    outcome: Outcome = None,
+    text: Text = None,
+    journal: Where = None,
+    config: JournalConfig = None,
+) -> None:
+    """Export looks, commands or entries as a table, every column with its unit."""
+    from mountnav.journal.exporting import export as write_table
+
+    wanted = _wanted(telescope, kind, since, until, job, night, outcome, text)
+    with refusing_os_errors(f"{path} can't be written", advice="name a place that can"):
+        count = write_table(_reader(journal, config), what, path, wanted)
+    sys.stdout.write(f"{count} {what} written to {path}\n")
+
+
+@journal_app.command()
+def follow(
+    telescope: Telescope = None,
+    kind: Kinds = None,
+    outcome: Outcome = None,
+    text: Text = None,
+    every: Annotated[float, typer.Option(min=0.1, max=60, help="Seconds between two looks into it.")] = 1.0,
+    journal: Where = None,
+    config: JournalConfig = None,
+    as_json: Json = False,
+) -> None:
+    """Print what is written from now on, until interrupted. Commands are printed when they begin."""
+    wanted = _wanted(telescope, kind, outcome=outcome, text=text)
+    reader = _reader(journal, config)
+    newest = reader.newest()
+    while True:
+        lines, newest = reader.written_after(newest, wanted)
+        for line in lines:
+            _print(line, as_json)
+        sys.stdout.flush()
+        time.sleep(every)
+
+
+@journal_app.command()
+def audit(
+    telescope: Telescope = None,
+    caller: Annotated[str | None, typer.Option("--caller", help="The name of a key.")] = None,
+    since: Since = None,
+    until: Until = None,
+    limit: Annotated[int, typer.Option("--limit", "-n", min=1, help="The newest so many.")] = 50,
+    journal: Where = None,
+    config: JournalConfig = None,
+    as_json: Json = False,
+) -> None:
+    """List who ordered what, by which face, and what became of it; the newest last."""
+    wanted = _wanted(telescope, since=since, until=until)
+    rows = _reader(journal, config).audits(
+        telescope=wanted.telescope, caller=caller, since=wanted.since, until=wanted.until, limit=limit
+    )
+    for row in reversed(rows):
+        if as_json:
+            print_json({**asdict(row), "utc": row.utc.isoformat()})
+        else:
+            sys.stdout.write(_audit_line(row))
+
+
+@journal_app.command()
+def check(
+    upgrade: Annotated[
+        bool, typer.Option("--upgrade", help="Bring a journal of an older version up to date first.")
+    ] = False,
+    journal: Where = None,
+    config: JournalConfig = None,
+    as_json: Json = False,
+) -> None:
+    """Check it: is it sound, what does it hold, which commands are open; exit code 1 if it is damaged."""
+    from mountnav.journal.upgrading import upgrade as bring_up_to_date
+    from mountnav.journal.upkeep import check as check_journal
+
+    reader = _reader(journal, config)
+    if upgrade and _exists(reader):
+        bring_up_to_date(reader.url)
+    found = check_journal(reader.url)
+    if as_json:
+        print_json(_check_record(found))
+    else:
+        _print_check(found)
+    raise typer.Exit(1 if found.damage else 0)
+
+
+def _wanted(
     telescope: str | None,
-    kinds: list[str] | None,
-    since: str | None,
-    until: str | None,
-    job: str | None,
-    night: str | None,
-    outcome: str | None,
-    text: str | None,
+    kinds: list[str] | None = None,
+    since: str | None = None,
+    until: str | None = None,
+    job: str | None = None,
+    night: str | None = None,
+    outcome: str | None = None,
+    text: str | None = None,
 ) -> Wanted:
-    """Filters of options. Raises `BadRequest` for a time, kind or outcome that is none."""
+    """The filter of the options. Raises `BadRequest` for a time, kind or outcome that is none."""
+    from mountnav.clock import utc_now
+    from mountnav.journal.reading import Wanted, instant
+
     now = utc_now()
     return Wanted(
         telescope=telescope,
@@ -48,93 +246,46 @@ def wanted_of(
     )
 
 
-def show_list(journal: str | None, config: Path | None, wanted: Wanted, limit: int, as_json: bool) -> None:
-    """Print lines, oldest first: the newest `limit` of them, or all.
+def _reader(journal: str | None, config: Path | None) -> JournalReader:
+    """The journal that --journal names, else the settings file, else the environment, else the user's own."""
+    from mountnav.journal.database import default_url
+    from mountnav.journal.reading import JournalReader
 
-    Raises
-    ------
-    Unknown, BadSettings, JournalFailed
-        There is no journal, or it can't be read.
-    """
-    reader = reader_of(journal, config)
-    lines: Iterable[Line]
-    lines = reader.lines(wanted, limit=limit, newest_first=True)[::-1] if limit else reader.story(wanted)
-    for line in lines:
-        _print(line, as_json)
+    if journal is not None:
+        return JournalReader(journal)
+    if config is None:
+        return JournalReader(default_url())
+    # importing the models of the settings file takes long: most commands need none
+    from mountnav.settings.observatory import Settings
+
+    return JournalReader(Settings.load(config).journal.where)
 
 
-def show_one(journal: str | None, config: Path | None, identity: str, as_json: bool) -> None:
-    """Print all columns of a look or a command, or all lines of a job. Raises as `show_list`."""
-    reader = reader_of(journal, config)
-    found = [
-        line
-        for line in reader.lines(Wanted(text=identity), limit=100)
-        if identity in (getattr(line.record, "look_id", None), getattr(line.record, "command_id", None))
-    ]
-    told = reader.job(identity)
-    lines: list[Line] = found or list(reader.story(Wanted(job_id=identity)))
-    if not lines and told is None:
-        raise Unknown(
-            f"there is no look, command or job {identity!r} in the journal",
-            advice="`mountnav journal list --json` tells their ids",
-        )
+def _exists(reader: JournalReader) -> bool:
+    """Whether there is a file to upgrade: an upgrade would make one."""
+    from mountnav.journal.database import database_url
+
+    url = database_url(reader.url.render_as_string(hide_password=False))
+    return url.get_backend_name() != "sqlite" or Path(str(url.database)).exists()
+
+
+def _print(line: Line, as_json: bool) -> None:
+    from mountnav.journal.wording import as_json as columns_of
+    from mountnav.journal.wording import in_words
+
     if as_json:
-        for line in lines:
-            _print(line, as_json=True)
+        print_json(columns_of(line))
         return
-    if told is not None and not found:
-        sys.stdout.write(f"job {told.job_id}: {told.kind} of {told.telescope}, {told.state}\n")
-        for line in lines:
-            _print(line, as_json=False)
-        return
-    for line in lines:
-        columns = json_of(line)
-        width = max(len(name) for name in columns)
-        for name, value in columns.items():
-            shown = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-            sys.stdout.write(f"{name.ljust(width)}  {shown}\n")
+    telescope = line.record.telescope or "-"
+    words = " ".join(in_words(line).split())
+    sys.stdout.write(
+        f"{line.utc:%Y-%m-%d %H:%M:%S}  {telescope.ljust(8)}  {line.kind.ljust(_KIND_WIDTH)}  {words}\n"
+    )
 
 
-def write_export(journal: str | None, config: Path | None, what: str, path: Path, wanted: Wanted) -> None:
-    """Write a table and tell its number of rows. Raises as `export`; `BadRequest` if it can't be written."""
-    try:
-        count = export(reader_of(journal, config), what, path, wanted)
-    except OSError as error:
-        raise BadRequest(
-            f"{path} can't be written: {error.strerror or error}", advice="name a place that can"
-        ) from error
-    sys.stdout.write(f"{count} {what} written to {path}\n")
+def _print_check(found: Checked) -> None:
+    from mountnav.journal.restart import named
 
-
-def run_follow(
-    journal: str | None, config: Path | None, wanted: Wanted, every_s: float, as_json: bool
-) -> None:
-    """Print what is written from now on, until interrupted. Raises as `show_list`."""
-    reader = reader_of(journal, config)
-    newest = reader.newest()
-    while True:
-        lines, newest = reader.written_after(newest, wanted)
-        for line in lines:
-            _print(line, as_json)
-        sys.stdout.flush()
-        time.sleep(every_s)
-
-
-def show_check(journal: str | None, config: Path | None, upgrade: bool, as_json: bool) -> int:
-    """Print what a check found; 1 if the journal is damaged.
-
-    Raises
-    ------
-    Unknown, BadSettings, JournalFailed
-        There is none, or it can't be read at all.
-    """
-    reader = reader_of(journal, config)
-    if upgrade and _exists(reader):
-        bring_up_to_date(reader.url)
-    found = check(reader.url)
-    if as_json:
-        sys.stdout.write(json.dumps(_check_record(found)) + "\n")
-        return 1 if found.damage else 0
     size = "" if found.size_mb is None else f", {found.size_mb:.1f} MB"
     sys.stdout.write(f"{found.where}: version {found.version}{size}\n")
     for name, count in found.rows.items():
@@ -153,7 +304,6 @@ def show_check(journal: str | None, config: Path | None, upgrade: bool, as_json:
         sys.stdout.write(f"  DAMAGED: {damage}\n")
     if not found.damage:
         sys.stdout.write("  sound\n")
-    return 1 if found.damage else 0
 
 
 def _check_record(found: Checked) -> dict[str, object]:
@@ -167,80 +317,20 @@ def _check_record(found: Checked) -> dict[str, object]:
         "damage": list(found.damage),
         "open_commands": [
             {
-                "command_id": one.command_id,
-                "telescope": one.telescope,
-                "utc": one.utc.isoformat(),
-                "order": one.order,
+                "command_id": command.command_id,
+                "telescope": command.telescope,
+                "utc": command.utc.isoformat(),
+                "order": command.order,
             }
-            for one in found.open_commands
+            for command in found.open_commands
         ],
     }
 
 
-def _print(line: Line, as_json: bool) -> None:
-    if as_json:
-        sys.stdout.write(json.dumps(json_of(line), allow_nan=False) + "\n")
-        return
-    telescope = line.record.telescope or "-"
-    words = " ".join(in_words(line).split())
-    sys.stdout.write(
-        f"{line.utc:%Y-%m-%d %H:%M:%S}  {telescope.ljust(8)}  {line.kind.ljust(_KIND_WIDTH)}  {words}\n"
-    )
-
-
-def reader_of(journal: str | None, config: Path | None) -> JournalReader:
-    """The journal that --journal names, else the settings file, else the environment, else the user's own."""
-    if journal is not None:
-        return JournalReader(journal)
-    if config is None:
-        return JournalReader(default_url())
-    # the models of the settings file are dear to import: most commands need none
-    from mountnav.settings.observatory import Settings
-
-    return JournalReader(Settings.load(config).journal.where)
-
-
-def _exists(reader: JournalReader) -> bool:
-    """Whether there is a file to upgrade: an upgrade would make one."""
-    url = database_url(reader.url.render_as_string(hide_password=False))
-    return url.get_backend_name() != "sqlite" or Path(str(url.database)).exists()
-
-
-def show_audit(
-    journal: str | None,
-    config: Path | None,
-    telescope: str | None,
-    caller: str | None,
-    since: str | None,
-    until: str | None,
-    limit: int,
-    as_json: bool,
-) -> None:
-    """Print the newest rows, the newest last.
-
-    Raises
-    ------
-    Unknown, BadSettings, JournalFailed
-        There is no journal, or it can't be read.
-    BadRequest
-        A time that is none.
-    """
-    wanted = wanted_of(telescope, None, since, until, None, None, None, None)
-    rows = reader_of(journal, config).audits(
-        telescope=wanted.telescope, caller=caller, since=wanted.since, until=wanted.until, limit=limit
-    )
-    for row in reversed(rows):
-        sys.stdout.write(_audit_json(row) if as_json else _audit_words(row))
-
-
-def _audit_json(row: AuditRow) -> str:
-    return json.dumps({**asdict(row), "utc": row.utc.isoformat()}, allow_nan=False) + "\n"
-
-
-def _audit_words(row: AuditRow) -> str:
+def _audit_line(row: AuditRow) -> str:
     who = f"{row.caller} ({row.face or 'http'} {row.address})".replace(" )", ")")
     became = row.outcome + (f": {row.detail}" if row.detail else "")
     job = f", job {row.job_id}" if row.job_id else ""
-    told = f"{row.utc:%Y-%m-%d %H:%M:%S}  {(row.telescope or '-').ljust(8)}  {who}: {row.what}: {became}{job}"
+    line = f"{row.utc:%Y-%m-%d %H:%M:%S}  {(row.telescope or '-').ljust(8)}  {who}: {row.what}: {became}{job}"
     # paths and names come from strangers, and this goes to a terminal
-    return "".join(one if one.isprintable() else "\ufffd" for one in told) + "\n"
+    return "".join(letter if letter.isprintable() else "\ufffd" for letter in line) + "\n"

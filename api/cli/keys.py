@@ -2,24 +2,44 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from api.access.callers import Role
-from api.access.keys import KeyStore, keys_path
-from mountnav.journal.database import default_url
+from api.cli.options import Json, config_option
+from api.cli.output import print_json
+
+if TYPE_CHECKING:
+    from api.access.keys import KeyStore
+
+key_app = typer.Typer(help="API keys: who may view, operate or configure.", no_args_is_help=True)
+
+KeyConfig = Annotated[Path | None, config_option("Settings file of the service: its keys are meant.")]
+KeyFile = Annotated[
+    Path | None, typer.Option("--file", help="The file of keys itself, instead of that of --config.")
+]
+Name = Annotated[str, typer.Argument(help="Who uses it, such as a scheduler or a person.")]
 
 
-def show_new(name: str, role: Role, config: Path | None, file: Path | None) -> None:
-    """Make a key. The key alone goes to the standard output, all words to the other.
-
-    Raises
-    ------
-    BadRequest, BadSettings
-    """
+@key_app.command()
+def new(
+    name: Name,
+    role: Annotated[
+        Role,
+        typer.Option(
+            help="view: read everything. operate: also give orders. configure: also overrule the guards."
+        ),
+    ],
+    config: KeyConfig = None,
+    file: KeyFile = None,
+) -> None:
+    """Make a key and print it, this once. A running service takes it from now on."""
     store = _store(config, file)
     key, secret = store.new(name, role)
+    # the key alone goes to the standard output, for scripts; all words to the other
     sys.stderr.write(
         f"{key.name} may {key.role} from now on, with this key. It is shown this once: only its "
         f"hash is kept, in {store.path}\n"
@@ -27,8 +47,9 @@ def show_new(name: str, role: Role, config: Path | None, file: Path | None) -> N
     sys.stdout.write(f"{secret}\n")
 
 
-def show_list(config: Path | None, file: Path | None, *, as_json: bool) -> None:
-    """Print names, roles, hints and dates. Raises `BadSettings` for a file that makes no sense."""
+@key_app.command("list")
+def list_(config: KeyConfig = None, file: KeyFile = None, as_json: Json = False) -> None:
+    """List keys: names, roles, and the last characters of each."""
     store = _store(config, file)
     keys = store.readable()
     if as_json:
@@ -41,7 +62,7 @@ def show_list(config: Path | None, file: Path | None, *, as_json: bool) -> None:
             }
             for key in keys
         ]
-        sys.stdout.write(json.dumps(rows, indent=1) + "\n")
+        print_json(rows, indent=1)
         return
     if not keys:
         sys.stdout.write(f"there are no keys in {store.path}\n")
@@ -51,8 +72,9 @@ def show_list(config: Path | None, file: Path | None, *, as_json: bool) -> None:
         sys.stdout.write(f"{key.name.ljust(width)}  {str(key.role).ljust(9)}  ...{key.hint}  {created}\n")
 
 
-def show_revoke(name: str, config: Path | None, file: Path | None) -> None:
-    """Revoke a key. Raises `Unknown`, `BadSettings`."""
+@key_app.command()
+def revoke(name: Name, config: KeyConfig = None, file: KeyFile = None) -> None:
+    """Revoke a key. A running service refuses it from the next request on."""
     store = _store(config, file)
     store.revoke(name)
     sys.stdout.write(f"the key of {name} is revoked; a running service refuses it from now on\n")
@@ -65,6 +87,9 @@ def show_revoke(name: str, config: Path | None, file: Path | None) -> None:
 
 def _store(config: Path | None, file: Path | None) -> KeyStore:
     """The file that --file names, else that of the settings, else the one beside the user's journal."""
+    from api.access.keys import KeyStore, keys_path
+    from mountnav.journal.database import default_url
+
     if file is not None:
         return KeyStore(file)
     if config is None:

@@ -1,57 +1,103 @@
-"""`mountnav night`: asks a running service about a telescope's night, or tells it what to do."""
+"""`mountnav night`: a running service's nights: their state, and begun, ended, paused and resumed."""
 
 from __future__ import annotations
 
-import json
 import sys
-from typing import Any
+from typing import Annotated, Any, Literal
 
-import httpx
+import typer
 
-from mountnav.client import ServiceError
-from mountnav.errors import DeviceMissing
+from api.cli.options import LOCAL_SERVICE, Json, Service, ServiceTelescope, Token
+from api.cli.output import answering, print_json
+
+night_app = typer.Typer(help="The nights of a running service.", no_args_is_help=True)
+
+Why = Annotated[str, typer.Option(help="In your words; the journal keeps them.")]
+Order = Literal["start", "stop", "pause", "resume"]
 
 LONGEST_S = 90.0
-"""An order that ends a correction waits for its end."""
+"""For an answer: an order that ends a correction waits for its end, which is a slew and a settling. chosen by
+hand; with less, an order that was carried out is reported as unanswered."""
 
 
-def run(telescope: str, word: str | None, *, why: str, service: str, token: str | None, as_json: bool) -> int:
-    """Print the night of a telescope of a service, after an order if one is given.
+@night_app.command()
+def status(
+    telescope: ServiceTelescope, service: Service = LOCAL_SERVICE, token: Token = None, as_json: Json = False
+) -> None:
+    """Tell the night's phase, what was measured and corrected, and the drift so far."""
+    _print_night(telescope, None, "", service, token, as_json)
 
-    Parameters
-    ----------
-    telescope : str
-    word : {"start", "stop", "pause", "resume"} or None
-    why, service, token
-        As of the options.
-    as_json : bool
 
-    Returns
-    -------
-    int
-        0.
+@night_app.command()
+def start(
+    telescope: ServiceTelescope,
+    why: Why = "",
+    service: Service = LOCAL_SERVICE,
+    token: Token = None,
+    as_json: Json = False,
+) -> None:
+    """Begin now, whatever the Sun says."""
+    _print_night(telescope, "start", why, service, token, as_json)
 
-    Raises
-    ------
-    ServiceError
-        The service refuses.
-    DeviceMissing
-        There is no service.
-    """
+
+@night_app.command()
+def stop(
+    telescope: ServiceTelescope,
+    why: Why = "",
+    service: Service = LOCAL_SERVICE,
+    token: Token = None,
+    as_json: Json = False,
+) -> None:
+    """End tonight's; the next night begins by itself."""
+    _print_night(telescope, "stop", why, service, token, as_json)
+
+
+@night_app.command()
+def pause(
+    telescope: ServiceTelescope,
+    why: Why = "",
+    service: Service = LOCAL_SERVICE,
+    token: Token = None,
+    as_json: Json = False,
+) -> None:
+    """Correct nothing until `resume`; frames are still measured."""
+    _print_night(telescope, "pause", why, service, token, as_json)
+
+
+@night_app.command()
+def resume(
+    telescope: ServiceTelescope,
+    why: Why = "",
+    service: Service = LOCAL_SERVICE,
+    token: Token = None,
+    as_json: Json = False,
+) -> None:
+    """Go on after `pause`."""
+    _print_night(telescope, "resume", why, service, token, as_json)
+
+
+def _print_night(
+    telescope: str, order: Order | None, why: str, service: str, token: str | None, as_json: bool
+) -> None:
+    """Give the order, if there is one, and print the night. Raises `ServiceError`, `DeviceMissing`."""
+    import httpx
+
+    from mountnav.client import ServiceError
+
     headers = {"Authorization": f"Bearer {token}"} if token else {}
     path = f"/v1/telescopes/{telescope}/night"
-    try:
-        with httpx.Client(base_url=service, headers=headers, timeout=LONGEST_S, trust_env=False) as http:
-            answer = http.get(path) if word is None else http.post(f"{path}/{word}", json={"why": why})
-    except httpx.HTTPError as cause:
-        raise DeviceMissing(
-            f"no mountnav service answers: {cause}", device=service, advice="start it, or give --service"
-        ) from cause
+    with (
+        answering(service),
+        httpx.Client(base_url=service, headers=headers, timeout=LONGEST_S, trust_env=False) as http,
+    ):
+        answer = http.get(path) if order is None else http.post(f"{path}/{order}", json={"why": why})
     if answer.is_error:
         raise ServiceError(answer.json(), answer.status_code)
     night: dict[str, Any] = answer.json()
-    sys.stdout.write(json.dumps(night, indent=1) + "\n" if as_json else shown(night))
-    return 0
+    if as_json:
+        print_json(night, indent=1)
+    else:
+        sys.stdout.write(shown(night))
 
 
 def shown(night: dict[str, Any]) -> str:

@@ -1,16 +1,43 @@
-"""Options that several commands share, and the command class of options with many values."""
+"""What several commands share: options, commands whose options are a dataclass, options of many values.
+
+Each command file declares an option once, in the parameters of the command or in the dataclass that it takes.
+All of these files are imported for `mountnav --help`, so they import at the top only what is quick; what a
+command needs for its work is imported when it runs.
+"""
 
 from __future__ import annotations
 
+import functools
+import inspect
+from collections.abc import Callable
+from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, TypeVar, get_type_hints
 
 import typer
 from typer.core import TyperCommand
 
 from mountnav.sky.typed_coordinates import read_dec_deg, read_ra_deg
 
-Json = Annotated[bool, typer.Option("--json", help="JSON, for programs.")]
+Options = TypeVar("Options")
+
+LOCAL_SERVICE = "http://127.0.0.1:8000"
+"""Where `mountnav serve` listens by default: [service] host and port of the settings."""
+
+
+def config_option(text: str) -> Any:
+    """The option --config, -c of a settings file; `text` says what of the file is used."""
+    return typer.Option("--config", "-c", help=text)
+
+
+def json_option(text: str = "JSON, for programs.") -> Any:
+    """The option --json."""
+    return typer.Option("--json", help=text)
+
+
+Json = Annotated[bool, json_option()]
+
+# where a frame lies, and how it is solved
 RA_OPTION = typer.Option(parser=read_ra_deg, metavar="RA", help="Center (ICRS): degrees, or 12h30m45s.")
 DEC_OPTION = typer.Option(parser=read_dec_deg, metavar="DEC", help="Center (ICRS): degrees, or +10:20:30.")
 Ra = Annotated[float | None, RA_OPTION]
@@ -23,19 +50,7 @@ Budget = Annotated[
     float | None,
     typer.Option(min=0.01, max=3600, help="Seconds for identifying a frame; 30 if not given."),
 ]
-Blind = Annotated[
-    bool | None,
-    typer.Option(
-        "--blind/--no-blind",
-        help="Search the whole sky and ask no hint, or never search it; else it is searched after the hint "
-        "failed.",
-        show_default=False,
-    ),
-]
-Config = Annotated[
-    Path | None,
-    typer.Option("--config", "-c", help="Settings file: its solving and catalogs tables are used."),
-]
+Config = Annotated[Path | None, config_option("Settings file: its solving and catalogs tables are used.")]
 Catalog = Annotated[
     str | None,
     typer.Option(
@@ -43,9 +58,66 @@ Catalog = Annotated[
     ),
 ]
 
+# a running service, and a telescope of it
+Service = Annotated[str, typer.Option(help="Address of the service.")]
+Token = Annotated[str | None, typer.Option(envvar="MOUNTNAV_TOKEN", help="API token of the service.")]
+ServiceTelescope = Annotated[str, typer.Argument(help="Id of the telescope.")]
+
+# the looks of a mount, for the commands that judge it
+LooksSource = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="[SOURCE]",
+        help="Observations (.jsonl), or a journal's file or URL; the service's journal if not given.",
+        show_default=False,
+    ),
+]
+LooksConfig = Annotated[
+    Path | None, config_option("Settings file: site, journal and the telescope are taken from it.")
+]
+LooksTelescope = Annotated[str | None, typer.Option("--telescope", "-t", help="Which one of the journal.")]
+LooksSince = Annotated[str | None, typer.Option(help="From then on: 2026-11-21T20:00 (UTC), or 12h ago.")]
+LooksUntil = Annotated[str | None, typer.Option(help="Up to then.")]
+SiteLatitude = Annotated[float | None, typer.Option(help="Of the site, degrees, instead of the settings'.")]
+SiteLongitude = Annotated[float | None, typer.Option(help="Of the site, degrees, EAST positive.")]
+KnownModel = Annotated[Path | None, typer.Option(help="A pointing model's file: what is known of the mount.")]
+
+
+def takes_options(options: type[Options]) -> Callable[[Callable[[Options], int]], Callable[..., None]]:
+    """Make a command of a function that takes a dataclass and returns an exit code.
+
+    The fields of the dataclass are the options of the command: ``speed: Annotated[float,
+    typer.Option(...)]``. So a command of many options declares each once, and hands them on as one value.
+    """
+
+    def command_of(work: Callable[[Options], int]) -> Callable[..., None]:
+        @functools.wraps(work)
+        def command(**values: Any) -> None:
+            raise typer.Exit(work(options(**values)))
+
+        hints = get_type_hints(options, include_extras=True)
+        parameters = [
+            inspect.Parameter(
+                field.name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=inspect.Parameter.empty if field.default is MISSING else field.default,
+                annotation=hints[field.name],
+            )
+            for field in fields(options)  # type: ignore[arg-type]
+        ]
+        # typer reads the options from these two
+        command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        command.__annotations__ = hints
+        return command
+
+    return command_of
+
 
 class ManyValues(TyperCommand):
-    """A command whose options named in `many` may be followed by several values: ``--dark a.fits b.fits``."""
+    """A command whose options named in `many` may be followed by several values: ``--dark a.fits b.fits``.
+
+    A shell gives `*.fits` as several words; typer's own lists want the option's name before each of them.
+    """
 
     many: ClassVar[frozenset[str]] = frozenset({"--bias", "--dark", "--flat", "--flat-from-lights"})
 

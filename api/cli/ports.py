@@ -2,69 +2,88 @@
 
 from __future__ import annotations
 
-import asyncio
-import json
 import re
 from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivers.ports import Port, Probed, probe, serial_ports
-from drivers.registry import read_url
+from api.cli.options import json_option
+from api.cli.output import print_json
 from mountnav.errors import BadRequest
 
+if TYPE_CHECKING:
+    from drivers.ports import Port, Probed
 
-def run(*, asks: bool, ports: tuple[str, ...], as_json: bool) -> int:
-    """List the ports, or those named, and probe them if asked to.
 
-    Parameters
-    ----------
-    asks : bool
-        Whether to probe.
-    ports : tuple of str
-        Device paths, ``tcp://host:port`` or mounts' URLs; all serial ports if empty.
-    as_json : bool
+def ports(
+    probe: Annotated[
+        bool,
+        typer.Option(
+            "--probe",
+            help="Ask on each what is there: nothing that moves. Some boards start anew when opened.",
+        ),
+    ] = False,
+    port: Annotated[
+        list[str] | None,
+        typer.Option(help="Only this one: a device path or socket://host:port; repeatable."),
+    ] = None,
+    alpaca: Annotated[
+        bool,
+        typer.Option("--alpaca", help="Instead: Alpaca servers that answer on the networks of this machine."),
+    ] = False,
+    as_json: Annotated[bool, json_option("As JSON.")] = False,
+) -> None:
+    """List serial ports by their stable names, who holds them and, on request, what answers there."""
+    found = _print_alpaca(as_json) if alpaca else _print_ports(port or [], probe, as_json)
+    raise typer.Exit(0 if found else 1)
 
-    Returns
-    -------
-    int
-        0, or 1 if nothing is there or, when probing, nothing known answers.
-    """
-    there = [_named(port) for port in ports] if ports else serial_ports()
-    probed = asyncio.run(_probe_all(there)) if asks else {}
+
+def _print_ports(names: list[str], probes: bool, as_json: bool) -> bool:
+    """Whether there is a port; when probing, whether a known mount answers on one."""
+    import asyncio
+
+    from drivers.ports import serial_ports
+
+    listed = [_named(name) for name in names] if names else serial_ports()
+    probed = asyncio.run(_probe_all(listed)) if probes else {}
     if as_json:
-        rows = [asdict(port) | ({"probed": asdict(probed[port.device])} if asks else {}) for port in there]
-        typer.echo(json.dumps(rows, indent=2))
+        rows = [asdict(port) | ({"probed": asdict(probed[port.device])} if probes else {}) for port in listed]
+        print_json(rows, indent=2)
     else:
-        for port in there:
+        for port in listed:
             typer.echo(_words(port, probed.get(port.device)))
-        if not there:
+        if not listed:
             typer.echo("there are no serial ports on this machine")
-    if asks:
-        return 0 if any(one.family for one in probed.values()) else 1
-    return 0 if there else 1
+    return any(answer.family for answer in probed.values()) if probes else bool(listed)
 
 
-def run_alpaca(*, as_json: bool) -> int:
-    """List the Alpaca servers that answer, with URLs for the settings; 1 if none does."""
+def _print_alpaca(as_json: bool) -> bool:
+    """Whether an Alpaca server answers; its devices are listed as URLs for the settings."""
+    import asyncio
+
     from drivers.alpaca.discovery import servers
 
     found = asyncio.run(servers())
     if as_json:
-        typer.echo(json.dumps([asdict(one) for one in found], indent=2))
-        return 0 if found else 1
-    for one in found:
-        typer.echo(one.address)
-        for device in one.devices:
-            typer.echo(f"    alpaca+http://{one.address}/{device}")
+        print_json([asdict(server) for server in found], indent=2)
+        return bool(found)
+    for server in found:
+        typer.echo(server.address)
+        for device in server.devices:
+            typer.echo(f"    alpaca+http://{server.address}/{device}")
     if not found:
         typer.echo("no Alpaca server answers on the networks of this machine")
-    return 0 if found else 1
+    return bool(found)
 
 
 def _named(name: str) -> Port:
+    """The port of a device path, a TCP address or a mount's URL."""
+    from drivers.ports import Port, serial_ports
+    from drivers.registry import read_url
+
     if "+" in name.partition("://")[0]:
-        # a mount's URL: its line alone is asked
+        # of a mount's URL, only the line is probed
         name = read_url(name).line
     elif name.startswith("tcp://"):
         name = f"socket://{name.removeprefix('tcp://')}"
@@ -80,6 +99,8 @@ def _named(name: str) -> Port:
 
 
 async def _probe_all(ports: list[Port]) -> dict[str, Probed]:
+    from drivers.ports import probe
+
     return {port.device: await probe(port.device) for port in ports}
 
 

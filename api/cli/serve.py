@@ -1,33 +1,87 @@
-"""`mountnav serve`: from what was asked for to settings, and on to the server."""
+"""`mountnav serve`: serves an observatory, the one of the settings or a virtual one."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Annotated
 
-from pydantic import ValidationError
+import typer
 
+from api.cli.options import config_option, takes_options
 from mountnav.errors import BadRequest
-from mountnav.settings.demo import DemoSettings
-from mountnav.settings.observatory import Settings
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
+
+    from mountnav.settings.demo import DemoSettings
+    from mountnav.settings.observatory import Settings
+
+DEMO_PORT = 8000
+"""Where a virtual observatory without settings listens if --port is not given: the settings' own default."""
+
+
+class VirtualMounting(StrEnum):
+    """How a virtual mount is built.
+
+    An enumeration, since help lists its members in this order: for `typing` two Literals of the same values
+    are the same in whichever order, and `mountnav bench` has them in the other one.
+    """
+
+    GERMAN = "german"
+    FORK = "fork"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Serve:
-    """What was asked for; see the options of the command."""
+class ServeOptions:
+    """The options of the command."""
 
-    config: Path | None = None
-    demo: bool = False
-    at: str | None = None
-    speed: float | None = None
-    seed: int | None = None
-    mounting: Literal["german", "fork"] | None = None
-    port: int | None = None
+    config: Annotated[Path | None, config_option("The settings (TOML).")] = None
+    demo: Annotated[
+        bool, typer.Option("--demo", help="A virtual observatory: a fake mount under the true sky.")
+    ] = False
+    at: Annotated[
+        str | None,
+        typer.Option(
+            metavar="UTC|night",
+            help="When the virtual time begins: 2026-12-01T22:00:00Z, or night: now if it is dark, else "
+            "the beginning of the next night. Now if left out.",
+        ),
+    ] = None
+    speed: Annotated[float | None, typer.Option(help="Virtual seconds in a second, 0.1 to 60.")] = None
+    seed: Annotated[
+        int | None, typer.Option(help="Another mount, wrong in another way; the same each time.")
+    ] = None
+    mounting: Annotated[VirtualMounting | None, typer.Option(help="Of the virtual mount.")] = None
+    port: Annotated[
+        int | None, typer.Option(min=0, max=65535, help="Instead of the settings'; 0: any that is free.")
+    ] = None
+
+    @property
+    def virtual(self) -> dict[str, object]:
+        """Those of the virtual time and mount that were given, as the [demo] table names them."""
+        given = {"at": self.at, "speed": self.speed, "seed": self.seed}
+        return {name: value for name, value in given.items() if value is not None}
 
 
-def run(asked: Serve) -> int:
-    """Serve until interrupted; the exit code.
+def serve_observatory(asked: ServeOptions) -> int:
+    """Serve an observatory: the page at /, REST under /v1, its description at /docs, Alpaca under /api/v1."""
+    settings = settings_of(asked)
+    # only now: all of the service takes seconds to import, and wrong settings are refused without it
+    from api.http.serving import serve as serve_settings
+    from api.observatory.observatory import require_devices
+
+    # all devices before anything is opened: a wrong one is one line, and starting again won't help
+    require_devices(settings, asked.config)
+    return serve_settings(settings)
+
+
+serve = takes_options(ServeOptions)(serve_observatory)
+
+
+def settings_of(asked: ServeOptions) -> Settings:
+    """The settings that options and file say together; an option goes before the file.
 
     Raises
     ------
@@ -36,18 +90,10 @@ def run(asked: Serve) -> int:
     BadSettings
         The settings can't be served.
     """
-    settings = settings_of(asked)
-    # only now: all of the service takes seconds to import, and wrong settings are told without it
-    from api.http.serving import serve
-    from api.observatory.observatory import require_devices
+    from pydantic import ValidationError
 
-    # all of them before anything is opened: a wrong one is told in one line, and starting again won't help
-    require_devices(settings, asked.config)
-    return serve(settings)
+    from mountnav.settings.observatory import Settings
 
-
-def settings_of(asked: Serve) -> Settings:
-    """The settings that options and file say together; an option goes before the file. Raises as `run`."""
     if asked.config is None:
         if not asked.demo:
             raise BadRequest(
@@ -56,8 +102,10 @@ def settings_of(asked: Serve) -> Settings:
             )
         from api.demo.observatory import demo_service_settings
 
-        port = 8000 if asked.port is None else asked.port
-        return demo_service_settings(_demo(asked, None), port, asked.mounting or "german")
+        port = DEMO_PORT if asked.port is None else asked.port
+        return demo_service_settings(
+            _demo(asked, None), port, "fork" if asked.mounting is VirtualMounting.FORK else "german"
+        )
     settings = Settings.load(asked.config)
     changes: dict[str, object] = {}
     if asked.mounting is not None:
@@ -79,24 +127,26 @@ def settings_of(asked: Serve) -> Settings:
         raise BadRequest(_first(error), device=str(asked.config)) from error
 
 
-def _refuse_virtual_options(asked: Serve) -> None:
-    for name in ("at", "speed", "seed"):
-        if getattr(asked, name) is not None:
-            raise BadRequest(f"--{name} is for a virtual observatory", advice="add --demo")
+def _refuse_virtual_options(asked: ServeOptions) -> None:
+    for name in asked.virtual:
+        raise BadRequest(f"--{name} is for a virtual observatory", advice="add --demo")
 
 
-def _demo(asked: Serve, file: DemoSettings | None) -> DemoSettings:
+def _demo(asked: ServeOptions, file: DemoSettings | None) -> DemoSettings:
+    """The [demo] table of the file, with the options in its place. Raises `BadRequest`."""
+    from pydantic import ValidationError
+
+    from mountnav.settings.demo import DemoSettings
+
     given: dict[str, object] = {} if file is None else file.model_dump()
-    for name in ("at", "speed", "seed"):
-        if getattr(asked, name) is not None:
-            given[name] = getattr(asked, name)
     try:
-        return DemoSettings.model_validate(given)
+        return DemoSettings.model_validate(given | asked.virtual)
     except ValidationError as error:
         raise BadRequest(f"the virtual time: {_first(error)}") from error
 
 
 def _first(error: ValidationError) -> str:
+    """The first of its problems, in one line."""
     (detail, *_) = error.errors(include_url=False, include_input=False)
     fix = (detail.get("ctx") or {}).get("fix")
     where = ".".join(str(part) for part in detail["loc"])

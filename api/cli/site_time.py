@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated
 
 import typer
 
-from api.cli.cli_night import AT_HOME, Service, Telescope, Token
-from api.cli.options import Json
+from api.cli.options import LOCAL_SERVICE, Json, Service, ServiceTelescope, Token
+from api.cli.output import answering, print_json
+from mountnav.errors import BadSettings
 
 LONGEST_S = 60.0
-"""A mount is told its site and clock in some ten exchanges, each of which may take a second or two."""
+"""For setting a mount's site and clock: some ten exchanges, each of which may take a second or two. With half
+of it a slow handset is given up before it is done; the service would go on all the same."""
 
 
 def site_time(
-    telescope: Telescope,
+    telescope: ServiceTelescope,
     set_mount: Annotated[
         bool, typer.Option("--set", help="Set the mount's site and clock to those of the service.")
     ] = False,
@@ -25,7 +26,7 @@ def site_time(
             "--accept", help="The difference is meant so: slew all the same. Needs the role configure."
         ),
     ] = False,
-    service: Service = AT_HOME,
+    service: Service = LOCAL_SERVICE,
     token: Token = None,
     as_json: Json = False,
 ) -> None:
@@ -35,11 +36,10 @@ def site_time(
     """
     from mountnav.client import Client
     from mountnav.client.orders import accept_site_time, set_site_time
-    from mountnav.errors import BadSettings
 
     if set_mount and accept:
         raise BadSettings("--set and --accept were both given", advice="give one of them")
-    with Client(service, token=token) as client:
+    with answering(service), Client(service, token=token) as client:
         if set_mount or accept:
             order = set_site_time() if set_mount else accept_site_time()
             job = client.wait(client.order(telescope, order), timeout_s=LONGEST_S)
@@ -49,19 +49,18 @@ def site_time(
                 typer.echo(f"{telescope}: {why}", err=True)
                 raise typer.Exit(1)
         state = client.telescope(telescope)
-    words = state["contradiction"]
+    contradiction = state["contradiction"]
     if as_json:
-        told = {"telescope": telescope, "connected": state["connected"], "contradiction": words}
-        typer.echo(json.dumps(told, indent=1))
+        print_json(
+            {"telescope": telescope, "connected": state["connected"], "contradiction": contradiction},
+            indent=1,
+        )
     elif not state["connected"]:
         typer.echo(f"{telescope}: not connected: nobody knows", err=True)
-    elif words is None:
+    elif contradiction is None:
         typer.echo(f"{telescope}: mount and settings agree{', by your word' if accept else ''}")
     else:
-        typer.echo(f"{telescope}: mount and settings contradict each other: {words}")
+        typer.echo(f"{telescope}: mount and settings contradict each other: {contradiction}")
         typer.echo("ways out: --set (the mount is wrong), the settings or this machine's clock, --accept")
-    if words is not None or not state["connected"]:
+    if contradiction is not None or not state["connected"]:
         raise typer.Exit(1)
-
-
-__all__ = ["site_time"]

@@ -2,76 +2,78 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import time
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Annotated, Any, TextIO
 
-import httpx
+import typer
 
-from drivers.registry import read_url
-from drivers.wire.wire_log import WireLog
-from mountnav.client import Client
-from mountnav.errors import BadRequest, DeviceMissing
-from mountnav.parsing import json_of
+from api.cli.options import LOCAL_SERVICE, Service, Token, json_option
+from api.cli.output import answering, refusing_os_errors
+from mountnav.errors import BadRequest
 
-_LOOK_S = 0.25
+POLL_S = 0.25
+"""Between two looks into a log that is followed. chosen: a person sees no delay, and a service answers four
+short requests a second; twice as long and the lines come in jerks."""
 _ARROWS = {"driver->mount": "->", "mount->driver": "<-", "event": "--"}
 
 
-def run(what: str, *, service: str, token: str | None, follow: bool, as_json: bool, dump: Path | None) -> int:
-    """Print the wire log of a telescope of a service (`what` is its id) or of a mount (`what` is its URL).
+def wire(
+    what: Annotated[str, typer.Argument(help="Id of a telescope of a running service, or a mount's URL.")],
+    service: Service = LOCAL_SERVICE,
+    token: Token = None,
+    follow: Annotated[
+        bool, typer.Option("--follow/--no-follow", help="Go on until interrupted, or show what there is.")
+    ] = True,
+    as_json: Annotated[bool, json_option("JSON lines, as recorded dialogues are kept.")] = False,
+    dump: Annotated[Path | None, typer.Option(help="Write the JSON lines here as well.")] = None,
+) -> None:
+    """Watch what goes over a mount's line."""
+    import asyncio
 
-    Raises
-    ------
-    DeviceError
-        The mount can't be opened.
-    BadRequest
-        The service has no such telescope, or the file can't be written.
-    DeviceMissing
-        There is no service.
-    """
-    if "://" in what:
-        # told before a file is begun for it
-        read_url(what)
-    try:
-        out = None if dump is None else dump.open("w", encoding="utf-8")
-    except OSError as cause:
-        raise BadRequest(f"{dump} can't be written: {cause.strerror}") from cause
-    shown = _Shown(as_json=as_json, dump=out)
-    try:
-        if "://" in what:
-            asyncio.run(_own_line(what, shown, follow=follow))
-        else:
-            _of_service(what, shown, service=service, token=token, follow=follow)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        if out is not None:
-            out.close()
-    return 0
+    is_url = "://" in what
+    if is_url:
+        from drivers.registry import read_url
+
+        read_url(what)  # a wrong one is refused before a file is begun for it
+    with ExitStack() as stack:
+        kept: TextIO | None = None
+        if dump is not None:
+            with refusing_os_errors(f"{dump} can't be written"):
+                kept = stack.enter_context(dump.open("w", encoding="utf-8"))
+        printer = _Printer(as_json=as_json, kept=kept)
+        try:
+            if is_url:
+                asyncio.run(_print_own_line(what, printer, follow=follow))
+            else:
+                _print_log_of_service(what, printer, service=service, token=token, follow=follow)
+        except KeyboardInterrupt:
+            pass
 
 
-class _Shown:
-    """Prints messages, each once."""
+class _Printer:
+    """Prints the entries of a wire log, and writes them to a file if there is one."""
 
-    def __init__(self, *, as_json: bool, dump: TextIO | None) -> None:
+    def __init__(self, *, as_json: bool, kept: TextIO | None) -> None:
         self._as_json = as_json
-        self._dump = dump
+        self._kept = kept
         self.last = 0
+        """Number of the last entry, from which a log is read on."""
 
     def show(self, entry: dict[str, Any]) -> None:
-        """Print one message, and write it to the file."""
+        """Print one entry."""
         line = json.dumps(entry)
-        if self._dump is not None:
-            self._dump.write(f"{line}\n")
-            self._dump.flush()
+        if self._kept is not None:
+            self._kept.write(f"{line}\n")
+            self._kept.flush()
         self.last = max(self.last, int(entry.get("n", 0)))
         print(line if self._as_json else _plain(entry), flush=True)
 
 
 def _plain(entry: dict[str, Any]) -> str:
+    """An entry for people: seconds, direction, what was said and what it means."""
     if entry.get("dir") == "header":
         return "  ".join(f"{key} {value}" for key, value in entry.items() if key not in ("t", "dir"))
     said = _readable(bytes.fromhex(entry.get("hex", "")))
@@ -80,31 +82,31 @@ def _plain(entry: dict[str, Any]) -> str:
 
 
 def _readable(data: bytes) -> str:
-    """Bytes as text where they are, else in hexadecimal."""
+    """Bytes as text where they are printable ASCII, else in hexadecimal."""
     return "".join(chr(byte) if 0x20 <= byte < 0x7F else f"\\x{byte:02x}" for byte in data)
 
 
-def _of_service(what: str, shown: _Shown, *, service: str, token: str | None, follow: bool) -> None:
-    with Client(service, token=token) as client:
+def _print_log_of_service(
+    telescope: str, printer: _Printer, *, service: str, token: str | None, follow: bool
+) -> None:
+    from mountnav.client import Client
+
+    with answering(service), Client(service, token=token) as client:
         while True:
-            try:
-                entries = client.wire(what, after=shown.last)
-            except httpx.HTTPError as cause:
-                raise DeviceMissing(
-                    f"no mountnav service answers: {cause}",
-                    device=service,
-                    advice="start it, or give --service",
-                ) from cause
-            for entry in entries:
-                shown.show(entry)
+            for entry in client.wire(telescope, after=printer.last):
+                printer.show(entry)
             if not follow:
                 return
-            time.sleep(_LOOK_S)
+            time.sleep(POLL_S)
 
 
-async def _own_line(url: str, shown: _Shown, *, follow: bool) -> None:
+async def _print_own_line(url: str, printer: _Printer, *, follow: bool) -> None:
     """Open the mount, which moves nothing, and show what is said; without `follow` the greeting alone."""
+    import asyncio
+
     from drivers.registry import open_mount
+    from drivers.wire.wire_log import WireLog
+    from mountnav.parsing import json_of
 
     mount = open_mount(url)
     log = getattr(mount, "wire_log", None)
@@ -112,8 +114,8 @@ async def _own_line(url: str, shown: _Shown, *, follow: bool) -> None:
         raise BadRequest("its driver keeps no wire log", device=url)
 
     def show() -> None:
-        for line in log.lines({"mount": url} if shown.last == 0 else None, shown.last):
-            shown.show(json_of(line))
+        for line in log.lines({"mount": url} if printer.last == 0 else None, printer.last):
+            printer.show(json_of(line))
 
     try:
         try:
@@ -121,7 +123,7 @@ async def _own_line(url: str, shown: _Shown, *, follow: bool) -> None:
         finally:
             show()
         while follow:
-            await asyncio.sleep(_LOOK_S)
+            await asyncio.sleep(POLL_S)
             show()
     finally:
         await mount.close()

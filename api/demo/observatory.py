@@ -33,7 +33,9 @@ _WRONG_BY_ARCSEC = {
     "np_arcsec": 100.0,
     "tf_arcsec": 60.0,
 }
-"""How wrong a mount made of a seed points at most, by POINTING's terms."""
+"""How wrong a mount made of a seed points at most, by the terms of a pointing model. chosen: like a mount
+that was set up by eye, a quarter of a degree off, its polar axis half a degree. They set how far off a demo
+begins."""
 
 
 def demo_settings(host: str, port: int) -> Settings:
@@ -49,10 +51,9 @@ def demo_service_settings(demo: DemoSettings, port: int, mounting: Mounting = "f
     Parameters
     ----------
     demo : DemoSettings
-        Of its seed the mount is made anew: it points wrongly in another way.
+        Its seed makes another mount, which points wrongly in another way.
     port : int
         0: any that is free, and so for the other faces.
-    mounting : {"fork", "german"}
     """
     settings = demo_settings("127.0.0.1", port)
     (telescope,) = settings.telescope
@@ -86,7 +87,7 @@ def mount_errors_of_seed(seed: int) -> MountErrorSettings:
 
 @contextmanager
 def demo_journal(settings: Settings) -> Iterator[Settings]:
-    """A journal for this one demo, unless the settings name one: the observatory's own is not for it.
+    """A journal for this demo alone, unless the settings name one: the observatory's own is not for it.
 
     Raises
     ------

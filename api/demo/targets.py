@@ -13,7 +13,17 @@ from mountnav.sky.coordinates import Air, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.solving.solve import epoch_of
 
-# Rough ICRS places (IAU star names); the catalog gives the exact ones of date. All are brighter than V = 3.5.
+ALTITUDES_DEG = (30.0, 75.0)
+"""Between which targets are chosen. chosen: lower ones stand in thick air and near horizons, and near the
+zenith an azimuth means little. With the named stars five are up between them at each hour
+(tests/api/demo/test_targets.py)."""
+SEARCH_RADIUS_DEG = 0.1
+"""Round the rough position of a named star. It is good to 0.001°, and the fastest of them moves by 2.3″ a
+year; a wider circle could hold another star as bright."""
+FAINTEST_MAG = 5.0
+"""Of that search: the named stars are brighter than V = 3.5, and their neighbors are left out."""
+# Rough ICRS positions (IAU star names); the catalog gives the exact ones of date.
+# All are brighter than V = 3.5.
 NAMED_STARS: dict[str, tuple[float, float]] = {
     "Alpheratz": (2.097, 29.090),
     "Caph": (2.295, 59.150),
@@ -68,10 +78,10 @@ NAMED_STARS: dict[str, tuple[float, float]] = {
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A named star at its place of date."""
+    """A named star at its position of date."""
 
     name: str
-    place: Icrs
+    position: Icrs
     altitude_deg: float
     azimuth_deg: float
 
@@ -83,7 +93,7 @@ def targets_up_now(
     catalog: Catalog,
     *,
     count: int = 5,
-    altitudes_deg: tuple[float, float] = (30.0, 75.0),
+    altitudes_deg: tuple[float, float] = ALTITUDES_DEG,
 ) -> list[Target]:
     """`count` named stars between two altitudes, spread as widely as they allow.
 
@@ -101,28 +111,29 @@ def targets_up_now(
         chosen.append(
             max(
                 (star for star in up if star not in chosen),
-                key=lambda star: min(separation_arcsec(star.place, other.place) for other in chosen),
+                key=lambda star: min(separation_arcsec(star.position, other.position) for other in chosen),
             )
         )
     orders: list[tuple[Target, ...]] = list(permutations(chosen))
-    longest: tuple[Target, ...] = max(orders, key=_shortest_way)
+    longest: tuple[Target, ...] = max(orders, key=_shortest_slew_arcsec)
     return list(longest)
 
 
-def _shortest_way(order: Sequence[Target]) -> float:
-    """The shortest slew of an order, arcsec."""
-    return min((separation_arcsec(a.place, b.place) for a, b in pairwise(order)), default=0.0)
+def _shortest_slew_arcsec(order: Sequence[Target]) -> float:
+    return min((separation_arcsec(a.position, b.position) for a, b in pairwise(order)), default=0.0)
 
 
 def _placed(utc: datetime, site: Site, air: Air, catalog: Catalog) -> list[Target]:
     stars = []
     for name, (ra_deg, dec_deg) in NAMED_STARS.items():
-        near = catalog.cone(Icrs(ra_deg, dec_deg), 0.1, epoch_yr=epoch_of(utc), mag_limit=5.0)
+        near = catalog.cone(
+            Icrs(ra_deg, dec_deg), SEARCH_RADIUS_DEG, epoch_yr=epoch_of(utc), mag_limit=FAINTEST_MAG
+        )
         if len(near) == 0:
             continue
-        place = Icrs(float(near.ra_deg[0]), float(near.dec_deg[0]))
-        seen = icrs_to_observed(place, utc, site, air)
-        stars.append(Target(name, place, seen.alt_deg, seen.az_deg))
+        position = Icrs(float(near.ra_deg[0]), float(near.dec_deg[0]))
+        seen = icrs_to_observed(position, utc, site, air)
+        stars.append(Target(name, position, seen.alt_deg, seen.az_deg))
     return stars
 
 

@@ -23,15 +23,12 @@ FILES = (".jsonl", ".ndjson")
 
 @dataclass(frozen=True, slots=True)
 class Looks:
-    """What a command works on.
+    """The solved looks of a mount, and what is known of it.
 
     Attributes
     ----------
-    observations : list of PointingObservation
-    site : Site
     epoch : {"apparent", "icrs"}
         What the mount is believed to speak.
-    mounting : {"german", "fork", "altaz"} or None
     slew_ends : list of datetime
         When slews arrived; empty if it isn't known.
     synced_on : list of PointingObservation or None
@@ -76,7 +73,6 @@ def read_looks(
         Site in degrees, east positive, instead of the settings'.
     epoch : str, optional
         Instead of the settings'; else the one that most readings are in.
-    mounting : str, optional
     unsynced : bool
         Nothing was synced in a file's looks (a journal knows by itself).
 
@@ -92,24 +88,23 @@ def read_looks(
     settings = None if config is None else Settings.load(config)
     site = _site(latitude, longitude, None if settings is None else settings.site.site)
     now = datetime.now(UTC)
-    start, stop = (None if one is None else instant(one, now) for one in (since, until))
-    one = None
+    start, stop = (None if text is None else instant(text, now) for text in (since, until))
     if settings is not None:
-        ids = [each.id for each in settings.telescope]
+        ids = [known.id for known in settings.telescope]
         telescope = telescope or (ids[0] if len(ids) == 1 else None)
-        one = next((each for each in settings.telescope if each.id == telescope), None)
-        if one is None:
+        chosen = next((known for known in settings.telescope if known.id == telescope), None)
+        if chosen is None:
             raise BadRequest(f"no telescope {telescope!r} in {config}", advice=f"one of {', '.join(ids)}")
-        mounting = mounting or one.mount.mounting
-        epoch = epoch or one.mount.epoch
+        mounting = mounting or chosen.mount.mounting
+        epoch = epoch or chosen.mount.epoch
     ends: list[datetime] = []
     syncs: list[PointingObservation] | None = None
     if source is not None and source.endswith(FILES):
         syncs = [] if unsynced else None
         found = [
-            each
-            for each in read_observations(Path(source))
-            if (start is None or each.utc >= start) and (stop is None or each.utc < stop)
+            look
+            for look in read_observations(Path(source))
+            if (start is None or look.utc >= start) and (stop is None or look.utc < stop)
         ]
     else:
         url = source or ("" if settings is None else settings.journal.url)
@@ -136,7 +131,7 @@ def _epoch(asked: str | None, observations: Sequence[PointingObservation]) -> Ep
         raise BadRequest(f"--epoch {asked}", advice="apparent (JNow) or icrs (J2000)")
     if asked is not None:
         return "apparent" if asked == "apparent" else "icrs"
-    kinds = Counter(isinstance(one.reading, Apparent) for one in observations)
+    kinds = Counter(isinstance(look.reading, Apparent) for look in observations)
     return "icrs" if kinds[False] > kinds[True] else "apparent"
 
 
@@ -149,8 +144,6 @@ def looks_of_journal(
     ----------
     url : str
         A journal's file or URL; empty: the usual place.
-    telescope : str or None
-    since, until : datetime or None
 
     Raises
     ------
@@ -175,14 +168,15 @@ def looks_of_journal(
     ]
     ends = [end.utc for command, end in done if command.order == "slew"]
     syncs = [_synced(command, end, found) for command, end in done if command.order == "sync"]
-    return found, ends, [one for one in syncs if one is not None]
+    return found, ends, [sync for sync in syncs if sync is not None]
 
 
 def _synced(
     command: CommandRecord, end: CommandEnd, found: Sequence[PointingObservation]
 ) -> PointingObservation | None:
     """A sync as an observation of the segment that it began; None where no look followed in that segment."""
-    after = next((one for one in found if one.utc >= end.utc and one.segment_id != command.segment_id), None)
+    later = (look for look in found if look.utc >= end.utc and look.segment_id != command.segment_id)
+    after = next(later, None)
     if after is None or command.place is None or end.after is None:
         return None
     place = command.place

@@ -10,23 +10,14 @@ from mountnav.settings.observatory import Settings
 from mountnav.settings.telescope import TelescopeSettings
 
 
-def recording_header(one: TelescopeSettings, settings: Settings) -> dict[str, Any]:
-    """Make it.
+def recording_header(telescope: TelescopeSettings, settings: Settings) -> dict[str, Any]:
+    """The header of a telescope's night, as JSON values.
 
-    Parameters
-    ----------
-    one : TelescopeSettings
-        The telescope whose night it is.
-    settings : Settings
-
-    Returns
-    -------
-    dict
-        JSON values. Neither the service's token nor the journal's address is among them.
+    Neither the service's token nor the journal's address is among them: recordings are handed to others.
     """
-    kept = settings.model_copy(update={"telescope": (one,)})
+    kept = settings.model_copy(update={"telescope": (telescope,)})
     return {
-        "telescope": one.id,
+        "telescope": telescope.id,
         "mountnav": __version__,
         "begun_utc": datetime.now(UTC).isoformat(),
         "settings": kept.model_dump(mode="json", exclude={"service", "journal"}, exclude_none=True),
@@ -34,5 +25,5 @@ def recording_header(one: TelescopeSettings, settings: Settings) -> dict[str, An
 
 
 def recorded_settings(header: dict[str, Any]) -> Settings:
-    """Read the settings back. Raises `ValueError` where this version knows them no more."""
+    """The settings of a header. Raises `ValueError` where this version no longer knows them."""
     return Settings.model_validate(header["settings"])

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import json
-import sys
 from bisect import bisect_right
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from api.nights.nights import digest_of
 from api.observatory.navigators import centering_policy
@@ -28,7 +25,7 @@ from mountnav.errors import BadFrame, BadRequest, BadSettings, DeviceError
 from mountnav.frames import Frame, Hint
 from mountnav.navigation.equipment import sync_rules
 from mountnav.night.placing import BySeries, Placing
-from mountnav.night.recording import Line, Recording, read_recording, reading_of
+from mountnav.night.recording import Line, Recording, reading_of
 from mountnav.night.replaying import Replay, ReplayReport
 from mountnav.reading import read_frame
 from mountnav.series.results import SeriesSettings
@@ -86,12 +83,12 @@ def turns_of(recording: Recording) -> dict[bytes, Turns]:
             last.answers.append(early)
         elif last is not None:
             last.answers[-1] += data
-    return {question: one.answered() for question, one in turns.items()}
+    return {question: answers.answered() for question, answers in turns.items()}
 
 
 def _before_its_question(lines: list[Line], at: int) -> bytes:
     """The answer to a question that was written down right before it; mostly there is none."""
-    if at < 2 or [one.facts["dir"] for one in lines[at - 2 : at]] != [_SAID, _SAID]:
+    if at < 2 or [line.facts["dir"] for line in lines[at - 2 : at]] != [_SAID, _SAID]:
         return b""
     if at + 1 < len(lines) and lines[at + 1].facts["dir"] == _SAID:
         return b""
@@ -104,11 +101,7 @@ def _before_its_question(lines: list[Line], at: int) -> bytes:
 class TapeLine:
     """A `drivers.wire.line.ByteLine` that has no other end but a recording.
 
-    Parameters
-    ----------
-    turns : dict of bytes to Turns
-    clock : VirtualClock
-
+    It answers each question as the recording did last before the clock's time.
     """
 
     def __init__(self, turns: dict[bytes, Turns], clock: VirtualClock) -> None:
@@ -197,12 +190,12 @@ class WireCheck:
     unanswered: int = 0
 
     @property
-    def told(self) -> str:
-        """In words."""
+    def text(self) -> str:
+        """For people."""
         if self.problem:
             return self.problem
-        told = f"through its driver {self.alike} of {self.readings} readings are as they were"
-        return told + (f"; {self.unanswered} had no answer" if self.unanswered else "")
+        text = f"through its driver {self.alike} of {self.readings} readings are as they were"
+        return text + (f"; {self.unanswered} had no answer" if self.unanswered else "")
 
 
 def check_wire(url: str, recording: Recording) -> WireCheck:
@@ -212,12 +205,11 @@ def check_wire(url: str, recording: Recording) -> WireCheck:
     ----------
     url : str
         The mount's, for its driver and options.
-    recording : Recording
     """
     readings = [reading_of(line.facts["reading"]) for line in recording.of("reading")]
     if not readings:
         return WireCheck("no reading was recorded")
-    clock = VirtualClock(min(one.utc for one in readings) - GREETING)
+    clock = VirtualClock(min(reading.utc for reading in readings) - GREETING)
     with for_all_modules(clock):
         return run_virtually(_checked(url, recording, readings, clock), clock)
 
@@ -254,61 +246,12 @@ class Played:
 
     Attributes
     ----------
-    report : ReplayReport
     wire : WireCheck or None
         What the real driver makes of the recorded wire; None where it wasn't asked.
     """
 
     report: ReplayReport
     wire: WireCheck | None
-
-
-def run(
-    file: Path,
-    *,
-    speed: float,
-    solve: bool,
-    wire: bool,
-    config: Path | None,
-    every: bool,
-    as_json: bool,
-) -> int:
-    """Play a recording and print the comparison.
-
-    Parameters
-    ----------
-    file : Path
-    speed : float
-        0: as fast as it goes.
-    solve : bool
-        Identify frames anew where their files are there.
-    wire : bool
-        Let the mount's driver read the recorded wire, where there is one, and compare the readings. No
-        decision hangs on that.
-    config : Path or None
-        Other settings than the recorded ones.
-    every : bool
-        Show also what is the same.
-    as_json : bool
-
-    Returns
-    -------
-    int
-        0 if everything was decided as it was then, else 1.
-
-    Raises
-    ------
-    BadRequest
-        The file is no recording.
-    BadSettings
-        The other settings are wrong.
-    """
-    played = play(read_recording(file), speed=speed, solve=solve, wire=wire, config=config)
-    if as_json:
-        sys.stdout.write(json.dumps(record(played), indent=1) + "\n")
-    else:
-        sys.stdout.write(shown(played, every=every))
-    return 0 if played.report.same else 1
 
 
 def play(
@@ -320,28 +263,50 @@ def play(
     config: Path | None = None,
     catalog: Catalog | None = None,
 ) -> Played:
-    """Play a recording; parameters as of `run`. `catalog` goes before that of the settings."""
+    """Decide a recorded night once more. Nothing goes over a port.
+
+    Parameters
+    ----------
+    speed : float
+        Seconds of the night in one second; 0: as fast as it goes.
+    solve : bool
+        Identify frames again where their files are there.
+    wire : bool
+        Let the mount's driver read the recorded wire, where there is one, and compare the readings. No
+        decision hangs on that.
+    config : Path or None
+        Other settings than the recorded ones.
+    catalog : Catalog, optional
+        Instead of that of the settings.
+
+    Raises
+    ------
+    BadRequest
+        The recording holds nothing, or settings that this version can't take.
+    BadSettings
+        The other settings are wrong.
+    """
     telescope_id = str(recording.header["telescope"])
     settings = _settings(recording, config)
-    one = _telescope(settings, telescope_id)
+    telescope = _telescope(settings, telescope_id)
     if not any(line.kind != "wire" for line in recording.lines):
         raise BadRequest("the recording holds nothing", device=str(recording.path))
-    anew, problem = _who_identifies(one, settings, catalog) if solve else (None, "")
+    identify, problem = _identifier(telescope, settings, catalog) if solve else (None, "")
     replay = Replay(
         recording,
-        one.night.rules,
+        telescope.night.rules,
         settings.site.site,
-        one.id,
-        sync_rules(one.sync.policy, centering_policy(one)),
+        telescope.id,
+        sync_rules(telescope.sync.policy, centering_policy(telescope)),
         other_rules=config is not None,
-        anew=anew,
+        anew=identify,
         read=_read,
         speed=speed,
     )
     report = asyncio.run(replay.run())
     if problem:
         report = replace(report, notes=(*report.notes, problem))
-    checked = check_wire(_url(recording, one), recording) if wire and recording.has_wire else None
+    checked = check_wire(_url(recording, telescope), recording) if wire and recording.has_wire else None
     return Played(report, checked)
 
 
@@ -359,37 +324,37 @@ def _settings(recording: Recording, config: Path | None) -> Settings:
 
 
 def _telescope(settings: Settings, telescope_id: str) -> TelescopeSettings:
-    for one in settings.telescope:
-        if one.id == telescope_id:
-            return one
+    for telescope in settings.telescope:
+        if telescope.id == telescope_id:
+            return telescope
     raise BadRequest(
         f"these settings have no telescope {telescope_id}", advice="give settings of the recorded telescope"
     )
 
 
-def _url(recording: Recording, one: TelescopeSettings) -> str:
+def _url(recording: Recording, telescope: TelescopeSettings) -> str:
     """The recorded mount's URL; a fake's is that of its language on a port that is never opened."""
-    return f"{one.mount.fake[0]}+serial:///recorded" if one.mount.is_fake else one.mount.url
+    mount = telescope.mount
+    return f"{mount.fake[0]}+serial:///recorded" if mount.is_fake else mount.url
 
 
-def _who_identifies(
-    one: TelescopeSettings, settings: Settings, catalog: Catalog | None
+def _identifier(
+    telescope: TelescopeSettings, settings: Settings, catalog: Catalog | None
 ) -> tuple[Callable[[], Placing] | None, str]:
-    """Who identifies frames anew, by the catalogs and masters of the settings; or why nobody can."""
+    """What identifies frames again, by the catalogs and masters of the settings; or why they can't be."""
     try:
-        anew = partial(
-            _anew, one, settings, open_catalogs(settings.catalogs.choice()) if catalog is None else catalog
-        )
-        anew()
+        shelf = open_catalogs(settings.catalogs.choice()) if catalog is None else catalog
+        identify = partial(_by_series, telescope, settings, shelf)
+        identify()  # masters that can't be read are found here
     except (BadSettings, BadRequest, BadFrame) as trouble:
         return None, f"no frame was identified anew: {trouble}"
-    return anew, ""
+    return identify, ""
 
 
-def _anew(one: TelescopeSettings, settings: Settings, catalog: Catalog) -> BySeries:
+def _by_series(telescope: TelescopeSettings, settings: Settings, catalog: Catalog) -> BySeries:
     """Identify frames as the night did."""
-    policy = centering_policy(one)
-    solving = solve_settings(settings.solving, calibration=one.calibration)
+    policy = centering_policy(telescope)
+    solving = solve_settings(settings.solving, calibration=telescope.calibration)
     scale, off = policy.scale_arcsec_px, policy.scale_tolerance
 
     def hint(near: Icrs | None) -> Hint | None:
@@ -404,7 +369,7 @@ def _anew(one: TelescopeSettings, settings: Settings, catalog: Catalog) -> BySer
             scale_source="the settings",
         )
 
-    return BySeries(catalog, hint, SeriesSettings(solving=solving, audit_every=one.night.audit_every))
+    return BySeries(catalog, hint, SeriesSettings(solving=solving, audit_every=telescope.night.audit_every))
 
 
 def _read(path: Path, digest: str) -> Frame | None:
@@ -413,61 +378,3 @@ def _read(path: Path, digest: str) -> Frame | None:
         return read_frame(path, raw=True) if digest_of(path) == digest else None
     except (OSError, BadFrame):
         return None
-
-
-def record(played: Played) -> dict[str, Any]:
-    """A replay as JSON values."""
-    report, wire = played.report, played.wire
-    return {
-        "same": report.same,
-        "judged": len(report.rows),
-        "not_judged": report.not_judged,
-        "frames": report.frames,
-        "solved_anew": report.solved_anew,
-        "missing": list(report.missing),
-        "after_missing": report.after_missing,
-        "wire": None if wire is None else asdict(wire),
-        "notes": list(report.notes),
-        "rows": [
-            {
-                "utc": row.utc.isoformat(),
-                "what": row.what,
-                "recorded": row.recorded,
-                "replayed": row.replayed,
-                "same": row.same,
-            }
-            for row in report.rows
-        ],
-    }
-
-
-def shown(played: Played, *, every: bool) -> str:
-    """A replay as a table for people."""
-    report = played.report
-    rows = [row for row in report.rows if every or not row.same]
-    lines = []
-    for row in rows:
-        mark = " " if row.same else "≠"
-        lines.append(f"{mark} {row.utc:%H:%M:%S}  {row.what}")
-        if row.same:
-            lines.append(f"      {row.recorded}")
-        else:
-            lines += [f"      then: {row.recorded}", f"      now:  {row.replayed}"]
-    others = sum(not row.same for row in report.rows)
-    lines.append(
-        f"{report.frames} frames, {report.solved_anew} identified anew; {len(report.rows)} decisions judged, "
-        + ("all as they were" if not others else f"{others} otherwise")
-    )
-    if report.not_judged:
-        lines.append(f"{report.not_judged} decisions could not be judged: what they hang on is not recorded")
-    if report.missing:
-        lines.append(f"{len(report.missing)} files are gone or changed: their recorded solutions were taken")
-    if report.after_missing:
-        lines.append(
-            f"{report.after_missing} frames were identified together with those: their recorded solutions "
-            "were taken as well"
-        )
-    if played.wire is not None:
-        lines.append(f"wire: {played.wire.told}")
-    lines += report.notes
-    return "\n".join(lines) + "\n"

@@ -1,7 +1,7 @@
 """A sync and its read-back: seen, late, ignored, or another place taken; sent once, never believed unread.
 
-What the readings after a sync mean is one law for all mounts (`SyncLaw` of `mountnav.devices`); drivers call it here only, through `SyncReadBack`. What follows from the outcome
-(journal, model, undo) is decided above.
+What the readings after a sync mean is one law for all mounts (`SyncLaw` of `mountnav.devices`); drivers call
+it here only, through `SyncReadBack`. What follows from the outcome (journal, model, undo) is decided above.
 """
 
 from __future__ import annotations

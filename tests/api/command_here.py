@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
 
 import pytest
+import typer
 
 from api.main import main
 
@@ -34,3 +36,12 @@ def run_here(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
             code = ended.code or 0
     assert isinstance(code, int), code
     return subprocess.CompletedProcess(command, code, told.getvalue(), complained.getvalue())
+
+
+def exit_code(command: Callable[..., None], *arguments: object, **options: object) -> int:
+    """How a command ends that is called as a function, with its options by name."""
+    try:
+        command(*arguments, **options)
+    except typer.Exit as ended:
+        return ended.exit_code
+    return 0

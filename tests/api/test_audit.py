@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from api.access.audit import Audit
 from api.access.callers import Caller, Face, Role
 from api.access.keys import KeyStore
-from api.cli.cli_journal import journal_app
+from api.cli.journal import journal_app
 from api.problems import Refused, problem
 from mountnav.errors import OutsideLimits
 from mountnav.journal.audit_and_leases import AuditRow

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from api.access.callers import Role
 from api.access.keys import KeyStore, keys_path, open_keys, sha256_of
-from api.cli.cli_keys import key_app
+from api.cli.keys import key_app
 from mountnav.errors import BadRequest, BadSettings, Unknown
 from mountnav.settings.observatory import Settings
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from api.replay.replaying import play, shown
+from api.cli.replay import shown
+from api.replay.replaying import play
 from mountnav.night.recording import read_recording
 from tests.api.recorded_nights import ServedNight, Way, served_night
 

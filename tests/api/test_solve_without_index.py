@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from api.cli import solve
+from api.cli.solve import FileSolver, solve_files
 from mountnav.catalog.catalog_set import open_catalogs
 from mountnav.errors import BadSettings
 from mountnav.frames import Hint
@@ -48,14 +48,11 @@ def test_the_first_frame_that_needs_it_keeps_to_its_budget(
         return object()
 
     monkeypatch.setenv("MOUNTNAV_CACHE", str(tmp_path))
-    monkeypatch.setattr(solve, "solve_file", solved)
-    monkeypatch.setattr(solve, "_index", index)
+    monkeypatch.setattr("mountnav.solving.solve.solve_file", solved)
+    monkeypatch.setattr("api.cli.solve.open_or_build_index", index)
     files = [tmp_path / "one.fits", tmp_path / "two.fits"]
-    nothing = dict.fromkeys(("ra", "dec", "radius", "scale", "low", "high"))
     settings = replace(SolveSettings(), budget_s=10.0)
-    assert (
-        solve.run(files, **nothing, hdu=None, settings=settings, catalog=open_catalogs(), as_json=True) == 1
-    )
+    assert not solve_files(files, FileSolver(open_catalogs(), None, None, settings), as_json=True)
     assert asked == budgets
     out = capsys.readouterr().out
     assert out.count("the whole sky was not searched: the cache: no room") == (0 if built else 2)

@@ -74,7 +74,7 @@ def test_a_target_is_centered_truly_and_all_of_it_in_virtual_time(observatory: O
     target, *_ = targets_up_now(AT, settings.site.site, settings.air.air, embedded_catalog(), count=1)
 
     before, began_s = observatory.now(), time.monotonic()
-    order = {"ra_deg": target.place.ra_deg, "dec_deg": target.place.dec_deg}
+    order = {"ra_deg": target.position.ra_deg, "dec_deg": target.position.dec_deg}
     job = observatory.client.post(f"{DEMO}/center", json=order).json()
     job = observatory.client.get(f"/v1/jobs/{job['id']}", params={"wait": 100}).json()
     took_s, after = time.monotonic() - began_s, observatory.now()
@@ -84,7 +84,7 @@ def test_a_target_is_centered_truly_and_all_of_it_in_virtual_time(observatory: O
     # the mount pointed wrongly, and the truth is what the service says of it
     assert job["attempts"][0]["error_arcsec"] > 100.0
     (truth,) = after["truth"]
-    truly_arcsec = separation_arcsec(Icrs(truth["ra_deg"], truth["dec_deg"]), target.place)
+    truly_arcsec = separation_arcsec(Icrs(truth["ra_deg"], truth["dec_deg"]), target.position)
     assert truly_arcsec < 45.0
     assert truly_arcsec == pytest.approx(job["result"]["error_after_arcsec"], abs=15.0)
 

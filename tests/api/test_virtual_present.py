@@ -11,7 +11,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from api.cli.serve import Serve, settings_of
+from api.cli.serve import ServeOptions, VirtualMounting, settings_of
 from api.demo.observatory import demo_journal, demo_service_settings, mount_errors_of_seed
 from api.http.app import create_app
 from api.observatory.fake_mounts import fake_on_pty, mechanics_of
@@ -153,38 +153,38 @@ def test_the_same_settings_without_hardware_are_taken() -> None:
 @pytest.mark.parametrize(
     ("asked", "what"),
     [
-        (Serve(), "nothing to serve"),
+        (ServeOptions(), "nothing to serve"),
         (
-            Serve(demo=True, at="2026-12-01T22:00:00"),
+            ServeOptions(demo=True, at="2026-12-01T22:00:00"),
             "at: 2026-12-01T22:00:00 is no instant with its time zone",
         ),
-        (Serve(demo=True, at="soon"), "no instant"),
-        (Serve(demo=True, speed=1000.0), "speed"),
-        (Serve(config=Path("c"), mounting="fork"), "--mounting"),
-        (Serve(config=Path("c"), speed=2.0), "--speed is for a virtual observatory"),
-        (Serve(config=Path("real"), demo=True), "real mount"),
+        (ServeOptions(demo=True, at="soon"), "no instant"),
+        (ServeOptions(demo=True, speed=1000.0), "speed"),
+        (ServeOptions(config=Path("c"), mounting=VirtualMounting.FORK), "--mounting"),
+        (ServeOptions(config=Path("c"), speed=2.0), "--speed is for a virtual observatory"),
+        (ServeOptions(config=Path("real"), demo=True), "real mount"),
     ],
 )
-def test_options_that_make_no_sense(asked: Serve, what: str, tmp_path: Path) -> None:
+def test_options_that_make_no_sense(asked: ServeOptions, what: str, tmp_path: Path) -> None:
     if asked.config is not None:
         real = REAL.replace("[demo]\nspeed = 10.0\n", "")
         (tmp_path / str(asked.config)).write_text(real, encoding="utf-8")
-        asked = Serve(**{**_fields(asked), "config": tmp_path / str(asked.config)})  # type: ignore[arg-type]
+        asked = ServeOptions(**{**_fields(asked), "config": tmp_path / str(asked.config)})  # type: ignore[arg-type]
     with pytest.raises(BadRequest, match=what):
         settings_of(asked)
 
 
-def _fields(asked: Serve) -> dict[str, object]:
-    return {name: getattr(asked, name) for name in Serve.__dataclass_fields__}
+def _fields(asked: ServeOptions) -> dict[str, object]:
+    return {name: getattr(asked, name) for name in ServeOptions.__dataclass_fields__}
 
 
 def test_options_go_before_the_file(tmp_path: Path) -> None:
     file = tmp_path / "virtual.toml"
     file.write_text(FAKE.replace('kind = "folder", path = "/"', 'kind = "simulated"'), encoding="utf-8")
-    settings = settings_of(Serve(config=file, at="2026-12-01T23:00:00+01:00", port=0, seed=4))
+    settings = settings_of(ServeOptions(config=file, at="2026-12-01T23:00:00+01:00", port=0, seed=4))
     assert settings.demo == DemoSettings(at=DARK, speed=10.0, seed=4)
     assert settings.service.port == 0
-    assert settings_of(Serve(config=file)).demo == DemoSettings(speed=10.0)
+    assert settings_of(ServeOptions(config=file)).demo == DemoSettings(speed=10.0)
 
 
 def test_a_seed_is_a_mount() -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from api.cli.wire import run
+from api.cli.wire import wire
 from drivers.fakes.bench import FakeOnPty
 from drivers.registry import fake_dialects, make_fake
 from mountnav.clock import utc_now
@@ -20,6 +20,7 @@ from mountnav.errors import BadRequest, BadSettings, DeviceMissing
 from mountnav.settings.telescope import FAKES
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Site
+from tests.api.command_here import exit_code
 
 Serve = Callable[[str], AbstractAsyncContextManager[httpx.AsyncClient]]
 WIRE = "/v1/telescopes/east/wire"
@@ -75,7 +76,7 @@ def test_the_command_watches_a_line_of_its_own(tmp_path: Path, capsys: pytest.Ca
     dump = tmp_path / "said.jsonl"
     with FakeOnPty(fake) as bench:
         url = f"nexstar+serial://{bench.address}"
-        assert run(url, service="", token=None, follow=False, as_json=False, dump=dump) == 0
+        assert exit_code(wire, url, follow=False, dump=dump) == 0
     told = capsys.readouterr().out
     assert url in told
     assert "-> V" in told
@@ -87,6 +88,6 @@ def test_the_command_watches_a_line_of_its_own(tmp_path: Path, capsys: pytest.Ca
 def test_the_command_says_when_there_is_no_service(tmp_path: Path) -> None:
     nobody = "http://127.0.0.1:9"
     with pytest.raises(DeviceMissing, match="no mountnav service"):
-        run("east", service=nobody, token=None, follow=False, as_json=True, dump=None)
+        wire("east", service=nobody, follow=False, as_json=True)
     with pytest.raises(BadRequest, match="can't be written"):
-        run("east", service=nobody, token=None, follow=False, as_json=True, dump=tmp_path / "no" / "dump")
+        wire("east", service=nobody, follow=False, as_json=True, dump=tmp_path / "no" / "dump")

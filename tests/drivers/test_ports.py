@@ -13,14 +13,14 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from api.cli.cli_ports import ports
-from api.cli.ports import run
+from api.cli.ports import ports
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.ports import holders, probe, probes, serial_ports
 from drivers.registry import family, make_fake
 from mountnav.clock import utc_now
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Site
+from tests.api.command_here import exit_code
 from tests.drivers.ioptron.german_fakes import fake_of
 
 IOPTRON = (family("ioptron"),)
@@ -120,4 +120,4 @@ def test_the_command_tells_what_answers_and_its_address() -> None:
         assert bench.address.replace("socket://", "ioptron+tcp://") in told.output
         rows = json.loads(CliRunner().invoke(app, ["--probe", "--port", bench.address, "--json"]).stdout)
         assert rows[0]["probed"]["family"] == "ioptron"
-    assert run(asks=True, ports=("/dev/no-such-port",), as_json=False) == 1
+    assert exit_code(ports, probe=True, port=["/dev/no-such-port"]) == 1

@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import pytest
 
-from api.cli.bench import BenchRun, build_of, run
+from api.cli.bench import BenchOptions, build_of, try_mount
 from drivers.acceptance.report import Capabilities, Finding, StepResult, as_lines, differences
 from drivers.acceptance.steps import STEPS, _judged_pulse, run_trial
 from drivers.acceptance.trial import Trial
@@ -133,18 +133,18 @@ def test_the_command_writes_its_report_and_a_transcript(
 ) -> None:
     report, transcript = tmp_path / "report.json", tmp_path / "said.jsonl"
     with FakeOnPty(fake_mount()) as bench:
-        asked = BenchRun(
+        asked = BenchOptions(
             url=f"lx200+serial://{bench.address}?{QUICK}",
-            latitude_deg=49.6,
-            longitude_deg=36.9,
-            steps=("read", "sync"),
+            latitude=49.6,
+            longitude=36.9,
+            step=["read", "sync"],
             yes=True,
             report=report,
             transcript=transcript,
         )
-        assert run(asked) == 0
+        assert try_mount(asked) == 0
         with pytest.raises(BadRequest, match="there is no step dance"):
-            run(BenchRun(url=asked.url, latitude_deg=0.0, longitude_deg=0.0, steps=("dance",)))
+            try_mount(BenchOptions(url=asked.url, latitude=0.0, longitude=0.0, step=["dance"]))
     told = capsys.readouterr().out
     assert "a fake of its kind does the same" in told
     kept = json.loads(report.read_text())
@@ -292,15 +292,15 @@ def test_it_is_compared_with_a_fake_of_its_build(
     fake = make_fake("onstep", Mechanics(HERE, Air(), PointingErrors(), machine=build))
     report = tmp_path / "report.json"
     with FakeOnPty(fake) as bench:
-        asked = BenchRun(
+        asked = BenchOptions(
             url=f"lx200+serial://{bench.address}?{QUICK}",
-            latitude_deg=49.6,
-            longitude_deg=36.9,
-            steps=("read", "flip"),
+            latitude=49.6,
+            longitude=36.9,
+            step=["read", "flip"],
             yes=True,
             report=report,
         )
-        assert run(asked) == 0
+        assert try_mount(asked) == 0
     kept = json.loads(report.read_text())
     flips = [
         next(one["value"] for step in kept[who]["steps"] for one in step["findings"] if one["key"] == "flip")

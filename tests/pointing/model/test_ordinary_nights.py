@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from api.pointing.models import fit_lines, fit_record, model_lines
+from api.cli.model import fit_lines, fit_record, model_lines
 from benchmarks.ordinary_nights import START, judged, night
 from mountnav.errors import ModelRefused
 from mountnav.pointing.model.acceptance import make

@@ -388,7 +388,7 @@ def test_remove_asks_once(zones: Path, folder: Path, monkeypatch: pytest.MonkeyP
     _json("import", "ucac4", zones)
     with pytest.raises(BadRequest, match="--yes"):
         _ask("remove", "ucac4")
-    monkeypatch.setattr("api.cli.catalog._somebody_to_ask", lambda: True)
+    monkeypatch.setattr("api.cli.catalog._is_interactive", lambda: True)
     assert _ask("remove", "ucac4", answer="n\n")[0] == 1
     assert (folder / "ucac4.mnc").exists()
     code, out, err = _ask("remove", "ucac4", answer="y\n")

@@ -9,7 +9,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from api.cli.cli_model import model_app
+from api.cli.model import model_app
 from mountnav.clock import utc_now
 from mountnav.errors import BadRequest, MountnavError, Unknown
 from mountnav.pointing.model.model import PointingModel

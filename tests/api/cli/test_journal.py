@@ -13,13 +13,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from api.cli.cli_journal import journal_app
+from api.cli.journal import journal_app
 from mountnav.errors import BadRequest, Unknown
 from mountnav.journal.records import Cause, CommandEnd, EntryKind, Outcome
 from mountnav.journal.sql_journal import open_journal
 from tests.journal.samples import at, look_of, note_of, slew_of
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 VERSION_1 = ROOT / "tests" / "journal" / "version_1.sql"
 
 
@@ -163,7 +163,7 @@ def test_which_journal(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.long
 def test_follow_prints_what_is_written_from_now_on(file: Path) -> None:
-    code = "from api.cli.cli_journal import journal_app; journal_app()"
+    code = "from api.cli.journal import journal_app; journal_app()"
     child = subprocess.Popen(
         [sys.executable, "-c", code, "follow", "-j", str(file), "--every", "0.1", "--json", "-t", "east"],
         cwd=ROOT,

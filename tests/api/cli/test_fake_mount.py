@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 import serial
 
-from api.cli.fake_mount import FakeMount, run
+from api.cli.fake_mount import FakeMountOptions, serve_fake
 from drivers.fakes.faults import Fault, read_faults
 from drivers.fakes.recording import profile_of, read_dialogue
 from drivers.fakes.wire_fake import WireFake
@@ -97,19 +97,19 @@ def test_the_same_faults_strike_every_family() -> None:
 )
 def test_options_that_make_no_sense_are_refused(asked: dict[str, Any], told: str) -> None:
     with pytest.raises(BadRequest, match=told):
-        run(FakeMount(**asked))
+        serve_fake(FakeMountOptions(**asked))
 
 
 @pytest.mark.parametrize("option", ["faults", "mechanics", "errors", "replay", "record"])
 def test_files_that_are_not_there_are_named(option: str) -> None:
     with pytest.raises(BadSettings, match="/there/is/none"):
-        run(FakeMount(protocol="lx200", **{option: Path("/there/is/none")}))  # type: ignore[arg-type]
+        serve_fake(FakeMountOptions(protocol="lx200", **{option: Path("/there/is/none")}))  # type: ignore[arg-type]
 
 
 def test_a_refused_file_leaves_the_signals_as_they_were() -> None:
     before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)
     with pytest.raises(BadSettings):
-        run(FakeMount(protocol="lx200", mechanics=Path("/there/is/none")))
+        serve_fake(FakeMountOptions(protocol="lx200", mechanics=Path("/there/is/none")))
     assert (signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)) == before
     assert signal.set_wakeup_fd(-1) == -1
 
@@ -129,17 +129,18 @@ signal.signal(signal.SIGHUP, signal.SIG_DFL)
 idle = threading.Event()
 older = threading.Thread(target=idle.wait, daemon=True)
 older.start()
-import api.cli.fake_mount as command
+from api.cli.fake_mount import FakeMountOptions, serve_fake
+from drivers.fakes.bench import Bench, FakeOnPty
 strike = lambda: signal.pthread_kill(older.ident, signal.{number.name})
-started = command.Bench.start
+started = Bench.start
 def start(bench):
     started(bench)
     if {when!r} == "before it waits":
         strike()
     else:
         threading.Timer(0.2, strike).start()
-command.FakeOnPty.start = start
-sys.exit(command.run(command.FakeMount(protocol="lx200", link=Path({str(link)!r}))))
+FakeOnPty.start = start
+sys.exit(serve_fake(FakeMountOptions(protocol="lx200", link=Path({str(link)!r}))))
 """
     ended_as = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert (ended_as.returncode, ended_as.stderr) == (0, "")
@@ -228,7 +229,7 @@ def test_a_recording_of_another_protocol_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "said.jsonl"
     path.write_text('{"t": 0, "dir": "driver->mount", "hex": "3a4752"}\n')
     with pytest.raises(BadSettings, match="no answer that tells who"):
-        run(FakeMount(protocol="lx200", replay=path))
+        serve_fake(FakeMountOptions(protocol="lx200", replay=path))
     path.write_text('{"t": 0, "dir": "driver->mount", "hex": "3a4"}\n')
     with pytest.raises(BadSettings, match="line 1 is no line of a recording"):
-        run(FakeMount(protocol="lx200", replay=path))
+        serve_fake(FakeMountOptions(protocol="lx200", replay=path))

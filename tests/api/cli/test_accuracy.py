@@ -16,7 +16,7 @@ import pytest
 from astropy.io import fits
 from PIL import Image
 
-from api.cli.accuracy import rejected_percents, run
+from api.cli.accuracy import accuracy, rejected_percents
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.errors import BadRequest
 from mountnav.identification.accuracy import Deviations
@@ -24,6 +24,7 @@ from mountnav.simulation.catalog_errors import ErringCatalog
 from mountnav.simulation.optics import optics_preset
 from mountnav.simulation.render import draw_frame
 from mountnav.sky.coordinates import Icrs
+from tests.api.command_here import exit_code
 
 PLACE = Icrs(301.0, 36.0)
 OPTICS = replace(
@@ -35,17 +36,11 @@ OPTICS = replace(
     fwhm_px=2.6,
 )
 PLAIN: dict[str, Any] = {
-    "catalog": embedded_catalog(),
     "ra": PLACE.ra_deg,
     "dec": PLACE.dec_deg,
     "radius": 0.3,
     "scale": 6.2,
     "reject": "0,10",
-    "every": False,
-    "leave_one_out": False,
-    "as_json": False,
-    "as_markdown": False,
-    "plot": None,
 }
 
 
@@ -122,7 +117,7 @@ def test_pictures_are_written(frames: list[Path], record: dict[str, Any]) -> Non
 def test_markdown_and_the_table_for_people_hold_the_same_numbers(
     frames: list[Path], record: dict[str, Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(frames, **PLAIN | {"as_markdown": True}) == 1
+    assert exit_code(accuracy, frames, **PLAIN | {"as_markdown": True}) == 1
     text = capsys.readouterr().out
     rows = [
         [cell.strip() for cell in line.split("|")[1:-1]]
@@ -138,7 +133,7 @@ def test_markdown_and_the_table_for_people_hold_the_same_numbers(
         want = record["overall"][0][kind]
         names = ("number", "mean", "standard_deviation", "least_modulus", "most_modulus")
         assert [float(cell) for cell in row[3:]] == pytest.approx([want[name] for name in names], abs=5.1e-4)
-    assert run(frames, **PLAIN) == 1
+    assert exit_code(accuracy, frames, **PLAIN) == 1
     people = capsys.readouterr().out
     assert "2 of 3 frames solved" in people
     assert "notes[1].fits  not solved" in people
@@ -150,11 +145,11 @@ def test_independent_deviations_are_larger_and_all_pairs_are_more(
     frames: list[Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     def overall(**how: bool) -> dict[str, Any]:
-        assert run([frames[0]], **PLAIN | how | {"as_json": True}) == 0
+        assert exit_code(accuracy, [frames[0]], **PLAIN | how | {"as_json": True}) == 0
         got: dict[str, Any] = json.loads(capsys.readouterr().out)
         return got
 
-    plain, independent, every = overall(), overall(leave_one_out=True), overall(every=True)
+    plain, independent, every = overall(), overall(leave_one_out=True), overall(all_pairs=True)
     a, b = (one["overall"][0]["ra_arcsec"]["standard_deviation"] for one in (plain, independent))
     # the fit takes p/n from its pairs' variance, and its own error adds as much to an independent pair's
     assert b / a == pytest.approx(1 / plain["fit_factor"] ** 2, rel=0.05)
@@ -166,7 +161,7 @@ def test_independent_deviations_are_larger_and_all_pairs_are_more(
 @pytest.mark.parametrize("reject", ["", "x", "5,", "-1", "100", "nan", "inf", "5;10", "0,5,10%"])
 def test_bad_shares_are_refused_before_anything_is_read(reject: str) -> None:
     with pytest.raises(BadRequest, match="--reject"):
-        run([Path("there-is-none.fits")], **PLAIN | {"reject": reject})
+        accuracy([Path("there-is-none.fits")], **PLAIN | {"reject": reject})
 
 
 @pytest.mark.parametrize(
@@ -183,14 +178,14 @@ def test_bad_shares_are_refused_before_anything_is_read(reject: str) -> None:
 )
 def test_bad_wishes_are_refused(change: dict[str, Any]) -> None:
     with pytest.raises(BadRequest):
-        run([Path("there-is-none.fits")], **PLAIN | change)
+        accuracy([Path("there-is-none.fits")], **PLAIN | change)
 
 
 def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("keep")
     for folder in (tmp_path / "file", tmp_path / "file" / "below"):
         with pytest.raises(BadRequest, match="--plot"):
-            run([Path("there-is-none.fits")], **PLAIN | {"plot": folder})
+            accuracy([Path("there-is-none.fits")], **PLAIN | {"plot": folder})
     assert (tmp_path / "file").read_text() == "keep"
 
 
@@ -205,7 +200,7 @@ def test_bad_usage_exits_2() -> None:
 
 def test_nothing_solved_is_told_in_every_form(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for form in ({}, {"as_json": True}, {"as_markdown": True}):
-        assert run([tmp_path / "none.fits"], **PLAIN | form | {"plot": tmp_path / "p"}) == 1
+        assert exit_code(accuracy, [tmp_path / "none.fits"], **PLAIN | form | {"plot": tmp_path / "p"}) == 1
         assert "none.fits" in capsys.readouterr().out
     assert list((tmp_path / "p").iterdir()) == []
 

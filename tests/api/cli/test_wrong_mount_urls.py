@@ -259,16 +259,16 @@ def test_other_commands_too(words: tuple[str, ...], here: Callable[..., Ended]) 
 
 
 def test_wire_leaves_the_file_alone(tmp_path: Path) -> None:
-    from api.cli.wire import run
+    from api.cli.wire import wire
 
     kept = tmp_path / "kept.jsonl"
     kept.write_text("dear\n", encoding="utf-8")
     with pytest.raises((BadSettings, BadRequest)):
-        run("lx200+tcp://host", service="", token=None, follow=False, as_json=False, dump=kept)
+        wire("lx200+tcp://host", follow=False, dump=kept)
     assert kept.read_text(encoding="utf-8") == "dear\n"
 
 
 def test_the_unit_starts_it_never_again_for_that() -> None:
     unit = configparser.ConfigParser(strict=False, interpolation=None)
-    unit.read(Path(__file__).parents[2] / "deploy" / "mountnav.service")
+    unit.read(Path(__file__).parents[3] / "deploy" / "mountnav.service")
     assert "2" in unit["Service"]["RestartPreventExitStatus"].split()

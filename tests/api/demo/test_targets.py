@@ -7,7 +7,7 @@ from itertools import combinations
 
 import pytest
 
-from api.cli.demo import demo_settings
+from api.demo.observatory import demo_settings
 from api.demo.targets import NAMED_STARS, targets_up_now
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
@@ -33,7 +33,7 @@ def test_at_any_hour_five_targets_start_more_than_five_arcminutes_off(hour: int)
     targets = targets_up_now(now[0], site, air, embedded_catalog())
     assert len(targets) == 5
     for one, other in combinations(targets, 2):
-        assert separation_arcsec(one.place, other.place) > 15 * 3600
+        assert separation_arcsec(one.position, other.position) > 15 * 3600
 
     demo = settings.telescope[0]
     assert demo.mount.errors is not None
@@ -45,9 +45,9 @@ def test_at_any_hour_five_targets_start_more_than_five_arcminutes_off(hour: int)
         clock=lambda: now[0],
     )
     for target in targets:
-        mechanics.slew(icrs_to_apparent(target.place, now[0]))
+        mechanics.slew(icrs_to_apparent(target.position, now[0]))
         now[0] += timedelta(seconds=30)
-        error_arcsec = separation_arcsec(mechanics.truth(), target.place)
+        error_arcsec = separation_arcsec(mechanics.truth(), target.position)
         # and less than the demo's settings let a sync heal
         assert 300.0 < error_arcsec < demo.centering.max_sync_arcsec
         mechanics.sync(icrs_to_apparent(mechanics.truth(), now[0]))

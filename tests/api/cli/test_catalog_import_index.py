@@ -34,14 +34,14 @@ def catalog(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PackedStore:
     pack(columns, tmp_path / "small.mnc", name="small", band="V", epoch_yr=2000.0, nside=2)
     store = PackedStore(tmp_path / "small.mnc")
     monkeypatch.setenv("MOUNTNAV_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(catalog_import, "embedded_catalog", lambda: store)
+    monkeypatch.setattr("mountnav.catalog.embedded.embedded_catalog", lambda: store)
     return store
 
 
 def test_it_tells_where_how_large_and_how_long(
     catalog: PackedStore, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    catalog_import.show_index(force=False, as_json=True)
+    catalog_import.index(force=False, as_json=True)
     out = capsys.readouterr()
     told = json.loads(out.out)
     index = BlindIndex.open(Path(told["file"]))
@@ -50,7 +50,7 @@ def test_it_tells_where_how_large_and_how_long(
     assert told["size_mb"] == round(index.path.stat().st_size / 1e6, 1)
     assert told["catalog"] == "small"
     assert told["took_s"] >= 0
-    catalog_import.show_index(force=False, as_json=True)
+    catalog_import.index(force=False, as_json=True)
     out = capsys.readouterr()
     assert json.loads(out.out)["built"] is False
     assert out.err == ""
@@ -59,12 +59,12 @@ def test_it_tells_where_how_large_and_how_long(
 def test_force_builds_it_anew(catalog: PackedStore, capsys: pytest.CaptureFixture[str]) -> None:
     index = catalog_import.built_with_progress(catalog)
     index.path.write_bytes(index.path.read_bytes() + b"more")
-    catalog_import.show_index(force=True, as_json=False)
+    catalog_import.index(force=True, as_json=False)
     out = capsys.readouterr()
     assert "built in" in out.out
     assert str(index.path) in out.out
     assert len(BlindIndex.open(index.path)) == len(index)
-    catalog_import.show_index(force=False, as_json=False)
+    catalog_import.index(force=False, as_json=False)
     assert "was there already" in capsys.readouterr().out
 
 
@@ -74,7 +74,7 @@ def test_the_progress_is_shown_on_stderr_alone(
     shown: list[bool] = []
     monkeypatch.setattr(Console, "show_cursor", lambda self, show=True: shown.append(self.stderr) or True)
     monkeypatch.setenv("FORCE_COLOR", "1")
-    catalog_import.show_index(force=False, as_json=True)
+    catalog_import.index(force=False, as_json=True)
     out = capsys.readouterr()
     json.loads(out.out)
     assert "building the index" in out.err
@@ -87,7 +87,7 @@ def test_without_a_terminal_one_line_tells_of_it(
 ) -> None:
     for name in ("FORCE_COLOR", "TTY_COMPATIBLE"):
         monkeypatch.delenv(name, raising=False)
-    catalog_import.show_index(force=False, as_json=True)
+    catalog_import.index(force=False, as_json=True)
     assert capsys.readouterr().err.splitlines() == [
         "building the index for blind solving: once, about half a minute"
     ]

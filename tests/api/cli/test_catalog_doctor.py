@@ -19,7 +19,7 @@ from mountnav.catalog.doctor import diagnosis as core
 from tests.api.command_here import run_here
 
 MOUNTNAV = (sys.executable, "-m", "api.main", "catalog", "doctor", "--config")
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 WIDE = """
 [site]
 latitude_deg = 47.0

@@ -12,7 +12,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from api.cli.cli_pointing import drift, pointing_doctor
+from api.cli.drift import drift
+from api.cli.pointing_doctor import pointing_doctor
 from api.pointing.judgements import diagnosis_view, drift_view
 from api.pointing.looks import read_looks
 from benchmarks.pointing_doctor import Patient, night

@@ -10,8 +10,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from api.cli.cli_night import night_app, replay
-from api.cli.night import shown
+from api.cli.night import night_app, shown
+from api.cli.replay import replay
 from api.replay.recording_header import recording_header
 from api.replay.replaying import turns_of
 from mountnav.devices import MountReading
