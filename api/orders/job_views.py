@@ -14,6 +14,7 @@ from api.orders.results import OffsetView as OffsetView
 from api.orders.results import Place as Place
 from api.orders.results import place as place
 from api.orders.targets import Body as Body
+from api.orders.vocabulary import OrderKind
 from api.problems import Problem
 from mountnav.devices import Epoch, SlewOutcome
 from mountnav.navigation.reports import (
@@ -190,36 +191,12 @@ Result = Annotated[
     Field(discriminator="kind"),
 ]
 
-JobKind = Literal[
-    "slew",
-    "center",
-    "look",
-    "sync",
-    "sync-to",
-    "offset",
-    "flip",
-    "park",
-    "unpark",
-    "set-park",
-    "home",
-    "tracking",
-    "guide",
-    "trust",
-    "set-site-time",
-    "accept-site-time",
-    "recover",
-    "first-light",
-    "solve",
-    "series",
-    "model-run",
-]
-
 
 class JobView(BaseModel):
     """A job resource."""
 
     id: str
-    kind: JobKind
+    kind: OrderKind
     telescope: str
     state: JobState
     phase: str = Field(description="starting, slewing, exposing, solving, syncing, ..., cancelling, ended")

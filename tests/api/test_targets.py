@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from hypothesis import given
@@ -16,7 +16,9 @@ from api.orders.vocabulary import (
     KINDS,
     PLACE_EXAMPLES,
     CenterBody,
+    CenterOrder,
     Order,
+    OrderKind,
     SlewBody,
     SlewOrder,
     role_for,
@@ -143,5 +145,9 @@ def test_the_examples_of_the_description_are_orders() -> None:
     for name, example in JOB_EXAMPLES.items():
         assert ORDERS.validate_python(example["value"]).kind == example["value"]["kind"], name
     for example in PLACE_EXAMPLES.values():
-        assert SlewBody.model_validate(example["value"]).order().kind == "slew"
-        assert CenterBody.model_validate(example["value"]).order().kind == "center"
+        assert SlewBody.model_validate(example["value"]).order(SlewOrder).kind == "slew"
+        assert CenterBody.model_validate(example["value"]).order(CenterOrder).kind == "center"
+
+
+def test_the_kinds_for_type_checkers_are_those_of_the_orders() -> None:
+    assert get_args(OrderKind) == tuple(KINDS)

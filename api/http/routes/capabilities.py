@@ -9,7 +9,7 @@ from api.access.security import TheCaller
 from api.http.routes.health import doors_view
 from api.http.service_views import CapabilitiesView, DoorView, KindView, TelescopeSkillsView
 from api.observatory.virtual import virtual_view
-from api.orders.vocabulary import KINDS, MOVING, OVERRULING, ModelRunOrder
+from api.orders.vocabulary import KINDS, ModelRunOrder
 from api.problems import SLUGS, responses
 from api.service import TheService
 from mountnav import __version__
@@ -30,8 +30,8 @@ async def get_capabilities(request: Request, service: TheService, caller: TheCal
             KindView(
                 kind=kind,
                 body=body.__name__,
-                moves=kind in MOVING,
-                role="configure" if body in OVERRULING else "operate",
+                moves=body.moves,
+                role="configure" if body.overrules else "operate",
                 what=(body.__doc__ or "").partition("\n")[0]
                 + (" To put it in force needs configure." if body is ModelRunOrder else ""),
             )
