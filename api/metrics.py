@@ -28,7 +28,11 @@ from mountnav.devices import SyncOutcome
 from mountnav.tasks import begun
 
 _SOLVE_S = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 60.0)
+"""Bucket bounds of the histogram of solve times, s: from a quick look (0.05) to the longest budget. Part of
+the Prometheus interface: changed bounds break recorded dashboards."""
 _OFFSETS_ARCSEC = (1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 120.0, 300.0, 900.0, 1800.0, 3600.0)
+"""Bucket bounds of the histogram of pointing offsets, arcsec: from a good model (1) to lost (1°). As
+above."""
 _ENDS = tuple(str(end) for end in sorted(ENDS))
 _SYNCS = {
     str(SyncOutcome.SEEN): "seen",

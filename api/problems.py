@@ -78,6 +78,8 @@ RETRY_AFTER_S: dict[str, float] = {
 }
 """How long to wait before the same request is sent again, where it may succeed then."""
 _ANY_RETRY_AFTER_S = 5.0
+"""Seconds to wait where `RETRY_AFTER_S` names no slug of a status that may be retried; chosen by hand.
+Doubled, clients that obey come back twice as late."""
 _TITLES = {
     "device-error": "A device failed",
     "device-missing": "The device can't be reached",

@@ -33,6 +33,8 @@ from mountnav.settings.observatory import Settings
 from mountnav.solving.settings import SolveSettings
 
 _FIRST_READINGS_S = 5.0
+"""Longest wait for the first readings of all telescopes at the start, s; chosen by hand. Doubled, a service
+with a silent mount begins 5 s later; halved, slow mounts are unknown to the first request."""
 
 
 @dataclass(slots=True)

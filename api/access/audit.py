@@ -108,8 +108,13 @@ _log = logging.getLogger(__name__)
 TAKEN = "taken"
 _SECRETS = ("secret", "token", "password", "authorization", "api_key", "apikey", "lease_id")
 _LONGEST_TEXT = 500
+"""Characters of one value in a row; with `_MOST_VALUES` and `_DEEPEST` it bounds a row. Doubled, rows made
+of nonsense take twice the disk."""
 _MOST_VALUES = 50
+"""Values of one list or object that are kept; chosen by hand, far above our orders. Doubled, as above."""
 _DEEPEST = 4
+"""Levels of nested values that are kept; chosen by hand. Each more lets a nested body make a row 50 times
+as long."""
 _KEYLESS = frozenset({Face.INDI, Face.LX200, Face.STELLARIUM, Face.ALPACA})
 """Whoever reaches these may order, and no rate is set to him."""
 _MOST_REPEATED = 20
@@ -306,6 +311,8 @@ _STRANGERS_MOST = 60
 """So many notes a minute of all who have no key, one of each address: they must not fill the journal, not
 from as many addresses as they like either. Doubled, 40 MB a day."""
 _LONGEST_PROBLEM_BYTES = 65_536
+"""Of an answer's problem body that is read for its detail, bytes; chosen by hand, far above ours. Doubled,
+a long one holds twice the memory."""
 
 
 class AuditedRequests:

@@ -34,7 +34,11 @@ TOKEN_NAME = "token"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._@-]{0,62}[A-Za-z0-9]|[A-Za-z0-9]")
 _TAKEN = frozenset({TOKEN_NAME, "this machine", "the service"})
 _SECRET_BYTES = 32
+"""Random bytes of a key: 256 bits, as `secrets` recommends. Halved, 128 bits, still out of reach of
+guessing."""
 _HINT = 4
+"""Last characters of a key that are shown, so that people tell keys apart: 24 of 256 bits. Doubled, 48 of
+them are known to all who may list keys."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,8 @@ from api.access.callers import Caller
 from api.problems import Refused
 
 _EACH_S = 60.0
+"""How long lines are counted before it is logged how many were left out, s. Doubled, half as many lines in
+all, each summary a minute later."""
 _MOST_LINES = 20
 """Of one place in the code, a minute. Doubled, a flood of faults with their traces (5 kB each) writes 12 MB
 an hour."""

@@ -24,7 +24,9 @@ _log = logging.getLogger(__name__)
 QUESTION = b"alpacadiscovery1"
 GROUP = "ff12::a1:9aca"
 _SIOCGIFADDR, _SIOCGIFBRDADDR = 0x8915, 0x8919
+"""Linux `ioctl` requests [netdevice(7)]: an interface's address, and its broadcast address."""
 _LONGEST = 1024
+"""Bytes of a datagram that are looked at; a question has 16."""
 _MOST_ANSWERS_S = 100
 """In a second: a flood of questions must not keep the loop from a stop; a program asks once or twice."""
 

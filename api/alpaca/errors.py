@@ -76,7 +76,9 @@ _OF_SLUG: dict[str, int] = {
     "internal": 0x5FF,
 }
 _OTHER = 0x5FE
+"""Our problems without a number of their own; the standard leaves 0x500 to 0xFFF to drivers [Alpaca §3]."""
 _FAILED = 0x50A
+"""A member failed for a reason that has no problem; as above."""
 
 _OF_REFUSAL: dict[str, int] = {
     "parked": Number.PARKED,

@@ -8,6 +8,7 @@ from api.alpaca.telescope import AlpacaTelescope, Call
 from mountnav import __version__
 
 INTERFACE_VERSION = 4
+"""ITelescopeV4."""
 
 
 def _description(device: AlpacaTelescope, call: Call) -> str:

@@ -28,7 +28,9 @@ from mountnav.sky.coordinates import Apparent, Icrs
 SIDES = {PierSide.EAST: 0, PierSide.WEST: 1, PierSide.UNKNOWN: -1}
 """0: the normal pointing state, as on a German mount that looks west; 1: through the pole."""
 _ALIGNMENTS = {"altaz": 0, "fork": 1, "german": 2}
+"""AlignmentMode: algAltAz, algPolar, algGermanPolar."""
 _SYSTEMS = {"apparent": 1, "icrs": 2}
+"""EquatorialSystem: equTopocentric, equJ2000."""
 
 
 def right_ascension_h(device: AlpacaTelescope, call: Call) -> float:

@@ -30,6 +30,8 @@ from mountnav.devices import Skill
 from mountnav.navigation.navigator import Navigator
 
 LONGEST_SETTLE_S = 300
+"""Largest SlewSettleTime, s; chosen by hand, far beyond what mounts need. Doubled, a mistyped one keeps
+Slewing true for ten minutes."""
 
 
 def _place(device: AlpacaTelescope, ra_h: float, dec_deg: float) -> ApparentTarget | IcrsTarget:

@@ -14,6 +14,8 @@ from mountnav.devices import Skill, TrackingRate
 RATES = (TrackingRate.SIDEREAL, TrackingRate.LUNAR, TrackingRate.SOLAR, TrackingRate.KING)
 """As Alpaca counts them: 0 to 3."""
 LONGEST_PULSE_MS = 60_000
+"""Longest pulse, ms: that of `GuideOrder.duration_s`. A larger one would be taken here and refused
+there."""
 
 
 def rates_of(device: AlpacaTelescope) -> tuple[TrackingRate, ...]:

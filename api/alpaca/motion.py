@@ -26,7 +26,11 @@ __all__ = ["DIRECTIONS", "Motion", "Pulses", "Stations", "Work"]
 
 
 _NEAR_DEG = 0.1
+"""How near to where parking or homing ended counts as still there, deg: above the noise of encoders and
+refraction. Doubled, a small nudge away goes unseen."""
 _ZENITH_DEG = 89.0
+"""Above this altitude azimuth says nothing of the place: at 89° a whole turn of it is 2° of the sky at
+most."""
 
 
 class Stations:
@@ -157,6 +161,8 @@ class Pulses:
 _log = logging.getLogger(__name__)
 
 _STOP_S = 0.5
+"""How long AbortSlew waits for the end of the stop, s: clients expect its answer at once, and failures
+within it are reported. Doubled, a slow mount's failures are seen more often, and clients wait longer."""
 Work = Callable[[Navigator], Awaitable[object]]
 
 

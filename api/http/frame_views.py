@@ -21,7 +21,11 @@ from mountnav.sky.sphere import gnomonic, offset_arcsec
 from mountnav.solution import Solution
 
 _STARS_AT_MOST = 400
+"""Stars of a frame that are sent, the brightest first; chosen by hand. Doubled, the answer is up to twice
+as long."""
 _LONGEST_DEG = 60.0
+"""A place further from the frame's center is not projected, deg: the tangent plane has no point beyond 90°,
+and a distortion fitted to the frame means nothing long before."""
 
 
 class FrameStarView(BaseModel):

@@ -32,6 +32,8 @@ __all__ = [
 
 
 LONGEST_S = 3600.0
+"""Longest `wait` of a request, s; part of the interface (docs/openapi.json). Doubled, a client that went
+away unnoticed holds its connection twice as long."""
 _PREFERENCE = re.compile(r'(?:^|[,;])\s*wait\s*=\s*"?(\d{1,9})"?\s*(?=$|[,;])', re.IGNORECASE)
 
 

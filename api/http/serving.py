@@ -30,7 +30,11 @@ from mountnav.settings.observatory import Settings
 from mountnav.sky.iers import read_tables
 
 _GOODBYE_S = 5
+"""How long uvicorn lets open requests end at the shutdown, s; the mounts are stopped before. Doubled, a
+stop of the service takes up to 5 s longer."""
 _GIVE_WAY_S = 0.001
+"""Longest time that a thread keeps the interpreter from the event loop, s: a fifth of Python's default, so
+that a stop passes threads that compute. Halved, threads compute a little slower."""
 _WAITING = 1024
 """Connections that the kernel keeps until they are accepted; beyond it clients try again after a second."""
 

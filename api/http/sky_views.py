@@ -71,8 +71,12 @@ def _place(said: object, utc: datetime) -> Icrs | None:
 AHEAD_S = 43_200.0
 """So far ahead a limit is sought."""
 _TRACK_STEP_S = 900.0
+"""Between two points of the drawn track, s: 3.75° of the sky, which a map shows as a smooth line. Doubled,
+corners show near the pole."""
 _TRACK_S = 6 * 3600.0
+"""Length of the drawn track, s: as far ahead as a target is followed. Doubled, twice the points."""
 _WAY_STEPS = 32
+"""Straight parts of the drawn way to a target; chosen by hand. Halved, long ways show corners."""
 
 
 class DirectionView(BaseModel):

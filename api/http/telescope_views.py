@@ -22,6 +22,8 @@ __all__ = ["Answer", "StateAnswers", "answered", "knows", "state_answers", "tele
 
 
 _WITHIN_S = 12 * 3600.0
+"""How far ahead the next limit is searched, s: whatever is up sets, or comes to the meridian, within 12 h.
+Halved, limits in the second half of a night are not shown."""
 
 
 def telescope_view(telescope: Telescope, snapshot: Snapshot, warnings: Sequence[str] = ()) -> TelescopeView:

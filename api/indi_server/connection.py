@@ -27,9 +27,13 @@ from mountnav.tasks import Crew
 _log = logging.getLogger(__name__)
 
 _AT_ONCE_BYTES = 65_536
+"""Bytes taken in one read; `Allowance` bounds what a client may send in all. Doubled, one client holds a
+turn of the loop twice as long."""
 _MOST_ORDERS, _MOST_WAITING = 200, 5000
 """What a client may have waiting: orders; and with questions and the like."""
 _GOODBYE_S = 0.5
+"""Longest wait for a client to take its last bytes when its connection ends, s; chosen by hand. Doubled, a
+shutdown with a stuck client takes that much longer."""
 _LONGEST_SILENCE_S = 30.0
 """A client that takes nothing for so long is gone."""
 

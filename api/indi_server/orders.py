@@ -23,7 +23,11 @@ __all__ = ["Answer", "TakingOrders", "chosen_switch", "number_of", "site_answer"
 
 
 _SAME_TIME_S = 5.0
+"""A client's clock this near to ours counts as the same, s: some send whole seconds, late. Doubled, a wrong
+clock of 10 s is not reported to its user."""
 _SAME_PLACE_DEG = 0.02
+"""A client's site this near to ours counts as the same, deg: 2 km; chosen by hand. Doubled, 4 km off goes
+without a word."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -104,6 +104,8 @@ PULSES = {
 """Properties of guide pulses: in which direction each element moves the tube."""
 _PARK = {"PARK": "Park(ed)", "UNPARK": "UnPark(ed)"}
 _LONGEST_PULSE_MS = 60_000.0
+"""Longest guide pulse that is declared to clients, ms: that of `GuideOrder.duration_s`. A larger one would
+be declared and then refused."""
 
 
 @dataclass(frozen=True, slots=True)

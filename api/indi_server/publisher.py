@@ -18,6 +18,8 @@ __all__ = ["SYNC", "USUAL", "LeftSelections", "Selections", "Telling"]
 
 
 _LEFT_LIVES_S = 300.0
+"""How long a choice of ON_COORD_SET outlives the client that made it, s: `indi_setprop` connects, sets and
+leaves. Doubled, a later client is more likely to sync where it means to slew."""
 USUAL, SYNC = "TRACK", "SYNC"
 
 
@@ -87,11 +89,16 @@ class Selections:
 
 
 _MOST_UNSENT_BYTES = 1 << 20
+"""What may wait to be sent to a client before its connection is given up, bytes. Doubled, a hundred clients
+that take nothing hold 200 MB."""
 _ENOUGH_BYTES = 65_536
+"""With so much unsent, the client's further questions wait until it has taken it, bytes; chosen by hand. Doubled,
+one that asks faster than it reads holds twice the memory."""
 _MOST_ASKED = 1000
 """Different questions that are remembered: no client has so many, and none may fill the memory."""
 _MODES = {"TRACK": "Track", "SLEW": "Slew", "SYNC": "Sync"}
 _FOR_EVER = 1 << 62
+"""A revision that no reading reaches: the property is held back until it is released."""
 
 
 class Telling:

@@ -25,6 +25,8 @@ __all__ = ["LeaseKeeper", "Leases"]
 
 
 STOP_AGAIN_S = 5.0
+"""Between two tries of the stop of an expired lease, s. With `STOP_TRIES`: for a minute. Doubled, a mount
+whose link fails once slews on for 5 s more."""
 STOP_TRIES = 12
 """A stop that doesn't reach the mount is sent again, for a minute: the mount may be slewing."""
 

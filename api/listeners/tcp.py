@@ -19,9 +19,13 @@ Serve = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 _MOST_BUFFERED_BYTES = 65_536
 """Read ahead of what is understood; a planetarium's message has 20 bytes. It is the most for each client."""
 _MOST_UNTAKEN_BYTES = 65_536
+"""What may wait to be sent to a client before its writer waits, bytes. Doubled, 64 clients that take
+nothing hold 8 MB."""
 _WAITING = 128
 """Connections that the kernel keeps until they are accepted; beyond it clients try again after a second."""
 _GOODBYE_S = 2.0
+"""Longest wait for the clients' tasks to end when the port is shut, s; chosen by hand. Doubled, a shutdown
+with a stuck client takes 2 s more."""
 _SILENT_S, _ASKED_AGAIN_S, _ASKED_TIMES = 60, 15, 4
 """A phone that left the network is noticed after two minutes; the system's own default is two hours."""
 

@@ -42,8 +42,14 @@ from mountnav.tasks import fault_words, waited_for
 _log = logging.getLogger(__name__)
 
 TICK_S = 5.0
+"""Between two ticks of a night and two looks at its safety file, s; docs/night.md. Doubled, rain is noticed
+up to 5 s later."""
 READY_AGAIN_S = 15.0
+"""Between tries to reach a mount that isn't there, s: each may take long, and lists ports. Doubled, a night
+goes on that much later once the mount is back."""
 CLOCK_STEP_S = 0.5
+"""A difference between the machine's clock and the loop's time that counts as a clock that was set, s; NTP
+slews less than 0.5 ms in a second. Doubled, a step of 1 s stays in the recording."""
 SAFETY_FILE = "safety file"
 """Who says that it is safe or not, where the settings name a file."""
 ROWS_READ = 4000

@@ -32,7 +32,11 @@ __all__ = ["STOP_KNOWN_S", "Dispatcher", "Guard", "StopGiven"]
 _log = logging.getLogger(__name__)
 
 _END_OF_JOB_S = 1.0
+"""How long a stop waits for the end of the job that it cancelled, s; chosen by hand, below `STOP_KNOWN_S`.
+Doubled, the answer comes before it is known that the stop was sent."""
 _LONGEST_FRESHENING_S = 5.0
+"""How long the end of a job waits for a reading made after its work, s; chosen by hand. Doubled, jobs of a
+mount that fell silent end 5 s later."""
 _HELD_S = 2.0
 """Seconds from its beginning for which a stop holds orders back that haven't begun; by then it is answered.
 Doubled, a mount that never answers its stop delays the guide pulses of all others for twice as long."""

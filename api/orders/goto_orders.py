@@ -19,7 +19,11 @@ from api.problems import Problem, Refused, problem_of
 from mountnav.errors import Cancelled, MountnavError
 
 _COMING_TO_REST_S = 3.0
+"""How long a sync waits for the end of its client's own goto, s; chosen by hand: the place is reached a
+moment before the mount rests. Halved, a sync right after a goto of a slow mount is refused as busy."""
 _MOST_STOPS = 3
+"""Stops of a telescope that these programs may have under way; further ones wait for the end of those.
+Doubled, twice as many stops go to the mount at once."""
 LONGEST_SHORT_S = 45.0
 """For what is over soon: a sync, tracking, unparking, a pulse."""
 

@@ -92,6 +92,8 @@ Tell = Callable[[dict[str, object]], None]
 """Told of each attempt."""
 
 FAILURES_IN_A_ROW = 5
+"""Looks that may fail one after the other before a series or a model run is given up, as under clouds;
+chosen by hand. Doubled, it takes five more exposures until then."""
 LEAST_JUMP_PX = 3.0
 """No smaller departure from the usual rate is called a jump; as for series of frames."""
 

@@ -21,10 +21,18 @@ from mountnav.tasks import Crew, begun
 _log = logging.getLogger(__name__)
 
 _AT_ONCE_BYTES = 4096
+"""Bytes taken in one read; chosen by hand. `Allowance` bounds what a client may send in all."""
 _FIRST_BYTES = 16
+"""First bytes of a connection by which a web browser is recognized: its method and a space."""
 _MOST_WAITING = 100
+"""Commands of a client that may wait to be answered; chosen by hand. With more it is answered those, and
+let go. Doubled, one that floods is let go later."""
 _LONGEST_SILENCE_S = 10.0
+"""A client that takes nothing for so long is let go, s; chosen by hand. Doubled, its task and buffer stay
+twice as long."""
 _MOST_MACHINES = 64
+"""Machines whose half targets are remembered, as apps may reconnect for each command; chosen by hand.
+Halved, a 33rd app makes the first one's target be forgotten."""
 _STOP = b":Q#"
 _STOPS_ONE_WAY = (b":Qn#", b":Qs#", b":Qe#", b":Qw#")
 """They end a goto too [Meade LX200 manual, :Qn#]; else there is nothing for them to stop here."""

@@ -130,6 +130,8 @@ class Aims:
 
 
 _SAME_PLACE_DEG = 0.1
+"""An app's site this near to ours counts as the same, deg: it sends whole arcminutes. Doubled, 20 km off
+goes without a word."""
 _BUILT = {"VD": b"Jan 01 2026", "VT": b"00:00:00"}
 """Some clients wait for a date of the firmware: a form of words, as no firmware is here."""
 
@@ -219,10 +221,13 @@ class Here:
 _log = logging.getLogger(__name__)
 
 _SYNC_ANSWERED_S = 5.0
+"""How long an app's sync waits for its end before it is answered as taken, s; chosen by hand. Halved, more
+refusals of slow mounts are only logged."""
 _BELOW = frozenset({"altitude", "horizon", "below-horizon"})
 _DROPPED = {"MS": b"2A stop came first#", "CM": b"Not synced: a stop came first#"}
 _PULSE = re.compile(r"Mg([nsew])(\d{1,5})")
 _LONGEST_PULSE_MS = 60_000
+"""Longest guide pulse, ms: that of `GuideOrder.duration_s`. A longer one is not taken."""
 _IGNORED = re.compile(r"M[nsew]|Q[nsew]|R[GCMS]\d?|T[QLSM]|H|AP|AA|AL|F.*|B.*")
 """Taken without a word, as the protocol has it, and nothing moves: buttons, rates, modes, focusers."""
 

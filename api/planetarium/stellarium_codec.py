@@ -15,8 +15,11 @@ from mountnav.sky.coordinates import Icrs
 _POSITION = struct.Struct("<HHqIii")
 _GOTO = struct.Struct("<HHqIi")
 _FULL_TURN = 1 << 32
+"""Right ascension counts a turn as 2^32 [Stellarium telescope protocol]."""
 _RIGHT_ANGLE = 1 << 30
+"""Declination counts 90° as 2^30."""
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+"""Times are microseconds since then."""
 STEP_ARCSEC = 360.0 * 3600.0 / _FULL_TURN
 """The wire's smallest difference."""
 

@@ -23,8 +23,13 @@ from mountnav.tasks import Crew, waited_for
 _log = logging.getLogger(__name__)
 
 _PERIOD_S = 0.5
+"""Longest time between two positions, s, as Stellarium's own servers send them. Doubled, its reticle moves
+in jumps."""
 _LONGEST_SILENCE_S = 10.0
+"""A client that takes nothing for so long is let go, s; chosen by hand. Doubled, its task and buffer stay
+twice as long."""
 _AT_ONCE_BYTES = 4096
+"""Bytes taken in one read; a goto has 20 of them. `Allowance` bounds what a client may send in all."""
 
 
 class StellariumServer(OneTelescopeServer):

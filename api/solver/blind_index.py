@@ -19,6 +19,7 @@ from mountnav.tasks import waited_for
 _log = logging.getLogger(__name__)
 BUILDER = "api.solver.index_process"
 _TOLD_EACH = 0.1
+"""Share of the index after which an event reports progress: ten events for a build. Halved, twenty."""
 _PAUSE_S = 300.0
 """After a failure, before it is tried again."""
 

@@ -34,6 +34,8 @@ from mountnav.reading.fits_headers import MOST_PIXELS
 from mountnav.solving.settings import SolveSettings
 
 _GOODBYE_S = 2.0
+"""How long a process may take to end by itself before it is killed, s; chosen by hand. Doubled, a stuck
+process delays the shutdown by 2 s more."""
 
 
 class ProcessEnded(Exception):

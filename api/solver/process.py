@@ -39,11 +39,17 @@ if TYPE_CHECKING:
 
 
 _PLACE = Icrs(85.0, 30.0)
+"""Center of the drawn frame, in Auriga near the galactic plane; chosen by hand. Any field with enough
+catalog stars does."""
 _SCALE_ARCSEC_PX = 6.0
+"""Scale of the drawn frame, arcsec/px: 1.3° by 1° for the small one. Halved, it has a quarter of the
+stars."""
 _INSTANT = datetime(2026, 1, 1, tzinfo=UTC)
+"""Instant of the drawn frame; fixed, so that each start computes the same."""
 _SMALL, _LARGE = (800, 600), (3000, 2200)
 """Width and height, pixels. A large frame's buffers are got from the system once, by the drawn one."""
 _BLOCK_BYTES = 2880
+"""Bytes of a FITS block [FITS standard 4.0 §3.1]."""
 
 
 def warmed_up(catalog: Catalog, index: BlindIndex | None) -> tuple[str, ...]:
@@ -127,6 +133,8 @@ def as_fits(frame: Frame) -> bytes:
 
 
 _IDLE_S = 0.5
+"""After so long without a task freed memory is given back to the system, s; chosen by hand. Halved, it is
+done between looks of a running series, too."""
 
 _WORTH_TELLING_MB = 64.0
 """Memory that was not given back, from which on the process looks closer: the collector and the C library

@@ -29,9 +29,13 @@ from mountnav.sky.coordinates import Icrs
 router = APIRouter(prefix="/telescopes", tags=["night"])
 
 LONGEST_JSON_BYTES = 2_000_000
+"""Longest JSON body, bytes: a FITS header with 10,000 cards takes 1 MB. Doubled, the loop may parse for
+twice as long."""
 UPLOADS_WAITING = 8
 """Uploads lie in memory until they are looked at; files of this machine lie where they are."""
 _HEADER_SIDE_PX = 16
+"""Side of the empty image that stands for a frame of which only the header was sent, pixels; it is never
+measured."""
 
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 _FORM = {
