@@ -92,8 +92,8 @@ _MOST_UNSENT_BYTES = 1 << 20
 """What may wait to be sent to a client before its connection is given up, bytes. Doubled, a hundred clients
 that take nothing hold 200 MB."""
 _ENOUGH_BYTES = 65_536
-"""With so much unsent, the client's further questions wait until it has taken it, bytes; chosen by hand. Doubled,
-one that asks faster than it reads holds twice the memory."""
+"""With so much unsent, the client's further questions wait until it has taken it, bytes; chosen by hand.
+Doubled, one that asks faster than it reads holds twice the memory."""
 _MOST_ASKED = 1000
 """Different questions that are remembered: no client has so many, and none may fill the memory."""
 _MODES = {"TRACK": "Track", "SLEW": "Slew", "SYNC": "Sync"}
