@@ -63,14 +63,14 @@ class Observed:
 
     Attributes
     ----------
-    desk : Desk
+    dispatcher : Dispatcher
     jobs : Jobs
     events : Events
     leases : Leases
     journal : JournalHealth
     """
 
-    desk: Dispatcher
+    dispatcher: Dispatcher
     jobs: Jobs
     events: Events
     leases: Leases
@@ -87,7 +87,7 @@ class Metrics:
 
     def __init__(self, observed: Observed) -> None:
         self._observed = observed
-        self._counted = _Counted([one.id for one in observed.desk.telescopes])
+        self._counted = _Counted([one.id for one in observed.dispatcher.telescopes])
         self.registry = self._counted.registry
         self.registry.register(_Now(observed))
         ProcessCollector(registry=self.registry)
@@ -258,9 +258,9 @@ class _Now(Collector):
         leased = gauge("leased", "Whether somebody holds the telescope.")
         running = gauge("job_running", "Whether a job holds the telescope.")
         now = utc_now()
-        for telescope in self._observed.desk.telescopes:
+        for telescope in self._observed.dispatcher.telescopes:
             name = (telescope.id,)
-            snapshot = self._observed.desk.watch(telescope.id).latest
+            snapshot = self._observed.dispatcher.watch(telescope.id).latest
             state, reading = snapshot.state, snapshot.state.reading
             connected.add_metric(name, float(state.connected))
             known = {

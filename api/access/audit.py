@@ -1,4 +1,9 @@
-"""The audit: a journal row for each order and each request that would change something, refused ones too."""
+"""The audit: a journal row for each order and each request that would change something, refused ones too.
+
+The dispatcher notes what it takes or refuses, with the order (`Audit`). `AuditedRequests` notes the rest:
+words to a night, uploads, and all that was refused before it got so far. What is repeated is noted so often
+a minute, then counted (`Seldom`).
+"""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ class Role(StrEnum):
 
 
 class Face(StrEnum):
-    """By which door a caller came."""
+    """By which face a caller came."""
 
     REST = "rest"
     ALPACA = "alpaca"

@@ -46,7 +46,7 @@ class KnownCallers:
     ----------
     app : ASGIApp
     shows_who : callable
-        The caller by what a request shows, not by the door it came to. Raises `Refused`.
+        The caller by what a request shows, not by the listener it came to. Raises `Refused`.
     """
 
     def __init__(self, app: ASGIApp, shows_who: Callable[[Scope], Caller]) -> None:

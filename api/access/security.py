@@ -1,4 +1,7 @@
-"""Who calls: API keys, or, where there are none, programs on this machine alone; and what the caller may."""
+"""Who calls: API keys, or, where there are none, programs on this machine alone; and what the caller may.
+
+`allowed_file` bounds which files of this machine callers may name.
+"""
 
 from __future__ import annotations
 
@@ -148,7 +151,7 @@ async def require_role_of_route(request: Request, caller: TheCaller) -> Caller:
     """Let the request through if its caller may what `ROLES` asks for this route.
 
     What the table doesn't name is for those who may do everything. Where somebody else's lease must be
-    heeded and no desk does it, it is done here.
+    heeded and no dispatcher does it, it is done here.
 
     Raises
     ------

@@ -1,4 +1,10 @@
-"""Alpaca's parameters, paths and envelopes, by the standard's own rules. No I/O [Alpaca §1, §2, §6]."""
+"""Alpaca's parameters, paths and envelopes, by the standard's own rules. No I/O [Alpaca §1, §2, §6].
+
+Parameters: GET has them in the query, names in any case; PUT in a form, names in exactly this case; another
+is as if absent. What can't be read is `BadParameter` (HTTP 400); what can be read and is out of range is
+the member's business (200 with 0x401). In a path case counts, and so does each slash. The JSON around each
+answer has exactly the standard's keys, never one more.
+"""
 
 from __future__ import annotations
 

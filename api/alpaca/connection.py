@@ -1,4 +1,11 @@
-"""Alpaca's connections: which clients are connected, connecting, and whether the mount answers."""
+"""Alpaca's connections: which clients are connected, connecting, and whether the mount answers [Alpaca §4].
+
+What Alpaca calls connecting is here a client's own affair: the mount stays with the service, a night, a
+scheduler and the other programs, whatever a client says. Clients are counted one by one: none disconnects a
+telescope for another one. A client is its ClientID at its address; one that never says that it connects
+(pyobs) is connected from the start, unless ``[alpaca] auto_connect`` is off. A Connect that failed is
+reported where its end is: reading Connecting raises, once. One lost answer of a mount is no lost mount.
+"""
 
 from __future__ import annotations
 

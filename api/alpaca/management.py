@@ -1,4 +1,8 @@
-"""Alpaca's management answers, unique ids and setup pages [Alpaca §6]."""
+"""Alpaca's management answers, unique ids and setup pages [Alpaca §6].
+
+A telescope's UniqueID is made once, kept beside the journal, and never changed. The setup pages change
+nothing.
+"""
 
 from __future__ import annotations
 

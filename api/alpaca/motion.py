@@ -1,4 +1,10 @@
-"""Motion over Alpaca: the last slew, guide pulses, and where parking and homing ended."""
+"""Motion over Alpaca: the last slew, guide pulses, and where parking and homing ended [Alpaca §5].
+
+Slewing is the standard's only way to tell that a slew failed after it began: reading it raises then, once
+for each client that has an id, and for those without one until the next order or an abort. Pulses are taken
+at once and carried out one after the other, one for each axis at most. Where parking and homing ended is
+kept for mounts that don't say by themselves that they are there.
+"""
 
 from __future__ import annotations
 
@@ -70,12 +76,12 @@ class Pulses:
 
     Parameters
     ----------
-    desk : Desk
+    dispatcher : Dispatcher
     telescope_id : str
     """
 
-    def __init__(self, desk: Dispatcher, telescope_id: str) -> None:
-        self._desk = desk
+    def __init__(self, dispatcher: Dispatcher, telescope_id: str) -> None:
+        self._dispatcher = dispatcher
         self._telescope_id = telescope_id
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._failure: AlpacaError | None = None
@@ -94,7 +100,7 @@ class Pulses:
         AlpacaError
             A pulse of the same axis still runs.
         MountnavError, Refused
-            As the desk's `order`.
+            As the dispatcher's `order`.
         """
         axis = _AXIS[order.direction]
         if (same := self._tasks.get(axis)) is not None and not same.done():
@@ -109,7 +115,7 @@ class Pulses:
             )
             return
         # a task that waits for the order: a pulse that comes meanwhile finds it
-        ordered = waited_for(self._desk.order(caller, self._telescope_id, order), "alpaca guide")
+        ordered = waited_for(self._dispatcher.order(caller, self._telescope_id, order), "alpaca guide")
         self._tasks[axis] = begun(self._follow(ordered, self._stops), "alpaca guide", died=self._died)
         await ordered
 
@@ -144,7 +150,7 @@ class Pulses:
         if self._stops != stops:
             return
         try:
-            job = await self._desk.order(caller, self._telescope_id, order)
+            job = await self._dispatcher.order(caller, self._telescope_id, order)
         except (MountnavError, Refused) as refusal:
             found = refusal.problem if isinstance(refusal, Refused) else problem_of(refusal)
             self._failure = error_of(found)
@@ -171,7 +177,7 @@ class Motion:
 
     Parameters
     ----------
-    desk : Desk
+    dispatcher : Dispatcher
     telescope_id : str
 
     Attributes
@@ -180,9 +186,9 @@ class Motion:
         How long after its end a motion still counts as one.
     """
 
-    def __init__(self, desk: Dispatcher, telescope_id: str) -> None:
+    def __init__(self, dispatcher: Dispatcher, telescope_id: str) -> None:
         self.settle_s = 0
-        self._desk = desk
+        self._dispatcher = dispatcher
         self._telescope_id = telescope_id
         self._ordering = 0
         self._job: Job | None = None
@@ -244,7 +250,7 @@ class Motion:
         Raises
         ------
         MountnavError, Refused
-            As the desk's `order`.
+            As the dispatcher's `order`.
         """
         self._ordering += 1
         held = self._job
@@ -255,10 +261,10 @@ class Motion:
             if mine:
                 self._aborted = held
             if work is None:
-                job = await self._desk.order(caller, self._telescope_id, order, supersede=mine)
+                job = await self._dispatcher.order(caller, self._telescope_id, order, supersede=mine)
             else:
                 request = order.model_dump(exclude_none=True)
-                job = await self._desk.give(
+                job = await self._dispatcher.give(
                     caller, self._telescope_id, order.kind, request, work, supersede=mine
                 )
             self._job, self._client = job, client
@@ -315,7 +321,7 @@ class Motion:
         Raises
         ------
         MountnavError, Refused
-            As the desk's `stop`.
+            As the dispatcher's `stop`.
         """
         self._failure = None
         self._told.clear()
@@ -332,8 +338,8 @@ class Motion:
             stopping.add_done_callback(self._stopped_late)
 
     async def _stop(self, caller: Caller) -> None:
-        await self._desk.stop(caller, self._telescope_id)
-        await self._desk.watch(self._telescope_id).refresh()
+        await self._dispatcher.stop(caller, self._telescope_id)
+        await self._dispatcher.watch(self._telescope_id).refresh()
 
     def _stopped_late(self, stopping: asyncio.Task[None]) -> None:
         error = None if stopping.cancelled() else stopping.exception()
@@ -363,7 +369,7 @@ class Motion:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(real_s(self.settle_s)):
                     await self._hurry.wait()
-        await self._desk.watch(self._telescope_id).refresh()
+        await self._dispatcher.watch(self._telescope_id).refresh()
         if failure is None and arrived is not None:
             arrived()
         if self._job is job and self._aborted is not job:

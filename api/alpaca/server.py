@@ -1,4 +1,9 @@
-"""Who calls by Alpaca: a key by HTTP Basic or X-API-Key where there are keys, unless the door is open."""
+"""The Alpaca server as an ASGI application: paths, verbs, callers, plain-text refusals [Alpaca §1, §2, §6].
+
+It answers below ``/api``, ``/management`` and ``/setup`` of the service's port. No web framework reads its
+paths or parameters: their ways (redirected slashes, JSON errors, 422) are not the standard's. A caller
+shows a key by HTTP Basic or X-API-Key where there are keys, unless the settings ask for none.
+"""
 
 from __future__ import annotations
 
@@ -122,13 +127,13 @@ class AlpacaServer:
         async with self._making:
             if self._of is not service:
                 # a disk is waited for in a thread, never in the event loop
-                telescopes = service.desk.telescopes
+                telescopes = service.dispatcher.telescopes
                 ids = await asyncio.to_thread(
                     unique_ids, ids_path(service.settings), [one.id for one in telescopes]
                 )
                 self._devices = [
                     AlpacaTelescope(
-                        *(number, ids[one.id], one, service.desk, service.settings, service.audit),
+                        *(number, ids[one.id], one, service.dispatcher, service.settings, service.audit),
                         time.monotonic,
                     )
                     for number, one in enumerate(telescopes)

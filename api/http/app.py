@@ -1,4 +1,7 @@
-"""The FastAPI application, made from settings: routes, errors, access, and its life from start to rest."""
+"""The FastAPI application, made from settings: routes, errors, access, and its life from start to rest.
+
+`listeners_of` makes the listeners besides HTTP that the settings ask for.
+"""
 
 from __future__ import annotations
 
@@ -92,9 +95,9 @@ def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI
             app.state.failure = error
             raise
         app.state.service = service
-        service.doors = listeners_of(service, getattr(app.state, "http_address", None))
+        service.listeners = listeners_of(service, getattr(app.state, "http_address", None))
         try:
-            await service.doors.start()
+            await service.listeners.start()
             yield
         finally:
             # A second interrupt must not come between a moving mount and its stop.
@@ -202,7 +205,7 @@ def _name_of(route: APIRoute) -> str:
 
 
 def listeners_of(service: Service, http_address: tuple[str, int] | None) -> Listeners:
-    """Make the doors of a service; none is open yet.
+    """Make the listeners of a service; none is started yet.
 
     Parameters
     ----------
@@ -212,7 +215,7 @@ def listeners_of(service: Service, http_address: tuple[str, int] | None) -> List
     """
     settings = service.settings
     made: dict[str, Callable[[], Listener]] = {}
-    # each protocol's code is loaded only where its door is wanted
+    # each protocol's code is loaded only where its listener is wanted
     if settings.indi_server.enabled:
         made["indi"] = lambda: _indi(service)
     if settings.lx200_server.enabled:

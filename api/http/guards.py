@@ -1,4 +1,7 @@
-"""Streams of events end when the key that opened them is revoked: nothing is told after that."""
+"""What stands before all routes of all faces that speak HTTP: who comes, from where, how often, how large.
+
+`OpenStreams` ends streams of events when the key that opened them is revoked.
+"""
 
 from __future__ import annotations
 

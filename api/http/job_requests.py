@@ -1,4 +1,7 @@
-"""What all routes that start jobs share: the caller, the idempotency key, how long to wait."""
+"""What all routes that start jobs share: the caller, the idempotency key, how long to wait for the end.
+
+A client waits by `?wait=30` or `Prefer: wait=30` [RFC 7240].
+"""
 
 from __future__ import annotations
 
@@ -138,7 +141,7 @@ STARTING: dict[int | str, dict[str, Any]] = {
 
 @dataclass(frozen=True, slots=True)
 class Ordering:
-    """An order on its way from a request to the desk."""
+    """An order on its way from a request to the dispatcher."""
 
     service: Service
     caller: Caller
@@ -149,8 +152,8 @@ class Ordering:
     supersede: bool
 
     async def take(self, order: Order) -> JobView:
-        """Give it to the desk; answer with its job, at once or when that has ended."""
-        job = await self.service.desk.order(
+        """Give it to the dispatcher; answer with its job, at once or when that has ended."""
+        job = await self.service.dispatcher.order(
             self.caller, self.telescope_id, order, key=self.key, supersede=self.supersede
         )
         self.response.headers["Location"] = f"/v1/jobs/{job.id}"

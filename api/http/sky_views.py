@@ -1,4 +1,7 @@
-"""What a job is aiming at, as ICRS, for those who draw it. Nothing that steers asks this."""
+"""A telescope's limits, its sky, and what its job is aiming at; computed from what is known.
+
+For those who draw it: nothing that steers uses this.
+"""
 
 from __future__ import annotations
 

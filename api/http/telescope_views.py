@@ -1,4 +1,7 @@
-"""The state of telescopes over HTTP: views of the last reading, made once for each reading."""
+"""The state of telescopes over HTTP: made once for each reading, however many ask, and no device is asked.
+
+The entity tag names the reading, so that a client that has it already is answered 304 without a body.
+"""
 
 from __future__ import annotations
 
@@ -116,20 +119,20 @@ class StateAnswers:
 
     def of(self, telescope: Telescope) -> Answer:
         """The answer of one telescope."""
-        snapshot = self._service.desk.watch(telescope.id).latest
+        snapshot = self._service.dispatcher.watch(telescope.id).latest
         job = "" if snapshot.job is None else snapshot.job.id[:12]
         # the service's id: after a restart the counting begins anew
         tag = f'"{self._service.events.run}-{snapshot.revision}-{job}"'
         kept = self._kept.get(telescope.id)
         if kept is None or kept.tag != tag:
-            problem = self._service.remembering.problem
+            problem = self._service.restored.problem
             view = telescope_view(telescope, snapshot, () if problem is None else (problem,))
             kept = self._kept[telescope.id] = Answer(tag, view.model_dump_json().encode())
         return kept
 
     def all(self) -> Answer:
         """The answer of all telescopes, as a list."""
-        each = [self.of(telescope) for telescope in self._service.desk.telescopes]
+        each = [self.of(telescope) for telescope in self._service.dispatcher.telescopes]
         tag = hashlib.sha256("".join(one.tag for one in each).encode()).hexdigest()[:24]
         return Answer(f'"{tag}"', b"[" + b",".join(one.body for one in each) + b"]")
 

@@ -76,8 +76,8 @@ class IndiTelescope:
         self.vectors: dict[str, Vector] = {}
         self._service = service
         self._telescope = service.observatory.telescope(settings.id)
-        self._watch = service.desk.watch(settings.id)
-        self._ordering = Ordering(service.desk, service.audit, settings.id)
+        self._watch = service.dispatcher.watch(settings.id)
+        self._ordering = Ordering(service.dispatcher, service.audit, settings.id)
         self._optics = optics_of(settings)
         self._changed, self._say, self._died = changed, say, died
         self._orders = TakingOrders(

@@ -1,4 +1,7 @@
-"""INDI clients' orders, given to the dispatcher, and what each came to in INDI's words."""
+"""INDI clients' orders, given to the dispatcher, and what each came to in INDI's words.
+
+A short order is answered at its end, a long one when it is under way: `follow` is given its job.
+"""
 
 from __future__ import annotations
 

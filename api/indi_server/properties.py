@@ -1,4 +1,8 @@
-"""A telescope as INDI properties: one snapshot in, its properties out, by INDI's names and rules."""
+"""A telescope as INDI properties: one snapshot in, its properties out, by INDI's names and rules.
+
+Pure: asks no device and no clock. What the mount can't do has no property, and what isn't known is off or
+Idle, never a guess. CONNECTION and ON_COORD_SET are each client's own: `api.indi_server.connection`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,15 @@
-"""What each INDI client has chosen and been sent, and what it is to be sent next."""
+"""What each INDI client has chosen and been sent, and what it is to be sent next.
+
+In a common INDI server the selection of ON_COORD_SET is the device's, so that one client's SYNC can turn
+another's goto into a sync. Here it is each connection's. But `indi_setprop` in a script chooses in one
+connection and sends the position in the next one: a SYNC that was chosen, not used, and left behind is
+taken over by the next client of the same machine that chooses nothing itself. It is shown to that client as
+its selection.
+
+Sent is the difference between what a client knows and what is so: one that reads slowly misses what was in
+between, and costs no memory. Answers and messages are kept for it in their order, up to a bound. No I/O:
+`news` says when there is something to send.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""What is done, once, when the holder of a lease has fallen silent: through the desk, like any order."""
+"""Leases: a telescope is held by a heartbeat; when that ends, what was agreed is done once.
+
+Without the lease nothing but a stop may be ordered on a leased telescope. A lease outlives a restart of the
+service: one that ran out meanwhile is acted on when the service begins. What is done for a holder that has
+fallen silent goes through the dispatcher, like any order.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +37,7 @@ STOP_TRIES = 12
 
 
 class Orders(Protocol):
-    """The desk, as far as it is needed here."""
+    """The dispatcher, as far as it is needed here."""
 
     async def stop(self, caller: Caller, telescope_id: str) -> Job | None:
         """Cancel the telescope's job and stop its mount."""
@@ -153,7 +158,7 @@ class Leases:
         Parameters
         ----------
         orders : Orders
-            The desk.
+            The dispatcher.
         kept : list of LeaseRow
             As the journal has them, of this service's telescopes.
         """

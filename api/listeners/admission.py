@@ -1,4 +1,4 @@
-"""Who is let in where there is room for so many, and who makes room: one rule for HTTP and all other doors.
+"""Who is let in where there is room for so many, and who makes room: one rule for all listeners.
 
 A newcomer beyond what one address or all may hold is let in where somebody else may go. Who never said
 anything goes first, then who has been idle for longest; nobody who has just come, while there is a little

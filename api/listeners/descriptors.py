@@ -17,7 +17,7 @@ _OWN = 96
 """For the journal, the solver, the loop, files that are being read; some 30 are open when nothing happens."""
 _EACH_TELESCOPE = 8
 """A mount's link, a camera's, a fake's pseudo-terminal and its ends, frames that are read."""
-_DOORS = 3
+_LISTENERS = 3
 """INDI, LX200, Stellarium."""
 _FEWEST_HTTP = 24
 """Connections, however few descriptors there are: a page holds seven, a scheduler one or two."""
@@ -35,16 +35,16 @@ class Shares:
         Of HTTP beyond these: they are let in to send a stop, and nothing else.
     fresh : int
         Of HTTP beyond these, for a moment: until they have said what they want.
-    door : int
-        Of each other door (INDI, LX200, Stellarium).
+    listener : int
+        Of each other listener (INDI, LX200, Stellarium).
     burst : int
-        So many are accepted in one turn of the loop, by HTTP; half of `fresh`, as `Room` wants it.
+        So many are accepted in one turn of the loop, by HTTP; half of `fresh`, as `ConnectionRoom` wants it.
     """
 
     http: int
     stops: int
     fresh: int
-    door: int
+    listener: int
     burst: int
 
 
@@ -59,22 +59,22 @@ def shares(descriptors: int, telescopes: int) -> Shares:
     """
     most = min(descriptors, _MOST)
     sixteenth = most // 16
-    door = min(64, max(4, sixteenth))
+    listener = min(64, max(4, sixteenth))
     fresh = min(64, max(8, sixteenth))
     stops = min(32, max(4, sixteenth // 2))
     burst = fresh // 2
-    doors = _DOORS * (door + listener_fresh(door))
-    left = most - _OWN - _EACH_TELESCOPE * telescopes - doors - burst - stops - fresh
-    return Shares(http=max(_FEWEST_HTTP, left), stops=stops, fresh=fresh, door=door, burst=burst)
+    listeners = _LISTENERS * (listener + listener_fresh(listener))
+    left = most - _OWN - _EACH_TELESCOPE * telescopes - listeners - burst - stops - fresh
+    return Shares(http=max(_FEWEST_HTTP, left), stops=stops, fresh=fresh, listener=listener, burst=burst)
 
 
 def listener_burst(clients: int) -> int:
-    """How many a door (INDI, LX200, Stellarium) that may have so many clients accepts in one turn."""
+    """How many a listener (INDI, LX200, Stellarium) that may have so many clients accepts in one turn."""
     return max(1, clients // 8)
 
 
 def listener_fresh(clients: int) -> int:
-    """How many more such a door may have for a moment, as `Room` wants it."""
+    """How many more such a listener may have for a moment, as `ConnectionRoom` wants it."""
     return 2 * listener_burst(clients)
 
 

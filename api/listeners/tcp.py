@@ -72,7 +72,7 @@ class Listening:
         self._name = name
         self._full = full
         self._speaks_first = speaks_first
-        self.most = shares(descriptors_at_hand(), 0).door if most is None else most
+        self.most = shares(descriptors_at_hand(), 0).listener if most is None else most
         self._burst = listener_burst(self.most)
         self._here: ConnectionRoom[_Client] = ConnectionRoom(
             self.most, max(1, self.most // 2), listener_fresh(self.most)

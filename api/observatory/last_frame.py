@@ -1,4 +1,7 @@
-"""The last solved frame of each telescope, kept in memory, and its preview picture."""
+"""The last solved frame of each telescope, kept in memory, and its preview picture.
+
+A preview is binned down and stretched so that faint stars show; it is not turned to have north up.
+"""
 
 from __future__ import annotations
 

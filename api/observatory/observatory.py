@@ -64,7 +64,7 @@ class Telescope:
         For people.
     journal : Journal
         Where all of it is written down.
-    taking_up : TakingUp
+    restart : Restart
         What an earlier run of the service left in flight.
     bench : FakeOnPty or None
         The fake mount that this service runs itself.
@@ -80,7 +80,7 @@ class Telescope:
     navigator: Navigator
     mount_address: str
     journal: Journal
-    taking_up: Restart
+    restart: Restart
     bench: FakeOnPty | None = None
     mechanics: Mechanics | None = None
     recording: NightRecording | None = None
@@ -154,7 +154,7 @@ class Telescope:
         return (
             state
             if state.problem
-            else replace(state, problem=self.problem or self.taking_up.told(self.navigator.mount))
+            else replace(state, problem=self.problem or self.restart.told(self.navigator.mount))
         )
 
     async def stop(self) -> None:
@@ -174,7 +174,7 @@ class Telescope:
             await asyncio.to_thread(self.bench.stop)
 
     async def _take_up(self) -> None:
-        await self.taking_up.at_first_link(self.navigator.mount, self.navigator.guard)
+        await self.restart.at_first_link(self.navigator.mount, self.navigator.guard)
 
     async def _release(self) -> None:
         try:
@@ -265,7 +265,7 @@ def _build(
     solve: Solve,
     sql_journal: SqlJournal,
 ) -> Telescope:
-    taking_up = Restart(sql_journal, one.id, outlives=not one.mount.is_fake)
+    restart = Restart(sql_journal, one.id, outlives=not one.mount.is_fake)
     journal: Journal = sql_journal
     bench: FakeOnPty | None = None
     mechanics: Mechanics | None = None
@@ -282,7 +282,7 @@ def _build(
     mount: Mount = open_mount(_with_options(url, one), name=one.id, site=settings.site.site)
 
     def listen(kind: str, data: dict[str, object]) -> None:
-        taking_up.heard(kind)
+        restart.heard(kind)
         heard(one.id, kind, data)
 
     recording: NightRecording | None = None
@@ -303,7 +303,7 @@ def _build(
         listen=listen,
         journal=journal,
     )
-    return Telescope(one.id, navigator, url, journal, taking_up, bench, mechanics, recording, seen)
+    return Telescope(one.id, navigator, url, journal, restart, bench, mechanics, recording, seen)
 
 
 def require_devices(settings: Settings, file: Path | None = None) -> None:

@@ -1,4 +1,7 @@
-"""The one way to order something of a telescope, for every face: role, lease, one at a time, audit."""
+"""The one way to order something of a telescope, for every face: role, lease, one at a time, written down.
+
+REST, Alpaca, INDI, the planetariums and the page all come here; none has another way to a navigator.
+"""
 
 from __future__ import annotations
 
@@ -81,7 +84,7 @@ class Dispatcher:
     longer : LongerOrders
         Makes work of the orders that need more than a navigator.
     leases : Guard
-    audit : Book
+    audit : Audit
     poll_s : float
         How often each telescope is read.
     tell : callable
@@ -429,15 +432,15 @@ NIGHT = Caller("night", Role.CONFIGURE, Face.SERVICE)
 """In whose name it is done."""
 
 
-async def preempt(desk: Dispatcher, jobs: Jobs, telescope_id: str) -> None:
+async def preempt(dispatcher: Dispatcher, jobs: Jobs, telescope_id: str) -> None:
     """End the job that runs on a telescope, unless it parks it already. Raises `DeviceError`.
 
     Parameters
     ----------
-    desk : Desk
+    dispatcher : Dispatcher
     jobs : Jobs
     telescope_id : str
     """
     job = jobs.running_on(telescope_id)
     if job is not None and job.kind != "park":
-        await desk.stop(NIGHT, telescope_id)
+        await dispatcher.stop(NIGHT, telescope_id)

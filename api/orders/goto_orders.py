@@ -1,7 +1,8 @@
 """How programs without jobs order: a goto replaces their own, a stop comes before all that isn't begun yet.
 
-INDI, LX200 and Stellarium know no jobs, no leases and no "busy": their orders come here and go to the desk,
-and what stands against them comes back as words. There is no other way from these faces to a telescope.
+INDI, LX200 and Stellarium know no jobs, no leases and no "busy": their orders come here and go to the
+dispatcher, and what stands against them comes back as words. There is no other way from these faces to a
+telescope.
 """
 
 from __future__ import annotations
@@ -63,15 +64,15 @@ class Ordering:
 
     Parameters
     ----------
-    desk : Desk
+    dispatcher : Dispatcher
     audit : Audit
         Where a goto is noted that was refused before it became a job.
     telescope_id : str
     """
 
-    def __init__(self, desk: Dispatcher, audit: Audit, telescope_id: str) -> None:
+    def __init__(self, dispatcher: Dispatcher, audit: Audit, telescope_id: str) -> None:
         self.telescope_id = telescope_id
-        self._desk = desk
+        self._dispatcher = dispatcher
         self._audit = audit
         self._gotos: dict[str, Job] = {}
         self._stops = 0
@@ -91,8 +92,8 @@ class Ordering:
         stops = self._stops
         async with self._turn:
             await self._calm.wait()
-            await self._desk.turn()
-            held = self._desk.watch(self.telescope_id).latest.job
+            await self._dispatcher.turn()
+            held = self._dispatcher.watch(self.telescope_id).latest.job
             own = held is not None and held is self._gotos.get(caller.name)
             try:
                 self._require_unstopped(stops)
@@ -100,8 +101,8 @@ class Ordering:
                     # a wrong click doesn't end the goto that is under way
                     await self._check(caller, target, own)
                     self._require_unstopped(stops)
-                    own = own and held is self._desk.watch(self.telescope_id).latest.job
-                job = await self._desk.order(
+                    own = own and held is self._dispatcher.watch(self.telescope_id).latest.job
+                job = await self._dispatcher.order(
                     caller, self.telescope_id, SlewOrder(target=target), supersede=own
                 )
             except (Refused, MountnavError) as refusal:
@@ -177,7 +178,7 @@ class Ordering:
         self._stopping += 1
         self._calm.clear()
         try:
-            await self._desk.stop(caller, self.telescope_id)
+            await self._dispatcher.stop(caller, self.telescope_id)
             self._stop_failed = None
         except (Refused, MountnavError) as refusal:
             self._stop_failed = _not_taken(refusal)
@@ -190,7 +191,7 @@ class Ordering:
     async def _check(self, caller: Caller, target: Target, supersede: bool) -> None:
         """Refuse at once what would be refused: these programs wait for an answer, and know no jobs."""
         try:
-            await self._desk.check(self.telescope_id, target, supersede=supersede)
+            await self._dispatcher.check(self.telescope_id, target, supersede=supersede)
         except MountnavError as refusal:
             request = {"target": target.model_dump()}
             self._audit.refused(caller, "slew", refusal, telescope=self.telescope_id, request=request)
@@ -199,10 +200,10 @@ class Ordering:
     async def _begun(self, caller: Caller, order: Order, stops: int) -> Job:
         # what is ordered after a stop begins when that is done
         await self._calm.wait()
-        await self._desk.turn()
+        await self._dispatcher.turn()
         try:
             self._require_unstopped(stops)
-            return await self._desk.order(caller, self.telescope_id, order)
+            return await self._dispatcher.order(caller, self.telescope_id, order)
         except (Refused, MountnavError) as refusal:
             raise _not_taken(refusal) from refusal
 

@@ -1,7 +1,8 @@
-"""Which jobs are remembered: by their ids, by the keys of their clients; with a store, over restarts.
+"""Jobs: long work with an id, one motion at a time per telescope, cancelled at any time, never done twice.
 
-A client's key is what keeps an order from being carried out twice. That nothing moves before it is written
-down is the work of `Jobs`; how it is written down stands here.
+Every change of a job is made by `Jobs`, and nothing moves before it is written down. `JobMemory` keeps
+which jobs are remembered: by their ids and by the keys of their clients, with a store over restarts. A
+client's key is what keeps an order from being carried out twice.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""The orders that a telescope takes from any face, their short REST bodies, and their examples."""
+"""The orders that a telescope takes from any face, their short REST bodies, and their examples.
+
+The kind of an order is the kind of its job. `Order` is the one list; roles, what moves, the capabilities
+and the short bodies (`POST /v1/telescopes/{id}/slew` and the like) follow from its classes.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is known of a telescope now, read in the background: whoever asks waits for no device."""
+"""The latest known state of each telescope, read in the background: reading it waits for no device."""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""One LX200 app: its half targets, clock and site, its commands and their answers."""
+"""One LX200 app: its half targets, clock and site, its commands and their answers.
+
+A target is a pair of halves, and a half that was refused leaves none. SkySafari may open a connection for
+each command, so the target is kept for its machine for a while; a connection that set a target itself means
+that one. The format is each connection's own, long at first. The app is sent our clock and site; what it
+sends of them is compared, never taken.
+"""
 
 from __future__ import annotations
 

@@ -42,8 +42,8 @@ class OneTelescopeServer(ABC):
         speaks_first: bool = True,
     ) -> None:
         self._id = telescope_of(service, settings.telescope, section)
-        self._watch = service.desk.watch(self._id)
-        self._ordering = Ordering(service.desk, service.audit, self._id)
+        self._watch = service.dispatcher.watch(self._id)
+        self._ordering = Ordering(service.dispatcher, service.audit, self._id)
         self._listening = Listening(
             settings.host, settings.port, self._serve, name=name, speaks_first=speaks_first
         )

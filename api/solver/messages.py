@@ -1,8 +1,13 @@
-"""What the solver's process answers, as data: JSON with the arrays behind it, read by the types we expect.
+"""What the service and its solving process send each other: each message with its length before it.
 
-The process reads strangers' files. If one of them should get hold of it, its answers must not get hold of the
-service: no pickle comes back, nothing is made but the classes named here, and no answer is longer than
-`MOST_BYTES`. An answer is a length (`<I`), as much JSON, and the arrays' bytes one after the other.
+Questions are pickles: they come from the service, which its process obeys in any case. Pixels and uploads
+don't go through the socket: they lie in a file without a name (`memfd_create`, or the upload's spool),
+whose descriptor is sent along.
+
+Answers are data: JSON with the arrays behind it, read by the types we expect. The process reads strangers'
+files. If one of them should take it over, its answers must not take over the service: no pickle comes back,
+nothing is made but the classes named here, and no answer is longer than `MOST_BYTES`. An answer is a length
+(`<I`), as much JSON, and the arrays' bytes one after the other.
 """
 
 from __future__ import annotations

@@ -1,4 +1,11 @@
-"""The first frame of the night is a drawn one, solved each way there is: no real one pays for imports."""
+"""The process that solves: everything opened and imported once, then one frame after the other.
+
+It is started by `api.solver.link`, never by hand: ``python -m api.solver.process DESCRIPTOR``. It ends when
+the other end of its socket is closed, also in the middle of a solve, so that no service leaves one behind.
+It reads strangers' files: what it may take of the computer is bounded (`api.solver.limits`), and what it
+answers is data (`api.solver.messages`). Before its first task it solves a drawn frame each way there is, so
+that no real one pays for imports.
+"""
 
 from __future__ import annotations
 

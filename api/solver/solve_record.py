@@ -1,4 +1,7 @@
-"""The record of a solve, which `mountnav solve --json` prints and POST /v1/solve answers."""
+"""The record of a solve, which `mountnav solve --json` prints and POST /v1/solve answers.
+
+`solve_answer` makes it as plain values; `SolveRecord` describes it as a model.
+"""
 
 from __future__ import annotations
 

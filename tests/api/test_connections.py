@@ -119,11 +119,11 @@ def test_a_stop_gets_through(address: tuple[str, int], source: Callable[[int], s
 def test_descriptors_are_left_for_stops_and_devices() -> None:
     for descriptors in (256, 512, 1024, 1_000_000):
         shared = shares(descriptors, telescopes=2)
-        doors = 3 * (shared.door + listener_fresh(shared.door))
+        doors = 3 * (shared.listener + listener_fresh(shared.listener))
         taken = shared.http + shared.stops + shared.fresh + shared.burst + doors
         # nobody goes before what came with him was read
         assert shared.fresh >= 2 * shared.burst
-        assert listener_fresh(shared.door) >= 2 * listener_burst(shared.door)
+        assert listener_fresh(shared.listener) >= 2 * listener_burst(shared.listener)
         assert taken + 96 + 2 * 8 <= min(descriptors, 1024)
         assert shared.http >= 24
         assert shared.stops >= 4

@@ -1,4 +1,4 @@
-"""The desk: one way for all faces, with its roles, its one job at a time, and what it knows."""
+"""The dispatcher: one way for all faces, with its roles, its one job at a time, and what it knows."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ async def running(toml: str) -> AsyncIterator[Service]:
 @pytest.mark.long
 async def test_an_order_counts_as_slewing_until_its_end_and_its_end_is_seen(observatory_toml: str) -> None:
     async with running(observatory_toml) as service:
-        watch = service.desk.watch("east")
-        job = await service.desk.order(OPERATOR, "east", SlewOrder(target=SOUTH))
+        watch = service.dispatcher.watch("east")
+        job = await service.dispatcher.order(OPERATOR, "east", SlewOrder(target=SOUTH))
         assert watch.latest.slewing
         assert watch.latest.job is job
         await asyncio.wait_for(job.ended.wait(), 60)
@@ -53,17 +53,17 @@ async def test_an_order_counts_as_slewing_until_its_end_and_its_end_is_seen(obse
 async def test_one_order_at_a_time_unless_it_supersedes(observatory_toml: str) -> None:
     toml = observatory_toml.replace("slew_rate_deg_s = 45.0", "slew_rate_deg_s = 2.0")
     async with running(toml) as service:
-        first = await service.desk.order(OPERATOR, "east", SlewOrder(target=SOUTH))
+        first = await service.dispatcher.order(OPERATOR, "east", SlewOrder(target=SOUTH))
         with pytest.raises(TelescopeBusy) as busy:
-            await service.desk.order(OPERATOR, "east", LookOrder())
+            await service.dispatcher.order(OPERATOR, "east", LookOrder())
         assert busy.value.job_id == first.id
-        second = await service.desk.order(OPERATOR, "east", SlewOrder(target=NORTHEAST), supersede=True)
+        second = await service.dispatcher.order(OPERATOR, "east", SlewOrder(target=NORTHEAST), supersede=True)
         await asyncio.wait_for(first.ended.wait(), 60)
         assert first.state is JobState.CANCELLED
         assert first.problem is not None
         assert "superseded" in first.problem.detail
         assert service.jobs.running_on("east") is second
-        ended = await service.desk.stop(OPERATOR, "east")
+        ended = await service.dispatcher.stop(OPERATOR, "east")
         assert ended is second
         assert second.state is JobState.CANCELLED
 
@@ -71,37 +71,39 @@ async def test_one_order_at_a_time_unless_it_supersedes(observatory_toml: str) -
 async def test_a_key_is_known_while_its_job_holds_the_telescope(observatory_toml: str) -> None:
     async with running(observatory_toml) as service:
         order = SlewOrder(target=SOUTH)
-        first = await service.desk.order(OPERATOR, "east", order, key="k")
-        again = await service.desk.order(OPERATOR, "east", order, key="k", supersede=True)
+        first = await service.dispatcher.order(OPERATOR, "east", order, key="k")
+        again = await service.dispatcher.order(OPERATOR, "east", order, key="k", supersede=True)
         assert again is first
         with pytest.raises(Refused):
-            await service.desk.order(OPERATOR, "east", SlewOrder(target=NORTHEAST), key="k")
+            await service.dispatcher.order(OPERATOR, "east", SlewOrder(target=NORTHEAST), key="k")
 
 
 async def test_who_may_only_look_on_orders_nothing(observatory_toml: str) -> None:
     async with running(observatory_toml) as service:
         onlooker = replace(OPERATOR, role=Role.VIEW)
         with pytest.raises(Refused) as refused:
-            await service.desk.order(onlooker, "east", LookOrder())
+            await service.dispatcher.order(onlooker, "east", LookOrder())
         assert refused.value.problem.status == 403
         with pytest.raises(Refused):
-            await service.desk.stop(onlooker, "east")
+            await service.dispatcher.stop(onlooker, "east")
         assert service.jobs.all() == []
         with pytest.raises(Unknown):
-            await service.desk.order(OPERATOR, "nowhere", LookOrder())
+            await service.dispatcher.order(OPERATOR, "nowhere", LookOrder())
 
 
 async def test_a_check_moves_nothing_and_a_told_sync_is_seen(observatory_toml: str) -> None:
     async with running(observatory_toml) as service:
-        desk, watch = service.desk, service.desk.watch("east")
-        await asyncio.wait_for((await desk.order(OPERATOR, "east", SlewOrder(target=SOUTH))).ended.wait(), 60)
+        dispatcher, watch = service.dispatcher, service.dispatcher.watch("east")
+        await asyncio.wait_for(
+            (await dispatcher.order(OPERATOR, "east", SlewOrder(target=SOUTH))).ended.wait(), 60
+        )
         with pytest.raises(OutsideLimits):
-            await desk.check("east", AltAzTarget(alt_deg=-30.0, az_deg=10.0))
-        await desk.check("east", NORTHEAST)
+            await dispatcher.check("east", AltAzTarget(alt_deg=-30.0, az_deg=10.0))
+        await dispatcher.check("east", NORTHEAST)
         before = watch.latest.state.icrs
         assert before is not None
         told = IcrsTarget(ra_deg=before.ra_deg, dec_deg=before.dec_deg + 0.03)
-        job = await desk.order(OPERATOR, "east", SyncToOrder(target=told))
+        job = await dispatcher.order(OPERATOR, "east", SyncToOrder(target=told))
         await asyncio.wait_for(job.ended.wait(), 60)
         assert job.state is JobState.SUCCEEDED
         reading = watch.latest.state.reading
@@ -111,7 +113,7 @@ async def test_a_check_moves_nothing_and_a_told_sync_is_seen(observatory_toml: s
 
 async def test_a_telescope_that_is_not_there_is_known_to_be_so(observatory_toml: str) -> None:
     async with running(observatory_toml) as service:
-        snapshot = await service.desk.watch("gone").refresh()
+        snapshot = await service.dispatcher.watch("gone").refresh()
         assert not snapshot.state.connected
         assert not snapshot.slewing
         assert "there-is-no-such-port" in (snapshot.state.problem or "")

@@ -44,7 +44,7 @@ async def died(*_: Any, **__: Any) -> Any:
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def service(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Service]:
     async with observatory(tmp_path_factory.mktemp("faces")) as found:
-        await found.desk.watch("east").refresh()
+        await found.dispatcher.watch("east").refresh()
         yield found
 
 
@@ -147,7 +147,7 @@ async def test_a_task_of_a_stellarium_connection_ends_it(
 async def test_a_watch_that_dies_says_that_nothing_is_known_and_begins_anew(
     service: Service, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    watch = service.desk.watch("east")
+    watch = service.dispatcher.watch("east")
     seen: list[str | None] = []
     take = Watch._take
 
@@ -168,7 +168,7 @@ async def test_an_alpaca_motion_whose_end_is_lost_has_not_arrived(
     service: Service, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     client = Client("127.0.0.1", 7)
-    motion = Motion(service.desk, "east")
+    motion = Motion(service.dispatcher, "east")
     far = up_now(20.0, 30.0)
     order = SlewOrder(target=ApparentTarget(ra_deg=far.ra_deg, dec_deg=far.dec_deg))
     await motion.begin(CALLER, client, order)
@@ -184,7 +184,7 @@ async def test_an_alpaca_pulse_whose_end_is_lost_is_a_failure(
     service: Service, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     await until(lambda: service.jobs.running_on("east") is None, "idle")
-    pulses = Pulses(service.desk, "east")
+    pulses = Pulses(service.dispatcher, "east")
     monkeypatch.setattr(Pulses, "_end_of", died)
     await pulses.guide(CALLER, GuideOrder.model_validate({"direction": "n", "duration_s": 0.01}))
     await until(lambda: not pulses.running, "over")

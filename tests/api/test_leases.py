@@ -36,7 +36,7 @@ PATIENCE_S = 60.0
 
 
 class Orders:
-    """A desk that writes down what it is asked for, and may fail."""
+    """A dispatcher that writes down what it is asked for, and may fail."""
 
     def __init__(self) -> None:
         self.done: list[tuple[str, str]] = []
@@ -471,9 +471,9 @@ async def test_when_the_holder_dies_its_slew_is_stopped(client: httpx.AsyncClien
     service = service_of(client)
     lease, secret = await service.leases.take(ROBOT, "east", ttl_s=1.0, on_expiry=OnExpiry.STOP)
     slewing = SlewOrder(target=IcrsTarget(kind="icrs", ra_deg=10.0, dec_deg=85.0))
-    centering = await service.desk.order(holding(ROBOT, secret), "east", slewing)
+    centering = await service.dispatcher.order(holding(ROBOT, secret), "east", slewing)
     with pytest.raises(Refused):
-        await service.desk.order(GUEST, "east", ParkOrder())
+        await service.dispatcher.order(GUEST, "east", ParkOrder())
 
     async def expired() -> bool:
         return service.leases.of("east") is None
@@ -482,7 +482,7 @@ async def test_when_the_holder_dies_its_slew_is_stopped(client: httpx.AsyncClien
     assert lease.ending
     async with asyncio.timeout(PATIENCE_S):
         await centering.ended.wait()
-    snapshot = await service.desk.watch("east").refresh()
+    snapshot = await service.dispatcher.watch("east").refresh()
     assert not snapshot.slewing
     rows: list[dict[str, str]] = []
     async with asyncio.timeout(PATIENCE_S):

@@ -11,7 +11,7 @@ from tests.api.indi.face_rig import observatory
 async def test_a_mount_that_answers_again_has_no_old_problem(tmp_path: Path) -> None:
     async with observatory(tmp_path) as service:
         telescope = service.observatory.telescope("east")
-        await service.desk.watch("east").refresh()
+        await service.dispatcher.watch("east").refresh()
         await telescope.lost(DeviceMissing("the line was lost", device="east", advice="check the cable"))
         state = await telescope.state()
         assert state.connected

@@ -67,7 +67,7 @@ async def test_a_hundred_questions_ask_the_mount_nothing(
         assert again.status_code == 304
 
         # a new reading is a new answer
-        await service.desk.watch("east").refresh()
+        await service.dispatcher.watch("east").refresh()
         fresh = await client.get(EAST, headers={"If-None-Match": tag})
         assert fresh.status_code == 200
         assert fresh.headers["etag"] != tag

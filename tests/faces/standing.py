@@ -108,7 +108,7 @@ class Standing:
 
     def door(self, name: str) -> tuple[str, int]:
         """Where a face without HTTP listens."""
-        state = self.service.doors.states[name]
+        state = self.service.listeners.states[name]
         assert state.port is not None, state.problem
         return "127.0.0.1", state.port
 

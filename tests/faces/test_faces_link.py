@@ -48,7 +48,7 @@ async def _pulled(bench: FakeOnTcp, toml: str) -> None:
         stand.bench.vanish()
         await job.ended.wait()
         assert str(job.state) == "failed", job
-        watch = stand.service.desk.watch("east")
+        watch = stand.service.dispatcher.watch("east")
         await until(lambda: not watch.latest.state.connected, "known to be gone")
         state = await by["rest"].state()
         assert (state["connected"], state["link"]) != (True, "up"), state
@@ -74,7 +74,7 @@ async def _pulled(bench: FakeOnTcp, toml: str) -> None:
 
 async def _silent(stand: Standing, by: dict[str, Any]) -> None:
     silent_from = utc_now()
-    watch = stand.service.desk.watch("east")
+    watch = stand.service.dispatcher.watch("east")
     at_once: list[str | None] = []
 
     def heard(what: str, facts: Mapping[str, object]) -> None:

@@ -107,7 +107,7 @@ async def stop_it(stand: Standing, by: dict, face: str, kind: str) -> None:  # t
     word = ON_THE_WIRE.get(kind)
     if word is not None and kind in ("sync-to", "set-park", "tracking"):
         stand.fake.add_fault(Fault("late", on=word, delay_s=LATE_S))
-    job = await stand.service.desk.order(BOSS, "east", order_of(kind, stand))
+    job = await stand.service.dispatcher.order(BOSS, "east", order_of(kind, stand))
     if word is not None:
         await until(lambda: any(one.startswith(word) for one in stand.fake.heard[begin:]), f"{what}: begun")
     elif kind not in AT_ONCE:
@@ -134,7 +134,7 @@ async def stop_it(stand: Standing, by: dict, face: str, kind: str) -> None:  # t
     assert [one for one in after if one != STOP] == [], (what, words)
     if kind not in AT_ONCE:
         assert job.state is JobState.CANCELLED, (what, job.state, job.problem)
-    assert not stand.service.desk.watch("east").latest.slewing or stand.mechanics.slewing(), what
+    assert not stand.service.dispatcher.watch("east").latest.slewing or stand.mechanics.slewing(), what
 
 
 async def test_a_slew_is_stopped_by_every_face() -> None:

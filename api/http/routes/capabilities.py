@@ -6,7 +6,7 @@ from fastapi import APIRouter, Request
 
 from api.access.callers import Role
 from api.access.security import TheCaller
-from api.http.routes.health import doors_view
+from api.http.routes.health import listener_views
 from api.http.service_views import CapabilitiesView, DoorView, KindView, TelescopeSkillsView
 from api.observatory.virtual import virtual_view
 from api.orders.vocabulary import KINDS, ModelRunOrder
@@ -47,9 +47,9 @@ async def get_capabilities(request: Request, service: TheService, caller: TheCal
                 skills=sorted(str(skill) for skill in one.navigator.mount.skills),
                 nights=one.id in nights,
             )
-            for one in service.desk.telescopes
+            for one in service.dispatcher.telescopes
         ],
-        faces={"http": http, "alpaca": alpaca, **doors_view(service)},
+        faces={"http": http, "alpaca": alpaca, **listener_views(service)},
         roles=[str(role) for role in Role],
         your_role=str(caller.role),
         problems=sorted(SLUGS),

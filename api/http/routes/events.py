@@ -1,4 +1,7 @@
-"""Events as they go over HTTP: server-sent events, with a comment when nothing else keeps the line alive."""
+"""The event streams: of the whole service, of one telescope, of one job; with ids to resume from.
+
+They are server-sent events, with a comment when nothing else keeps the line alive.
+"""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ async def stop_telescope(
     service: TheService, telescope: TheTelescope, caller: TheCaller, response: Response
 ) -> StopView:
     """Stop all motion now: no body, never refused as busy. Answers once it was sent, and within 2 s."""
-    given = await service.desk.give_stop(caller, telescope.id)
+    given = await service.dispatcher.give_stop(caller, telescope.id)
     if given.error is not None:
         raise given.error
     job_id = None if given.job is None else given.job.id
@@ -64,7 +64,7 @@ async def stop_all(service: TheService, caller: TheCaller, response: Response) -
     is said that it is not known yet (202), and the event `stop-settled` tells what came of it.
     """
     connected = {one.id for one in service.observatory.telescopes if one.is_open}
-    given = await service.desk.stop_all(caller)
+    given = await service.dispatcher.stop_all(caller)
     views = [_view(telescope_id, one) for telescope_id, one in given.items()]
     failed = {name: one.error for name, one in given.items() if one.error is not None and name in connected}
     if failed:

@@ -58,7 +58,9 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
             while not server.started:
                 assert thread.is_alive(), "the service did not start"
                 time.sleep(0.01)
-            patch.setattr(alpaca.discovery, "port", app.state.service.doors.states["alpaca-discovery"].port)
+            patch.setattr(
+                alpaca.discovery, "port", app.state.service.listeners.states["alpaca-discovery"].port
+            )
             yield f"127.0.0.1:{listener.getsockname()[1]}"
         finally:
             server.should_exit = True

@@ -96,8 +96,10 @@ async def test_one_lost_answer_is_no_lost_mount(
     telescope = observatory.service.observatory.telescope("german")
     now = [1000.0]
     service = observatory.service
-    device = AlpacaTelescope(0, "x", telescope, service.desk, service.settings, service.audit, lambda: now[0])
-    watch = observatory.service.desk.watch("german")
+    device = AlpacaTelescope(
+        0, "x", telescope, service.dispatcher, service.settings, service.audit, lambda: now[0]
+    )
+    watch = observatory.service.dispatcher.watch("german")
     assert device.link.is_up()
     await observatory.probe.get("rightascension")
     await watch.close()  # no reading but ours
@@ -125,7 +127,7 @@ async def test_nothing_waits_for_a_mount_that_takes_its_time(
     observatory: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     german = observatory.probe
-    watch = observatory.service.desk.watch("german")
+    watch = observatory.service.dispatcher.watch("german")
     await watch.close()
     hangs, released = asyncio.Event(), asyncio.Event()
     telescope = observatory.service.observatory.telescope("german")

@@ -132,7 +132,7 @@ async def test_an_abort_stops_whatever_moves_and_is_no_failure(observatory: Runn
     assert await german.get("tracking") is True
     assert await german.miss_arcsec(ra_h, 20.0) > 3600.0
     # somebody else's slew, too, and by another client than the one that looks on
-    await observatory.service.desk.order(
+    await observatory.service.dispatcher.order(
         SOMEBODY, "german", SlewOrder(target=AltAzTarget(alt_deg=40.0, az_deg=90.0))
     )
     assert await german.get("slewing") is True
@@ -167,7 +167,7 @@ async def test_a_slew_of_the_same_client_makes_room_for_its_next_and_of_nobody_e
     await german.until_rest()
     assert await german.miss_arcsec(second, 40.0) < 2.0
     # a night's or a scheduler's work makes room for nobody
-    job = await fast.service.desk.order(
+    job = await fast.service.dispatcher.order(
         SOMEBODY, "german", CenterOrder(target=AltAzTarget(alt_deg=40.0, az_deg=90.0))
     )
     place = {"RightAscension": second, "Declination": 30.0}
@@ -216,7 +216,7 @@ async def test_somebody_elses_stop_is_told_to_whoever_slews(observatory: Running
     german = observatory.probe
     ra_h = await german.at_hour_angle(-3.0)
     await german.put("slewtocoordinatesasync", RightAscension=ra_h, Declination=20.0)
-    await observatory.service.desk.stop(SOMEBODY, "german")
+    await observatory.service.dispatcher.stop(SOMEBODY, "german")
     async with asyncio.timeout(60):
         while (found := await german.ask("GET", "slewing")).value and not found.number:
             await asyncio.sleep(0.02)
@@ -289,7 +289,7 @@ async def test_guide_pulses_of_both_axes_may_be_asked_at_once(observatory: Runni
     for direction in (0, 1, 2, 3):
         assert await german.refused("PUT", "pulseguide", Direction=direction, Duration=200) == 0x40B
     await german.until("ispulseguiding", False)
-    await observatory.service.desk.watch("german").refresh()
+    await observatory.service.dispatcher.watch("german").refresh()
     assert await german.get("declination") > before
     for direction in (0, 1, 2, 3):
         await german.put("pulseguide", Direction=direction, Duration=50)
@@ -443,6 +443,6 @@ async def test_a_mount_of_j2000_is_told_so_and_spoken_to_in_j2000() -> None:
         assert await german.get("equatorialsystem") == 2
         ra_h = await german.slew_to(-2.0, 30.0)
         assert await german.miss_arcsec(ra_h, 30.0) < 2.0
-        icrs = found.service.desk.watch("german").latest.state.icrs
+        icrs = found.service.dispatcher.watch("german").latest.state.icrs
         assert icrs is not None
         assert icrs.ra_deg == pytest.approx(ra_h * 15.0, abs=1e-3)

@@ -81,7 +81,7 @@ async def test_parking_once_more_is_harmless_whoever_parks(fast: Running) -> Non
     assert await german.get("atpark") is True
     await german.put("unpark")
     await german.until_rest()
-    job = await fast.service.desk.order(SOMEBODY, "german", ParkOrder())
+    job = await fast.service.dispatcher.order(SOMEBODY, "german", ParkOrder())
     await german.put("park")
     assert not job.is_over
     await german.until_rest()

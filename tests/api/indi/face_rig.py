@@ -60,7 +60,7 @@ camera = { kind = "folder", path = "/" }
 
 @asynccontextmanager
 async def observatory(folder: Path, toml: str = OBSERVATORY) -> AsyncIterator[Service]:
-    """A service without HTTP; its jobs, desk and journal are the real ones. The journal lies in `folder`."""
+    """A service without HTTP with real jobs, dispatcher and journal, which lies in `folder`."""
     journal = f"[journal]\nurl = '{folder / 'journal.sqlite'}'\n"
     service = await open_service(Settings.parse(journal + toml), embedded_catalog())
     try:

@@ -79,7 +79,9 @@ async def test_what_the_core_refuses_is_refused_with_its_words(rig: tuple[Servic
 async def test_parked_tracking_and_pulses_through_both_ends(rig: tuple[Service, GenericMount]) -> None:
     service, mount = rig
     # so that the way there is short
-    here = await service.desk.order(Caller("a scheduler", Role.OPERATE, Face.REST), "east", SetParkOrder())
+    here = await service.dispatcher.order(
+        Caller("a scheduler", Role.OPERATE, Face.REST), "east", SetParkOrder()
+    )
     await here.ended.wait()
     await mount.set_tracking(False)
     assert (await mount.reading()).tracking is False

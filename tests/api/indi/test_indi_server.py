@@ -51,7 +51,7 @@ async def _at_rest(rig: Rig) -> AsyncIterator[None]:
     service, _ = rig
     job = service.jobs.running_on("east")
     if job is not None:
-        await service.desk.cancel(SCHEDULER, job)
+        await service.dispatcher.cancel(SCHEDULER, job)
         await job.ended.wait()
 
 
@@ -267,7 +267,7 @@ async def test_another_faces_job_shows_and_is_not_replaced(rig: Rig) -> None:
     far = up_now(60.0, 30.0)
     async with raw_client(server) as raw:
         mark = len(raw.heard)
-        job = await service.desk.order(
+        job = await service.dispatcher.order(
             SCHEDULER, "east", SlewOrder(target=ApparentTarget(ra_deg=far.ra_deg, dec_deg=far.dec_deg))
         )
         await raw.until(lambda: State.BUSY in raw.states(EOD, mark), "busy")
@@ -450,7 +450,7 @@ async def test_tracking_and_two_pulses_at_once(rig: Rig) -> None:
         )
         # Busy, then Idle, each once [INDI GuiderInterface]; PHD2 takes a later Idle for its next pulse's end
         for _ in range(2):
-            await service.desk.watch("east").refresh()
+            await service.dispatcher.watch("east").refresh()
         await raw.asked("TELESCOPE_PARK")
         for name in ("TELESCOPE_TIMED_GUIDE_NS", "TELESCOPE_TIMED_GUIDE_WE"):
             assert raw.states(name, mark) == [State.BUSY, State.IDLE]
@@ -459,7 +459,7 @@ async def test_tracking_and_two_pulses_at_once(rig: Rig) -> None:
             ("e", "succeeded"),
             ("n", "succeeded"),
         ]
-        back = await service.desk.order(SCHEDULER, "east", TrackingOrder(on=True))
+        back = await service.dispatcher.order(SCHEDULER, "east", TrackingOrder(on=True))
         await back.ended.wait()
         await raw.until(
             lambda: raw.now("TELESCOPE_TRACK_MODE").values["TRACK_SIDEREAL"] is True, "known here too"

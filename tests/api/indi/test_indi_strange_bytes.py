@@ -50,7 +50,7 @@ async def slewing(service: Service) -> None:
     await until(lambda: service.jobs.running_on("east") is None, "nothing under way")
     far = up_now(-50.0 if mechanics_of(service).reported(utc_now()).ra_deg < 180.0 else 50.0, 30.0)
     order = SlewOrder(target=ApparentTarget(ra_deg=far.ra_deg, dec_deg=far.dec_deg))
-    await service.desk.order(SCHEDULER, "east", order)
+    await service.dispatcher.order(SCHEDULER, "east", order)
     await until(lambda: mechanics_of(service).slewing(), "slewing")
 
 

@@ -39,7 +39,7 @@ async def rig(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Rig]:
         found = Rig(service, Lx200Server(service), IndiServer(service))
         await found.lx200.start()
         await found.indi.start()
-        await service.desk.watch("east").refresh()
+        await service.dispatcher.watch("east").refresh()
         try:
             yield found
         finally:
@@ -73,14 +73,14 @@ class Clock:
 def _noted(monkeypatch: pytest.MonkeyPatch, rig: Rig, clock: Clock) -> Iterator[list[int]]:
     """In which turn each goto is looked at."""
     seen: list[int] = []
-    check = rig.service.desk.check
+    check = rig.service.dispatcher.check
 
     async def noting(*given: object, **more: object) -> None:
         seen.append(clock.turn)
         await check(*given, **more)  # type: ignore[arg-type]
 
     with monkeypatch.context() as patched:
-        patched.setattr(rig.service.desk, "check", noting)
+        patched.setattr(rig.service.dispatcher, "check", noting)
         yield seen
 
 
@@ -119,7 +119,7 @@ async def test_no_goto_is_looked_at_while_another_faces_stop_is_under_way(
     monkeypatch.setattr(Telescope, "stop", long_stop)
     monkeypatch.setattr("api.orders.dispatcher._HELD_S", 60.0)
     with _noted(monkeypatch, rig, clock) as seen:
-        stopping = asyncio.create_task(rig.service.desk.stop(SCHEDULER, "east"))
+        stopping = asyncio.create_task(rig.service.dispatcher.stop(SCHEDULER, "east"))
         await clock.turns(2)
         reader, writer = await _lx200(rig)
         heard: list[bytes] = []
@@ -158,10 +158,10 @@ async def test_a_stop_that_never_ends_holds_gotos_for_a_while_only(
     monkeypatch.setattr("api.orders.dispatcher._HELD_S", 0.01)
     with monkeypatch.context() as patched:
         patched.setattr(Telescope, "stop", never)
-        stopping = asyncio.create_task(rig.service.desk.stop(SCHEDULER, "east"))
+        stopping = asyncio.create_task(rig.service.dispatcher.stop(SCHEDULER, "east"))
         await asyncio.sleep(0)
         async with asyncio.timeout(60):
-            await rig.service.desk.turn()
+            await rig.service.dispatcher.turn()
         assert not stopping.done()
         over.set()
         await stopping

@@ -36,7 +36,7 @@ async def test_indis_driver_moves_syncs_and_stops_it(driver: str, device: str, t
     async with observatory(tmp_path) as service:
         server = Lx200Server(service)
         await server.start()
-        await service.desk.watch("east").refresh()
+        await service.dispatcher.watch("east").refresh()
         mechanics = mechanics_of(service)
         try:
             async with running(driver, device, tmp_path / "home") as indi:

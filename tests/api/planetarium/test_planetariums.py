@@ -51,7 +51,7 @@ async def rig(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Rig]:
         found = Rig(service, Lx200Server(service), StellariumServer(service))
         await found.lx200.start()
         await found.stellarium.start()
-        await service.desk.watch("east").refresh()
+        await service.dispatcher.watch("east").refresh()
         try:
             yield found
         finally:
@@ -174,7 +174,7 @@ async def test_a_goto_moves_and_says_when_it_has_arrived(rig: Rig) -> None:
     assert await one.ask(b":MS#", "0|[1-9].*#") == b"0"
     assert await one.ask(b":D#", ".*#") == b"\x7f#"
     await at_rest(rig)
-    await rig.service.desk.watch("east").refresh()
+    await rig.service.dispatcher.watch("east").refresh()
     assert await one.ask(b":D#", ".*#") == b"#"
     assert apart_arcsec(rig.reported(), there) < 10.0
     assert rig.service.jobs.all()[0].kind == "slew"
@@ -260,7 +260,7 @@ async def test_a_stop_one_way_disturbs_nothing_where_nothing_slews(rig: Rig) -> 
     """Apps send it when a button is let go, guiders after each pulse: a series must not end by it."""
     one = await app(rig)
     await at_rest(rig)
-    await rig.service.desk.watch("east").refresh()
+    await rig.service.dispatcher.watch("east").refresh()
     rows = await _stops(rig)
     await one.tell(b":Qn#:Qs#:Qe#:Qw#")
     assert await _stops(rig) == rows
