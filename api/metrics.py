@@ -87,7 +87,7 @@ class Metrics:
 
     def __init__(self, observed: Observed) -> None:
         self._observed = observed
-        self._counted = _Counted([one.id for one in observed.dispatcher.telescopes])
+        self._counted = _Counted([telescope.id for telescope in observed.dispatcher.telescopes])
         self.registry = self._counted.registry
         self.registry.register(_Now(observed))
         ProcessCollector(registry=self.registry)

@@ -207,7 +207,7 @@ def _reasons(error: MountnavError) -> list[str] | None:
             named = (reason,)
         case _:
             named = ()
-    return [str(one) for one in named if one] or None
+    return [str(reason) for reason in named if reason] or None
 
 
 def internal_problem() -> Problem:
@@ -257,10 +257,10 @@ def install(app: FastAPI) -> None:
         # `input` and `ctx` stay out: they echo what was sent, NaN among it, which no JSON can hold.
         found = error.errors()
         wrong = [
-            {"at": ".".join(str(part) for part in one["loc"])[:_LONGEST], "what": one["msg"][:_LONGEST]}
-            for one in found[:_ERRORS_MOST]
+            {"at": ".".join(str(part) for part in fault["loc"])[:_LONGEST], "what": fault["msg"][:_LONGEST]}
+            for fault in found[:_ERRORS_MOST]
         ]
-        told = "; ".join(f"{one['at']}: {one['what']}" for one in wrong[:5])
+        told = "; ".join(f"{fault['at']}: {fault['what']}" for fault in wrong[:5])
         advice = _advice(request, error)
         return problem_response(problem("bad-request", 422, told, advice=advice, errors=wrong))
 

@@ -102,7 +102,7 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         patient=True,
     )
     events = Events(settings.service.events_kept)
-    ids = frozenset(one.id for one in settings.telescope)
+    ids = frozenset(telescope.id for telescope in settings.telescope)
     jobs = Jobs(
         events, settings.service.jobs_kept, store=JobStore(journal, journal.reader, ids), view=_as_json
     )
@@ -148,7 +148,9 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
     # the first who asks is to be told where the telescopes point, and not that nobody knows yet
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(_FIRST_READINGS_S):
-            await asyncio.gather(*(dispatcher.watch(one.id).next(0) for one in dispatcher.telescopes))
+            await asyncio.gather(
+                *(dispatcher.watch(telescope.id).next(0) for telescope in dispatcher.telescopes)
+            )
 
     async def open_leases() -> None:
         leases.open(dispatcher, await asyncio.to_thread(journal.reader.leases, ids))

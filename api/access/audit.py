@@ -290,7 +290,8 @@ def _shown(request: Mapping[str, object] | BaseModel | None) -> dict[str, object
 
 def _kept(mapping: Mapping[str, object]) -> list[tuple[str, object]]:
     named = [(str(name), value) for name, value in mapping.items()]
-    return [one for one in named if not any(word in one[0].lower() for word in _SECRETS)][:_MOST_VALUES]
+    shown = [(name, value) for name, value in named if not any(word in name.lower() for word in _SECRETS)]
+    return shown[:_MOST_VALUES]
 
 
 def _cut(value: object, depth: int = 1) -> object:

@@ -152,7 +152,7 @@ class KeyStore:
                 advice="letters, digits, space and ._@- (64 at most), and none of the service's own names",
             )
         with self._changing() as record:
-            if any(one.name == name for one in record.keys):
+            if any(key.name == name for key in record.keys):
                 raise BadRequest(
                     f"there is a key named {name!r} already", advice="revoke it first, or take another name"
                 )
@@ -178,12 +178,12 @@ class KeyStore:
             The file can't be read or written.
         """
         with self._changing() as record:
-            found = next((one for one in record.keys if one.name == name), None)
+            found = next((key for key in record.keys if key.name == name), None)
             if found is None:
                 raise Unknown(
                     f"there is no key named {name!r}",
                     device=str(self.path),
-                    advice=f"there is: {', '.join(one.name for one in record.keys) or 'none'}",
+                    advice=f"there is: {', '.join(key.name for key in record.keys) or 'none'}",
                 )
             record.keys.remove(found)
         return _key(found)
@@ -210,7 +210,7 @@ class KeyStore:
             self._keys = ()
             self._tell(str(error))
         else:
-            self._keys, self.problem = tuple(_key(one) for one in record.keys), None
+            self._keys, self.problem = tuple(_key(key) for key in record.keys), None
         self._seen = seen
 
     def _read(self, found: os.stat_result) -> _KeyFile:

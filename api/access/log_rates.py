@@ -133,7 +133,7 @@ def spare_logs(*loggers: str) -> None:
     if logging.lastResort is not None:
         handlers.append(logging.lastResort)
     for handler in handlers:
-        if not any(isinstance(one, Sparing) for one in handler.filters):
+        if not any(isinstance(log_filter, Sparing) for log_filter in handler.filters):
             handler.addFilter(Sparing())
 
 

@@ -29,12 +29,14 @@ def read_parameters(member: Member, given: Mapping[str, str]) -> dict[str, objec
     """A member's own parameters. Raises `BadParameter`."""
     values: dict[str, object] = {}
     any_case = member.verb == "GET"
-    for one in member.takes:
-        name = one.name.lower() if any_case else one.name
-        if one.fallback is not None and name not in given:
-            values[one.name] = one.fallback
+    for parameter in member.takes:
+        name = parameter.name.lower() if any_case else parameter.name
+        if parameter.fallback is not None and name not in given:
+            values[parameter.name] = parameter.fallback
         else:
-            values[one.name] = one.read(one.name, required(given, one.name, any_case=any_case))
+            values[parameter.name] = parameter.read(
+                parameter.name, required(given, parameter.name, any_case=any_case)
+            )
     return values
 
 
@@ -49,8 +51,8 @@ async def answer(
             device.require_connected(client)
         if not member.able(device):
             raise not_implemented(f"{member.verb} {member.name}", member.why_not)
-        for one in member.ranges:
-            one.check(call)
+        for bound in member.ranges:
+            bound.check(call)
         if not member.parked and device.is_parked:
             raise parked(member.name)
         value = member.act(device, call)

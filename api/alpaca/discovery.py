@@ -71,10 +71,10 @@ class Discovery:
             first = _bound(self._host, self._port)
             sockets.append(first)
             port = first.getsockname()[1]
-            for one in _broadcasts_of(self._host):
+            for address in _broadcasts_of(self._host):
                 # a broadcast reaches no socket that is bound to one address
                 with contextlib.suppress(OSError):
-                    sockets.append(_bound(one, port))
+                    sockets.append(_bound(address, port))
             if first.family == socket.AF_INET6:
                 _join(first)
             for made in sockets:

@@ -110,7 +110,9 @@ def error_of(found: Problem) -> AlpacaError:
     if slug == "outside-limits" and reasons & _NEVER_REACHED:
         number = Number.INVALID_VALUE
     elif slug == "device-refused":
-        number = next((_OF_REFUSAL[one] for one in found.reasons or () if one in _OF_REFUSAL), number)
+        number = next(
+            (_OF_REFUSAL[reason] for reason in found.reasons or () if reason in _OF_REFUSAL), number
+        )
     return AlpacaError(number, words_of(found))
 
 

@@ -52,16 +52,17 @@ def unique_ids(path: Path, telescopes: Sequence[str]) -> dict[str, str]:
         # two services may share a folder
         with locked(path.with_suffix(".lock")):
             known = _read(path)
-            fresh = {one: str(uuid4()) for one in telescopes if one not in known}
+            fresh = {telescope: str(uuid4()) for telescope in telescopes if telescope not in known}
             if fresh:
                 known |= fresh
                 _write(path, known)
     except (OSError, ValueError) as error:
         _log.warning("the Alpaca ids in %s can't be kept, and are made of names: %s", path, error)
         return {
-            one: str(uuid5(NAMESPACE_URL, f"mountnav://{os.uname().nodename}/{one}")) for one in telescopes
+            telescope: str(uuid5(NAMESPACE_URL, f"mountnav://{os.uname().nodename}/{telescope}"))
+            for telescope in telescopes
         }
-    return {one: known[one] for one in telescopes}
+    return {telescope: known[telescope] for telescope in telescopes}
 
 
 def _read(path: Path) -> dict[str, str]:

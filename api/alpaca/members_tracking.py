@@ -24,7 +24,7 @@ def rates_of(device: AlpacaTelescope) -> tuple[TrackingRate, ...]:
         return (TrackingRate.SIDEREAL,)
     told = device.mount.told("tracking_rates")
     known = told if isinstance(told, frozenset) else _UNKNOWN
-    return tuple(one for one in RATES if one is TrackingRate.SIDEREAL or one in known)
+    return tuple(rate for rate in RATES if rate is TrackingRate.SIDEREAL or rate in known)
 
 
 def rate_of(device: AlpacaTelescope) -> TrackingRate:
@@ -59,7 +59,7 @@ async def _set_rate(device: AlpacaTelescope, call: Call) -> None:
     number = int(call.number("TrackingRate"))
     known = rates_of(device)
     if not 0 <= number < len(RATES) or RATES[number] not in known:
-        can = ", ".join(f"{RATES.index(one)} ({one})" for one in known)
+        can = ", ".join(f"{RATES.index(rate)} ({rate})" for rate in known)
         raise invalid_value("TrackingRate", number, f"this mount can {can}")
     rate = RATES[number]
     if device.can(Skill.TRACKING_RATES) and device.is_tracking and not device.is_parked:
@@ -114,7 +114,7 @@ MEMBERS: tuple[Member, ...] = (
     Member(
         "GET",
         "trackingrates",
-        lambda device, call: [RATES.index(one) for one in rates_of(device)],
+        lambda device, call: [RATES.index(rate) for rate in rates_of(device)],
         default=[],
     ),
     Member("GET", "trackingrate", lambda device, call: RATES.index(rate_of(device))),

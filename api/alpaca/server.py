@@ -129,7 +129,7 @@ class AlpacaServer:
                 # a disk is waited for in a thread, never in the event loop
                 telescopes = service.dispatcher.telescopes
                 ids = await asyncio.to_thread(
-                    unique_ids, ids_path(service.settings), [one.id for one in telescopes]
+                    unique_ids, ids_path(service.settings), [telescope.id for telescope in telescopes]
                 )
                 self._devices = [
                     AlpacaTelescope(

@@ -152,7 +152,7 @@ def _without_null_bodies(schema: dict[str, Any]) -> dict[str, Any]:
         for operation in operations.values():
             for content in operation.get("requestBody", {}).get("content", {}).values():
                 either = content["schema"].get("anyOf", [])
-                bodies = [one for one in either if one != {"type": "null"}]
+                bodies = [body for body in either if body != {"type": "null"}]
                 if len(bodies) == 1 < len(either):
                     content["schema"] = bodies[0]
     return schema
@@ -190,7 +190,7 @@ def _common_routes() -> APIRouter:
         objects,
         capabilities,
     )
-    for router in (one.router for one in shut):
+    for router in (resource.router for resource in shut):
         common.include_router(router, prefix="/v1", dependencies=[TokenRequired, KnownQueryOnly])
     common.include_router(metrics.router, dependencies=[TokenRequired, KnownQueryOnly])
     # matching a path that none of them has makes all of them ready

@@ -163,9 +163,9 @@ class Gate:
         one.transport.abort()
 
     def _sweep(self, loop: asyncio.AbstractEventLoop) -> None:
-        for one in [*self._here, *self._stopping]:
-            if one.dawdles(_SWEEP_S):
-                self._drop(one)
+        for client in [*self._here, *self._stopping]:
+            if client.dawdles(_SWEEP_S):
+                self._drop(client)
         self._sweeping = loop.call_later(_SWEEP_S, self._sweep, loop) if self.count else None
 
 

@@ -19,4 +19,6 @@ def shown(path: Path) -> str:
         Printable; equal to ``str(path)`` for ordinary names.
     """
     text = os.fsencode(path).decode("utf-8", "replace")
-    return "".join(one if one.isprintable() else "\N{REPLACEMENT CHARACTER}" for one in text)
+    return "".join(
+        character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in text
+    )

@@ -88,7 +88,7 @@ def last_frame_view(
     """Show a frame that was kept; `jobs` are the telescope's, newest first."""
     verdict = kept.verdict
     solution = verdict.solution
-    job = next((one for one in jobs if _took(one, kept)), None)
+    job = next((job for job in jobs if _took(job, kept)), None)
     target = None if job is None else aim_of(job, utc_now(), site, air)
     reason = None if verdict.reason is None else f"{verdict.reason}: {verdict.detail}".rstrip(": ")
     quality = verdict.quality
@@ -162,14 +162,14 @@ def _stars(solution: Solution) -> list[FrameStarView]:
     brightest = np.argsort(-pairs.flux)[:_STARS_AT_MOST]
     return [
         FrameStarView(
-            x_px=round(float(pairs.x_px[one]), 2),
-            y_px=round(float(pairs.y_px[one]), 2),
-            mag=round(float(pairs.mag[one]), 3),
-            used=bool(pairs.used[one]),
-            east_arcsec=round(float(pairs.dx_arcsec[one]), 4),
-            north_arcsec=round(float(pairs.dy_arcsec[one]), 4),
+            x_px=round(float(pairs.x_px[star]), 2),
+            y_px=round(float(pairs.y_px[star]), 2),
+            mag=round(float(pairs.mag[star]), 3),
+            used=bool(pairs.used[star]),
+            east_arcsec=round(float(pairs.dx_arcsec[star]), 4),
+            north_arcsec=round(float(pairs.dy_arcsec[star]), 4),
         )
-        for one in brightest
+        for star in brightest
     ]
 
 

@@ -212,11 +212,18 @@ def readiness(service: Service) -> Readiness:
     elif solver == "starting":
         why_not.append("solver: it is starting")
     telescopes = service.observatory.telescopes
-    missing = [one for one in telescopes if not one.is_open]
+    missing = [telescope for telescope in telescopes if not telescope.is_open]
     # one of several that is missing costs the others nothing
     to = why_not if telescopes and len(missing) == len(telescopes) else concerns
-    to.extend(f"{one.id}: not connected" + (f": {one.problem}" if one.problem else "") for one in missing)
-    told = {one.id: one.problem or one.restart.fault for one in telescopes if one.is_open}
+    to.extend(
+        f"{telescope.id}: not connected" + (f": {telescope.problem}" if telescope.problem else "")
+        for telescope in missing
+    )
+    told = {
+        telescope.id: telescope.problem or telescope.restart.fault
+        for telescope in telescopes
+        if telescope.is_open
+    }
     concerns.extend(f"{one}: {words}" for one, words in told.items() if words)
     for one in telescopes:
         if one.is_open and (words := one.navigator.mount.contradiction) is not None:

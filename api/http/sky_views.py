@@ -229,7 +229,7 @@ def sky_view(
     seen = None if here is None else icrs_to_observed(here, utc, site, air)
     side = None if state.reading is None else state.reading.pier_side
     ahead = None if here is None else _ahead(navigator, here, utc, at_its_side=True, state=state)
-    aimed_by = next((one for one in jobs if aim_of(one, utc, site, air) is not None), None)
+    aimed_by = next((job for job in jobs if aim_of(job, utc, site, air) is not None), None)
     aim = None if aimed_by is None else aim_of(aimed_by, utc, site, air)
     goes_there = aim is not None and aimed_by is running and running is not None
     return SkyView(

@@ -133,8 +133,8 @@ class StateAnswers:
     def all(self) -> Answer:
         """The answer of all telescopes, as a list."""
         each = [self.of(telescope) for telescope in self._service.dispatcher.telescopes]
-        tag = hashlib.sha256("".join(one.tag for one in each).encode()).hexdigest()[:24]
-        return Answer(f'"{tag}"', b"[" + b",".join(one.body for one in each) + b"]")
+        tag = hashlib.sha256("".join(answer.tag for answer in each).encode()).hexdigest()[:24]
+        return Answer(f'"{tag}"', b"[" + b",".join(answer.body for answer in each) + b"]")
 
 
 def answered(request: Request, answer: Answer) -> Response:
@@ -149,7 +149,7 @@ def knows(if_none_match: str | None, tag: str) -> bool:
     """Whether a client that sent `If-None-Match` has the answer of that tag [RFC 9110 §13.1.2]."""
     if if_none_match is None:
         return False
-    told = [one.strip().removeprefix("W/") for one in if_none_match.split(",")]
+    told = [part.strip().removeprefix("W/") for part in if_none_match.split(",")]
     return "*" in told or tag in told
 
 

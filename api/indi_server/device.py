@@ -252,7 +252,7 @@ class IndiTelescope:
 
 def device_names(telescopes: Sequence[TelescopeSettings]) -> dict[str, str]:
     """What each telescope is called as a device, by its id: its name, and the id where two have one name."""
-    wanted = {one.id: one.name or one.id for one in telescopes}
+    wanted = {telescope.id: telescope.name or telescope.id for telescope in telescopes}
     often = Counter(wanted.values())
     # an order to a name that two have must not reach the one that wasn't meant
     return {

@@ -64,7 +64,7 @@ def chosen_switch(ordered: Ordered, shown: Vector) -> str | None:
     ValueError
         More than one, or one that isn't there.
     """
-    known = {one.name for one in shown.members}
+    known = {member.name for member in shown.members}
     strange = sorted(set(ordered.values) - known)
     if strange:
         raise ValueError(f"{ordered.name} has no {', '.join(strange)}, but {', '.join(sorted(known))}")
@@ -232,7 +232,7 @@ class TakingOrders:
 
     async def _pulse(self, caller: Caller, ordered: Ordered) -> Answer:
         elements = PULSES[ordered.name]
-        lasting = {one: number_of(ordered, one) for one in elements if one in ordered.values}
+        lasting = {element: number_of(ordered, element) for element in elements if element in ordered.values}
         wanted = {one: ms for one, ms in lasting.items() if ms != 0.0}
         if not wanted:
             return Answer(ordered.name)

@@ -62,7 +62,9 @@ class Hearing:
     def parts(self, data: bytes) -> Iterator[list[Heard]]:
         """Take bytes, and yield what they complete; see `ElementStream.parts`."""
         for part in self._stream.parts(data):
-            understood = (Broken(one.why) if isinstance(one, Malformed) else meant(one) for one in part)
+            understood = (
+                Broken(piece.why) if isinstance(piece, Malformed) else meant(piece) for piece in part
+            )
             yield [heard for heard in understood if heard is not None]
 
 

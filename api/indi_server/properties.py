@@ -288,8 +288,8 @@ def _guiding(facts: Facts) -> list[Vector]:
                 GUIDE,
                 State.BUSY if busy else State.IDLE,
                 *(
-                    number(one, f"{one[-1]} (ms)", 0.0, form="%.0f", most=_LONGEST_PULSE_MS)
-                    for one in elements
+                    number(element, f"{element[-1]} (ms)", 0.0, form="%.0f", most=_LONGEST_PULSE_MS)
+                    for element in elements
                 ),
                 perm="rw",
             )

@@ -277,7 +277,7 @@ class Telling:
                 self._held.pop(key, None)
                 self._known[key] = vector
                 out.append((setting if known is not None else definition)(device.name, vector, utc))
-            for key in [one for one in self._known if one[0] == device.name and one[1] not in shown]:
+            for key in [known for known in self._known if known[0] == device.name and known[1] not in shown]:
                 del self._known[key]
                 self._held.pop(key, None)
                 out.append(deletion(*key, utc))

@@ -55,10 +55,15 @@ class IndiServer:
         telescopes = service.settings.telescope
         names = device_names(telescopes)
         self._devices = {
-            names[one.id]: IndiTelescope(
-                service, one, names[one.id], changed=self._changed, say=self._tell, died=self._died
+            names[telescope.id]: IndiTelescope(
+                service,
+                telescope,
+                names[telescope.id],
+                changed=self._changed,
+                say=self._tell,
+                died=self._died,
             )
-            for one in telescopes
+            for telescope in telescopes
         }
         self._listening = Listening(
             self._settings.host, self._settings.port, self._serve, name="INDI", full=_full

@@ -116,7 +116,7 @@ class Listening:
         """Listen no more, and let all clients go."""
         if self._server is not None:
             self._server.close()
-        clients = [one.task for one in self._here]
+        clients = [client.task for client in self._here]
         for client in clients:
             client.cancel()
         if clients:

@@ -183,7 +183,7 @@ class NightRunner:
             )
             await self.watcher.begin()
             work.append(self._watch)
-        self._tasks = [waited_for(self._kept(one), f"night {one.__name__}") for one in work]
+        self._tasks = [waited_for(self._kept(task), f"night {task.__name__}") for task in work]
 
     async def close(self) -> None:
         """End: a correction under way is ended and written down as such. Twice is fine."""
@@ -499,7 +499,7 @@ def nights_of(
             )
         )
 
-    return Nights(runner(one) for one in settings.telescope if one.night.enabled)
+    return Nights(runner(telescope) for telescope in settings.telescope if telescope.night.enabled)
 
 
 def _listener(heard: Heard, telescope_id: str) -> Listen:

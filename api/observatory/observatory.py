@@ -234,7 +234,9 @@ def build_observatory(
     journal : SqlJournal
         Where all that they do is written down.
     """
-    return Observatory([_build(one, settings, catalog, heard, solve, journal) for one in settings.telescope])
+    return Observatory(
+        [_build(telescope, settings, catalog, heard, solve, journal) for telescope in settings.telescope]
+    )
 
 
 def link_is_lost(error: BaseException) -> bool:

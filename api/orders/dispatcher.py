@@ -117,7 +117,7 @@ class Dispatcher:
         self._stops, self._stop_begun_s = 0, 0.0
         self._calm = asyncio.Event()
         self._calm.set()
-        self._watches = {one.id: Watch(one, jobs, poll_s) for one in observatory.telescopes}
+        self._watches = {telescope.id: Watch(telescope, jobs, poll_s) for telescope in observatory.telescopes}
 
     @property
     def telescopes(self) -> Sequence[Telescope]:
@@ -334,7 +334,7 @@ class Dispatcher:
     async def stop_all(self, caller: Caller) -> dict[str, StopGiven]:
         """Stop all telescopes at once, each as `give_stop` does."""
         require_role(caller, Role.OPERATE)
-        given = await asyncio.gather(*(self.give_stop(caller, one.id) for one in self.telescopes))
+        given = await asyncio.gather(*(self.give_stop(caller, telescope.id) for telescope in self.telescopes))
         return {telescope.id: one for telescope, one in zip(self.telescopes, given, strict=True)}
 
     async def cancel(self, caller: Caller, job: Job) -> None:

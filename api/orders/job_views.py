@@ -429,7 +429,7 @@ def _center(report: CenterReport, target_mount: Place | None) -> CenterView:
         outcome=str(report.outcome),
         target=place(report.target),
         target_mount=target_mount,
-        attempts=[_attempt(one) for one in report.tries],
+        attempts=[_attempt(attempt) for attempt in report.tries],
         error_before_arcsec=report.error_before_arcsec,
         error_after_arcsec=report.error_after_arcsec,
         error_sigma_arcsec=report.error_sigma_arcsec,
@@ -449,7 +449,7 @@ def _center(report: CenterReport, target_mount: Place | None) -> CenterView:
 def job_view(job: Job) -> JobView:
     """View of a job. A centering's report knows more of its tries than was told while it ran."""
     result = result_view(job.result, epoch=job.epoch, utc=job.finished_utc)
-    attempts: list[Any] = [{"kind": "look", **one} for one in job.attempts]
+    attempts: list[Any] = [{"kind": "look", **attempt} for attempt in job.attempts]
     if isinstance(result, CenterView):
         attempts = list(result.attempts)
     return JobView.model_validate(

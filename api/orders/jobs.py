@@ -157,7 +157,7 @@ class JobMemory:
         if job.key is not None:
             self._keys[job.key] = job
         while len(self._jobs) > self._kept:
-            oldest = next((one for one in self._jobs.values() if one.is_over), None)
+            oldest = next((job for job in self._jobs.values() if job.is_over), None)
             if oldest is None:
                 break
             del self._jobs[oldest.id]
@@ -338,10 +338,10 @@ class Jobs:
         before = tuple(line)
         self._memory.remember(job)
         line.append(job)
-        for one in before:
-            if one.superseded_by is None:
-                one.superseded_by, one.superseded_by_kind = job.id, kind
-            self.cancel(one)
+        for earlier in before:
+            if earlier.superseded_by is None:
+                earlier.superseded_by, earlier.superseded_by_kind = job.id, kind
+            self.cancel(earlier)
         doing = work if make_room is None or not before else self._after(job, before, make_room, work)
         self._tasks[job.id] = begun(
             self._run(job, doing, even_unwritten), f"{kind} {telescope}", died=lambda _: self._died(job)
@@ -363,8 +363,8 @@ class Jobs:
         async def done() -> object:
             job.phase = "superseding"
             await asyncio.shield(stopping)
-            for one in before:
-                await one.ended.wait()
+            for earlier in before:
+                await earlier.ended.wait()
             job.phase = "starting"
             return await work()
 
@@ -424,7 +424,7 @@ class Jobs:
         """Cancel all jobs and wait for their ends; refuse new ones."""
         self._closing = True
         tasks = list(self._tasks.values())
-        for job in [one for line in self._line.values() for one in line]:
+        for job in [job for line in self._line.values() for job in line]:
             self.cancel(job, "the service went down")
         await asyncio.gather(*tasks, return_exceptions=True)
 

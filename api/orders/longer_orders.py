@@ -159,7 +159,7 @@ async def run_series(
             "no look was solved", device=navigator.name, advice="look for clouds, dew, focus", reason="none"
         )
     # the first fit loads scipy: not in the loop, where a stop would wait for that
-    drift, at = await asyncio.to_thread(drift_of, [one.look for one in seen])
+    drift, at = await asyncio.to_thread(drift_of, [taken.look for taken in seen])
     return _summed_up(navigator, order, target, seen, drift, at, began_utc, clock)
 
 
@@ -227,21 +227,21 @@ def drift_of(looks: list[Look]) -> tuple[Drift | None, list[int]]:
         Indices of the looks that a jump led to.
     """
     start = looks[0].mid_exposure_utc
-    sigma = np.array([max(one.solution.center_sigma_arcsec, 1e-3) for one in looks])
+    sigma = np.array([max(look.solution.center_sigma_arcsec, 1e-3) for look in looks])
     track = Track(
-        minutes=np.array([(one.mid_exposure_utc - start).total_seconds() / 60.0 for one in looks]),
-        ra_deg=np.array([one.seen.ra_deg for one in looks]),
-        dec_deg=np.array([one.seen.dec_deg for one in looks]),
+        minutes=np.array([(look.mid_exposure_utc - start).total_seconds() / 60.0 for look in looks]),
+        ra_deg=np.array([look.seen.ra_deg for look in looks]),
+        dec_deg=np.array([look.seen.dec_deg for look in looks]),
         sigma_arcsec=sigma,
         # each look is solved by itself: its error is its own
         anchor=np.zeros(len(looks), dtype=np.int64),
         anchor_sigma_arcsec=np.zeros(len(looks)),
     )
-    scale = float(np.median([one.solution.scale_arcsec_px for one in looks]))
+    scale = float(np.median([look.solution.scale_arcsec_px for look in looks]))
     at = jumps(track, LEAST_JUMP_PX * scale)
     edges = [0, *at, len(looks)]
     parts = [fit_drift(track.part(low, high)) for low, high in pairwise(edges)]
-    return joined([one for one in parts if one is not None]), at
+    return joined([part for part in parts if part is not None]), at
 
 
 def _drift_view(drift: Drift) -> DriftView:
@@ -272,7 +272,7 @@ class LongerOrders:
     """
 
     def __init__(self, settings: Settings, observatory: Observatory, solver: Solver, heard: Heard) -> None:
-        self._telescopes = {one.id: one for one in settings.telescope}
+        self._telescopes = {telescope.id: telescope for telescope in settings.telescope}
         self._settings = settings
         self._observatory = observatory
         self._solver = solver

@@ -59,7 +59,9 @@ class Lx200Server(OneTelescopeServer):
         settings = settings or service.settings.lx200_server
         super().__init__(service, settings, section="lx200_server", name="the LX200 port")
         self._site = service.settings.site.site
-        mounting = next(one.mount.mounting for one in service.settings.telescope if one.id == self._id)
+        mounting = next(
+            telescope.mount.mounting for telescope in service.settings.telescope if telescope.id == self._id
+        )
         # P: a polar axis, A: altitude and azimuth [LX200 0x06]
         self._letter = b"A" if mounting == "altaz" else b"P"
         self._tasks: set[asyncio.Task[None]] = set()

@@ -82,7 +82,7 @@ def telescope_of(service: Service, named: str | None, section: str) -> str:
     BadSettings
         There is none, or none of that id.
     """
-    ids = [one.id for one in service.settings.telescope]
+    ids = [telescope.id for telescope in service.settings.telescope]
     if named is None and ids:
         return ids[0]
     if named not in ids:

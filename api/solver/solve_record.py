@@ -43,7 +43,7 @@ def solve_answer(file: str, verdict: Verdict) -> Answer:
         "file": file,
         "solved": verdict.solution is not None,
         "time_s": _times(verdict.times),
-        "contradictions": [str(one) for one in verdict.contradictions],
+        "contradictions": [str(contradiction) for contradiction in verdict.contradictions],
         "notes": list(verdict.notes),
         "quality": None if verdict.quality is None else _quality(verdict.quality),
     }

@@ -20,7 +20,7 @@ router = APIRouter(tags=["service"])
 @router.get("/capabilities", responses=responses())
 async def get_capabilities(request: Request, service: TheService, caller: TheCaller) -> CapabilitiesView:
     """Kinds of jobs, skills of telescopes, faces with their ports, roles, problems. Asks no device."""
-    nights = {one.id for one in service.settings.telescope if one.night.enabled}
+    nights = {telescope.id for telescope in service.settings.telescope if telescope.night.enabled}
     host, port = getattr(request.app.state, "http_address", None) or (None, None)
     http = DoorView(enabled=True, host=host, port=port)
     alpaca = DoorView(enabled=service.settings.alpaca.enabled, host=host, port=port)
@@ -40,14 +40,14 @@ async def get_capabilities(request: Request, service: TheService, caller: TheCal
         targets=["icrs", "apparent", "altaz", "name"],
         telescopes=[
             TelescopeSkillsView(
-                id=one.id,
-                mount=one.mount_address,
-                mounting=one.navigator.mount.mounting,
-                frame="icrs" if one.navigator.mount.epoch == "icrs" else "jnow-apparent",
-                skills=sorted(str(skill) for skill in one.navigator.mount.skills),
-                nights=one.id in nights,
+                id=telescope.id,
+                mount=telescope.mount_address,
+                mounting=telescope.navigator.mount.mounting,
+                frame="icrs" if telescope.navigator.mount.epoch == "icrs" else "jnow-apparent",
+                skills=sorted(str(skill) for skill in telescope.navigator.mount.skills),
+                nights=telescope.id in nights,
             )
-            for one in service.dispatcher.telescopes
+            for telescope in service.dispatcher.telescopes
         ],
         faces={"http": http, "alpaca": alpaca, **listener_views(service)},
         roles=[str(role) for role in Role],

@@ -112,7 +112,7 @@ async def list_frames(
     night: TheNight, count: Annotated[int, Query(ge=1, le=1000, description="How many")] = 50
 ) -> list[FrameView]:
     """The newest frames, newest first."""
-    return [frame_view(one, night.parts.telescope_id) for one in night.newest(count)]
+    return [frame_view(frame, night.parts.telescope_id) for frame in night.newest(count)]
 
 
 @router.get("/{telescope_id}/frames/{frame_id}", responses=responses(404, 409))
@@ -131,7 +131,7 @@ async def _json_body(request: Request) -> FramePathBody:
         return FramePathBody.model_validate_json(text)
     except ValidationError as error:
         told = "; ".join(
-            f"{'.'.join(str(part) for part in one['loc'])}: {one['msg']}" for one in error.errors()[:5]
+            f"{'.'.join(str(part) for part in wrong['loc'])}: {wrong['msg']}" for wrong in error.errors()[:5]
         )
         raise BadRequest(told, advice='send {"path": "/data/frame.fits"} or {"header": {...}}') from error
 
