@@ -1,4 +1,7 @@
-"""Every error as a problem+json (RFC 9457): a stable type, what happened, to what, and what to do."""
+"""Every error as a problem+json (RFC 9457): a stable type, what happened, to what, and what to do.
+
+Refusals from before all routes are problems for programs of REST, plain words for those of Alpaca.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,9 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response
 from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
+from starlette.responses import PlainTextResponse
 from starlette.routing import Match
+from starlette.types import Scope
 
 from mountnav.errors import (
     DeviceRefused,
@@ -23,6 +28,9 @@ from mountnav.errors import (
     TargetNotReached,
 )
 from mountnav.masking import masked
+
+__all__ = ["ALPACA_PATHS", "refusal_response"]
+
 
 PROBLEM_TYPE = "application/problem+json"
 _PREFIX = "urn:mountnav:problem:"
@@ -318,3 +326,17 @@ def responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
         status: {"description": described.get(status, "The request can't be carried out"), "content": content}
         for status in sorted({400, 401, 403, 413, 422, 429, *statuses})
     }
+
+
+ALPACA_PATHS = ("/api/", "/management/", "/setup")
+"""Where Alpaca is spoken: whatever is no 200 is plain text there [Alpaca §2]."""
+
+
+def refusal_response(scope: Scope, found: Problem) -> Response:
+    """Answer a request with why it is not let through, as its face has it."""
+    answer = problem_response(found)
+    if not scope["path"].startswith(ALPACA_PATHS):
+        return answer
+    words = found.detail if found.advice is None else f"{found.detail} ({found.advice})"
+    again = {name: answer.headers[name] for name in ("retry-after",) if name in answer.headers}
+    return PlainTextResponse(masked(words), found.status, again)

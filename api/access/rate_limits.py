@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from api.problems import problem
-from api.refusals import refusal_response
+from api.problems import problem, refusal_response
 
 WAITS_S = 0.25
 """A request that is only so much too early is held back instead of refused."""

@@ -22,8 +22,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from api.access.callers import Caller, Face, Role
 from api.access.keys import KeyStore, open_keys
 from api.access.roles import LEASED, ROLES, route_of
-from api.problems import Problem, Refused, problem
-from api.refusals import refusal_response
+from api.problems import Problem, Refused, problem, refusal_response
 from mountnav.errors import BadRequest, Unknown
 
 __all__ = ["allowed_file"]

@@ -18,9 +18,22 @@ from api.alpaca.codec import NOTHING, required
 from api.alpaca.connection import Client
 from api.alpaca.errors import AlpacaError, NotTaken, error_of, not_implemented, parked
 from api.alpaca.member import Member
+from api.alpaca.members_motion import ABILITIES, PARKING, SLEWING, TRACKING
+from api.alpaca.members_state import COMMON, READING, SITE
 from api.alpaca.telescope import AlpacaTelescope, Call
 from api.problems import Refused, internal_problem, problem_of
 from mountnav.errors import MountnavError
+
+__all__ = ["MEMBERS", "NAMES", "answer", "read_parameters"]
+
+
+MEMBERS: dict[tuple[str, str], Member] = {
+    (member.verb, member.name): member
+    for member in (*COMMON, *ABILITIES, *READING, *SITE, *SLEWING, *PARKING, *TRACKING)
+}
+"""By verb and name."""
+NAMES = frozenset(name for _, name in MEMBERS)
+
 
 _log = logging.getLogger(__name__)
 
@@ -82,6 +95,3 @@ async def answer(
     else:
         return (value if member.has_value else NOTHING), None
     return (member.default if member.has_value else NOTHING), error
-
-
-__all__ = ["answer", "read_parameters"]

@@ -20,7 +20,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from api.access.callers import Caller, Face, Role
 from api.access.keys import KeyStore
 from api.access.security import address_of, caller_from_headers, require_role
-from api.alpaca.answering import answer, read_parameters
+from api.alpaca.answering import MEMBERS, NAMES, answer, read_parameters
 from api.alpaca.codec import (
     BadParameter,
     DevicePath,
@@ -36,7 +36,6 @@ from api.alpaca.codec import (
 from api.alpaca.connection import Client
 from api.alpaca.errors import words_of
 from api.alpaca.management import ids_path, management_value, server_page, telescope_page, unique_ids
-from api.alpaca.members import MEMBERS, NAMES
 from api.alpaca.telescope import AlpacaTelescope
 from api.problems import Refused
 from api.service import Service

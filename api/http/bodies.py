@@ -16,8 +16,7 @@ from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from api.access.rate_limits import is_stop
-from api.problems import PROBLEM_TYPE, Refused, problem
-from api.refusals import refusal_response
+from api.problems import PROBLEM_TYPE, Refused, problem, refusal_response
 from api.solver.link import Upload
 from mountnav.errors import BadFrame, BadRequest, Cancelled
 

@@ -28,8 +28,7 @@ from api.access.rate_limits import is_stop
 from api.http.fair_scheduling import PIECE_BYTES, ReadingTurns
 from api.http.headers import SAFE_HEADERS
 from api.listeners.admission import ConnectionRoom, ToldSeldom
-from api.problems import problem
-from api.refusals import refusal_response
+from api.problems import problem, refusal_response
 
 _log = logging.getLogger(__name__)
 

@@ -24,8 +24,7 @@ from api.http.fair_scheduling import FairRequests
 from api.http.headers import BoundedHeads, HeadAsGet, SafeHeaders
 from api.http.request_metrics import CountedRequests, HttpMetrics
 from api.http.strict_requests import PlainJson, ShortTargets
-from api.problems import Refused
-from api.refusals import ALPACA_PATHS
+from api.problems import ALPACA_PATHS, Refused
 from mountnav.settings.observatory import Settings
 
 

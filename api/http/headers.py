@@ -13,8 +13,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from api.access.rate_limits import is_stop
-from api.problems import Problem, problem
-from api.refusals import refusal_response
+from api.problems import Problem, problem, refusal_response
 
 __all__ = ["SAFE_HEADERS", "BoundedHeads", "SafeHeaders"]
 

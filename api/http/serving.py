@@ -21,7 +21,7 @@ from api.http.app import create_app
 from api.http.connections import Bounds, Gate
 from api.http.routes import truth
 from api.http.strict_requests import KnownQueryOnly
-from api.listeners.descriptors import ask_for_enough, descriptors_at_hand, shares
+from api.listeners.admission import ask_for_enough, descriptors_at_hand, shares
 from api.observatory.virtual import VirtualHeader, virtual_days
 from api.service import Service
 from mountnav.clock import utc_now, virtual_time

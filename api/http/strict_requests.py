@@ -15,8 +15,7 @@ from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from api.access.rate_limits import is_stop
-from api.problems import Refused, problem
-from api.refusals import refusal_response
+from api.problems import Refused, problem, refusal_response
 from mountnav.parsing import repeated
 
 _MOST_TOLD = 5

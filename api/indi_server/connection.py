@@ -19,7 +19,7 @@ from api.indi_server.parser import Asked, Broken, Heard, Hearing, Nonsense
 from api.indi_server.properties import COORDINATES, PULSES
 from api.indi_server.publisher import SYNC, USUAL, LeftSelections, Selections, Telling
 from api.indi_server.vectors import saying
-from api.listeners.fair_reading import STOPS_AT_ONCE, Allowance, Turns
+from api.listeners.tcp import STOPS_AT_ONCE, Allowance, Turns
 from drivers.indi.codec.messages import Ordered, Pinged, State, ping_reply
 from mountnav.clock import utc_now
 from mountnav.tasks import Crew

@@ -11,8 +11,7 @@ from api.indi_server.device import IndiTelescope, device_names
 from api.indi_server.orders import Answer
 from api.indi_server.publisher import LeftSelections
 from api.indi_server.vectors import saying
-from api.listeners.fair_reading import Turns
-from api.listeners.tcp import Listening
+from api.listeners.tcp import Listening, Turns
 from api.service import Service
 from mountnav.clock import utc_now
 from mountnav.settings.faces import IndiServerSettings

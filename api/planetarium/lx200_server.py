@@ -9,7 +9,7 @@ from collections import OrderedDict
 from collections.abc import Coroutine
 
 from api.access.callers import Caller, Face, Role
-from api.listeners.fair_reading import STOPS_AT_ONCE, Allowance, Turns
+from api.listeners.tcp import STOPS_AT_ONCE, Allowance, Turns
 from api.orders.goto_orders import NotTaken
 from api.planetarium.lx200_codec import Commands, is_http
 from api.planetarium.lx200_session import Lx200Client, Machine, MountLost

@@ -10,7 +10,7 @@ import contextlib
 import logging
 
 from api.access.callers import Caller, Face, Role
-from api.listeners.fair_reading import Allowance
+from api.listeners.tcp import Allowance
 from api.orders.goto_orders import NotTaken
 from api.orders.targets import IcrsTarget
 from api.orders.watching import Snapshot

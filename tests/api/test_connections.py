@@ -23,7 +23,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from api.http.connections import Bounds, Deadlines, Gate
 from api.http.serving import bind
-from api.listeners.descriptors import listener_burst, listener_fresh, shares
+from api.listeners.admission import listener_burst, listener_fresh, shares
 from tests.api.conftest import OBSERVATORY
 from tests.pace import slowness
 

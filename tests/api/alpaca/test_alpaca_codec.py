@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from api.alpaca.answering import MEMBERS
 from api.alpaca.codec import (
     NOTHING,
     BadParameter,
@@ -32,7 +33,6 @@ from api.alpaca.codec import (
 )
 from api.alpaca.errors import AlpacaError, Number, error_of, failure_of
 from api.alpaca.member import never
-from api.alpaca.members import MEMBERS
 from api.problems import STATUS_OF_SLUG, problem, problem_of
 from mountnav.errors import DeviceRefused, LimitKind, OutsideLimits, Refusal
 

@@ -14,7 +14,7 @@ import pytest_asyncio
 from api.access.callers import Caller, Face, Role
 from api.indi_server.publisher import Telling
 from api.indi_server.server import IndiServer
-from api.listeners.fair_reading import STOPS_AT_ONCE
+from api.listeners.tcp import STOPS_AT_ONCE
 from api.observatory.observatory import Telescope
 from api.planetarium.lx200_server import Lx200Server
 from api.planetarium.lx200_session import Lx200Client

@@ -1,4 +1,7 @@
-"""Members that tell where the telescope points and what it does, all from the cached state [Alpaca §5]."""
+"""Members that read: the device, its site and optics, where it points and what it does [Alpaca §4, §5].
+
+All is answered from the cached state. Of the site and optics the settings are read, and nothing is written.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 
 from api.alpaca.codec import instant, turned
-from api.alpaca.errors import AlpacaError
+from api.alpaca.errors import AlpacaError, Number
 from api.alpaca.member import (
     DEC,
     DEC_RANGE,
@@ -14,16 +17,202 @@ from api.alpaca.member import (
     RA_RANGE,
     Member,
     Parameter,
+    decimal,
     never,
     nothing,
+    truth,
     whole,
     with_skill,
+    words,
 )
 from api.alpaca.telescope import AlpacaTelescope, Call
+from mountnav import __version__
 from mountnav.clock import utc_now
 from mountnav.devices import PierSide, Skill
 from mountnav.sky.chain import sidereal_time_deg
 from mountnav.sky.coordinates import Apparent, Icrs
+
+__all__ = ["COMMON", "INTERFACE_VERSION", "READING", "SITE", "iso"]
+
+
+INTERFACE_VERSION = 4
+"""ITelescopeV4."""
+
+
+def _description(device: AlpacaTelescope, call: Call) -> str:
+    return f"{device.id}: {device.mount.name}, guarded by mountnav"
+
+
+def _driver_info(device: AlpacaTelescope, call: Call) -> str:
+    return f"mountnav {__version__}: every order is checked against this telescope's limits before it is sent"
+
+
+def _driver_version(device: AlpacaTelescope, call: Call) -> str:
+    return ".".join(__version__.split(".")[:2])
+
+
+def _name(device: AlpacaTelescope, call: Call) -> str:
+    return device.name
+
+
+def _connected(device: AlpacaTelescope, call: Call) -> bool:
+    return device.connected(call.client)
+
+
+async def _set_connected(device: AlpacaTelescope, call: Call) -> None:
+    if call.flag("Connected"):
+        await device.connect(call.client)
+    else:
+        device.disconnect(call.client)
+
+
+async def _connect(device: AlpacaTelescope, call: Call) -> None:
+    device.connecting.begin(call.client)
+
+
+def _connecting(device: AlpacaTelescope, call: Call) -> bool:
+    if (failure := device.connecting.failed_before(call.client)) is not None:
+        raise failure
+    return device.connecting.under_way
+
+
+def _disconnect(device: AlpacaTelescope, call: Call) -> None:
+    device.disconnect(call.client)
+
+
+def _action(device: AlpacaTelescope, call: Call) -> str:
+    name = call.given["Action"]
+    raise AlpacaError(Number.ACTION_NOT_IMPLEMENTED, f"there is no action {name}: this telescope has none")
+
+
+_UNSEEN = "nothing goes to the mount unseen: use the members of the interface"
+_COMMAND = (Parameter("Command", words), Parameter("Raw", truth))
+
+COMMON: tuple[Member, ...] = (
+    Member("GET", "name", _name, offline=True, default=""),
+    Member("GET", "description", _description, default=""),
+    Member("GET", "driverinfo", _driver_info, offline=True, default=""),
+    Member("GET", "driverversion", _driver_version, offline=True, default=""),
+    Member("GET", "interfaceversion", lambda device, call: INTERFACE_VERSION, offline=True),
+    Member("GET", "supportedactions", lambda device, call: [], default=[]),
+    Member("GET", "connected", _connected, offline=True, default=False),
+    Member("PUT", "connected", _set_connected, takes=(Parameter("Connected", truth),), offline=True),
+    Member("PUT", "connect", _connect, offline=True),
+    Member("GET", "connecting", _connecting, offline=True, default=False),
+    Member("PUT", "disconnect", _disconnect, offline=True),
+    Member(
+        "PUT",
+        "action",
+        _action,
+        takes=(Parameter("Action", words), Parameter("Parameters", words, fallback="")),
+        answers=True,
+        default="",
+    ),
+    Member("PUT", "commandblind", nothing, takes=_COMMAND, able=never, why_not=_UNSEEN),
+    Member(
+        "PUT",
+        "commandbool",
+        nothing,
+        takes=_COMMAND,
+        able=never,
+        answers=True,
+        default=False,
+        why_not=_UNSEEN,
+    ),
+    Member(
+        "PUT", "commandstring", nothing, takes=_COMMAND, able=never, answers=True, default="", why_not=_UNSEEN
+    ),
+)
+
+
+def _latitude(device: AlpacaTelescope, call: Call) -> float:
+    return device.mount.site.latitude_deg
+
+
+def _longitude(device: AlpacaTelescope, call: Call) -> float:
+    return device.mount.site.longitude_deg
+
+
+def _elevation(device: AlpacaTelescope, call: Call) -> float:
+    return device.mount.site.height_m
+
+
+def _has_aperture(device: AlpacaTelescope) -> bool:
+    return device.told.aperture_mm is not None
+
+
+def _aperture_m(device: AlpacaTelescope, call: Call) -> float:
+    return (device.told.aperture_mm or 0.0) / 1000.0
+
+
+def _has_focal_length(device: AlpacaTelescope) -> bool:
+    return device.told.focal_length_mm is not None
+
+
+def _focal_length_m(device: AlpacaTelescope, call: Call) -> float:
+    return (device.told.focal_length_mm or 0.0) / 1000.0
+
+
+_SET_ONCE = "it is set in one place, the settings of the service"
+
+SITE: tuple[Member, ...] = (
+    Member("GET", "sitelatitude", _latitude, default=0.0),
+    Member(
+        "PUT",
+        "sitelatitude",
+        nothing,
+        takes=(Parameter("SiteLatitude", decimal),),
+        able=never,
+        why_not=_SET_ONCE,
+    ),
+    Member("GET", "sitelongitude", _longitude, default=0.0),
+    Member(
+        "PUT",
+        "sitelongitude",
+        nothing,
+        takes=(Parameter("SiteLongitude", decimal),),
+        able=never,
+        why_not=_SET_ONCE,
+    ),
+    Member("GET", "siteelevation", _elevation, default=0.0),
+    Member(
+        "PUT",
+        "siteelevation",
+        nothing,
+        takes=(Parameter("SiteElevation", decimal),),
+        able=never,
+        why_not=_SET_ONCE,
+    ),
+    # places are without refraction, whatever the mount's air is
+    Member("GET", "doesrefraction", lambda device, call: False, default=False),
+    Member(
+        "PUT",
+        "doesrefraction",
+        nothing,
+        takes=(Parameter("DoesRefraction", truth),),
+        able=never,
+        why_not=_SET_ONCE,
+    ),
+    # what the tube holds back of its aperture no setting tells
+    Member("GET", "aperturearea", nothing, able=never, default=0.0, why_not="no setting tells it"),
+    Member(
+        "GET",
+        "aperturediameter",
+        _aperture_m,
+        able=_has_aperture,
+        default=0.0,
+        why_not="aperture_mm isn't set",
+    ),
+    Member(
+        "GET",
+        "focallength",
+        _focal_length_m,
+        able=_has_focal_length,
+        default=0.0,
+        why_not="focal_length_mm isn't set",
+    ),
+)
+
 
 SIDES = {PierSide.EAST: 0, PierSide.WEST: 1, PierSide.UNKNOWN: -1}
 """0: the normal pointing state, as on a German mount that looks west; 1: through the pole."""
@@ -169,7 +358,7 @@ _STATES = (
 _FLIP = "a flip is checked, and centered anew, by the service: POST /v1/telescopes/{id}/flip"
 _CLOCK = "the time is the clock's of the service's machine"
 
-MEMBERS: tuple[Member, ...] = (
+READING: tuple[Member, ...] = (
     Member("GET", "devicestate", device_state, default=[]),
     Member("GET", "alignmentmode", _alignment, able=_has_alignment),
     Member("GET", "equatorialsystem", lambda device, call: _SYSTEMS[device.mount.epoch]),
@@ -197,5 +386,3 @@ MEMBERS: tuple[Member, ...] = (
     Member("GET", "utcdate", utc_date, default=""),
     Member("PUT", "utcdate", nothing, takes=(Parameter("UTCDate", instant),), able=never, why_not=_CLOCK),
 )
-
-__all__ = ["MEMBERS", "iso"]
