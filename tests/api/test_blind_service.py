@@ -90,7 +90,7 @@ async def test_who_needs_it_waits_but_not_for_long(
     made_up_sky: PackedStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: bool
 ) -> None:
     monkeypatch.setenv("SLOW_BUILDER", str(tmp_path))
-    monkeypatch.setattr(blind_index, "BUILDER", "slow_builder")
+    monkeypatch.setattr(blind_index, "BUILDER", "tests.api.slow_builder")
     told: list[object] = []
     keeper = BlindIndexKeeper(made_up_sky, lambda kind, data: told.append(data["state"]))
     await keeper.find()
@@ -175,7 +175,7 @@ async def test_closing_ends_the_building(
     made_up_sky: PackedStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("SLOW_BUILDER", str(tmp_path))
-    monkeypatch.setattr(blind_index, "BUILDER", "slow_builder")
+    monkeypatch.setattr(blind_index, "BUILDER", "tests.api.slow_builder")
     keeper = BlindIndexKeeper(made_up_sky, lambda kind, data: None)
     await keeper.wait(0.3)
     async with asyncio.timeout(10):

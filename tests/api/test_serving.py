@@ -13,7 +13,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from moody_catalog import HANGS, MoodyCatalog
+from tests.api.moody_catalog import HANGS, MoodyCatalog
 
 from api.events import Event
 from api.http.app import create_app

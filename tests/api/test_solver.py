@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from moody_catalog import DIES, DIES_ONCE, FAILS, HANGS, MoodyCatalog
+from tests.api.moody_catalog import DIES, DIES_ONCE, FAILS, HANGS, MoodyCatalog
 
 from api.problems import Refused
 from api.solver.link import ProcessLink, Upload, Work
@@ -226,7 +226,7 @@ async def test_closing_ends_the_process_and_refuses_who_waits(frame: Frame, tmp_
 _PARENT = """
 import asyncio, sys
 from pathlib import Path
-from moody_catalog import HANGS, MoodyCatalog
+from tests.api.moody_catalog import HANGS, MoodyCatalog
 from api.solver.link import Work
 from api.solver.worker import Worker
 from mountnav.frames import Frame, Hint

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from moody_catalog import COMPUTES, MoodyCatalog
+from tests.api.moody_catalog import COMPUTES, MoodyCatalog
 
 from api.solver import worker as solver_worker
 from api.solver.limits import Limits, own_memory_mb
