@@ -9,7 +9,7 @@ import pytest
 from api.planetarium.lx200_server import Lx200Server
 from mountnav.clock import utc_now
 from mountnav.sky.coordinates import Apparent
-from tests.api.indi.face_rig import apart_arcsec, mechanics_of, observatory
+from tests.api.indi_server.face_rig import apart_arcsec, mechanics_of, observatory
 from tests.drivers.indi_process import Indi, running
 
 
