@@ -172,7 +172,7 @@ def problem(
     errors: list[dict[str, str]] | None = None,
     retry_after_s: float | None = None,
 ) -> Problem:
-    """Make a problem of a slug. One that is retryable says after how long, by `RETRY_AFTER_S` if not told."""
+    """Make a problem of a slug. One that is retryable says after how long, else by `RETRY_AFTER_S`."""
     if retryable and retry_after_s is None:
         retry_after_s = RETRY_AFTER_S.get(slug, _ANY_RETRY_AFTER_S)
     return Problem(

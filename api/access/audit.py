@@ -121,7 +121,7 @@ _DEEPEST = 4
 """Levels of nested values that are kept; chosen by hand. Each more lets a nested body make a row 50 times
 as long."""
 _KEYLESS = frozenset({Face.INDI, Face.LX200, Face.STELLARIUM, Face.ALPACA})
-"""Whoever reaches these may order, and no rate is set to him."""
+"""Anyone who reaches these may order, and no rate is set to them."""
 _MOST_REPEATED = 20
 """So often a minute one address is noted for one refusal, or for stops, by such a face, and ten times that
 all of them. Doubled, clients that order what is refused without end fill 200 MB a day."""

@@ -130,7 +130,7 @@ class KeyStore:
         return found
 
     def readable(self) -> list[Key]:
-        """As `keys`, for people: a file that makes no sense is told. Raises `BadSettings`."""
+        """As `keys`, for people: a file that makes no sense is reported. Raises `BadSettings`."""
         keys = self.keys
         if self.problem is not None:
             raise BadSettings(self.problem, advice="see docs/security.md")
@@ -276,7 +276,7 @@ class KeyStore:
 
 
 def keys_path(keys_file: Path | None, journal: str) -> Path:
-    """Where keys are kept: as told, else beside the journal.
+    """Where keys are kept: as given, else beside the journal.
 
     Parameters
     ----------

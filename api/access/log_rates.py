@@ -151,7 +151,7 @@ def _plain(value: object) -> object:
     try:
         text = str(value)
     except Exception:
-        # whoever formats it will say what is wrong
+        # its formatter will say what is wrong
         return value
     if len(text) > _MOST_TEXT:
         text = f"{text[:_MOST_TEXT]}... ({len(text)} characters)"

@@ -130,7 +130,7 @@ TheCaller = Annotated[Caller, Depends(caller_of)]
 
 
 class RoleRequired:
-    """A dependency that lets through whoever has a role: ``dependencies=[Depends(RoleRequired(role))]``.
+    """A dependency that lets through anyone who has a role: ``dependencies=[Depends(RoleRequired(role))]``.
 
     Parameters
     ----------

@@ -124,7 +124,7 @@ class Connecting:
         self._failures.pop(client, None)
 
     def failed_before(self, client: Client) -> AlpacaError | None:
-        """How it failed to be connected, if it hasn't been told; it counts as told then."""
+        """How it failed to be connected, if it hasn't been reported to this client; it is from now on."""
         return self._failures.pop(client, None)
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Alpaca discovery: whoever asks by UDP is told the service's port; nobody that can't reach it [Alpaca §6].
+"""Alpaca discovery: the service's port for those who ask by UDP and can reach it [Alpaca §6].
 
 It listens where the service does: bound to all addresses, or to one address and the broadcasts of its
 network. A service for this machine alone is told to this machine alone.
@@ -105,7 +105,7 @@ class _Answerer(asyncio.DatagramProtocol):
         self._second, self._answered = 0, 0
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
-        """Answer a question, to whoever asked alone."""
+        """Answer a question, only to the one who asked."""
         second = int(time.monotonic())
         if second != self._second:
             self._second, self._answered = second, 0

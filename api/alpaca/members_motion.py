@@ -213,13 +213,13 @@ _AT_ONCE_S = 0.5
 
 
 def _runs(device: AlpacaTelescope, kind: str) -> bool:
-    """Whether this is just what is done, whoever ordered it."""
+    """Whether this is just what is done, no matter who ordered it."""
     job = device.snapshot.job
     return job is not None and job.kind == kind
 
 
 async def _park(device: AlpacaTelescope, call: Call) -> None:
-    """Once more is harmless, whoever began it. What this client has under way makes room: parking is safe."""
+    """Twice is harmless, whoever began it. What this client has under way makes room: parking is safe."""
     if (device.is_parked and not device.is_slewing) or _runs(device, "park"):
         return
 
@@ -350,7 +350,7 @@ async def _slew_to_alt_az_and_wait(device: AlpacaTelescope, call: Call) -> None:
 
 
 async def _sync(device: AlpacaTelescope, call: Call, ra_h: float, dec_deg: float) -> None:
-    """Tell the mount where it points, within the bounds of told syncs; it is read anew before the answer."""
+    """Sync the mount within a planetarium's bounds; it is read again before the answer."""
     _require_tracking(device, "a sync")
     device.targets = Targets(ra_h, dec_deg, call.client)
     await device.carry_out(call, SyncToOrder(target=_place(device, ra_h, dec_deg)))
@@ -373,7 +373,7 @@ def _require_unparked(device: AlpacaTelescope, what: str) -> None:
 
 
 async def _abort(device: AlpacaTelescope, call: Call) -> None:
-    """Stop, whoever ordered what; only a telescope that is parked and stands still has nothing to stop.
+    """Stop, no matter who ordered what; only a telescope that is parked and stands still has nothing to stop.
 
     It is tried even while the mount gives no answers: that may be when it is needed most.
     """

@@ -262,14 +262,14 @@ async def destination_side(device: AlpacaTelescope, call: Call) -> int:
 
 
 def slewing(device: AlpacaTelescope, call: Call) -> bool:
-    """Whether it moves. Raises the failure of the last motion, if this client hasn't been told."""
+    """Whether it moves. Raises the failure of the last motion, if this client hasn't been reported."""
     if not device.motion.under_way and (failure := device.motion.failed_before(call.client)) is not None:
         raise failure
     return device.is_slewing
 
 
 def pulse_guiding(device: AlpacaTelescope, call: Call) -> bool:
-    """Whether a guide pulse runs or waits, whoever ordered it."""
+    """Whether a guide pulse runs or waits, no matter who ordered it."""
     if device.pulses.running:
         return True
     if (failure := device.pulses.failed_before()) is not None:
@@ -279,7 +279,7 @@ def pulse_guiding(device: AlpacaTelescope, call: Call) -> bool:
 
 
 def utc_date(device: AlpacaTelescope, call: Call) -> str:
-    """The service's clock: the one that all is reckoned by."""
+    """The service's clock: the one that all times are taken from."""
     return iso(utc_now())
 
 

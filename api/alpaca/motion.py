@@ -120,7 +120,7 @@ class Pulses:
         await ordered
 
     def failed_before(self) -> AlpacaError | None:
-        """How a pulse failed after it was taken; told once."""
+        """How a pulse failed after it was taken; reported once."""
         failure, self._failure = self._failure, None
         return failure
 
@@ -142,7 +142,7 @@ class Pulses:
         try:
             job = await ordered
         except (MountnavError, Refused):
-            return  # whoever ordered it hears of it
+            return  # the one who ordered it learns of it
         await self._end_of(job, stops)
 
     async def _later(self, caller: Caller, order: GuideOrder, before: asyncio.Task[None], stops: int) -> None:
@@ -300,7 +300,7 @@ class Motion:
             await asyncio.wait({following}, timeout=wait_s)
 
     def failed_before(self, client: Client) -> AlpacaError | None:
-        """The failure of the last motion, if this client has not been told; it counts as told then."""
+        """The failure of the last motion, if this client has not been reported; it is from now on."""
         if self._failure is None or client in self._told:
             return None
         if client.client_id != 0:

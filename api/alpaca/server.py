@@ -51,7 +51,7 @@ def alpaca_caller(scope: Scope, keys: KeyStore, *, is_open: bool) -> Caller:
     scope : Scope
     keys : KeyStore
     is_open : bool
-        Whether whoever reaches the port may operate without a key: the standard itself knows none. A key
+        Whether anyone who reaches the port may operate without a key: the standard itself knows none. A key
         that is sent all the same counts.
 
     Raises

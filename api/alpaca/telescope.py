@@ -171,7 +171,7 @@ class AlpacaTelescope:
         self.clients.disconnect(client)
 
     def _count_in(self, client: Client) -> None:
-        """A client that wasn't connected begins anew: what others left behind is neither set nor told."""
+        """A client that wasn't connected starts fresh: what others left behind is neither set nor told."""
         if not self.clients.said_so(client):
             setter = self.targets.by
             if setter is None or setter == client or not self._is_at_work(setter):
@@ -223,7 +223,7 @@ class AlpacaTelescope:
 
     @property
     def at_park(self) -> bool:
-        """AtPark: parked, and the order that led there is over: whoever sees it may order at once.
+        """AtPark: parked, and the order that led there is over: anyone who sees it may order at once.
 
         The mount says that it is parked some tenths of a second before the job has ended.
         """

@@ -30,7 +30,7 @@ _FORM_BYTES = 1_000_000
 
 
 class BodyLimit:
-    """Answer 413 to what is too large: before anything is done if its length is told, else when it shows.
+    """Answer 413 to what is too large: before anything is done if its length is given, else when it shows.
 
     A stop is passed on whatever comes with it: nobody reads its body. Plain ASGI, so that event streams pass
     unbuffered.

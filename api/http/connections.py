@@ -317,7 +317,7 @@ class Guarded(H11Protocol):
     def _refuse(self, status: int, reason: bytes, msg: str) -> None:
         """Answer in place of the application, where it hasn't begun to, and close."""
         if self.cycle is not None and not self.cycle.response_complete:
-            # whoever still works at an answer has nobody to give it to
+            # what still works at an answer has nobody to give it to
             self.cycle.disconnected = True
             self.cycle.message_event.set()
         if self.conn.our_state not in (h11.IDLE, h11.SEND_RESPONSE):
@@ -337,7 +337,7 @@ class Guarded(H11Protocol):
         self.transport.close()
 
     def _should_upgrade(self) -> bool:
-        """No other protocol is spoken here, and whoever asks for one is answered by this one."""
+        """No other protocol is spoken here, and anyone who asks for one is answered by this one."""
         return False
 
     async def _serve(self, scope: Scope, receive: Receive, send: Send) -> None:

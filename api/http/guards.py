@@ -29,7 +29,7 @@ from mountnav.settings.observatory import Settings
 
 
 class OpenStreams:
-    """Before each piece of a stream, ask anew whether its listener may hear it. Plain ASGI.
+    """Before each piece of a stream, ask again whether its listener may hear it. Plain ASGI.
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ class ObservatoryServer(uvicorn.Server):
     def capture_signals(self) -> Iterator[None]:
         """A closed terminal (SIGHUP) ends the service as SIGTERM does: the mounts are stopped first.
 
-        Nothing is to be read anew: keys are followed as their file changes, and other settings need a start.
+        Nothing is to be read again: keys are followed as their file changes, and other settings need a start.
         Where SIGHUP is ignored (nohup) it stays so.
         """
         with super().capture_signals():
@@ -122,7 +122,7 @@ def make_server(app: FastAPI, *, log_level: str = "info", own_process: bool = Fa
 
 
 def bind(host: str, port: int) -> socket.socket:
-    """Take the address before anything else is started, so that a taken port is told plainly.
+    """Take the address before anything else is started, so that a taken port is reported plainly.
 
     Raises
     ------

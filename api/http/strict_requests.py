@@ -151,7 +151,7 @@ class PlainJson:
             await refusal_response(scope, found)(scope, receive, send)
             return
         except (ValueError, RecursionError):
-            # no JSON: whoever reads it tells so
+            # no JSON: its reader says so
             pass
 
         async def again() -> Message:

@@ -121,7 +121,7 @@ class StateAnswers:
         """The answer of one telescope."""
         snapshot = self._service.dispatcher.watch(telescope.id).latest
         job = "" if snapshot.job is None else snapshot.job.id[:12]
-        # the service's id: after a restart the counting begins anew
+        # the service's id: after a restart the counting begins again
         tag = f'"{self._service.events.run}-{snapshot.revision}-{job}"'
         kept = self._kept.get(telescope.id)
         if kept is None or kept.tag != tag:

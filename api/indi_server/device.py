@@ -34,7 +34,7 @@ from mountnav.settings.observatory import TelescopeSettings
 from mountnav.tasks import Died, begun, fault_words
 
 _TIME_TOLD_EVERY = timedelta(seconds=30)
-"""How often TIME_UTC is sent anew; clients let the clock run on in between. Halved, twice the messages."""
+"""How often TIME_UTC is sent again; clients let the clock run on in between. Halved, twice the messages."""
 _FIRST_READING_S = 3.0
 """Longest wait for a telescope's first reading before its properties are defined, s. Doubled, a client of a
 silent mount waits that long for a device; halved, slow mounts are defined without a position."""
@@ -137,7 +137,7 @@ class IndiTelescope:
             self._changed()
 
     def _renew(self) -> None:
-        """Make the properties anew from what is known now."""
+        """Make the properties from what is known now."""
         snapshot = self._watch.latest
         self.was_connected = self.was_connected or snapshot.state.connected
         utc = utc_now()

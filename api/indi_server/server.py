@@ -32,7 +32,7 @@ _WORDS = {
     "mount-limit-stop-failed": "[ERROR] at a limit, and it could not be stopped: {words}",
     "synced": "[INFO] sync: {outcome}",
 }
-"""What the service tells of a mount, as clients are told."""
+"""What the service tells of a mount, as clients read it."""
 
 
 class IndiServer:

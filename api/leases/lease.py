@@ -134,7 +134,7 @@ def kept_out(caller: Caller, telescope_id: str, lease: Lease | None, left_s: flo
     -------
     Refused
         409 ``leased``: another holds it. 409 ``lease-lost``: the caller shows a lease that is none any more,
-        whoever holds the telescope now: it must not go on in the belief that the telescope is its own.
+        no matter who holds the telescope now: it must not go on in the belief that the telescope is its own.
     """
     if lease is not None and caller.lease_id is None:
         return leased(lease, left_s)

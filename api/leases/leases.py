@@ -194,7 +194,7 @@ class Leases:
         ------
         Refused
             409 ``leased``: another holds it. 409 ``lease-lost``: the caller shows a lease that is none any
-            more, whoever holds the telescope now; see `kept_out`.
+            more, no matter who holds the telescope now; see `kept_out`.
         """
         if caller.face is Face.SERVICE:
             return

@@ -72,7 +72,7 @@ class Listeners:
         return states
 
     async def start(self) -> None:
-        """Open them all. One that can't be opened is logged, and told by `states`."""
+        """Open them all. One that can't be opened is logged, and shown by `states`."""
         for name, make in self._made.items():
             try:
                 listener = make()

@@ -134,7 +134,7 @@ class Telescope:
         return self.navigator
 
     async def lost(self, error: DeviceError) -> None:
-        """Let a link go that failed, so that the next command opens it anew.
+        """Let a link go that failed, so that the next command opens it again.
 
         A mount that keeps its own link is left alone: it connects again by itself, and is stopped then.
         """
@@ -158,7 +158,7 @@ class Telescope:
         )
 
     async def stop(self) -> None:
-        """Stop all motion now. Raises `DeviceError` when that could not be told to the mount."""
+        """Stop all motion now. Raises `DeviceError` when that could not be sent to the mount."""
         await (await self.ready(even_unwritten=True)).stop()
 
     async def close(self) -> None:
@@ -240,7 +240,7 @@ def build_observatory(
 
 
 def link_is_lost(error: BaseException) -> bool:
-    """Whether an error means that the port should be opened anew."""
+    """Whether an error means that the port should be opened again."""
     return isinstance(error, DeviceMissing | DeviceSilent)
 
 
@@ -393,7 +393,7 @@ def _camera(
             return open_camera(url, name=f"{one.id} camera")
         case SimulatedCameraSettings() as optics:
             assert mechanics is not None, "the settings let a simulated camera stand on a fake mount alone"
-            # what draws its frames is dear, and no real telescope needs it
+            # what draws its frames is expensive, and no real telescope needs it
             from drivers.simulated.camera import SimulatedCamera
             from mountnav.simulation.optics import SimulatedOptics
 

@@ -33,7 +33,7 @@ class Restart:
     telescope_id : str
     outlives : bool
         Whether the mount goes on while the service is down; a fake that the service runs itself doesn't, and
-        begins anew each time.
+        begins again each time.
 
     Attributes
     ----------

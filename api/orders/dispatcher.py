@@ -282,8 +282,8 @@ class Dispatcher:
     async def stop(self, caller: Caller, telescope_id: str) -> Job | None:
         """Cancel the telescope's job and stop its mount; return the job. Waits for neither queue nor solve.
 
-        Taken from everyone who may operate, whoever holds the lease. The job is cancelled first, so that it
-        can't send another slew after the stop; while it ends, the navigator stops the mount once more, in
+        Taken from everyone who may operate, also past a lease. The job is cancelled first, so that
+        it can't send another slew after the stop; while it ends, the navigator stops the mount once more, in
         case a slew was on the wire at that very moment.
 
         Raises
@@ -356,7 +356,7 @@ class Dispatcher:
         devices: bool = True,
         even_unwritten: bool = False,
     ) -> Callable[[], Awaitable[object]]:
-        """Work as a job does it: the telescope opened before, if need be, its state read anew after."""
+        """Work as a job does it: the telescope opened before, if need be, its state read again after."""
         watch = self._watches[telescope.id]
 
         async def done() -> object:
@@ -372,8 +372,8 @@ class Dispatcher:
             except BaseException:
                 watch.wake()
                 raise
-            # whoever sees the job ended sees where the telescope stands since; a cancellation now comes too
-            # late for the work, and what that brought must not be lost
+            # anyone who sees the job ended sees where the telescope stands since; a cancellation now comes
+            # too late for the work, and what that brought must not be lost
             try:
                 async with asyncio.timeout(_LONGEST_FRESHENING_S):
                     await watch.refresh()

@@ -189,7 +189,7 @@ class JobMemory:
     async def write_end(
         self, job: Job, state: JobState, result: object | None, found: Problem | None
     ) -> None:
-        """Write its end down, whoever cancels that; what can't be written is for the log."""
+        """Write its end down, no matter who cancels that; what can't be written is for the log."""
         if self._store is None:
             return
         try:
@@ -253,7 +253,7 @@ class Jobs:
         self._closing = False
 
     async def take_up(self) -> list[Job]:
-        """Remember the jobs and keys of earlier runs; what was running then is told as interrupted.
+        """Remember the jobs and keys of earlier runs; what was running then is reported as interrupted.
 
         To be called once, before anything is started. Nothing is done again.
 
@@ -355,7 +355,7 @@ class Jobs:
         make_room: Callable[[], Awaitable[object]],
         work: Callable[[], Awaitable[object]],
     ) -> Callable[[], Awaitable[object]]:
-        """Work that begins when the jobs before it have ended and the mount was told to stop."""
+        """Work that begins when the jobs before it have ended and the mount was sent a stop."""
         # the stop waits neither for the journal nor for the end of those jobs
         stopping = waited_for(make_room())
         stopping.add_done_callback(_heard_of)
@@ -458,12 +458,12 @@ class Jobs:
         self._end(job, state, result=result, found=found)
 
     def _died(self, job: Job) -> None:
-        """Its end could not be told as it should: it has ended all the same, and holds nothing any more."""
+        """Its end could not be recorded as it should: it has ended all the same, and holds nothing."""
         if not job.is_over:
             self._end(job, JobState.FAILED, found=internal_problem())
 
     async def _write(self, job: Job, even_unwritten: bool) -> None:
-        """Write it down before it does anything; whoever ordered it is answered after that."""
+        """Write it down before it does anything; its caller is answered after that."""
         try:
             async with asyncio.timeout(_SAFE_WAITS_S if even_unwritten else None):
                 await self._memory.write(job)

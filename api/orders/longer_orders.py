@@ -89,7 +89,7 @@ async def solve_frame(
 
 
 Tell = Callable[[dict[str, object]], None]
-"""Told of each attempt."""
+"""Called with each attempt."""
 
 FAILURES_IN_A_ROW = 5
 """Looks that may fail one after the other before a series or a model run is given up, as under clouds;
@@ -268,7 +268,7 @@ class LongerOrders:
     observatory : Observatory
     solver : Solver
     heard : callable
-        ``heard(telescope_id, kind, data)``: told of each attempt.
+        ``heard(telescope_id, kind, data)``: called with each attempt.
     """
 
     def __init__(self, settings: Settings, observatory: Observatory, solver: Solver, heard: Heard) -> None:
@@ -292,7 +292,7 @@ class LongerOrders:
                 case SeriesOrder():
                     return await run_series(navigator, order, tell)
                 case ModelRunOrder():
-                    # fitting is dear to import, and few need it
+                    # fitting is expensive to import, and few need it
                     from api.orders.model_run import run_model
 
                     return await run_model(

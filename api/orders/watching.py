@@ -88,7 +88,7 @@ class Watch:
         self._task = begun(self._run(), f"watch {self._telescope.id}", died=self._died)
 
     def _died(self, fault: Exception) -> None:
-        """Nobody reads it any more: what was last seen is not what is. Begin anew."""
+        """Nobody reads it any more: what was last seen is not what is. Begin again."""
         self._take(replace(self._state, connected=False, problem=fault_words(fault)))
         self._begin()
 
@@ -135,7 +135,7 @@ class Watch:
                     await self._wake.wait()
 
     def _mount_said(self, what: str, facts: Mapping[str, object]) -> None:
-        """A link that falls silent is told at once: the reading that finds it out may hang for seconds."""
+        """A link that falls silent is reported at once: the reading that finds out may hang for seconds."""
         if not what.startswith("link"):
             return
         link = self._telescope.navigator.mount.told("link")

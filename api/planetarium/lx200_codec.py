@@ -135,7 +135,7 @@ def words(said: str) -> bytes:
 
 
 def is_that_time(told: timedelta, utc: datetime, hours_to_utc: float | None) -> bool:
-    """Whether a local time of day is ours; any zone's, where the zone wasn't told."""
+    """Whether a local time of day is ours; any zone's, where the zone isn't known."""
     utc = utc.astimezone(UTC)
     now_s = 3600.0 * utc.hour + 60.0 * utc.minute + utc.second
     turn_s = _QUARTER_S if hours_to_utc is None else 86_400.0

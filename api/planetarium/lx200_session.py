@@ -209,7 +209,7 @@ class Here:
         return False
 
     def _is_today(self, told: object) -> bool:
-        """Whether a local date is ours; a day more or less where the zone wasn't told."""
+        """Whether a local date is ours; a day more or less where the zone isn't known."""
         slack = timedelta(0) if self._machine.hours_to_utc is not None else timedelta(hours=14)
         local = self._local()
         return told in ((local - slack).date(), local.date(), (local + slack).date())

@@ -1,4 +1,4 @@
-"""Stellarium's telescope server: one telescope's position twice a second, and gotos from whoever connects.
+"""Stellarium's telescope server: one telescope's position twice a second, and gotos from anyone who connects.
 
 The protocol has no word for "unknown": while the mount can't be read nobody is connected.
 """

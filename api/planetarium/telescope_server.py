@@ -13,7 +13,7 @@ from mountnav.settings.faces import Lx200ServerSettings, StellariumSettings
 
 
 class OneTelescopeServer(ABC):
-    """Serves one telescope to whoever connects.
+    """Serves one telescope to anyone who connects.
 
     Parameters
     ----------

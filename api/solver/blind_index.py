@@ -102,7 +102,7 @@ class BlindIndexKeeper:
         return self._path
 
     async def close(self) -> None:
-        """End the building, if it is going on; the next one begins anew."""
+        """End the building, if it is going on; the next one begins again."""
         if self._building is not None:
             self._building.cancel()
             await asyncio.gather(self._building, return_exceptions=True)

@@ -205,7 +205,7 @@ class Upload:
     ----------
     name : str
     file : int
-        An open descriptor; whoever made the upload closes it.
+        An open descriptor; the maker of the upload closes it.
     """
 
     name: str

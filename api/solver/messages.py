@@ -77,7 +77,7 @@ class Ready:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """An error as it is carried over: by name, and made anew there.
+    """An error as it is carried over: by name, and made from that there.
 
     Attributes
     ----------

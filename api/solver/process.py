@@ -242,7 +242,7 @@ def solved_upload(
         It is no usable image.
     """
     began = time.perf_counter()
-    # by the name of an open file: whoever reads it may map it, and nothing is copied for it
+    # by the name of an open file: anyone who reads it may map it, and nothing is copied for it
     frame = read_frame(Path(f"/proc/self/fd/{file}"), name=name, raw=True)
     read_s = time.perf_counter() - began
     verdict = solve(frame, catalog, hint=hint, settings=settings)
@@ -308,7 +308,7 @@ def _carried_out(bench: Bench, task: Task | Read, files: list[int], more_cpu_s: 
             advice="send a smaller image, or raise solving.memory_mb",
         )
         return Done(fault=Fault.of(fault))
-    except Exception as error:  # it belongs to whoever asked
+    except Exception as error:  # it belongs to the one who asked
         return Done(fault=sendable(error))
 
 

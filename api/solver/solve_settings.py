@@ -92,7 +92,7 @@ def chosen_settings(
         There is no such profile.
     """
     if config is None:
-        # the defaults need none of the models of the settings file, which are dear to import
+        # the defaults need none of the models of the settings file, which are expensive to import
         _require_profile(profile or "measured")
         settings = SolveSettings(
             identification=IdentificationSettings.profile(profile or "measured"),

@@ -81,7 +81,7 @@ async def _stream(
     ends_with: Callable[[Event], bool] | None,
     keep_alive_s: float,
 ) -> AsyncIterator[bytes]:
-    # at once: whoever connects sees that the stream lives
+    # at once: anyone who connects sees that the stream lives
     yield b": mountnav\n\n"
     events: Sequence[Event] | None = first
     while events is not None:

@@ -248,9 +248,11 @@ async def test_a_stop_is_heard_behind_a_command_that_was_cut_off_and_one_way_too
     assert await one.ask(b":MS#", "0|[1-9].*#") == b"0"
     job = rig.service.jobs.all()[0]
     assert not job.is_over
+    rows = await _stops(rig)
     one.writer.write(stop)
     await asyncio.wait_for(job.ended.wait(), 60.0)
     assert job.state == "cancelled"
+    await _true(lambda: _more_stops(rig, rows))
     # the half that was cut off is refused in its turn
     assert await one.ask(b"\x06", "0?P") == (b"0P" if stop.startswith(b":S") else b"P")
     await one.close()
