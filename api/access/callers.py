@@ -57,8 +57,4 @@ class Caller:
     lease_id: str | None = None
 
 
-THE_SERVICE = Caller("the service", Role.CONFIGURE, Face.SERVICE)
-"""The service itself."""
-
-
-__all__ = ["THE_SERVICE", "Caller", "Face", "Role"]
+__all__ = ["Caller", "Face", "Role"]

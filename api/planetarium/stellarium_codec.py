@@ -43,34 +43,10 @@ class Goto:
     time_us: int
 
 
-@dataclass(frozen=True, slots=True)
-class Position:
-    """Where a telescope is; `status` is 0 when all is well."""
-
-    place: Icrs
-    utc: datetime
-    status: int
-
-
 def position_message(place: Icrs, utc: datetime, status: int = 0) -> bytes:
     """Write where the telescope is."""
     time_us = (utc - _EPOCH) // timedelta(microseconds=1)
     return _POSITION.pack(_POSITION.size, 0, time_us, _turns(place.ra_deg), _angles(place.dec_deg), status)
-
-
-def goto_message(goto: Goto) -> bytes:
-    """Write a goto, as Stellarium does."""
-    return _GOTO.pack(_GOTO.size, 0, goto.time_us, _turns(goto.place.ra_deg), _angles(goto.place.dec_deg))
-
-
-def read_position(message: bytes) -> Position:
-    """Read a position, as Stellarium does. Raises `NotStellarium`."""
-    if len(message) != _POSITION.size:
-        raise NotStellarium(f"{len(message)} bytes are no position")
-    length, kind, time_us, ra, dec, status = _POSITION.unpack(message)
-    if length != _POSITION.size or kind != 0 or abs(dec) > _RIGHT_ANGLE:
-        raise NotStellarium(f"{message!r} is no position")
-    return Position(_place(ra, dec), _EPOCH + timedelta(microseconds=time_us), status)
 
 
 class GotoStream:
@@ -120,8 +96,5 @@ __all__ = [
     "Goto",
     "GotoStream",
     "NotStellarium",
-    "Position",
-    "goto_message",
     "position_message",
-    "read_position",
 ]

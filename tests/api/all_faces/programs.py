@@ -11,12 +11,13 @@ from typing import Any, Protocol
 
 import httpx
 
-from api.planetarium.stellarium_codec import Goto, goto_message
+from api.planetarium.stellarium_codec import Goto
 from drivers.indi.codec import messages as orders
 from drivers.indi.codec.messages import Changed, Defined, Event, Reader, State
 from mountnav.sky.chain import apparent_to_icrs
 from mountnav.sky.coordinates import Apparent
 from tests.api.all_faces.attacked_service import PATIENCE_S, Standing
+from tests.api.planetarium.stellarium_client import goto_message
 
 EAST = "/v1/telescopes/east"
 FACES = ("rest", "alpaca", "indi", "lx200", "stellarium")

@@ -11,7 +11,7 @@ import pytest
 import pytest_asyncio
 
 from api.planetarium.lx200_server import Lx200Server
-from api.planetarium.stellarium_codec import Goto, goto_message, read_position
+from api.planetarium.stellarium_codec import Goto
 from api.planetarium.stellarium_server import StellariumServer
 from api.service import Service
 from drivers.generic.mount import GenericMount
@@ -25,6 +25,7 @@ from mountnav.sky.chain import apparent_to_icrs
 from mountnav.sky.coordinates import Apparent
 from mountnav.sky.sphere import separation_arcsec
 from tests.api.indi_server.face_rig import SITE, apart_arcsec, mechanics_of, observatory, up_now
+from tests.api.planetarium.stellarium_client import goto_message, read_position
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
