@@ -8,7 +8,6 @@ telescope can follows from the mount's skills.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
 
 from api.alpaca.codec import turned
 from api.alpaca.errors import invalid_operation, invalid_value, not_set, parked
@@ -39,9 +38,11 @@ from api.alpaca.telescope import AlpacaTelescope, Call, Targets
 from api.orders.execute_order import there
 from api.orders.targets import AltAzTarget, ApparentTarget, IcrsTarget
 from api.orders.vocabulary import (
+    LONGEST_PULSE_S,
     GuideOrder,
     HomeOrder,
     ParkOrder,
+    RateWord,
     SetParkOrder,
     SlewOrder,
     SyncToOrder,
@@ -53,7 +54,6 @@ from mountnav.navigation.navigator import Navigator
 
 __all__ = [
     "ABILITIES",
-    "LONGEST_PULSE_MS",
     "LONGEST_SETTLE_S",
     "PARKING",
     "RATES",
@@ -68,9 +68,6 @@ __all__ = [
 
 RATES = (TrackingRate.SIDEREAL, TrackingRate.LUNAR, TrackingRate.SOLAR, TrackingRate.KING)
 """As Alpaca counts them: 0 to 3."""
-LONGEST_PULSE_MS = 60_000
-"""Longest pulse, ms: that of `GuideOrder.duration_s`. A larger one would be taken here and refused
-there."""
 
 
 def rates_of(device: AlpacaTelescope) -> tuple[TrackingRate, ...]:
@@ -89,7 +86,7 @@ def rate_of(device: AlpacaTelescope) -> TrackingRate:
     return found if found in RATES else TrackingRate.SIDEREAL
 
 
-_WORDS: dict[TrackingRate, Literal["sidereal", "lunar", "solar", "king"]] = {
+_WORDS: dict[TrackingRate, RateWord] = {
     TrackingRate.SIDEREAL: "sidereal",
     TrackingRate.LUNAR: "lunar",
     TrackingRate.SOLAR: "solar",
@@ -193,7 +190,7 @@ TRACKING: tuple[Member, ...] = (
         _guide,
         (Parameter("Direction", whole), Parameter("Duration", whole)),
         with_skill(Skill.GUIDE),
-        (Range("Direction", 0, 3), Range("Duration", 0, LONGEST_PULSE_MS)),
+        (Range("Direction", 0, 3), Range("Duration", 0, 1000 * LONGEST_PULSE_S)),
         parked=False,
         orders="guide",
     ),

@@ -11,6 +11,7 @@ from datetime import datetime
 
 from api.indi_server.vectors import Perm, Rule, Vector, number, numbers, switches, texts, timestamp
 from api.orders.jobs import Job
+from api.orders.vocabulary import LONGEST_PULSE_S
 from api.orders.watching import Snapshot, apparent_place
 from drivers.indi.codec.messages import State
 from mountnav import __version__
@@ -107,9 +108,6 @@ PULSES = {
 }
 """Properties of guide pulses: in which direction each element moves the tube."""
 _PARK = {"PARK": "Park(ed)", "UNPARK": "UnPark(ed)"}
-_LONGEST_PULSE_MS = 60_000.0
-"""Longest guide pulse that is declared to clients, ms: that of `GuideOrder.duration_s`. A larger one would
-be declared and then refused."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,7 +286,7 @@ def _guiding(facts: Facts) -> list[Vector]:
                 GUIDE,
                 State.BUSY if busy else State.IDLE,
                 *(
-                    number(element, f"{element[-1]} (ms)", 0.0, form="%.0f", most=_LONGEST_PULSE_MS)
+                    number(element, f"{element[-1]} (ms)", 0.0, form="%.0f", most=1000.0 * LONGEST_PULSE_S)
                     for element in elements
                 ),
                 perm="rw",

@@ -18,6 +18,7 @@ from mountnav.errors import BadRequest
 __all__ = [
     "JOB_EXAMPLES",
     "KINDS",
+    "LONGEST_PULSE_S",
     "MOVING",
     "PLACE_EXAMPLES",
     "AcceptSiteTimeOrder",
@@ -39,6 +40,7 @@ __all__ = [
     "OrderBody",
     "OrderKind",
     "ParkOrder",
+    "RateWord",
     "RecoverOrder",
     "SeriesOrder",
     "SetParkOrder",
@@ -65,6 +67,10 @@ _Planned = Annotated[
     ),
 ]
 _Exposure = Annotated[float | None, Field(gt=0, le=600)]
+LONGEST_PULSE_S = 60
+"""Longest guide pulse by any face, s; part of the interface (docs/openapi.json). Doubled, a mistyped one moves
+the mount at guide rate for two minutes."""
+RateWord = Literal["sidereal", "lunar", "solar", "king"]
 
 
 class OrderBody(Tagged):
@@ -167,7 +173,7 @@ class TrackingOrder(OrderBody):
 
     kind: Literal["tracking"] = "tracking"
     on: bool
-    rate: Literal["sidereal", "lunar", "solar", "king"] = "sidereal"
+    rate: RateWord = "sidereal"
 
 
 class GuideOrder(OrderBody):
@@ -175,7 +181,7 @@ class GuideOrder(OrderBody):
 
     kind: Literal["guide"] = "guide"
     direction: Literal["n", "s", "e", "w"]
-    duration_s: float = Field(gt=0, le=60)
+    duration_s: float = Field(gt=0, le=LONGEST_PULSE_S)
 
 
 class TrustOrder(OrderBody):
@@ -431,12 +437,7 @@ class CenterBody(SlewBody):
     max_tries: int | None = Field(default=None, ge=1, le=50)
     timeout_s: float | None = Field(default=None, gt=0, le=7200)
     correct_by: Literal["sync", "offset", "model"] | None = None
-    planned_s: float | None = Field(
-        default=None,
-        gt=0,
-        le=86_400,
-        description="How long it is to be followed: the answer tells which limit comes before that",
-    )
+    planned_s: _Planned = None
 
 
 class FlipBody(SlewBody):
@@ -456,13 +457,13 @@ class TrackingBody(ShortBody):
     """Whether to follow the sky, and at which rate."""
 
     on: bool
-    rate: Literal["sidereal", "lunar", "solar", "king"] = "sidereal"
+    rate: RateWord = "sidereal"
 
 
 class LookBody(ShortBody):
     """How to look."""
 
-    exposure_s: float | None = Field(default=None, gt=0, le=600)
+    exposure_s: _Exposure = None
     persistent: bool = Field(
         default=False, description="Look: try all that is allowed and moves nothing, waiting included"
     )

@@ -13,23 +13,18 @@ from api.listeners.tcp import STOPS_AT_ONCE, Allowance, Turns
 from api.orders.goto_orders import NotTaken
 from api.planetarium.lx200_codec import Commands, is_http
 from api.planetarium.lx200_session import Lx200Client, Machine, MountLost
-from api.planetarium.telescope_server import OneTelescopeServer
+from api.planetarium.telescope_server import AT_ONCE_BYTES, LONGEST_SILENCE_S, OneTelescopeServer
 from api.service import Service
 from mountnav.settings.faces import Lx200ServerSettings
 from mountnav.tasks import Crew, begun
 
 _log = logging.getLogger(__name__)
 
-_AT_ONCE_BYTES = 4096
-"""Bytes taken in one read; chosen by hand. `Allowance` bounds what a client may send in all."""
 _FIRST_BYTES = 16
 """First bytes of a connection by which a web browser is recognized: its method and a space."""
 _MOST_WAITING = 100
 """Commands of a client that may wait to be answered; chosen by hand. With more it is answered those, and
 let go. Doubled, one that floods is let go later."""
-_LONGEST_SILENCE_S = 10.0
-"""A client that takes nothing for so long is let go, s; chosen by hand. Doubled, its task and buffer stay
-twice as long."""
 _MOST_MACHINES = 64
 """Machines whose half targets are remembered, as apps may reconnect for each command; chosen by hand.
 Halved, a 33rd app makes the first one's target be forgotten."""
@@ -112,7 +107,7 @@ class Lx200Server(OneTelescopeServer):
         first, surplus = b"", False
         commands, allowance, room = Commands(), Allowance(), asyncio.Semaphore(STOPS_AT_ONCE)
         with contextlib.suppress(OSError):
-            while data := await reader.read(_AT_ONCE_BYTES):
+            while data := await reader.read(AT_ONCE_BYTES):
                 if len(first) < _FIRST_BYTES:
                     first += data[:_FIRST_BYTES]
                     if is_http(first):
@@ -175,7 +170,7 @@ async def _answer(
         if answer and not deaf:
             writer.write(answer)
             try:
-                async with asyncio.timeout(_LONGEST_SILENCE_S):
+                async with asyncio.timeout(LONGEST_SILENCE_S):
                     await writer.drain()
             except (OSError, TimeoutError):
                 # what it has ordered is carried out all the same

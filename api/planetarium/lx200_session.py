@@ -19,7 +19,7 @@ from typing import Literal
 from api.access.callers import Caller
 from api.orders.goto_orders import NotTaken, Ordering
 from api.orders.targets import ApparentTarget
-from api.orders.vocabulary import GuideOrder, ParkOrder, UnparkOrder
+from api.orders.vocabulary import LONGEST_PULSE_S, GuideOrder, ParkOrder, UnparkOrder
 from api.orders.watching import Snapshot, Watch, apparent_place
 from api.planetarium import lx200_codec
 from api.planetarium.lx200_codec import app_declination, app_right_ascension
@@ -232,8 +232,6 @@ refusals of slow mounts are only logged."""
 _BELOW = frozenset({"altitude", "horizon", "below-horizon"})
 _DROPPED = {"MS": b"2A stop came first#", "CM": b"Not synced: a stop came first#"}
 _PULSE = re.compile(r"Mg([nsew])(\d{1,5})")
-_LONGEST_PULSE_MS = 60_000
-"""Longest guide pulse, ms: that of `GuideOrder.duration_s`. A longer one is not taken."""
 _IGNORED = re.compile(r"M[nsew]|Q[nsew]|R[GCMS]\d?|T[QLSM]|H|AP|AA|AL|F.*|B.*")
 """Taken without a word, as the protocol has it, and nothing moves: buttons, rates, modes, focusers."""
 
@@ -443,7 +441,7 @@ class Lx200Client:
         return b""
 
     def _guide(self, direction: str, duration_ms: int) -> bytes:
-        if duration_ms > _LONGEST_PULSE_MS:
+        if duration_ms > 1000 * LONGEST_PULSE_S:
             _log.info("%s: a guide pulse of %d ms is too long: not taken", self._caller.name, duration_ms)
         elif duration_ms > 0:
             order = GuideOrder.model_validate({"direction": direction, "duration_s": duration_ms / 1000.0})

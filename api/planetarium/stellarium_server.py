@@ -15,7 +15,7 @@ from api.orders.goto_orders import NotTaken
 from api.orders.targets import IcrsTarget
 from api.orders.watching import Snapshot
 from api.planetarium.stellarium_codec import GotoStream, NotStellarium, position_message
-from api.planetarium.telescope_server import OneTelescopeServer
+from api.planetarium.telescope_server import AT_ONCE_BYTES, LONGEST_SILENCE_S, OneTelescopeServer
 from api.service import Service
 from mountnav.settings.faces import StellariumSettings
 from mountnav.tasks import Crew, waited_for
@@ -25,11 +25,6 @@ _log = logging.getLogger(__name__)
 _PERIOD_S = 0.5
 """Longest time between two positions, s, as Stellarium's own servers send them. Doubled, its reticle moves
 in jumps."""
-_LONGEST_SILENCE_S = 10.0
-"""A client that takes nothing for so long is let go, s; chosen by hand. Doubled, its task and buffer stay
-twice as long."""
-_AT_ONCE_BYTES = 4096
-"""Bytes taken in one read; a goto has 20 of them. `Allowance` bounds what a client may send in all."""
 
 
 class StellariumServer(OneTelescopeServer):
@@ -73,7 +68,7 @@ class StellariumServer(OneTelescopeServer):
         snapshot = self._watch.latest
         while message := _message(snapshot):
             writer.write(message)
-            async with asyncio.timeout(_LONGEST_SILENCE_S):
+            async with asyncio.timeout(LONGEST_SILENCE_S):
                 await writer.drain()
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(_PERIOD_S):
@@ -82,7 +77,7 @@ class StellariumServer(OneTelescopeServer):
 
     async def _hear(self, reader: asyncio.StreamReader, caller: Caller) -> None:
         stream, allowance = GotoStream(), Allowance()
-        while data := await reader.read(_AT_ONCE_BYTES):
+        while data := await reader.read(AT_ONCE_BYTES):
             await allowance.spend(len(data))
             gotos = stream.feed(data)
             if gotos:

@@ -11,6 +11,12 @@ from api.service import Service
 from mountnav.errors import BadSettings
 from mountnav.settings.faces import Lx200ServerSettings, StellariumSettings
 
+AT_ONCE_BYTES = 4096
+"""Bytes taken in one read; chosen by hand. `Allowance` bounds what a client may send in all."""
+LONGEST_SILENCE_S = 10.0
+"""A client that takes nothing for so long is let go, s; chosen by hand. Doubled, its task and buffer stay
+twice as long."""
+
 
 class OneTelescopeServer(ABC):
     """Serves one telescope to anyone who connects.
@@ -93,4 +99,4 @@ def telescope_of(service: Service, named: str | None, section: str) -> str:
     return named
 
 
-__all__ = ["OneTelescopeServer", "telescope_of"]
+__all__ = ["AT_ONCE_BYTES", "LONGEST_SILENCE_S", "OneTelescopeServer", "telescope_of"]
