@@ -90,7 +90,6 @@ class Events:
 
         Parameters
         ----------
-        last_event_id : str, optional
         about : callable, optional
             Only these events; gaps are told in any case.
         """
@@ -176,10 +175,8 @@ class Reader:
 
     Parameters
     ----------
-    events : Events
     place : int
         Number of the last event that he knows.
-    about : callable, optional
     strange : bool
         He came with an id that means nothing here.
     """

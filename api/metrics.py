@@ -59,16 +59,7 @@ class JournalHealth(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Observed:
-    """What is told of.
-
-    Attributes
-    ----------
-    dispatcher : Dispatcher
-    jobs : Jobs
-    events : Events
-    leases : Leases
-    journal : JournalHealth
-    """
+    """What is told of."""
 
     dispatcher: Dispatcher
     jobs: Jobs
@@ -78,12 +69,7 @@ class Observed:
 
 
 class Metrics:
-    """All figures of one service, in registries of its own. Used from the event loop's thread alone.
-
-    Parameters
-    ----------
-    observed : Observed
-    """
+    """All figures of one service, in registries of its own. Used from the event loop's thread alone."""
 
     def __init__(self, observed: Observed) -> None:
         self._observed = observed

@@ -238,7 +238,6 @@ class Refused(Exception):
 
     Parameters
     ----------
-    found : Problem
     headers : dict, optional
         Extra response headers.
     """

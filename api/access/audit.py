@@ -78,7 +78,6 @@ class Seldom:
         So often a minute each key is noted.
     all_together : int
         So often a minute anything is.
-    clock_s : callable, optional
     """
 
     def __init__(self, each: int, all_together: int, clock_s: Callable[[], float] = time.monotonic) -> None:
@@ -142,10 +141,6 @@ class Audit:
     """Notes orders. An order waits for no note; none is lost as long as the journal can be written.
 
     While it can't, notes are kept in memory (ten thousand of them) and written later.
-
-    Parameters
-    ----------
-    keeper : AuditKeeper
     """
 
     def __init__(self, keeper: AuditKeeper) -> None:
@@ -171,7 +166,6 @@ class Audit:
 
         Parameters
         ----------
-        caller : Caller
         what : str
             The order's kind, such as ``slew``.
         telescope : str, optional
@@ -222,10 +216,6 @@ class Audit:
 
         Parameters
         ----------
-        address : str
-        what : str
-        status : int
-        outcome : str
         unnoted : Unnoted, optional
             What he and others did since their last notes.
         """
@@ -326,7 +316,6 @@ class AuditedRequests:
 
     Parameters
     ----------
-    app : ASGIApp
     audit_of : callable
         The audit of the running service; None before and after.
     caller_of : callable

@@ -42,8 +42,6 @@ class Caller:
     ----------
     name : str
         The API key's name; ``this machine`` where no keys are configured; or what the face calls its client.
-    role : Role
-    face : Face
     address : str
         Where it came from, for the audit.
     lease_id : str or None

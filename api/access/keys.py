@@ -49,7 +49,6 @@ class Key:
     ----------
     name : str
         Who uses it; audits and leases name callers so.
-    role : Role
     sha256 : str
         Of the secret, in hexadecimal digits.
     created_utc : datetime or None

@@ -44,7 +44,6 @@ class KnownCallers:
 
     Parameters
     ----------
-    app : ASGIApp
     shows_who : callable
         The caller by what a request shows, not by the listener it came to. Raises `Refused`.
     """
@@ -73,12 +72,7 @@ class _Minute:
 
 
 class Sparing(logging.Filter):
-    """Lets a handler write so many lines of each place a minute; tells how many more there were.
-
-    Parameters
-    ----------
-    clock_s : callable, optional
-    """
+    """Lets a handler write so many lines of each place a minute; tells how many more there were."""
 
     def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
         super().__init__()

@@ -37,14 +37,7 @@ class _Bucket:
 
 
 class TokenBuckets:
-    """One bucket for each name: `rate_per_s` tokens flow in, `burst` at the most are in it.
-
-    Parameters
-    ----------
-    rate_per_s : float
-    burst : int
-    clock_s : callable
-    """
+    """One bucket for each name: `rate_per_s` tokens flow in, `burst` at the most are in it."""
 
     def __init__(
         self, rate_per_s: float, burst: int, *, clock_s: Callable[[], float] = time.monotonic
@@ -83,8 +76,6 @@ class RateLimit:
 
     Parameters
     ----------
-    app : ASGIApp
-    buckets : TokenBuckets
     name_of : callable
         Whose bucket a request takes from; None: it is not counted.
     """

@@ -54,8 +54,6 @@ def caller_from_headers(
         Without regard to case, as starlette's.
     address : str
         Where the request came from.
-    keys : KeyStore
-    face : Face
     basic : bool
         Also take HTTP Basic, whose password is the key, for clients that know nothing else. The user's name
         may be anything.
@@ -130,12 +128,7 @@ TheCaller = Annotated[Caller, Depends(caller_of)]
 
 
 class RoleRequired:
-    """A dependency that lets through anyone who has a role: ``dependencies=[Depends(RoleRequired(role))]``.
-
-    Parameters
-    ----------
-    role : Role
-    """
+    """A dependency that lets callers of a role through: ``dependencies=[Depends(RoleRequired(role))]``."""
 
     def __init__(self, role: Role) -> None:
         self.role = role
@@ -180,8 +173,6 @@ class OwnMachineOnly:
 
     Parameters
     ----------
-    app : ASGIApp
-    keys : KeyStore
     origins : sequence of str
         Pages of these may come in as well.
     """
@@ -258,8 +249,6 @@ def allowed_file(path: Path, folders: Sequence[Path], *, telescope_id: str) -> P
 
     Parameters
     ----------
-    path : Path
-    folders : sequence of Path
     telescope_id : str
         Whose settings they are of, for the message.
 

@@ -208,10 +208,8 @@ def envelope(
 
     Parameters
     ----------
-    client_transaction, server_transaction : int
     value : object
         JSON of it must exist; left out if `NOTHING`.
-    error : AlpacaError, optional
     of_device : bool
         Answers of the management have no error.
 

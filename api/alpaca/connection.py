@@ -166,7 +166,6 @@ class MountLink:
 
     Parameters
     ----------
-    telescope : Telescope
     watch : Watch
         Who reads it.
     now_s : callable

@@ -98,12 +98,7 @@ _NEVER_REACHED = frozenset({"declination", "unreachable"})
 
 
 def error_of(found: Problem) -> AlpacaError:
-    """One of our problems as an Alpaca error: what was asked is refused for it.
-
-    Parameters
-    ----------
-    found : Problem
-    """
+    """One of our problems as an Alpaca error: what was asked is refused for it."""
     slug = found.type.rpartition(":")[2]
     number = _OF_SLUG.get(slug, _OTHER)
     reasons = set(found.reasons or ())

@@ -43,7 +43,6 @@ def unique_ids(path: Path, telescopes: Sequence[str]) -> dict[str, str]:
 
     Parameters
     ----------
-    path : Path
     telescopes : sequence of str
         Ids of the settings.
     """
@@ -90,8 +89,6 @@ def management_value(page: Page, devices: Sequence[AlpacaTelescope], location: s
 
     Parameters
     ----------
-    page : Page
-    devices : sequence of AlpacaTelescope
     location : str
         Of the settings.
     """

@@ -72,13 +72,7 @@ DIRECTIONS: tuple[Literal["n", "s", "e", "w"], ...] = ("n", "s", "e", "w")
 
 
 class Pulses:
-    """The guide pulses of one telescope.
-
-    Parameters
-    ----------
-    dispatcher : Dispatcher
-    telescope_id : str
-    """
+    """The guide pulses of one telescope."""
 
     def __init__(self, dispatcher: Dispatcher, telescope_id: str) -> None:
         self._dispatcher = dispatcher
@@ -175,11 +169,6 @@ Work = Callable[[Navigator], Awaitable[object]]
 class Motion:
     """Orders one telescope's motions for Alpaca's clients.
 
-    Parameters
-    ----------
-    dispatcher : Dispatcher
-    telescope_id : str
-
     Attributes
     ----------
     settle_s : int
@@ -237,9 +226,6 @@ class Motion:
 
         Parameters
         ----------
-        caller : Caller
-        client : Client
-        order : Order
         work : callable, optional
             What is done for it, if more than the order says; one job all the same.
         supersede : bool

@@ -48,8 +48,6 @@ def alpaca_caller(scope: Scope, keys: KeyStore, *, is_open: bool) -> Caller:
 
     Parameters
     ----------
-    scope : Scope
-    keys : KeyStore
     is_open : bool
         Whether anyone who reaches the port may operate without a key: the standard itself knows none. A key
         that is sent all the same counts.

@@ -71,10 +71,6 @@ class AlpacaTelescope:
     ----------
     number : int
         The device's.
-    unique_id : str
-    telescope : Telescope
-    dispatcher : Dispatcher
-    settings : Settings
     audit : Audit
         Where it is noted what was refused before it became a job.
     now_s : callable

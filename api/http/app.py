@@ -75,7 +75,6 @@ def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI
 
     Parameters
     ----------
-    settings : Settings
     catalog : Catalog, optional
         Instead of the embedded one and those of the settings.
     """
@@ -209,7 +208,6 @@ def listeners_of(service: Service, http_address: tuple[str, int] | None) -> List
 
     Parameters
     ----------
-    service : Service
     http_address : (str, int) or None
         Where HTTP is served, for discovery; None where no socket stands behind the application.
     """

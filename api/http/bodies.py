@@ -37,8 +37,6 @@ class BodyLimit:
 
     Parameters
     ----------
-    app : ASGIApp
-    max_body_kb : float
     max_upload_mb : float
         Where frames are sent; their routes count for themselves as well.
     """
@@ -136,7 +134,6 @@ async def received(request: Request, limit_bytes: int) -> AsyncIterator[Upload]:
 
     Parameters
     ----------
-    request : Request
     limit_bytes : int
         Longest body.
 

@@ -78,8 +78,6 @@ class Bounds:
 
     Attributes
     ----------
-    most : int
-    each_address : int
     stops : int
         Beyond these: for stops alone.
     fresh : int
@@ -93,13 +91,7 @@ class Bounds:
 
 
 class Gate:
-    """Knows all connections; lets in, makes room, ends those that dawdle. Used from the loop's thread alone.
-
-    Parameters
-    ----------
-    bounds : Bounds
-    deadlines : Deadlines, optional
-    """
+    """All connections: lets in, makes room, ends those that dawdle. Used from the loop's thread alone."""
 
     def __init__(self, bounds: Bounds, deadlines: Deadlines | None = None) -> None:
         self._bounds = bounds

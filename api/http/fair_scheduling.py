@@ -82,7 +82,6 @@ class FairRequests:
 
     Parameters
     ----------
-    app : ASGIApp
     may_stop : callable
         Whether who sends a stop may do so: one of a stranger waits with all others.
     """

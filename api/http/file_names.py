@@ -9,10 +9,6 @@ from pathlib import Path
 def shown(path: Path) -> str:
     """Return a path as text without undecodable bytes and control characters.
 
-    Parameters
-    ----------
-    path : Path
-
     Returns
     -------
     str

@@ -33,7 +33,6 @@ class OpenStreams:
 
     Parameters
     ----------
-    app : ASGIApp
     caller_of : callable
         Who sent a request. Raises `Refused` when he is none any more.
     """
@@ -99,7 +98,6 @@ def install(app: FastAPI, settings: Settings) -> None:
     ----------
     app : FastAPI
         Whose ``state.service`` is the running service, as soon as there is one.
-    settings : Settings
     """
     service = settings.service
     keys = open_keys(settings)

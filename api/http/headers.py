@@ -33,12 +33,7 @@ SAFE_HEADERS = tuple((name.lower().encode(), value.encode()) for name, value in 
 
 
 class SafeHeaders:
-    """Put the headers on whatever goes out; a stricter policy of the answer's own stays. Plain ASGI.
-
-    Parameters
-    ----------
-    app : ASGIApp
-    """
+    """Put the headers on whatever goes out; a stricter policy of the answer's own stays. Plain ASGI."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -67,12 +62,7 @@ _MOST_HEADERS = 100
 
 
 class BoundedHeads:
-    """Refuse heads that no client of ours sends; a stop is taken without what is too much. Plain ASGI.
-
-    Parameters
-    ----------
-    app : ASGIApp
-    """
+    """Refuse heads that no client of ours sends; a stop is taken without what is too much. Plain ASGI."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -99,10 +89,6 @@ class HeadAsGet:
     """ASGI: let the application see a GET, and keep its body back.
 
     Of a stream only the head is waited for: it would not end.
-
-    Parameters
-    ----------
-    app : ASGI application
     """
 
     def __init__(self, app: ASGIApp) -> None:

@@ -47,7 +47,6 @@ class Patience:
     ----------
     response : Response
         Told if the header was heeded.
-    wait_s : float
     preferred : bool
         Whether it stood in the header.
     """

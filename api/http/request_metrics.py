@@ -42,13 +42,7 @@ class HttpMetrics:
 
 
 class CountedRequests:
-    """Count requests. Plain ASGI, so that event streams pass unbuffered.
-
-    Parameters
-    ----------
-    app : ASGIApp
-    metrics : HttpMetrics
-    """
+    """Count requests. Plain ASGI, so that event streams pass unbuffered."""
 
     def __init__(self, app: ASGIApp, metrics: HttpMetrics) -> None:
         self._app = app

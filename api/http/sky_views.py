@@ -44,7 +44,6 @@ def aim_of(job: Job, utc: datetime, site: Site, air: Air) -> Icrs | None:
         Running or over.
     utc : datetime
         When, for targets that are no fixed places.
-    site, air : Site, Air
     """
     match job.result:
         case CenterReport() | SlewReport() as report:
@@ -212,7 +211,6 @@ def sky_view(
 
     Parameters
     ----------
-    navigator : Navigator
     state : TelescopeState
         What is known of it now.
     running : Job or None

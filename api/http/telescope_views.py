@@ -34,8 +34,6 @@ def telescope_view(telescope: Telescope, snapshot: Snapshot, warnings: Sequence[
 
     Parameters
     ----------
-    telescope : Telescope
-    snapshot : Snapshot
     warnings : sequence of str
         Of the service; those of the telescope come before.
     """
@@ -106,12 +104,7 @@ class Answer:
 
 
 class StateAnswers:
-    """Keeps the latest answer of each telescope.
-
-    Parameters
-    ----------
-    service : Service
-    """
+    """Keeps the latest answer of each telescope."""
 
     def __init__(self, service: Service) -> None:
         self._service = service

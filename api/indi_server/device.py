@@ -46,8 +46,6 @@ class IndiTelescope:
 
     Parameters
     ----------
-    service : Service
-    settings : TelescopeSettings
     name : str
         What clients call it.
     changed : callable
@@ -201,7 +199,6 @@ class IndiTelescope:
 
         Parameters
         ----------
-        caller : Caller
         ordered : Ordered
             To one of its properties.
         mode : str

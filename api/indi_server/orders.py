@@ -43,7 +43,6 @@ class Answer:
         The property.
     state : State or None
         Instead of the property's own; None: as it is now.
-    words : str
     """
 
     name: str
@@ -121,8 +120,6 @@ class TakingOrders:
 
     Parameters
     ----------
-    ordering : Ordering
-    watch : Watch
     site : Site
         Of the settings.
     follow : callable
@@ -151,8 +148,6 @@ class TakingOrders:
 
         Parameters
         ----------
-        caller : Caller
-        ordered : Ordered
         shown : Vector
             The property as it is.
         mode : str

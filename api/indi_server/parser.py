@@ -31,7 +31,6 @@ class Nonsense:
     ----------
     device, name : str
         What it was about, as far as it says.
-    why : str
     """
 
     device: str

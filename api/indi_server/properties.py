@@ -116,16 +116,12 @@ class Facts:
 
     Attributes
     ----------
-    snapshot : Snapshot
-    skills : frozenset of Skill
     site : Site
         Of the settings.
     clock_utc : datetime
         What TIME_UTC tells: a moment ago, so that it isn't told twice a second.
     offset_h : float
         Of this machine's zone: local time minus UTC.
-    poll_s : float
-    optics : Optics or None
     target : Apparent or None
         Where it was last sent by this face.
     rate : str or None

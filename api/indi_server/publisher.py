@@ -117,7 +117,6 @@ class Telling:
 
     Parameters
     ----------
-    devices : mapping of str to IndiTelescope
     selections : Selections
         What it has chosen of ON_COORD_SET.
 

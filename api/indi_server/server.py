@@ -40,7 +40,6 @@ class IndiServer:
 
     Parameters
     ----------
-    service : Service
     settings : IndiServerSettings, optional
         Instead of the service's own.
     """

@@ -28,7 +28,6 @@ class Member:
 
     Attributes
     ----------
-    name, label : str
     value : float, bool or str
         By the vector's kind: number, switch, text.
     form : str
@@ -51,11 +50,8 @@ class Vector:
 
     Attributes
     ----------
-    name, label, group : str
     kind : {"Text", "Number", "Switch", "Light"}
     perm : {"ro", "rw", "wo"}
-    state : State
-    members : tuple of Member
     rule : str
         Of switches.
     timeout_s : float

@@ -129,10 +129,8 @@ class Leases:
 
     Parameters
     ----------
-    keeper : LeaseKeeper
     tell : callable
         ``tell(kind, data)``: publishes an event.
-    audit : Audit
     """
 
     def __init__(
@@ -217,7 +215,6 @@ class Leases:
         ----------
         caller : Caller
             Of role operate at least.
-        telescope_id : str
         ttl_s : float
             It lasts so long without a heartbeat.
         on_expiry : OnExpiry
@@ -229,7 +226,6 @@ class Leases:
 
         Returns
         -------
-        Lease
         str
             The secret that shows its holder, told this once.
 

@@ -78,7 +78,6 @@ def shares(descriptors: int, telescopes: int) -> Shares:
     ----------
     descriptors : int
         How many it may have open.
-    telescopes : int
     """
     most = min(descriptors, _MOST)
     sixteenth = most // 16
@@ -156,7 +155,6 @@ class Admitted(Generic[G]):
 
     Attributes
     ----------
-    let_in : bool
     goes : Guest or None
         Who has to go for it; it counts no more already.
     crowded : bool
@@ -173,7 +171,6 @@ class ConnectionRoom(Generic[G]):
 
     Parameters
     ----------
-    most : int
     each_address : int
         How many of these one address may have.
     fresh : int
@@ -234,12 +231,7 @@ class ConnectionRoom(Generic[G]):
 
 
 class ToldSeldom:
-    """Logs a warning that anybody could cause without end: once a minute, with how often it was so.
-
-    Parameters
-    ----------
-    log : logging.Logger
-    """
+    """Logs a warning that anybody could cause without end: once a minute, with how often it was so."""
 
     def __init__(self, log: logging.Logger) -> None:
         self._log = log

@@ -98,7 +98,6 @@ class Listening:
 
     Parameters
     ----------
-    host : str
     port : int
         0: any free one.
     serve : callable (reader, writer) -> awaitable
@@ -113,10 +112,6 @@ class Listening:
         comes.
     most : int, optional
         How many clients at a time, half of them from one address; by what the system allows if left out.
-
-    Attributes
-    ----------
-    most : int
     """
 
     def __init__(

@@ -64,15 +64,8 @@ class NightParts:
 
     Attributes
     ----------
-    telescope_id : str
-    settings : NightSettings
-    navigator : NightTelescope
-    site : Site
-    catalog : Catalog
-    solving : SolveSettings
     listen : callable
         Told of each decision.
-    journal : Journal
     search_radius_deg : float
         How far the mount's belief may be wrong.
     scale_arcsec_px : (float, float) or None
@@ -81,8 +74,6 @@ class NightParts:
         Newest journal rows of a telescope and kind, oldest first.
     wire_log : WireLog or None
         Of the mount, for recordings.
-    recording : NightRecording or None
-    clock : Clock
     placing : Placing or None
         Instead of following series.
     ready : callable or None
@@ -111,12 +102,7 @@ class NightParts:
 
 
 class NightRunner:
-    """One telescope's nights: watches the folder, takes frames in, lets time pass.
-
-    Parameters
-    ----------
-    parts : NightParts
-    """
+    """One telescope's nights: watches the folder, takes frames in, lets time pass."""
 
     def __init__(self, parts: NightParts) -> None:
         self.parts = parts
@@ -398,12 +384,7 @@ class NightRunner:
 
 
 class Nights:
-    """The runners of all telescopes that have nights.
-
-    Parameters
-    ----------
-    runners : iterable of NightRunner
-    """
+    """The runners of all telescopes that have nights."""
 
     def __init__(self, runners: Iterable[NightRunner] = ()) -> None:
         self._runners = {runner.parts.telescope_id: runner for runner in runners}
@@ -464,9 +445,6 @@ def nights_of(
 
     Parameters
     ----------
-    settings : Settings
-    observatory : Observatory
-    catalog : Catalog
     heard : callable
         ``heard(telescope_id, kind, data)``: told of each decision.
     journal : SqlJournal

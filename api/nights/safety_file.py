@@ -31,7 +31,6 @@ class SafetyFile:
 
     Parameters
     ----------
-    file : Path
     max_age_s : float
         An older one means that it isn't safe: its writer has stopped. By the machine's clock, as
         files have it.
@@ -91,8 +90,6 @@ def unsafe_by_file(file: Path, max_age_s: float, now_s: Callable[[], float]) -> 
 
     Parameters
     ----------
-    file : Path
-    max_age_s : float
     now_s : callable
         Seconds since 1970.
     """

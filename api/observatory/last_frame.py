@@ -64,10 +64,6 @@ def preview_of(pixels: NDArray[Any]) -> Preview:
     ----------
     pixels : ndarray, shape (height, width)
         In file order; NaN marks missing pixels.
-
-    Returns
-    -------
-    Preview
     """
     from PIL import Image  # not needed by a service that nobody looks at
 
@@ -120,7 +116,6 @@ class Kept:
         Of the frame.
     believed : Icrs or None
         Where the mount believed the frame's center to be.
-    verdict : Verdict
     preview : Preview or None
         Made when somebody asks for it.
     """

@@ -58,8 +58,6 @@ class Telescope:
 
     Attributes
     ----------
-    id : str
-    navigator : Navigator
     mount_address : str
         For people.
     journal : Journal
@@ -184,12 +182,7 @@ class Telescope:
 
 
 class Observatory:
-    """All telescopes of the service.
-
-    Parameters
-    ----------
-    telescopes : sequence of Telescope
-    """
+    """All telescopes of the service."""
 
     def __init__(self, telescopes: Sequence[Telescope]) -> None:
         self._telescopes = {telescope.id: telescope for telescope in telescopes}
@@ -224,7 +217,6 @@ def build_observatory(
 
     Parameters
     ----------
-    settings : Settings
     catalog : Catalog
         For drawing simulated frames.
     heard : callable
@@ -313,7 +305,6 @@ def require_devices(settings: Settings, file: Path | None = None) -> None:
 
     Parameters
     ----------
-    settings : Settings
     file : Path, optional
         Where they stand, for the line in the message.
 

@@ -29,8 +29,6 @@ class Restart:
 
     Parameters
     ----------
-    journal : SqlJournal
-    telescope_id : str
     outlives : bool
         Whether the mount goes on while the service is down; a fake that the service runs itself doesn't, and
         begins again each time.

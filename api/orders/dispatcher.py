@@ -79,12 +79,8 @@ class Dispatcher:
 
     Parameters
     ----------
-    observatory : Observatory
-    jobs : Jobs
     longer : LongerOrders
         Makes work of the orders that need more than a navigator.
-    leases : Guard
-    audit : Audit
     poll_s : float
         How often each telescope is read.
     tell : callable
@@ -198,8 +194,6 @@ class Dispatcher:
 
         Parameters
         ----------
-        caller : Caller
-        telescope_id : str
         kind : str
             Of the job.
         request : dict
@@ -211,7 +205,6 @@ class Dispatcher:
         supersede : bool
             Whether a job that holds the telescope is ended, and its mount stopped, to make room. The new job
             is there at once and begins when that is done; if the mount can't be told to stop, it fails.
-        needs : Role
         devices : bool
             Whether the telescope must be open for it.
 
@@ -264,8 +257,6 @@ class Dispatcher:
 
         Parameters
         ----------
-        telescope_id : str
-        target : Target
         supersede : bool
             As if what runs now had been stopped for it.
 
@@ -433,14 +424,7 @@ NIGHT = Caller("night", Role.CONFIGURE, Face.SERVICE)
 
 
 async def preempt(dispatcher: Dispatcher, jobs: Jobs, telescope_id: str) -> None:
-    """End the job that runs on a telescope, unless it parks it already. Raises `DeviceError`.
-
-    Parameters
-    ----------
-    dispatcher : Dispatcher
-    jobs : Jobs
-    telescope_id : str
-    """
+    """End the job that runs on a telescope, unless it parks it already. Raises `DeviceError`."""
     job = jobs.running_on(telescope_id)
     if job is not None and job.kind != "park":
         await dispatcher.stop(NIGHT, telescope_id)

@@ -64,10 +64,8 @@ class Ordering:
 
     Parameters
     ----------
-    dispatcher : Dispatcher
     audit : Audit
         Where a goto is noted that was refused before it became a job.
-    telescope_id : str
     """
 
     def __init__(self, dispatcher: Dispatcher, audit: Audit, telescope_id: str) -> None:

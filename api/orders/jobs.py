@@ -297,9 +297,6 @@ class Jobs:
 
         Parameters
         ----------
-        kind, telescope : str
-        request : dict
-        work : callable
         key : str, optional
             Made by the client.
         make_room : callable, optional
@@ -407,7 +404,6 @@ class Jobs:
 
         Parameters
         ----------
-        job : Job
         why : str
             What its owner is told.
         """

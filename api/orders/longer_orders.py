@@ -41,9 +41,6 @@ async def solve_frame(
 
     Parameters
     ----------
-    navigator : Navigator
-    order : SolveOrder
-    solver : Solver
     folders : sequence of Path
         That frames may be taken from.
 
@@ -111,11 +108,8 @@ async def run_series(
 
     Parameters
     ----------
-    navigator : Navigator
-    order : SeriesOrder
     tell : callable
         Told of each look.
-    clock : Clock, optional
 
     Raises
     ------
@@ -264,9 +258,6 @@ class LongerOrders:
 
     Parameters
     ----------
-    settings : Settings
-    observatory : Observatory
-    solver : Solver
     heard : callable
         ``heard(telescope_id, kind, data)``: called with each attempt.
     """

@@ -38,7 +38,6 @@ class RestoredState:
 
     Parameters
     ----------
-    journal : SqlJournal
     tell : callable (kind, data)
         Publishes an event.
     """

@@ -69,7 +69,6 @@ def mount_place(where: Icrs, epoch: Epoch | None, utc: datetime | None) -> Place
 
     Parameters
     ----------
-    where : Icrs
     epoch : {"apparent", "icrs"} or None
         The mount's.
     utc : datetime or None

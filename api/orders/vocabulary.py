@@ -68,7 +68,7 @@ _Planned = Annotated[
 ]
 _Exposure = Annotated[float | None, Field(gt=0, le=600)]
 LONGEST_PULSE_S = 60
-"""Longest guide pulse by any face, s; part of the interface (docs/openapi.json). Doubled, a mistyped one moves
+"""Longest guide pulse, s; part of the interface (docs/openapi.json). Doubled, a mistyped one moves
 the mount at guide rate for two minutes."""
 RateWord = Literal["sidereal", "lunar", "solar", "king"]
 

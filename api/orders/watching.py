@@ -30,7 +30,6 @@ class Snapshot:
 
     Attributes
     ----------
-    state : TelescopeState
     utc : datetime
         When it was put together; ``state.reading.utc`` tells when the mount was read.
     revision : int
@@ -53,14 +52,7 @@ class Snapshot:
 
 
 class Watch:
-    """Reads one telescope's state again and again.
-
-    Parameters
-    ----------
-    telescope : Telescope
-    jobs : Jobs
-    poll_s : float
-    """
+    """Reads one telescope's state again and again."""
 
     def __init__(self, telescope: Telescope, jobs: Jobs, poll_s: float) -> None:
         self._telescope = telescope

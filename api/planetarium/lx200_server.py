@@ -40,7 +40,6 @@ class Lx200Server(OneTelescopeServer):
 
     Parameters
     ----------
-    service : Service
     settings : Lx200ServerSettings, optional
         Instead of the service's own.
 

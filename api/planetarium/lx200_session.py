@@ -98,7 +98,6 @@ class Machine:
 
     Attributes
     ----------
-    aim : Aim
     hours_to_utc : float or None
         Its zone, as told.
     """
@@ -147,7 +146,6 @@ class Here:
 
     Parameters
     ----------
-    site : Site
     machine : Machine
         Of the app: it has a zone of its own.
     """
@@ -245,10 +243,6 @@ class Lx200Client:
 
     Parameters
     ----------
-    caller : Caller
-    watch : Watch
-    ordering : Ordering
-    site : Site
     machine : Machine
         The app's.
     letter : bytes

@@ -34,7 +34,6 @@ class Goto:
 
     Attributes
     ----------
-    place : Icrs
     time_us : int
         Its clock, microseconds since 1970; nobody counts on it.
     """

@@ -32,7 +32,6 @@ class StellariumServer(OneTelescopeServer):
 
     Parameters
     ----------
-    service : Service
     settings : StellariumSettings, optional
         Instead of the service's own.
 

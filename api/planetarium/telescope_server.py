@@ -23,8 +23,6 @@ class OneTelescopeServer(ABC):
 
     Parameters
     ----------
-    service : Service
-    settings : Lx200ServerSettings or StellariumSettings
     section : str
         Of the settings, for messages.
     name : str
@@ -77,7 +75,6 @@ def telescope_of(service: Service, named: str | None, section: str) -> str:
 
     Parameters
     ----------
-    service : Service
     named : str or None
         As the settings have it.
     section : str

@@ -43,7 +43,6 @@ class ProcessEnded(Exception):
 
     Parameters
     ----------
-    how : str
     out_of_cpu : bool
         The kernel ended it for its limit of CPU time.
     """
@@ -58,7 +57,6 @@ class ProcessLink:
 
     Parameters
     ----------
-    process : subprocess.Popen
     link : socket.socket
         Our end, not blocking.
     """
@@ -203,7 +201,6 @@ class Upload:
 
     Attributes
     ----------
-    name : str
     file : int
         An open descriptor; the maker of the upload closes it.
     """

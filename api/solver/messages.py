@@ -83,7 +83,6 @@ class Fault:
     ----------
     kind : str
         The class: one of ours, or one of Python's own; any other arrives as a RuntimeError.
-    what : str
     device, advice : str or None
         Of one of ours.
     notes : tuple of str
@@ -126,13 +125,11 @@ class Done:
 
     Attributes
     ----------
-    verdict : Verdict or None
     frame : Frame or None
         With an empty array for pixels; these lie in the file that came along with the order to read.
     dtype : str
         Of those pixels.
     shape : tuple of int
-    fault : Fault or None
     grown_mb : float
         Memory that the process holds since it is warm, now that the task is done.
     """
@@ -326,7 +323,6 @@ class SharedPixels:
     ----------
     frame : Frame
         With an empty array for pixels.
-    dtype : str
     shape : tuple of int
     """
 
@@ -348,8 +344,6 @@ class Task:
 
     Attributes
     ----------
-    source : SharedPixels or SharedFile
-    hint : Hint or None
     settings : SolveSettings
         Without masters and index, which have ways of their own.
     calibration_number : int or None

@@ -62,11 +62,6 @@ _BLOCK_BYTES = 2880
 def warmed_up(catalog: Catalog, index: BlindIndex | None) -> tuple[str, ...]:
     """Solve a drawn frame at a glance, in full, blind, and from a file.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    index : BlindIndex or None
-
     Returns
     -------
     tuple of str
@@ -149,12 +144,7 @@ may hold some of it. Frames leave up to 30 MB behind; doubled, twice as much sta
 
 
 class Bench:
-    """What the process keeps between two frames.
-
-    Parameters
-    ----------
-    setup : Setup
-    """
+    """What the process keeps between two frames."""
 
     def __init__(self, setup: Setup) -> None:
         self._catalog = setup.catalog

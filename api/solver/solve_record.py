@@ -32,7 +32,6 @@ def solve_answer(file: str, verdict: Verdict) -> Answer:
     ----------
     file : str
         What to call the frame.
-    verdict : Verdict
 
     Returns
     -------

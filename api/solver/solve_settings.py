@@ -79,7 +79,6 @@ def chosen_settings(
         A settings file, of which `[solving]` counts.
     profile : str or None
         "measured" or "paper".
-    budget_s : float or None
     calibration : Path or None
         A folder of masters.
     blind : {"after", "only", "never"} or None

@@ -49,7 +49,6 @@ class EventStream(StreamingResponse):
 
     Parameters
     ----------
-    reader : Reader
     first : sequence of Event
         Sent before anything else.
     ends_with : callable, optional
