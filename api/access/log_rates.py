@@ -71,7 +71,7 @@ class _Minute:
     left_out: int = 0
 
 
-class Sparing(logging.Filter):
+class RateLimitedLog(logging.Filter):
     """Lets a handler write so many lines of each place a minute; tells how many more there were."""
 
     def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
@@ -115,7 +115,7 @@ class Sparing(logging.Filter):
 _log = logging.getLogger(__name__)
 
 
-def spare_logs(*loggers: str) -> None:
+def limit_log_rates(*loggers: str) -> None:
     """Bound what the handlers of these loggers write, and what goes out where there are none. Twice is fine.
 
     Parameters
@@ -127,8 +127,8 @@ def spare_logs(*loggers: str) -> None:
     if logging.lastResort is not None:
         handlers.append(logging.lastResort)
     for handler in handlers:
-        if not any(isinstance(log_filter, Sparing) for log_filter in handler.filters):
-            handler.addFilter(Sparing())
+        if not any(isinstance(log_filter, RateLimitedLog) for log_filter in handler.filters):
+            handler.addFilter(RateLimitedLog())
 
 
 def _make_plain(record: logging.LogRecord) -> None:
@@ -154,4 +154,4 @@ def _plain(value: object) -> object:
     return plain if isinstance(value, str) or plain != str(value) else value
 
 
-__all__ = ["KnownCallers", "Sparing", "spare_logs"]
+__all__ = ["KnownCallers", "RateLimitedLog", "limit_log_rates"]

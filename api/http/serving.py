@@ -15,7 +15,7 @@ from types import FrameType
 import uvicorn
 from fastapi import FastAPI
 
-from api.access.log_rates import spare_logs
+from api.access.log_rates import limit_log_rates
 from api.demo.observatory import demo_journal
 from api.http.app import create_app
 from api.http.connections import Bounds, Gate
@@ -117,7 +117,7 @@ def make_server(app: FastAPI, *, log_level: str = "info", own_process: bool = Fa
         ws="none",
         backlog=shared.burst,
     )
-    spare_logs("uvicorn", "uvicorn.access")
+    limit_log_rates("uvicorn", "uvicorn.access")
     return ObservatoryServer(config, app, own_process=own_process)
 
 

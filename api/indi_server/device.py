@@ -13,7 +13,7 @@ from collections.abc import Callable, Coroutine, Sequence
 from datetime import timedelta
 
 from api.access.callers import Caller
-from api.indi_server.orders import Answer, TakingOrders
+from api.indi_server.orders import Answer, IndiOrders
 from api.indi_server.properties import (
     COORDINATES,
     Facts,
@@ -24,7 +24,7 @@ from api.indi_server.properties import (
     vectors_of,
 )
 from api.indi_server.vectors import Vector
-from api.orders.goto_orders import NotTaken, Ordering, require_success
+from api.orders.goto_orders import GotoOrders, NotTaken, require_success
 from api.orders.job import Job
 from api.service import Service
 from drivers.indi.codec.messages import Ordered, State
@@ -75,10 +75,10 @@ class IndiTelescope:
         self._service = service
         self._telescope = service.observatory.telescope(settings.id)
         self._watch = service.dispatcher.watch(settings.id)
-        self._ordering = Ordering(service.dispatcher, service.audit, settings.id)
+        self._ordering = GotoOrders(service.dispatcher, service.audit, settings.id)
         self._optics = optics_of(settings)
         self._changed, self._say, self._died = changed, say, died
-        self._orders = TakingOrders(
+        self._orders = IndiOrders(
             self._ordering, self._watch, self._telescope.navigator.mount.site, self._follow
         )
         self._clock_utc = utc_now()

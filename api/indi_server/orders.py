@@ -13,7 +13,7 @@ from datetime import datetime
 from api.access.callers import Caller
 from api.indi_server.properties import COORDINATES, PULSES
 from api.indi_server.vectors import Vector
-from api.orders.goto_orders import Ordering
+from api.orders.goto_orders import GotoOrders
 from api.orders.job import Job
 from api.orders.targets import ApparentTarget
 from api.orders.vocabulary import GuideOrder, HomeOrder, ParkOrder, SetParkOrder, TrackingOrder, UnparkOrder
@@ -22,7 +22,7 @@ from drivers.indi.codec.messages import Ordered, State
 from mountnav.clock import utc_now
 from mountnav.sky.coordinates import Apparent, Site
 
-__all__ = ["Answer", "TakingOrders", "chosen_switch", "number_of", "site_answer", "time_answer"]
+__all__ = ["Answer", "IndiOrders", "chosen_switch", "number_of", "site_answer", "time_answer"]
 
 
 _SAME_TIME_S = 5.0
@@ -115,7 +115,7 @@ def time_answer(ordered: Ordered, now: datetime) -> Answer:
     )
 
 
-class TakingOrders:
+class IndiOrders:
     """Takes the orders to one telescope.
 
     Parameters
@@ -134,7 +134,7 @@ class TakingOrders:
     """
 
     def __init__(
-        self, ordering: Ordering, watch: Watch, site: Site, follow: Callable[[Job, str], None]
+        self, ordering: GotoOrders, watch: Watch, site: Site, follow: Callable[[Job, str], None]
     ) -> None:
         self.target: Apparent | None = None
         self.rate: str | None = None

@@ -25,7 +25,7 @@ from api.indi_server.vectors import Vector, definition, deletion, saying, settin
 from drivers.indi.codec.messages import State
 from mountnav.clock import utc_now
 
-__all__ = ["SYNC", "USUAL", "LeftSelections", "Selections", "Telling"]
+__all__ = ["SYNC", "USUAL", "LeftSelections", "Publisher", "Selections"]
 
 
 _LEFT_LIVES_S = 300.0
@@ -112,7 +112,7 @@ _FOR_EVER = 1 << 62
 """A revision that no reading reaches: the property is held back until it is released."""
 
 
-class Telling:
+class Publisher:
     """What one client knows.
 
     Parameters

@@ -11,7 +11,7 @@ from api.indi_server.device import IndiTelescope, device_names
 from api.indi_server.orders import Answer
 from api.indi_server.publisher import LeftSelections
 from api.indi_server.vectors import saying
-from api.listeners.tcp import Listening, Turns
+from api.listeners.tcp import TcpPort, Turns
 from api.service import Service
 from mountnav.clock import utc_now
 from mountnav.settings.faces import IndiServerSettings
@@ -63,7 +63,7 @@ class IndiServer:
             )
             for telescope in telescopes
         }
-        self._listening = Listening(
+        self._listening = TcpPort(
             self._settings.host, self._settings.port, self._serve, name="INDI", full=_full
         )
         self._events: asyncio.Task[None] | None = None

@@ -25,7 +25,7 @@ from api.listeners.admission import (
 )
 from mountnav.errors import BadSettings
 
-__all__ = ["STOPS_AT_ONCE", "Allowance", "Listening", "Serve", "Turns"]
+__all__ = ["STOPS_AT_ONCE", "Allowance", "Serve", "TcpPort", "Turns"]
 
 
 Part = TypeVar("Part")
@@ -93,7 +93,7 @@ _SILENT_S, _ASKED_AGAIN_S, _ASKED_TIMES = 60, 15, 4
 """A phone that left the network is noticed after two minutes; the system's own default is two hours."""
 
 
-class Listening:
+class TcpPort:
     """Listens, and has each client served.
 
     Parameters

@@ -59,7 +59,7 @@ def words_of(problem: Problem) -> str:
     return f"{said} ({problem.advice})" if problem.advice else said
 
 
-class Ordering:
+class GotoOrders:
     """Gives one telescope's orders of one face.
 
     Parameters
@@ -222,4 +222,4 @@ def _not_taken(refusal: Refused | MountnavError) -> NotTaken:
     return NotTaken(refusal.problem if isinstance(refusal, Refused) else problem_of(refusal))
 
 
-__all__ = ["LONGEST_SHORT_S", "NotTaken", "Ordering", "require_success", "words_of"]
+__all__ = ["LONGEST_SHORT_S", "GotoOrders", "NotTaken", "require_success", "words_of"]

@@ -17,7 +17,7 @@ from datetime import datetime, time, timedelta
 from typing import Literal
 
 from api.access.callers import Caller
-from api.orders.goto_orders import NotTaken, Ordering
+from api.orders.goto_orders import GotoOrders, NotTaken
 from api.orders.targets import ApparentTarget
 from api.orders.vocabulary import LONGEST_PULSE_S, GuideOrder, ParkOrder, UnparkOrder
 from api.orders.watching import Snapshot, Watch, apparent_place
@@ -39,7 +39,7 @@ from mountnav.sky.chain import sidereal_time_deg
 from mountnav.sky.coordinates import Apparent, Site
 from mountnav.tasks import Died, begun
 
-__all__ = ["Aim", "Aims", "Half", "Here", "Lx200Client", "Machine", "MountLost"]
+__all__ = ["Aim", "Aims", "Half", "Lx200Client", "Machine", "MountLost", "SiteAndClock"]
 
 
 Half = Literal["r", "d"]
@@ -141,7 +141,7 @@ _BUILT = {"VD": b"Jan 01 2026", "VT": b"00:00:00"}
 """Some clients wait for a date of the firmware: a form of words, as no firmware is here."""
 
 
-class Here:
+class SiteAndClock:
     """What is the same wherever the mount points.
 
     Parameters
@@ -255,7 +255,7 @@ class Lx200Client:
         self,
         caller: Caller,
         watch: Watch,
-        ordering: Ordering,
+        ordering: GotoOrders,
         site: Site,
         machine: Machine,
         letter: bytes,
@@ -268,7 +268,7 @@ class Lx200Client:
         self._caller = caller
         self._watch = watch
         self._ordering = ordering
-        self._here = Here(site, machine)
+        self._here = SiteAndClock(site, machine)
         self._aims = Aims(machine)
         self._letter = letter
         self._short = False

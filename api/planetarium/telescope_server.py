@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 from abc import ABC, abstractmethod
 
-from api.listeners.tcp import Listening
-from api.orders.goto_orders import Ordering
+from api.listeners.tcp import TcpPort
+from api.orders.goto_orders import GotoOrders
 from api.service import Service
 from mountnav.errors import BadSettings
 from mountnav.settings.faces import Lx200ServerSettings, StellariumSettings
@@ -28,7 +28,7 @@ class OneTelescopeServer(ABC):
     name : str
         Of the port, for messages.
     speaks_first : bool
-        Whether its clients say something as soon as they come; see `Listening`.
+        Whether its clients say something as soon as they come; see `TcpPort`.
 
     Raises
     ------
@@ -47,8 +47,8 @@ class OneTelescopeServer(ABC):
     ) -> None:
         self._id = telescope_of(service, settings.telescope, section)
         self._watch = service.dispatcher.watch(self._id)
-        self._ordering = Ordering(service.dispatcher, service.audit, self._id)
-        self._listening = Listening(
+        self._ordering = GotoOrders(service.dispatcher, service.audit, self._id)
+        self._listening = TcpPort(
             settings.host, settings.port, self._serve, name=name, speaks_first=speaks_first
         )
 

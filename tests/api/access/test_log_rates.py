@@ -11,7 +11,7 @@ import pytest
 
 from api.access.audit import EACH_S, Audit, AuditedRequests, Seldom, Unnoted
 from api.access.callers import Caller, Face, Role
-from api.access.log_rates import KnownCallers, Sparing
+from api.access.log_rates import KnownCallers, RateLimitedLog
 from api.problems import Refused, problem
 from mountnav.journal.audit_and_leases import AuditRow
 
@@ -31,7 +31,7 @@ class Log:
     def __init__(self, name: str, clock: Clock) -> None:
         self.text = io.StringIO()
         self.handler = logging.StreamHandler(self.text)
-        self.handler.addFilter(Sparing(clock))
+        self.handler.addFilter(RateLimitedLog(clock))
         self.logger = logging.getLogger(name)
         self.logger.setLevel(logging.INFO)
         self.logger.addHandler(self.handler)
@@ -77,7 +77,7 @@ def test_one_place_fills_no_log_and_hides_no_other_place(
 
 
 def test_what_is_said_makes_one_line_of_bounded_length(log: Log, clock: Clock) -> None:
-    log.handler.addFilter(Sparing(clock))  # as if another handler had it before
+    log.handler.addFilter(RateLimitedLog(clock))  # as if another handler had it before
     _say(log, "a\r\nERROR: all is lost\x1b[2J" + "x" * 8000)
     (line,) = log.lines
     assert "a\\x0d\\x0aERROR: all is lost\\x1b[2Jxx" in line

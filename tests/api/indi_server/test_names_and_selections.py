@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from api.indi_server.device import device_names
 from api.indi_server.parser import Asked
-from api.indi_server.publisher import LeftSelections, Selections, Telling
+from api.indi_server.publisher import LeftSelections, Publisher, Selections
 from mountnav.settings.observatory import Settings
 from tests.api.indi_server.face_rig import OBSERVATORY
 
@@ -42,7 +42,7 @@ def test_two_telescopes_of_one_name_are_two_devices() -> None:
 
 
 def test_questions_about_nothing_are_not_remembered_without_end() -> None:
-    telling = Telling({}, Selections(LeftSelections(), "10.0.0.1"))
+    telling = Publisher({}, Selections(LeftSelections(), "10.0.0.1"))
     for which in range(3000):
         telling.ask(Asked("nobody", f"NOTHING_{which}"))
     assert len(telling._asked) == 1000

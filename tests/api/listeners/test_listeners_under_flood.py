@@ -12,7 +12,7 @@ import pytest
 import pytest_asyncio
 
 from api.access.callers import Caller, Face, Role
-from api.indi_server.publisher import Telling
+from api.indi_server.publisher import Publisher
 from api.indi_server.server import IndiServer
 from api.listeners.tcp import STOPS_AT_ONCE
 from api.observatory.observatory import Telescope
@@ -123,7 +123,7 @@ async def test_no_goto_is_looked_at_while_another_faces_stop_is_under_way(
         await clock.turns(2)
         reader, writer = await _lx200(rig)
         heard: list[bytes] = []
-        monkeypatch.setattr(Lx200Client, "_slew", _telling(heard))
+        monkeypatch.setattr(Lx200Client, "_slew", _publisher(heard))
         writer.write(BELOW)
         await until(lambda: bool(heard), "the goto is heard")
         await clock.turns(200)
@@ -137,7 +137,7 @@ async def test_no_goto_is_looked_at_while_another_faces_stop_is_under_way(
     clock.end()
 
 
-def _telling(heard: list[bytes]) -> Callable[..., Awaitable[bytes]]:
+def _publisher(heard: list[bytes]) -> Callable[..., Awaitable[bytes]]:
     slew = Lx200Client._slew
 
     async def told(client: Lx200Client) -> bytes:
@@ -171,13 +171,13 @@ async def test_questions_of_many_indi_clients_are_answered_in_turns_of_their_own
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock, seen = Clock(), []
-    ask = Telling.ask
+    ask = Publisher.ask
 
-    def noting(telling: Telling, asked: object) -> None:
+    def noting(telling: Publisher, asked: object) -> None:
         seen.append(clock.turn)
         ask(telling, asked)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(Telling, "ask", noting)
+    monkeypatch.setattr(Publisher, "ask", noting)
     async with contextlib.AsyncExitStack() as open_ones:
         clients = [await open_ones.enter_async_context(raw_client(rig.indi, asking=False)) for _ in range(8)]
         for one in clients:

@@ -16,9 +16,9 @@ from api.alpaca.motion import Motion, Pulses
 from api.indi_server import connection
 from api.indi_server import server as indi_server
 from api.indi_server.device import IndiTelescope
-from api.indi_server.publisher import Telling
+from api.indi_server.publisher import Publisher
 from api.indi_server.server import IndiServer
-from api.orders.goto_orders import Ordering
+from api.orders.goto_orders import GotoOrders
 from api.orders.targets import ApparentTarget
 from api.orders.vocabulary import GuideOrder, SlewOrder
 from api.orders.watching import Watch
@@ -58,7 +58,12 @@ async def indi(service: Service) -> AsyncIterator[IndiServer]:
 
 @pytest.mark.parametrize(
     ("room", "name"),
-    [(connection.Connection, "_take"), (Telling, "out"), (connection.Connection, "_order"), (Telling, "ask")],
+    [
+        (connection.Connection, "_take"),
+        (Publisher, "out"),
+        (connection.Connection, "_order"),
+        (Publisher, "ask"),
+    ],
 )
 async def test_a_task_of_an_indi_connection_ends_it(
     indi: IndiServer, room: type, name: str, monkeypatch: pytest.MonkeyPatch
@@ -93,7 +98,7 @@ async def test_a_stop_over_indi_that_hits_a_fault_is_not_told_as_done(
     indi: IndiServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with raw_client(indi) as raw:
-        monkeypatch.setattr(Ordering, "stop", died)
+        monkeypatch.setattr(GotoOrders, "stop", died)
         mark = len(raw.heard)
         await raw.say(switch("TELESCOPE_ABORT_MOTION", "ABORT"))
         await raw.until(lambda: any("not known" in words for words in raw.words(mark)), "told")
@@ -115,8 +120,8 @@ async def closes(address: tuple[str, int], said: bytes) -> None:
         (lx200_server, "is_http", b":GR#"),
         (Lx200Client, "answer", b":GR#"),
         (Lx200Client, "stop", b":Q#"),
-        (Ordering, "short", b":Mgn100#"),
-        (Ordering, "sync", b":Sr05:00:00#:Sd+20*00:00#:CM#"),
+        (GotoOrders, "short", b":Mgn100#"),
+        (GotoOrders, "sync", b":Sr05:00:00#:Sd+20*00:00#:CM#"),
     ],
 )
 async def test_a_task_of_an_lx200_connection_ends_it(

@@ -8,7 +8,7 @@ from contextlib import ExitStack, suppress
 
 import pytest
 
-from api.listeners.tcp import Listening
+from api.listeners.tcp import TcpPort
 
 pytestmark = pytest.mark.asyncio
 
@@ -22,7 +22,7 @@ async def test_a_client_too_many_is_told_and_let_go_and_room_is_made_by_one_that
         await reader.read()
         left.release()
 
-    port = Listening("127.0.0.1", 0, serve, name="a test", full=lambda count: b"full %d" % count)
+    port = TcpPort("127.0.0.1", 0, serve, name="a test", full=lambda count: b"full %d" % count)
     await port.start()
     clients = [await asyncio.open_connection(*port.address) for _ in range(port.most // 2)]
     try:
@@ -57,7 +57,7 @@ async def test_clients_that_never_spoke_make_room_where_clients_speak_first(
         writer.write(b"hello")
         await reader.read()
 
-    port = Listening("127.0.0.1", 0, serve, name="a test", speaks_first=speaks_first, most=4)
+    port = TcpPort("127.0.0.1", 0, serve, name="a test", speaks_first=speaks_first, most=4)
     await port.start()
     mute = [await asyncio.open_connection(*port.address) for _ in range(2)]
     try:
@@ -84,7 +84,7 @@ async def _closed(writer: asyncio.StreamWriter) -> None:
         await writer.wait_closed()
 
 
-async def _is_heard(port: Listening) -> bool:
+async def _is_heard(port: TcpPort) -> bool:
     """Whether a stop is; it comes a moment after its connection, as from another machine."""
     reader, writer = await asyncio.open_connection(*port.address)
     await asyncio.sleep(0)
@@ -104,7 +104,7 @@ async def _hear_first_byte(reader: asyncio.StreamReader, writer: asyncio.StreamW
 
 
 async def test_one_that_has_just_come_makes_no_room_for_newcomers_of_the_same_moment() -> None:
-    port = Listening("127.0.0.1", 0, _hear_first_byte, name="a test", most=8)
+    port = TcpPort("127.0.0.1", 0, _hear_first_byte, name="a test", most=8)
     await port.start()
     with ExitStack() as held:
         # all of them are there before the loop has a turn to accept one: the stop is the oldest
@@ -121,7 +121,7 @@ async def test_one_that_has_just_come_makes_no_room_for_newcomers_of_the_same_mo
 
 
 async def test_beside_clients_that_reconnect_without_end_each_stop_is_heard() -> None:
-    port = Listening("127.0.0.1", 0, _hear_first_byte, name="a test", most=16)
+    port = TcpPort("127.0.0.1", 0, _hear_first_byte, name="a test", most=16)
     await port.start()
     came = 0
 
@@ -151,7 +151,7 @@ async def test_beside_clients_that_reconnect_without_end_each_stop_is_heard() ->
 async def test_clients_that_are_turned_away_without_end_are_logged_seldom(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    port = Listening("127.0.0.1", 0, _hear_first_byte, name="a test", speaks_first=False, most=2)
+    port = TcpPort("127.0.0.1", 0, _hear_first_byte, name="a test", speaks_first=False, most=2)
     await port.start()
 
     async def turned_away(count: int) -> None:
@@ -183,7 +183,7 @@ async def test_a_client_that_vanished_is_noticed_within_minutes() -> None:
         connection: socket.socket = writer.get_extra_info("socket")
         found.set_result(tuple(connection.getsockopt(socket.IPPROTO_TCP, one) for one in options if one))
 
-    port = Listening("127.0.0.1", 0, serve, name="a test")
+    port = TcpPort("127.0.0.1", 0, serve, name="a test")
     await port.start()
     _, writer = await asyncio.open_connection(*port.address)
     async with asyncio.timeout(60.0):
