@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from api.access.security import allowed_file
-from api.observatory.observatory import Observatory
+from api.observatory.observatory import Heard, Observatory
 from api.orders.execute_order import Work, there
 from api.orders.results import DriftView, SeriesLookView, SeriesView, SolvedView, mount_place, place
 from api.orders.vocabulary import LongerOrder, ModelRunOrder, SeriesOrder, SolveOrder
@@ -248,9 +248,6 @@ def _drift_view(drift: Drift) -> DriftView:
         looks=drift.frames,
         outliers=drift.outliers,
     )
-
-
-Heard = Callable[[str, str, dict[str, object]], None]
 
 
 class LongerOrders:
