@@ -42,7 +42,7 @@ from mountnav.tasks import fault_words, waited_for
 _log = logging.getLogger(__name__)
 
 TICK_S = 5.0
-"""Between two ticks of a night and two looks at its safety file, s; docs/night.md. Doubled, rain is noticed
+"""Between two ticks of a night and two looks at its safety file, s; chosen by hand. Doubled, rain is noticed
 up to 5 s later."""
 READY_AGAIN_S = 15.0
 """Between tries to reach a mount that isn't there, s: each may take long, and lists ports. Doubled, a night
