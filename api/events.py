@@ -1,4 +1,4 @@
-"""What happened, in order, for whoever listens: a ring of events, each with an id to resume from."""
+"""What happened, in order, for anyone who listens: a ring of events, each with an id to resume from."""
 
 from __future__ import annotations
 
@@ -90,7 +90,6 @@ class Events:
 
         Parameters
         ----------
-        last_event_id : str, optional
         about : callable, optional
             Only these events; gaps are told in any case.
         """
@@ -140,7 +139,7 @@ class Events:
         return self._last
 
     def gap(self, why: str) -> Event:
-        """An event that tells of a gap; whoever resumes from its id gets all that is kept."""
+        """An event that tells of a gap; anyone who resumes from its id gets all that is kept."""
         number = self._ring[0].number - 1 if self._ring else self._last
         return self._event(number, "gap", {"why": why})
 
@@ -176,10 +175,8 @@ class Reader:
 
     Parameters
     ----------
-    events : Events
     place : int
         Number of the last event that he knows.
-    about : callable, optional
     strange : bool
         He came with an id that means nothing here.
     """

@@ -28,7 +28,11 @@ from mountnav.devices import SyncOutcome
 from mountnav.tasks import begun
 
 _SOLVE_S = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 60.0)
+"""Bucket bounds of the histogram of solve times, s: from a quick look (0.05) to the longest budget. Part of
+the Prometheus interface: changed bounds break recorded dashboards."""
 _OFFSETS_ARCSEC = (1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 120.0, 300.0, 900.0, 1800.0, 3600.0)
+"""Bucket bounds of the histogram of pointing offsets, arcsec: from a good model (1) to lost (1°). As
+above."""
 _ENDS = tuple(str(end) for end in sorted(ENDS))
 _SYNCS = {
     str(SyncOutcome.SEEN): "seen",
@@ -55,18 +59,9 @@ class JournalHealth(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Observed:
-    """What is told of.
+    """What is told of."""
 
-    Attributes
-    ----------
-    desk : Desk
-    jobs : Jobs
-    events : Events
-    leases : Leases
-    journal : JournalHealth
-    """
-
-    desk: Dispatcher
+    dispatcher: Dispatcher
     jobs: Jobs
     events: Events
     leases: Leases
@@ -74,16 +69,11 @@ class Observed:
 
 
 class Metrics:
-    """All figures of one service, in registries of its own. Used from the event loop's thread alone.
-
-    Parameters
-    ----------
-    observed : Observed
-    """
+    """All figures of one service, in registries of its own. Used from the event loop's thread alone."""
 
     def __init__(self, observed: Observed) -> None:
         self._observed = observed
-        self._counted = _Counted([one.id for one in observed.desk.telescopes])
+        self._counted = _Counted([telescope.id for telescope in observed.dispatcher.telescopes])
         self.registry = self._counted.registry
         self.registry.register(_Now(observed))
         ProcessCollector(registry=self.registry)
@@ -254,9 +244,9 @@ class _Now(Collector):
         leased = gauge("leased", "Whether somebody holds the telescope.")
         running = gauge("job_running", "Whether a job holds the telescope.")
         now = utc_now()
-        for telescope in self._observed.desk.telescopes:
+        for telescope in self._observed.dispatcher.telescopes:
             name = (telescope.id,)
-            snapshot = self._observed.desk.watch(telescope.id).latest
+            snapshot = self._observed.dispatcher.watch(telescope.id).latest
             state, reading = snapshot.state, snapshot.state.reading
             connected.add_metric(name, float(state.connected))
             known = {

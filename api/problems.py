@@ -1,4 +1,7 @@
-"""Every error as a problem+json (RFC 9457): a stable type, what happened, to what, and what to do."""
+"""Every error as a problem+json (RFC 9457): a stable type, what happened, to what, and what to do.
+
+Refusals from before all routes are problems for programs of REST, plain words for those of Alpaca.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,9 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response
 from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
+from starlette.responses import PlainTextResponse
 from starlette.routing import Match
+from starlette.types import Scope
 
 from mountnav.errors import (
     DeviceRefused,
@@ -23,6 +28,9 @@ from mountnav.errors import (
     TargetNotReached,
 )
 from mountnav.masking import masked
+
+__all__ = ["ALPACA_PATHS", "refusal_response"]
+
 
 PROBLEM_TYPE = "application/problem+json"
 _PREFIX = "urn:mountnav:problem:"
@@ -78,6 +86,8 @@ RETRY_AFTER_S: dict[str, float] = {
 }
 """How long to wait before the same request is sent again, where it may succeed then."""
 _ANY_RETRY_AFTER_S = 5.0
+"""Seconds to wait where `RETRY_AFTER_S` names no slug of a status that may be retried; chosen by hand.
+Doubled, clients that obey come back twice as late."""
 _TITLES = {
     "device-error": "A device failed",
     "device-missing": "The device can't be reached",
@@ -162,7 +172,7 @@ def problem(
     errors: list[dict[str, str]] | None = None,
     retry_after_s: float | None = None,
 ) -> Problem:
-    """Make a problem of a slug. One that is retryable says after how long, by `RETRY_AFTER_S` if not told."""
+    """Make a problem of a slug. One that is retryable says after how long, else by `RETRY_AFTER_S`."""
     if retryable and retry_after_s is None:
         retry_after_s = RETRY_AFTER_S.get(slug, _ANY_RETRY_AFTER_S)
     return Problem(
@@ -205,7 +215,7 @@ def _reasons(error: MountnavError) -> list[str] | None:
             named = (reason,)
         case _:
             named = ()
-    return [str(one) for one in named if one] or None
+    return [str(reason) for reason in named if reason] or None
 
 
 def internal_problem() -> Problem:
@@ -228,7 +238,6 @@ class Refused(Exception):
 
     Parameters
     ----------
-    found : Problem
     headers : dict, optional
         Extra response headers.
     """
@@ -255,10 +264,10 @@ def install(app: FastAPI) -> None:
         # `input` and `ctx` stay out: they echo what was sent, NaN among it, which no JSON can hold.
         found = error.errors()
         wrong = [
-            {"at": ".".join(str(part) for part in one["loc"])[:_LONGEST], "what": one["msg"][:_LONGEST]}
-            for one in found[:_ERRORS_MOST]
+            {"at": ".".join(str(part) for part in fault["loc"])[:_LONGEST], "what": fault["msg"][:_LONGEST]}
+            for fault in found[:_ERRORS_MOST]
         ]
-        told = "; ".join(f"{one['at']}: {one['what']}" for one in wrong[:5])
+        told = "; ".join(f"{fault['at']}: {fault['what']}" for fault in wrong[:5])
         advice = _advice(request, error)
         return problem_response(problem("bad-request", 422, told, advice=advice, errors=wrong))
 
@@ -316,3 +325,17 @@ def responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
         status: {"description": described.get(status, "The request can't be carried out"), "content": content}
         for status in sorted({400, 401, 403, 413, 422, 429, *statuses})
     }
+
+
+ALPACA_PATHS = ("/api/", "/management/", "/setup")
+"""Where Alpaca is spoken: whatever is no 200 is plain text there [Alpaca §2]."""
+
+
+def refusal_response(scope: Scope, found: Problem) -> Response:
+    """Answer a request with why it is not let through, as its face has it."""
+    answer = problem_response(found)
+    if not scope["path"].startswith(ALPACA_PATHS):
+        return answer
+    words = found.detail if found.advice is None else f"{found.detail} ({found.advice})"
+    again = {name: answer.headers[name] for name in ("retry-after",) if name in answer.headers}
+    return PlainTextResponse(masked(words), found.status, again)

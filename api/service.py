@@ -33,6 +33,8 @@ from mountnav.settings.observatory import Settings
 from mountnav.solving.settings import SolveSettings
 
 _FIRST_READINGS_S = 5.0
+"""Longest wait for the first readings of all telescopes at the start, s; chosen by hand. Doubled, a service
+with a silent mount begins 5 s later; halved, slow mounts are unknown to the first request."""
 
 
 @dataclass(slots=True)
@@ -47,12 +49,12 @@ class Service:
     solver: Solver
     journal: SqlJournal
     nights: Nights
-    desk: Dispatcher
+    dispatcher: Dispatcher
     leases: Leases
     audit: Audit
     metrics: Metrics
-    remembering: RestoredState
-    doors: Listeners = field(default_factory=lambda: Listeners({}))
+    restored: RestoredState
+    listeners: Listeners = field(default_factory=lambda: Listeners({}))
     _halted: bool = False
 
     def solve_settings(self, telescope_id: str | None) -> SolveSettings:
@@ -66,13 +68,13 @@ class Service:
         if self._halted:
             return
         self._halted = True
-        await self.remembering.close()
-        await self.doors.stop()
+        await self.restored.close()
+        await self.listeners.stop()
         # a night's correction ends before the mount is let go, and all of it is written down
         await self.nights.close()
         await self.leases.close()
         await self.metrics.close()
-        await self.desk.close()
+        await self.dispatcher.close()
         await self.jobs.close()
         await self.observatory.close()
         await self.solver.close()
@@ -87,7 +89,7 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
     ------
     BadSettings, JournalDamaged
         The journal is of another kind or damaged, or a pointing model can't be read: then nothing is started.
-        One that can't be opened or written now is no reason: see `Remembering`.
+        One that can't be opened or written now is no reason: see `RestoredState`.
     """
     journal = await asyncio.to_thread(
         open_journal,
@@ -100,7 +102,7 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         patient=True,
     )
     events = Events(settings.service.events_kept)
-    ids = frozenset(one.id for one in settings.telescope)
+    ids = frozenset(telescope.id for telescope in settings.telescope)
     jobs = Jobs(
         events, settings.service.jobs_kept, store=JobStore(journal, journal.reader, ids), view=_as_json
     )
@@ -116,19 +118,19 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         build_early=early,
         limits=Limits(settings.solving.memory_mb),
     )
-    remembering = RestoredState(journal, tell)
+    restored = RestoredState(journal, tell)
     try:
         observatory = build_observatory(settings, catalog, jobs.heard, solver, journal)
     except BaseException:
         await asyncio.to_thread(journal.close)
         raise
     # keys and what was running are known before any order is taken
-    await remembering.first(jobs.take_up)
+    await restored.first(jobs.take_up)
     solver.open()
     await observatory.open()
     audit = Audit(journal)
     leases = Leases(journal, events.publish, audit)
-    desk = Dispatcher(
+    dispatcher = Dispatcher(
         observatory,
         jobs,
         longer=LongerOrders(settings, observatory, solver, jobs.heard),
@@ -136,31 +138,33 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         audit=audit,
         poll_s=settings.service.state_poll_s,
         tell=events.publish,
-        unwritable=lambda: remembering.problem,
+        unwritable=lambda: restored.problem,
     )
-    desk.start()
+    dispatcher.start()
     nights = nights_of(
-        settings, observatory, catalog, jobs.heard, journal, make_way=partial(preempt, desk, jobs)
+        settings, observatory, catalog, jobs.heard, journal, make_way=partial(preempt, dispatcher, jobs)
     )
-    await remembering.first(nights.start)
+    await restored.first(nights.start)
     # the first who asks is to be told where the telescopes point, and not that nobody knows yet
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(_FIRST_READINGS_S):
-            await asyncio.gather(*(desk.watch(one.id).next(0) for one in desk.telescopes))
+            await asyncio.gather(
+                *(dispatcher.watch(telescope.id).next(0) for telescope in dispatcher.telescopes)
+            )
 
     async def open_leases() -> None:
-        leases.open(desk, await asyncio.to_thread(journal.reader.leases, ids))
+        leases.open(dispatcher, await asyncio.to_thread(journal.reader.leases, ids))
 
     async def take_up(one: Telescope) -> None:
         if one.is_open and not one.is_taken_up:
             with contextlib.suppress(DeviceError):
                 await one.ready()
 
-    await remembering.first(open_leases)
+    await restored.first(open_leases)
     for one in observatory.telescopes:
-        await remembering.besides(partial(take_up, one))
-    remembering.start()
-    metrics = Metrics(Observed(desk, jobs, events, leases, journal))
+        await restored.besides(partial(take_up, one))
+    restored.start()
+    metrics = Metrics(Observed(dispatcher, jobs, events, leases, journal))
     metrics.start()
     return Service(
         settings,
@@ -171,11 +175,11 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         solver,
         journal,
         nights,
-        desk,
+        dispatcher,
         leases,
         audit,
         metrics,
-        remembering,
+        restored,
     )
 
 

@@ -4,7 +4,8 @@ Wanted: no server error and no violation of the schema. Its phases: examples, co
 parameter and body), fuzzing; with data that fit the schema and data that don't. All its checks but two:
 `positive_data_acceptance` (an order that fits the schema may well be refused, by the horizon for one) and
 `ignored_auth` (it takes a wrong `Authorization` beside the right `X-API-Key` for a fault; either is enough).
-The event streams never end, and schemathesis waits for an end: `tests/api/test_schema_fuzz.py` asks them.
+The event streams never end, and schemathesis waits for an end: `tests/api/http/test_schema_fuzz.py` asks
+them.
 
 Run: python -m benchmarks.schema_fuzz [--examples 50] [--seed N] [further options of `schemathesis run`]
 """

@@ -1,4 +1,9 @@
-"""The audit: a journal row for each order and each request that would change something, refused ones too."""
+"""The audit: a journal row for each order and each request that would change something, refused ones too.
+
+The dispatcher notes what it takes or refuses, with the order (`Audit`). `AuditedRequests` notes the rest:
+words to a night, uploads, and all that was refused before it got so far. What is repeated is noted so often
+a minute, then counted (`Seldom`).
+"""
 
 from __future__ import annotations
 
@@ -73,7 +78,6 @@ class Seldom:
         So often a minute each key is noted.
     all_together : int
         So often a minute anything is.
-    clock_s : callable, optional
     """
 
     def __init__(self, each: int, all_together: int, clock_s: Callable[[], float] = time.monotonic) -> None:
@@ -108,10 +112,15 @@ _log = logging.getLogger(__name__)
 TAKEN = "taken"
 _SECRETS = ("secret", "token", "password", "authorization", "api_key", "apikey", "lease_id")
 _LONGEST_TEXT = 500
+"""Characters of one value in a row; with `_MOST_VALUES` and `_DEEPEST` it bounds a row. Doubled, rows made
+of nonsense take twice the disk."""
 _MOST_VALUES = 50
+"""Values of one list or object that are kept; chosen by hand, far above our orders. Doubled, as above."""
 _DEEPEST = 4
+"""Levels of nested values that are kept; chosen by hand. Each more lets a nested body make a row 50 times
+as long."""
 _KEYLESS = frozenset({Face.INDI, Face.LX200, Face.STELLARIUM, Face.ALPACA})
-"""Whoever reaches these may order, and no rate is set to him."""
+"""Anyone who reaches these may order, and no rate is set to them."""
 _MOST_REPEATED = 20
 """So often a minute one address is noted for one refusal, or for stops, by such a face, and ten times that
 all of them. Doubled, clients that order what is refused without end fill 200 MB a day."""
@@ -132,10 +141,6 @@ class Audit:
     """Notes orders. An order waits for no note; none is lost as long as the journal can be written.
 
     While it can't, notes are kept in memory (ten thousand of them) and written later.
-
-    Parameters
-    ----------
-    keeper : AuditKeeper
     """
 
     def __init__(self, keeper: AuditKeeper) -> None:
@@ -161,7 +166,6 @@ class Audit:
 
         Parameters
         ----------
-        caller : Caller
         what : str
             The order's kind, such as ``slew``.
         telescope : str, optional
@@ -212,10 +216,6 @@ class Audit:
 
         Parameters
         ----------
-        address : str
-        what : str
-        status : int
-        outcome : str
         unnoted : Unnoted, optional
             What he and others did since their last notes.
         """
@@ -280,7 +280,8 @@ def _shown(request: Mapping[str, object] | BaseModel | None) -> dict[str, object
 
 def _kept(mapping: Mapping[str, object]) -> list[tuple[str, object]]:
     named = [(str(name), value) for name, value in mapping.items()]
-    return [one for one in named if not any(word in one[0].lower() for word in _SECRETS)][:_MOST_VALUES]
+    shown = [(name, value) for name, value in named if not any(word in name.lower() for word in _SECRETS)]
+    return shown[:_MOST_VALUES]
 
 
 def _cut(value: object, depth: int = 1) -> object:
@@ -306,6 +307,8 @@ _STRANGERS_MOST = 60
 """So many notes a minute of all who have no key, one of each address: they must not fill the journal, not
 from as many addresses as they like either. Doubled, 40 MB a day."""
 _LONGEST_PROBLEM_BYTES = 65_536
+"""Of an answer's problem body that is read for its detail, bytes; chosen by hand, far above ours. Doubled,
+a long one holds twice the memory."""
 
 
 class AuditedRequests:
@@ -313,7 +316,6 @@ class AuditedRequests:
 
     Parameters
     ----------
-    app : ASGIApp
     audit_of : callable
         The audit of the running service; None before and after.
     caller_of : callable

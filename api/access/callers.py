@@ -23,7 +23,7 @@ class Role(StrEnum):
 
 
 class Face(StrEnum):
-    """By which door a caller came."""
+    """By which face a caller came."""
 
     REST = "rest"
     ALPACA = "alpaca"
@@ -42,8 +42,6 @@ class Caller:
     ----------
     name : str
         The API key's name; ``this machine`` where no keys are configured; or what the face calls its client.
-    role : Role
-    face : Face
     address : str
         Where it came from, for the audit.
     lease_id : str or None
@@ -57,8 +55,4 @@ class Caller:
     lease_id: str | None = None
 
 
-THE_SERVICE = Caller("the service", Role.CONFIGURE, Face.SERVICE)
-"""The service itself."""
-
-
-__all__ = ["THE_SERVICE", "Caller", "Face", "Role"]
+__all__ = ["Caller", "Face", "Role"]

@@ -34,7 +34,11 @@ TOKEN_NAME = "token"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._@-]{0,62}[A-Za-z0-9]|[A-Za-z0-9]")
 _TAKEN = frozenset({TOKEN_NAME, "this machine", "the service"})
 _SECRET_BYTES = 32
+"""Random bytes of a key: 256 bits, as `secrets` recommends. Halved, 128 bits, still out of reach of
+guessing."""
 _HINT = 4
+"""Last characters of a key that are shown, so that people tell keys apart: 24 of 256 bits. Doubled, 48 of
+them are known to all who may list keys."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +49,6 @@ class Key:
     ----------
     name : str
         Who uses it; audits and leases name callers so.
-    role : Role
     sha256 : str
         Of the secret, in hexadecimal digits.
     created_utc : datetime or None
@@ -126,7 +129,7 @@ class KeyStore:
         return found
 
     def readable(self) -> list[Key]:
-        """As `keys`, for people: a file that makes no sense is told. Raises `BadSettings`."""
+        """As `keys`, for people: a file that makes no sense is reported. Raises `BadSettings`."""
         keys = self.keys
         if self.problem is not None:
             raise BadSettings(self.problem, advice="see docs/security.md")
@@ -148,7 +151,7 @@ class KeyStore:
                 advice="letters, digits, space and ._@- (64 at most), and none of the service's own names",
             )
         with self._changing() as record:
-            if any(one.name == name for one in record.keys):
+            if any(key.name == name for key in record.keys):
                 raise BadRequest(
                     f"there is a key named {name!r} already", advice="revoke it first, or take another name"
                 )
@@ -174,12 +177,12 @@ class KeyStore:
             The file can't be read or written.
         """
         with self._changing() as record:
-            found = next((one for one in record.keys if one.name == name), None)
+            found = next((key for key in record.keys if key.name == name), None)
             if found is None:
                 raise Unknown(
                     f"there is no key named {name!r}",
                     device=str(self.path),
-                    advice=f"there is: {', '.join(one.name for one in record.keys) or 'none'}",
+                    advice=f"there is: {', '.join(key.name for key in record.keys) or 'none'}",
                 )
             record.keys.remove(found)
         return _key(found)
@@ -206,7 +209,7 @@ class KeyStore:
             self._keys = ()
             self._tell(str(error))
         else:
-            self._keys, self.problem = tuple(_key(one) for one in record.keys), None
+            self._keys, self.problem = tuple(_key(key) for key in record.keys), None
         self._seen = seen
 
     def _read(self, found: os.stat_result) -> _KeyFile:
@@ -272,7 +275,7 @@ class KeyStore:
 
 
 def keys_path(keys_file: Path | None, journal: str) -> Path:
-    """Where keys are kept: as told, else beside the journal.
+    """Where keys are kept: as given, else beside the journal.
 
     Parameters
     ----------

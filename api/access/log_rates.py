@@ -22,6 +22,8 @@ from api.access.callers import Caller
 from api.problems import Refused
 
 _EACH_S = 60.0
+"""How long lines are counted before it is logged how many were left out, s. Doubled, half as many lines in
+all, each summary a minute later."""
 _MOST_LINES = 20
 """Of one place in the code, a minute. Doubled, a flood of faults with their traces (5 kB each) writes 12 MB
 an hour."""
@@ -42,9 +44,8 @@ class KnownCallers:
 
     Parameters
     ----------
-    app : ASGIApp
     shows_who : callable
-        The caller by what a request shows, not by the door it came to. Raises `Refused`.
+        The caller by what a request shows, not by the listener it came to. Raises `Refused`.
     """
 
     def __init__(self, app: ASGIApp, shows_who: Callable[[Scope], Caller]) -> None:
@@ -70,13 +71,8 @@ class _Minute:
     left_out: int = 0
 
 
-class Sparing(logging.Filter):
-    """Lets a handler write so many lines of each place a minute; tells how many more there were.
-
-    Parameters
-    ----------
-    clock_s : callable, optional
-    """
+class RateLimitedLog(logging.Filter):
+    """Lets a handler write so many lines of each place a minute; tells how many more there were."""
 
     def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
         super().__init__()
@@ -119,7 +115,7 @@ class Sparing(logging.Filter):
 _log = logging.getLogger(__name__)
 
 
-def spare_logs(*loggers: str) -> None:
+def limit_log_rates(*loggers: str) -> None:
     """Bound what the handlers of these loggers write, and what goes out where there are none. Twice is fine.
 
     Parameters
@@ -131,8 +127,8 @@ def spare_logs(*loggers: str) -> None:
     if logging.lastResort is not None:
         handlers.append(logging.lastResort)
     for handler in handlers:
-        if not any(isinstance(one, Sparing) for one in handler.filters):
-            handler.addFilter(Sparing())
+        if not any(isinstance(log_filter, RateLimitedLog) for log_filter in handler.filters):
+            handler.addFilter(RateLimitedLog())
 
 
 def _make_plain(record: logging.LogRecord) -> None:
@@ -149,7 +145,7 @@ def _plain(value: object) -> object:
     try:
         text = str(value)
     except Exception:
-        # whoever formats it will say what is wrong
+        # its formatter will say what is wrong
         return value
     if len(text) > _MOST_TEXT:
         text = f"{text[:_MOST_TEXT]}... ({len(text)} characters)"
@@ -158,4 +154,4 @@ def _plain(value: object) -> object:
     return plain if isinstance(value, str) or plain != str(value) else value
 
 
-__all__ = ["KnownCallers", "Sparing", "spare_logs"]
+__all__ = ["KnownCallers", "RateLimitedLog", "limit_log_rates"]

@@ -12,12 +12,13 @@ from dataclasses import dataclass
 
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from api.problems import problem
-from api.refusals import refusal_response
+from api.problems import problem, refusal_response
 
 WAITS_S = 0.25
 """A request that is only so much too early is held back instead of refused."""
 _BUCKETS_MOST = 10_000
+"""Callers whose rates are counted; chosen by hand. One that is forgotten begins with a full bucket: halved,
+5,000 addresses in turn pass unlimited."""
 _STOPS = re.compile(
     r"(POST /v1/stop|POST /v1/telescopes/[^/]+/(night/)?stop|DELETE /v1/jobs/[^/]+|POST /v1/jobs/[^/]+/cancel"
     r"|PUT /api/v1/telescope/\d+/abortslew)/?"
@@ -36,14 +37,7 @@ class _Bucket:
 
 
 class TokenBuckets:
-    """One bucket for each name: `rate_per_s` tokens flow in, `burst` at the most are in it.
-
-    Parameters
-    ----------
-    rate_per_s : float
-    burst : int
-    clock_s : callable
-    """
+    """One bucket for each name: `rate_per_s` tokens flow in, `burst` at the most are in it."""
 
     def __init__(
         self, rate_per_s: float, burst: int, *, clock_s: Callable[[], float] = time.monotonic
@@ -82,8 +76,6 @@ class RateLimit:
 
     Parameters
     ----------
-    app : ASGIApp
-    buckets : TokenBuckets
     name_of : callable
         Whose bucket a request takes from; None: it is not counted.
     """

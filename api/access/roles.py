@@ -90,7 +90,7 @@ ROLES: Mapping[str, Role | None] = {
 """``METHOD /path/{template}``: the least role that may ask it. What isn't named needs `Role.CONFIGURE`."""
 
 LEASED = frozenset({f"POST {_TELESCOPE}/night/start", f"POST {_TELESCOPE}/night/resume"})
-"""Routes that let a telescope be moved without being orders of the desk: they ask for the lease as well."""
+"""Routes that let a telescope be moved without an order to the dispatcher: they ask for the lease as well."""
 
 _PARAMETER = re.compile(r"\\\{[a-z_]+\\\}")
 

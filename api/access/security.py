@@ -1,4 +1,7 @@
-"""Who calls: API keys, or, where there are none, programs on this machine alone; and what the caller may."""
+"""Who calls: API keys, or, where there are none, programs on this machine alone; and what the caller may.
+
+`allowed_file` bounds which files of this machine callers may name.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +22,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from api.access.callers import Caller, Face, Role
 from api.access.keys import KeyStore, open_keys
 from api.access.roles import LEASED, ROLES, route_of
-from api.problems import Problem, Refused, problem
-from api.refusals import refusal_response
+from api.problems import Problem, Refused, problem, refusal_response
 from mountnav.errors import BadRequest, Unknown
 
 __all__ = ["allowed_file"]
@@ -52,8 +54,6 @@ def caller_from_headers(
         Without regard to case, as starlette's.
     address : str
         Where the request came from.
-    keys : KeyStore
-    face : Face
     basic : bool
         Also take HTTP Basic, whose password is the key, for clients that know nothing else. The user's name
         may be anything.
@@ -128,12 +128,7 @@ TheCaller = Annotated[Caller, Depends(caller_of)]
 
 
 class RoleRequired:
-    """A dependency that lets through whoever has a role: ``dependencies=[Depends(RoleRequired(role))]``.
-
-    Parameters
-    ----------
-    role : Role
-    """
+    """A dependency that lets callers of a role through: ``dependencies=[Depends(RoleRequired(role))]``."""
 
     def __init__(self, role: Role) -> None:
         self.role = role
@@ -148,7 +143,7 @@ async def require_role_of_route(request: Request, caller: TheCaller) -> Caller:
     """Let the request through if its caller may what `ROLES` asks for this route.
 
     What the table doesn't name is for those who may do everything. Where somebody else's lease must be
-    heeded and no desk does it, it is done here.
+    heeded and no dispatcher does it, it is done here.
 
     Raises
     ------
@@ -178,8 +173,6 @@ class OwnMachineOnly:
 
     Parameters
     ----------
-    app : ASGIApp
-    keys : KeyStore
     origins : sequence of str
         Pages of these may come in as well.
     """
@@ -256,8 +249,6 @@ def allowed_file(path: Path, folders: Sequence[Path], *, telescope_id: str) -> P
 
     Parameters
     ----------
-    path : Path
-    folders : sequence of Path
     telescope_id : str
         Whose settings they are of, for the message.
 

@@ -18,9 +18,22 @@ from api.alpaca.codec import NOTHING, required
 from api.alpaca.connection import Client
 from api.alpaca.errors import AlpacaError, NotTaken, error_of, not_implemented, parked
 from api.alpaca.member import Member
+from api.alpaca.members_motion import ABILITIES, PARKING, SLEWING, TRACKING
+from api.alpaca.members_state import COMMON, READING, SITE
 from api.alpaca.telescope import AlpacaTelescope, Call
 from api.problems import Refused, internal_problem, problem_of
 from mountnav.errors import MountnavError
+
+__all__ = ["MEMBERS", "NAMES", "answer", "read_parameters"]
+
+
+MEMBERS: dict[tuple[str, str], Member] = {
+    (member.verb, member.name): member
+    for member in (*COMMON, *ABILITIES, *READING, *SITE, *SLEWING, *PARKING, *TRACKING)
+}
+"""By verb and name."""
+NAMES = frozenset(name for _, name in MEMBERS)
+
 
 _log = logging.getLogger(__name__)
 
@@ -29,12 +42,14 @@ def read_parameters(member: Member, given: Mapping[str, str]) -> dict[str, objec
     """A member's own parameters. Raises `BadParameter`."""
     values: dict[str, object] = {}
     any_case = member.verb == "GET"
-    for one in member.takes:
-        name = one.name.lower() if any_case else one.name
-        if one.fallback is not None and name not in given:
-            values[one.name] = one.fallback
+    for parameter in member.takes:
+        name = parameter.name.lower() if any_case else parameter.name
+        if parameter.fallback is not None and name not in given:
+            values[parameter.name] = parameter.fallback
         else:
-            values[one.name] = one.read(one.name, required(given, one.name, any_case=any_case))
+            values[parameter.name] = parameter.read(
+                parameter.name, required(given, parameter.name, any_case=any_case)
+            )
     return values
 
 
@@ -49,8 +64,8 @@ async def answer(
             device.require_connected(client)
         if not member.able(device):
             raise not_implemented(f"{member.verb} {member.name}", member.why_not)
-        for one in member.ranges:
-            one.check(call)
+        for bound in member.ranges:
+            bound.check(call)
         if not member.parked and device.is_parked:
             raise parked(member.name)
         value = member.act(device, call)
@@ -80,6 +95,3 @@ async def answer(
     else:
         return (value if member.has_value else NOTHING), None
     return (member.default if member.has_value else NOTHING), error
-
-
-__all__ = ["answer", "read_parameters"]

@@ -1,4 +1,10 @@
-"""Alpaca's parameters, paths and envelopes, by the standard's own rules. No I/O [Alpaca §1, §2, §6]."""
+"""Alpaca's parameters, paths and envelopes, by the standard's own rules. No I/O [Alpaca §1, §2, §6].
+
+Parameters: GET has them in the query, names in any case; PUT in a form, names in exactly this case; another
+is as if absent. What can't be read is `BadParameter` (HTTP 400); what can be read and is out of range is
+the member's business (200 with 0x401). In a path case counts, and so does each slash. The JSON around each
+answer has exactly the standard's keys, never one more.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +44,10 @@ __all__ = [
 
 
 LARGEST_ID = 2**32 - 1
+"""Largest client, transaction and device number: unsigned 32 bits [Alpaca §2]."""
 _MOST_FIELDS = 100
+"""Fields of a query or form; chosen by hand, far above what a member takes. Doubled, nonsense takes twice
+as long to parse."""
 _DECIMAL = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]{1,4})?")
 _WHOLE = re.compile(r"[+-]?[0-9]{1,10}")
 _UNSIGNED = re.compile(r"[0-9]{1,10}")
@@ -199,10 +208,8 @@ def envelope(
 
     Parameters
     ----------
-    client_transaction, server_transaction : int
     value : object
         JSON of it must exist; left out if `NOTHING`.
-    error : AlpacaError, optional
     of_device : bool
         Answers of the management have no error.
 

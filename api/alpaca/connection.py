@@ -1,4 +1,11 @@
-"""Alpaca's connections: which clients are connected, connecting, and whether the mount answers."""
+"""Alpaca's connections: which clients are connected, connecting, and whether the mount answers [Alpaca §4].
+
+What Alpaca calls connecting is here a client's own affair: the mount stays with the service, a night, a
+scheduler and the other programs, whatever a client says. Clients are counted one by one: none disconnects a
+telescope for another one. A client is its ClientID at its address; one that never says that it connects
+(pyobs) is connected from the start, unless ``[alpaca] auto_connect`` is off. A Connect that failed is
+reported where its end is: reading Connecting raises, once. One lost answer of a mount is no lost mount.
+"""
 
 from __future__ import annotations
 
@@ -19,6 +26,8 @@ __all__ = ["GRACE_S", "Client", "Clients", "Connecting", "MountLink"]
 
 
 _MOST = 1000
+"""Clients of which it is remembered whether they connected; chosen by hand. The one unheard for longest is
+forgotten: halved, 500 numbers in turn push a real client out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +124,7 @@ class Connecting:
         self._failures.pop(client, None)
 
     def failed_before(self, client: Client) -> AlpacaError | None:
-        """How it failed to be connected, if it hasn't been told; it counts as told then."""
+        """How it failed to be connected, if it hasn't been reported to this client; it is from now on."""
         return self._failures.pop(client, None)
 
     def close(self) -> None:
@@ -148,6 +157,8 @@ class Connecting:
 GRACE_S = 10.0
 """So long after the last good reading a telescope counts as connected."""
 _TRY_AGAIN_S = 10.0
+"""Between tries to open a mount that was lost, s; chosen by hand, each may take seconds. Doubled, clients
+see it back that much later."""
 
 
 class MountLink:
@@ -155,7 +166,6 @@ class MountLink:
 
     Parameters
     ----------
-    telescope : Telescope
     watch : Watch
         Who reads it.
     now_s : callable

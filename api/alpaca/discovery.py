@@ -1,4 +1,4 @@
-"""Alpaca discovery: whoever asks by UDP is told the service's port; nobody that can't reach it [Alpaca §6].
+"""Alpaca discovery: the service's port for those who ask by UDP and can reach it [Alpaca §6].
 
 It listens where the service does: bound to all addresses, or to one address and the broadcasts of its
 network. A service for this machine alone is told to this machine alone.
@@ -24,7 +24,9 @@ _log = logging.getLogger(__name__)
 QUESTION = b"alpacadiscovery1"
 GROUP = "ff12::a1:9aca"
 _SIOCGIFADDR, _SIOCGIFBRDADDR = 0x8915, 0x8919
+"""Linux `ioctl` requests [netdevice(7)]: an interface's address, and its broadcast address."""
 _LONGEST = 1024
+"""Bytes of a datagram that are looked at; a question has 16."""
 _MOST_ANSWERS_S = 100
 """In a second: a flood of questions must not keep the loop from a stop; a program asks once or twice."""
 
@@ -69,10 +71,10 @@ class Discovery:
             first = _bound(self._host, self._port)
             sockets.append(first)
             port = first.getsockname()[1]
-            for one in _broadcasts_of(self._host):
+            for address in _broadcasts_of(self._host):
                 # a broadcast reaches no socket that is bound to one address
                 with contextlib.suppress(OSError):
-                    sockets.append(_bound(one, port))
+                    sockets.append(_bound(address, port))
             if first.family == socket.AF_INET6:
                 _join(first)
             for made in sockets:
@@ -103,7 +105,7 @@ class _Answerer(asyncio.DatagramProtocol):
         self._second, self._answered = 0, 0
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
-        """Answer a question, to whoever asked alone."""
+        """Answer a question, only to the one who asked."""
         second = int(time.monotonic())
         if second != self._second:
             self._second, self._answered = second, 0

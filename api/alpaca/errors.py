@@ -76,7 +76,9 @@ _OF_SLUG: dict[str, int] = {
     "internal": 0x5FF,
 }
 _OTHER = 0x5FE
+"""Our problems without a number of their own; the standard leaves 0x500 to 0xFFF to drivers [Alpaca §3]."""
 _FAILED = 0x50A
+"""A member failed for a reason that has no problem; as above."""
 
 _OF_REFUSAL: dict[str, int] = {
     "parked": Number.PARKED,
@@ -96,19 +98,16 @@ _NEVER_REACHED = frozenset({"declination", "unreachable"})
 
 
 def error_of(found: Problem) -> AlpacaError:
-    """One of our problems as an Alpaca error: what was asked is refused for it.
-
-    Parameters
-    ----------
-    found : Problem
-    """
+    """One of our problems as an Alpaca error: what was asked is refused for it."""
     slug = found.type.rpartition(":")[2]
     number = _OF_SLUG.get(slug, _OTHER)
     reasons = set(found.reasons or ())
     if slug == "outside-limits" and reasons & _NEVER_REACHED:
         number = Number.INVALID_VALUE
     elif slug == "device-refused":
-        number = next((_OF_REFUSAL[one] for one in found.reasons or () if one in _OF_REFUSAL), number)
+        number = next(
+            (_OF_REFUSAL[reason] for reason in found.reasons or () if reason in _OF_REFUSAL), number
+        )
     return AlpacaError(number, words_of(found))
 
 

@@ -1,4 +1,8 @@
-"""Alpaca's management answers, unique ids and setup pages [Alpaca §6]."""
+"""Alpaca's management answers, unique ids and setup pages [Alpaca §6].
+
+A telescope's UniqueID is made once, kept beside the journal, and never changed. The setup pages change
+nothing.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +43,6 @@ def unique_ids(path: Path, telescopes: Sequence[str]) -> dict[str, str]:
 
     Parameters
     ----------
-    path : Path
     telescopes : sequence of str
         Ids of the settings.
     """
@@ -48,16 +51,17 @@ def unique_ids(path: Path, telescopes: Sequence[str]) -> dict[str, str]:
         # two services may share a folder
         with locked(path.with_suffix(".lock")):
             known = _read(path)
-            fresh = {one: str(uuid4()) for one in telescopes if one not in known}
+            fresh = {telescope: str(uuid4()) for telescope in telescopes if telescope not in known}
             if fresh:
                 known |= fresh
                 _write(path, known)
     except (OSError, ValueError) as error:
         _log.warning("the Alpaca ids in %s can't be kept, and are made of names: %s", path, error)
         return {
-            one: str(uuid5(NAMESPACE_URL, f"mountnav://{os.uname().nodename}/{one}")) for one in telescopes
+            telescope: str(uuid5(NAMESPACE_URL, f"mountnav://{os.uname().nodename}/{telescope}"))
+            for telescope in telescopes
         }
-    return {one: known[one] for one in telescopes}
+    return {telescope: known[telescope] for telescope in telescopes}
 
 
 def _read(path: Path) -> dict[str, str]:
@@ -85,8 +89,6 @@ def management_value(page: Page, devices: Sequence[AlpacaTelescope], location: s
 
     Parameters
     ----------
-    page : Page
-    devices : sequence of AlpacaTelescope
     location : str
         Of the settings.
     """

@@ -41,8 +41,6 @@ class Range:
 
     Attributes
     ----------
-    name : str
-    low, high : float
     below : bool
         Whether `high` itself is out.
     """
@@ -91,7 +89,6 @@ class Member:
     act : callable
         Gives the value of a GET; does what a PUT asks. May be a coroutine function. Raises `AlpacaError`,
         or errors of the core.
-    takes : tuple of Parameter
     able : callable
         Whether this is implemented for the device; else 0x400.
     ranges : tuple of Range

@@ -1,4 +1,10 @@
-"""Motion over Alpaca: the last slew, guide pulses, and where parking and homing ended."""
+"""Motion over Alpaca: the last slew, guide pulses, and where parking and homing ended [Alpaca §5].
+
+Slewing is the standard's only way to tell that a slew failed after it began: reading it raises then, once
+for each client that has an id, and for those without one until the next order or an abort. Pulses are taken
+at once and carried out one after the other, one for each axis at most. Where parking and homing ended is
+kept for mounts that don't say by themselves that they are there.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +32,11 @@ __all__ = ["DIRECTIONS", "Motion", "Pulses", "Stations", "Work"]
 
 
 _NEAR_DEG = 0.1
+"""How near to where parking or homing ended counts as still there, deg: above the noise of encoders and
+refraction. Doubled, a small nudge away goes unseen."""
 _ZENITH_DEG = 89.0
+"""Above this altitude azimuth says nothing of the place: at 89° a whole turn of it is 2° of the sky at
+most."""
 
 
 class Stations:
@@ -62,16 +72,10 @@ DIRECTIONS: tuple[Literal["n", "s", "e", "w"], ...] = ("n", "s", "e", "w")
 
 
 class Pulses:
-    """The guide pulses of one telescope.
+    """The guide pulses of one telescope."""
 
-    Parameters
-    ----------
-    desk : Desk
-    telescope_id : str
-    """
-
-    def __init__(self, desk: Dispatcher, telescope_id: str) -> None:
-        self._desk = desk
+    def __init__(self, dispatcher: Dispatcher, telescope_id: str) -> None:
+        self._dispatcher = dispatcher
         self._telescope_id = telescope_id
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._failure: AlpacaError | None = None
@@ -90,7 +94,7 @@ class Pulses:
         AlpacaError
             A pulse of the same axis still runs.
         MountnavError, Refused
-            As the desk's `order`.
+            As the dispatcher's `order`.
         """
         axis = _AXIS[order.direction]
         if (same := self._tasks.get(axis)) is not None and not same.done():
@@ -105,12 +109,12 @@ class Pulses:
             )
             return
         # a task that waits for the order: a pulse that comes meanwhile finds it
-        ordered = waited_for(self._desk.order(caller, self._telescope_id, order), "alpaca guide")
+        ordered = waited_for(self._dispatcher.order(caller, self._telescope_id, order), "alpaca guide")
         self._tasks[axis] = begun(self._follow(ordered, self._stops), "alpaca guide", died=self._died)
         await ordered
 
     def failed_before(self) -> AlpacaError | None:
-        """How a pulse failed after it was taken; told once."""
+        """How a pulse failed after it was taken; reported once."""
         failure, self._failure = self._failure, None
         return failure
 
@@ -132,7 +136,7 @@ class Pulses:
         try:
             job = await ordered
         except (MountnavError, Refused):
-            return  # whoever ordered it hears of it
+            return  # the one who ordered it learns of it
         await self._end_of(job, stops)
 
     async def _later(self, caller: Caller, order: GuideOrder, before: asyncio.Task[None], stops: int) -> None:
@@ -140,7 +144,7 @@ class Pulses:
         if self._stops != stops:
             return
         try:
-            job = await self._desk.order(caller, self._telescope_id, order)
+            job = await self._dispatcher.order(caller, self._telescope_id, order)
         except (MountnavError, Refused) as refusal:
             found = refusal.problem if isinstance(refusal, Refused) else problem_of(refusal)
             self._failure = error_of(found)
@@ -157,16 +161,13 @@ class Pulses:
 _log = logging.getLogger(__name__)
 
 _STOP_S = 0.5
+"""How long AbortSlew waits for the end of the stop, s: clients expect its answer at once, and failures
+within it are reported. Doubled, a slow mount's failures are seen more often, and clients wait longer."""
 Work = Callable[[Navigator], Awaitable[object]]
 
 
 class Motion:
     """Orders one telescope's motions for Alpaca's clients.
-
-    Parameters
-    ----------
-    desk : Desk
-    telescope_id : str
 
     Attributes
     ----------
@@ -174,9 +175,9 @@ class Motion:
         How long after its end a motion still counts as one.
     """
 
-    def __init__(self, desk: Dispatcher, telescope_id: str) -> None:
+    def __init__(self, dispatcher: Dispatcher, telescope_id: str) -> None:
         self.settle_s = 0
-        self._desk = desk
+        self._dispatcher = dispatcher
         self._telescope_id = telescope_id
         self._ordering = 0
         self._job: Job | None = None
@@ -225,9 +226,6 @@ class Motion:
 
         Parameters
         ----------
-        caller : Caller
-        client : Client
-        order : Order
         work : callable, optional
             What is done for it, if more than the order says; one job all the same.
         supersede : bool
@@ -238,7 +236,7 @@ class Motion:
         Raises
         ------
         MountnavError, Refused
-            As the desk's `order`.
+            As the dispatcher's `order`.
         """
         self._ordering += 1
         held = self._job
@@ -249,10 +247,10 @@ class Motion:
             if mine:
                 self._aborted = held
             if work is None:
-                job = await self._desk.order(caller, self._telescope_id, order, supersede=mine)
+                job = await self._dispatcher.order(caller, self._telescope_id, order, supersede=mine)
             else:
                 request = order.model_dump(exclude_none=True)
-                job = await self._desk.give(
+                job = await self._dispatcher.give(
                     caller, self._telescope_id, order.kind, request, work, supersede=mine
                 )
             self._job, self._client = job, client
@@ -288,7 +286,7 @@ class Motion:
             await asyncio.wait({following}, timeout=wait_s)
 
     def failed_before(self, client: Client) -> AlpacaError | None:
-        """The failure of the last motion, if this client has not been told; it counts as told then."""
+        """The failure of the last motion, if this client has not been reported; it is from now on."""
         if self._failure is None or client in self._told:
             return None
         if client.client_id != 0:
@@ -309,7 +307,7 @@ class Motion:
         Raises
         ------
         MountnavError, Refused
-            As the desk's `stop`.
+            As the dispatcher's `stop`.
         """
         self._failure = None
         self._told.clear()
@@ -326,8 +324,8 @@ class Motion:
             stopping.add_done_callback(self._stopped_late)
 
     async def _stop(self, caller: Caller) -> None:
-        await self._desk.stop(caller, self._telescope_id)
-        await self._desk.watch(self._telescope_id).refresh()
+        await self._dispatcher.stop(caller, self._telescope_id)
+        await self._dispatcher.watch(self._telescope_id).refresh()
 
     def _stopped_late(self, stopping: asyncio.Task[None]) -> None:
         error = None if stopping.cancelled() else stopping.exception()
@@ -357,7 +355,7 @@ class Motion:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(real_s(self.settle_s)):
                     await self._hurry.wait()
-        await self._desk.watch(self._telescope_id).refresh()
+        await self._dispatcher.watch(self._telescope_id).refresh()
         if failure is None and arrived is not None:
             arrived()
         if self._job is job and self._aborted is not job:

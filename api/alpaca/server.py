@@ -1,4 +1,9 @@
-"""Who calls by Alpaca: a key by HTTP Basic or X-API-Key where there are keys, unless the door is open."""
+"""The Alpaca server as an ASGI application: paths, verbs, callers, plain-text refusals [Alpaca §1, §2, §6].
+
+It answers below ``/api``, ``/management`` and ``/setup`` of the service's port. No web framework reads its
+paths or parameters: their ways (redirected slashes, JSON errors, 422) are not the standard's. A caller
+shows a key by HTTP Basic or X-API-Key where there are keys, unless the settings ask for none.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +20,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from api.access.callers import Caller, Face, Role
 from api.access.keys import KeyStore
 from api.access.security import address_of, caller_from_headers, require_role
-from api.alpaca.answering import answer, read_parameters
+from api.alpaca.answering import MEMBERS, NAMES, answer, read_parameters
 from api.alpaca.codec import (
     BadParameter,
     DevicePath,
@@ -31,7 +36,6 @@ from api.alpaca.codec import (
 from api.alpaca.connection import Client
 from api.alpaca.errors import words_of
 from api.alpaca.management import ids_path, management_value, server_page, telescope_page, unique_ids
-from api.alpaca.members import MEMBERS, NAMES
 from api.alpaca.telescope import AlpacaTelescope
 from api.problems import Refused
 from api.service import Service
@@ -44,10 +48,8 @@ def alpaca_caller(scope: Scope, keys: KeyStore, *, is_open: bool) -> Caller:
 
     Parameters
     ----------
-    scope : Scope
-    keys : KeyStore
     is_open : bool
-        Whether whoever reaches the port may operate without a key: the standard itself knows none. A key
+        Whether anyone who reaches the port may operate without a key: the standard itself knows none. A key
         that is sent all the same counts.
 
     Raises
@@ -63,6 +65,8 @@ def alpaca_caller(scope: Scope, keys: KeyStore, *, is_open: bool) -> Caller:
 
 _FORM = "application/x-www-form-urlencoded"
 _LONGEST_BODY = 64_000
+"""Longest form, bytes; chosen by hand, far above what a member takes. Doubled, nonsense takes twice the
+memory."""
 _ROOTS = ("api", "management", "setup")
 _CLOSED = PlainTextResponse("the service is starting, or going down", status_code=503)
 
@@ -120,13 +124,13 @@ class AlpacaServer:
         async with self._making:
             if self._of is not service:
                 # a disk is waited for in a thread, never in the event loop
-                telescopes = service.desk.telescopes
+                telescopes = service.dispatcher.telescopes
                 ids = await asyncio.to_thread(
-                    unique_ids, ids_path(service.settings), [one.id for one in telescopes]
+                    unique_ids, ids_path(service.settings), [telescope.id for telescope in telescopes]
                 )
                 self._devices = [
                     AlpacaTelescope(
-                        *(number, ids[one.id], one, service.desk, service.settings, service.audit),
+                        *(number, ids[one.id], one, service.dispatcher, service.settings, service.audit),
                         time.monotonic,
                     )
                     for number, one in enumerate(telescopes)

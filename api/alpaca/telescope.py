@@ -71,10 +71,6 @@ class AlpacaTelescope:
     ----------
     number : int
         The device's.
-    unique_id : str
-    telescope : Telescope
-    desk : Desk
-    settings : Settings
     audit : Audit
         Where it is noted what was refused before it became a job.
     now_s : callable
@@ -86,7 +82,7 @@ class AlpacaTelescope:
         number: int,
         unique_id: str,
         telescope: Telescope,
-        desk: Dispatcher,
+        dispatcher: Dispatcher,
         settings: Settings,
         audit: Audit,
         now_s: Callable[[], float],
@@ -94,18 +90,18 @@ class AlpacaTelescope:
         self.number = number
         self.unique_id = unique_id
         self.telescope = telescope
-        self.desk = desk
+        self.dispatcher = dispatcher
         self.settings = settings
         self.audit = audit
         self.told = next(one for one in settings.telescope if one.id == telescope.id)
         """What the settings say of it."""
         self.clients = Clients(auto_connect=settings.alpaca.auto_connect)
         self.targets = Targets()
-        self.motion = Motion(desk, telescope.id)
-        self.pulses = Pulses(desk, telescope.id)
+        self.motion = Motion(dispatcher, telescope.id)
+        self.pulses = Pulses(dispatcher, telescope.id)
         self.rate: TrackingRate | None = None
         """Which tracking rate was asked for over Alpaca, for when tracking begins."""
-        self.link = MountLink(telescope, desk.watch(telescope.id), now_s)
+        self.link = MountLink(telescope, dispatcher.watch(telescope.id), now_s)
         self.connecting = Connecting(self.link.open, self._count_in, self.id)
         self.stations = Stations()
         """Where parking and homing ended over Alpaca."""
@@ -130,7 +126,7 @@ class AlpacaTelescope:
     @property
     def watch(self) -> Watch:
         """Who reads it."""
-        return self.desk.watch(self.id)
+        return self.dispatcher.watch(self.id)
 
     def can(self, *skills: Skill) -> bool:
         """Whether the mount can all of this."""
@@ -171,7 +167,7 @@ class AlpacaTelescope:
         self.clients.disconnect(client)
 
     def _count_in(self, client: Client) -> None:
-        """A client that wasn't connected begins anew: what others left behind is neither set nor told."""
+        """A client that wasn't connected starts fresh: what others left behind is neither set nor told."""
         if not self.clients.said_so(client):
             setter = self.targets.by
             if setter is None or setter == client or not self._is_at_work(setter):
@@ -223,7 +219,7 @@ class AlpacaTelescope:
 
     @property
     def at_park(self) -> bool:
-        """AtPark: parked, and the order that led there is over: whoever sees it may order at once.
+        """AtPark: parked, and the order that led there is over: anyone who sees it may order at once.
 
         The mount says that it is parked some tenths of a second before the job has ended.
         """
@@ -255,10 +251,10 @@ class AlpacaTelescope:
         Raises
         ------
         MountnavError
-            As the desk's `check`.
+            As the dispatcher's `check`.
         """
         try:
-            await self.desk.check(self.id, place, supersede=supersede)
+            await self.dispatcher.check(self.id, place, supersede=supersede)
         except MountnavError as refusal:
             request = {"target": place.model_dump()}
             self.audit.refused(call.caller, "slew", refusal, telescope=self.id, request=request)
@@ -272,10 +268,10 @@ class AlpacaTelescope:
         AlpacaError
             How it ended.
         MountnavError, Refused
-            As the desk's `order`.
+            As the dispatcher's `order`.
         """
         await self.motion.stopped()
-        job = await self.desk.order(call.caller, self.id, order)
+        job = await self.dispatcher.order(call.caller, self.id, order)
         await job.ended.wait()
         if job.problem is not None:
             raise error_of(job.problem)

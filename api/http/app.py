@@ -1,4 +1,7 @@
-"""The FastAPI application, made from settings: routes, errors, access, and its life from start to rest."""
+"""The FastAPI application, made from settings: routes, errors, access, and its life from start to rest.
+
+`listeners_of` makes the listeners besides HTTP that the settings ask for.
+"""
 
 from __future__ import annotations
 
@@ -72,7 +75,6 @@ def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI
 
     Parameters
     ----------
-    settings : Settings
     catalog : Catalog, optional
         Instead of the embedded one and those of the settings.
     """
@@ -94,9 +96,9 @@ def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI
             app.state.failure = error
             raise
         app.state.service = service
-        service.doors = listeners_of(service, getattr(app.state, "http_address", None))
+        service.listeners = listeners_of(service, getattr(app.state, "http_address", None))
         try:
-            await service.doors.start()
+            await service.listeners.start()
             yield
         finally:
             # A second interrupt must not come between a moving mount and its stop.
@@ -151,7 +153,7 @@ def _without_null_bodies(schema: dict[str, Any]) -> dict[str, Any]:
         for operation in operations.values():
             for content in operation.get("requestBody", {}).get("content", {}).values():
                 either = content["schema"].get("anyOf", [])
-                bodies = [one for one in either if one != {"type": "null"}]
+                bodies = [body for body in either if body != {"type": "null"}]
                 if len(bodies) == 1 < len(either):
                     content["schema"] = bodies[0]
     return schema
@@ -189,7 +191,7 @@ def _common_routes() -> APIRouter:
         objects,
         capabilities,
     )
-    for router in (one.router for one in shut):
+    for router in (resource.router for resource in shut):
         common.include_router(router, prefix="/v1", dependencies=[TokenRequired, KnownQueryOnly])
     common.include_router(metrics.router, dependencies=[TokenRequired, KnownQueryOnly])
     # matching a path that none of them has makes all of them ready
@@ -204,17 +206,16 @@ def _name_of(route: APIRoute) -> str:
 
 
 def listeners_of(service: Service, http_address: tuple[str, int] | None) -> Listeners:
-    """Make the doors of a service; none is open yet.
+    """Make the listeners of a service; none is started yet.
 
     Parameters
     ----------
-    service : Service
     http_address : (str, int) or None
         Where HTTP is served, for discovery; None where no socket stands behind the application.
     """
     settings = service.settings
     made: dict[str, Callable[[], Listener]] = {}
-    # each protocol's code is loaded only where its door is wanted
+    # each protocol's code is loaded only where its listener is wanted
     if settings.indi_server.enabled:
         made["indi"] = lambda: _indi(service)
     if settings.lx200_server.enabled:

@@ -16,8 +16,7 @@ from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from api.access.rate_limits import is_stop
-from api.problems import PROBLEM_TYPE, Refused, problem
-from api.refusals import refusal_response
+from api.problems import PROBLEM_TYPE, Refused, problem, refusal_response
 from api.solver.link import Upload
 from mountnav.errors import BadFrame, BadRequest, Cancelled
 
@@ -31,15 +30,13 @@ _FORM_BYTES = 1_000_000
 
 
 class BodyLimit:
-    """Answer 413 to what is too large: before anything is done if its length is told, else when it shows.
+    """Answer 413 to what is too large: before anything is done if its length is given, else when it shows.
 
     A stop is passed on whatever comes with it: nobody reads its body. Plain ASGI, so that event streams pass
     unbuffered.
 
     Parameters
     ----------
-    app : ASGIApp
-    max_body_kb : float
     max_upload_mb : float
         Where frames are sent; their routes count for themselves as well.
     """
@@ -137,7 +134,6 @@ async def received(request: Request, limit_bytes: int) -> AsyncIterator[Upload]:
 
     Parameters
     ----------
-    request : Request
     limit_bytes : int
         Longest body.
 

@@ -28,8 +28,7 @@ from api.access.rate_limits import is_stop
 from api.http.fair_scheduling import PIECE_BYTES, ReadingTurns
 from api.http.headers import SAFE_HEADERS
 from api.listeners.admission import ConnectionRoom, ToldSeldom
-from api.problems import problem
-from api.refusals import refusal_response
+from api.problems import problem, refusal_response
 
 _log = logging.getLogger(__name__)
 
@@ -79,8 +78,6 @@ class Bounds:
 
     Attributes
     ----------
-    most : int
-    each_address : int
     stops : int
         Beyond these: for stops alone.
     fresh : int
@@ -94,13 +91,7 @@ class Bounds:
 
 
 class Gate:
-    """Knows all connections; lets in, makes room, ends those that dawdle. Used from the loop's thread alone.
-
-    Parameters
-    ----------
-    bounds : Bounds
-    deadlines : Deadlines, optional
-    """
+    """All connections: lets in, makes room, ends those that dawdle. Used from the loop's thread alone."""
 
     def __init__(self, bounds: Bounds, deadlines: Deadlines | None = None) -> None:
         self._bounds = bounds
@@ -163,9 +154,9 @@ class Gate:
         one.transport.abort()
 
     def _sweep(self, loop: asyncio.AbstractEventLoop) -> None:
-        for one in [*self._here, *self._stopping]:
-            if one.dawdles(_SWEEP_S):
-                self._drop(one)
+        for client in [*self._here, *self._stopping]:
+            if client.dawdles(_SWEEP_S):
+                self._drop(client)
         self._sweeping = loop.call_later(_SWEEP_S, self._sweep, loop) if self.count else None
 
 
@@ -318,7 +309,7 @@ class Guarded(H11Protocol):
     def _refuse(self, status: int, reason: bytes, msg: str) -> None:
         """Answer in place of the application, where it hasn't begun to, and close."""
         if self.cycle is not None and not self.cycle.response_complete:
-            # whoever still works at an answer has nobody to give it to
+            # what still works at an answer has nobody to give it to
             self.cycle.disconnected = True
             self.cycle.message_event.set()
         if self.conn.our_state not in (h11.IDLE, h11.SEND_RESPONSE):
@@ -338,7 +329,7 @@ class Guarded(H11Protocol):
         self.transport.close()
 
     def _should_upgrade(self) -> bool:
-        """No other protocol is spoken here, and whoever asks for one is answered by this one."""
+        """No other protocol is spoken here, and anyone who asks for one is answered by this one."""
         return False
 
     async def _serve(self, scope: Scope, receive: Receive, send: Send) -> None:

@@ -107,10 +107,10 @@ def doctor_record(found: Diagnosis, online: list[str]) -> DoctorRecord:
                 high_dec_deg=round(found.reach.high_dec_deg, 3),
                 sky_percent=_percent(found.reach.sky_share),
             ),
-            here=[CheckRecord.model_validate(_check(one)) for one in found.here],
+            here=[CheckRecord.model_validate(_check(check)) for check in found.here],
             online=online,
-            remedies=[_remedy(one) for one in found.remedies],
-            advice=[one for one in found.advice if one != ONLINE or not online],
+            remedies=[_remedy(remedy) for remedy in found.remedies],
+            advice=[advice for advice in found.advice if advice != ONLINE or not online],
         ),
     )
 

@@ -1,8 +1,10 @@
-"""What comes over HTTP is read in turns: a piece of one connection in each turn of the loop, stops first.
+"""Fair scheduling of HTTP: one piece is read, or one request begun, in each turn of the loop, stops first.
 
-Reading costs much more than sending: 64 kB of tiny chunks or headers take the parser 0.1 s and more. A
-hundred clients who send that at once would each have their part of every turn of the loop, and a stop needs
-some fifty turns to its end.
+The loop has one thread, and a stop needs some fifty turns to its end (the dispatcher, the journal, the
+mount's answers). Reading costs much more than sending: 64 kB of tiny chunks or headers take the parser 0.1
+s and more. A hundred clients at the same time would each have their part of every turn, and a stop took
+more than 2 s. `ReadingTurns` has one piece of one connection read in each turn; `FairRequests` begins one
+request in each, and none while a stop that its caller may order is under way.
 """
 
 from __future__ import annotations
@@ -80,7 +82,6 @@ class FairRequests:
 
     Parameters
     ----------
-    app : ASGIApp
     may_stop : callable
         Whether who sends a stop may do so: one of a stranger waits with all others.
     """

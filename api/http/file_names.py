@@ -9,14 +9,12 @@ from pathlib import Path
 def shown(path: Path) -> str:
     """Return a path as text without undecodable bytes and control characters.
 
-    Parameters
-    ----------
-    path : Path
-
     Returns
     -------
     str
         Printable; equal to ``str(path)`` for ordinary names.
     """
     text = os.fsencode(path).decode("utf-8", "replace")
-    return "".join(one if one.isprintable() else "\N{REPLACEMENT CHARACTER}" for one in text)
+    return "".join(
+        character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in text
+    )

@@ -21,7 +21,11 @@ from mountnav.sky.wcs import icrs_at_pixel
 from mountnav.solution import Solution
 
 _STARS_AT_MOST = 400
+"""Stars of a frame that are sent, the brightest first; chosen by hand. Doubled, the answer is up to twice
+as long."""
 _LONGEST_DEG = 60.0
+"""A place further from the frame's center is not projected, deg: the tangent plane has no point beyond 90°,
+and a distortion fitted to the frame means nothing long before."""
 
 
 class FrameStarView(BaseModel):
@@ -84,7 +88,7 @@ def last_frame_view(
     """Show a frame that was kept; `jobs` are the telescope's, newest first."""
     verdict = kept.verdict
     solution = verdict.solution
-    job = next((one for one in jobs if _took(one, kept)), None)
+    job = next((job for job in jobs if _took(job, kept)), None)
     target = None if job is None else aim_of(job, utc_now(), site, air)
     reason = None if verdict.reason is None else f"{verdict.reason}: {verdict.detail}".rstrip(": ")
     quality = verdict.quality
@@ -158,14 +162,14 @@ def _stars(solution: Solution) -> list[FrameStarView]:
     brightest = np.argsort(-pairs.flux)[:_STARS_AT_MOST]
     return [
         FrameStarView(
-            x_px=round(float(pairs.x_px[one]), 2),
-            y_px=round(float(pairs.y_px[one]), 2),
-            mag=round(float(pairs.mag[one]), 3),
-            used=bool(pairs.used[one]),
-            east_arcsec=round(float(pairs.dx_arcsec[one]), 4),
-            north_arcsec=round(float(pairs.dy_arcsec[one]), 4),
+            x_px=round(float(pairs.x_px[star]), 2),
+            y_px=round(float(pairs.y_px[star]), 2),
+            mag=round(float(pairs.mag[star]), 3),
+            used=bool(pairs.used[star]),
+            east_arcsec=round(float(pairs.dx_arcsec[star]), 4),
+            north_arcsec=round(float(pairs.dy_arcsec[star]), 4),
         )
-        for one in brightest
+        for star in brightest
     ]
 
 

@@ -1,4 +1,7 @@
-"""Streams of events end when the key that opened them is revoked: nothing is told after that."""
+"""What stands before all routes of all faces that speak HTTP: who comes, from where, how often, how large.
+
+`OpenStreams` ends streams of events when the key that opened them is revoked.
+"""
 
 from __future__ import annotations
 
@@ -21,17 +24,15 @@ from api.http.fair_scheduling import FairRequests
 from api.http.headers import BoundedHeads, HeadAsGet, SafeHeaders
 from api.http.request_metrics import CountedRequests, HttpMetrics
 from api.http.strict_requests import PlainJson, ShortTargets
-from api.problems import Refused
-from api.refusals import ALPACA_PATHS
+from api.problems import ALPACA_PATHS, Refused
 from mountnav.settings.observatory import Settings
 
 
 class OpenStreams:
-    """Before each piece of a stream, ask anew whether its listener may hear it. Plain ASGI.
+    """Before each piece of a stream, ask again whether its listener may hear it. Plain ASGI.
 
     Parameters
     ----------
-    app : ASGIApp
     caller_of : callable
         Who sent a request. Raises `Refused` when he is none any more.
     """
@@ -97,7 +98,6 @@ def install(app: FastAPI, settings: Settings) -> None:
     ----------
     app : FastAPI
         Whose ``state.service`` is the running service, as soon as there is one.
-    settings : Settings
     """
     service = settings.service
     keys = open_keys(settings)

@@ -1,4 +1,7 @@
-"""What all routes that start jobs share: the caller, the idempotency key, how long to wait."""
+"""What all routes that start jobs share: the caller, the idempotency key, how long to wait for the end.
+
+A client waits by `?wait=30` or `Prefer: wait=30` [RFC 7240].
+"""
 
 from __future__ import annotations
 
@@ -32,6 +35,8 @@ __all__ = [
 
 
 LONGEST_S = 3600.0
+"""Longest `wait` of a request, s; part of the interface (docs/openapi.json). Doubled, a client that went
+away unnoticed holds its connection twice as long."""
 _PREFERENCE = re.compile(r'(?:^|[,;])\s*wait\s*=\s*"?(\d{1,9})"?\s*(?=$|[,;])', re.IGNORECASE)
 
 
@@ -42,7 +47,6 @@ class Patience:
     ----------
     response : Response
         Told if the header was heeded.
-    wait_s : float
     preferred : bool
         Whether it stood in the header.
     """
@@ -136,7 +140,7 @@ STARTING: dict[int | str, dict[str, Any]] = {
 
 @dataclass(frozen=True, slots=True)
 class Ordering:
-    """An order on its way from a request to the desk."""
+    """An order on its way from a request to the dispatcher."""
 
     service: Service
     caller: Caller
@@ -147,8 +151,8 @@ class Ordering:
     supersede: bool
 
     async def take(self, order: Order) -> JobView:
-        """Give it to the desk; answer with its job, at once or when that has ended."""
-        job = await self.service.desk.order(
+        """Give it to the dispatcher; answer with its job, at once or when that has ended."""
+        job = await self.service.dispatcher.order(
             self.caller, self.telescope_id, order, key=self.key, supersede=self.supersede
         )
         self.response.headers["Location"] = f"/v1/jobs/{job.id}"

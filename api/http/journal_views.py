@@ -1,4 +1,4 @@
-"""An instant in a query: ISO 8601, never a bare number, which would pass for seconds since 1970."""
+"""The journal as the API shows it, and instants in queries: ISO 8601, never a bare number."""
 
 from __future__ import annotations
 

@@ -199,7 +199,7 @@ def night_view(
         telescope=telescope_id,
         night_id=state.night_id or None,
         phase=str(state.phase),
-        holds=sorted(str(one) for one in state.holds),
+        holds=sorted(str(hold) for hold in state.holds),
         unsafe_why=state.unsafe_why or None,
         safe_until=state.safe_until,
         correct_by=correct_by,

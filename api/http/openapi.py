@@ -1,4 +1,4 @@
-"""The frozen interface: `python -m api.http.openapi` writes docs/openapi.json anew; a test compares them."""
+"""The frozen interface: `python -m api.http.openapi` writes docs/openapi.json; a test compares them."""
 
 from __future__ import annotations
 

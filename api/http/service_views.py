@@ -1,4 +1,7 @@
-"""What the service tells of itself: health, version, what it can do; and of its stops."""
+"""What the service says of itself: health, version, what it can do, its stops, and whether it is ready.
+
+No device is asked.
+"""
 
 from __future__ import annotations
 
@@ -201,7 +204,7 @@ def readiness(service: Service) -> Readiness:
     """Look at what is known."""
     why_not: list[str] = []
     concerns: list[str] = []
-    if (problem := service.remembering.problem) is not None:
+    if (problem := service.restored.problem) is not None:
         why_not.append(f"journal: {problem}")
     solver = service.solver.state
     if solver.startswith("failed"):
@@ -209,11 +212,18 @@ def readiness(service: Service) -> Readiness:
     elif solver == "starting":
         why_not.append("solver: it is starting")
     telescopes = service.observatory.telescopes
-    missing = [one for one in telescopes if not one.is_open]
+    missing = [telescope for telescope in telescopes if not telescope.is_open]
     # one of several that is missing costs the others nothing
     to = why_not if telescopes and len(missing) == len(telescopes) else concerns
-    to.extend(f"{one.id}: not connected" + (f": {one.problem}" if one.problem else "") for one in missing)
-    told = {one.id: one.problem or one.taking_up.fault for one in telescopes if one.is_open}
+    to.extend(
+        f"{telescope.id}: not connected" + (f": {telescope.problem}" if telescope.problem else "")
+        for telescope in missing
+    )
+    told = {
+        telescope.id: telescope.problem or telescope.restart.fault
+        for telescope in telescopes
+        if telescope.is_open
+    }
     concerns.extend(f"{one}: {words}" for one, words in told.items() if words)
     for one in telescopes:
         if one.is_open and (words := one.navigator.mount.contradiction) is not None:
@@ -221,7 +231,7 @@ def readiness(service: Service) -> Readiness:
     warning = iers_status().warning
     if warning is not None:
         concerns.append(f"Earth rotation: {warning}")
-    for name, door in service.doors.states.items():
-        if door.problem is not None:
-            concerns.append(f"{name}: {door.problem}")
+    for name, listener in service.listeners.states.items():
+        if listener.problem is not None:
+            concerns.append(f"{name}: {listener.problem}")
     return Readiness(tuple(why_not), tuple(concerns))

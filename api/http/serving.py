@@ -15,13 +15,13 @@ from types import FrameType
 import uvicorn
 from fastapi import FastAPI
 
-from api.access.log_rates import spare_logs
+from api.access.log_rates import limit_log_rates
 from api.demo.observatory import demo_journal
 from api.http.app import create_app
 from api.http.connections import Bounds, Gate
 from api.http.routes import truth
 from api.http.strict_requests import KnownQueryOnly
-from api.listeners.descriptors import ask_for_enough, descriptors_at_hand, shares
+from api.listeners.admission import ask_for_enough, descriptors_at_hand, shares
 from api.observatory.virtual import VirtualHeader, virtual_days
 from api.service import Service
 from mountnav.clock import utc_now, virtual_time
@@ -30,7 +30,11 @@ from mountnav.settings.observatory import Settings
 from mountnav.sky.iers import read_tables
 
 _GOODBYE_S = 5
+"""How long uvicorn lets open requests end at the shutdown, s; the mounts are stopped before. Doubled, a
+stop of the service takes up to 5 s longer."""
 _GIVE_WAY_S = 0.001
+"""Longest time that a thread keeps the interpreter from the event loop, s: a fifth of Python's default, so
+that a stop passes threads that compute. Halved, threads compute a little slower."""
 _WAITING = 1024
 """Connections that the kernel keeps until they are accepted; beyond it clients try again after a second."""
 
@@ -51,7 +55,7 @@ class ObservatoryServer(uvicorn.Server):
     def capture_signals(self) -> Iterator[None]:
         """A closed terminal (SIGHUP) ends the service as SIGTERM does: the mounts are stopped first.
 
-        Nothing is to be read anew: keys are followed as their file changes, and other settings need a start.
+        Nothing is to be read again: keys are followed as their file changes, and other settings need a start.
         Where SIGHUP is ignored (nohup) it stays so.
         """
         with super().capture_signals():
@@ -113,12 +117,12 @@ def make_server(app: FastAPI, *, log_level: str = "info", own_process: bool = Fa
         ws="none",
         backlog=shared.burst,
     )
-    spare_logs("uvicorn", "uvicorn.access")
+    limit_log_rates("uvicorn", "uvicorn.access")
     return ObservatoryServer(config, app, own_process=own_process)
 
 
 def bind(host: str, port: int) -> socket.socket:
-    """Take the address before anything else is started, so that a taken port is told plainly.
+    """Take the address before anything else is started, so that a taken port is reported plainly.
 
     Raises
     ------

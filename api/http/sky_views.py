@@ -1,4 +1,7 @@
-"""What a job is aiming at, as ICRS, for those who draw it. Nothing that steers asks this."""
+"""A telescope's limits, its sky, and what its job is aiming at; computed from what is known.
+
+For those who draw it: nothing that steers uses this.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +44,6 @@ def aim_of(job: Job, utc: datetime, site: Site, air: Air) -> Icrs | None:
         Running or over.
     utc : datetime
         When, for targets that are no fixed places.
-    site, air : Site, Air
     """
     match job.result:
         case CenterReport() | SlewReport() as report:
@@ -71,8 +73,12 @@ def _place(said: object, utc: datetime) -> Icrs | None:
 AHEAD_S = 43_200.0
 """So far ahead a limit is sought."""
 _TRACK_STEP_S = 900.0
+"""Between two points of the drawn track, s: 3.75° of the sky, which a map shows as a smooth line. Doubled,
+corners show near the pole."""
 _TRACK_S = 6 * 3600.0
+"""Length of the drawn track, s: as far ahead as a target is followed. Doubled, twice the points."""
 _WAY_STEPS = 32
+"""Straight parts of the drawn way to a target; chosen by hand. Halved, long ways show corners."""
 
 
 class DirectionView(BaseModel):
@@ -205,7 +211,6 @@ def sky_view(
 
     Parameters
     ----------
-    navigator : Navigator
     state : TelescopeState
         What is known of it now.
     running : Job or None
@@ -222,7 +227,7 @@ def sky_view(
     seen = None if here is None else icrs_to_observed(here, utc, site, air)
     side = None if state.reading is None else state.reading.pier_side
     ahead = None if here is None else _ahead(navigator, here, utc, at_its_side=True, state=state)
-    aimed_by = next((one for one in jobs if aim_of(one, utc, site, air) is not None), None)
+    aimed_by = next((job for job in jobs if aim_of(job, utc, site, air) is not None), None)
     aim = None if aimed_by is None else aim_of(aimed_by, utc, site, air)
     goes_there = aim is not None and aimed_by is running and running is not None
     return SkyView(

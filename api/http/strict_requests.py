@@ -15,8 +15,7 @@ from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from api.access.rate_limits import is_stop
-from api.problems import Refused, problem
-from api.refusals import refusal_response
+from api.problems import Refused, problem, refusal_response
 from mountnav.parsing import repeated
 
 _MOST_TOLD = 5
@@ -59,7 +58,7 @@ async def require_known_query(request: Request) -> None:
         elif not known[name] and len(request.query_params.getlist(name)) > 1:
             wrong.append({"at": at, "what": "it stands there more than once"})
     if wrong:
-        told = "; ".join(f"{one['at']}: {one['what']}" for one in wrong[:_MOST_TOLD])
+        told = "; ".join(f"{fault['at']}: {fault['what']}" for fault in wrong[:_MOST_TOLD])
         advice = (
             "what is ordered stands in the body"
             if is_order
@@ -82,7 +81,7 @@ def _parameters(dependant: Dependant) -> dict[str, bool]:
 
 def _takes_many(annotation: Any) -> bool:
     return get_origin(annotation) in (list, tuple, set, frozenset) or any(
-        _takes_many(one) for one in get_args(annotation)
+        _takes_many(argument) for argument in get_args(annotation)
     )
 
 
@@ -128,7 +127,7 @@ class PlainJson:
             messages.append(message)
             if message["type"] != "http.request" or not message.get("more_body", False):
                 break
-        body = b"".join(one.get("body", b"") for one in messages)
+        body = b"".join(message.get("body", b"") for message in messages)
         try:
             json.loads(body, object_pairs_hook=_once)
         except _Twice as twice:
@@ -152,7 +151,7 @@ class PlainJson:
             await refusal_response(scope, found)(scope, receive, send)
             return
         except (ValueError, RecursionError):
-            # no JSON: whoever reads it tells so
+            # no JSON: its reader says so
             pass
 
         async def again() -> Message:

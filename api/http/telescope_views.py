@@ -1,4 +1,7 @@
-"""The state of telescopes over HTTP: views of the last reading, made once for each reading."""
+"""The state of telescopes over HTTP: made once for each reading, however many ask, and no device is asked.
+
+The entity tag names the reading, so that a client that has it already is answered 304 without a body.
+"""
 
 from __future__ import annotations
 
@@ -22,6 +25,8 @@ __all__ = ["Answer", "StateAnswers", "answered", "knows", "state_answers", "tele
 
 
 _WITHIN_S = 12 * 3600.0
+"""How far ahead the next limit is searched, s: whatever is up sets, or comes to the meridian, within 12 h.
+Halved, limits in the second half of a night are not shown."""
 
 
 def telescope_view(telescope: Telescope, snapshot: Snapshot, warnings: Sequence[str] = ()) -> TelescopeView:
@@ -29,8 +34,6 @@ def telescope_view(telescope: Telescope, snapshot: Snapshot, warnings: Sequence[
 
     Parameters
     ----------
-    telescope : Telescope
-    snapshot : Snapshot
     warnings : sequence of str
         Of the service; those of the telescope come before.
     """
@@ -101,12 +104,7 @@ class Answer:
 
 
 class StateAnswers:
-    """Keeps the latest answer of each telescope.
-
-    Parameters
-    ----------
-    service : Service
-    """
+    """Keeps the latest answer of each telescope."""
 
     def __init__(self, service: Service) -> None:
         self._service = service
@@ -114,22 +112,22 @@ class StateAnswers:
 
     def of(self, telescope: Telescope) -> Answer:
         """The answer of one telescope."""
-        snapshot = self._service.desk.watch(telescope.id).latest
+        snapshot = self._service.dispatcher.watch(telescope.id).latest
         job = "" if snapshot.job is None else snapshot.job.id[:12]
-        # the service's id: after a restart the counting begins anew
+        # the service's id: after a restart the counting begins again
         tag = f'"{self._service.events.run}-{snapshot.revision}-{job}"'
         kept = self._kept.get(telescope.id)
         if kept is None or kept.tag != tag:
-            problem = self._service.remembering.problem
+            problem = self._service.restored.problem
             view = telescope_view(telescope, snapshot, () if problem is None else (problem,))
             kept = self._kept[telescope.id] = Answer(tag, view.model_dump_json().encode())
         return kept
 
     def all(self) -> Answer:
         """The answer of all telescopes, as a list."""
-        each = [self.of(telescope) for telescope in self._service.desk.telescopes]
-        tag = hashlib.sha256("".join(one.tag for one in each).encode()).hexdigest()[:24]
-        return Answer(f'"{tag}"', b"[" + b",".join(one.body for one in each) + b"]")
+        each = [self.of(telescope) for telescope in self._service.dispatcher.telescopes]
+        tag = hashlib.sha256("".join(answer.tag for answer in each).encode()).hexdigest()[:24]
+        return Answer(f'"{tag}"', b"[" + b",".join(answer.body for answer in each) + b"]")
 
 
 def answered(request: Request, answer: Answer) -> Response:
@@ -144,7 +142,7 @@ def knows(if_none_match: str | None, tag: str) -> bool:
     """Whether a client that sent `If-None-Match` has the answer of that tag [RFC 9110 §13.1.2]."""
     if if_none_match is None:
         return False
-    told = [one.strip().removeprefix("W/") for one in if_none_match.split(",")]
+    told = [part.strip().removeprefix("W/") for part in if_none_match.split(",")]
     return "*" in told or tag in told
 
 

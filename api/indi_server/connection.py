@@ -17,9 +17,9 @@ from api.indi_server.device import ABORT, IndiTelescope
 from api.indi_server.orders import Answer, chosen_switch
 from api.indi_server.parser import Asked, Broken, Heard, Hearing, Nonsense
 from api.indi_server.properties import COORDINATES, PULSES
-from api.indi_server.publisher import SYNC, USUAL, LeftSelections, Selections, Telling
+from api.indi_server.publisher import SYNC, USUAL, LeftSelections, Publisher, Selections
 from api.indi_server.vectors import saying
-from api.listeners.fair_reading import STOPS_AT_ONCE, Allowance, Turns
+from api.listeners.tcp import STOPS_AT_ONCE, Allowance, Turns
 from drivers.indi.codec.messages import Ordered, Pinged, State, ping_reply
 from mountnav.clock import utc_now
 from mountnav.tasks import Crew
@@ -27,9 +27,13 @@ from mountnav.tasks import Crew
 _log = logging.getLogger(__name__)
 
 _AT_ONCE_BYTES = 65_536
+"""Bytes taken in one read; `Allowance` bounds what a client may send in all. Doubled, one client holds a
+turn of the loop twice as long."""
 _MOST_ORDERS, _MOST_WAITING = 200, 5000
 """What a client may have waiting: orders; and with questions and the like."""
 _GOODBYE_S = 0.5
+"""Longest wait for a client to take its last bytes when its connection ends, s; chosen by hand. Doubled, a
+shutdown with a stuck client takes that much longer."""
 _LONGEST_SILENCE_S = 30.0
 """A client that takes nothing for so long is gone."""
 
@@ -70,7 +74,7 @@ class Connection:
         self._turns = turns
         self._waiting: asyncio.Queue[Heard | Closing | None] = asyncio.Queue(_MOST_WAITING)
         self._selections = Selections(left, str(peer[0]))
-        self._telling = Telling(devices, self._selections)
+        self._publisher = Publisher(devices, self._selections)
         self._crew = Crew()
         self._stops_room = asyncio.Semaphore(STOPS_AT_ONCE)
         self._orders_waiting = 0
@@ -106,16 +110,16 @@ class Connection:
     async def _write(self) -> None:
         try:
             while True:
-                await self._telling.news.wait()
-                self._telling.news.clear()
-                await self._write_out(self._telling.out())
+                await self._publisher.news.wait()
+                self._publisher.news.clear()
+                await self._write_out(self._publisher.out())
         except (OSError, TimeoutError):
             # it hears nothing any more: its reading ends as well, and what it ordered is carried out
-            self._telling.end()
+            self._publisher.end()
             self._writer.transport.abort()
 
     async def _watch_its_reading(self) -> None:
-        await self._telling.overflowed.wait()
+        await self._publisher.overflowed.wait()
         raise Closing("more was asked for than is being read")
 
     async def _write_out(self, data: bytes) -> None:
@@ -129,7 +133,7 @@ class Connection:
         writing.cancel()
         await asyncio.gather(writing, return_exceptions=True)
         with contextlib.suppress(OSError, TimeoutError):
-            self._writer.write(self._telling.unsent() + saying("", f"[ERROR] goodbye: {why}", utc_now()))
+            self._writer.write(self._publisher.unsent() + saying("", f"[ERROR] goodbye: {why}", utc_now()))
             async with asyncio.timeout(_GOODBYE_S):
                 await self._writer.drain()
 
@@ -139,15 +143,15 @@ class Connection:
 
     def changed(self) -> None:
         """Tell what is different now, as soon as it takes it."""
-        self._telling.news.set()
+        self._publisher.news.set()
 
     def tell(self, device: IndiTelescope, answer: Answer) -> None:
         """Tell how something ended, with its words."""
-        self._telling.tell(device, answer)
+        self._publisher.tell(device, answer)
 
     def say(self, device: IndiTelescope, words: str) -> None:
         """Tell a message of a device."""
-        self._telling.say(device, words)
+        self._publisher.say(device, words)
 
     # -- what it says --------------------------------------------------------------------------------
 
@@ -192,14 +196,14 @@ class Connection:
         device = self._devices.get(heard.device) if isinstance(heard, Ordered) else None
         if isinstance(heard, Ordered) and device is not None and self._speaks_indi:
             why = "something before it was broken and may have been ON_COORD_SET: connect and order it again"
-            self._telling.tell(device, Answer.refused(heard.name, why))
+            self._publisher.tell(device, Answer.refused(heard.name, why))
 
     def _queue(self, heard: Heard) -> None:
         # when it is too much it ends, as soon as what waits is done; until then only stops are heard
         if self._surplus:
-            if not self._telling.room.is_set():
+            if not self._publisher.room.is_set():
                 # it goes on, and doesn't read: there is nothing to wait for
-                self._telling.overflowed.set()
+                self._publisher.overflowed.set()
             return
         if isinstance(heard, Ordered):
             if self._orders_waiting >= _MOST_ORDERS:
@@ -218,19 +222,19 @@ class Connection:
         """
         device = self._devices.get(ordered.device)
         if device is None:
-            self._telling.send(saying("", f"[ERROR] there is no device {ordered.device}", utc_now()))
+            self._publisher.send(saying("", f"[ERROR] there is no device {ordered.device}", utc_now()))
             return
         if ordered.kind != "Switch" or set(ordered.values) - {"ABORT"}:
-            self._telling.tell(device, Answer.refused(ABORT, f"{ABORT} is one switch: ABORT"))
+            self._publisher.tell(device, Answer.refused(ABORT, f"{ABORT} is one switch: ABORT"))
             return
         if ordered.values.get("ABORT") is not True:
-            self._telling.tell(device, Answer(ABORT))
+            self._publisher.tell(device, Answer(ABORT))
             return
 
         def dropped(heard: Heard | Closing | None) -> bool:
             drop = isinstance(heard, Ordered) and heard.device == ordered.device
             if isinstance(heard, Ordered) and drop:
-                self._telling.tell(device, Answer.refused(heard.name, "a stop came first"))
+                self._publisher.tell(device, Answer.refused(heard.name, "a stop came first"))
             return drop
 
         if self._orders_waiting + sum(isinstance(heard, Ordered) for heard in came) > _MOST_ORDERS:
@@ -253,7 +257,7 @@ class Connection:
 
         def ended(answer: Answer) -> None:
             self._stops_room.release()
-            self._telling.tell(device, answer)
+            self._publisher.tell(device, answer)
 
         # the device's own task: it is sent though its client goes at once
         device.abort(self._caller, ended)
@@ -265,13 +269,13 @@ class Connection:
             match heard:
                 case Asked():
                     # at its own pace, and at no other client's cost
-                    await self._telling.room.wait()
-                    self._telling.ask(heard)
+                    await self._publisher.room.wait()
+                    self._publisher.ask(heard)
                 case Ordered():
                     self._orders_waiting -= 1
                     await self._order(heard)
                 case Pinged(uid=uid):
-                    self._telling.send(ping_reply(uid))
+                    self._publisher.send(ping_reply(uid))
                 case Nonsense():
                     self._refuse_nonsense(heard)
                 case Closing():
@@ -283,65 +287,65 @@ class Connection:
     async def _order(self, ordered: Ordered) -> None:
         device = self._devices.get(ordered.device)
         if device is None:
-            self._telling.send(saying("", f"[ERROR] there is no device {ordered.device}", utc_now()))
+            self._publisher.send(saying("", f"[ERROR] there is no device {ordered.device}", utc_now()))
             return
         try:
             if ordered.name == "CONNECTION":
                 await self._connect(device, ordered)
-            elif not self._telling.is_connected(device):
-                self._telling.tell(device, Answer.refused(ordered.name, f"{device.name} is not connected"))
+            elif not self._publisher.is_connected(device):
+                self._publisher.tell(device, Answer.refused(ordered.name, f"{device.name} is not connected"))
             elif ordered.name == "ON_COORD_SET":
                 self._choose(device, ordered)
             else:
                 await self._give(device, ordered)
         except ValueError as error:
-            self._telling.tell(device, Answer.refused(ordered.name, str(error)))
+            self._publisher.tell(device, Answer.refused(ordered.name, str(error)))
 
     async def _give(self, device: IndiTelescope, ordered: Ordered) -> None:
         mode = self._selections.of(device.name)
         if ordered.name == COORDINATES and mode == SYNC:
             # a goto that follows is a goto; and Ok is told when it was synced, not before
             self._selections.choose(device.name, USUAL)
-            self._telling.hold(device, ordered.name)
+            self._publisher.hold(device, ordered.name)
         elif ordered.name in PULSES and ordered.name in device.vectors:
             # Busy once, then Idle once [INDI GuiderInterface]: what came later would end PHD2's next pulse
-            self._telling.tell(device, Answer(ordered.name, State.BUSY))
-            self._telling.hold(device, ordered.name)
+            self._publisher.tell(device, Answer(ordered.name, State.BUSY))
+            self._publisher.hold(device, ordered.name)
         try:
             answer = await device.take(self._caller, ordered, mode)
         finally:
-            self._telling.release(device, ordered.name)
-        self._telling.tell(device, answer)
+            self._publisher.release(device, ordered.name)
+        self._publisher.tell(device, answer)
 
     def _choose(self, device: IndiTelescope, ordered: Ordered) -> None:
-        chosen = chosen_switch(ordered, self._telling.shown(device)["ON_COORD_SET"])
+        chosen = chosen_switch(ordered, self._publisher.shown(device)["ON_COORD_SET"])
         if chosen is not None:
             self._selections.choose(device.name, chosen)
-        self._telling.tell(device, Answer("ON_COORD_SET"))
+        self._publisher.tell(device, Answer("ON_COORD_SET"))
 
     async def _connect(self, device: IndiTelescope, ordered: Ordered) -> None:
-        chosen = chosen_switch(ordered, self._telling.shown(device)["CONNECTION"])
+        chosen = chosen_switch(ordered, self._publisher.shown(device)["CONNECTION"])
         if chosen == "DISCONNECT":
-            self._telling.off[device.name] = True
+            self._publisher.off[device.name] = True
             self.tell(
                 device,
                 Answer("CONNECTION", words="[INFO] for this program: the mount stays with the service"),
             )
         elif chosen == "CONNECT":
-            self._telling.off[device.name] = False
+            self._publisher.off[device.name] = False
             why = None if device.connected else await device.connect()
             if why is not None:
-                self._telling.tell(device, Answer.refused("CONNECTION", why))
+                self._publisher.tell(device, Answer.refused("CONNECTION", why))
             else:
-                self._telling.tell(device, Answer("CONNECTION"))
+                self._publisher.tell(device, Answer("CONNECTION"))
         self.changed()
 
     def _refuse_nonsense(self, heard: Nonsense) -> None:
         device = self._devices.get(heard.device)
         if device is None:
-            self._telling.send(saying("", f"[ERROR] {heard.why}", utc_now()))
+            self._publisher.send(saying("", f"[ERROR] {heard.why}", utc_now()))
         else:
-            self._telling.tell(device, Answer.refused(heard.name, heard.why))
+            self._publisher.tell(device, Answer.refused(heard.name, heard.why))
 
 
 def _is_coordinates(heard: Heard) -> bool:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Coroutine, Sequence
 from datetime import timedelta
 
 from api.access.callers import Caller
-from api.indi_server.orders import Answer, TakingOrders
+from api.indi_server.orders import Answer, IndiOrders
 from api.indi_server.properties import (
     COORDINATES,
     Facts,
@@ -24,7 +24,7 @@ from api.indi_server.properties import (
     vectors_of,
 )
 from api.indi_server.vectors import Vector
-from api.orders.goto_orders import NotTaken, Ordering, require_success
+from api.orders.goto_orders import GotoOrders, NotTaken, require_success
 from api.orders.job import Job
 from api.service import Service
 from drivers.indi.codec.messages import Ordered, State
@@ -34,7 +34,10 @@ from mountnav.settings.telescope import TelescopeSettings
 from mountnav.tasks import Died, begun, fault_words
 
 _TIME_TOLD_EVERY = timedelta(seconds=30)
+"""How often TIME_UTC is sent again; clients let the clock run on in between. Halved, twice the messages."""
 _FIRST_READING_S = 3.0
+"""Longest wait for a telescope's first reading before its properties are defined, s. Doubled, a client of a
+silent mount waits that long for a device; halved, slow mounts are defined without a position."""
 ABORT = "TELESCOPE_ABORT_MOTION"
 
 
@@ -43,8 +46,6 @@ class IndiTelescope:
 
     Parameters
     ----------
-    service : Service
-    settings : TelescopeSettings
     name : str
         What clients call it.
     changed : callable
@@ -73,11 +74,11 @@ class IndiTelescope:
         self.vectors: dict[str, Vector] = {}
         self._service = service
         self._telescope = service.observatory.telescope(settings.id)
-        self._watch = service.desk.watch(settings.id)
-        self._ordering = Ordering(service.desk, service.audit, settings.id)
+        self._watch = service.dispatcher.watch(settings.id)
+        self._ordering = GotoOrders(service.dispatcher, service.audit, settings.id)
         self._optics = optics_of(settings)
         self._changed, self._say, self._died = changed, say, died
-        self._orders = TakingOrders(
+        self._orders = IndiOrders(
             self._ordering, self._watch, self._telescope.navigator.mount.site, self._follow
         )
         self._clock_utc = utc_now()
@@ -134,7 +135,7 @@ class IndiTelescope:
             self._changed()
 
     def _renew(self) -> None:
-        """Make the properties anew from what is known now."""
+        """Make the properties from what is known now."""
         snapshot = self._watch.latest
         self.was_connected = self.was_connected or snapshot.state.connected
         utc = utc_now()
@@ -198,7 +199,6 @@ class IndiTelescope:
 
         Parameters
         ----------
-        caller : Caller
         ordered : Ordered
             To one of its properties.
         mode : str
@@ -249,7 +249,7 @@ class IndiTelescope:
 
 def device_names(telescopes: Sequence[TelescopeSettings]) -> dict[str, str]:
     """What each telescope is called as a device, by its id: its name, and the id where two have one name."""
-    wanted = {one.id: one.name or one.id for one in telescopes}
+    wanted = {telescope.id: telescope.name or telescope.id for telescope in telescopes}
     often = Counter(wanted.values())
     # an order to a name that two have must not reach the one that wasn't meant
     return {

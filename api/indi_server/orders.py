@@ -1,4 +1,7 @@
-"""INDI clients' orders, given to the dispatcher, and what each came to in INDI's words."""
+"""INDI clients' orders, given to the dispatcher, and what each came to in INDI's words.
+
+A short order is answered at its end, a long one when it is under way: `follow` is given its job.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from datetime import datetime
 from api.access.callers import Caller
 from api.indi_server.properties import COORDINATES, PULSES
 from api.indi_server.vectors import Vector
-from api.orders.goto_orders import Ordering
+from api.orders.goto_orders import GotoOrders
 from api.orders.job import Job
 from api.orders.targets import ApparentTarget
 from api.orders.vocabulary import GuideOrder, HomeOrder, ParkOrder, SetParkOrder, TrackingOrder, UnparkOrder
@@ -19,11 +22,15 @@ from drivers.indi.codec.messages import Ordered, State
 from mountnav.clock import utc_now
 from mountnav.sky.coordinates import Apparent, Site
 
-__all__ = ["Answer", "TakingOrders", "chosen_switch", "number_of", "site_answer", "time_answer"]
+__all__ = ["Answer", "IndiOrders", "chosen_switch", "number_of", "site_answer", "time_answer"]
 
 
 _SAME_TIME_S = 5.0
+"""A client's clock this near to ours counts as the same, s: some send whole seconds, late. Doubled, a wrong
+clock of 10 s is not reported to its user."""
 _SAME_PLACE_DEG = 0.02
+"""A client's site this near to ours counts as the same, deg: 2 km; chosen by hand. Doubled, 4 km off goes
+without a word."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +43,6 @@ class Answer:
         The property.
     state : State or None
         Instead of the property's own; None: as it is now.
-    words : str
     """
 
     name: str
@@ -57,7 +63,7 @@ def chosen_switch(ordered: Ordered, shown: Vector) -> str | None:
     ValueError
         More than one, or one that isn't there.
     """
-    known = {one.name for one in shown.members}
+    known = {member.name for member in shown.members}
     strange = sorted(set(ordered.values) - known)
     if strange:
         raise ValueError(f"{ordered.name} has no {', '.join(strange)}, but {', '.join(sorted(known))}")
@@ -109,13 +115,11 @@ def time_answer(ordered: Ordered, now: datetime) -> Answer:
     )
 
 
-class TakingOrders:
+class IndiOrders:
     """Takes the orders to one telescope.
 
     Parameters
     ----------
-    ordering : Ordering
-    watch : Watch
     site : Site
         Of the settings.
     follow : callable
@@ -130,7 +134,7 @@ class TakingOrders:
     """
 
     def __init__(
-        self, ordering: Ordering, watch: Watch, site: Site, follow: Callable[[Job, str], None]
+        self, ordering: GotoOrders, watch: Watch, site: Site, follow: Callable[[Job, str], None]
     ) -> None:
         self.target: Apparent | None = None
         self.rate: str | None = None
@@ -144,8 +148,6 @@ class TakingOrders:
 
         Parameters
         ----------
-        caller : Caller
-        ordered : Ordered
         shown : Vector
             The property as it is.
         mode : str
@@ -225,7 +227,7 @@ class TakingOrders:
 
     async def _pulse(self, caller: Caller, ordered: Ordered) -> Answer:
         elements = PULSES[ordered.name]
-        lasting = {one: number_of(ordered, one) for one in elements if one in ordered.values}
+        lasting = {element: number_of(ordered, element) for element in elements if element in ordered.values}
         wanted = {one: ms for one, ms in lasting.items() if ms != 0.0}
         if not wanted:
             return Answer(ordered.name)

@@ -31,7 +31,6 @@ class Nonsense:
     ----------
     device, name : str
         What it was about, as far as it says.
-    why : str
     """
 
     device: str
@@ -62,7 +61,9 @@ class Hearing:
     def parts(self, data: bytes) -> Iterator[list[Heard]]:
         """Take bytes, and yield what they complete; see `ElementStream.parts`."""
         for part in self._stream.parts(data):
-            understood = (Broken(one.why) if isinstance(one, Malformed) else meant(one) for one in part)
+            understood = (
+                Broken(piece.why) if isinstance(piece, Malformed) else meant(piece) for piece in part
+            )
             yield [heard for heard in understood if heard is not None]
 
 

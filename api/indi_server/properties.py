@@ -1,4 +1,8 @@
-"""A telescope as INDI properties: one snapshot in, its properties out, by INDI's names and rules."""
+"""A telescope as INDI properties: one snapshot in, its properties out, by INDI's names and rules.
+
+Pure: asks no device and no clock. What the mount can't do has no property, and what isn't known is off or
+Idle, never a guess. CONNECTION and ON_COORD_SET are each client's own: `api.indi_server.connection`.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ from datetime import datetime
 
 from api.indi_server.vectors import Perm, Rule, Vector, number, numbers, switches, texts, timestamp
 from api.orders.jobs import Job
+from api.orders.vocabulary import LONGEST_PULSE_S
 from api.orders.watching import Snapshot, apparent_place
 from drivers.indi.codec.messages import State
 from mountnav import __version__
@@ -103,7 +108,6 @@ PULSES = {
 }
 """Properties of guide pulses: in which direction each element moves the tube."""
 _PARK = {"PARK": "Park(ed)", "UNPARK": "UnPark(ed)"}
-_LONGEST_PULSE_MS = 60_000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,16 +116,12 @@ class Facts:
 
     Attributes
     ----------
-    snapshot : Snapshot
-    skills : frozenset of Skill
     site : Site
         Of the settings.
     clock_utc : datetime
         What TIME_UTC tells: a moment ago, so that it isn't told twice a second.
     offset_h : float
         Of this machine's zone: local time minus UTC.
-    poll_s : float
-    optics : Optics or None
     target : Apparent or None
         Where it was last sent by this face.
     rate : str or None
@@ -282,8 +282,8 @@ def _guiding(facts: Facts) -> list[Vector]:
                 GUIDE,
                 State.BUSY if busy else State.IDLE,
                 *(
-                    number(one, f"{one[-1]} (ms)", 0.0, form="%.0f", most=_LONGEST_PULSE_MS)
-                    for one in elements
+                    number(element, f"{element[-1]} (ms)", 0.0, form="%.0f", most=1000.0 * LONGEST_PULSE_S)
+                    for element in elements
                 ),
                 perm="rw",
             )

@@ -1,4 +1,15 @@
-"""What each INDI client has chosen and been sent, and what it is to be sent next."""
+"""What each INDI client has chosen and been sent, and what it is to be sent next.
+
+In a common INDI server the selection of ON_COORD_SET is the device's, so that one client's SYNC can turn
+another's goto into a sync. Here it is each connection's. But `indi_setprop` in a script chooses in one
+connection and sends the position in the next one: a SYNC that was chosen, not used, and left behind is
+taken over by the next client of the same machine that chooses nothing itself. It is shown to that client as
+its selection.
+
+Sent is the difference between what a client knows and what is so: one that reads slowly misses what was in
+between, and costs no memory. Answers and messages are kept for it in their order, up to a bound. No I/O:
+`news` says when there is something to send.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +25,12 @@ from api.indi_server.vectors import Vector, definition, deletion, saying, settin
 from drivers.indi.codec.messages import State
 from mountnav.clock import utc_now
 
-__all__ = ["SYNC", "USUAL", "LeftSelections", "Selections", "Telling"]
+__all__ = ["SYNC", "USUAL", "LeftSelections", "Publisher", "Selections"]
 
 
 _LEFT_LIVES_S = 300.0
+"""How long a choice of ON_COORD_SET outlives the client that made it, s: `indi_setprop` connects, sets and
+leaves. Doubled, a later client is more likely to sync where it means to slew."""
 USUAL, SYNC = "TRACK", "SYNC"
 
 
@@ -87,19 +100,23 @@ class Selections:
 
 
 _MOST_UNSENT_BYTES = 1 << 20
+"""What may wait to be sent to a client before its connection is given up, bytes. Doubled, a hundred clients
+that take nothing hold 200 MB."""
 _ENOUGH_BYTES = 65_536
+"""With so much unsent, the client's further questions wait until it has taken it, bytes; chosen by hand.
+Doubled, one that asks faster than it reads holds twice the memory."""
 _MOST_ASKED = 1000
 """Different questions that are remembered: no client has so many, and none may fill the memory."""
 _MODES = {"TRACK": "Track", "SLEW": "Slew", "SYNC": "Sync"}
 _FOR_EVER = 1 << 62
+"""A revision that no reading reaches: the property is held back until it is released."""
 
 
-class Telling:
+class Publisher:
     """What one client knows.
 
     Parameters
     ----------
-    devices : mapping of str to IndiTelescope
     selections : Selections
         What it has chosen of ON_COORD_SET.
 
@@ -259,7 +276,7 @@ class Telling:
                 self._held.pop(key, None)
                 self._known[key] = vector
                 out.append((setting if known is not None else definition)(device.name, vector, utc))
-            for key in [one for one in self._known if one[0] == device.name and one[1] not in shown]:
+            for key in [known for known in self._known if known[0] == device.name and known[1] not in shown]:
                 del self._known[key]
                 self._held.pop(key, None)
                 out.append(deletion(*key, utc))

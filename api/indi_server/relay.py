@@ -14,7 +14,10 @@ import threading
 from typing import BinaryIO
 
 _AT_ONCE_BYTES = 65_536
+"""Bytes passed on in one read, as much as a pipe holds. Halved, twice the system calls."""
 _CONNECT_S = 10.0
+"""Longest wait for our server to accept, s; chosen by hand. Doubled, `indiserver` learns later that it
+isn't there."""
 
 
 def relay(host: str, port: int, *, heard: BinaryIO | None = None, said: BinaryIO | None = None) -> int:

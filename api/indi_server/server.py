@@ -11,8 +11,7 @@ from api.indi_server.device import IndiTelescope, device_names
 from api.indi_server.orders import Answer
 from api.indi_server.publisher import LeftSelections
 from api.indi_server.vectors import saying
-from api.listeners.fair_reading import Turns
-from api.listeners.tcp import Listening
+from api.listeners.tcp import TcpPort, Turns
 from api.service import Service
 from mountnav.clock import utc_now
 from mountnav.settings.faces import IndiServerSettings
@@ -33,7 +32,7 @@ _WORDS = {
     "mount-limit-stop-failed": "[ERROR] at a limit, and it could not be stopped: {words}",
     "synced": "[INFO] sync: {outcome}",
 }
-"""What the service tells of a mount, as clients are told."""
+"""What the service tells of a mount, as clients read it."""
 
 
 class IndiServer:
@@ -41,7 +40,6 @@ class IndiServer:
 
     Parameters
     ----------
-    service : Service
     settings : IndiServerSettings, optional
         Instead of the service's own.
     """
@@ -55,12 +53,17 @@ class IndiServer:
         telescopes = service.settings.telescope
         names = device_names(telescopes)
         self._devices = {
-            names[one.id]: IndiTelescope(
-                service, one, names[one.id], changed=self._changed, say=self._tell, died=self._died
+            names[telescope.id]: IndiTelescope(
+                service,
+                telescope,
+                names[telescope.id],
+                changed=self._changed,
+                say=self._tell,
+                died=self._died,
             )
-            for one in telescopes
+            for telescope in telescopes
         }
-        self._listening = Listening(
+        self._listening = TcpPort(
             self._settings.host, self._settings.port, self._serve, name="INDI", full=_full
         )
         self._events: asyncio.Task[None] | None = None

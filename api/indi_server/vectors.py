@@ -28,7 +28,6 @@ class Member:
 
     Attributes
     ----------
-    name, label : str
     value : float, bool or str
         By the vector's kind: number, switch, text.
     form : str
@@ -51,11 +50,8 @@ class Vector:
 
     Attributes
     ----------
-    name, label, group : str
     kind : {"Text", "Number", "Switch", "Light"}
     perm : {"ro", "rw", "wo"}
-    state : State
-    members : tuple of Member
     rule : str
         Of switches.
     timeout_s : float
@@ -78,7 +74,7 @@ class Vector:
 
     def on(self) -> str | None:
         """The switch that is on; None if there is none."""
-        return next((one.name for one in self.members if one.value is True), None)
+        return next((member.name for member in self.members if member.value is True), None)
 
 
 def number(
@@ -120,7 +116,7 @@ def definition(device: str, vector: Vector, utc: datetime) -> bytes:
         attributes["rule"] = vector.rule
     attributes["timeout"] = f"{vector.timeout_s:g}"
     attributes["timestamp"] = timestamp(utc)
-    inside = "".join(_defined(vector.kind, one) for one in vector.members)
+    inside = "".join(_defined(vector.kind, member) for member in vector.members)
     tag = f"def{vector.kind}Vector"
     return f"<{tag}{_written(attributes)}>\n{inside}</{tag}>\n".encode()
 
@@ -137,8 +133,8 @@ def setting(device: str, vector: Vector, utc: datetime, words: str = "") -> byte
     if words:
         attributes["message"] = speakable(words)
     inside = "".join(
-        f"  <one{vector.kind} name={quoteattr(one.name)}>{_value(one)}</one{vector.kind}>\n"
-        for one in vector.members
+        f"  <one{vector.kind} name={quoteattr(member.name)}>{_value(member)}</one{vector.kind}>\n"
+        for member in vector.members
     )
     tag = f"set{vector.kind}Vector"
     return f"<{tag}{_written(attributes)}>\n{inside}</{tag}>\n".encode()

@@ -36,7 +36,6 @@ class Lease:
 
     Attributes
     ----------
-    telescope : str
     holder : str
         The caller's name.
     role, face, address : str
@@ -45,10 +44,8 @@ class Lease:
         Of what its holder sends; the secret itself is kept nowhere.
     ttl_s : float
         How long it lasts without a heartbeat.
-    on_expiry : OnExpiry
     note : str
         The holder's words.
-    taken_utc, until_utc : datetime
     until_s : float
         By the loop's clock, which no setting of the machine's clock disturbs.
     ending : bool
@@ -123,8 +120,6 @@ def kept_out(caller: Caller, telescope_id: str, lease: Lease | None, left_s: flo
 
     Parameters
     ----------
-    caller : Caller
-    telescope_id : str
     lease : Lease or None
         What is in force.
     left_s : float
@@ -134,7 +129,7 @@ def kept_out(caller: Caller, telescope_id: str, lease: Lease | None, left_s: flo
     -------
     Refused
         409 ``leased``: another holds it. 409 ``lease-lost``: the caller shows a lease that is none any more,
-        whoever holds the telescope now: it must not go on in the belief that the telescope is its own.
+        no matter who holds the telescope now: it must not go on in the belief that the telescope is its own.
     """
     if lease is not None and caller.lease_id is None:
         return leased(lease, left_s)

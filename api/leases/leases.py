@@ -1,4 +1,9 @@
-"""What is done, once, when the holder of a lease has fallen silent: through the desk, like any order."""
+"""Leases: a telescope is held by a heartbeat; when that ends, what was agreed is done once.
+
+Without the lease nothing but a stop may be ordered on a leased telescope. A lease outlives a restart of the
+service: one that ran out meanwhile is acted on when the service begins. What is done for a holder that has
+fallen silent goes through the dispatcher, like any order.
+"""
 
 from __future__ import annotations
 
@@ -25,12 +30,14 @@ __all__ = ["LeaseKeeper", "Leases"]
 
 
 STOP_AGAIN_S = 5.0
+"""Between two tries of the stop of an expired lease, s. With `STOP_TRIES`: for a minute. Doubled, a mount
+whose link fails once slews on for 5 s more."""
 STOP_TRIES = 12
 """A stop that doesn't reach the mount is sent again, for a minute: the mount may be slewing."""
 
 
 class Orders(Protocol):
-    """The desk, as far as it is needed here."""
+    """The dispatcher, as far as it is needed here."""
 
     async def stop(self, caller: Caller, telescope_id: str) -> Job | None:
         """Cancel the telescope's job and stop its mount."""
@@ -122,10 +129,8 @@ class Leases:
 
     Parameters
     ----------
-    keeper : LeaseKeeper
     tell : callable
         ``tell(kind, data)``: publishes an event.
-    audit : Audit
     """
 
     def __init__(
@@ -151,7 +156,7 @@ class Leases:
         Parameters
         ----------
         orders : Orders
-            The desk.
+            The dispatcher.
         kept : list of LeaseRow
             As the journal has them, of this service's telescopes.
         """
@@ -187,7 +192,7 @@ class Leases:
         ------
         Refused
             409 ``leased``: another holds it. 409 ``lease-lost``: the caller shows a lease that is none any
-            more, whoever holds the telescope now; see `kept_out`.
+            more, no matter who holds the telescope now; see `kept_out`.
         """
         if caller.face is Face.SERVICE:
             return
@@ -210,7 +215,6 @@ class Leases:
         ----------
         caller : Caller
             Of role operate at least.
-        telescope_id : str
         ttl_s : float
             It lasts so long without a heartbeat.
         on_expiry : OnExpiry
@@ -222,7 +226,6 @@ class Leases:
 
         Returns
         -------
-        Lease
         str
             The secret that shows its holder, told this once.
 

@@ -1,4 +1,4 @@
-"""The doors besides HTTP: each is opened with the service, and one that sticks keeps no other shut."""
+"""The listeners besides HTTP: all are started with the service, and one that fails holds up no other."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Listener(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ListenerState:
-    """How a door stands.
+    """The state of a listener.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class ListenerState:
 
 
 class Listeners:
-    """All doors of a service.
+    """All listeners of a service.
 
     Parameters
     ----------
@@ -66,28 +66,30 @@ class Listeners:
         """How each of them stands."""
         states = {}
         for name in self._made:
-            door = self._open.get(name)
-            host, port = (None, None) if door is None else door.address
+            listener = self._open.get(name)
+            host, port = (None, None) if listener is None else listener.address
             states[name] = ListenerState(host, port, self._problems.get(name))
         return states
 
     async def start(self) -> None:
-        """Open them all. One that can't be opened is logged, and told by `states`."""
+        """Open them all. One that can't be opened is logged, and shown by `states`."""
         for name, make in self._made.items():
             try:
-                door = make()
-                await door.start()
+                listener = make()
+                await listener.start()
             except (OSError, MountnavError) as error:
                 # a planetarium's port that somebody else holds is no reason to lose the night
                 self._problems[name] = str(error)
                 _log.error("%s can't be opened: %s", name, error)
             else:
-                self._open[name] = door
-                _log.info("%s listens on %s port %d", name, *door.address)
+                self._open[name] = listener
+                _log.info("%s listens on %s port %d", name, *listener.address)
 
     async def stop(self) -> None:
         """Shut them all."""
-        ended = await asyncio.gather(*(door.stop() for door in self._open.values()), return_exceptions=True)
+        ended = await asyncio.gather(
+            *(listener.stop() for listener in self._open.values()), return_exceptions=True
+        )
         for name, end in zip(self._open, ended, strict=True):
             if isinstance(end, Exception):
                 _log.error("%s could not be shut well", name, exc_info=end)

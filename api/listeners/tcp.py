@@ -1,4 +1,9 @@
-"""A TCP port and its clients, each in a task of its own; going down, nobody is waited for."""
+"""A TCP port and its clients, each in a task of its own, read fairly; going down, it waits for none.
+
+A loop has one thread: while it reads what one client sends, nobody's stop is heard. So what is read at once
+is short, many clients take turns, one part in each turn of the loop, and each has its allowance: the loop's
+longest turn doesn't grow with their number.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +11,70 @@ import asyncio
 import contextlib
 import logging
 import socket
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from dataclasses import dataclass
+from typing import TypeVar
 
-from api.listeners.admission import ConnectionRoom, ToldSeldom
-from api.listeners.descriptors import descriptors_at_hand, listener_burst, listener_fresh, shares
+from api.listeners.admission import (
+    ConnectionRoom,
+    ToldSeldom,
+    descriptors_at_hand,
+    listener_burst,
+    listener_fresh,
+    shares,
+)
 from mountnav.errors import BadSettings
+
+__all__ = ["STOPS_AT_ONCE", "Allowance", "Serve", "TcpPort", "Turns"]
+
+
+Part = TypeVar("Part")
+
+_BURST_BYTES = 1 << 20
+"""What a client may send at once; 5,000 messages that may wait are half of it."""
+STOPS_AT_ONCE = 8
+"""Stops of one client that may be under way; the next one is read when one of them is over. A program in
+panic sends two or three; without a bound a client could begin 40,000 in a second."""
+_STEADY_BYTES_S = 131_072
+"""What it may send for ever; a planetarium sends some hundreds. Doubled, 64 clients take twice the time."""
+
+
+class Turns:
+    """Who reads next, among the clients of a port."""
+
+    def __init__(self) -> None:
+        self._mine = asyncio.Lock()
+
+    async def mine(self) -> None:
+        """Wait for a turn of the loop that no other client of the port has."""
+        async with self._mine:
+            await asyncio.sleep(0)
+
+    async def each(self, parts: Iterator[Part]) -> AsyncIterator[Part]:
+        """Give out parts, each in a turn of the loop in which no other client's part is made."""
+        while True:
+            async with self._mine:
+                part = next(parts, None)
+                await asyncio.sleep(0)
+            if part is None:
+                return
+            yield part
+
+
+class Allowance:
+    """What one client may send: beyond it nothing more is read for a while, and only its own line waits."""
+
+    def __init__(self) -> None:
+        self._left = float(_BURST_BYTES)
+        self._then_s = asyncio.get_running_loop().time()
+
+    async def spend(self, count: int) -> None:
+        """Take so many bytes off, and wait as long as it is overdrawn; others have a turn in any case."""
+        now_s = asyncio.get_running_loop().time()
+        self._left = min(_BURST_BYTES, self._left + (now_s - self._then_s) * _STEADY_BYTES_S) - count
+        self._then_s = now_s
+        await asyncio.sleep(max(0.0, -self._left / _STEADY_BYTES_S))
+
 
 _log = logging.getLogger(__name__)
 
@@ -19,19 +82,22 @@ Serve = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 _MOST_BUFFERED_BYTES = 65_536
 """Read ahead of what is understood; a planetarium's message has 20 bytes. It is the most for each client."""
 _MOST_UNTAKEN_BYTES = 65_536
+"""What may wait to be sent to a client before its writer waits, bytes. Doubled, 64 clients that take
+nothing hold 8 MB."""
 _WAITING = 128
 """Connections that the kernel keeps until they are accepted; beyond it clients try again after a second."""
 _GOODBYE_S = 2.0
+"""Longest wait for the clients' tasks to end when the port is shut, s; chosen by hand. Doubled, a shutdown
+with a stuck client takes 2 s more."""
 _SILENT_S, _ASKED_AGAIN_S, _ASKED_TIMES = 60, 15, 4
 """A phone that left the network is noticed after two minutes; the system's own default is two hours."""
 
 
-class Listening:
+class TcpPort:
     """Listens, and has each client served.
 
     Parameters
     ----------
-    host : str
     port : int
         0: any free one.
     serve : callable (reader, writer) -> awaitable
@@ -46,10 +112,6 @@ class Listening:
         comes.
     most : int, optional
         How many clients at a time, half of them from one address; by what the system allows if left out.
-
-    Attributes
-    ----------
-    most : int
     """
 
     def __init__(
@@ -68,7 +130,7 @@ class Listening:
         self._name = name
         self._full = full
         self._speaks_first = speaks_first
-        self.most = shares(descriptors_at_hand(), 0).door if most is None else most
+        self.most = shares(descriptors_at_hand(), 0).listener if most is None else most
         self._burst = listener_burst(self.most)
         self._here: ConnectionRoom[_Client] = ConnectionRoom(
             self.most, max(1, self.most // 2), listener_fresh(self.most)
@@ -112,7 +174,7 @@ class Listening:
         """Listen no more, and let all clients go."""
         if self._server is not None:
             self._server.close()
-        clients = [one.task for one in self._here]
+        clients = [client.task for client in self._here]
         for client in clients:
             client.cancel()
         if clients:
@@ -198,6 +260,3 @@ def _keep_alive(connection: socket.socket) -> None:
     for name, value in named.items():
         if (option := getattr(socket, name, None)) is not None:
             connection.setsockopt(socket.IPPROTO_TCP, option, value)
-
-
-__all__ = ["Listening", "Serve"]

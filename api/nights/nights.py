@@ -43,8 +43,14 @@ from mountnav.tasks import fault_words, waited_for
 _log = logging.getLogger(__name__)
 
 TICK_S = 5.0
+"""Between two ticks of a night and two looks at its safety file, s; chosen by hand. Doubled, rain is noticed
+up to 5 s later."""
 READY_AGAIN_S = 15.0
+"""Between tries to reach a mount that isn't there, s: each may take long, and lists ports. Doubled, a night
+goes on that much later once the mount is back."""
 CLOCK_STEP_S = 0.5
+"""A difference between the machine's clock and the loop's time that counts as a clock that was set, s; NTP
+slews less than 0.5 ms in a second. Doubled, a step of 1 s stays in the recording."""
 SAFETY_FILE = "safety file"
 """Who says that it is safe or not, where the settings name a file."""
 ROWS_READ = 4000
@@ -59,15 +65,8 @@ class NightParts:
 
     Attributes
     ----------
-    telescope_id : str
-    settings : NightSettings
-    navigator : NightTelescope
-    site : Site
-    catalog : Catalog
-    solving : SolveSettings
     listen : callable
         Told of each decision.
-    journal : Journal
     search_radius_deg : float
         How far the mount's belief may be wrong.
     scale_arcsec_px : (float, float) or None
@@ -76,8 +75,6 @@ class NightParts:
         Newest journal rows of a telescope and kind, oldest first.
     wire_log : WireLog or None
         Of the mount, for recordings.
-    recording : NightRecording or None
-    clock : Clock
     placing : Placing or None
         Instead of following series.
     ready : callable or None
@@ -106,12 +103,7 @@ class NightParts:
 
 
 class NightRunner:
-    """One telescope's nights: watches the folder, takes frames in, lets time pass.
-
-    Parameters
-    ----------
-    parts : NightParts
-    """
+    """One telescope's nights: watches the folder, takes frames in, lets time pass."""
 
     def __init__(self, parts: NightParts) -> None:
         self.parts = parts
@@ -178,7 +170,7 @@ class NightRunner:
             )
             await self.watcher.begin()
             work.append(self._watch)
-        self._tasks = [waited_for(self._kept(one), f"night {one.__name__}") for one in work]
+        self._tasks = [waited_for(self._kept(task), f"night {task.__name__}") for task in work]
 
     async def close(self) -> None:
         """End: a correction under way is ended and written down as such. Twice is fine."""
@@ -393,12 +385,7 @@ class NightRunner:
 
 
 class Nights:
-    """The runners of all telescopes that have nights.
-
-    Parameters
-    ----------
-    runners : iterable of NightRunner
-    """
+    """The runners of all telescopes that have nights."""
 
     def __init__(self, runners: Iterable[NightRunner] = ()) -> None:
         self._runners = {runner.parts.telescope_id: runner for runner in runners}
@@ -459,9 +446,6 @@ def nights_of(
 
     Parameters
     ----------
-    settings : Settings
-    observatory : Observatory
-    catalog : Catalog
     heard : callable
         ``heard(telescope_id, kind, data)``: told of each decision.
     journal : SqlJournal
@@ -494,7 +478,7 @@ def nights_of(
             )
         )
 
-    return Nights(runner(one) for one in settings.telescope if one.night.enabled)
+    return Nights(runner(telescope) for telescope in settings.telescope if telescope.night.enabled)
 
 
 def _listener(heard: Heard, telescope_id: str) -> Listen:

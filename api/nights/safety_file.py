@@ -31,9 +31,8 @@ class SafetyFile:
 
     Parameters
     ----------
-    file : Path
     max_age_s : float
-        An older one means that it isn't safe: whoever writes it has stopped. By the machine's clock, as
+        An older one means that it isn't safe: its writer has stopped. By the machine's clock, as
         files have it.
     look_s : float, optional
         How long a look waits for the file, in seconds of the machine.
@@ -77,7 +76,7 @@ class SafetyFile:
             why, trouble = None, None
             try:
                 why = unsafe_by_file(self.file, self._max_age_s, time.time)
-            except Exception as fault:  # it belongs to whoever looks
+            except Exception as fault:  # it belongs to the one who looks
                 trouble = fault
             with contextlib.suppress(RuntimeError):  # the service has ended meanwhile
                 loop.call_soon_threadsafe(tell, why, trouble)
@@ -91,8 +90,6 @@ def unsafe_by_file(file: Path, max_age_s: float, now_s: Callable[[], float]) -> 
 
     Parameters
     ----------
-    file : Path
-    max_age_s : float
     now_s : callable
         Seconds since 1970.
     """

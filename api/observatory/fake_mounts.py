@@ -13,6 +13,8 @@ from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.pointing_errors import PointingErrors
 
 FAKE_SLEW_RATE_DEG_S = 4.0
+"""Slew rate of a fake mount where the settings name none, deg/s; that of usual small mounts. Halved, every
+simulated slew takes twice as long."""
 GERMAN = Machine(mounting="german", meridian_limits_deg=(10.0, 10.0))
 """How a fake mount is built that is German by its settings, or by its family where they don't say: it changes
 sides, 10° past the meridian at most."""

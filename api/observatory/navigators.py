@@ -36,17 +36,10 @@ def make_navigator(
 
     Parameters
     ----------
-    one : TelescopeSettings
     settings : Settings
         Of the whole service, for site, air and solving.
     mount : Mount
         The driver; from now on only the navigator may use it.
-    camera : Camera
-    catalog : Catalog
-    solve : Solve or None
-    listen : callable
-    journal : Journal
-    clock : Clock, optional
 
     Raises
     ------

@@ -58,13 +58,11 @@ class Telescope:
 
     Attributes
     ----------
-    id : str
-    navigator : Navigator
     mount_address : str
         For people.
     journal : Journal
         Where all of it is written down.
-    taking_up : TakingUp
+    restart : Restart
         What an earlier run of the service left in flight.
     bench : FakeOnPty or None
         The fake mount that this service runs itself.
@@ -80,7 +78,7 @@ class Telescope:
     navigator: Navigator
     mount_address: str
     journal: Journal
-    taking_up: Restart
+    restart: Restart
     bench: FakeOnPty | None = None
     mechanics: Mechanics | None = None
     recording: NightRecording | None = None
@@ -134,7 +132,7 @@ class Telescope:
         return self.navigator
 
     async def lost(self, error: DeviceError) -> None:
-        """Let a link go that failed, so that the next command opens it anew.
+        """Let a link go that failed, so that the next command opens it again.
 
         A mount that keeps its own link is left alone: it connects again by itself, and is stopped then.
         """
@@ -154,11 +152,11 @@ class Telescope:
         return (
             state
             if state.problem
-            else replace(state, problem=self.problem or self.taking_up.told(self.navigator.mount))
+            else replace(state, problem=self.problem or self.restart.told(self.navigator.mount))
         )
 
     async def stop(self) -> None:
-        """Stop all motion now. Raises `DeviceError` when that could not be told to the mount."""
+        """Stop all motion now. Raises `DeviceError` when that could not be sent to the mount."""
         await (await self.ready(even_unwritten=True)).stop()
 
     async def close(self) -> None:
@@ -174,7 +172,7 @@ class Telescope:
             await asyncio.to_thread(self.bench.stop)
 
     async def _take_up(self) -> None:
-        await self.taking_up.at_first_link(self.navigator.mount, self.navigator.guard)
+        await self.restart.at_first_link(self.navigator.mount, self.navigator.guard)
 
     async def _release(self) -> None:
         try:
@@ -184,12 +182,7 @@ class Telescope:
 
 
 class Observatory:
-    """All telescopes of the service.
-
-    Parameters
-    ----------
-    telescopes : sequence of Telescope
-    """
+    """All telescopes of the service."""
 
     def __init__(self, telescopes: Sequence[Telescope]) -> None:
         self._telescopes = {telescope.id: telescope for telescope in telescopes}
@@ -224,7 +217,6 @@ def build_observatory(
 
     Parameters
     ----------
-    settings : Settings
     catalog : Catalog
         For drawing simulated frames.
     heard : callable
@@ -234,11 +226,13 @@ def build_observatory(
     journal : SqlJournal
         Where all that they do is written down.
     """
-    return Observatory([_build(one, settings, catalog, heard, solve, journal) for one in settings.telescope])
+    return Observatory(
+        [_build(telescope, settings, catalog, heard, solve, journal) for telescope in settings.telescope]
+    )
 
 
 def link_is_lost(error: BaseException) -> bool:
-    """Whether an error means that the port should be opened anew."""
+    """Whether an error means that the port should be opened again."""
     return isinstance(error, DeviceMissing | DeviceSilent)
 
 
@@ -265,7 +259,7 @@ def _build(
     solve: Solve,
     sql_journal: SqlJournal,
 ) -> Telescope:
-    taking_up = Restart(sql_journal, one.id, outlives=not one.mount.is_fake)
+    restart = Restart(sql_journal, one.id, outlives=not one.mount.is_fake)
     journal: Journal = sql_journal
     bench: FakeOnPty | None = None
     mechanics: Mechanics | None = None
@@ -282,7 +276,7 @@ def _build(
     mount: Mount = open_mount(_with_options(url, one), name=one.id, site=settings.site.site)
 
     def listen(kind: str, data: dict[str, object]) -> None:
-        taking_up.heard(kind)
+        restart.heard(kind)
         heard(one.id, kind, data)
 
     recording: NightRecording | None = None
@@ -303,7 +297,7 @@ def _build(
         listen=listen,
         journal=journal,
     )
-    return Telescope(one.id, navigator, url, journal, taking_up, bench, mechanics, recording, seen)
+    return Telescope(one.id, navigator, url, journal, restart, bench, mechanics, recording, seen)
 
 
 def require_devices(settings: Settings, file: Path | None = None) -> None:
@@ -311,7 +305,6 @@ def require_devices(settings: Settings, file: Path | None = None) -> None:
 
     Parameters
     ----------
-    settings : Settings
     file : Path, optional
         Where they stand, for the line in the message.
 
@@ -391,7 +384,7 @@ def _camera(
             return open_camera(url, name=f"{one.id} camera")
         case SimulatedCameraSettings() as optics:
             assert mechanics is not None, "the settings let a simulated camera stand on a fake mount alone"
-            # what draws its frames is dear, and no real telescope needs it
+            # what draws its frames is expensive, and no real telescope needs it
             from drivers.simulated.camera import SimulatedCamera
             from mountnav.simulation.optics import SimulatedOptics
 

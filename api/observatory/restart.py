@@ -29,11 +29,9 @@ class Restart:
 
     Parameters
     ----------
-    journal : SqlJournal
-    telescope_id : str
     outlives : bool
         Whether the mount goes on while the service is down; a fake that the service runs itself doesn't, and
-        begins anew each time.
+        begins again each time.
 
     Attributes
     ----------
@@ -144,10 +142,10 @@ class Restart:
         syncs = await self._journal.recent(self._telescope_id, EntryKind.SYNC, ROWS_READ)
         learned = await self._journal.recent(self._telescope_id, EntryKind.LEARNED, 1)
         settings = await self._journal.recent(self._telescope_id, EntryKind.SETTINGS, ROWS_READ)
-        said = [one.facts for one in settings if one.facts.get("about") == ACCEPTED]
+        said = [entry.facts for entry in settings if entry.facts.get("about") == ACCEPTED]
         if said and said[-1].get("difference") is not None:
             mount.restore_agreement(said[-1])
-        proven = [one.facts for one in settings if one.facts.get("about") == SIDE_PROVEN]
+        proven = [entry.facts for entry in settings if entry.facts.get("about") == SIDE_PROVEN]
         if proven:
             mount.restore_side_proof(proven[-1])
         guard.restore(sorted((*syncs, *learned), key=lambda one: one.utc))

@@ -60,12 +60,7 @@ def virtual_days(demo: DemoSettings, site: Site) -> Iterator[FastClock]:
 
 
 class VirtualHeader:
-    """ASGI: says with every answer that it is of a virtual observatory; whatever face gives it.
-
-    Parameters
-    ----------
-    app : ASGI application
-    """
+    """ASGI: says with every answer that it is of a virtual observatory; whatever face gives it."""
 
     def __init__(self, app: _App) -> None:
         self._app = app

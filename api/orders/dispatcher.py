@@ -1,4 +1,7 @@
-"""The one way to order something of a telescope, for every face: role, lease, one at a time, audit."""
+"""The one way to order something of a telescope, for every face: role, lease, one at a time, written down.
+
+REST, Alpaca, INDI, the planetariums and the page all come here; none has another way to a navigator.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,11 @@ __all__ = ["STOP_KNOWN_S", "Dispatcher", "Guard", "StopGiven"]
 _log = logging.getLogger(__name__)
 
 _END_OF_JOB_S = 1.0
+"""How long a stop waits for the end of the job that it cancelled, s; chosen by hand, below `STOP_KNOWN_S`.
+Doubled, the answer comes before it is known that the stop was sent."""
 _LONGEST_FRESHENING_S = 5.0
+"""How long the end of a job waits for a reading made after its work, s; chosen by hand. Doubled, jobs of a
+mount that fell silent end 5 s later."""
 _HELD_S = 2.0
 """Seconds from its beginning for which a stop holds orders back that haven't begun; by then it is answered.
 Doubled, a mount that never answers its stop delays the guide pulses of all others for twice as long."""
@@ -72,12 +79,8 @@ class Dispatcher:
 
     Parameters
     ----------
-    observatory : Observatory
-    jobs : Jobs
     longer : LongerOrders
         Makes work of the orders that need more than a navigator.
-    leases : Guard
-    audit : Book
     poll_s : float
         How often each telescope is read.
     tell : callable
@@ -110,7 +113,7 @@ class Dispatcher:
         self._stops, self._stop_begun_s = 0, 0.0
         self._calm = asyncio.Event()
         self._calm.set()
-        self._watches = {one.id: Watch(one, jobs, poll_s) for one in observatory.telescopes}
+        self._watches = {telescope.id: Watch(telescope, jobs, poll_s) for telescope in observatory.telescopes}
 
     @property
     def telescopes(self) -> Sequence[Telescope]:
@@ -191,8 +194,6 @@ class Dispatcher:
 
         Parameters
         ----------
-        caller : Caller
-        telescope_id : str
         kind : str
             Of the job.
         request : dict
@@ -204,7 +205,6 @@ class Dispatcher:
         supersede : bool
             Whether a job that holds the telescope is ended, and its mount stopped, to make room. The new job
             is there at once and begins when that is done; if the mount can't be told to stop, it fails.
-        needs : Role
         devices : bool
             Whether the telescope must be open for it.
 
@@ -257,8 +257,6 @@ class Dispatcher:
 
         Parameters
         ----------
-        telescope_id : str
-        target : Target
         supersede : bool
             As if what runs now had been stopped for it.
 
@@ -275,8 +273,8 @@ class Dispatcher:
     async def stop(self, caller: Caller, telescope_id: str) -> Job | None:
         """Cancel the telescope's job and stop its mount; return the job. Waits for neither queue nor solve.
 
-        Taken from everyone who may operate, whoever holds the lease. The job is cancelled first, so that it
-        can't send another slew after the stop; while it ends, the navigator stops the mount once more, in
+        Taken from everyone who may operate, also past a lease. The job is cancelled first, so that
+        it can't send another slew after the stop; while it ends, the navigator stops the mount once more, in
         case a slew was on the wire at that very moment.
 
         Raises
@@ -327,7 +325,7 @@ class Dispatcher:
     async def stop_all(self, caller: Caller) -> dict[str, StopGiven]:
         """Stop all telescopes at once, each as `give_stop` does."""
         require_role(caller, Role.OPERATE)
-        given = await asyncio.gather(*(self.give_stop(caller, one.id) for one in self.telescopes))
+        given = await asyncio.gather(*(self.give_stop(caller, telescope.id) for telescope in self.telescopes))
         return {telescope.id: one for telescope, one in zip(self.telescopes, given, strict=True)}
 
     async def cancel(self, caller: Caller, job: Job) -> None:
@@ -349,7 +347,7 @@ class Dispatcher:
         devices: bool = True,
         even_unwritten: bool = False,
     ) -> Callable[[], Awaitable[object]]:
-        """Work as a job does it: the telescope opened before, if need be, its state read anew after."""
+        """Work as a job does it: the telescope opened before, if need be, its state read again after."""
         watch = self._watches[telescope.id]
 
         async def done() -> object:
@@ -365,8 +363,8 @@ class Dispatcher:
             except BaseException:
                 watch.wake()
                 raise
-            # whoever sees the job ended sees where the telescope stands since; a cancellation now comes too
-            # late for the work, and what that brought must not be lost
+            # anyone who sees the job ended sees where the telescope stands since; a cancellation now comes
+            # too late for the work, and what that brought must not be lost
             try:
                 async with asyncio.timeout(_LONGEST_FRESHENING_S):
                     await watch.refresh()
@@ -425,15 +423,8 @@ NIGHT = Caller("night", Role.CONFIGURE, Face.SERVICE)
 """In whose name it is done."""
 
 
-async def preempt(desk: Dispatcher, jobs: Jobs, telescope_id: str) -> None:
-    """End the job that runs on a telescope, unless it parks it already. Raises `DeviceError`.
-
-    Parameters
-    ----------
-    desk : Desk
-    jobs : Jobs
-    telescope_id : str
-    """
+async def preempt(dispatcher: Dispatcher, jobs: Jobs, telescope_id: str) -> None:
+    """End the job that runs on a telescope, unless it parks it already. Raises `DeviceError`."""
     job = jobs.running_on(telescope_id)
     if job is not None and job.kind != "park":
-        await desk.stop(NIGHT, telescope_id)
+        await dispatcher.stop(NIGHT, telescope_id)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
+from typing import assert_never
 
 from api.orders.targets import Target, icrs_of
 from api.orders.vocabulary import (
@@ -13,8 +14,8 @@ from api.orders.vocabulary import (
     GuideOrder,
     HomeOrder,
     LookOrder,
+    NavigatorOrder,
     OffsetOrder,
-    Order,
     ParkOrder,
     RecoverOrder,
     SetParkOrder,
@@ -32,9 +33,20 @@ from mountnav.navigation.navigator import Navigator
 from mountnav.sky.coordinates import Icrs
 
 Work = Callable[[Navigator], Awaitable[object]]
+_WithoutSky = (
+    ParkOrder
+    | HomeOrder
+    | UnparkOrder
+    | SetParkOrder
+    | TrackingOrder
+    | GuideOrder
+    | TrustOrder
+    | SetSiteTimeOrder
+    | AcceptSiteTimeOrder
+)
 
 
-def work_of(order: Order) -> Work:
+def work_of(order: NavigatorOrder) -> Work:
     """An order as something to do with a navigator."""
 
     async def work(navigator: Navigator) -> object:
@@ -43,7 +55,7 @@ def work_of(order: Order) -> Work:
     return work
 
 
-async def execute_order(navigator: Navigator, order: Order) -> object:
+async def execute_order(navigator: Navigator, order: NavigatorOrder) -> object:
     """Do it.
 
     Returns
@@ -86,7 +98,7 @@ async def execute_order(navigator: Navigator, order: Order) -> object:
             return await _without_sky(navigator, order)
 
 
-async def _without_sky(navigator: Navigator, order: Order) -> object:
+async def _without_sky(navigator: Navigator, order: _WithoutSky) -> object:
     match order:
         case ParkOrder():
             return await navigator.park()
@@ -107,7 +119,7 @@ async def _without_sky(navigator: Navigator, order: Order) -> object:
         case AcceptSiteTimeOrder():
             navigator.accept_site_and_time()
         case _:
-            raise AssertionError(f"nobody carries out {order.kind}")
+            assert_never(order)
     return None
 
 

@@ -1,7 +1,8 @@
 """How programs without jobs order: a goto replaces their own, a stop comes before all that isn't begun yet.
 
-INDI, LX200 and Stellarium know no jobs, no leases and no "busy": their orders come here and go to the desk,
-and what stands against them comes back as words. There is no other way from these faces to a telescope.
+INDI, LX200 and Stellarium know no jobs, no leases and no "busy": their orders come here and go to the
+dispatcher, and what stands against them comes back as words. There is no other way from these faces to a
+telescope.
 """
 
 from __future__ import annotations
@@ -19,7 +20,11 @@ from api.problems import Problem, Refused, problem_of
 from mountnav.errors import Cancelled, MountnavError
 
 _COMING_TO_REST_S = 3.0
+"""How long a sync waits for the end of its client's own goto, s; chosen by hand: the place is reached a
+moment before the mount rests. Halved, a sync right after a goto of a slow mount is refused as busy."""
 _MOST_STOPS = 3
+"""Stops of a telescope that these programs may have under way; further ones wait for the end of those.
+Doubled, twice as many stops go to the mount at once."""
 LONGEST_SHORT_S = 45.0
 """For what is over soon: a sync, tracking, unparking, a pulse."""
 
@@ -54,20 +59,18 @@ def words_of(problem: Problem) -> str:
     return f"{said} ({problem.advice})" if problem.advice else said
 
 
-class Ordering:
+class GotoOrders:
     """Gives one telescope's orders of one face.
 
     Parameters
     ----------
-    desk : Desk
     audit : Audit
         Where a goto is noted that was refused before it became a job.
-    telescope_id : str
     """
 
-    def __init__(self, desk: Dispatcher, audit: Audit, telescope_id: str) -> None:
+    def __init__(self, dispatcher: Dispatcher, audit: Audit, telescope_id: str) -> None:
         self.telescope_id = telescope_id
-        self._desk = desk
+        self._dispatcher = dispatcher
         self._audit = audit
         self._gotos: dict[str, Job] = {}
         self._stops = 0
@@ -87,8 +90,8 @@ class Ordering:
         stops = self._stops
         async with self._turn:
             await self._calm.wait()
-            await self._desk.turn()
-            held = self._desk.watch(self.telescope_id).latest.job
+            await self._dispatcher.turn()
+            held = self._dispatcher.watch(self.telescope_id).latest.job
             own = held is not None and held is self._gotos.get(caller.name)
             try:
                 self._require_unstopped(stops)
@@ -96,8 +99,8 @@ class Ordering:
                     # a wrong click doesn't end the goto that is under way
                     await self._check(caller, target, own)
                     self._require_unstopped(stops)
-                    own = own and held is self._desk.watch(self.telescope_id).latest.job
-                job = await self._desk.order(
+                    own = own and held is self._dispatcher.watch(self.telescope_id).latest.job
+                job = await self._dispatcher.order(
                     caller, self.telescope_id, SlewOrder(target=target), supersede=own
                 )
             except (Refused, MountnavError) as refusal:
@@ -173,7 +176,7 @@ class Ordering:
         self._stopping += 1
         self._calm.clear()
         try:
-            await self._desk.stop(caller, self.telescope_id)
+            await self._dispatcher.stop(caller, self.telescope_id)
             self._stop_failed = None
         except (Refused, MountnavError) as refusal:
             self._stop_failed = _not_taken(refusal)
@@ -186,7 +189,7 @@ class Ordering:
     async def _check(self, caller: Caller, target: Target, supersede: bool) -> None:
         """Refuse at once what would be refused: these programs wait for an answer, and know no jobs."""
         try:
-            await self._desk.check(self.telescope_id, target, supersede=supersede)
+            await self._dispatcher.check(self.telescope_id, target, supersede=supersede)
         except MountnavError as refusal:
             request = {"target": target.model_dump()}
             self._audit.refused(caller, "slew", refusal, telescope=self.telescope_id, request=request)
@@ -195,10 +198,10 @@ class Ordering:
     async def _begun(self, caller: Caller, order: Order, stops: int) -> Job:
         # what is ordered after a stop begins when that is done
         await self._calm.wait()
-        await self._desk.turn()
+        await self._dispatcher.turn()
         try:
             self._require_unstopped(stops)
-            return await self._desk.order(caller, self.telescope_id, order)
+            return await self._dispatcher.order(caller, self.telescope_id, order)
         except (Refused, MountnavError) as refusal:
             raise _not_taken(refusal) from refusal
 
@@ -219,4 +222,4 @@ def _not_taken(refusal: Refused | MountnavError) -> NotTaken:
     return NotTaken(refusal.problem if isinstance(refusal, Refused) else problem_of(refusal))
 
 
-__all__ = ["LONGEST_SHORT_S", "NotTaken", "Ordering", "require_success", "words_of"]
+__all__ = ["LONGEST_SHORT_S", "GotoOrders", "NotTaken", "require_success", "words_of"]

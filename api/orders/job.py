@@ -98,7 +98,7 @@ def job_of(row: JobRow) -> Job:
         created_utc=row.created_utc,
         state=JobState(row.state),
         phase=row.phase,
-        attempts=[dict(one) for one in row.attempts],
+        attempts=[dict(attempt) for attempt in row.attempts],
         result=row.result,
         problem=None if row.problem is None else Problem.model_validate(dict(row.problem)),
         started_utc=row.started_utc,

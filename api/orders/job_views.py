@@ -14,6 +14,7 @@ from api.orders.results import OffsetView as OffsetView
 from api.orders.results import Place as Place
 from api.orders.results import place as place
 from api.orders.targets import Body as Body
+from api.orders.vocabulary import OrderKind
 from api.problems import Problem
 from mountnav.devices import Epoch, SlewOutcome
 from mountnav.navigation.reports import (
@@ -190,36 +191,12 @@ Result = Annotated[
     Field(discriminator="kind"),
 ]
 
-JobKind = Literal[
-    "slew",
-    "center",
-    "look",
-    "sync",
-    "sync-to",
-    "offset",
-    "flip",
-    "park",
-    "unpark",
-    "set-park",
-    "home",
-    "tracking",
-    "guide",
-    "trust",
-    "set-site-time",
-    "accept-site-time",
-    "recover",
-    "first-light",
-    "solve",
-    "series",
-    "model-run",
-]
-
 
 class JobView(BaseModel):
     """A job resource."""
 
     id: str
-    kind: JobKind
+    kind: OrderKind
     telescope: str
     state: JobState
     phase: str = Field(description="starting, slewing, exposing, solving, syncing, ..., cancelling, ended")
@@ -452,7 +429,7 @@ def _center(report: CenterReport, target_mount: Place | None) -> CenterView:
         outcome=str(report.outcome),
         target=place(report.target),
         target_mount=target_mount,
-        attempts=[_attempt(one) for one in report.tries],
+        attempts=[_attempt(attempt) for attempt in report.tries],
         error_before_arcsec=report.error_before_arcsec,
         error_after_arcsec=report.error_after_arcsec,
         error_sigma_arcsec=report.error_sigma_arcsec,
@@ -472,7 +449,7 @@ def _center(report: CenterReport, target_mount: Place | None) -> CenterView:
 def job_view(job: Job) -> JobView:
     """View of a job. A centering's report knows more of its tries than was told while it ran."""
     result = result_view(job.result, epoch=job.epoch, utc=job.finished_utc)
-    attempts: list[Any] = [{"kind": "look", **one} for one in job.attempts]
+    attempts: list[Any] = [{"kind": "look", **attempt} for attempt in job.attempts]
     if isinstance(result, CenterView):
         attempts = list(result.attempts)
     return JobView.model_validate(

@@ -1,7 +1,8 @@
-"""Which jobs are remembered: by their ids, by the keys of their clients; with a store, over restarts.
+"""Jobs: long work with an id, one motion at a time per telescope, cancelled at any time, never done twice.
 
-A client's key is what keeps an order from being carried out twice. That nothing moves before it is written
-down is the work of `Jobs`; how it is written down stands here.
+Every change of a job is made by `Jobs`, and nothing moves before it is written down. `JobMemory` keeps
+which jobs are remembered: by their ids and by the keys of their clients, with a store over restarts. A
+client's key is what keeps an order from being carried out twice.
 """
 
 from __future__ import annotations
@@ -46,6 +47,8 @@ _log = logging.getLogger(__name__)
 KEYS_LIVE = timedelta(hours=48)
 """How long, at the least, a client's key is known."""
 _KEYS_MOST = 20_000
+"""Idempotency keys that are remembered at the most; chosen by hand: an order each second for five hours.
+Halved, a client that repeats an older order has it done twice."""
 
 View = Callable[[object, Job], Mapping[str, object] | None]
 
@@ -154,7 +157,7 @@ class JobMemory:
         if job.key is not None:
             self._keys[job.key] = job
         while len(self._jobs) > self._kept:
-            oldest = next((one for one in self._jobs.values() if one.is_over), None)
+            oldest = next((job for job in self._jobs.values() if job.is_over), None)
             if oldest is None:
                 break
             del self._jobs[oldest.id]
@@ -186,7 +189,7 @@ class JobMemory:
     async def write_end(
         self, job: Job, state: JobState, result: object | None, found: Problem | None
     ) -> None:
-        """Write its end down, whoever cancels that; what can't be written is for the log."""
+        """Write its end down, no matter who cancels that; what can't be written is for the log."""
         if self._store is None:
             return
         try:
@@ -250,7 +253,7 @@ class Jobs:
         self._closing = False
 
     async def take_up(self) -> list[Job]:
-        """Remember the jobs and keys of earlier runs; what was running then is told as interrupted.
+        """Remember the jobs and keys of earlier runs; what was running then is reported as interrupted.
 
         To be called once, before anything is started. Nothing is done again.
 
@@ -294,9 +297,6 @@ class Jobs:
 
         Parameters
         ----------
-        kind, telescope : str
-        request : dict
-        work : callable
         key : str, optional
             Made by the client.
         make_room : callable, optional
@@ -335,10 +335,10 @@ class Jobs:
         before = tuple(line)
         self._memory.remember(job)
         line.append(job)
-        for one in before:
-            if one.superseded_by is None:
-                one.superseded_by, one.superseded_by_kind = job.id, kind
-            self.cancel(one)
+        for earlier in before:
+            if earlier.superseded_by is None:
+                earlier.superseded_by, earlier.superseded_by_kind = job.id, kind
+            self.cancel(earlier)
         doing = work if make_room is None or not before else self._after(job, before, make_room, work)
         self._tasks[job.id] = begun(
             self._run(job, doing, even_unwritten), f"{kind} {telescope}", died=lambda _: self._died(job)
@@ -352,7 +352,7 @@ class Jobs:
         make_room: Callable[[], Awaitable[object]],
         work: Callable[[], Awaitable[object]],
     ) -> Callable[[], Awaitable[object]]:
-        """Work that begins when the jobs before it have ended and the mount was told to stop."""
+        """Work that begins when the jobs before it have ended and the mount was sent a stop."""
         # the stop waits neither for the journal nor for the end of those jobs
         stopping = waited_for(make_room())
         stopping.add_done_callback(_heard_of)
@@ -360,8 +360,8 @@ class Jobs:
         async def done() -> object:
             job.phase = "superseding"
             await asyncio.shield(stopping)
-            for one in before:
-                await one.ended.wait()
+            for earlier in before:
+                await earlier.ended.wait()
             job.phase = "starting"
             return await work()
 
@@ -404,7 +404,6 @@ class Jobs:
 
         Parameters
         ----------
-        job : Job
         why : str
             What its owner is told.
         """
@@ -421,7 +420,7 @@ class Jobs:
         """Cancel all jobs and wait for their ends; refuse new ones."""
         self._closing = True
         tasks = list(self._tasks.values())
-        for job in [one for line in self._line.values() for one in line]:
+        for job in [job for line in self._line.values() for job in line]:
             self.cancel(job, "the service went down")
         await asyncio.gather(*tasks, return_exceptions=True)
 
@@ -455,12 +454,12 @@ class Jobs:
         self._end(job, state, result=result, found=found)
 
     def _died(self, job: Job) -> None:
-        """Its end could not be told as it should: it has ended all the same, and holds nothing any more."""
+        """Its end could not be recorded as it should: it has ended all the same, and holds nothing."""
         if not job.is_over:
             self._end(job, JobState.FAILED, found=internal_problem())
 
     async def _write(self, job: Job, even_unwritten: bool) -> None:
-        """Write it down before it does anything; whoever ordered it is answered after that."""
+        """Write it down before it does anything; its caller is answered after that."""
         try:
             async with asyncio.timeout(_SAFE_WAITS_S if even_unwritten else None):
                 await self._memory.write(job)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from api.access.security import allowed_file
-from api.observatory.observatory import Observatory
+from api.observatory.observatory import Heard, Observatory
 from api.orders.execute_order import Work, there
 from api.orders.results import DriftView, SeriesLookView, SeriesView, SolvedView, mount_place, place
 from api.orders.vocabulary import LongerOrder, ModelRunOrder, SeriesOrder, SolveOrder
@@ -41,9 +41,6 @@ async def solve_frame(
 
     Parameters
     ----------
-    navigator : Navigator
-    order : SolveOrder
-    solver : Solver
     folders : sequence of Path
         That frames may be taken from.
 
@@ -89,9 +86,11 @@ async def solve_frame(
 
 
 Tell = Callable[[dict[str, object]], None]
-"""Told of each attempt."""
+"""Called with each attempt."""
 
 FAILURES_IN_A_ROW = 5
+"""Looks that may fail one after the other before a series or a model run is given up, as under clouds;
+chosen by hand. Doubled, it takes five more exposures until then."""
 LEAST_JUMP_PX = 3.0
 """No smaller departure from the usual rate is called a jump; as for series of frames."""
 
@@ -109,11 +108,8 @@ async def run_series(
 
     Parameters
     ----------
-    navigator : Navigator
-    order : SeriesOrder
     tell : callable
         Told of each look.
-    clock : Clock, optional
 
     Raises
     ------
@@ -157,7 +153,7 @@ async def run_series(
             "no look was solved", device=navigator.name, advice="look for clouds, dew, focus", reason="none"
         )
     # the first fit loads scipy: not in the loop, where a stop would wait for that
-    drift, at = await asyncio.to_thread(drift_of, [one.look for one in seen])
+    drift, at = await asyncio.to_thread(drift_of, [taken.look for taken in seen])
     return _summed_up(navigator, order, target, seen, drift, at, began_utc, clock)
 
 
@@ -225,21 +221,21 @@ def drift_of(looks: list[Look]) -> tuple[Drift | None, list[int]]:
         Indices of the looks that a jump led to.
     """
     start = looks[0].mid_exposure_utc
-    sigma = np.array([max(one.solution.center_sigma_arcsec, 1e-3) for one in looks])
+    sigma = np.array([max(look.solution.center_sigma_arcsec, 1e-3) for look in looks])
     track = Track(
-        minutes=np.array([(one.mid_exposure_utc - start).total_seconds() / 60.0 for one in looks]),
-        ra_deg=np.array([one.seen.ra_deg for one in looks]),
-        dec_deg=np.array([one.seen.dec_deg for one in looks]),
+        minutes=np.array([(look.mid_exposure_utc - start).total_seconds() / 60.0 for look in looks]),
+        ra_deg=np.array([look.seen.ra_deg for look in looks]),
+        dec_deg=np.array([look.seen.dec_deg for look in looks]),
         sigma_arcsec=sigma,
         # each look is solved by itself: its error is its own
         anchor=np.zeros(len(looks), dtype=np.int64),
         anchor_sigma_arcsec=np.zeros(len(looks)),
     )
-    scale = float(np.median([one.solution.scale_arcsec_px for one in looks]))
+    scale = float(np.median([look.solution.scale_arcsec_px for look in looks]))
     at = jumps(track, LEAST_JUMP_PX * scale)
     edges = [0, *at, len(looks)]
     parts = [fit_drift(track.part(low, high)) for low, high in pairwise(edges)]
-    return joined([one for one in parts if one is not None]), at
+    return joined([part for part in parts if part is not None]), at
 
 
 def _drift_view(drift: Drift) -> DriftView:
@@ -254,23 +250,17 @@ def _drift_view(drift: Drift) -> DriftView:
     )
 
 
-Heard = Callable[[str, str, dict[str, object]], None]
-
-
 class LongerOrders:
     """Makes work of them.
 
     Parameters
     ----------
-    settings : Settings
-    observatory : Observatory
-    solver : Solver
     heard : callable
-        ``heard(telescope_id, kind, data)``: told of each attempt.
+        ``heard(telescope_id, kind, data)``: called with each attempt.
     """
 
     def __init__(self, settings: Settings, observatory: Observatory, solver: Solver, heard: Heard) -> None:
-        self._telescopes = {one.id: one for one in settings.telescope}
+        self._telescopes = {telescope.id: telescope for telescope in settings.telescope}
         self._settings = settings
         self._observatory = observatory
         self._solver = solver
@@ -290,7 +280,7 @@ class LongerOrders:
                 case SeriesOrder():
                     return await run_series(navigator, order, tell)
                 case ModelRunOrder():
-                    # fitting is dear to import, and few need it
+                    # fitting is expensive to import, and few need it
                     from api.orders.model_run import run_model
 
                     return await run_model(

@@ -68,15 +68,10 @@ async def run_model(
 
     Parameters
     ----------
-    navigator : Navigator
-    order : ModelRunOrder
     tell : callable
         Told of each point.
     settings : Settings
         Of the whole service.
-    one : TelescopeSettings
-    journal : Journal
-    clock : Clock, optional
 
     Raises
     ------

@@ -38,7 +38,6 @@ class RestoredState:
 
     Parameters
     ----------
-    journal : SqlJournal
     tell : callable (kind, data)
         Publishes an event.
     """
@@ -65,7 +64,7 @@ class RestoredState:
 
     @property
     def _waits(self) -> bool:
-        return any(one.by_all for one in self._owed)
+        return any(step.by_all for step in self._owed)
 
     async def first(self, step: Step) -> None:
         """Do a step now that all orders wait for; if it can't be done yet it is owed, and all that follow.
@@ -118,13 +117,13 @@ class RestoredState:
     async def _mend(self) -> None:
         while self._owed:
             await asyncio.sleep(_AGAIN_S)
-            for one in tuple(self._owed):
-                if self._journal.problem is not None or not await self._made_up_for(one):
+            for step in tuple(self._owed):
+                if self._journal.problem is not None or not await self._made_up_for(step):
                     # what comes after it may build on it
-                    if one.by_all:
+                    if step.by_all:
                         break
                     continue
-                self._owed.remove(one)
+                self._owed.remove(step)
             if self._lost and not self._waits:
                 self._lost = False
                 _log.warning("the journal is back: orders are taken")

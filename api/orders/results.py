@@ -1,4 +1,7 @@
-"""What longer orders report while they run and at their end, as JSON models with finite numbers."""
+"""What orders report while they run and at their end, as JSON models: looks, points, drifts, models.
+
+Positions are shown in the ICRS and in the mount's own frame; numbers are finite or null.
+"""
 
 from __future__ import annotations
 
@@ -66,7 +69,6 @@ def mount_place(where: Icrs, epoch: Epoch | None, utc: datetime | None) -> Place
 
     Parameters
     ----------
-    where : Icrs
     epoch : {"apparent", "icrs"} or None
         The mount's.
     utc : datetime or None

@@ -138,10 +138,8 @@ def icrs_of(
 
     Parameters
     ----------
-    target : Target
     utc : datetime
         Aware.
-    site, air : Site, Air
 
     Raises
     ------

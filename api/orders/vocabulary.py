@@ -1,8 +1,12 @@
-"""The orders that a telescope takes from any face, their short REST bodies, and their examples."""
+"""The orders that a telescope takes from any face, their short REST bodies, and their examples.
+
+The kind of an order is the kind of its job. `Order` is the one list; roles, what moves, the capabilities
+and the short bodies (`POST /v1/telescopes/{id}/slew` and the like) follow from its classes.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, get_args
 
 from pydantic import ConfigDict, Field, model_validator
 
@@ -14,8 +18,8 @@ from mountnav.errors import BadRequest
 __all__ = [
     "JOB_EXAMPLES",
     "KINDS",
+    "LONGEST_PULSE_S",
     "MOVING",
-    "OVERRULING",
     "PLACE_EXAMPLES",
     "AcceptSiteTimeOrder",
     "CenterBody",
@@ -29,10 +33,14 @@ __all__ = [
     "LookBody",
     "LookOrder",
     "ModelRunOrder",
+    "NavigatorOrder",
     "OffsetBody",
     "OffsetOrder",
     "Order",
+    "OrderBody",
+    "OrderKind",
     "ParkOrder",
+    "RateWord",
     "RecoverOrder",
     "SeriesOrder",
     "SetParkOrder",
@@ -59,18 +67,33 @@ _Planned = Annotated[
     ),
 ]
 _Exposure = Annotated[float | None, Field(gt=0, le=600)]
+LONGEST_PULSE_S = 60
+"""Longest guide pulse, s; part of the interface (docs/openapi.json). Doubled, a mistyped one moves
+the mount at guide rate for two minutes."""
+RateWord = Literal["sidereal", "lunar", "solar", "king"]
 
 
-class SlewOrder(Tagged):
+class OrderBody(Tagged):
+    """One kind of order: its body, and what is decided by its kind alone."""
+
+    moves: ClassVar[bool] = False
+    """It slews the mount: from the moment it is taken the telescope counts as slewing."""
+    overrules: ClassVar[bool] = False
+    """It is somebody's word against what the guards know by themselves, and needs the role configure."""
+
+
+class SlewOrder(OrderBody):
     """Go to a place as the mount believes it; nothing is looked at."""
 
+    moves = True
     kind: Literal["slew"] = "slew"
     target: Target
 
 
-class CenterOrder(Tagged):
+class CenterOrder(OrderBody):
     """Slew, look, correct, and slew again until the target is at the frame's center."""
 
+    moves = True
     kind: Literal["center"] = "center"
     target: Target
     tolerance_arcsec: float | None = Field(default=None, gt=0, le=3600)
@@ -80,7 +103,7 @@ class CenterOrder(Tagged):
     planned_s: _Planned = None
 
 
-class LookOrder(Tagged):
+class LookOrder(OrderBody):
     """Expose and solve: where it truly points. Moves and syncs nothing."""
 
     kind: Literal["look"] = "look"
@@ -88,108 +111,115 @@ class LookOrder(Tagged):
     persistent: bool = Field(default=False, description="Try all that is allowed and moves nothing")
 
 
-class SyncOrder(Tagged):
+class SyncOrder(OrderBody):
     """Look, and tell the mount where it truly points."""
 
     kind: Literal["sync"] = "sync"
 
 
-class SyncToOrder(Tagged):
+class SyncToOrder(OrderBody):
     """Tell the mount that it points at these coordinates: a planetarium's sync, believed within bounds."""
 
     kind: Literal["sync-to"] = "sync-to"
     target: Target
 
 
-class OffsetOrder(Tagged):
+class OffsetOrder(OrderBody):
     """Nudge: slew by so much on the sky, east and north positive."""
 
+    moves = True
     kind: Literal["offset"] = "offset"
     east_arcsec: float = Field(ge=-36_000, le=36_000)
     north_arcsec: float = Field(ge=-36_000, le=36_000)
 
 
-class FlipOrder(Tagged):
+class FlipOrder(OrderBody):
     """Let a German mount change sides, and center the target anew."""
 
+    moves = True
     kind: Literal["flip"] = "flip"
     target: Target
     planned_s: _Planned = None
 
 
-class ParkOrder(Tagged):
+class ParkOrder(OrderBody):
     """Go to the park position and stay."""
 
+    moves = True
     kind: Literal["park"] = "park"
 
 
-class UnparkOrder(Tagged):
+class UnparkOrder(OrderBody):
     """Be ready to move again."""
 
     kind: Literal["unpark"] = "unpark"
 
 
-class SetParkOrder(Tagged):
+class SetParkOrder(OrderBody):
     """Take the present place for the park position."""
 
     kind: Literal["set-park"] = "set-park"
 
 
-class HomeOrder(Tagged):
+class HomeOrder(OrderBody):
     """Go home, or find it by its sensors."""
 
+    moves = True
     kind: Literal["home"] = "home"
 
 
-class TrackingOrder(Tagged):
+class TrackingOrder(OrderBody):
     """Follow the sky, or rest."""
 
     kind: Literal["tracking"] = "tracking"
     on: bool
-    rate: Literal["sidereal", "lunar", "solar", "king"] = "sidereal"
+    rate: RateWord = "sidereal"
 
 
-class GuideOrder(Tagged):
+class GuideOrder(OrderBody):
     """Move at the guide rate for a moment."""
 
     kind: Literal["guide"] = "guide"
     direction: Literal["n", "s", "e", "w"]
-    duration_s: float = Field(gt=0, le=60)
+    duration_s: float = Field(gt=0, le=LONGEST_PULSE_S)
 
 
-class TrustOrder(Tagged):
+class TrustOrder(OrderBody):
     """An operator's word that the mount's position is right: whoever says so has looked."""
 
+    overrules = True
     kind: Literal["trust"] = "trust"
 
 
-class SetSiteTimeOrder(Tagged):
+class SetSiteTimeOrder(OrderBody):
     """Set the mount's site and clock to this service's. Moves nothing; its position may count no more."""
 
     kind: Literal["set-site-time"] = "set-site-time"
 
 
-class AcceptSiteTimeOrder(Tagged):
+class AcceptSiteTimeOrder(OrderBody):
     """Accept that mount and settings contradict each other on site or time, until that changes."""
 
+    overrules = True
     kind: Literal["accept-site-time"] = "accept-site-time"
 
 
-class RecoverOrder(Tagged):
+class RecoverOrder(OrderBody):
     """Tell a lost mount where it points: two looks anywhere in the sky that agree, then a sync."""
 
     kind: Literal["recover"] = "recover"
     exposure_s: _Exposure = None
 
 
-class FirstLightOrder(Tagged):
+class FirstLightOrder(OrderBody):
     """Tell a telescope set up by eye where it points, and learn its camera: looks and small moves."""
 
+    moves = True
     kind: Literal["first-light"] = "first-light"
     exposure_s: _Exposure = None
 
 
-class SolveOrder(Tagged):
+class SolveOrder(OrderBody):
     """Solve a frame that lies on this machine; or expose one and solve it. Moves nothing."""
 
     kind: Literal["solve"] = "solve"
@@ -232,7 +262,7 @@ class SolveOrder(Tagged):
         return self
 
 
-class SeriesOrder(Tagged):
+class SeriesOrder(OrderBody):
     """Look again and again while it tracks: how the field drifts, with errors."""
 
     kind: Literal["series"] = "series"
@@ -244,9 +274,10 @@ class SeriesOrder(Tagged):
     exposure_s: _Exposure = None
 
 
-class ModelRunOrder(Tagged):
+class ModelRunOrder(OrderBody):
     """Look at points over the allowed sky, one after the other; make a pointing model, and judge it."""
 
+    moves = True
     kind: Literal["model-run"] = "model-run"
     points: int | None = Field(
         default=None, ge=5, le=1000, description="About so many, and those of the last check besides"
@@ -260,10 +291,7 @@ class ModelRunOrder(Tagged):
     )
 
 
-LongerOrder = SolveOrder | SeriesOrder | ModelRunOrder
-"""Orders that need more than a navigator; `api.orders.longer_orders` carries them out."""
-
-Order = Annotated[
+NavigatorOrder = (
     SlewOrder
     | CenterOrder
     | LookOrder
@@ -282,51 +310,52 @@ Order = Annotated[
     | AcceptSiteTimeOrder
     | RecoverOrder
     | FirstLightOrder
-    | SolveOrder
-    | SeriesOrder
-    | ModelRunOrder,
-    Field(discriminator="kind"),
+)
+"""Orders that a navigator carries out by itself: `api.orders.execute_order`."""
+
+LongerOrder = SolveOrder | SeriesOrder | ModelRunOrder
+"""Orders that need more than a navigator: `api.orders.longer_orders`."""
+
+Order = Annotated[NavigatorOrder | LongerOrder, Field(discriminator="kind")]
+"""Any order; the one list of them."""
+
+OrderKind = Literal[
+    "slew",
+    "center",
+    "look",
+    "sync",
+    "sync-to",
+    "offset",
+    "flip",
+    "park",
+    "unpark",
+    "set-park",
+    "home",
+    "tracking",
+    "guide",
+    "trust",
+    "set-site-time",
+    "accept-site-time",
+    "recover",
+    "first-light",
+    "solve",
+    "series",
+    "model-run",
 ]
+"""The kinds once more, for type checkers; a test holds them against `KINDS`."""
 
-KINDS: dict[str, type[Tagged]] = {
-    str(one.model_fields["kind"].default): one
-    for one in (
-        SlewOrder,
-        CenterOrder,
-        LookOrder,
-        SyncOrder,
-        SyncToOrder,
-        OffsetOrder,
-        FlipOrder,
-        ParkOrder,
-        UnparkOrder,
-        SetParkOrder,
-        HomeOrder,
-        TrackingOrder,
-        GuideOrder,
-        TrustOrder,
-        SetSiteTimeOrder,
-        AcceptSiteTimeOrder,
-        RecoverOrder,
-        FirstLightOrder,
-        SolveOrder,
-        SeriesOrder,
-        ModelRunOrder,
-    )
+KINDS: dict[str, type[OrderBody]] = {
+    body.model_fields["kind"].default: body for body in get_args(get_args(Order)[0])
 }
-"""Each kind of order, and so of job, with its body."""
+"""Each kind of order, and so of job, with its body: the members of `Order`."""
 
-MOVING = frozenset({"slew", "center", "offset", "flip", "park", "home", "model-run", "first-light"})
-"""Kinds of orders that slew the mount: from the moment one is taken the telescope counts as slewing."""
-
-
-OVERRULING = (TrustOrder, AcceptSiteTimeOrder)
-"""Orders that are somebody's word against what the guards know by themselves."""
+MOVING = frozenset(kind for kind, body in KINDS.items() if body.moves)
+"""Kinds of orders that slew the mount."""
 
 
 def role_for(order: Order) -> Role:
     """Which role an order needs, by whatever face it comes: what overrules the guards needs more."""
-    overrules = isinstance(order, OVERRULING) or (isinstance(order, ModelRunOrder) and order.put_in_force)
+    overrules = order.overrules or (isinstance(order, ModelRunOrder) and order.put_in_force)
     return Role.CONFIGURE if overrules else Role.OPERATE
 
 
@@ -346,7 +375,21 @@ def _place_or_target(schema: dict[str, Any]) -> None:
     ]
 
 
-class SlewBody(Body):
+MadeOrder = TypeVar("MadeOrder", bound=OrderBody)
+
+
+class ShortBody(Body):
+    """A short REST form of an order: an order of that kind is made of those of its fields that it has."""
+
+    def order(self, kind: type[MadeOrder]) -> MadeOrder:
+        """As an order of this kind."""
+        return kind(**{name: value for name, value in self._fields().items() if name in kind.model_fields})
+
+    def _fields(self) -> dict[str, Any]:
+        return dict(self)
+
+
+class SlewBody(ShortBody):
     """Where to go: `ra_deg`, `dec_deg` and perhaps `frame`, or a `target`."""
 
     model_config = ConfigDict(json_schema_extra=_place_or_target)
@@ -383,9 +426,8 @@ class SlewBody(Body):
             return IcrsTarget(ra_deg=self.ra_deg, dec_deg=self.dec_deg)
         return ApparentTarget(ra_deg=self.ra_deg, dec_deg=self.dec_deg)
 
-    def order(self) -> SlewOrder | CenterOrder | FlipOrder:
-        """As an order."""
-        return SlewOrder(target=self.place)
+    def _fields(self) -> dict[str, Any]:
+        return {**dict(self), "target": self.place}
 
 
 class CenterBody(SlewBody):
@@ -395,23 +437,7 @@ class CenterBody(SlewBody):
     max_tries: int | None = Field(default=None, ge=1, le=50)
     timeout_s: float | None = Field(default=None, gt=0, le=7200)
     correct_by: Literal["sync", "offset", "model"] | None = None
-    planned_s: float | None = Field(
-        default=None,
-        gt=0,
-        le=86_400,
-        description="How long it is to be followed: the answer tells which limit comes before that",
-    )
-
-    def order(self) -> CenterOrder:
-        """As an order."""
-        return CenterOrder(
-            target=self.place,
-            tolerance_arcsec=self.tolerance_arcsec,
-            max_tries=self.max_tries,
-            timeout_s=self.timeout_s,
-            correct_by=self.correct_by,
-            planned_s=self.planned_s,
-        )
+    planned_s: _Planned = None
 
 
 class FlipBody(SlewBody):
@@ -419,52 +445,28 @@ class FlipBody(SlewBody):
 
     planned_s: float | None = Field(default=None, gt=0, le=86_400)
 
-    def order(self) -> FlipOrder:
-        """As an order."""
-        return FlipOrder(target=self.place, planned_s=self.planned_s)
 
-
-class OffsetBody(Body):
+class OffsetBody(ShortBody):
     """How far to nudge, on the sky."""
 
     east_arcsec: float = Field(ge=-36_000, le=36_000)
     north_arcsec: float = Field(ge=-36_000, le=36_000)
 
-    def order(self) -> OffsetOrder:
-        """As an order."""
-        return OffsetOrder(east_arcsec=self.east_arcsec, north_arcsec=self.north_arcsec)
 
-
-class TrackingBody(Body):
+class TrackingBody(ShortBody):
     """Whether to follow the sky, and at which rate."""
 
     on: bool
-    rate: Literal["sidereal", "lunar", "solar", "king"] = "sidereal"
-
-    def order(self) -> TrackingOrder:
-        """As an order."""
-        return TrackingOrder(on=self.on, rate=self.rate)
+    rate: RateWord = "sidereal"
 
 
-class LookBody(Body):
+class LookBody(ShortBody):
     """How to look."""
 
-    exposure_s: float | None = Field(default=None, gt=0, le=600)
+    exposure_s: _Exposure = None
     persistent: bool = Field(
         default=False, description="Look: try all that is allowed and moves nothing, waiting included"
     )
-
-    def order(self) -> LookOrder:
-        """As an order to look."""
-        return LookOrder(exposure_s=self.exposure_s, persistent=self.persistent)
-
-    def recovery(self) -> RecoverOrder:
-        """As an order to recover."""
-        return RecoverOrder(exposure_s=self.exposure_s)
-
-    def first_light(self) -> FirstLightOrder:
-        """As an order for a first light."""
-        return FirstLightOrder(exposure_s=self.exposure_s)
 
 
 def _example(summary: str, **value: Any) -> dict[str, Any]:

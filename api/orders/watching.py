@@ -1,4 +1,4 @@
-"""What is known of a telescope now, read in the background: whoever asks waits for no device."""
+"""The latest known state of each telescope, read in the background: reading it waits for no device."""
 
 from __future__ import annotations
 
@@ -30,7 +30,6 @@ class Snapshot:
 
     Attributes
     ----------
-    state : TelescopeState
     utc : datetime
         When it was put together; ``state.reading.utc`` tells when the mount was read.
     revision : int
@@ -53,14 +52,7 @@ class Snapshot:
 
 
 class Watch:
-    """Reads one telescope's state again and again.
-
-    Parameters
-    ----------
-    telescope : Telescope
-    jobs : Jobs
-    poll_s : float
-    """
+    """Reads one telescope's state again and again."""
 
     def __init__(self, telescope: Telescope, jobs: Jobs, poll_s: float) -> None:
         self._telescope = telescope
@@ -88,7 +80,7 @@ class Watch:
         self._task = begun(self._run(), f"watch {self._telescope.id}", died=self._died)
 
     def _died(self, fault: Exception) -> None:
-        """Nobody reads it any more: what was last seen is not what is. Begin anew."""
+        """Nobody reads it any more: what was last seen is not what is. Begin again."""
         self._take(replace(self._state, connected=False, problem=fault_words(fault)))
         self._begin()
 
@@ -135,7 +127,7 @@ class Watch:
                     await self._wake.wait()
 
     def _mount_said(self, what: str, facts: Mapping[str, object]) -> None:
-        """A link that falls silent is told at once: the reading that finds it out may hang for seconds."""
+        """A link that falls silent is reported at once: the reading that finds out may hang for seconds."""
         if not what.startswith("link"):
             return
         link = self._telescope.navigator.mount.link

@@ -16,6 +16,8 @@ from drivers.lx200.codec.angles import dec_to_text, ra_to_text
 
 ACK = b"\x06"
 LONGEST_COMMAND = 64
+"""Longest command, bytes from colon to hash; chosen by hand. What is longer is skipped up to the next
+colon. Halved, long site names would be, too."""
 SLEWING, AT_REST = b"\x7f#", b"#"
 MATCHED = b"Coordinates     matched.        #"
 UPDATING = b"1Updating        Planetary Data#" + b" " * 30 + b"#"
@@ -28,7 +30,10 @@ _A_WHOLE_TURN = re.compile(rb"24:00(?::00(?:\.0+)?|\.0)")
 _COMMANDS_IN_A_PART = 32
 """So many are taken in in a turn of the loop, some 0.2 ms; an app sends two or three at once."""
 _QUARTER_S = 900.0
+"""Offsets of time zones are multiples of this, s: with the zone unknown, times are compared within it."""
 _SAME_TIME_S = 60.0
+"""An app's clock this near to ours counts as the same, s: some send whole minutes. Doubled, a clock 2 min
+off (0.5° of the sky) goes without a word."""
 
 
 def is_http(heard: bytes) -> bool:
@@ -130,7 +135,7 @@ def words(said: str) -> bytes:
 
 
 def is_that_time(told: timedelta, utc: datetime, hours_to_utc: float | None) -> bool:
-    """Whether a local time of day is ours; any zone's, where the zone wasn't told."""
+    """Whether a local time of day is ours; any zone's, where the zone isn't known."""
     utc = utc.astimezone(UTC)
     now_s = 3600.0 * utc.hour + 60.0 * utc.minute + utc.second
     turn_s = _QUARTER_S if hours_to_utc is None else 86_400.0

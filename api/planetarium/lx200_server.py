@@ -9,22 +9,25 @@ from collections import OrderedDict
 from collections.abc import Coroutine
 
 from api.access.callers import Caller, Face, Role
-from api.listeners.fair_reading import STOPS_AT_ONCE, Allowance, Turns
+from api.listeners.tcp import STOPS_AT_ONCE, Allowance, Turns
 from api.orders.goto_orders import NotTaken
 from api.planetarium.lx200_codec import Commands, is_http
 from api.planetarium.lx200_session import Lx200Client, Machine, MountLost
-from api.planetarium.telescope_server import OneTelescopeServer
+from api.planetarium.telescope_server import AT_ONCE_BYTES, LONGEST_SILENCE_S, OneTelescopeServer
 from api.service import Service
 from mountnav.settings.faces import Lx200ServerSettings
 from mountnav.tasks import Crew, begun
 
 _log = logging.getLogger(__name__)
 
-_AT_ONCE_BYTES = 4096
 _FIRST_BYTES = 16
+"""First bytes of a connection by which a web browser is recognized: its method and a space."""
 _MOST_WAITING = 100
-_LONGEST_SILENCE_S = 10.0
+"""Commands of a client that may wait to be answered; chosen by hand. With more it is answered those, and
+let go. Doubled, one that floods is let go later."""
 _MOST_MACHINES = 64
+"""Machines whose half targets are remembered, as apps may reconnect for each command; chosen by hand.
+Halved, a 33rd app makes the first one's target be forgotten."""
 _STOP = b":Q#"
 _STOPS_ONE_WAY = (b":Qn#", b":Qs#", b":Qe#", b":Qw#")
 """They end a goto too [Meade LX200 manual, :Qn#]; else there is nothing for them to stop here."""
@@ -37,7 +40,6 @@ class Lx200Server(OneTelescopeServer):
 
     Parameters
     ----------
-    service : Service
     settings : Lx200ServerSettings, optional
         Instead of the service's own.
 
@@ -51,7 +53,9 @@ class Lx200Server(OneTelescopeServer):
         settings = settings or service.settings.lx200_server
         super().__init__(service, settings, section="lx200_server", name="the LX200 port")
         self._site = service.settings.site.site
-        mounting = next(one.mount.mounting for one in service.settings.telescope if one.id == self._id)
+        mounting = next(
+            telescope.mount.mounting for telescope in service.settings.telescope if telescope.id == self._id
+        )
         # P: a polar axis, A: altitude and azimuth [LX200 0x06]
         self._letter = b"A" if mounting == "altaz" else b"P"
         self._tasks: set[asyncio.Task[None]] = set()
@@ -102,7 +106,7 @@ class Lx200Server(OneTelescopeServer):
         first, surplus = b"", False
         commands, allowance, room = Commands(), Allowance(), asyncio.Semaphore(STOPS_AT_ONCE)
         with contextlib.suppress(OSError):
-            while data := await reader.read(_AT_ONCE_BYTES):
+            while data := await reader.read(AT_ONCE_BYTES):
                 if len(first) < _FIRST_BYTES:
                     first += data[:_FIRST_BYTES]
                     if is_http(first):
@@ -165,7 +169,7 @@ async def _answer(
         if answer and not deaf:
             writer.write(answer)
             try:
-                async with asyncio.timeout(_LONGEST_SILENCE_S):
+                async with asyncio.timeout(LONGEST_SILENCE_S):
                     await writer.drain()
             except (OSError, TimeoutError):
                 # what it has ordered is carried out all the same

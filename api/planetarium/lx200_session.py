@@ -1,4 +1,10 @@
-"""One LX200 app: its half targets, clock and site, its commands and their answers."""
+"""One LX200 app: its half targets, clock and site, its commands and their answers.
+
+A target is a pair of halves, and a half that was refused leaves none. SkySafari may open a connection for
+each command, so the target is kept for its machine for a while; a connection that set a target itself means
+that one. The format is each connection's own, long at first. The app is sent our clock and site; what it
+sends of them is compared, never taken.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +17,9 @@ from datetime import datetime, time, timedelta
 from typing import Literal
 
 from api.access.callers import Caller
-from api.orders.goto_orders import NotTaken, Ordering
+from api.orders.goto_orders import GotoOrders, NotTaken
 from api.orders.targets import ApparentTarget
-from api.orders.vocabulary import GuideOrder, ParkOrder, UnparkOrder
+from api.orders.vocabulary import LONGEST_PULSE_S, GuideOrder, ParkOrder, UnparkOrder
 from api.orders.watching import Snapshot, Watch, apparent_place
 from api.planetarium import lx200_codec
 from api.planetarium.lx200_codec import app_declination, app_right_ascension
@@ -33,7 +39,7 @@ from mountnav.sky.chain import sidereal_time_deg
 from mountnav.sky.coordinates import Apparent, Site
 from mountnav.tasks import Died, begun
 
-__all__ = ["Aim", "Aims", "Half", "Here", "Lx200Client", "Machine", "MountLost"]
+__all__ = ["Aim", "Aims", "Half", "Lx200Client", "Machine", "MountLost", "SiteAndClock"]
 
 
 Half = Literal["r", "d"]
@@ -92,7 +98,6 @@ class Machine:
 
     Attributes
     ----------
-    aim : Aim
     hours_to_utc : float or None
         Its zone, as told.
     """
@@ -130,16 +135,17 @@ class Aims:
 
 
 _SAME_PLACE_DEG = 0.1
+"""An app's site this near to ours counts as the same, deg: it sends whole arcminutes. Doubled, 20 km off
+goes without a word."""
 _BUILT = {"VD": b"Jan 01 2026", "VT": b"00:00:00"}
 """Some clients wait for a date of the firmware: a form of words, as no firmware is here."""
 
 
-class Here:
+class SiteAndClock:
     """What is the same wherever the mount points.
 
     Parameters
     ----------
-    site : Site
     machine : Machine
         Of the app: it has a zone of its own.
     """
@@ -201,7 +207,7 @@ class Here:
         return False
 
     def _is_today(self, told: object) -> bool:
-        """Whether a local date is ours; a day more or less where the zone wasn't told."""
+        """Whether a local date is ours; a day more or less where the zone isn't known."""
         slack = timedelta(0) if self._machine.hours_to_utc is not None else timedelta(hours=14)
         local = self._local()
         return told in ((local - slack).date(), local.date(), (local + slack).date())
@@ -219,10 +225,11 @@ class Here:
 _log = logging.getLogger(__name__)
 
 _SYNC_ANSWERED_S = 5.0
+"""How long an app's sync waits for its end before it is answered as taken, s; chosen by hand. Halved, more
+refusals of slow mounts are only logged."""
 _BELOW = frozenset({"altitude", "horizon", "below-horizon"})
 _DROPPED = {"MS": b"2A stop came first#", "CM": b"Not synced: a stop came first#"}
 _PULSE = re.compile(r"Mg([nsew])(\d{1,5})")
-_LONGEST_PULSE_MS = 60_000
 _IGNORED = re.compile(r"M[nsew]|Q[nsew]|R[GCMS]\d?|T[QLSM]|H|AP|AA|AL|F.*|B.*")
 """Taken without a word, as the protocol has it, and nothing moves: buttons, rates, modes, focusers."""
 
@@ -236,10 +243,6 @@ class Lx200Client:
 
     Parameters
     ----------
-    caller : Caller
-    watch : Watch
-    ordering : Ordering
-    site : Site
     machine : Machine
         The app's.
     letter : bytes
@@ -252,7 +255,7 @@ class Lx200Client:
         self,
         caller: Caller,
         watch: Watch,
-        ordering: Ordering,
+        ordering: GotoOrders,
         site: Site,
         machine: Machine,
         letter: bytes,
@@ -265,7 +268,7 @@ class Lx200Client:
         self._caller = caller
         self._watch = watch
         self._ordering = ordering
-        self._here = Here(site, machine)
+        self._here = SiteAndClock(site, machine)
         self._aims = Aims(machine)
         self._letter = letter
         self._short = False
@@ -432,7 +435,7 @@ class Lx200Client:
         return b""
 
     def _guide(self, direction: str, duration_ms: int) -> bytes:
-        if duration_ms > _LONGEST_PULSE_MS:
+        if duration_ms > 1000 * LONGEST_PULSE_S:
             _log.info("%s: a guide pulse of %d ms is too long: not taken", self._caller.name, duration_ms)
         elif duration_ms > 0:
             order = GuideOrder.model_validate({"direction": direction, "duration_s": duration_ms / 1000.0})

@@ -15,8 +15,11 @@ from mountnav.sky.coordinates import Icrs
 _POSITION = struct.Struct("<HHqIii")
 _GOTO = struct.Struct("<HHqIi")
 _FULL_TURN = 1 << 32
+"""Right ascension counts a turn as 2^32 [Stellarium telescope protocol]."""
 _RIGHT_ANGLE = 1 << 30
+"""Declination counts 90° as 2^30."""
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+"""Times are microseconds since then."""
 STEP_ARCSEC = 360.0 * 3600.0 / _FULL_TURN
 """The wire's smallest difference."""
 
@@ -31,7 +34,6 @@ class Goto:
 
     Attributes
     ----------
-    place : Icrs
     time_us : int
         Its clock, microseconds since 1970; nobody counts on it.
     """
@@ -40,34 +42,10 @@ class Goto:
     time_us: int
 
 
-@dataclass(frozen=True, slots=True)
-class Position:
-    """Where a telescope is; `status` is 0 when all is well."""
-
-    place: Icrs
-    utc: datetime
-    status: int
-
-
 def position_message(place: Icrs, utc: datetime, status: int = 0) -> bytes:
     """Write where the telescope is."""
     time_us = (utc - _EPOCH) // timedelta(microseconds=1)
     return _POSITION.pack(_POSITION.size, 0, time_us, _turns(place.ra_deg), _angles(place.dec_deg), status)
-
-
-def goto_message(goto: Goto) -> bytes:
-    """Write a goto, as Stellarium does."""
-    return _GOTO.pack(_GOTO.size, 0, goto.time_us, _turns(goto.place.ra_deg), _angles(goto.place.dec_deg))
-
-
-def read_position(message: bytes) -> Position:
-    """Read a position, as Stellarium does. Raises `NotStellarium`."""
-    if len(message) != _POSITION.size:
-        raise NotStellarium(f"{len(message)} bytes are no position")
-    length, kind, time_us, ra, dec, status = _POSITION.unpack(message)
-    if length != _POSITION.size or kind != 0 or abs(dec) > _RIGHT_ANGLE:
-        raise NotStellarium(f"{message!r} is no position")
-    return Position(_place(ra, dec), _EPOCH + timedelta(microseconds=time_us), status)
 
 
 class GotoStream:
@@ -117,8 +95,5 @@ __all__ = [
     "Goto",
     "GotoStream",
     "NotStellarium",
-    "Position",
-    "goto_message",
     "position_message",
-    "read_position",
 ]

@@ -1,4 +1,4 @@
-"""Stellarium's telescope server: one telescope's position twice a second, and gotos from whoever connects.
+"""Stellarium's telescope server: one telescope's position twice a second, and gotos from anyone who connects.
 
 The protocol has no word for "unknown": while the mount can't be read nobody is connected.
 """
@@ -10,12 +10,12 @@ import contextlib
 import logging
 
 from api.access.callers import Caller, Face, Role
-from api.listeners.fair_reading import Allowance
+from api.listeners.tcp import Allowance
 from api.orders.goto_orders import NotTaken
 from api.orders.targets import IcrsTarget
 from api.orders.watching import Snapshot
 from api.planetarium.stellarium_codec import GotoStream, NotStellarium, position_message
-from api.planetarium.telescope_server import OneTelescopeServer
+from api.planetarium.telescope_server import AT_ONCE_BYTES, LONGEST_SILENCE_S, OneTelescopeServer
 from api.service import Service
 from mountnav.settings.faces import StellariumSettings
 from mountnav.tasks import Crew, waited_for
@@ -23,8 +23,8 @@ from mountnav.tasks import Crew, waited_for
 _log = logging.getLogger(__name__)
 
 _PERIOD_S = 0.5
-_LONGEST_SILENCE_S = 10.0
-_AT_ONCE_BYTES = 4096
+"""Longest time between two positions, s, as Stellarium's own servers send them. Doubled, its reticle moves
+in jumps."""
 
 
 class StellariumServer(OneTelescopeServer):
@@ -32,7 +32,6 @@ class StellariumServer(OneTelescopeServer):
 
     Parameters
     ----------
-    service : Service
     settings : StellariumSettings, optional
         Instead of the service's own.
 
@@ -68,7 +67,7 @@ class StellariumServer(OneTelescopeServer):
         snapshot = self._watch.latest
         while message := _message(snapshot):
             writer.write(message)
-            async with asyncio.timeout(_LONGEST_SILENCE_S):
+            async with asyncio.timeout(LONGEST_SILENCE_S):
                 await writer.drain()
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(_PERIOD_S):
@@ -77,7 +76,7 @@ class StellariumServer(OneTelescopeServer):
 
     async def _hear(self, reader: asyncio.StreamReader, caller: Caller) -> None:
         stream, allowance = GotoStream(), Allowance()
-        while data := await reader.read(_AT_ONCE_BYTES):
+        while data := await reader.read(AT_ONCE_BYTES):
             await allowance.spend(len(data))
             gotos = stream.feed(data)
             if gotos:

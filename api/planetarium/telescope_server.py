@@ -5,26 +5,30 @@ from __future__ import annotations
 import asyncio
 from abc import ABC, abstractmethod
 
-from api.listeners.tcp import Listening
-from api.orders.goto_orders import Ordering
+from api.listeners.tcp import TcpPort
+from api.orders.goto_orders import GotoOrders
 from api.service import Service
 from mountnav.errors import BadSettings
 from mountnav.settings.faces import Lx200ServerSettings, StellariumSettings
 
+AT_ONCE_BYTES = 4096
+"""Bytes taken in one read; chosen by hand. `Allowance` bounds what a client may send in all."""
+LONGEST_SILENCE_S = 10.0
+"""A client that takes nothing for so long is let go, s; chosen by hand. Doubled, its task and buffer stay
+twice as long."""
+
 
 class OneTelescopeServer(ABC):
-    """Serves one telescope to whoever connects.
+    """Serves one telescope to anyone who connects.
 
     Parameters
     ----------
-    service : Service
-    settings : Lx200ServerSettings or StellariumSettings
     section : str
         Of the settings, for messages.
     name : str
         Of the port, for messages.
     speaks_first : bool
-        Whether its clients say something as soon as they come; see `Listening`.
+        Whether its clients say something as soon as they come; see `TcpPort`.
 
     Raises
     ------
@@ -42,9 +46,9 @@ class OneTelescopeServer(ABC):
         speaks_first: bool = True,
     ) -> None:
         self._id = telescope_of(service, settings.telescope, section)
-        self._watch = service.desk.watch(self._id)
-        self._ordering = Ordering(service.desk, service.audit, self._id)
-        self._listening = Listening(
+        self._watch = service.dispatcher.watch(self._id)
+        self._ordering = GotoOrders(service.dispatcher, service.audit, self._id)
+        self._listening = TcpPort(
             settings.host, settings.port, self._serve, name=name, speaks_first=speaks_first
         )
 
@@ -71,7 +75,6 @@ def telescope_of(service: Service, named: str | None, section: str) -> str:
 
     Parameters
     ----------
-    service : Service
     named : str or None
         As the settings have it.
     section : str
@@ -82,7 +85,7 @@ def telescope_of(service: Service, named: str | None, section: str) -> str:
     BadSettings
         There is none, or none of that id.
     """
-    ids = [one.id for one in service.settings.telescope]
+    ids = [telescope.id for telescope in service.settings.telescope]
     if named is None and ids:
         return ids[0]
     if named not in ids:
@@ -93,4 +96,4 @@ def telescope_of(service: Service, named: str | None, section: str) -> str:
     return named
 
 
-__all__ = ["OneTelescopeServer", "telescope_of"]
+__all__ = ["AT_ONCE_BYTES", "LONGEST_SILENCE_S", "OneTelescopeServer", "telescope_of"]

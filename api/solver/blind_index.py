@@ -19,6 +19,7 @@ from mountnav.tasks import waited_for
 _log = logging.getLogger(__name__)
 BUILDER = "api.solver.index_process"
 _TOLD_EACH = 0.1
+"""Share of the index after which an event reports progress: ten events for a build. Halved, twenty."""
 _PAUSE_S = 300.0
 """After a failure, before it is tried again."""
 
@@ -101,7 +102,7 @@ class BlindIndexKeeper:
         return self._path
 
     async def close(self) -> None:
-        """End the building, if it is going on; the next one begins anew."""
+        """End the building, if it is going on; the next one begins again."""
         if self._building is not None:
             self._building.cancel()
             await asyncio.gather(self._building, return_exceptions=True)

@@ -13,6 +13,7 @@ from mountnav.catalog.packed import PackedStore
 from mountnav.identification.blind.cache import cached_index
 
 _LEAST_PRIORITY = 19
+"""As `nice` counts, the least that there is: building an index takes minutes and is never urgent."""
 
 
 def main() -> None:

@@ -34,6 +34,8 @@ from mountnav.reading.fits_headers import MOST_PIXELS
 from mountnav.solving.settings import SolveSettings
 
 _GOODBYE_S = 2.0
+"""How long a process may take to end by itself before it is killed, s; chosen by hand. Doubled, a stuck
+process delays the shutdown by 2 s more."""
 
 
 class ProcessEnded(Exception):
@@ -41,7 +43,6 @@ class ProcessEnded(Exception):
 
     Parameters
     ----------
-    how : str
     out_of_cpu : bool
         The kernel ended it for its limit of CPU time.
     """
@@ -56,7 +57,6 @@ class ProcessLink:
 
     Parameters
     ----------
-    process : subprocess.Popen
     link : socket.socket
         Our end, not blocking.
     """
@@ -201,9 +201,8 @@ class Upload:
 
     Attributes
     ----------
-    name : str
     file : int
-        An open descriptor; whoever made the upload closes it.
+        An open descriptor; the maker of the upload closes it.
     """
 
     name: str

@@ -1,8 +1,13 @@
-"""What the solver's process answers, as data: JSON with the arrays behind it, read by the types we expect.
+"""What the service and its solving process send each other: each message with its length before it.
 
-The process reads strangers' files. If one of them should get hold of it, its answers must not get hold of the
-service: no pickle comes back, nothing is made but the classes named here, and no answer is longer than
-`MOST_BYTES`. An answer is a length (`<I`), as much JSON, and the arrays' bytes one after the other.
+Questions are pickles: they come from the service, which its process obeys in any case. Pixels and uploads
+don't go through the socket: they lie in a file without a name (`memfd_create`, or the upload's spool),
+whose descriptor is sent along.
+
+Answers are data: JSON with the arrays behind it, read by the types we expect. The process reads strangers'
+files. If one of them should take it over, its answers must not take over the service: no pickle comes back,
+nothing is made but the classes named here, and no answer is longer than `MOST_BYTES`. An answer is a length
+(`<I`), as much JSON, and the arrays' bytes one after the other.
 """
 
 from __future__ import annotations
@@ -72,13 +77,12 @@ class Ready:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """An error as it is carried over: by name, and made anew there.
+    """An error as it is carried over: by name, and made from that there.
 
     Attributes
     ----------
     kind : str
         The class: one of ours, or one of Python's own; any other arrives as a RuntimeError.
-    what : str
     device, advice : str or None
         Of one of ours.
     notes : tuple of str
@@ -121,13 +125,11 @@ class Done:
 
     Attributes
     ----------
-    verdict : Verdict or None
     frame : Frame or None
         With an empty array for pixels; these lie in the file that came along with the order to read.
     dtype : str
         Of those pixels.
     shape : tuple of int
-    fault : Fault or None
     grown_mb : float
         Memory that the process holds since it is warm, now that the task is done.
     """
@@ -321,7 +323,6 @@ class SharedPixels:
     ----------
     frame : Frame
         With an empty array for pixels.
-    dtype : str
     shape : tuple of int
     """
 
@@ -343,8 +344,6 @@ class Task:
 
     Attributes
     ----------
-    source : SharedPixels or SharedFile
-    hint : Hint or None
     settings : SolveSettings
         Without masters and index, which have ways of their own.
     calibration_number : int or None

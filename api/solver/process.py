@@ -1,4 +1,11 @@
-"""The first frame of the night is a drawn one, solved each way there is: no real one pays for imports."""
+"""The process that solves: everything opened and imported once, then one frame after the other.
+
+It is started by `api.solver.link`, never by hand: ``python -m api.solver.process DESCRIPTOR``. It ends when
+the other end of its socket is closed, also in the middle of a solve, so that no service leaves one behind.
+It reads strangers' files: what it may take of the computer is bounded (`api.solver.limits`), and what it
+answers is data (`api.solver.messages`). Before its first task it solves a drawn frame each way there is, so
+that no real one pays for imports.
+"""
 
 from __future__ import annotations
 
@@ -39,20 +46,21 @@ if TYPE_CHECKING:
 
 
 _PLACE = Icrs(85.0, 30.0)
+"""Center of the drawn frame, in Auriga near the galactic plane; chosen by hand. Any field with enough
+catalog stars does."""
 _SCALE_ARCSEC_PX = 6.0
+"""Scale of the drawn frame, arcsec/px: 1.3° by 1° for the small one. Halved, it has a quarter of the
+stars."""
 _INSTANT = datetime(2026, 1, 1, tzinfo=UTC)
+"""Instant of the drawn frame; fixed, so that each start computes the same."""
 _SMALL, _LARGE = (800, 600), (3000, 2200)
 """Width and height, pixels. A large frame's buffers are got from the system once, by the drawn one."""
 _BLOCK_BYTES = 2880
+"""Bytes of a FITS block [FITS standard 4.0 §3.1]."""
 
 
 def warmed_up(catalog: Catalog, index: BlindIndex | None) -> tuple[str, ...]:
     """Solve a drawn frame at a glance, in full, blind, and from a file.
-
-    Parameters
-    ----------
-    catalog : Catalog
-    index : BlindIndex or None
 
     Returns
     -------
@@ -127,6 +135,8 @@ def as_fits(frame: Frame) -> bytes:
 
 
 _IDLE_S = 0.5
+"""After so long without a task freed memory is given back to the system, s; chosen by hand. Halved, it is
+done between looks of a running series, too."""
 
 _WORTH_TELLING_MB = 64.0
 """Memory that was not given back, from which on the process looks closer: the collector and the C library
@@ -134,12 +144,7 @@ may hold some of it. Frames leave up to 30 MB behind; doubled, twice as much sta
 
 
 class Bench:
-    """What the process keeps between two frames.
-
-    Parameters
-    ----------
-    setup : Setup
-    """
+    """What the process keeps between two frames."""
 
     def __init__(self, setup: Setup) -> None:
         self._catalog = setup.catalog
@@ -227,7 +232,7 @@ def solved_upload(
         It is no usable image.
     """
     began = time.perf_counter()
-    # by the name of an open file: whoever reads it may map it, and nothing is copied for it
+    # by the name of an open file: anyone who reads it may map it, and nothing is copied for it
     frame = read_frame(Path(f"/proc/self/fd/{file}"), name=name, raw=True)
     read_s = time.perf_counter() - began
     verdict = solve(frame, catalog, hint=hint, settings=settings)
@@ -293,7 +298,7 @@ def _carried_out(bench: Bench, task: Task | Read, files: list[int], more_cpu_s: 
             advice="send a smaller image, or raise solving.memory_mb",
         )
         return Done(fault=Fault.of(fault))
-    except Exception as error:  # it belongs to whoever asked
+    except Exception as error:  # it belongs to the one who asked
         return Done(fault=sendable(error))
 
 

@@ -1,4 +1,7 @@
-"""The record of a solve, which `mountnav solve --json` prints and POST /v1/solve answers."""
+"""The record of a solve, which `mountnav solve --json` prints and POST /v1/solve answers.
+
+`solve_answer` makes it as plain values; `SolveRecord` describes it as a model.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,6 @@ def solve_answer(file: str, verdict: Verdict) -> Answer:
     ----------
     file : str
         What to call the frame.
-    verdict : Verdict
 
     Returns
     -------
@@ -40,7 +42,7 @@ def solve_answer(file: str, verdict: Verdict) -> Answer:
         "file": file,
         "solved": verdict.solution is not None,
         "time_s": _times(verdict.times),
-        "contradictions": [str(one) for one in verdict.contradictions],
+        "contradictions": [str(contradiction) for contradiction in verdict.contradictions],
         "notes": list(verdict.notes),
         "quality": None if verdict.quality is None else _quality(verdict.quality),
     }

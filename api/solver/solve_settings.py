@@ -79,7 +79,6 @@ def chosen_settings(
         A settings file, of which `[solving]` counts.
     profile : str or None
         "measured" or "paper".
-    budget_s : float or None
     calibration : Path or None
         A folder of masters.
     blind : {"after", "only", "never"} or None
@@ -92,7 +91,7 @@ def chosen_settings(
         There is no such profile.
     """
     if config is None:
-        # the defaults need none of the models of the settings file, which are dear to import
+        # the defaults need none of the models of the settings file, which are expensive to import
         _require_profile(profile or "measured")
         settings = SolveSettings(
             identification=IdentificationSettings.profile(profile or "measured"),

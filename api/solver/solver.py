@@ -38,7 +38,6 @@ class Solver:
 
     Parameters
     ----------
-    catalog : Catalog
     worker : bool
         In processes of their own: one for looks, and one for uploads while there are any, so that no look
         waits for what a stranger sent; else in threads of this one.
@@ -174,12 +173,7 @@ def _read(file: int, name: str) -> Frame:
 
 
 class Threads:
-    """Solves in threads of this process: no process to start, but the service shares its core with it.
-
-    Parameters
-    ----------
-    catalog : Catalog
-    """
+    """Solves in threads of this process: no process to start, but the service shares its core with it."""
 
     def __init__(self, catalog: Catalog) -> None:
         self._catalog = catalog

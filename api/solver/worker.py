@@ -1,7 +1,7 @@
 """The warm worker: one solving process, asked in turn, looks before uploads; put in place again when it dies.
 
 A caller that is cancelled is free at once. The process may finish the frame within a moment, so that the next
-one finds it warm; after that it is ended and started anew. So is one that doesn't come to an end by itself,
+one finds it warm; after that it is ended and started again. So is one that doesn't come to an end by itself,
 and one that holds much more memory after a frame than before.
 """
 
@@ -82,7 +82,7 @@ class Worker:
     Parameters
     ----------
     catalog : Catalog
-        Opened there anew: it must come through a pickle.
+        Opened there again: it must come through a pickle.
     tell : callable
         ``tell(kind, data)``: told when the process is ready, and when it had to be ended.
     limits : Limits
@@ -137,7 +137,7 @@ class Worker:
             self._runner = begun(self._run(), "solver", died=self._died)
 
     async def close(self) -> None:
-        """End the process; whoever still waits is told that the service goes down."""
+        """End the process; those who wait are told that the service goes down."""
         if self._runner is not None:
             self._runner.cancel()
             await asyncio.gather(self._runner, return_exceptions=True)
@@ -184,7 +184,7 @@ class Worker:
         return await answer
 
     def _died(self, fault: Exception) -> None:
-        """Nobody takes what waits any more: whoever waits is told, and the next one begins anew."""
+        """Nobody takes what waits any more: those who wait are told, and the next one begins again."""
         self._state, self._runner = f"failed: {fault_words(fault)}", None
         while not self._queue.empty():
             _, _, request = self._queue.get_nowait()
@@ -205,7 +205,7 @@ class Worker:
             except asyncio.CancelledError:
                 _refuse(request)
                 raise
-            except Exception as error:  # it belongs to whoever asked
+            except Exception as error:  # it belongs to the one who asked
                 if not request.answer.done():
                     request.answer.set_exception(error)
                 elif not isinstance(error, MountnavError):
@@ -222,12 +222,12 @@ class Worker:
                 await self._started_or_told()
 
     async def _started_or_told(self) -> None:
-        """Start the process; what hinders it is told, and tried again by the next frame."""
+        """Start the process; what hinders it is reported, and tried again by the next frame."""
         try:
             await self._start()
         except ProcessEnded as ended:
             _log.error("the solver can't be started: %s", ended)
-        except Exception as error:  # the runner lives on: whoever asks next is told
+        except Exception as error:  # the runner lives on: anyone who asks next is told
             _log.exception("starting the solver hit a fault")
             self._state = f"failed: {type(error).__name__}; the log has more"
 
@@ -375,7 +375,7 @@ class Worker:
         )
 
     def _ended(self, work: Work | Reading, limit_s: float, *, left: bool) -> Verdict | None:
-        """Tell that the process was ended; the verdict for whoever still waits."""
+        """Tell that the process was ended; the verdict for those who wait."""
         why = "nobody waits for its frame any more" if left else f"no end of it within {limit_s:.0f} s"
         _log.warning("the solver was ended: %s", why)
         self._tell("solver", {"state": f"ended: {why}"})

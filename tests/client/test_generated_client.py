@@ -17,7 +17,7 @@ import uvicorn
 from api.http.app import create_app
 from api.http.openapi import FROZEN_PATH
 from mountnav.settings.observatory import Settings
-from tests.api.night_site import night_toml
+from tests.api.nights.night_site import night_toml
 
 GENERATOR = "openapi-python-client==0.29.1"
 """In an environment of its own: it asks for an older typer than ours."""

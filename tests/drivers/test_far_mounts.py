@@ -22,7 +22,7 @@ from mountnav.clock import utc_now
 from mountnav.devices import SlewOutcome
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.sky.coordinates import Apparent, Icrs
-from tests.api.indi.face_rig import indi_observatory, mechanics_of
+from tests.api.indi_server.face_rig import indi_observatory, mechanics_of
 from tests.drivers.alpaca.alpaca_server import HERE, AlpacaServer, FakeTelescope, quick_mechanics
 from tests.drivers.far_wire import far
 from tests.drivers.test_every_family import fake_of

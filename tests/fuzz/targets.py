@@ -17,9 +17,8 @@ import numpy as np
 from astropy.io import fits
 from PIL import Image
 
-from api.alpaca.answering import read_parameters
+from api.alpaca.answering import MEMBERS, read_parameters
 from api.alpaca.codec import BadParameter
-from api.alpaca.members import MEMBERS
 from api.indi_server.parser import Hearing
 from api.planetarium import lx200_codec, stellarium_codec
 from api.solver.messages import BadAnswer, Done, Fault, Progress, Ready, read, written

@@ -6,10 +6,10 @@ from fastapi import APIRouter, Request
 
 from api.access.callers import Role
 from api.access.security import TheCaller
-from api.http.routes.health import doors_view
+from api.http.routes.health import listener_views
 from api.http.service_views import CapabilitiesView, DoorView, KindView, TelescopeSkillsView
 from api.observatory.virtual import virtual_view
-from api.orders.vocabulary import KINDS, MOVING, OVERRULING, ModelRunOrder
+from api.orders.vocabulary import KINDS, ModelRunOrder
 from api.problems import SLUGS, responses
 from api.service import TheService
 from mountnav import __version__
@@ -20,7 +20,7 @@ router = APIRouter(tags=["service"])
 @router.get("/capabilities", responses=responses())
 async def get_capabilities(request: Request, service: TheService, caller: TheCaller) -> CapabilitiesView:
     """Kinds of jobs, skills of telescopes, faces with their ports, roles, problems. Asks no device."""
-    nights = {one.id for one in service.settings.telescope if one.night.enabled}
+    nights = {telescope.id for telescope in service.settings.telescope if telescope.night.enabled}
     host, port = getattr(request.app.state, "http_address", None) or (None, None)
     http = DoorView(enabled=True, host=host, port=port)
     alpaca = DoorView(enabled=service.settings.alpaca.enabled, host=host, port=port)
@@ -30,8 +30,8 @@ async def get_capabilities(request: Request, service: TheService, caller: TheCal
             KindView(
                 kind=kind,
                 body=body.__name__,
-                moves=kind in MOVING,
-                role="configure" if body in OVERRULING else "operate",
+                moves=body.moves,
+                role="configure" if body.overrules else "operate",
                 what=(body.__doc__ or "").partition("\n")[0]
                 + (" To put it in force needs configure." if body is ModelRunOrder else ""),
             )
@@ -40,16 +40,16 @@ async def get_capabilities(request: Request, service: TheService, caller: TheCal
         targets=["icrs", "apparent", "altaz", "name"],
         telescopes=[
             TelescopeSkillsView(
-                id=one.id,
-                mount=one.mount_address,
-                mounting=one.navigator.mount.mounting,
-                frame="icrs" if one.navigator.mount.epoch == "icrs" else "jnow-apparent",
-                skills=sorted(str(skill) for skill in one.navigator.mount.skills),
-                nights=one.id in nights,
+                id=telescope.id,
+                mount=telescope.mount_address,
+                mounting=telescope.navigator.mount.mounting,
+                frame="icrs" if telescope.navigator.mount.epoch == "icrs" else "jnow-apparent",
+                skills=sorted(str(skill) for skill in telescope.navigator.mount.skills),
+                nights=telescope.id in nights,
             )
-            for one in service.desk.telescopes
+            for telescope in service.dispatcher.telescopes
         ],
-        faces={"http": http, "alpaca": alpaca, **doors_view(service)},
+        faces={"http": http, "alpaca": alpaca, **listener_views(service)},
         roles=[str(role) for role in Role],
         your_role=str(caller.role),
         problems=sorted(SLUGS),

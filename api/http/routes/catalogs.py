@@ -40,21 +40,21 @@ async def list_catalogs(service: TheService) -> list[CatalogRecord]:
 
 def _records(service: Service) -> list[CatalogRecord]:
     records = []
-    for one in named_catalogs(service.catalog):
-        if isinstance(one.catalog, PackedStore):
-            embedded = isinstance(service.catalog, CatalogSet) and one.catalog is service.catalog.indexed
-            _, faintest, commonest = one.catalog.magnitudes
+    for named in named_catalogs(service.catalog):
+        if isinstance(named.catalog, PackedStore):
+            embedded = isinstance(service.catalog, CatalogSet) and named.catalog is service.catalog.indexed
+            _, faintest, commonest = named.catalog.magnitudes
             records.append(
                 CatalogRecord(
-                    slug=one.slug,
-                    name=one.catalog.name,
+                    slug=named.slug,
+                    name=named.catalog.name,
                     kind="embedded" if embedded else "imported",
-                    stars=len(one.catalog),
-                    band=one.catalog.header.band,
+                    stars=len(named.catalog),
+                    band=named.catalog.header.band,
                     commonest_mag=commonest,
                     faintest_mag=faintest,
-                    epoch_yr=one.catalog.header.epoch_yr,
-                    sky_percent=100.0 * one.catalog.sky_share(),
+                    epoch_yr=named.catalog.header.epoch_yr,
+                    sky_percent=100.0 * named.catalog.sky_share(),
                 )
             )
     use = service.settings.catalogs.use

@@ -28,6 +28,7 @@ from mountnav.settings.described_cameras import described_camera
 router = APIRouter(prefix="/telescopes", tags=["telescopes"])
 
 _KEPT = 64
+"""Diagnoses that are kept, of what was asked last; chosen by hand. Halved, more are made again."""
 
 
 @dataclass(slots=True)
@@ -42,7 +43,7 @@ class _Doctor:
         self, camera: CameraFacts, reach: Reach, stores: tuple[NamedCatalog, ...], epoch_yr: float
     ) -> Diagnosis:
         """Look it up, or count the stars in a thread."""
-        key = (camera, reach, tuple((one.slug, one.catalog.name, id(one.catalog)) for one in stores))
+        key = (camera, reach, tuple((store.slug, store.catalog.name, id(store.catalog)) for store in stores))
         async with self.turn:
             if key not in self.found:
                 while len(self.found) >= _KEPT:

@@ -1,4 +1,7 @@
-"""Events as they go over HTTP: server-sent events, with a comment when nothing else keeps the line alive."""
+"""The event streams: of the whole service, of one telescope, of one job; with ids to resume from.
+
+They are server-sent events, with a comment when nothing else keeps the line alive.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +49,6 @@ class EventStream(StreamingResponse):
 
     Parameters
     ----------
-    reader : Reader
     first : sequence of Event
         Sent before anything else.
     ends_with : callable, optional
@@ -78,7 +80,7 @@ async def _stream(
     ends_with: Callable[[Event], bool] | None,
     keep_alive_s: float,
 ) -> AsyncIterator[bytes]:
-    # at once: whoever connects sees that the stream lives
+    # at once: anyone who connects sees that the stream lives
     yield b": mountnav\n\n"
     events: Sequence[Event] | None = first
     while events is not None:

@@ -29,9 +29,13 @@ from mountnav.sky.coordinates import Icrs
 router = APIRouter(prefix="/telescopes", tags=["night"])
 
 LONGEST_JSON_BYTES = 2_000_000
+"""Longest JSON body, bytes: a FITS header with 10,000 cards takes 1 MB. Doubled, the loop may parse for
+twice as long."""
 UPLOADS_WAITING = 8
 """Uploads lie in memory until they are looked at; files of this machine lie where they are."""
 _HEADER_SIDE_PX = 16
+"""Side of the empty image that stands for a frame of which only the header was sent, pixels; it is never
+measured."""
 
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 _FORM = {
@@ -108,7 +112,7 @@ async def list_frames(
     night: TheNight, count: Annotated[int, Query(ge=1, le=1000, description="How many")] = 50
 ) -> list[FrameView]:
     """The newest frames, newest first."""
-    return [frame_view(one, night.parts.telescope_id) for one in night.newest(count)]
+    return [frame_view(frame, night.parts.telescope_id) for frame in night.newest(count)]
 
 
 @router.get("/{telescope_id}/frames/{frame_id}", responses=responses(404, 409))
@@ -127,7 +131,7 @@ async def _json_body(request: Request) -> FramePathBody:
         return FramePathBody.model_validate_json(text)
     except ValidationError as error:
         told = "; ".join(
-            f"{'.'.join(str(part) for part in one['loc'])}: {one['msg']}" for one in error.errors()[:5]
+            f"{'.'.join(str(part) for part in wrong['loc'])}: {wrong['msg']}" for wrong in error.errors()[:5]
         )
         raise BadRequest(told, advice='send {"path": "/data/frame.fits"} or {"header": {...}}') from error
 

@@ -52,7 +52,7 @@ async def get_health(service: TheService) -> HealthView:
             table_days_left=rotation.days_left,
             warning=rotation.warning,
         ),
-        doors=doors_view(service),
+        doors=listener_views(service),
         virtual=virtual_view(),
     )
 
@@ -79,8 +79,8 @@ async def get_version() -> VersionView:
     return VersionView(name="mountnav", version=__version__)
 
 
-def doors_view(service: Service) -> dict[str, DoorView]:
-    """How the doors for other programs stand."""
+def listener_views(service: Service) -> dict[str, DoorView]:
+    """The states of the listeners for other programs."""
     settings = service.settings
     enabled = {
         "alpaca-discovery": settings.alpaca.enabled and settings.alpaca.discovery,
@@ -88,7 +88,7 @@ def doors_view(service: Service) -> dict[str, DoorView]:
         "lx200": settings.lx200_server.enabled,
         "stellarium": settings.stellarium.enabled,
     }
-    states = service.doors.states
+    states = service.listeners.states
     views = {}
     for name, on in enabled.items():
         state = states.get(name)

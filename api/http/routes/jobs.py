@@ -42,12 +42,12 @@ async def get_job(job: TheJob, patience: ThePatience) -> JobView:
 @router.delete("/jobs/{job_id}", responses=responses(404))
 async def cancel_job(service: TheService, job: TheJob, caller: TheCaller) -> JobView:
     """Cancel a job and stop its mount. One that has ended is left as it is; twice is fine."""
-    await service.desk.cancel(caller, job)
+    await service.dispatcher.cancel(caller, job)
     return job_view(job)
 
 
 @router.post("/jobs/{job_id}/cancel", responses=responses(404))
 async def cancel_job_by_post(service: TheService, job: TheJob, caller: TheCaller) -> JobView:
     """Cancel a job and stop its mount: the same as DELETE, for clients that can't send that. No body."""
-    await service.desk.cancel(caller, job)
+    await service.dispatcher.cancel(caller, job)
     return job_view(job)

@@ -40,15 +40,15 @@ async def search_objects(
     """Objects by name: that name itself, then those that begin so, then the brighter. Needs no network."""
     site, air, utc = service.settings.site.site, service.settings.air.air, utc_now()
     views = []
-    for one in search(q, count):
-        icrs = one.icrs(utc, site)
+    for found in search(q, count):
+        icrs = found.icrs(utc, site)
         observed = icrs_to_observed(icrs, utc, site, air)
         views.append(
             ObjectView(
-                name=one.name,
-                kind=one.kind,
-                aliases=list(one.aliases),
-                mag=one.mag,
+                name=found.name,
+                kind=found.kind,
+                aliases=list(found.aliases),
+                mag=found.mag,
                 icrs=place(icrs),
                 altitude_deg=observed.alt_deg,
                 azimuth_deg=observed.az_deg,

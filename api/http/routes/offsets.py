@@ -25,6 +25,7 @@ Hours = Annotated[float, Query(gt=0, le=24 * 7, description="How far back the lo
 Most = Annotated[int, Query(ge=1, le=5000, description="The newest so many")]
 
 _LINE_FROM_LOOKS = 3
+"""Looks that a straight line is fitted through at the least: two would leave no residual."""
 
 
 class LookOffsetView(BaseModel):

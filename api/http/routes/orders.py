@@ -12,18 +12,23 @@ from api.orders.vocabulary import (
     JOB_EXAMPLES,
     PLACE_EXAMPLES,
     CenterBody,
+    CenterOrder,
     FirstLightOrder,
     FlipBody,
+    FlipOrder,
     HomeOrder,
     LookBody,
     LookOrder,
     OffsetBody,
+    OffsetOrder,
     Order,
     ParkOrder,
     RecoverOrder,
     SlewBody,
+    SlewOrder,
     SyncOrder,
     TrackingBody,
+    TrackingOrder,
     TrustOrder,
     UnparkOrder,
 )
@@ -45,25 +50,25 @@ async def start_job(ordering: TheOrdering, body: _Order) -> JobView:
 @router.post("/slew", status_code=202, responses=STARTING)
 async def slew_telescope(ordering: TheOrdering, body: _Slew) -> JobView:
     """Go to a place as the mount believes it; nothing is looked at."""
-    return await ordering.take(body.order())
+    return await ordering.take(body.order(SlewOrder))
 
 
 @router.post("/center", status_code=202, responses=STARTING)
 async def center_telescope(ordering: TheOrdering, body: _Center) -> JobView:
     """Slew, look, sync, and slew again until the target is at the frame's center."""
-    return await ordering.take(body.order())
+    return await ordering.take(body.order(CenterOrder))
 
 
 @router.post("/flip", status_code=202, responses=STARTING)
 async def flip_telescope(ordering: TheOrdering, body: FlipBody) -> JobView:
     """Let a German mount change sides, and center the target anew, whatever was synced before."""
-    return await ordering.take(body.order())
+    return await ordering.take(body.order(FlipOrder))
 
 
 @router.post("/look", status_code=202, responses=STARTING)
 async def look_telescope(ordering: TheOrdering, body: _Look = None) -> JobView:
     """Expose and solve: where it truly points. Moves and syncs nothing. The body may be left out."""
-    return await ordering.take(LookOrder() if body is None else body.order())
+    return await ordering.take(LookOrder() if body is None else body.order(LookOrder))
 
 
 @router.post("/sync", status_code=202, responses=STARTING)
@@ -79,7 +84,7 @@ async def recover_telescope(ordering: TheOrdering, body: _Look = None) -> JobVie
     However far the place is from what the mount believes; it must stand within the telescope's limits now.
     The body may be left out.
     """
-    return await ordering.take(RecoverOrder() if body is None else body.recovery())
+    return await ordering.take(RecoverOrder() if body is None else body.order(RecoverOrder))
 
 
 @router.post("/first-light", status_code=202, responses=STARTING)
@@ -89,19 +94,19 @@ async def first_light_telescope(ordering: TheOrdering, body: _Look = None) -> Jo
     Looks, a small move within the limits that shows in which posture the mount stands, a sync, and two more
     small moves. Up to 10° off. The body may be left out.
     """
-    return await ordering.take(FirstLightOrder() if body is None else body.first_light())
+    return await ordering.take(FirstLightOrder() if body is None else body.order(FirstLightOrder))
 
 
 @router.post("/offset", status_code=202, responses=STARTING)
 async def offset_telescope(ordering: TheOrdering, body: OffsetBody) -> JobView:
     """Nudge: slew by so much on the sky, east and north positive."""
-    return await ordering.take(body.order())
+    return await ordering.take(body.order(OffsetOrder))
 
 
 @router.post("/tracking", status_code=202, responses=STARTING)
 async def track_telescope(ordering: TheOrdering, body: TrackingBody) -> JobView:
     """Follow the sky, or rest."""
-    return await ordering.take(body.order())
+    return await ordering.take(body.order(TrackingOrder))
 
 
 @router.post("/park", status_code=202, responses=STARTING)

@@ -70,16 +70,16 @@ def _assets() -> dict[str, _Asset]:
     found: dict[str, _Asset] = {}
 
     def gather(folder: Traversable, path: str) -> None:
-        for one in folder.iterdir():
-            if one.is_dir():
-                gather(one, f"{path}{one.name}/")
+        for file in folder.iterdir():
+            if file.is_dir():
+                gather(file, f"{path}{file.name}/")
                 continue
-            media_type = MEDIA_TYPES.get(one.name.rpartition(".")[2])
+            media_type = MEDIA_TYPES.get(file.name.rpartition(".")[2])
             if media_type is not None:
-                content = one.read_bytes()
+                content = file.read_bytes()
                 digest = hashlib.sha256(content).hexdigest()[:20]
                 packed = gzip.compress(content, 9, mtime=0)
-                found[f"{path}{one.name}"] = _Asset(content, packed, media_type, digest)
+                found[f"{path}{file.name}"] = _Asset(content, packed, media_type, digest)
 
     gather(files("api").joinpath("web"), "")
     return found
@@ -110,7 +110,9 @@ def _answer(path: str, if_none_match: str | None, accepted: str) -> Response:
     packed = _takes_gzip(accepted)
     headers = {**_HEADERS, "ETag": f'"{asset.digest}{"-gz" if packed else ""}"'}
     known = (
-        [] if if_none_match is None else [one.strip().removeprefix("W/") for one in if_none_match.split(",")]
+        []
+        if if_none_match is None
+        else [part.strip().removeprefix("W/") for part in if_none_match.split(",")]
     )
     if headers["ETag"] in known:
         return Response(status_code=304, headers=headers)
@@ -120,8 +122,8 @@ def _answer(path: str, if_none_match: str | None, accepted: str) -> Response:
 
 
 def _takes_gzip(accepted: str) -> bool:
-    for one in accepted.lower().split(","):
-        name, _, parameters = one.partition(";")
+    for part in accepted.lower().split(","):
+        name, _, parameters = part.partition(";")
         if name.strip() == "gzip":
             return parameters.replace(" ", "") not in ("q=0", "q=0.0", "q=0.00", "q=0.000")
     return False

@@ -38,6 +38,6 @@ async def get_sky(
     answer of this moment, which every slew asks anew.
     """
     asked = None if ra_deg is None or dec_deg is None else Icrs(ra_deg, dec_deg)
-    snapshot = service.desk.watch(telescope.id).latest
+    snapshot = service.dispatcher.watch(telescope.id).latest
     jobs = [job for job in service.jobs.all() if job.telescope == telescope.id]
     return sky_view(telescope.navigator, snapshot.state, snapshot.job, jobs, asked)

@@ -38,7 +38,7 @@ async def stop_telescope(
     service: TheService, telescope: TheTelescope, caller: TheCaller, response: Response
 ) -> StopView:
     """Stop all motion now: no body, never refused as busy. Answers once it was sent, and within 2 s."""
-    given = await service.desk.give_stop(caller, telescope.id)
+    given = await service.dispatcher.give_stop(caller, telescope.id)
     if given.error is not None:
         raise given.error
     job_id = None if given.job is None else given.job.id
@@ -63,8 +63,8 @@ async def stop_all(service: TheService, caller: TheCaller, response: Response) -
     that is connected and could not be told to stop makes it a 502 `stop-failed`. Of one that takes longer it
     is said that it is not known yet (202), and the event `stop-settled` tells what came of it.
     """
-    connected = {one.id for one in service.observatory.telescopes if one.is_open}
-    given = await service.desk.stop_all(caller)
+    connected = {telescope.id for telescope in service.observatory.telescopes if telescope.is_open}
+    given = await service.dispatcher.stop_all(caller)
     views = [_view(telescope_id, one) for telescope_id, one in given.items()]
     failed = {name: one.error for name, one in given.items() if one.error is not None and name in connected}
     if failed:
@@ -75,12 +75,12 @@ async def stop_all(service: TheService, caller: TheCaller, response: Response) -
                 "; ".join(f"{name}: {problem_of(error).detail}" for name, error in failed.items()),
                 advice="look at the mount; cut its power if it moves",
                 retryable=True,
-                errors=[{"at": one.telescope, "what": _words(one)} for one in views],
+                errors=[{"at": view.telescope, "what": _words(view)} for view in views],
             )
         )
-    if any(one.stopped is None for one in views):
+    if any(view.stopped is None for view in views):
         response.status_code = 202
-    known = [one.stopped for one in views]
+    known = [view.stopped for view in views]
     return StopAllView(stopped=False if False in known else None if None in known else True, telescopes=views)
 
 

@@ -43,6 +43,6 @@ async def get_telescope(
 @router.post("/{telescope_id}/acknowledge", responses=responses(404))
 async def acknowledge_notice(telescope: TheTelescope, caller: TheCaller) -> AcknowledgedView:
     """Say that the notice of what was in flight when the service was killed has been seen. Moves nothing."""
-    notice = telescope.taking_up.notice
-    await telescope.taking_up.acknowledge(caller.name)
+    notice = telescope.restart.notice
+    await telescope.restart.acknowledge(caller.name)
     return AcknowledgedView(telescope=telescope.id, notice=notice)

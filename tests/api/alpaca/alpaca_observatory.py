@@ -209,6 +209,6 @@ async def _running(toml: str, headers: dict[str, str] | None) -> AsyncIterator[R
         ) as http,
     ):
         service: Service = app.state.service
-        for one in service.desk.telescopes:
-            await service.desk.watch(one.id).refresh()
+        for one in service.dispatcher.telescopes:
+            await service.dispatcher.watch(one.id).refresh()
         yield Running(app, service, http, AlpacaProbe(http))

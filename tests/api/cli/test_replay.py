@@ -21,7 +21,7 @@ from mountnav.night.memory import EventsKept
 from mountnav.night.recording import VERSION, NightRecording, read_recording
 from mountnav.settings.observatory import Settings
 from mountnav.sky.coordinates import Apparent
-from tests.api.night_site import night_toml
+from tests.api.nights.night_site import night_toml
 
 START = datetime(2026, 11, 21, 20, tzinfo=UTC)
 app = typer.Typer()

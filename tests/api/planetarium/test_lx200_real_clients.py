@@ -9,7 +9,7 @@ import pytest
 from api.planetarium.lx200_server import Lx200Server
 from mountnav.clock import utc_now
 from mountnav.sky.coordinates import Apparent
-from tests.api.indi.face_rig import apart_arcsec, mechanics_of, observatory
+from tests.api.indi_server.face_rig import apart_arcsec, mechanics_of, observatory
 from tests.drivers.indi_process import Indi, running
 
 
@@ -36,7 +36,7 @@ async def test_indis_driver_moves_syncs_and_stops_it(driver: str, device: str, t
     async with observatory(tmp_path) as service:
         server = Lx200Server(service)
         await server.start()
-        await service.desk.watch("east").refresh()
+        await service.dispatcher.watch("east").refresh()
         mechanics = mechanics_of(service)
         try:
             async with running(driver, device, tmp_path / "home") as indi:

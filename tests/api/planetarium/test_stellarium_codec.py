@@ -14,12 +14,11 @@ from api.planetarium.stellarium_codec import (
     Goto,
     GotoStream,
     NotStellarium,
-    goto_message,
     position_message,
-    read_position,
 )
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
+from tests.api.planetarium.stellarium_client import goto_message, read_position
 
 UTC_NOW = datetime(2026, 11, 22, 21, 30, 5, 250_000, tzinfo=UTC)
 PLACES = st.builds(Icrs, st.floats(0.0, 360.0, exclude_max=True), st.floats(-90.0, 90.0))

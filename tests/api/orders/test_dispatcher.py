@@ -1,0 +1,119 @@
+"""The dispatcher: one way for all faces, with its roles, its one job at a time, and what it knows."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
+
+import pytest
+
+from api.access.callers import Caller, Face, Role
+from api.http.app import create_app
+from api.orders.job import JobState
+from api.orders.jobs import TelescopeBusy
+from api.orders.targets import AltAzTarget, IcrsTarget
+from api.orders.vocabulary import LookOrder, SlewOrder, SyncToOrder
+from api.problems import Refused
+from api.service import Service
+from mountnav.devices import from_mount
+from mountnav.errors import OutsideLimits, Unknown
+from mountnav.settings.observatory import Settings
+from mountnav.sky.sphere import separation_arcsec
+
+OPERATOR = Caller("tests", Role.OPERATE, Face.REST)
+SOUTH = AltAzTarget(alt_deg=50.0, az_deg=170.0)
+NORTHEAST = AltAzTarget(alt_deg=40.0, az_deg=60.0)
+
+
+@asynccontextmanager
+async def running(toml: str) -> AsyncIterator[Service]:
+    app = create_app(Settings.parse(toml))
+    async with app.router.lifespan_context(app):
+        yield app.state.service
+
+
+@pytest.mark.long
+async def test_an_order_counts_as_slewing_until_its_end_and_its_end_is_seen(observatory_toml: str) -> None:
+    async with running(observatory_toml) as service:
+        watch = service.dispatcher.watch("east")
+        job = await service.dispatcher.order(OPERATOR, "east", SlewOrder(target=SOUTH))
+        assert watch.latest.slewing
+        assert watch.latest.job is job
+        await asyncio.wait_for(job.ended.wait(), 60)
+        assert job.state is JobState.SUCCEEDED
+        # what is known then is newer than the slew: nobody has to ask the mount
+        latest = watch.latest
+        assert not latest.slewing
+        assert latest.state.altitude_deg == pytest.approx(50.0, abs=0.3)
+        assert latest.state.azimuth_deg == pytest.approx(170.0, abs=0.5)
+
+
+async def test_one_order_at_a_time_unless_it_supersedes(observatory_toml: str) -> None:
+    toml = observatory_toml.replace("slew_rate_deg_s = 45.0", "slew_rate_deg_s = 2.0")
+    async with running(toml) as service:
+        first = await service.dispatcher.order(OPERATOR, "east", SlewOrder(target=SOUTH))
+        with pytest.raises(TelescopeBusy) as busy:
+            await service.dispatcher.order(OPERATOR, "east", LookOrder())
+        assert busy.value.job_id == first.id
+        second = await service.dispatcher.order(OPERATOR, "east", SlewOrder(target=NORTHEAST), supersede=True)
+        await asyncio.wait_for(first.ended.wait(), 60)
+        assert first.state is JobState.CANCELLED
+        assert first.problem is not None
+        assert "superseded" in first.problem.detail
+        assert service.jobs.running_on("east") is second
+        ended = await service.dispatcher.stop(OPERATOR, "east")
+        assert ended is second
+        assert second.state is JobState.CANCELLED
+
+
+async def test_a_key_is_known_while_its_job_holds_the_telescope(observatory_toml: str) -> None:
+    async with running(observatory_toml) as service:
+        order = SlewOrder(target=SOUTH)
+        first = await service.dispatcher.order(OPERATOR, "east", order, key="k")
+        again = await service.dispatcher.order(OPERATOR, "east", order, key="k", supersede=True)
+        assert again is first
+        with pytest.raises(Refused):
+            await service.dispatcher.order(OPERATOR, "east", SlewOrder(target=NORTHEAST), key="k")
+
+
+async def test_who_may_only_look_on_orders_nothing(observatory_toml: str) -> None:
+    async with running(observatory_toml) as service:
+        onlooker = replace(OPERATOR, role=Role.VIEW)
+        with pytest.raises(Refused) as refused:
+            await service.dispatcher.order(onlooker, "east", LookOrder())
+        assert refused.value.problem.status == 403
+        with pytest.raises(Refused):
+            await service.dispatcher.stop(onlooker, "east")
+        assert service.jobs.all() == []
+        with pytest.raises(Unknown):
+            await service.dispatcher.order(OPERATOR, "nowhere", LookOrder())
+
+
+async def test_a_check_moves_nothing_and_a_told_sync_is_seen(observatory_toml: str) -> None:
+    async with running(observatory_toml) as service:
+        dispatcher, watch = service.dispatcher, service.dispatcher.watch("east")
+        await asyncio.wait_for(
+            (await dispatcher.order(OPERATOR, "east", SlewOrder(target=SOUTH))).ended.wait(), 60
+        )
+        with pytest.raises(OutsideLimits):
+            await dispatcher.check("east", AltAzTarget(alt_deg=-30.0, az_deg=10.0))
+        await dispatcher.check("east", NORTHEAST)
+        before = watch.latest.state.icrs
+        assert before is not None
+        told = IcrsTarget(ra_deg=before.ra_deg, dec_deg=before.dec_deg + 0.03)
+        job = await dispatcher.order(OPERATOR, "east", SyncToOrder(target=told))
+        await asyncio.wait_for(job.ended.wait(), 60)
+        assert job.state is JobState.SUCCEEDED
+        reading = watch.latest.state.reading
+        assert reading is not None
+        assert separation_arcsec(from_mount(reading.place), before) == pytest.approx(108.0, abs=25.0)
+
+
+async def test_a_telescope_that_is_not_there_is_known_to_be_so(observatory_toml: str) -> None:
+    async with running(observatory_toml) as service:
+        snapshot = await service.dispatcher.watch("gone").refresh()
+        assert not snapshot.state.connected
+        assert not snapshot.slewing
+        assert "there-is-no-such-port" in (snapshot.state.problem or "")
