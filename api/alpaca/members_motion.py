@@ -74,7 +74,7 @@ def rates_of(device: AlpacaTelescope) -> tuple[TrackingRate, ...]:
     """The rates that the mount takes, in Alpaca's order; sidereal alone where it has no choice."""
     if not device.can(Skill.TRACKING_RATES):
         return (TrackingRate.SIDEREAL,)
-    told = device.mount.told("tracking_rates")
+    told = device.mount.tracking_rates
     known = told if isinstance(told, frozenset) else _UNKNOWN
     return tuple(rate for rate in RATES if rate is TrackingRate.SIDEREAL or rate in known)
 
@@ -121,7 +121,7 @@ async def _set_rate(device: AlpacaTelescope, call: Call) -> None:
 
 def _guide_rates_deg_s(device: AlpacaTelescope) -> tuple[float, float] | None:
     """How fast a pulse moves in right ascension and in declination, where the mount tells."""
-    match device.mount.told("guide_rates_deg_s"):
+    match device.mount.guide_rates_deg_s:
         case (float(ra_deg_s), float(dec_deg_s)):
             return ra_deg_s, dec_deg_s
     return None
