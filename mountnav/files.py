@@ -1,4 +1,16 @@
-"""Files: those that a user names, those for this user alone, locks, and the cache folder."""
+"""Files: those that a user names, those for this user alone, locks, and the cache folder.
+
+Files that a user names are opened only if they are plain files, and read no further than asked. A named pipe
+blocks any process that opens it, a device such as ``/dev/zero`` never ends, and both come easily: by a typing
+error in a path, or from someone who may name a path in an order. What is no plain file is refused with an
+`OSError`, like a file that isn't there: callers have one kind of trouble to handle.
+
+Private files are for this user alone, whatever the umask. Lock files are never links: a lock file is opened
+for writing in a folder that others may write to, and a link in its place would make the service write into a
+file of somebody else's choice.
+
+The cache folder holds what mountnav can make or fetch again; one rule says where it is, for all of mountnav.
+"""
 
 from __future__ import annotations
 

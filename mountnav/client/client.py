@@ -1,4 +1,8 @@
-"""`Client` and `AsyncClient`: the service's HTTP API as calls, with leases kept by heartbeats."""
+"""`Client` and `AsyncClient`: the service's HTTP API as calls, with leases kept by heartbeats.
+
+`Client` blocks, `AsyncClient` is awaited; both have the same calls, declared once by the functions that make
+their requests. A lease is acquired, kept by heartbeats in the background, and released at the end.
+"""
 
 from __future__ import annotations
 

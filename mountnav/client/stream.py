@@ -1,4 +1,8 @@
-"""Events of the service as a stream of server-sent events, followed over lost connections. No I/O."""
+"""Events of the service as a stream of server-sent events, followed over lost connections. No I/O.
+
+Events are parsed from lines [HTML Living Standard §9.2]; `Following` says what to request, what a line means,
+and when to give up.
+"""
 
 from __future__ import annotations
 

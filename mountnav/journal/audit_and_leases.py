@@ -1,4 +1,8 @@
-"""Audit and leases in the journal: who ordered what, and who holds which telescope."""
+"""Audit and leases in the journal: who ordered what, and who holds which telescope.
+
+Audit: a row for each order from each face, whether it was accepted or refused. Leases: one row for each
+telescope that is held, deleted when it no longer is.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Where the journal lies, how it is connected to, and how values lie in its columns."""
+"""Where the journal lies, how it is connected to, and how values lie in its columns.
+
+A journal is a file of SQLite, or PostgreSQL by URL. Without a setting it lies with the user's state, as the
+platform has it. In its columns times are UTC with microseconds, JSON has no NaN, text has no NUL (PostgreSQL
+takes neither).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Reading the journal: filters, a page at a time, or everything as one story in the order of time."""
+"""Reading the journal: filters, a page at a time, or everything as one story in the order of time.
+
+All of it blocks: call it in a thread. It never writes; a service may write the same journal meanwhile.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""After a restart: what was in flight, where the mount stands now, and what that tells. Repeats nothing."""
+"""After a restart: what was in flight, where the mount stands now, and what that tells. Repeats nothing.
+
+A command that was begun and not closed may have been sent or not: the process ended in between. The mount is
+read, the command is closed as unknown with that reading and a judgment in words, and the operator is warned
+until a look, a sync, or a word of theirs settles it. The judgment compares where the mount stands with where
+the command would have brought it: it is a guess and is called one.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,11 @@
-"""A journal checked (is it sound, what does it hold, what is open) and thinned (old looks are removed)."""
+"""A journal checked (is it sound, what does it hold, what is open) and thinned (old looks are removed).
+
+Thinning removes a few rows at a time. Kept forever: commands with their outcomes, runs, and entries of
+models, settings, segments, syncs, refusals, faults and the service. Removed when they are older than asked
+or the file grows too big: looks, jobs that are over, and entries of decisions, links, nights, jobs,
+centerings, what was learned, and notes. Audits are removed when they are older than asked; a file that grows
+too big loses only those of guide pulses, so that nobody can push their own audits out of it.
+"""
 
 from __future__ import annotations
 

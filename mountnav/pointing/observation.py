@@ -1,4 +1,20 @@
-"""Pointing observations: where the tube truly looked and what the mount believed; and their JSON lines."""
+"""Pointing observations: where the tube truly looked and what the mount believed; and their JSON lines.
+
+The file has one observation a line, absolute values, units in the names. A line, here broken up::
+
+    {"utc": "2026-11-21T22:00:00.000000Z",
+     "seen": {"ra_deg": 83.6331, "dec_deg": 22.0145}, "sigma_arcsec": 0.4,
+     "reading": {"epoch": "apparent", "ra_deg": 84.0412, "dec_deg": 22.0301},
+     "side": "east", "segment_id": "s1",
+     "air": {"pressure_hpa": 930.0, "temperature_c": 5.0, "relative_humidity": 0.7, "wavelength_um": 0.6},
+     "rotation_deg": 12.3, "scale_arcsec_px": 1.21, "parity": 1,
+     "model_id": null, "look_id": "l17", "from_side": [1, -1]}
+
+`utc`, `seen` and `reading` are required; the rest has the defaults of `PointingObservation`. A reading of
+date refers to the observation's time unless it has a ``utc`` of its own. Empty lines and lines that begin
+with
+``#`` are skipped.
+"""
 
 from __future__ import annotations
 

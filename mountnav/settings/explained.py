@@ -1,4 +1,7 @@
-"""A broken settings file explained: file, line, field, what is wrong, and the fix."""
+"""A broken settings file explained: file, line, field, what is wrong, and the fix.
+
+tomllib doesn't say which line a setting stands on, so the lines of the TOML text are scanned for it here.
+"""
 
 from __future__ import annotations
 

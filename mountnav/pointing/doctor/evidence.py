@@ -1,8 +1,14 @@
-"""Where a mount with geometry errors looks, for many observations at once: rotations, exact at any size.
+"""How probable the looks are under a hypothesis, with all that the mount's geometry may be integrated out.
 
-The tests hold it against `mountnav.simulation.geometry`. What `mountnav.pointing.model.rigorous` lacks, and
-the doctor lives on: many sets of terms at once (derivatives of a fit in one call), and the image's direction
-carried along - the solved rotation tells of the polar axis what the place alone does not.
+First the mechanics: where a mount with geometry errors looks, for many observations at once, by rotations
+that are exact at any size. The tests compare it with `mountnav.simulation.geometry`. It has two things that
+the doctor needs and `mountnav.pointing.model.rigorous` lacks: many sets of terms at once (the derivatives of
+a fit in one call), and the direction of the image (the solved rotation says something of the polar axis that
+the position alone doesn't).
+
+Then the fit: a mount's terms, its zero points and the hypothesis' own parameters are fitted (Gauss-Newton);
+the evidence follows from the fit's curvature (Laplace's approximation), summed over classes of mounts and
+noise levels.
 """
 
 from __future__ import annotations

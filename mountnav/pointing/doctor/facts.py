@@ -1,4 +1,11 @@
-"""What the doctor starts from: observations in the frame of the axes, and what a pointing model says."""
+"""What the doctor starts from: observations in the frame of the axes, and what a pointing model says.
+
+The frame has its pole where the first axis points (celestial pole; zenith for an alt-az mount), x towards the
+meridian (in the south for alt-az), y west. Longitude in it is hour angle (azimuth from south through west).
+Positions are geometric: refraction is a column of the fit, as most mounts don't model it [POINTING §3.5].
+
+A pointing model, if there is one, says beforehand what the mount's geometry is and how well it repeats.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,12 @@
-"""Hypotheses about a night's offsets: epoch, slips, wrong looks, hemisphere, and what zero points tell."""
+"""Hypotheses about a night's offsets: epoch, slips, wrong looks, hemisphere, and what zero points tell.
+
+Each pattern of offsets is one more fit. Those that may sit at any look (slips, wrong looks) are tried where
+the plain differences jump most, and their prior is divided by the number of looks where they might have been.
+
+A turn about the pole alone is a wrong clock, a wrong longitude, or a zero point that nobody set. All three
+are the same rotation, so that only their sizes part them: whole hours, twice the longitude [POINTING §9]. A
+segment that begins with a sync hides them, therefore each segment counts for itself.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,16 @@
-"""Checks of each look by itself: mirrored images, the side of the pier, a sky below the ground."""
+"""Checks of each look by itself: mirrored images, the side of the pier, a sky below the ground.
+
+Parity: an image is mirrored or it isn't, and no motion of a mount changes that [POINTING §9].
+
+Side of the pier: the image turns by 180° at a flip and at nothing else. The camera is bolted on, so its angle
+against the axes is one number, the same on both sides once 180° are subtracted on the far one. A mirror
+changes the parity, never this angle.
+
+Sky below the ground: a wrong longitude or clock of the *service* leaves the mount's readings and the solved
+positions in agreement, so that offsets show nothing. But it turns the whole sky about the pole, and then
+frames are solved where no telescope can look. Where the sky is above the ground with either sign of the
+longitude, the looks can't tell the sign, and the mount isn't called healthy because of them.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,12 @@
-"""A night's looks cut at moves and syncs: the drift of each stretch, and how long a slew takes to settle."""
+"""A night's looks cut at moves and syncs: the drift of each stretch, and how long a slew takes to settle.
+
+Drift is the change of seen minus believed: a guide pulse or a dither that the mount knows of changes both and
+is no drift. Rates and jumps are found as in `mountnav.series.drift`, in looks instead of followed frames.
+
+Settling is measured by the looks that follow each slew. A look outside the noise of the later ones says
+"longer than this"; the first one after which all stay within the noise says "no longer than that". Without
+the times at which slews ended nothing is known.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,13 @@
-"""Making a model and judging it: it replaces the old one only if it predicts unseen targets better."""
+"""Making a model and judging it: it replaces the old one only if it predicts unseen targets better.
+
+Making: the model is fitted to all looks, and judged by targets that had no part in fits made the same way.
+One target in five is left out in turn, with all its looks on both sides of a sync, and terms are selected
+again without it: what is judged is the procedure that leads to the model, not only its coefficients.
+
+Judging: otherwise the old model stays, and the message says why [POINTING §7]. Better is not enough where
+chance would do: of the targets that both predict, the new model has to be nearer to more of them, and by
+more, than chance brings once in twenty times.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,13 @@
-"""A pointing model at work: where to send the mount, what to expect there, and the segment's zero points."""
+"""A pointing model at work: where to send the mount, what to expect there, and the segment's zero points.
+
+The geometry is the model's and doesn't change. The two zero points belong to the segment: each look measures
+them, with an error that grows where the axis' angle means little (near the pole) and where the model is
+uncertain, and a Kalman filter that lets them wander slowly averages the looks [POINTING §7].
+
+What a sync does: after a sync at P the mount's belief is right at P, so the zero points become those for
+which the model's correction at P is zero; elsewhere the difference between the model there and at P remains.
+A sync is treated as any other look: the position seen, and what the mount says of it afterwards.
+"""
 
 from __future__ import annotations
 

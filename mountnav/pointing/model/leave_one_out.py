@@ -1,4 +1,13 @@
-"""Leave-one-out: how well a model predicts, and how well its coefficients are known."""
+"""Leave-one-out: how well a model predicts, and how well its coefficients are known.
+
+Leave-one-out is the one figure that says how well a model points, wherever such a figure is shown. Each visit
+(the looks at one target in one segment, `visits`) is predicted from the others: the geometry from all others,
+the zero points from the others of its segment. That is the situation of a slew to a new target. A visit that
+is alone in its segment can't be predicted and doesn't count. The play of the gears, which a fit may allow
+for, stays in the error: for a slew to come it isn't known.
+
+Coefficients: their covariance is from the scatter of visits, and from what leaving out a target changes.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,13 @@
-"""A model run: the allowed sky, points spread over it in a short way, and the file of the run."""
+"""A model run: the allowed sky, points spread over it in a short way, and the file of the run.
+
+Allowed sky: the limits that are constant in time, evaluated for azimuth, altitude and side of the pier. Sun,
+Moon and daylight are not among them: those are checked, with everything else, when the telescope is sent.
+
+Points: spread evenly over the allowed sky and both sides of the pier, ordered so that the way is short.
+
+File: the plan and each point's outcome are comments between the observations. So the file is a file of
+observations for every other reader, and an interrupted run resumes from it.
+"""
 
 from __future__ import annotations
 
