@@ -21,9 +21,17 @@ from mountnav.client.requests import ANSWER_S, LEASE_HEADER, Request
 from mountnav.client.results import ENDS, Job, Json
 
 T = TypeVar("T")
+# Seconds before each repeat of a request, so four attempts at most. Chosen by hand: short enough for a lost
+# packet, long enough for a service that restarts. Doubled, a call to a dead service fails after 8.6 s
+# instead of 4.3 s.
 _PAUSES_S = (0.3, 1.0, 3.0)
+# HTTP status of an answer that the client has already [RFC 9110 §15.4.5].
 _NOT_MODIFIED = 304
+# HTTP status of a request over its rate [RFC 6585 §4], and the longest pause, s, that is kept because the
+# service asks for it (chosen by hand). Doubled, a call may block a minute for each attempt.
 _TOO_MANY, _LONGEST_PAUSE_S = 429, 30.0
+# Seconds that the service is asked to hold a request for a job that goes on. Chosen by hand, below the
+# usual idle timeouts of proxies (60 s); doubled, such a proxy may cut it.
 _WAIT_S = 30.0
 
 

@@ -50,6 +50,8 @@ def default_url() -> str:
     return os.environ.get("MOUNTNAV_JOURNAL") or str(state_folder() / "journal.sqlite")
 
 
+# Levels of nested JSON that are kept; what lies deeper is stored as its text. Chosen by hand: it ends
+# values that contain themselves. Doubled, nothing breaks.
 _DEEPEST = 20
 
 

@@ -25,6 +25,8 @@ from mountnav.journal.tables import command, entry, look
 TABLES: Mapping[str, Table] = {"looks": look, "commands": command, "entries": entry}
 """What can be exported."""
 ENDINGS = (".csv", ".parquet", ".fits")
+# Rows that are read and written at once. Chosen by hand to bound the memory; doubled, it takes twice as
+# much.
 _CHUNK = 5000
 _FITS_UNITS = {"": None, "deg_C": None}
 """FITS has no degree Celsius; the name `temperature_c` tells it all the same."""

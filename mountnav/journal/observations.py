@@ -22,6 +22,8 @@ MAX_MOTION_ARCSEC = 120.0
 UNKNOWN_SIGMA_ARCSEC = 2.0
 """Taken for a solution that tells no error."""
 _LOOK_BACK = timedelta(hours=24)
+# An axis that a slew moves by less, degrees (30″), tells no sense of turning. Chosen by hand; doubled,
+# small corrections of half an arcminute to one count for nothing in the play of the gears.
 _STILL_DEG = 30.0 / 3600.0
 
 Kind = TypeVar("Kind", Apparent, Icrs)

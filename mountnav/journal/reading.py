@@ -46,6 +46,7 @@ KINDS = (LOOK, COMMAND, *(str(kind) for kind in EntryKind))
 """Kinds of lines that there are."""
 _AGO = re.compile(r"(\d+(?:\.\d+)?)\s*(s|min|m|h|d|w)")
 _EARLIEST, _LATEST = datetime(1000, 1, 1), datetime(9000, 1, 1)
+# Seconds of each unit of time that a filter may name.
 _UNIT_S = {"s": 1.0, "min": 60.0, "m": 60.0, "h": 3600.0, "d": 86400.0, "w": 604800.0}
 
 

@@ -14,6 +14,8 @@ from mountnav.journal.rows import entry_row
 from mountnav.journal.tables import entry, run
 from mountnav.journal.writer import Statements
 
+# Lines of changed settings that an entry lists; the rest is noted as "more". Chosen by hand to keep entries
+# readable.
 _SHOWN = 200
 
 

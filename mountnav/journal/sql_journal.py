@@ -38,6 +38,8 @@ from mountnav.version import version
 
 _log = logging.getLogger(__name__)
 
+# Seconds that an order waits for its row to be written before it is refused. Chosen by hand: longer than
+# `BUSY_S` of a locked database. Doubled, an order to a dead disk is refused after a minute.
 PATIENCE_S = 30.0
 
 

@@ -203,7 +203,11 @@ PASSING = frozenset(
 """Kinds of entries that may be removed when they are old."""
 
 _PULSE = "guide"
+# Rows that one transaction removes. Chosen by hand so that no command waits for the cleaning; doubled, each
+# transaction holds the database twice as long.
 _AT_ONCE = 200
+# Seconds until the next look for old rows when nothing was left to remove. Chosen by hand: rows are kept
+# for days.
 _EVERY_S = 6 * 3600.0
 _NEWEST_KEPT = 100
 """So many of the newest entries stay in any case: what a restart takes up again."""

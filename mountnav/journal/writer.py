@@ -29,9 +29,16 @@ _log = logging.getLogger(__name__)
 
 Fsync = Literal["commands", "always", "never"]
 
+# Seconds between attempts to write while the database fails. Chosen by hand; doubled, rows are written up
+# to a second later after a failure.
 AGAIN_S = 1.0
+# Rows kept in memory while the database fails; beyond it the oldest are dropped, the dispensable first.
+# Chosen by hand to bound the memory; doubled, it takes twice as much.
 KEPT_MOST = 10_000
+# Most rows of one transaction. Chosen by hand; one fsync serves them all. Doubled, a row that must be
+# durable may wait for more others.
 _BATCH = 500
+# Seconds that the writer's thread sleeps when it has nothing to do; a new row wakes it at once.
 _IDLE_S = 60.0
 
 Statements = Callable[[Connection], None]

@@ -99,6 +99,7 @@ def _note_inline(value: str, path: Path, number: int, found: dict[Path, int]) ->
         found.setdefault((*path, name), number)
 
 
+# Faults of a file that are explained; the rest is counted. Chosen by hand to keep the message readable.
 _SHOWN = 5
 
 _LONGEST_SHOWN = 80

@@ -16,8 +16,12 @@ from mountnav.sky.coordinates import Icrs
 Array = NDArray[np.float64]
 Bits = NDArray[np.uint64]
 
+# Arcseconds of a radian.
 _ARCSEC_PER_RAD = 180.0 * 3600.0 / np.pi
+# Size of the cells that a star's identity is made from, rad (0.1″): stars closer together with one
+# magnitude share their error.
 _CELL_RAD = 0.1 / _ARCSEC_PER_RAD
+# Year for which a star's cell is found, so that its identity doesn't depend on the epoch asked for.
 _EPOCH_YR = 2000.0
 _MARGIN_DEG = 30.0 / 3600.0  # no star errs by more
 

@@ -25,6 +25,7 @@ EPOCH_YR = 2016.0
 """Of the places of `SkyRows`."""
 MARGIN_DEG = 0.02
 """A cone's stars are looked for so much farther out: proper motion and companions."""
+# B−V of a star without a color, mag: near the Sun's.
 _ASSUMED_BV = 0.7
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from mountnav.sky.coordinates import Icrs
 
 _NSIDE = 64  # cells of 0.84 square degrees
+# Magnitudes over which faint stars are spread, doubling in each. Chosen by hand.
 _SPAN_MAG = 4.0
 Array = NDArray[np.float64]
 

@@ -19,6 +19,7 @@ from mountnav.simulation.posture import side_of
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Apparent, MountAxes, Site
 from mountnav.sky.sphere import half_turn_deg
 
+# A mount within so many degrees of its home is at home (36″). Chosen by hand.
 _AT_HOME_DEG = 0.01
 
 

@@ -13,6 +13,8 @@ from mountnav.sky.chain import hour_angle_to_icrs, hour_angle_to_observed
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, HourAngle, Icrs, Observed
 from mountnav.sky.sphere import position_angle_deg
 
+# How far the declination axis is raised to see where the tube's north is, degrees. Only the direction is
+# used.
 _NUDGE_DEG = 0.01
 
 

@@ -16,6 +16,7 @@ from mountnav.simulation.belief import Belief
 from mountnav.simulation.machine import RATES_DEG_S, AxisAngles
 
 AxisName = Literal["ha", "dec"]
+# An axis within so many degrees of its aim has arrived (0.004″): above the rounding of its path.
 _THERE_DEG = 1e-6
 
 

@@ -18,7 +18,9 @@ from mountnav.simulation.motion import Axis, Goal, Limits, Motion, Stage
 from mountnav.simulation.posture import flipped, side_of, within_reach
 from mountnav.sky.coordinates import SIDEREAL_DEG_S
 
+# Most limits that one motion is followed through. Chosen by hand as an end for the loop.
 _MOST_EVENTS = 6
+# An axis within so many degrees of its end touches it: above the rounding of its path.
 _TOUCHING_DEG = 1e-7
 
 

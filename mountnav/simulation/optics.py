@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 
 from mountnav.errors import BadSettings
 
+# Arcseconds of a radian.
 _ARCSEC_PER_RAD = math.degrees(1.0) * 3600.0
 
 

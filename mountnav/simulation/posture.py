@@ -12,6 +12,7 @@ from mountnav.devices import PierSide
 from mountnav.simulation.machine import AxisAngles, Machine
 from mountnav.sky.sphere import half_turn_deg
 
+# Angle of a German mount's first axis with its counterweight straight down; see `pointing.limits.postures`.
 _COUNTERWEIGHT_DOWN_DEG = 90.0
 
 

@@ -21,6 +21,7 @@ __all__ = ["SimulatedOptics", "draw_frame", "project"]
 
 Array = NDArray[np.float64]
 _J2000_UTC = datetime(2000, 1, 1, 12, tzinfo=UTC)
+# Magnitude of a star without one. Chosen by hand, an ordinary star of the catalogs.
 _UNKNOWN_MAG = 12.0
 _WINGS_ADU = 0.05  # a star is drawn out to where its profile falls below this
 

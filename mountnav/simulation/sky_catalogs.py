@@ -19,6 +19,8 @@ from mountnav.sky.coordinates import Icrs
 
 Array = NDArray[np.float64]
 
+# Entries that aren't there lie within so many arcsec of a true star, east and north. Chosen by hand so that
+# they follow the density of the sky.
 _FALSE_WITHIN_ARCSEC = 180.0
 
 

@@ -20,16 +20,25 @@ Array = NDArray[np.float64]
 
 NSIDE = 256
 """Cells of 0.052 square degrees: the density of stars is even within one."""
+# Faintest star of the simulated sky, V mag. Chosen by hand; deeper, each cone costs more.
 FAINTEST_MAG = 22.0
+# Area of a cell, square degrees.
 _CELL_DEG2 = 4.0 * np.pi * np.degrees(1.0) ** 2 / (12 * NSIDE**2)
+# HEALPix resolution of the first, coarse search for cells near a place. Chosen for speed.
 _COARSE_NSIDE = 64
 _LAYERS = ((11.5, 14.0), (14.0, 16.0), (16.0, 18.0), (18.0, 19.5), (19.5, 20.5), (20.5, FAINTEST_MAG))
 """Stars are made layer by layer, so that the bright ones don't cost the faint ones."""
+# Bins of magnitude in which stars are counted; `TYCHO_SHARE` has the same ones.
 _STEP_MAG = 0.25
 TYCHO_SHARE = ((11.5, 0.97), (11.75, 0.72), (12.0, 0.40), (12.25, 0.21), (12.5, 0.08), (12.75, 0.03))
 """Of the stars of that and the next quarter magnitude, how many Tycho-2 has, counted against the model."""
+# Share of stars with a companion. Chosen by hand.
 _DOUBLES = 0.08
+# Separations of companions, arcsec, even in the logarithm. Chosen by hand: from what catalogs don't resolve
+# to what they list apart.
 _CLOSEST_ARCSEC, _WIDEST_ARCSEC = 0.4, 8.0
+# Largest proper motion of a star that is made up, mas a year. Chosen by hand: it cuts the tail of the
+# log-normal motions.
 _FASTEST_MAS_YR = 1500.0
 
 

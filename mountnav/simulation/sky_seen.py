@@ -25,10 +25,13 @@ from mountnav.solution import IdentifiedPairs, Reason, Solution, Times, Verdict
 from mountnav.solving.contradictions import contradictions_with
 from mountnav.solving.settings import SolveSettings
 
+# Trails, pixels, from which on images count as trailed, and from which on nothing is found. Chosen by hand.
 _TRAILED_PX, _LOST_IN_TRAILS_PX = 6.0, 60.0
 _WIDTH_PX, _ELLIPTICITY = 1.19, 0.1
 """Of a star that isn't trailed: one sigma of its width, and what optics and seeing make of it."""
+# Matched stars of the usual exposure at an ordinary place. Chosen by hand.
 _USUAL_PAIRS = 45.0
+# Seconds that a blind search takes longer. Chosen by hand.
 _BLIND_S = 6.0
 
 

@@ -16,8 +16,11 @@ from mountnav.sky.sphere import displaced
 
 Array = NDArray[np.float64]
 
+# Positions along a drift for each sigma of a star's image: half a sigma apart, a sum of them is smooth.
 _STEPS_PER_SIGMA = 2.0
+# A trail is drawn out to so many sigmas, where a Gaussian is 4e-6 of its peak.
 _WINGS_SIGMA = 5.0
+# Rows that are drawn at once, to bound the memory.
 _STRIP_PX = 256
 
 

@@ -28,7 +28,9 @@ Result = TypeVar("Result")
 Args = TypeVarTuple("Args")
 
 START: Final = datetime(2026, 3, 20, 1, 0, tzinfo=UTC)
+# Seconds that the clock goes on beyond a timeout, so that rounding leaves nothing just short of being due.
 _A_HAIR_S = 1e-9
+# Real seconds that a thread may work before a run is called hung. Chosen by hand, for slow machines.
 _LONGEST_THREAD_S = 300.0
 
 

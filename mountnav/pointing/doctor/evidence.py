@@ -97,10 +97,15 @@ class Sky:
         return west * stretch, north * stretch, wrapped(angle - self.turned)
 
 
+# Radians of an arcsecond.
 ARCSEC = np.pi / 648000.0
 _ZERO_SIGMA = np.pi
+# Most Gauss-Newton steps of a fit. Chosen by hand; a fit that isn't done by then is judged where it stands.
 _ROUNDS = 8
+# A fit has converged when no prediction changes by more than this, rad (0.5″): far below the smallest noise
+# level, 4″. Doubled, still below it.
 _DONE = 0.5 * ARCSEC
+# Step of the numerical derivatives, rad (0.4″). Chosen by hand between rounding and curvature.
 _STEP = 2e-6
 _GLOBALS = len(GLOBAL)
 

@@ -25,6 +25,8 @@ from mountnav.sky.coordinates import Apparent, Icrs, Site
 from mountnav.sky.sphere import displaced, half_turn_deg, position_angle_deg
 
 Array = NDArray[np.float64]
+# How far north of the look a second point is taken to find how the frame of date is turned, arcsec. Only
+# its direction is used, so any short arc does.
 _PROBE_ARCSEC = 60.0
 
 
@@ -180,14 +182,20 @@ def wrapped_deg(angle_deg: float) -> float:
     return half_turn_deg(angle_deg)
 
 
+# Column of each term among the doctor's six (`evidence.GLOBAL`).
 _TERMS = {
     "equatorial": {"CH": 0, "NP": 1, "ME": 2, "MA": 3, "TF": 4, "TX": 5},
     "altaz": {"CA": 0, "NPAE": 1, "AN": 2, "AW": 3, "TF": 4, "TX": 5},
 }
 # the doctor has one set of rotations for both kinds of mounts: the equatorial ones
 _SENSES = {"CA": -1.0, "NPAE": -1.0, "AW": -1.0}
+# Prior sigma, arcsec, of the six columns for terms that the model doesn't have; near that of the most
+# precise class of `priors`; chosen by hand.
 _UNSAID = (30.0, 20.0, 60.0, 60.0, 30.0, 35.0)
+# No term of a model is trusted more closely than this, arcsec. Chosen by hand. Doubled, slighter changes of
+# a modeled mount pass as ordinary.
 _LEAST_ARCSEC = 10.0
+# Sigma of the difference between both sides of the pier, in units of the model's noise. Chosen by hand.
 _SIDES = 4.0
 
 

@@ -32,7 +32,11 @@ from mountnav.pointing.doctor.priors import (
 )
 from mountnav.sky.coordinates import SOLAR_TO_SIDEREAL, Site
 
+# Of a longer night's looks, so many candidates are tried for a slip or a wrong look. Chosen for speed: each
+# is a fit. Doubled, a diagnosis with many looks takes about twice as long.
 _TRIED = 3
+# Sizes of offsets that follow no rule, degrees, each with a third of the probability. Chosen by hand to
+# span a small mistake and any direction at all.
 _UNKNOWN_DEG = (0.3, 5.0, 60.0)
 
 
@@ -209,6 +213,7 @@ def _nothing_known(facts: Facts) -> float:
     return float(np.logaddexp.reduce(logs)) - math.log(len(logs)) + turned
 
 
+# Probability that a segment began with a sync that hides its zero point, where that isn't known: even odds.
 _SYNCED = 0.5
 
 

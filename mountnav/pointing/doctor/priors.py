@@ -33,6 +33,8 @@ class Geometry:
     weight: float = 1.0
 
 
+# Mean of the refraction and sag term TX, arcsec. Chosen by hand: its sigma of 35″ covers mounts that
+# correct for refraction and mounts that don't.
 _REFRACTION = 25.0
 
 _CLASSES = (
@@ -77,6 +79,7 @@ def known(
 
 NOISES_ARCSEC = (4.0, 12.0, 30.0, 60.0, 100.0, 200.0, 400.0)
 """Repeatability of mounts per coordinate, solve not included."""
+# Share of mounts at each repeatability of `NOISES_ARCSEC`; they sum to 1. Chosen by hand.
 NOISE_WEIGHTS = (0.1, 0.2, 0.25, 0.25, 0.15, 0.04, 0.01)
 
 
@@ -91,6 +94,7 @@ def noise_weights(noise_arcsec: float | None) -> tuple[float, ...]:
 
 TURN_NOISES_ARCSEC = (30.0, 150.0, 900.0)
 """Of the image's direction, beyond that: bending focusers, slack adapters."""
+# Share of cameras at each of `TURN_NOISES_ARCSEC`; they sum to 1. Chosen by hand.
 TURN_WEIGHTS = (0.5, 0.3, 0.2)
 
 SHAPES: dict[Illness | None, float] = {
@@ -105,13 +109,16 @@ SHAPES: dict[Illness | None, float] = {
 
 SLIP_SIGMA_DEG = 8.0
 """Of a slipped axis."""
+# How far a wrong look lies from the truth, degrees, as a sigma for each coordinate. Chosen by hand.
 WRONG_LOOK_SIGMA_DEG = 8.0
 
 ZERO_SIGMA_DEG = 1.5
 """Zero points of a healthy mount: home marks, syncs on a wrong star's neighbor, an untouched polar axis."""
+# Share of nights whose zero point was set by a sync near the pole. Chosen by hand.
 POLE_SYNC = 0.005
 POLE_SYNC_SIGMA_DEG = 10.0
 """A sync near the pole carries a cone error into the hour angle by its secant: 30′ at 87° are 10°."""
+# Zero points of a mount that was never aligned, degrees. Chosen by hand.
 UNALIGNED_SIGMA_DEG = 25.0
 ZEROS: dict[Illness | None, float] = {
     None: 0.94,
@@ -132,8 +139,11 @@ SUSPICION = 0.5
 NAMED = 0.9
 """A cause is named alone from here on; below, its rivals are told with it."""
 
+# Share of nights with images that are mirrored against the settings. Chosen by hand.
 MIRRORED = 0.02
+# Share of nights in which the mount's side of the pier is wrong. Chosen by hand.
 PIER_SIDE = 0.02
+# Share of nights in which the camera was turned on purpose. Chosen by hand.
 CAMERA_TURNED = 0.02
 FALSE_SOLVE = 1e-3
 """Of a solved frame."""

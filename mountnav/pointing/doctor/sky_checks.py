@@ -82,8 +82,12 @@ def mirror_findings(observations: Sequence[PointingObservation], expected: int |
     ]
 
 
+# Part of the sigma of a camera's angle that is the same everywhere, degrees. Chosen by hand.
 _SLACK_DEG = 0.7
+# How far a polar axis nobody has measured is off, degrees, sigma; near the pole the image turns by it times
+# sec δ. Chosen by hand. Doubled, a flip is less certain near the pole.
 _AXIS_OFF_DEG = 1.5
+# Least cos δ (2.9° from the pole) that the angle is divided by, so that no sigma is infinite.
 _HIGHEST_COS = 0.05
 _PAST_MERIDIAN_DEG = 12.0
 """How far mounts commonly track past the meridian: each such stretch farther is e times rarer."""

@@ -14,12 +14,22 @@ from mountnav.pointing.drift.stretches import Looks, sky_cosine
 from mountnav.pointing.drift.values import PeriodicError
 from mountnav.series.drift import Array
 
+# Fewer looks than this show no period: six numbers are fitted (amplitude, phase, period, line). Chosen by
+# hand.
 LEAST_LOOKS = 16
+# So many turns of the worm a stretch must hold. Chosen by hand: the straight line takes up slower swings.
 LEAST_TURNS = 3.0
+# Looks a turn at least; Nyquist's limit is 2, and 4 keeps clear of its aliases. Chosen.
 LOOKS_A_TURN = 4.0
+# A peak must be less probable than this from noise alone (Baluev's formula). Chosen by hand: one wrong
+# period in a thousand stretches.
 FALSE_ALARM = 1e-3
+# Range of periods that are searched, s. Chosen to hold the worm periods of mounts (some 2 to 20 minutes)
+# and the gears before them.
 SHORTEST_S, LONGEST_S = 20.0, 3600.0
+# An alias is reported when its peak has at least this share of the best one's power. Chosen by hand.
 _ALIAS_SHARE = 0.8
+# Aliases shorter than this, s, are not reported: no worm turns that fast. Chosen by hand.
 _SHORTEST_WORM_S = 60.0
 
 

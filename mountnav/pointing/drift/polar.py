@@ -19,12 +19,18 @@ RAD_H = math.radians(SIDEREAL_DEG_S * 3600.0)
 """How far the sky turns in an hour, rad."""
 _RATE_WIDTH_ARCSEC_H = 30.0
 """Motors that run a little fast or slow: 0.05 % of the sidereal rate."""
+# Prior sigma of the sag TF, arcsec. Chosen by hand, the size of ordinary tubes. Doubled, drift tells less
+# of the altitude error.
 _FLEXURE_WIDTH_ARCSEC = 30.0
+# Prior sigma of the axis' errors, arcsec: 10°, so wide that it decides nothing.
 _AXIS_WIDTH_ARCSEC = 36000.0
 _TOLD_ARCSEC = 1800.0
 """More than this isn't known from drift."""
+# Drift and model contradict each other when they differ by more sigmas than this: 3, as usual.
 _AGREE_SIGMAS = 3.0
+# An error smaller than this, arcmin (3″), isn't worth a turn of a knob. Chosen by hand.
 _STILL_ARCMIN = 0.05
+# Least cos φ that the azimuth is divided by (2.9° from a pole of the Earth), so that no turn is infinite.
 _HIGHEST_COS = 0.05
 
 

@@ -13,6 +13,7 @@ from mountnav.pointing.observation import PointingObservation
 from mountnav.series.drift import jumps
 from mountnav.sky.coordinates import Site
 
+# Stretches that the words list, the longest first; the values have them all. Chosen by hand.
 _TOLD_STRETCHES = 6
 
 

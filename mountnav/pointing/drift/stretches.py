@@ -31,7 +31,10 @@ from mountnav.sky.sphere import Offset, half_turn_deg, offset_arcsec, separation
 
 MOVED_ARCSEC = 120.0
 """A reading that changes by more was moved; guiding and rounding change less."""
+# A step of the offset between looks that is larger than this, arcsec, parts a stretch. Chosen by hand.
+# Doubled, smaller jumps count as drift.
 JUMP_ARCSEC = 3.0
+# Least cos δ (1.1° from the pole) that right ascension is divided by, so that no angle is infinite.
 _NEAR_POLE_COS = 0.02
 
 
@@ -209,8 +212,11 @@ def sky_cosine(dec_deg: float) -> float:
     return max(abs(math.cos(math.radians(dec_deg))), _NEAR_POLE_COS)
 
 
+# A stretch whose first look is later than this after a slew, s, tells nothing of settling. Chosen by hand.
 LATEST_S = 600.0
+# A look is outside the noise beyond so many sigmas. Chosen by hand: one in 2,000 honest values is.
 _WITHIN_SIGMAS = 3.5
+# Looks that say where the tube comes to rest: a line and its scatter take three.
 _REST_LOOKS = 3
 
 

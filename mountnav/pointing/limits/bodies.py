@@ -19,10 +19,15 @@ from mountnav.sky.coordinates import GeometricHourAngle, Site
 from mountnav.sky.iers import tt_minus_utc_s, utc_mjd
 from mountnav.sky.sphere import half_turn_deg
 
+# Julian date at which the modified Julian date is 0.
 _MJD_ZERO_JD = 2400000.5
+# Astronomical unit, m [IAU 2012 B2].
 _AU_M = 149597870700.0
+# Days that light takes for an astronomical unit (499.004784 s).
 _LIGHT_DAYS_PER_AU = 499.004784 / 86400.0
+# Days that light takes from the Moon at its mean distance (1.28 s).
 _MOON_LIGHT_DAYS = 1.28 / 86400.0
+# ERFA's number of the ellipsoid WGS 84.
 _WGS84 = 1
 
 SUN_DEG_PER_S = 15.0 / 3600.0

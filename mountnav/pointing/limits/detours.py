@@ -21,7 +21,11 @@ from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site
 if TYPE_CHECKING:
     from mountnav.pointing.limits.bounds import Limits
 
+# Declinations, degrees towards the pole above the horizon, that a detour may pass, the nearest to the pole
+# first: there a German mount clears most obstacles. Chosen by hand; more of them cost time only when there
+# is no way.
 _DECLINATIONS_DEG = (80.0, 65.0, 50.0, 35.0, 20.0, 5.0)
+# So far from the meridian, degrees, no German mount doubts its side of the pier. Chosen by hand.
 _PLAIN_DEG = 45.0
 _FARTHER_DEG = 15.0
 """A mount that was seen to stay on its side is sent so much farther past the meridian, °, to have it change:

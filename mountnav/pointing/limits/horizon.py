@@ -20,8 +20,11 @@ from mountnav.files import read_text
 
 Floats = NDArray[np.float64]
 
+# Bins of azimuth in the tables of the highest horizon.
 _BINS = 3600
+# Width of a bin, degrees: 0.1, so much more of the horizon than asked may count.
 _BIN_DEG = 360.0 / _BINS
+# Tables of runs of 1, 2, 4, ... 2048 bins: two runs of the longest cover the whole turn, 3600.
 _LEVELS = 12
 
 

@@ -21,9 +21,11 @@ from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, HourAngle, Icrs, Site
 if TYPE_CHECKING:
     from mountnav.pointing.limits.bounds import Limits
 
+# Seconds of a day: how far ahead the search goes.
 _DAY_S = 86400.0
 _SIDEREAL_DEG_PER_DAY = SIDEREAL_DEG_S * _DAY_S
 _PRECISION = timedelta(seconds=1)
+# Step of the search, s; what is allowed for less than this may be missed. Chosen by hand for speed.
 _SCAN_S = 60.0
 
 

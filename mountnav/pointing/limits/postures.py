@@ -19,7 +19,11 @@ from mountnav.sky.sphere import half_turn_deg
 
 Mounting = Literal["german", "fork", "altaz"]
 
+# Angle of a German mount's first axis with its counterweight straight down, in the hour angle of its normal
+# posture; the axis turns 180° either way from there and never through the opposite point.
 COUNTERWEIGHT_DOWN_DEG = 90.0
+# A turn within so many degrees of half a circle may go either way round, so both ways have to be allowed.
+# Chosen by hand, above the pointing errors of mounts.
 _HALF_TURN_DOUBT_DEG = 5.0
 
 

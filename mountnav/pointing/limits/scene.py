@@ -22,6 +22,7 @@ from mountnav.sky.coordinates import Site
 if TYPE_CHECKING:
     from mountnav.pointing.limits.bounds import Limits
 
+# Depth, degrees, that stands for "far inside a limit": below any angle there is.
 _FAR_INSIDE_DEG = -999.0
 
 Depths = dict[LimitKind, Floats]

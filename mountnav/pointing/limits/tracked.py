@@ -15,7 +15,11 @@ from mountnav.pointing.limits.scene import Depths, Scene
 from mountnav.sky.chain import hour_angle_to_observed, icrs_to_hour_angle
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, HourAngle, Icrs
 
+# Step in which a tracked path is looked at, s: the sky turns 0.25° in it. Chosen by hand; doubled, a thin
+# obstacle may be missed.
 _STEP_S = 60.0
+# A path that starts outside a limit leads deeper when it gets so much worse, degrees. Chosen by hand, above
+# the noise of numbers.
 _DEEPER_DEG = 0.02
 VACUUM = Air(pressure_hpa=0.0)
 """Without refraction: as most mounts reckon the angles of their axes. By the pole that differs from how the

@@ -25,11 +25,18 @@ from mountnav.pointing.limits.postures import Standing, Way
 from mountnav.pointing.limits.scene import Scene
 from mountnav.sky.sphere import half_turn_deg
 
+# Cells in which the area of a slew is looked at first, degrees. Chosen for speed: the reach of each look
+# covers its cell, so nothing is missed.
 _COARSE_DEG = 2.0
+# Parts of a coarse cell's side in the fine search: 0.33° each. Chosen for speed.
 _PARTS = 6
+# How far round a fine point the horizon counts, degrees: more than half the diagonal of a fine cell, 0.24°.
 _FINE_REACH_DEG = 0.25
+# A way that starts outside a limit leads deeper when it gets so much worse, degrees. Chosen by hand.
 _DEEPER_DEG = 0.05
+# Paths tried between the lowest and the highest ratio of both axes' rates. Chosen for speed.
 _PATHS = 9
+# Ratio of both axes' rates that is allowed for where their rates aren't known. Chosen by hand, wide.
 _STEEPEST = 30.0
 
 LATE_START_DEG = 3.0

@@ -28,7 +28,9 @@ from mountnav.pointing.model.robust import TUKEY, scale_of, state_at
 from mountnav.pointing.model.terms import HIGHEST_HARMONIC, Array, basis
 from mountnav.pointing.model.visits import visits
 
+# Two-sided probability of a normal deviate beyond 3 σ.
 CHANCE_OF_3_SIGMA = 0.0027
+# Fewer fresh points than this can't check a model. Chosen by hand.
 LEAST_FRESH = 3
 CHANCE_OF_BETTER = 0.05
 """Once in so many times a model that is no better may look better."""
@@ -278,6 +280,8 @@ def _chance(fitted: Fit, fresh: Mechanical) -> float:
     return float(chdtrc(freedom, np.sum(residuals**2 / variance)))
 
 
+# Fewest visits that a model is made from, if nothing else is asked for. Chosen by hand: 16 numbers, for two
+# zero points and the four core terms.
 MIN_POINTS = 8
 
 

@@ -20,6 +20,8 @@ from mountnav.pointing.model.visits import Visits, visits
 
 MAX_SIGMA_ARCSEC = 300.0
 """A coefficient less certain than this predicts nothing."""
+# Share of a column that no other explains, below which a term is dropped from a fit. Chosen by hand: its
+# sigma would be 100 times what it could be.
 _LEAST_INDEPENDENCE = 0.01
 _JOINED_WITHIN = 9.21
 """χ² of two zero points: segments that differ by more have only a chance of 1 % to be the same."""

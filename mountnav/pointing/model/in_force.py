@@ -128,10 +128,16 @@ class NoModel:
         self._side = PierSide.UNKNOWN if synced is None else synced.side
 
 
+# Sigma of the zero points before the first look of a segment, arcsec: a degree. Chosen by hand; doubled,
+# the first look counts almost alone all the same.
 UNSEEN_SIGMA_ARCSEC = 3600.0
+# Random walk of the zero points, arcsec in an hour. Chosen by hand; doubled, older looks count less and
+# single ones more.
 WANDER_ARCSEC_PER_ROOT_HOUR = 5.0
 _GATE = 25.0
 """χ² of two coordinates beyond which a look isn't of the same zero points: one honest look in 270,000."""
+# Bound on a look's sigma, arcsec, which is infinite at the pole: it tells nothing then, without breaking
+# the arithmetic.
 _WORST_SIGMA_ARCSEC = 1e6
 _LEAST_SCATTER_ARCSEC = 1.0
 """No telescope repeats itself better from night to night, however well one run went."""

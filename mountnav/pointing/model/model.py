@@ -23,6 +23,7 @@ from mountnav.pointing.model.rigorous import Geometry, geometry
 from mountnav.pointing.model.terms import ZERO_POINTS, Array, Kind, term
 
 FORMAT = "mountnav pointing model"
+# Version of the file's format; a file of another one is refused.
 VERSION = 1
 
 

@@ -73,8 +73,11 @@ def _on_its_side(limits: Limits, ha_deg: float, side: PierSide, margin_deg: floa
 Allowed = Callable[[float, float, PierSide], bool]
 """Whether the telescope may look at an azimuth and an altitude (degrees) from a side of the pier."""
 
+# Share of a run's points that only check the model. Chosen: one in five, as in `acceptance`.
 HELD_OUT = 0.2
+# As `limits.postures.COUNTERWEIGHT_DOWN_DEG`.
 _COUNTERWEIGHT_DOWN_DEG = 90.0
+# Attempts to find the density that gives the number of points asked for. Chosen by hand.
 _MOST_ROUNDS = 60
 ANY_TIME = datetime(2000, 1, 1, tzinfo=UTC)
 """Azimuth and hour angle of a place stay together at all times."""

@@ -24,7 +24,10 @@ ARCSEC = np.pi / 648000.0
 POLE_AVOIDED_RAD = np.radians(0.02)
 """So near the axis' own pole its angle means nothing."""
 
+# Most rounds of the fixed-point iterations. Chosen by hand.
 _ROUNDS = 30
+# An iteration has converged when nothing changes by more, rad (2e-8″): near the rounding of doubles.
+# Smaller, it may never end early.
 _DONE_RAD = 1e-13
 
 # coefficient -> (internal angle, sign): the signs make both tables of [POINTING §5] the same rotations

@@ -26,6 +26,8 @@ from mountnav.pointing.model.rigorous import ARCSEC, geometry, seen_from, tangen
 from mountnav.pointing.model.terms import ZERO_POINTS, Array, basis
 from mountnav.pointing.model.visits import RAYLEIGH_MEDIAN
 
+# Bound of Tukey's biweight in sigmas: 95 % efficient for normal errors [Holland & Welsch 1977]. Doubled,
+# gross errors pull at the fit.
 TUKEY = 4.685
 MOST_LEFT_OUT = 0.2
 """Share of the points that may be gross errors: one in ten looks is, in bad nights."""
@@ -35,11 +37,16 @@ _LEAST_INDEPENDENCE = 0.1
 """Share of a play's column that neither zero points nor terms explain; below, it is left out."""
 _TELLING_SENSES = 4
 """So many points in each sense, at least, tell a play."""
+# Least scatter, arcsec, so that perfect (simulated) points don't divide by 0.
 _SMALLEST_SCALE_ARCSEC = 1e-3
 _LONELY = 0.1
 """Points that keep less of their own residual tell nothing about the scale."""
+# Most steps of the three stages of a robust fit. Chosen by hand; all but the first end when they have
+# converged.
 _STEPS_ABSOLUTE, _STEPS_BIWEIGHT, _STEPS_PLAIN = 12, 25, 12
+# The fit has converged when no prediction changes by more, arcsec: far below any scatter.
 _DONE_ARCSEC = 1e-4
+# Share of a column that no other explains, below which a fit is refused as singular.
 _SINGULAR = 1e-6
 _A_HAIR = 1.0 + 1e-9
 """A residual just at the bound counts the same on every machine, whatever its last bit."""

@@ -123,7 +123,7 @@ EQUATORIAL = {
         Term("DCEC", "declination circle off center, cosine", lambda p: (_zero(p), p.cos_lat)),
     )
 }
-"""Terms of equatorial mounts, harmonics apart."""
+"""Terms of equatorial mounts, harmonics apart. An entry here is all that a new term needs."""
 
 ALTAZ = {
     term.name: term
@@ -259,13 +259,16 @@ def candidates(kind: Kind, highest: int = HIGHEST_HARMONIC) -> tuple[str, ...]:
         Highest harmonic.
     """
     waves = range(1, highest + 1)
+    table = EQUATORIAL if kind == "equatorial" else ALTAZ
+    tried_anyway = (*ZERO_POINTS[kind], *CORE[kind], NON_PERPENDICULARITY[kind])
+    named = [name for name in table if name not in tried_anyway]
     if kind == "equatorial":
         # HHSH1, HHCH1 and HDCH1 are HCES, HCEC and FO
-        named = ["TX", "FO", "DAF", "HCES", "HCEC", "DCES", "DCEC", "HDSH1"]
+        named += ["HDSH1"]
         named += [f"H{r}{f}H{n}" for n in waves[1:] for r in "HD" for f in "SC"]
     else:
         # HASA1 and HACA1 are ACES and ACEC
-        named = ["TX", "ACES", "ACEC", "HVSA1", "HVCA1", "HZSA1", "HZCA1", "HZSE1"]
+        named += ["HVSA1", "HVCA1", "HZSA1", "HZCA1", "HZSE1"]
         named += [f"H{r}{f}A{n}" for n in waves[1:] for r in "AVZ" for f in "SC"]
         named += [f"H{r}{f}E{n}" for n in waves[1:] for r in "VZ" for f in "SC"]
     return tuple(named)
