@@ -151,9 +151,17 @@ def _frames() -> list[bytes]:
 # -- wires ---------------------------------------------------------------------------------------------------
 
 _CODECS = {
-    "lx200": ("codec", "am5_codec", "onstep_codec", "tenmicron_codec", "gemini", "astro_physics", "dialect"),
-    "nexstar": ("codec", "passthrough", "handsets"),
-    "ioptron": ("codec", "codec_v2", "greeting", "orders"),
+    "lx200": (
+        "codec.base",
+        "codec.am5",
+        "codec.onstep",
+        "codec.tenmicron",
+        "codec.gemini",
+        "codec.astro_physics",
+        "codec.dialect",
+    ),
+    "nexstar": ("codec.base", "codec.passthrough", "codec.handsets"),
+    "ioptron": ("codec.v3", "codec.v2", "codec.greeting", "codec.command_set"),
     "skywatcher": ("codec",),
 }
 

@@ -42,7 +42,7 @@ parity = -1
 [telescope.centering]
 tolerance_arcsec = 10.0
 """
-EXAMPLE = Path(__file__).resolve().parent.parent / "deploy" / "observatory.toml"
+EXAMPLE = Path(__file__).resolve().parents[2] / "deploy" / "observatory.toml"
 
 
 def test_a_good_file_is_read_whole(tmp_path: Path) -> None:
