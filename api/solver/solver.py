@@ -34,7 +34,7 @@ UPLOADS_IDLE_S = 600.0
 
 
 class Solver:
-    """Solves for the navigators and for uploads. Fulfills `mountnav.navigation.look.Solve`.
+    """Solves for the navigators and for uploads. Fulfills `mountnav.navigation.equipment.Solve`.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Every dialect of LX200 as a `drivers.generic.language.Language`: in what order its words make an order.
 
-The words themselves, and what a dialect lacks, stand in its `drivers.lx200.dialect.Dialect`.
+The words themselves, and what a dialect lacks, stand in its `drivers.lx200.codec.dialect.Dialect`.
 """
 
 from __future__ import annotations

@@ -60,7 +60,7 @@ class SeenThrough:
 
 
 class SkySeen:
-    """A `mountnav.navigation.look.Solve` for frames that carry their truth.
+    """A `mountnav.navigation.equipment.Solve` for frames that carry their truth.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """An OnStepX on the other end of the cable: what it believes, allows and refuses, as its source has it.
 
-It speaks for a `drivers.lx200.fake.FakeLx200`: one command in, its answer out. Motion is the mechanics'.
+It speaks for a `drivers.lx200.fake.base.FakeLx200`: one command in, its answer out. Motion is the mechanics'.
 
 Shapes as its source has them [ONSTEP], of a controller without focuser, rotator, weather and features.
 
