@@ -22,8 +22,8 @@ from starlette.types import Scope
 from mountnav.errors import (
     DeviceRefused,
     MountnavError,
-    NotSolved,
     OutsideLimits,
+    SolveFailed,
     SyncRefused,
     TargetNotReached,
 )
@@ -211,7 +211,7 @@ def _reasons(error: MountnavError) -> list[str] | None:
             named: tuple[str, ...] = doubts
         case OutsideLimits(limit=limit):
             named = (limit,)
-        case DeviceRefused(reason=reason) | TargetNotReached(reason=reason) | NotSolved(reason=reason):
+        case DeviceRefused(reason=reason) | TargetNotReached(reason=reason) | SolveFailed(reason=reason):
             named = (reason,)
         case _:
             named = ()

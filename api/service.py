@@ -58,7 +58,7 @@ class Service:
     _halted: bool = False
 
     def solve_settings(self, telescope_id: str | None) -> SolveSettings:
-        """The settings of solving, with the masters of a telescope if one is named. Raises `Unknown`."""
+        """The settings of solving, with the masters of a telescope if one is named. Raises `NotFound`."""
         if telescope_id is None:
             return solve_settings(self.settings.solving)
         return self.observatory.telescope(telescope_id).navigator.solving

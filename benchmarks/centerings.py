@@ -56,8 +56,8 @@ from mountnav.errors import (
     MountMoved,
     MountnavError,
     NotReached,
-    NotSolved,
     OutsideLimits,
+    SolveFailed,
     SyncDoubt,
     SyncIgnored,
     SyncRefused,
@@ -327,7 +327,7 @@ def _allowed(
         return "for good"
     if isinstance(error, TargetNotReached) and error.reason is NotReached.POLE:
         return None
-    if isinstance(error, NotSolved | TargetNotReached | MountMoved | SyncRefused):
+    if isinstance(error, SolveFailed | TargetNotReached | MountMoved | SyncRefused):
         if causes & {"poor"}:
             return "for good"
         if causes & {"cloud", "mount"}:

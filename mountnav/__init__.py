@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from mountnav.client import AsyncClient, Client
-    from mountnav.errors import MountnavError, NotSolved
+    from mountnav.errors import MountnavError, SolveFailed
     from mountnav.frames import Frame, Hint
     from mountnav.library.devices import fake_mount, open_camera, open_mount
     from mountnav.library.images import read
@@ -40,11 +40,11 @@ _HOME = {
     "HourAngle": "mountnav.sky.coordinates",
     "Icrs": "mountnav.sky.coordinates",
     "MountnavError": "mountnav.errors",
-    "NotSolved": "mountnav.errors",
     "Observed": "mountnav.sky.coordinates",
     "PointingModel": "mountnav.pointing.model.model",
     "Site": "mountnav.sky.coordinates",
     "Solution": "mountnav.solution",
+    "SolveFailed": "mountnav.errors",
     "SolveSettings": "mountnav.solving.settings",
     "SolvedFrame": "mountnav.library.solved",
     "Verdict": "mountnav.solution",
@@ -69,11 +69,11 @@ __all__ = [
     "HourAngle",
     "Icrs",
     "MountnavError",
-    "NotSolved",
     "Observed",
     "PointingModel",
     "Site",
     "Solution",
+    "SolveFailed",
     "SolveSettings",
     "SolvedFrame",
     "Verdict",

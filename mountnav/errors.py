@@ -13,8 +13,8 @@
     │   ├── SyncIgnored             sync-ignored         no        it said yes, and nothing changed
     │   └── SyncElsewhere           sync-elsewhere       no        it took another place than it was told
     ├── SkyError                                                   sky side
-    │   ├── NotSolved               solve-failed         yes       the frame was not identified (reason)
-    │   ├── OffsetImplausible       offset-too-large     no        solved, but too far off to be believed
+    │   ├── SolveFailed             solve-failed         yes       the frame was not identified (reason)
+    │   ├── OffsetTooLarge          offset-too-large     no        solved, but too far off to be believed
     │   ├── OutsideLimits           outside-limits       no        target or way are not allowed (which limit)
     │   ├── SyncRefused             sync-refused         no        solved, but not synced on (why)
     │   ├── ModelRefused            model-refused        no        a pointing model can't be fitted or applied
@@ -25,7 +25,7 @@
     │   ├── BadSettings             bad-settings         no        the configuration is wrong (line, fix)
     │   │   └── BadCatalog          bad-catalog          no        a star catalog is damaged or no such thing
     │   ├── BadRequest              bad-request          no        values that make no sense together
-    │   └── Unknown                 not-found            no        no telescope, job or file of that name
+    │   └── NotFound                not-found            no        no telescope, job or file of that name
     ├── JournalFailed           journal-failed       yes       what is ordered can't be written down
     ├── StarsUnavailable            stars-unavailable    yes       no catalog has stars for a place just now
     ├── Busy                        busy                 yes       another job holds the telescope
@@ -162,7 +162,7 @@ class SkyError(MountnavError):
     slug = "sky-error"
 
 
-class NotSolved(SkyError):
+class SolveFailed(SkyError):
     """The frame was not identified.
 
     Parameters
@@ -183,7 +183,7 @@ class NotSolved(SkyError):
         self.reason = reason
 
 
-class OffsetImplausible(SkyError):
+class OffsetTooLarge(SkyError):
     """The frame was solved, but so far off that nothing is moved or synced by it."""
 
     slug = "offset-too-large"
@@ -362,7 +362,7 @@ class BadRequest(UserError):
     slug = "bad-request"
 
 
-class Unknown(UserError):
+class NotFound(UserError):
     """There is nothing of that name."""
 
     slug = "not-found"

@@ -20,7 +20,7 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 
 from api.access.callers import Role
 from mountnav.clock import utc_now
-from mountnav.errors import BadRequest, BadSettings, Unknown
+from mountnav.errors import BadRequest, BadSettings, NotFound
 from mountnav.files import locked, read_bytes
 from mountnav.journal.database import database_url, file_of, state_folder
 from mountnav.settings.observatory import Settings
@@ -171,7 +171,7 @@ class KeyStore:
 
         Raises
         ------
-        Unknown
+        NotFound
             There is none of this name.
         BadSettings
             The file can't be read or written.
@@ -179,7 +179,7 @@ class KeyStore:
         with self._changing() as record:
             found = next((key for key in record.keys if key.name == name), None)
             if found is None:
-                raise Unknown(
+                raise NotFound(
                     f"there is no key named {name!r}",
                     device=str(self.path),
                     advice=f"there is: {', '.join(key.name for key in record.keys) or 'none'}",

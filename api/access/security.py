@@ -23,7 +23,7 @@ from api.access.callers import Caller, Face, Role
 from api.access.keys import KeyStore, open_keys
 from api.access.roles import LEASED, ROLES, route_of
 from api.problems import Problem, Refused, problem, refusal_response
-from mountnav.errors import BadRequest, Unknown
+from mountnav.errors import BadRequest, NotFound
 
 __all__ = ["allowed_file"]
 
@@ -256,7 +256,7 @@ def allowed_file(path: Path, folders: Sequence[Path], *, telescope_id: str) -> P
     ------
     BadRequest
         It doesn't; links out of a folder don't count.
-    Unknown
+    NotFound
         There is no such file.
     """
     try:
@@ -272,5 +272,5 @@ def allowed_file(path: Path, folders: Sequence[Path], *, telescope_id: str) -> P
             advice="set night.folder or night.allowed_folders",
         )
     if not there:
-        raise Unknown(f"there is no file {path}", device=telescope_id, advice="look at its name")
+        raise NotFound(f"there is no file {path}", device=telescope_id, advice="look at its name")
     return real

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from api.cli.options import config_option
-from mountnav.errors import BadCatalog, Unknown
+from mountnav.errors import BadCatalog, NotFound
 
 if TYPE_CHECKING:
     from mountnav.catalog.catalog_set import CatalogSet
@@ -49,7 +49,7 @@ def opened_catalog(name: str | None, folder: Path) -> PackedStore:
 
     Raises
     ------
-    Unknown
+    NotFound
         There is none of that name.
     BadCatalog
         It is damaged.
@@ -88,7 +88,7 @@ def online_catalog(name: str, config: Path) -> OnlineCatalog:
 
     Raises
     ------
-    Unknown
+    NotFound
         There is none of that name.
     BadSettings
         The settings file is wrong.
@@ -96,7 +96,7 @@ def online_catalog(name: str, config: Path) -> OnlineCatalog:
     sources = {online.name: online for online in online_sources(config)}
     if name not in sources:
         there = f"there are: {', '.join(sources)}" if sources else "add a [[catalogs.online]] table"
-        raise Unknown(f"there is no online catalog {name!r} in {config}", advice=there)
+        raise NotFound(f"there is no online catalog {name!r} in {config}", advice=there)
     return _opened_online(sources[name])
 
 

@@ -89,7 +89,7 @@ def show(
     as_json: Json = False,
 ) -> None:
     """Show all that is known of one look, command or job."""
-    from mountnav.errors import Unknown
+    from mountnav.errors import NotFound
     from mountnav.journal.reading import Wanted
     from mountnav.journal.wording import as_json as columns_of
 
@@ -102,7 +102,7 @@ def show(
     job = reader.job(identity)
     lines: list[Line] = found or list(reader.story(Wanted(job_id=identity)))
     if not lines and job is None:
-        raise Unknown(
+        raise NotFound(
             f"there is no look, command or job {identity!r} in the journal",
             advice="`mountnav journal list --json` tells their ids",
         )

@@ -17,7 +17,7 @@ from drivers.folder.watcher import FolderWatcher
 from drivers.wire.wire_log import WireEntry, WireLog
 from mountnav.catalog.stars import Catalog
 from mountnav.clock import Clock, SystemClock
-from mountnav.errors import BadRequest, Busy, DeviceError, JournalFailed, Unknown
+from mountnav.errors import BadRequest, Busy, DeviceError, JournalFailed, NotFound
 from mountnav.files import open_buffered
 from mountnav.frames import Frame, Hint
 from mountnav.journal.records import Entry, EntryKind, Journal, Unwritten
@@ -218,7 +218,7 @@ class NightRunner:
         ------
         BadRequest
             It doesn't; links out of a folder don't count.
-        Unknown
+        NotFound
             There is no such file.
         """
         real = path.resolve()
@@ -231,7 +231,7 @@ class NightRunner:
                 + (", ".join(map(str, folders)) or "there are none yet"),
             )
         if not real.is_file():
-            raise Unknown(f"there is no file {path}", device=self.parts.telescope_id)
+            raise NotFound(f"there is no file {path}", device=self.parts.telescope_id)
         return real
 
     async def result(self, frame_id: str, wait_s: float) -> FrameAnswer:
@@ -392,9 +392,9 @@ class Nights:
         self._begun: set[str] = set()
 
     def of(self, telescope_id: str) -> NightRunner:
-        """The runner of a telescope. Raises `Unknown` if it has no nights."""
+        """The runner of a telescope. Raises `NotFound` if it has no nights."""
         if telescope_id not in self._runners:
-            raise Unknown(
+            raise NotFound(
                 "this telescope has no nights", device=telescope_id, advice="set night.enabled = true"
             )
         return self._runners[telescope_id]

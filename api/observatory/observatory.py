@@ -27,7 +27,7 @@ from mountnav.errors import (
     DeviceSilent,
     JournalFailed,
     MountnavError,
-    Unknown,
+    NotFound,
 )
 from mountnav.journal.records import Journal
 from mountnav.journal.sql_journal import SqlJournal
@@ -193,9 +193,9 @@ class Observatory:
         return list(self._telescopes.values())
 
     def telescope(self, telescope_id: str) -> Telescope:
-        """Return the telescope of that id. Raises `Unknown`."""
+        """Return the telescope of that id. Raises `NotFound`."""
         if telescope_id not in self._telescopes:
-            raise Unknown(
+            raise NotFound(
                 "there is no telescope of this id",
                 advice=f"there is: {', '.join(self._telescopes) or 'none'}",
             )

@@ -121,7 +121,7 @@ class Dispatcher:
         return self._observatory.telescopes
 
     def watch(self, telescope_id: str) -> Watch:
-        """What is known of a telescope. Raises `Unknown`."""
+        """What is known of a telescope. Raises `NotFound`."""
         return self._watches[self._observatory.telescope(telescope_id).id]
 
     def start(self) -> None:
@@ -210,7 +210,7 @@ class Dispatcher:
 
         Raises
         ------
-        Unknown
+        NotFound
             No such telescope.
         Refused
             The caller's role, or somebody else's lease; or the key was used for something else.

@@ -33,7 +33,7 @@ from api.orders.job import (
 from api.problems import Problem, Refused, internal_problem, problem, problem_of
 from mountnav.clock import utc_now
 from mountnav.devices import Epoch
-from mountnav.errors import Cancelled, JournalFailed, MountnavError, Unknown
+from mountnav.errors import Cancelled, JournalFailed, MountnavError, NotFound
 from mountnav.journal.job_rows import JobRow
 from mountnav.journal.job_store import JobKeeper
 from mountnav.journal.records import because
@@ -136,13 +136,15 @@ class JobMemory:
         return self._jobs.get(job_id)
 
     def get(self, job_id: str) -> Job:
-        """Return the job of that id. May wait for the store. Raises `Unknown`."""
+        """Return the job of that id. May wait for the store. Raises `NotFound`."""
         found = self._jobs.get(job_id)
         if found is None and self._store is not None:
             row = self._store.find(job_id)
             found = None if row is None else job_of(row)
         if found is None:
-            raise Unknown("there is no job of this id", advice="GET /v1/jobs lists the jobs still remembered")
+            raise NotFound(
+                "there is no job of this id", advice="GET /v1/jobs lists the jobs still remembered"
+            )
         return found
 
     def all(self) -> list[Job]:
@@ -372,7 +374,7 @@ class Jobs:
         return self._memory.at_hand(job_id)
 
     def get(self, job_id: str) -> Job:
-        """Return the job of that id. Raises `Unknown`.
+        """Return the job of that id. Raises `NotFound`.
 
         May wait for the store, if the job isn't remembered any more: then call it in a thread.
         """

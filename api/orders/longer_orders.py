@@ -21,7 +21,7 @@ from api.solver.link import Upload
 from api.solver.solve_record import solve_record
 from api.solver.solver import Solver
 from mountnav.clock import Clock, SystemClock, utc_now
-from mountnav.errors import BadFrame, MountMoved, NotSolved
+from mountnav.errors import BadFrame, MountMoved, SolveFailed
 from mountnav.files import open_plain
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.reports import Look
@@ -48,7 +48,7 @@ async def solve_frame(
     ------
     BadRequest, Unknown
         The file may not be read, or isn't there; half a hint.
-    BadFrame, NotSolved
+    BadFrame, SolveFailed
     """
     if order.path is None:
         return await navigator.look(order.exposure_s)
@@ -71,7 +71,7 @@ async def solve_frame(
     solution = verdict.solution
     if solution is None:
         why = str(verdict.reason or "not solved")
-        raise NotSolved(
+        raise SolveFailed(
             f"{path.name}: {why}" + (f": {verdict.detail}" if verdict.detail else ""),
             device=navigator.name,
             advice="give a place and a scale, or blind = after",
@@ -113,7 +113,7 @@ async def run_series(
 
     Raises
     ------
-    NotSolved
+    SolveFailed
         Five looks in a row were not solved.
     OutsideLimits, TargetNotReached, DeviceError, JournalFailed
         Of the slew, or of the camera.
@@ -130,7 +130,7 @@ async def run_series(
         began_s = clock.monotonic_s()
         try:
             look = await navigator.look(order.exposure_s)
-        except (NotSolved, MountMoved, BadFrame) as error:
+        except (SolveFailed, MountMoved, BadFrame) as error:
             failed += 1
             view = SeriesLookView(number=number, solved=False, problem=error.what)
         else:
@@ -139,7 +139,7 @@ async def run_series(
             view = _view(number, look, seen[0].look)
         tell(view.model_copy(update={"elapsed_s": clock.monotonic_s() - began_s}).model_dump(mode="json"))
         if failed >= FAILURES_IN_A_ROW:
-            raise NotSolved(
+            raise SolveFailed(
                 f"{failed} looks in a row were not solved: given up after {number} of {order.looks}",
                 device=navigator.name,
                 advice="look for clouds, dew, focus; the looks that were solved are in the journal",
@@ -149,7 +149,7 @@ async def run_series(
         if left_s > 0 and number < order.looks:
             await clock.sleep(left_s)
     if not seen:
-        raise NotSolved(
+        raise SolveFailed(
             "no look was solved", device=navigator.name, advice="look for clouds, dew, focus", reason="none"
         )
     # the first fit loads scipy: not in the loop, where a stop would wait for that

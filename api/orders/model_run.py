@@ -27,8 +27,8 @@ from mountnav.errors import (
     ModelRefused,
     MountMoved,
     MountnavError,
-    NotSolved,
     OutsideLimits,
+    SolveFailed,
     TargetNotReached,
 )
 from mountnav.journal.records import Entry, EntryKind, Journal
@@ -44,7 +44,7 @@ from mountnav.pointing.observation import PointingObservation
 from mountnav.settings.observatory import Settings
 from mountnav.settings.telescope import TelescopeSettings
 
-_MISSED = (BadFrame, DeviceRefused, MountMoved, NotSolved, OutsideLimits, TargetNotReached)
+_MISSED = (BadFrame, DeviceRefused, MountMoved, SolveFailed, OutsideLimits, TargetNotReached)
 """What costs one point; anything else ends the run."""
 
 

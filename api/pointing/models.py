@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from mountnav.clock import SystemClock
-from mountnav.errors import BadRequest, BadSettings, Unknown
+from mountnav.errors import BadRequest, BadSettings, NotFound
 from mountnav.files import MOST_RECORD_BYTES, open_buffered, read_text
 from mountnav.pointing.model.acceptance import Made, make
 from mountnav.pointing.model.mechanical import Conversion, Mechanical, mechanical
@@ -98,7 +98,7 @@ def chosen_telescope(settings: Settings, telescope: str | None) -> TelescopeSett
 
     Raises
     ------
-    Unknown
+    NotFound
         There is none of that id.
     BadSettings
         No id is given, and there are several.
@@ -113,7 +113,7 @@ def chosen_telescope(settings: Settings, telescope: str | None) -> TelescopeSett
     for known in settings.telescope:
         if known.id == telescope:
             return known
-    raise Unknown(
+    raise NotFound(
         f"there is no telescope {telescope}",
         advice="the settings have " + ", ".join(known.id for known in settings.telescope),
     )

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.packed.companion_colors import COLORS_SUFFIX
-from mountnav.errors import BadRequest, BadSettings, Busy, Unknown
+from mountnav.errors import BadRequest, BadSettings, Busy, NotFound
 from mountnav.files import open_lock
 
 _LOCK = "lock"
@@ -165,7 +165,7 @@ def find_installed(folder: Path, slug: str) -> Installed:
 
     Raises
     ------
-    Unknown
+    NotFound
         There is none of that name; tells which there are.
     BadSettings
         As `installed`.
@@ -177,7 +177,7 @@ def find_installed(folder: Path, slug: str) -> Installed:
                 return _opened(path)
             names.append(path.stem)
     there = ", ".join([EMBEDDED_SLUG, *names])
-    raise Unknown(f"there is no catalog {slug!r} in {folder}", advice=f"there are: {there}")
+    raise NotFound(f"there is no catalog {slug!r} in {folder}", advice=f"there are: {there}")
 
 
 def unfinished(folder: Path) -> list[str]:
@@ -247,7 +247,7 @@ def remove(folder: Path, slug: str) -> int:
     ------
     BadRequest
         The embedded catalog can't be removed.
-    Unknown
+    NotFound
         There is nothing of that name.
     BadSettings
         It can't be removed.

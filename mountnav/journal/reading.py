@@ -20,7 +20,7 @@ from typing import Any
 from sqlalchemy import URL, Connection, Select, Table, desc, false, func, or_, select
 from sqlalchemy.sql.elements import ColumnElement
 
-from mountnav.errors import BadRequest, JournalFailed, Unknown
+from mountnav.errors import BadRequest, JournalFailed, NotFound
 from mountnav.journal.audit_and_leases import AuditRow, LeaseRow, audit_of, audit_query, lease_of
 from mountnav.journal.database import (
     FAULTS,
@@ -335,7 +335,7 @@ class JournalReader:
             It can't be read.
         BadSettings
             It is of another version.
-        Unknown
+        NotFound
             There is none.
         """
         found: list[Line] = []
@@ -460,7 +460,7 @@ class JournalReader:
                     device=str(file),
                     advice="is its disk there? it is tried again by itself",
                 )
-            raise Unknown(
+            raise NotFound(
                 f"there is no journal at {file}",
                 advice="the service makes it when it is first started; --journal names another",
             )

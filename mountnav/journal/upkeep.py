@@ -69,7 +69,7 @@ def check(url: URL) -> Checked:
         It can't be read at all.
     BadSettings
         It is of another version.
-    Unknown
+    NotFound
         There is none.
     """
     reader = JournalReader(url)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mountnav.catalog.catalog_set import CatalogSet
 from mountnav.catalog.stars import Catalog
-from mountnav.errors import BadRequest, NotSolved
+from mountnav.errors import BadRequest, SolveFailed
 from mountnav.frames import Frame, Hint
 from mountnav.library.images import Image, read
 from mountnav.sky.coordinates import Icrs
@@ -70,7 +70,7 @@ def solve(
 
     Raises
     ------
-    NotSolved
+    SolveFailed
         The image was not identified; `reason` and the message say why. Nothing is ever guessed.
     BadFrame
         There is no image in what was given.
@@ -92,7 +92,7 @@ def solve(
         verdict = solve_frame(frame, stars, hint=hint, settings=replace(wanted, index=index))
     if verdict.solution is None:
         assert verdict.reason is not None
-        raise NotSolved(
+        raise SolveFailed(
             f"{frame.source} was not solved: {verdict.reason.value}; {verdict.detail}",
             device=frame.source,
             advice="give `center` and `scale_arcsec_px` if you know them",

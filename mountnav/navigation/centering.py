@@ -195,7 +195,7 @@ class Centering:
 
         Raises
         ------
-        OutsideLimits, NotSolved, OffsetImplausible, SyncRefused, MountMoved, TargetNotReached, Cancelled
+        OutsideLimits, SolveFailed, OffsetTooLarge, SyncRefused, MountMoved, TargetNotReached, Cancelled
         DeviceError, JournalFailed
         """
         clock, correcting, ends, tries = self._equipment.clock, self._correcting, self._ends, self.tries
@@ -431,7 +431,7 @@ async def center_in_time(
     ------
     TargetNotReached
         Also when time ran out (`NotReached.TIME`); the mount is stopped then.
-    OutsideLimits, NotSolved, OffsetImplausible, SyncRefused, MountMoved, Cancelled
+    OutsideLimits, SolveFailed, OffsetTooLarge, SyncRefused, MountMoved, Cancelled
     DeviceError, JournalFailed
     """
     run = Centering(equipment, slewing, target, policy, planned_s=planned_s, key=key)

@@ -293,7 +293,7 @@ class Correcting:
 
         Raises
         ------
-        OutsideLimits, NotSolved, MountMoved, DeviceError, JournalFailed
+        OutsideLimits, SolveFailed, MountMoved, DeviceError, JournalFailed
         """
         guard = self._equipment.guard
         if self._zeroed or self._policy.correct_by is not CorrectBy.SYNC or guard.prefers_offset:

@@ -16,7 +16,7 @@ from dataclasses import replace
 from mountnav.devices import from_mount
 from mountnav.errors import (
     NotReached,
-    OffsetImplausible,
+    OffsetTooLarge,
     OutsideLimits,
     SyncDoubt,
     SyncRefused,
@@ -70,7 +70,7 @@ async def first_light(
 
     Raises
     ------
-    OffsetImplausible
+    OffsetTooLarge
         Further off than that, or frames disagree.
     TargetNotReached
         The tube didn't go where the mount says.
@@ -78,7 +78,7 @@ async def first_light(
         The mount takes itself to be in the other posture; or as `GuardedSync.commit`.
     OutsideLimits
         The place is below the ground, or no small move is allowed from there.
-    NotSolved, BadFrame, MountMoved, SyncIgnored, DeviceError, JournalFailed
+    SolveFailed, BadFrame, MountMoved, SyncIgnored, DeviceError, JournalFailed
     """
     run = _FirstLight(equipment, policy, slewing, exposure_s)
     return await run.run()
@@ -161,7 +161,7 @@ class _FirstLight:
         require_rightly_set(found, equipment.mount, device=equipment.name)
         off_deg = found.offset.total_arcsec / 3600.0
         if off_deg > FURTHEST_DEG:
-            raise OffsetImplausible(
+            raise OffsetTooLarge(
                 f"the tube looks {off_deg:.1f}° from where the mount believes (a first light goes to "
                 f"{FURTHEST_DEG:g}°)",
                 device=equipment.name,
@@ -288,7 +288,7 @@ class _FirstLight:
 
         Raises
         ------
-        OffsetImplausible
+        OffsetTooLarge
             The tube doesn't look where the mount was synced: the sync stays, and the position doesn't count.
         """
         equipment = self._equipment
@@ -302,7 +302,7 @@ class _FirstLight:
             if miss_arcsec > allowed:
                 words = f"after the sync the tube looks {miss_arcsec:.0f}″ from where it was told"
                 equipment.mount.distrust(words)
-                raise OffsetImplausible(
+                raise OffsetTooLarge(
                     words,
                     device=equipment.name,
                     advice="its position doesn't count: does a clutch slip, does it take syncs as it "

@@ -11,7 +11,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from mountnav.errors import BadFrame, MountMoved, NotSolved, OutsideLimits, SyncDoubt, SyncRefused
+from mountnav.errors import BadFrame, MountMoved, OutsideLimits, SolveFailed, SyncDoubt, SyncRefused
 from mountnav.journal.records import EntryKind
 from mountnav.mount.kill_points import kill_point
 from mountnav.navigation.equipment import Equipment
@@ -110,7 +110,7 @@ class PersistentLook:
 
         Raises
         ------
-        NotSolved
+        SolveFailed
             Nothing is left to try; with the last verdict's reason and all that was tried.
         SyncRefused
             Its solved frames of one place don't agree: none is proven to show the present sky.
@@ -254,10 +254,10 @@ class PersistentLook:
             doubts=(SyncDoubt.NOT_FRESH,),
         )
 
-    def _given_up(self, taken: LookResult, frames: int) -> NotSolved:
+    def _given_up(self, taken: LookResult, frames: int) -> SolveFailed:
         verdict = taken.verdict
         tried = ", ".join(f"{tactic} × {count}" for tactic, count in self._used.items())
-        return NotSolved(
+        return SolveFailed(
             f"{frames} frame(s) could not be identified: {verdict.reason} ({verdict.detail})"
             + (f"; tried: {tried}" if tried else ""),
             device=self._equipment.camera.name,

@@ -168,7 +168,7 @@ class Navigator(MountOrders):
 
         Raises
         ------
-        NotSolved, MountMoved, BadFrame, DeviceError, JournalFailed
+        SolveFailed, MountMoved, BadFrame, DeviceError, JournalFailed
         """
         policy = self.policy
         persistence = policy.persistence if persistent else cheap(policy.persistence, policy.solve_retries)
@@ -189,7 +189,7 @@ class Navigator(MountOrders):
             What stands against it; nothing was sent.
         DeviceRefused
             It is parked: no frame is exposed for that.
-        SyncIgnored, NotSolved, MountMoved, BadFrame, DeviceError, JournalFailed
+        SyncIgnored, SolveFailed, MountMoved, BadFrame, DeviceError, JournalFailed
         """
         async with self.work("syncing"):
             await self.mount.require_unparked("sync")
@@ -295,7 +295,7 @@ class Navigator(MountOrders):
         ------
         TargetNotReached
             With the reason: tries, time, a tube that doesn't follow, ...
-        OutsideLimits, NotSolved, OffsetImplausible, SyncRefused, MountMoved, DeviceError, JournalFailed
+        OutsideLimits, SolveFailed, OffsetTooLarge, SyncRefused, MountMoved, DeviceError, JournalFailed
         """
         given = {
             "tolerance_arcsec": tolerance_arcsec,

@@ -18,7 +18,7 @@ from mountnav.errors import (
     DeviceRefused,
     MountMoved,
     MountnavError,
-    OffsetImplausible,
+    OffsetTooLarge,
     OutsideLimits,
     SkyError,
     SyncDoubt,
@@ -68,11 +68,11 @@ async def recover(
 
     Raises
     ------
-    NotSolved, BadFrame, MountMoved
+    SolveFailed, BadFrame, MountMoved
         As a look does.
     OutsideLimits
         The solved place is below the limit: clock, site or frame are wrong; nothing was synced.
-    OffsetImplausible
+    OffsetTooLarge
         The frames disagree; nothing was synced.
     SyncRefused
         It points so near the pole that a frame doesn't show the hour angle, or the posture of a German mount
@@ -205,7 +205,7 @@ async def two_that_agree(
         for before in reversed(looks):
             try:
                 apart = agreement_arcsec(before, latest, policy, equipment.mount.resolution_arcsec)
-            except (BadFrame, MountMoved, OffsetImplausible) as error:
+            except (BadFrame, MountMoved, OffsetTooLarge) as error:
                 said = said or error
             else:
                 return before, latest, apart
@@ -333,7 +333,7 @@ def require_rightly_set(found: Look, mount: CheckedMount, *, device: str) -> Non
 
     Raises
     ------
-    OffsetImplausible
+    OffsetTooLarge
     """
     turned_deg = mount.turned_deg
     if turned_deg is None:
@@ -345,7 +345,7 @@ def require_rightly_set(found: Look, mount: CheckedMount, *, device: str) -> Non
         if tells:
             mount.sky_agrees()
         return
-    raise OffsetImplausible(
+    raise OffsetTooLarge(
         f"the tube looks {off_deg:+.1f}° in right ascension from where the mount believes, and its sky was "
         f"turned by {turned_deg:+.1f}° when site and clock were set: it had been right, and ours are wrong",
         device=device,
@@ -378,7 +378,7 @@ def agreement_arcsec(first: Look, second: Look, policy: CenteringPolicy, resolut
         The second frame isn't a later one.
     MountMoved
         The mount's reading moved between the frames.
-    OffsetImplausible
+    OffsetTooLarge
         The solved places disagree.
     """
     if second.mid_exposure_utc <= first.mid_exposure_utc:
@@ -395,7 +395,7 @@ def agreement_arcsec(first: Look, second: Look, policy: CenteringPolicy, resolut
         )
     apart = apart_arcsec(first, second)
     if apart > allowed:
-        raise OffsetImplausible(
+        raise OffsetTooLarge(
             f"two frames, one after the other, were solved {angle_words(apart)} apart "
             f"(allowed {allowed:.0f}″)",
             advice="nothing was synced; does the mount track, and does the tube hold still? then try again",

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 
-from mountnav.errors import Busy, Unknown
+from mountnav.errors import Busy, NotFound
 from mountnav.frames import Frame
 from mountnav.night.events import Decision
 from mountnav.sky.coordinates import Icrs
@@ -199,12 +199,12 @@ class FramesIn:
 
         Raises
         ------
-        Unknown
+        NotFound
             There is no frame of this id any more.
         """
         kept = self._answers.get(frame_id)
         if kept is None:
-            raise Unknown(
+            raise NotFound(
                 "there is no frame of this id",
                 advice="it was never sent, or is of an earlier run of the service: the journal has it",
             )

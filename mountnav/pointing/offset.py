@@ -5,7 +5,7 @@ One accepted wrong solution sent a simulated tube 3.1° off [POINTING §9].
 
 from __future__ import annotations
 
-from mountnav.errors import BadSettings, OffsetImplausible, SyncRefused
+from mountnav.errors import BadSettings, OffsetTooLarge, SyncRefused
 from mountnav.sky.sphere import Offset
 
 _ADVICE = (
@@ -14,7 +14,7 @@ _ADVICE = (
 )
 
 
-class TooFarToSync(SyncRefused, OffsetImplausible):
+class TooFarToSync(SyncRefused, OffsetTooLarge):
     """A sync refused above all for its size: nothing was sent."""
 
     slug: str = "offset-too-large"
@@ -32,14 +32,14 @@ def check_offset(offset: Offset, max_arcsec: float) -> None:
 
     Raises
     ------
-    OffsetImplausible
+    OffsetTooLarge
         The offset is longer, or no number.
     BadSettings
         `max_arcsec` is not positive.
     """
     words = too_far(offset, max_arcsec)
     if words is not None:
-        raise OffsetImplausible(words, advice=_ADVICE)
+        raise OffsetTooLarge(words, advice=_ADVICE)
 
 
 def too_far(offset: Offset, max_arcsec: float) -> str | None:

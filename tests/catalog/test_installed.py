@@ -19,7 +19,7 @@ from mountnav.catalog.installed import (
 )
 from mountnav.catalog.packed.error_classes import error_curve
 from mountnav.catalog.packed.packing import CatalogColumns, pack
-from mountnav.errors import BadRequest, BadSettings, Busy, Unknown
+from mountnav.errors import BadRequest, BadSettings, Busy, NotFound
 from mountnav.sky.coordinates import Icrs
 
 
@@ -109,7 +109,7 @@ def test_a_link_to_another_disk_is_as_good_as_a_file(tmp_path: Path) -> None:
 
 def test_who_asks_for_none_hears_which_there_are(tmp_path: Path) -> None:
     put(tmp_path, "alpha")
-    with pytest.raises(Unknown, match=r"no catalog 'beta'.*there are: tycho2, alpha"):
+    with pytest.raises(NotFound, match=r"no catalog 'beta'.*there are: tycho2, alpha"):
         find_installed(tmp_path, "beta")
 
 
@@ -117,7 +117,7 @@ def test_nothing_outside_the_folder_is_meant_by_a_name(tmp_path: Path) -> None:
     inside, outside = tmp_path / "inside", put(tmp_path, "alpha")
     unfinished_path(tmp_path, "alpha").mkdir()
     unfinished_path(inside, "alpha").mkdir(parents=True)
-    with pytest.raises(Unknown, match=r"no catalog '\.\./alpha'"):
+    with pytest.raises(NotFound, match=r"no catalog '\.\./alpha'"):
         remove(inside, "../alpha")
     assert outside.exists()
     assert unfinished_path(tmp_path, "alpha").exists()

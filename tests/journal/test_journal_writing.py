@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from mountnav.errors import BadSettings, JournalFailed, Unknown
+from mountnav.errors import BadSettings, JournalFailed, NotFound
 from mountnav.journal.memory import MemoryJournal
 from mountnav.journal.reading import JournalReader, Wanted
 from mountnav.journal.records import (
@@ -307,7 +307,7 @@ def test_places_that_cannot_be_opened(tmp_path: Path) -> None:
     damaged.write_bytes(b"this is no database at all, but long enough to be taken for one" * 99)
     with pytest.raises(JournalFailed, match="damaged"):
         open_journal(damaged)
-    with pytest.raises(Unknown, match="no journal"):
+    with pytest.raises(NotFound, match="no journal"):
         JournalReader(tmp_path / "none.sqlite").lines()
     foreign = tmp_path / "foreign.sqlite"
     with sqlite3.connect(foreign) as connection:

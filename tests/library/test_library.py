@@ -103,7 +103,7 @@ def test_senseless_scales_are_refused(scale: float | tuple[float, float]) -> Non
 
 def test_a_field_without_stars_is_refused_with_the_reason() -> None:
     noise = np.random.default_rng(3).normal(1000.0, 10.0, (200, 200))
-    with pytest.raises(mn.NotSolved) as refused:
+    with pytest.raises(mn.SolveFailed) as refused:
         mn.solve(noise, blind=False)
     assert refused.value.reason
 

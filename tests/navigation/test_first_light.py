@@ -9,7 +9,7 @@ import pytest
 from benchmarks.worse_worlds import Outcome, lived
 from drivers.simulated.behavior import MountBehavior
 from mountnav.devices import PierSide
-from mountnav.errors import OffsetImplausible, SyncDoubt, SyncRefused
+from mountnav.errors import OffsetTooLarge, SyncDoubt, SyncRefused
 from mountnav.pointing.offset import TooFarToSync
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.pointing_errors import PointingErrors
@@ -103,7 +103,7 @@ def test_further_off_than_any_setting_up_is_refused_with_what_to_do() -> None:
 
     async def work(rig: VirtualRig) -> None:
         sent = list(rig.mount.received)
-        with pytest.raises(OffsetImplausible, match="clock, time zone and longitude"):
+        with pytest.raises(OffsetTooLarge, match="clock, time zone and longitude"):
             await rig.navigator.first_light()
         assert rig.mount.received == sent
 

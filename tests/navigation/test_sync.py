@@ -15,8 +15,8 @@ from mountnav.errors import (
     DeviceError,
     DeviceRefused,
     JournalFailed,
-    NotSolved,
-    OffsetImplausible,
+    OffsetTooLarge,
+    SolveFailed,
     SyncDoubt,
     SyncIgnored,
     SyncRefused,
@@ -193,7 +193,7 @@ def test_a_refusal_is_named_written_and_sends_nothing() -> None:
 def test_the_cap_on_the_size_is_the_old_error_too() -> None:
     async def work(rig: SyncRig) -> None:
         found = await pointed(rig)
-        with pytest.raises(OffsetImplausible) as refusal:
+        with pytest.raises(OffsetTooLarge) as refusal:
             await rig.guard.commit(found, SyncTrigger.ORDERED)
         assert isinstance(refusal.value, TooFarToSync)
         assert isinstance(refusal.value, SyncRefused)
@@ -427,7 +427,7 @@ def test_a_false_first_look_is_not_confirmed_and_never_sent() -> None:
             await rig.guard.commit(false, SyncTrigger.CENTERING)
 
         async def clouds() -> Look:
-            raise NotSolved("clouds")
+            raise SolveFailed("clouds")
 
         with pytest.raises(SyncRefused, match="clouds"):
             await rig.guard.commit(false, SyncTrigger.ORDERED, look_again=clouds)
@@ -645,7 +645,7 @@ def test_a_sync_that_cannot_be_verified_is_taken_back() -> None:
         before = await rig.off_arcsec()
 
         async def clouds() -> Look:
-            raise NotSolved("clouds")
+            raise SolveFailed("clouds")
 
         with pytest.raises(SyncUndone, match="clouds"):
             await rig.guard.commit(found, SyncTrigger.CENTERING, look_again=clouds)

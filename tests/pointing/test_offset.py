@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mountnav.errors import BadSettings, OffsetImplausible
+from mountnav.errors import BadSettings, OffsetTooLarge
 from mountnav.pointing.offset import check_offset
 from mountnav.sky.sphere import Offset
 
@@ -15,7 +15,7 @@ def test_offsets_up_to_the_cap_are_believed() -> None:
 
 
 def test_a_longer_one_is_refused_with_its_parts_and_the_way_out() -> None:
-    with pytest.raises(OffsetImplausible) as refusal:
+    with pytest.raises(OffsetTooLarge) as refusal:
         check_offset(Offset(-11160.0, 0.0), 7200.0)
     text = str(refusal.value)
     assert "186.0′" in text
@@ -25,7 +25,7 @@ def test_a_longer_one_is_refused_with_its_parts_and_the_way_out() -> None:
 
 
 def test_no_number_is_not_believed() -> None:
-    with pytest.raises(OffsetImplausible):
+    with pytest.raises(OffsetTooLarge):
         check_offset(Offset(float("nan"), 0.0), 7200.0)
 
 

@@ -10,7 +10,7 @@ from api.http.frame_views import LastFrameView, last_frame_view
 from api.observatory.last_frame import MEDIA_TYPE
 from api.problems import responses
 from api.service import TheService, TheTelescope
-from mountnav.errors import Unknown
+from mountnav.errors import NotFound
 
 router = APIRouter(prefix="/telescopes", tags=["frames"])
 
@@ -48,7 +48,7 @@ async def get_last_frame_picture(telescope: TheTelescope, if_none_match: IfNoneM
     """The picture of the last frame; its rows run from the frame's last one down to its first."""
     found = None if telescope.last_frame is None else await telescope.last_frame.preview()
     if found is None:
-        raise Unknown("this telescope has not looked since the service was started", advice="order a look")
+        raise NotFound("this telescope has not looked since the service was started", advice="order a look")
     kept, preview = found
     headers = {"ETag": f'"{kept.id}"', "Cache-Control": "private, no-cache"}
     if if_none_match == headers["ETag"]:

@@ -13,7 +13,7 @@ from typing import Annotated
 from fastapi import APIRouter, Header, Response
 
 from api.problems import responses
-from mountnav.errors import Unknown
+from mountnav.errors import NotFound
 
 router = APIRouter(include_in_schema=False)
 
@@ -106,7 +106,7 @@ def get_icon(if_none_match: IfNoneMatch = None, accepted: Encodings = "") -> Res
 def _answer(path: str, if_none_match: str | None, accepted: str) -> Response:
     asset = _assets().get(path)
     if asset is None:
-        raise Unknown("the page has no such file", advice="GET / is the page")
+        raise NotFound("the page has no such file", advice="GET / is the page")
     packed = _takes_gzip(accepted)
     headers = {**_HEADERS, "ETag": f'"{asset.digest}{"-gz" if packed else ""}"'}
     known = (

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Query, Response
 from api.problems import responses
 from api.service import TheTelescope
 from drivers.wire.wire_log import WireLog
-from mountnav.errors import Unknown
+from mountnav.errors import NotFound
 
 router = APIRouter(prefix="/telescopes", tags=["telescopes"])
 
@@ -32,6 +32,6 @@ async def get_wire(
     """
     log = telescope.navigator.mount.wire_log
     if not isinstance(log, WireLog):
-        raise Unknown("its driver keeps no wire log", device=telescope.id)
+        raise NotFound("its driver keeps no wire log", device=telescope.id)
     header = {"telescope": telescope.id, "mount": telescope.mount_address} if after == 0 else None
     return Response("".join(f"{line}\n" for line in log.lines(header, after)), media_type=NDJSON)

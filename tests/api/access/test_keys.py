@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from api.access.callers import Role
 from api.access.keys import KeyStore, keys_path, open_keys, sha256_of
 from api.cli.keys import key_app
-from mountnav.errors import BadRequest, BadSettings, Unknown
+from mountnav.errors import BadRequest, BadSettings, NotFound
 from mountnav.settings.observatory import Settings
 
 
@@ -134,7 +134,7 @@ def test_a_name_is_taken_once(path: Path) -> None:
     with pytest.raises(BadRequest, match="already"):
         store.new("one", Role.CONFIGURE)
     assert [key.role for key in store.keys] == [Role.VIEW]
-    with pytest.raises(Unknown, match="there is: one"):
+    with pytest.raises(NotFound, match="there is: one"):
         store.revoke("two")
 
 

@@ -20,7 +20,7 @@ from api.cli.app import app
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.readers import CATALOGS
-from mountnav.errors import BadCatalog, BadRequest, BadSettings, Unknown
+from mountnav.errors import BadCatalog, BadRequest, BadSettings, NotFound
 from mountnav.sky.coordinates import Icrs
 from tests.catalog.readers.ucac4_zones import star_count, write_zones
 from tests.conftest import ROOT
@@ -344,7 +344,7 @@ def test_verify_finds_a_flipped_bit_and_says_so_with_code_1(zones: Path, folder:
         ("cut", False),
         ("ucac4", False),
     ]
-    with pytest.raises(Unknown, match="there are: tycho2, cut, ucac4"):
+    with pytest.raises(NotFound, match="there are: tycho2, cut, ucac4"):
         _ask("verify", "usno")
     with pytest.raises(BadRequest, match="--all"):
         _ask("verify", "ucac4", "--all")
@@ -367,7 +367,7 @@ def test_cone_of_an_import_prints_color_and_flags(zones: Path, folder: Path) -> 
     assert code == 0
     assert out.splitlines()[0].endswith("stars of UCAC4, epoch J2000.00, mag in UCAC, color B-V")
     assert out.splitlines()[1].endswith("flags")
-    with pytest.raises(Unknown, match="no catalog 'usno'"):
+    with pytest.raises(NotFound, match="no catalog 'usno'"):
         _ask("cone", *place, "--catalog", "usno")
     (folder / "ucac4.mnc").write_bytes(b"MNAV")
     with pytest.raises(BadCatalog, match=r"ucac4: can't be used.*mountnav catalog remove ucac4"):
@@ -399,7 +399,7 @@ def test_remove_asks_once(zones: Path, folder: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_remove_of_what_isnt_there_or_stays(folder: Path) -> None:
-    with pytest.raises(Unknown, match="no catalog 'ucac4'"):
+    with pytest.raises(NotFound, match="no catalog 'ucac4'"):
         _ask("remove", "ucac4", "--yes")
     with pytest.raises(BadRequest, match="a part of mountnav"):
         _ask("remove", "tycho2", "--yes")

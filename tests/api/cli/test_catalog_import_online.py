@@ -12,7 +12,7 @@ from typer.testing import CliRunner, Result
 from api.cli.app import app
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.online import catalog
-from mountnav.errors import BadRequest, Unknown
+from mountnav.errors import BadRequest, NotFound
 from mountnav.sky.coordinates import Icrs
 from tests.catalog.online import star_server as moods
 from tests.catalog.online.star_server import StarServer, star_server
@@ -84,11 +84,11 @@ def test_listing_asks_no_server(server: StarServer, config: Path) -> None:
 
 
 def test_no_such_online_catalog_and_areas_too_large(config: Path, tmp_path: Path) -> None:
-    with pytest.raises(Unknown, match="there are: tycho-live"):
+    with pytest.raises(NotFound, match="there are: tycho-live"):
         _ask("fetch", "gaia-live", "--config", config, *AREA)
     with pytest.raises(BadRequest, match="mountnav catalog import"):
         _ask("fetch", "tycho-live", "--config", config, "--ra", "1", "--dec", "1", "--radius", "31")
     empty = tmp_path / "empty.toml"
     empty.write_text("")
-    with pytest.raises(Unknown, match=r"add a \[\[catalogs.online\]\] table"):
+    with pytest.raises(NotFound, match=r"add a \[\[catalogs.online\]\] table"):
         _ask("fetch", "tycho-live", "--config", empty, *AREA)

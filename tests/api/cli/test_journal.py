@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from api.cli.journal import journal_app
-from mountnav.errors import BadRequest, Unknown
+from mountnav.errors import BadRequest, NotFound
 from mountnav.journal.records import Cause, CommandEnd, EntryKind, Outcome
 from mountnav.journal.sql_journal import open_journal
 from tests.journal.samples import at, look_of, note_of, slew_of
@@ -97,7 +97,7 @@ def test_show(file: Path) -> None:
     assert re.search(r"to_ra_deg +120.0", told)
     assert json.loads(run("show", "-j", file, "look-1", "--json"))["pairs"] == 42
     assert len(run("show", "-j", file, "job-7").splitlines()) > 2
-    with pytest.raises(Unknown, match="no look, command or job"):
+    with pytest.raises(NotFound, match="no look, command or job"):
         run("show", "-j", file, "nonsense")
 
 
@@ -141,7 +141,7 @@ def test_an_old_journal_is_upgraded_when_asked(tmp_path: Path) -> None:
         run("list", "-j", path)
     assert "sound" in run("check", "-j", path, "--upgrade")
     assert len(run("list", "-j", path).splitlines()) == 7
-    with pytest.raises(Unknown):
+    with pytest.raises(NotFound):
         run("check", "-j", tmp_path / "none.sqlite", "--upgrade")
     assert not (tmp_path / "none.sqlite").exists()
 
@@ -157,7 +157,7 @@ def test_which_journal(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert "sound" in run("check")
     monkeypatch.delenv("MOUNTNAV_JOURNAL")
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    with pytest.raises(Unknown, match=r"state/mountnav/journal\.sqlite"):
+    with pytest.raises(NotFound, match=r"state/mountnav/journal\.sqlite"):
         run("check")
 
 

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from api.cli.model import model_app
 from mountnav.clock import utc_now
-from mountnav.errors import BadRequest, MountnavError, Unknown
+from mountnav.errors import BadRequest, MountnavError, NotFound
 from mountnav.pointing.model.model import PointingModel
 from mountnav.pointing.model.planning import read_run
 from mountnav.pointing.model.tpoint_file import read_coefficients
@@ -100,7 +100,7 @@ def test_looks_need_to_know_where_the_telescope_stands(looks, config, tmp_path):
     assert told["after"]["sky_rms_arcsec"] < 2.5
     by_options = json.loads(mountnav("fit", looks, "--site", 48.93, 22.27, "--mounting", "german", "--json"))
     assert by_options["accepted"] is True
-    with pytest.raises(Unknown, match="west"):
+    with pytest.raises(NotFound, match="west"):
         mountnav("fit", looks, "-c", config, "--telescope", "west")
 
 

@@ -18,7 +18,7 @@ from api.orders.vocabulary import LookOrder, SlewOrder, SyncToOrder
 from api.problems import Refused
 from api.service import Service
 from mountnav.devices import from_mount
-from mountnav.errors import OutsideLimits, Unknown
+from mountnav.errors import NotFound, OutsideLimits
 from mountnav.settings.observatory import Settings
 from mountnav.sky.sphere import separation_arcsec
 
@@ -87,7 +87,7 @@ async def test_who_may_only_look_on_orders_nothing(observatory_toml: str) -> Non
         with pytest.raises(Refused):
             await service.dispatcher.stop(onlooker, "east")
         assert service.jobs.all() == []
-        with pytest.raises(Unknown):
+        with pytest.raises(NotFound):
             await service.dispatcher.order(OPERATOR, "nowhere", LookOrder())
 
 

@@ -10,7 +10,7 @@ import pytest
 from api.events import Events
 from api.orders.jobs import Job, Jobs, JobState, TelescopeBusy
 from api.problems import Refused
-from mountnav.errors import Cancelled, DeviceSilent, Unknown
+from mountnav.errors import Cancelled, DeviceSilent, NotFound
 
 
 @pytest.fixture
@@ -117,7 +117,7 @@ async def test_old_jobs_are_forgotten_running_ones_never(jobs: Jobs) -> None:
         await _ended(jobs.start("look", "west", {}, _nothing))
     assert len(jobs.all()) == 10
     assert jobs.get(running.id) is running
-    with pytest.raises(Unknown):
+    with pytest.raises(NotFound):
         jobs.get("nonsense")
     await jobs.close()
 

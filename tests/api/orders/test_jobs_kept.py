@@ -14,7 +14,7 @@ from api.events import Events
 from api.orders.jobs import KEYS_LIVE, Job, Jobs, JobState
 from api.problems import Refused
 from mountnav.clock import utc_now
-from mountnav.errors import JournalFailed, TargetNotReached, Unknown
+from mountnav.errors import JournalFailed, NotFound, TargetNotReached
 from mountnav.journal.job_rows import JobRow
 from mountnav.journal.job_store import JobStore
 from mountnav.journal.records import CommandEnd, CommandRecord, Outcome, cause, new_id
@@ -196,7 +196,7 @@ async def test_jobs_that_are_forgotten_are_found_in_the_journal_and_keys_live_on
         assert (await asyncio.to_thread(service.jobs.get, jobs[0].id)).state is JobState.SUCCEEDED
         assert service.jobs.start("slew", "east", REQUEST, service.move, key="k0").id == jobs[0].id
         assert service.moved == 8
-        with pytest.raises(Unknown):
+        with pytest.raises(NotFound):
             service.jobs.get("nonsense")
     async with running(file, kept=3) as service:
         assert len(service.jobs.all()) == 3

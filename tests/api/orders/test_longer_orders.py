@@ -14,7 +14,7 @@ from api.orders.longer_orders import FAILURES_IN_A_ROW, run_series
 from api.orders.model_run import run_model
 from api.orders.targets import IcrsTarget
 from api.orders.vocabulary import ModelRunOrder, SeriesOrder
-from mountnav.errors import BadRequest, NotSolved
+from mountnav.errors import BadRequest, SolveFailed
 from mountnav.journal.records import EntryKind
 from mountnav.pointing.limits import Limits
 from mountnav.pointing.model.model import PointingModel
@@ -79,7 +79,7 @@ def test_a_series_under_clouds_is_given_up_and_tells_each_look() -> None:
     told: list[dict[str, object]] = []
 
     async def work(rig: VirtualRig) -> None:
-        with pytest.raises(NotSolved, match="given up"):
+        with pytest.raises(SolveFailed, match="given up"):
             await run_series(rig.navigator, SeriesOrder(looks=20), told.append, rig.clock)
 
     in_virtual_time(work, script=SkyScript(clouds=(Cloud(0.0, 1e6),)), limits=LIMITS)
