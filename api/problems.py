@@ -39,6 +39,7 @@ _ERRORS_MOST, _LONGEST = 20, 300
 """Of an answer about nonsense: that may be as long as a body may."""
 _log = logging.getLogger(__name__)
 
+# the HTTP status of each problem [RFC 9110 §15]: 502 to 504 the device's fault, 4xx the caller's, 5xx ours
 STATUS_OF_SLUG = {
     "device-error": 502,
     "device-missing": 503,

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 _J2000_UNIX_S = 946_728_000.0
 """2000-01-01T12:00 UTC as a Unix time: the epoch J2000.0, but for the minute between UTC and TT."""
 _JULIAN_YEAR_S = 365.25 * 86400.0
+"""By definition: proper motions are a Julian year's."""
 _LIST_COLUMNS = (
     "slug",
     "stars",

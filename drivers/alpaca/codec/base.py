@@ -54,16 +54,16 @@ class DeviceAddress:
 
 
 # error numbers [Alpaca §3]; those from FIRST_OF_DRIVER on are each driver's own
-NOT_IMPLEMENTED = 0x400
-INVALID_VALUE = 0x401
-VALUE_NOT_SET = 0x402
-NOT_CONNECTED = 0x407
-PARKED = 0x408
-SLAVED = 0x409
-INVALID_OPERATION = 0x40B
-ACTION_NOT_IMPLEMENTED = 0x40C
-CANCELLED = 0x40E
-FIRST_OF_DRIVER = 0x500
+NOT_IMPLEMENTED = 0x400  # a property or method that the device doesn't have
+INVALID_VALUE = 0x401  # an argument out of range
+VALUE_NOT_SET = 0x402  # read before it was written: a target, say
+NOT_CONNECTED = 0x407  # Connected is false
+PARKED = 0x408  # not while AtPark
+SLAVED = 0x409  # not while a dome follows: busy, for us
+INVALID_OPERATION = 0x40B  # not now: slewing, not tracking
+ACTION_NOT_IMPLEMENTED = 0x40C  # no such Action
+CANCELLED = 0x40E  # ended by another order (ITelescopeV4)
+FIRST_OF_DRIVER = 0x500  # up to 0xFFF each driver's own
 
 _NUMBERS = {
     NOT_IMPLEMENTED: Refusal.UNSUPPORTED,
