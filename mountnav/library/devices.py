@@ -7,12 +7,12 @@ The core knows no driver. What opens them is found by name among the installed e
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from importlib.metadata import entry_points
 from typing import Any
 
 from mountnav.devices import Camera, Mount
-from mountnav.errors import BadSettings
+from mountnav.errors import BadSettings, DeviceError
 from mountnav.sky.coordinates import Site
 
 GROUP = "mountnav.devices"
@@ -31,7 +31,7 @@ def _registered(name: str) -> Callable[..., Any]:
 
 @asynccontextmanager
 async def open_mount(url: str, *, name: str | None = None, site: Site | None = None) -> AsyncIterator[Mount]:
-    """Connect a mount for the length of an ``async with``; it is stopped by nobody but you.
+    """Connect a mount for the length of an ``async with``; an error that leaves it stops the mount.
 
     Parameters
     ----------
@@ -58,6 +58,11 @@ async def open_mount(url: str, *, name: str | None = None, site: Site | None = N
     await mount.open()
     try:
         yield mount
+    except BaseException:
+        # a script that breaks off, or Ctrl-C, must not leave a slew behind that nobody watches
+        with suppress(DeviceError):
+            await mount.stop()
+        raise
     finally:
         await mount.close()
 

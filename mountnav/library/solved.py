@@ -78,6 +78,7 @@ def solve(
         A hint that makes no sense.
     """
     from mountnav.catalog.embedded import embedded_catalog
+    from mountnav.identification.blind.cache import installed_index
     from mountnav.solving.settings import SolveSettings
     from mountnav.solving.solve import solve as solve_frame
 
@@ -86,10 +87,14 @@ def solve(
     embedded = embedded_catalog()
     stars: Catalog = CatalogSet(embedded) if catalog is None else catalog
     wanted = settings or SolveSettings()
-    verdict = solve_frame(frame, stars, hint=hint, settings=replace(wanted, index=None) if blind else wanted)
-    if not verdict.solved and blind and wanted.blind != "never":
-        index = wanted.index or _index_of_the_sky()
-        verdict = solve_frame(frame, stars, hint=hint, settings=replace(wanted, index=index))
+    if not blind:
+        wanted = replace(wanted, blind="never")
+    elif wanted.index is None and wanted.blind != "never":
+        wanted = replace(wanted, index=installed_index(embedded))
+    verdict = solve_frame(frame, stars, hint=hint, settings=wanted)
+    # once per machine: it is built only where no hint led to a solution
+    if not verdict.solved and wanted.blind != "never" and wanted.index is None:
+        verdict = solve_frame(frame, stars, hint=hint, settings=replace(wanted, index=_index_of_the_sky()))
     if verdict.solution is None:
         assert verdict.reason is not None
         raise SolveFailed(

@@ -133,6 +133,27 @@ def test_a_fake_mount_is_slewed_by_a_script() -> None:
         assert asyncio.run(there(url)) in ("Apparent", "Icrs")
 
 
+def test_a_script_that_breaks_off_leaves_no_slew_behind() -> None:
+    async def broken_off(url: str) -> None:
+        async with mn.open_mount(url) as mount:
+            place = (await mount.reading()).place
+            assert isinstance(place, mn.Apparent)
+            away = mn.Apparent((place.ra_deg + 60.0) % 360.0, 0.3 * place.dec_deg, place.utc)
+            slew = asyncio.ensure_future(mount.slew(away))
+            while not (await mount.reading()).slewing:
+                assert not slew.done()
+            raise ValueError("the script is wrong")
+
+    async def slews(url: str) -> bool | None:
+        async with mn.open_mount(url) as mount:
+            return (await mount.reading()).slewing
+
+    with mn.fake_mount("lx200", "onstep") as url:
+        with pytest.raises(ValueError, match="the script"):
+            asyncio.run(broken_off(url))
+        assert asyncio.run(slews(url)) is False
+
+
 def test_fakes_and_urls_that_are_none_are_refused() -> None:
     with pytest.raises(BadRequest, match="no fake"), mn.fake_mount("nonsense"):
         pass
