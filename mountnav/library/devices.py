@@ -7,12 +7,13 @@ The core knows no driver. What opens them is found by name among the installed e
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from importlib.metadata import entry_points
 from typing import Any
 
 from mountnav.devices import Camera, Mount
-from mountnav.errors import BadSettings, DeviceError
+from mountnav.errors import BadSettings
+from mountnav.mount.sending import stopped_if_broken_off
 from mountnav.sky.coordinates import Site
 
 GROUP = "mountnav.devices"
@@ -57,12 +58,9 @@ async def open_mount(url: str, *, name: str | None = None, site: Site | None = N
     mount: Mount = _registered("mount")(url, name=name, site=site)
     await mount.open()
     try:
-        yield mount
-    except BaseException:
         # a script that breaks off, or Ctrl-C, must not leave a slew behind that nobody watches
-        with suppress(DeviceError):
-            await mount.stop()
-        raise
+        async with stopped_if_broken_off(mount):
+            yield mount
     finally:
         await mount.close()
 

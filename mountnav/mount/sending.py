@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -37,6 +37,20 @@ T = TypeVar("T")
 
 class OvertakenError(Exception):
     """A stop came before the order was sent."""
+
+
+@asynccontextmanager
+async def stopped_if_broken_off(mount: Mount) -> AsyncIterator[None]:
+    """Stop a mount if what is done with it ends by an error or is cancelled, and pass the error on.
+
+    For scripts that hold a driver themselves, without limits, journal or watch.
+    """
+    try:
+        yield
+    except BaseException:
+        with suppress(DeviceError):
+            await mount.stop()
+        raise
 
 
 @dataclass(frozen=True, slots=True)
