@@ -35,6 +35,7 @@ from api.solver.limits import Limits
 from mountnav import errors
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Frame, Hint
+from mountnav.reading.star_lists import ListFormat
 from mountnav.solution import Verdict
 from mountnav.solving.settings import SolveSettings
 
@@ -333,9 +334,10 @@ class SharedPixels:
 
 @dataclass(frozen=True, slots=True)
 class SharedFile:
-    """An upload, as it came, in the file that comes along."""
+    """An upload, as it came, in the file that comes along; `stars` tells how to read a list of stars."""
 
     name: str
+    stars: ListFormat | None = None
 
 
 @dataclass(frozen=True, slots=True)

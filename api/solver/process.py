@@ -33,12 +33,12 @@ from api.solver.messages import Done, Fault, Read, Ready, Setup, SharedPixels, T
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadFrame, BadSettings, MountnavError
 from mountnav.frames import Frame, Hint
-from mountnav.reading import read_frame
+from mountnav.reading import ListFormat, read_frame
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.render import draw_frame
 from mountnav.sky.coordinates import Icrs
 from mountnav.solution import Verdict
-from mountnav.solving.solve import SolveSettings, solve, solve_file
+from mountnav.solving.solve import SolveSettings, solve, solve_file, solve_source
 
 if TYPE_CHECKING:
     from mountnav.identification.blind.index import BlindIndex
@@ -189,7 +189,8 @@ class Bench:
             frame = _frame(task.source, file)
             verdict = solve(frame, self._catalog, hint=task.hint, settings=settings)
         else:
-            verdict = solved_upload(file, task.source.name, self._catalog, task.hint, settings)
+            source = task.source
+            verdict = solved_upload(file, source.name, self._catalog, task.hint, settings, source.stars)
         if self._trouble and task.index is not None:
             verdict = replace(verdict, notes=(*verdict.notes, self._trouble))
         return verdict
@@ -222,22 +223,23 @@ def _written(path: Path) -> int:
 
 
 def solved_upload(
-    file: int, name: str, catalog: Catalog, hint: Hint | None, settings: SolveSettings
+    file: int,
+    name: str,
+    catalog: Catalog,
+    hint: Hint | None,
+    settings: SolveSettings,
+    stars: ListFormat | None = None,
 ) -> Verdict:
-    """Read and solve an upload that lies in an open file.
+    """Read and solve an upload, an image or a list of stars, that lies in an open file.
 
     Raises
     ------
     BadFrame
-        It is no usable image.
+        It is neither.
     """
-    began = time.perf_counter()
     # by the name of an open file: anyone who reads it may map it, and nothing is copied for it
-    frame = read_frame(Path(f"/proc/self/fd/{file}"), name=name, raw=True)
-    read_s = time.perf_counter() - began
-    verdict = solve(frame, catalog, hint=hint, settings=settings)
-    times = replace(verdict.times, read_s=read_s, total_s=verdict.times.total_s + read_s)
-    return replace(verdict, times=times)
+    path = Path(f"/proc/self/fd/{file}")
+    return solve_source(path, catalog, hint, name=name, settings=settings, stars=stars)
 
 
 def _frame(source: SharedPixels, file: int) -> Frame:

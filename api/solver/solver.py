@@ -200,7 +200,8 @@ class Threads:
             return solve(work.source, self._catalog, hint=work.hint, settings=settings)
         assert file is not None
         with file:
-            return solved_upload(file.fileno(), work.source.name, self._catalog, work.hint, settings)
+            source = work.source
+            return solved_upload(file.fileno(), source.name, self._catalog, work.hint, settings, source.stars)
 
     def _opened(self, path: Path | None) -> BlindIndex | None:
         from mountnav.identification.blind.index import BlindIndex
