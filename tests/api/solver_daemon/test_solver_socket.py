@@ -19,7 +19,7 @@ import pytest
 
 from api.solver_commands import registry
 from api.solver_commands.host import Host
-from api.solver_daemon import installing, listener, stub
+from api.solver_daemon import installing, stub
 from api.solver_daemon.listener import SolverOnLoop, SolverSocket
 from mountnav.errors import BadSettings
 from mountnav.solving.settings import SolveSettings
@@ -246,7 +246,7 @@ def test_a_socket_of_somebody_else_is_not_used(tmp_path: Path, monkeypatch: pyte
         assert link is not None
         link.close()
         there = os.stat(path)
-        monkeypatch.setattr(stub.os, "stat", lambda _, uid=there.st_uid: SimpleNamespace(st_uid=uid + 4242))
+        monkeypatch.setattr(os, "stat", lambda _, uid=there.st_uid: SimpleNamespace(st_uid=uid + 4242))
         assert stub.connected(path) == (None, "")
 
 
@@ -298,7 +298,7 @@ def test_stopped_it_leaves_nothing_behind(tmp_path: Path) -> None:
 
 
 def test_a_stub_of_another_version_sees_to_itself(private: Running, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(listener.stub, "VERSION", "0")
+    monkeypatch.setattr("api.solver_daemon.stub.VERSION", "0")
     link, _ = stub.connected(private.server.address[0])
     assert link is not None
     talk = stub.Talk(link)
