@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from scipy.special import bdtrc
 
+from mountnav.catalog.stars import Stars
 from mountnav.identification.field_rotation import FEWEST, STARS
 from mountnav.identification.plate import Plate
 from mountnav.measuring.segmentation import LightSegments
@@ -87,6 +88,9 @@ FIELD_CHANCE = 1e-3
 unexplained patches are searched, and few stars are bright enough to count. Ten times as much would refuse one
 in a
 hundred of these."""
+PAIR_MAG = 0.75
+"""Two patches are as bright to each other as two stars, within this, mag: colors and pieces of trails take a
+part. Chosen by hand; doubled, lamps pass for stars twice as often."""
 PAIRS_AT_ONCE = 20_000
 """Ways to lay the unexplained patches on the sky that are tried at once: 20 MB of memory."""
 
@@ -378,6 +382,38 @@ def find_second_field(
             again = complex(first[ways][k]) + (middle - complex(second[ways][k])) / way
             best = SecondField(_in_pixels(plate, again - middle), cmath.phase(way), int(hits_here[k]))
     return best
+
+
+def bright_pair(
+    unexplained: UnexplainedLight, many: int, plate: Plate, stars: Stars, shape: tuple[int, int]
+) -> bool:
+    """Whether two of the brightest unexplained patches lie to each other as two stars about the frame do.
+
+    Two patches can prove no other field. But lamps, planets and galaxies seldom lie as two stars do that are
+    as bright, and a frame that few stars hold is better refused.
+
+    Parameters
+    ----------
+    many : int
+        How many patches count, the brightest.
+    stars : Stars
+        Those about the frame that are bright enough.
+    """
+    many = min(many, SEEDS)
+    scale = plate.scale_arcsec_px()
+    seen = _complex(plate.tangential(unexplained.x_px[:many], unexplained.y_px[:many])) / scale
+    there = _complex(plate.project(stars.ra_deg, stars.dec_deg)) / scale
+    sound = np.isfinite(there) & np.isfinite(stars.mag)
+    there, mag = there[sound], stars.mag[sound]
+    if min(seen.size, there.size) < 2:
+        return False
+    instrumental = -2.5 * np.log10(unexplained.flux[:many])
+    i, j = np.triu_indices(seen.size, 1)
+    k, m = np.nonzero(~np.eye(there.size, dtype=bool))
+    apart = (there[m] - there[k])[:, None] - (seen[j] - seen[i])
+    bright = (mag[m] - mag[k])[:, None] - (instrumental[j] - instrumental[i])
+    elsewhere = np.abs(there[k][:, None] - seen[i]) > OWN_PLACE_PX
+    return bool(((np.abs(apart) < FIELD_NEAR_PX) & (np.abs(bright) < PAIR_MAG) & elsewhere).any())
 
 
 def _complex(parts: tuple[Array, Array]) -> Complex:

@@ -15,6 +15,7 @@ from mountnav.identification.double_exposure import (
     PER_FRAME,
     SecondField,
     SecondImage,
+    bright_pair,
     find_second_field,
     second_image,
     second_sources,
@@ -68,6 +69,9 @@ MANY_PAIRS = 60
 """On so many stars and more a second exposure shows by its own stars. Chosen by hand: the two drawn frames
 whose second exposure was overlooked had 21 pairs. Doubled, frames with two bright planets or galaxies are
 refused on twice as many stars."""
+FAINTER_EXPOSURE_MAG = 1.5
+"""Stars so much fainter than the frame's brightest may be brighter than it in the other exposure, if that has
+four times the light of this one. Doubled, lamps pass for stars more often."""
 BRIGHTEST, STRANGE_AMONG_THEM, SUSPICIOUS_CHANCE = 12, 3, 1e-2
 """So many of the brightest patches that no star explains make a frame suspicious; a second image of its stars
 is believed then though chance makes one in this share of such frames. Chosen by hand: of the drawn frame that
@@ -230,7 +234,7 @@ def _contradicted(
     why = field.contradicts(path, frame.fwhm_px)
     if why:
         return _as_turned(found, field, why)
-    why = _bright_unexplained(patches, reference, frame.stars, frame.measurements)
+    why = _bright_unexplained(patches, reference, frame.stars, frame.measurements, frame.sky)
     if why:
         return _as_unexplained(found, why)
     other = _second_field(patches, reference, frame.stars, frame.measurements, frame.sky)
@@ -455,7 +459,11 @@ def _second_field(
 
 
 def _bright_unexplained(
-    patches: LightSegments, reference: Reference, stars: Stars, measurements: Measurements
+    patches: LightSegments,
+    reference: Reference,
+    stars: Stars,
+    measurements: Measurements,
+    sky: StarsInCone | None,
 ) -> str:
     """Why the bright light that is no star's forbids a plate on few stars; empty where it doesn't.
 
@@ -472,10 +480,14 @@ def _bright_unexplained(
     known = np.sort(patches.flux[left.known])[::-1]
     above = int((left.flux > known[0]).sum())
     if above >= FEWEST_UNEXPLAINED:
-        return (
-            f"{above} sources brighter than each of the {known.size} brightest identified stars are none "
-            f"that the catalog has (two exposures in one?)"
-        )
+        faintest_mag = float(mag.min(initial=np.inf, where=np.isfinite(mag))) + FAINTER_EXPOSURE_MAG
+        shape = (measurements.height_px, measurements.width_px)
+        around = _stars_about(reference.plate, stars, shape, faintest_mag, sky)
+        if bright_pair(left, above, reference.plate, around, shape):
+            return (
+                f"{above} sources brighter than each of the {known.size} brightest identified stars are none "
+                f"that the catalog has here, and lie as stars of another place do (two exposures in one?)"
+            )
     if len(reference.pairs) >= FEW_STARS:
         return ""
     bright = float(np.median(known))
