@@ -203,10 +203,13 @@ class Upload:
     ----------
     file : int
         An open descriptor; the maker of the upload closes it.
+    hdu : int or str or None
+        Which FITS extension holds the image; None: chosen by the reader.
     """
 
     name: str
     file: int
+    hdu: int | str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,7 +232,7 @@ class Reading:
 def described(source: Frame | Upload) -> SharedPixels | SharedFile:
     """The source as it is sent: without what lies in the file that goes with it."""
     if isinstance(source, Upload):
-        return SharedFile(source.name)
+        return SharedFile(source.name, source.hdu)
     pixels = source.pixels
     bare = replace(source, pixels=np.empty((0, 0), pixels.dtype))
     return SharedPixels(bare, pixels.dtype.str, pixels.shape)

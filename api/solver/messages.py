@@ -333,9 +333,10 @@ class SharedPixels:
 
 @dataclass(frozen=True, slots=True)
 class SharedFile:
-    """An upload, as it came, in the file that comes along."""
+    """An upload, as it came, in the file that comes along; and which FITS extension is meant."""
 
     name: str
+    hdu: int | str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -189,7 +189,8 @@ class Bench:
             frame = _frame(task.source, file)
             verdict = solve(frame, self._catalog, hint=task.hint, settings=settings)
         else:
-            verdict = solved_upload(file, task.source.name, self._catalog, task.hint, settings)
+            named, hdu = task.source.name, task.source.hdu
+            verdict = solved_upload(file, named, self._catalog, task.hint, settings, hdu=hdu)
         if self._trouble and task.index is not None:
             verdict = replace(verdict, notes=(*verdict.notes, self._trouble))
         return verdict
@@ -222,7 +223,13 @@ def _written(path: Path) -> int:
 
 
 def solved_upload(
-    file: int, name: str, catalog: Catalog, hint: Hint | None, settings: SolveSettings
+    file: int,
+    name: str,
+    catalog: Catalog,
+    hint: Hint | None,
+    settings: SolveSettings,
+    *,
+    hdu: int | str | None = None,
 ) -> Verdict:
     """Read and solve an upload that lies in an open file.
 
@@ -233,7 +240,7 @@ def solved_upload(
     """
     began = time.perf_counter()
     # by the name of an open file: anyone who reads it may map it, and nothing is copied for it
-    frame = read_frame(Path(f"/proc/self/fd/{file}"), name=name, raw=True)
+    frame = read_frame(Path(f"/proc/self/fd/{file}"), name=name, hdu=hdu, raw=True)
     read_s = time.perf_counter() - began
     verdict = solve(frame, catalog, hint=hint, settings=settings)
     times = replace(verdict.times, read_s=read_s, total_s=verdict.times.total_s + read_s)

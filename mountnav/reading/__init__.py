@@ -152,7 +152,8 @@ def _read(content: Content, label: str, hdu: int | str | None) -> Frame:
     content = unpacked(content, label)
     if content[:6] == b"SIMPLE":
         image = read_fits(content, label, hdu)
-        return _frame(image.pixels, image.values, image.comments, label, own=True)
+        frame = _frame(image.pixels, image.values, image.comments, label, own=True)
+        return replace(frame, notes=(image.note,)) if image.note else frame
     if hdu not in (None, 0):
         raise BadFrame(
             f"there is no extension {hdu}: this is no FITS file", device=label, advice="leave the choice out"

@@ -296,6 +296,22 @@ def chosen_hdu(hdus: list[Hdu], wanted: int | str | None, label: str) -> Hdu:
     return max(images, key=lambda hdu: (not _SIDE_PLANES.search(hdu.name.lower()), _plane_size(hdu.shape)))
 
 
+def science_images(hdus: list[Hdu]) -> list[Hdu]:
+    """The images of a file, without masks, weights and errors by their names, unless all are such.
+
+    Parameters
+    ----------
+    hdus : list of Hdu
+
+    Returns
+    -------
+    list of Hdu
+        In the file's order.
+    """
+    images = [hdu for hdu in hdus if hdu.shape]
+    return [hdu for hdu in images if not _SIDE_PLANES.search(hdu.name.lower())] or images
+
+
 def _named(hdus: list[Hdu], wanted: int | str, label: str) -> Hdu:
     there = ", ".join(f"{hdu.number} {hdu.name}".strip() for hdu in hdus[:20])
     word = str(wanted).strip().upper()

@@ -158,7 +158,7 @@ class _Job:
     choices : tuple of Choice
         Catalogs for this frame, the best first.
     notes : tuple of str
-        What calibration could not do.
+        What reading found besides, and what calibration could not do.
     zero_adu : float or None
         Level of no light, as calibration knows it.
     """
@@ -236,6 +236,7 @@ def _job(frame: Frame, catalog: Catalog, given: Hint | None, settings: SolveSett
         epoch_yr=epoch_of(utc if utc is not None else utc_now()),
         reach=Reach(settings.index, settings.blind),
         began_s=time.monotonic(),
+        notes=frame.notes,
     )
 
 
