@@ -46,6 +46,10 @@ from mountnav.solving.catalog_choice import (
 )
 from mountnav.solving.contradictions import contradictions_of_hints, contradictions_with
 from mountnav.solving.settings import SolveSettings
+from mountnav.solving.special_frames import SpecialFrame, special_frame
+
+SPECIAL_SHARE = 0.5
+"""Of the budget, for a frame that was made ordinary; chosen by hand."""
 
 __all__ = ["SolveSettings", "epoch_of", "merged_hint", "solve", "solve_file"]
 
@@ -127,6 +131,13 @@ def solve(
     try:
         if measurements is None:
             job = _read(job)
+            special = special_frame(job.frame)
+            if special is not None:
+                found = _solve_special(job, special)
+                if found.solved:
+                    return found
+                left_s = (1.0 - SPECIAL_SHARE) * job.settings.budget_s
+                job = replace(job, settings=replace(job.settings, budget_s=left_s))
         job = _with_catalogs(job)
         measured = _measure(job) if measurements is None else _Measured(measurements, len(measurements))
     except BadFrame as fault:
@@ -135,6 +146,15 @@ def solve(
     identified = _identify(job, measured)
     fitted = _fit(job, measured, identified)
     return _judge(job, measured, fitted)
+
+
+def _solve_special(job: _Job, special: SpecialFrame) -> Verdict:
+    """Solve a frame that was made ordinary: the verdict on the frame as it was."""
+    given = None if job.given is None else special.widened(job.given)
+    # the rest stays for the frame as it was: what its header or its levels say may be wrong
+    settings = replace(job.settings, calibration=None, budget_s=SPECIAL_SHARE * job.settings.budget_s)
+    verdict = special.back(solve(special.frame, job.catalog, hint=given, settings=settings))
+    return replace(verdict, notes=(*job.notes, *verdict.notes))
 
 
 @dataclass(frozen=True, slots=True)
