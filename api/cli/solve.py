@@ -77,8 +77,8 @@ def solve(
         bool | None,
         typer.Option(
             "--blind/--no-blind",
-            help="Search the whole sky and ask no hint, or never search it; else it is searched after the "
-            "hint failed.",
+            help="Search the whole sky and ask no hint but --scale, or never search it; else it is searched "
+            "after the hint failed.",
             show_default=False,
         ),
     ] = None,
