@@ -40,7 +40,9 @@ _STAGES = {"reading": "reading", "packing": "sorting and writing", "checking": "
 
 
 def import_(
-    kind: Annotated[str, typer.Argument(help="One of: ucac4, usno-b1, gaia, gaia-bright, astrometry-net, astap, siril.")],
+    kind: Annotated[
+        str, typer.Argument(help="One of: ucac4, usno-b1, gaia, gaia-bright, astrometry-net, astap, siril.")
+    ],
     path: Annotated[
         Path | None,
         typer.Argument(help="A file, or the folder of the files. gaia-bright: of the package, if left out."),
