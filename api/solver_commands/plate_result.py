@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import BinaryIO
 
+from api.solver_commands.host import Host
 from api.solver_commands.image_facts import ImageFacts, rows_up
+from mountnav.errors import BadFrame
 from mountnav.frames import Hint
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.wcs_numbers import Value, WcsNumbers, linear_cards, wcs_numbers
@@ -33,15 +36,18 @@ class Field:
     ----------
     side_deg : float
         > 0.
-    side_px : int
+    side_px : float
         Pixels along that side.
     source : str
         The option that said so.
+    span : float
+        The caller gives a range: from the side over this to the side times this.
     """
 
     side_deg: float
-    side_px: int
+    side_px: float
     source: str
+    span: float = 1.0
 
     @property
     def scale_arcsec_px(self) -> float:
@@ -49,9 +55,9 @@ class Field:
         return 3600.0 * self.side_deg / self.side_px
 
     def off(self, scale_arcsec_px: float) -> float:
-        """Factor between the solved scale and this, >= 1."""
+        """Factor between the solved scale and what was stated, >= 1."""
         ratio = scale_arcsec_px / self.scale_arcsec_px
-        return max(ratio, 1.0 / ratio)
+        return max(1.0, max(ratio, 1.0 / ratio) / self.span)
 
 
 def hint_of(center: Icrs | None, radius_deg: float, field: Field | None, source: str) -> Hint | None:
@@ -70,7 +76,8 @@ def hint_of(center: Icrs | None, radius_deg: float, field: Field | None, source:
         return None
     low = high = None
     if field is not None:
-        low, high = field.scale_arcsec_px / FIELD_ROOM, field.scale_arcsec_px * FIELD_ROOM
+        room = FIELD_ROOM * field.span
+        low, high = field.scale_arcsec_px / room, field.scale_arcsec_px * room
     return Hint(
         center=center,
         radius_deg=min(radius_deg, WIDEST_RADIUS_DEG),
@@ -79,6 +86,21 @@ def hint_of(center: Icrs | None, radius_deg: float, field: Field | None, source:
         center_source=source if center is not None else "caller",
         scale_source=field.source if field is not None else "caller",
     )
+
+
+def opened(host: Host, path: str) -> BinaryIO:
+    """Open a file for a command.
+
+    Raises
+    ------
+    BadFrame
+        There is no such file, or it is none.
+    """
+    try:
+        return host.open(path)
+    except (OSError, ValueError) as fault:  # a name with a zero byte is a ValueError
+        why = getattr(fault, "strerror", None) or str(fault)
+        raise BadFrame(f"the file can't be read: {why}", device=path, advice="check its name") from fault
 
 
 def place(ra_deg: float, dec_deg: float) -> Icrs | None:
