@@ -19,10 +19,6 @@ from mountnav.frames import Frame, Hint
 from mountnav.reading.star_lists import ListFormat
 from mountnav.solution import Verdict
 
-MOST_INPUT_BYTES = 1_000_000_000
-"""Longest image that is read from standard input: 300 million pixels of 16 bits have 600 MB. Doubled, so has
-the memory that a caller can take."""
-
 
 class Host(Protocol):
     """Files and terminal of a command. Paths are as the caller typed them: relative ones in its folder."""
@@ -41,10 +37,6 @@ class Host(Protocol):
 
     def remove(self, path: str) -> None:
         """Remove a file; one that isn't there is no error. Raises `OSError`."""
-        ...
-
-    def read_input(self) -> bytes:
-        """Read standard input to its end. Raises `OSError`, also for more than `MOST_INPUT_BYTES`."""
         ...
 
     def out(self, text: str) -> None:
@@ -143,13 +135,6 @@ class LocalHost:
     def remove(self, path: str) -> None:
         """As `Host.remove`."""
         Path(path).unlink(missing_ok=True)
-
-    def read_input(self) -> bytes:
-        """As `Host.read_input`."""
-        content = sys.stdin.buffer.read(MOST_INPUT_BYTES + 1)
-        if len(content) > MOST_INPUT_BYTES:
-            raise OSError(f"more than {MOST_INPUT_BYTES // 1_000_000} MB come from standard input")
-        return content
 
     def out(self, text: str) -> None:
         """As `Host.out`."""
