@@ -224,7 +224,16 @@ def listeners_of(service: Service, http_address: tuple[str, int] | None) -> List
         made["stellarium"] = lambda: _stellarium(service)
     if http_address is not None and settings.alpaca.enabled and settings.alpaca.discovery:
         made["alpaca-discovery"] = lambda: _discovery(service, http_address)
+    if http_address is not None and settings.solver_commands.enabled:
+        made["solver-commands"] = lambda: _solver_commands(service)
     return Listeners(made)
+
+
+def _solver_commands(service: Service) -> Listener:
+    from api.solver_daemon.listener import SolverOnLoop, SolverSocket
+
+    on_loop = SolverOnLoop(service.solver, lambda: service.solve_settings(None), asyncio.get_running_loop())
+    return SolverSocket(on_loop, takes_over=True)
 
 
 def _indi(service: Service) -> Listener:

@@ -47,6 +47,9 @@ class Solver:
         Have the index built when the solver opens, not when the first frame needs it, which may be at night.
     limits : Limits, optional
         What each of the processes may take.
+    looks : bool
+        Without it there are only uploads: their process is warm from the start, stays, and has the priority
+        of looks.
     """
 
     def __init__(
@@ -57,12 +60,15 @@ class Solver:
         tell: Tell,
         build_early: bool = False,
         limits: Limits | None = None,
+        looks: bool = True,
     ) -> None:
         self._build_early = build_early
         self.blind_index = BlindIndexKeeper(catalog, tell)
-        self.worker = Worker(catalog, tell, limits=limits) if worker else None
+        self.worker = Worker(catalog, tell, limits=limits) if worker and looks else None
         self.uploads: Worker | None = None
-        if worker:
+        if worker and not looks:
+            self.uploads = Worker(catalog, tell, limits=limits, niceness=0)
+        elif worker:
             self.uploads = Worker(
                 catalog,
                 _of_uploads(tell),
@@ -76,7 +82,8 @@ class Solver:
     @property
     def state(self) -> str:
         """Of the worker: "starting", "ready", "solving", "failed: ..."; "in this process" without one."""
-        return "in this process" if self.worker is None else self.worker.state
+        first = self.worker or self.uploads
+        return "in this process" if first is None else first.state
 
     def open(self) -> None:
         """Begin to get ready, in the background."""
@@ -151,8 +158,9 @@ class Solver:
 
     async def _open(self) -> None:
         await self.blind_index.find()
-        if self.worker is not None:
-            self.worker.open(self.blind_index.path)
+        first = self.worker or self.uploads
+        if first is not None:
+            first.open(self.blind_index.path)
         if self._build_early:
             await self.blind_index.wait(0.0)
 

@@ -39,6 +39,10 @@ class Host(Protocol):
         """Remove a file; one that isn't there is no error. Raises `OSError`."""
         ...
 
+    def read_input(self) -> bytes:
+        """Read all of standard input."""
+        ...
+
     def out(self, text: str) -> None:
         """Print, without adding a line end."""
         ...
@@ -135,6 +139,10 @@ class LocalHost:
     def remove(self, path: str) -> None:
         """As `Host.remove`."""
         Path(path).unlink(missing_ok=True)
+
+    def read_input(self) -> bytes:
+        """As `Host.read_input`."""
+        return sys.stdin.buffer.read()
 
     def out(self, text: str) -> None:
         """As `Host.out`."""

@@ -1,4 +1,4 @@
-"""`[alpaca]`, `[indi_server]`, `[lx200_server]`, `[stellarium]`: the doors for other people's programs."""
+"""`[alpaca]`, `[indi_server]`, `[lx200_server]`, `[stellarium]`, `[solver_commands]`: for other programs."""
 
 from __future__ import annotations
 
@@ -127,4 +127,22 @@ class StellariumSettings(_OneTelescopesDoor):
     port: int = Field(default=10001, ge=0, le=65535)
 
 
-__all__ = ["AlpacaSettings", "IndiServerSettings", "Lx200ServerSettings", "StellariumSettings"]
+class SolverCommandsSettings(Section):
+    """`[solver_commands]`: astap, solve-field and so on, as `mountnav solver install` writes them.
+
+    Attributes
+    ----------
+    enabled : bool
+        Whether the service answers them, by a socket that only its own user can reach. It moves nothing.
+    """
+
+    enabled: bool = True
+
+
+__all__ = [
+    "AlpacaSettings",
+    "IndiServerSettings",
+    "Lx200ServerSettings",
+    "SolverCommandsSettings",
+    "StellariumSettings",
+]
