@@ -13,7 +13,7 @@ import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from io import FileIO
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,13 +36,15 @@ from api.solver_commands.plate_result import (
 from mountnav.clock import utc_now
 from mountnav.errors import BadCatalog, BadFrame, BadSettings, MountnavError, StarsUnavailable
 from mountnav.frames import Frame
-from mountnav.measuring.hfd import StarDiameters, measure_hfd
 from mountnav.reading.content import OnDisk
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.sky.wcs_numbers import Value
 from mountnav.solution import Reason, Solution
 from mountnav.version import version
+
+if TYPE_CHECKING:
+    from mountnav.measuring.hfd import StarDiameters
 
 SOLVED, UNSOLVED, FEW_STARS, NO_IMAGE, NO_CATALOG, BAD_STARS, NOT_UPDATED = 0, 1, 2, 16, 32, 33, 34
 """Exit codes, as ASTAP's graphical edition has them; its command line edition says 1 for 2 to 33."""
@@ -410,6 +412,12 @@ def _snr(call: _Run, option: str) -> float:
     return given if given is not None and given > 0.0 else DEFAULT_SNR
 
 
+def _measured(frame: Frame, least_snr: float) -> StarDiameters:
+    from mountnav.measuring.hfd import measure_hfd  # slow to import, and solving does without
+
+    return measure_hfd(frame, least_snr=least_snr)
+
+
 def _analyse(call: _Run, file: BinaryIO, name: str, facts: ImageFacts) -> int:
     """`-analyse` and `-extract`: nothing is solved, no `.ini` is written."""
     frame = call.solver.read(file, name)
@@ -417,7 +425,7 @@ def _analyse(call: _Run, file: BinaryIO, name: str, facts: ImageFacts) -> int:
         # the plate in a header is one of rows from the bottom already
         stars = _extract(call, frame, facts, "extract", facts.header)
     else:
-        stars = measure_hfd(frame, least_snr=_snr(call, "analyse"))
+        stars = _measured(frame, _snr(call, "analyse"))
     call.host.out(median_text(stars))
     return SOLVED
 
@@ -426,7 +434,7 @@ def _extract(
     call: _Run, frame: Frame, facts: ImageFacts, option: str, cards: Mapping[str, object]
 ) -> StarDiameters:
     """Write the list of stars beside the image."""
-    stars = measure_hfd(frame, least_snr=_snr(call, option))
+    stars = _measured(frame, _snr(call, option))
     content = stars_csv(stars, facts, cards).encode("ascii")
     call.write(".csv", content, base=os.path.splitext(call.image)[0])
     return stars
@@ -446,7 +454,7 @@ def _focus(options: Options, host: Host, solver: Solver) -> int:
             host.err(f"{one_line(path)}: {one_line(str(fault))}\n")
             return NO_IMAGE
         place_of = next((frame.header[key] for key in _FOCUS_CARDS if key in frame.header), None)
-        median = measure_hfd(frame).median_px
+        median = _measured(frame, DEFAULT_SNR).median_px
         if not isinstance(place_of, int | float) or median is None:
             why = "no stars" if median is None else f"no card {' or '.join(_FOCUS_CARDS)}"
             host.err(f"{one_line(path)}: {why}, it is passed over\n")

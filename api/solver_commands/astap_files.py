@@ -8,6 +8,7 @@ break the standard. So both hold plain lines only, whatever a file's name or hea
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 
@@ -134,8 +135,6 @@ def wcs_lines(
         How long it took, and how far off the hint was.
     warning : str
     """
-    from astropy.io import fits
-
     plain: list[tuple[str, Value, str]] = [("SIMPLE", True, ""), ("BITPIX", 8, ""), ("NAXIS", 0, "")]
     plain += [
         (name, value, "")
@@ -154,7 +153,7 @@ def wcs_lines(
         plain.append(("WARNING", text[:_TEXT_LENGTH].rstrip(), ""))
         if len(text) > _TEXT_LENGTH:
             remarks.append(f"warning: {text}")
-    lines = [_card(fits.Card(*entry)) for entry in plain]
+    lines = [_card(*entry) for entry in plain]
     for remark in remarks:
         text = one_line(remark)
         lines += [
@@ -165,11 +164,24 @@ def wcs_lines(
 
 
 def _fits_a_card(value: Value) -> bool:
-    return not isinstance(value, str) or (value == one_line(value) and len(value) + value.count("'") <= 60)
+    if isinstance(value, str):
+        return value == one_line(value) and len(value) + value.count("'") <= _TEXT_LENGTH
+    return isinstance(value, bool) or (abs(value) < math.inf and len(repr(value)) <= _TEXT_LENGTH)
 
 
-def _card(card: object) -> str:
-    return str(card)[:CARD_LENGTH].ljust(CARD_LENGTH)
+def _card(name: str, value: Value, comment: str) -> str:
+    """One card [FITS 4.0, section 4.2]. astropy would make it, and take 0.2 s to import."""
+    if isinstance(value, bool):
+        text = f"{'T' if value else 'F':>20}"
+    elif isinstance(value, str):
+        quoted = value.replace("'", "''")
+        text = f"'{quoted:<8}'"
+    else:
+        text = f"{value!r:>20}".upper()
+    card = f"{name:<8}= {text}"
+    if comment and len(card) + 3 + len(comment) <= CARD_LENGTH:
+        card += f" / {comment}"
+    return card.ljust(CARD_LENGTH)
 
 
 def as_text(lines: Sequence[str]) -> bytes:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from api.solver_commands.image_facts import ImageFacts
 from mountnav.errors import BadRequest
-from mountnav.measuring.hfd import StarDiameters
 from mountnav.sky.wcs import places_at_pixels
+
+if TYPE_CHECKING:
+    from mountnav.measuring.hfd import StarDiameters
 
 Array = NDArray[np.float64]
 
