@@ -74,9 +74,9 @@ def _looked_at(file: BinaryIO, name: str, solver: Solver) -> ImageFacts:
         unit = chosen_hdu(hdus, None, name)
         height, width = _sides(unit.shape)
         return ImageFacts(width, height, False, {**hdus[0].cards.values, **unit.cards.values})
-    size = None if head.startswith(_PACKED) else _picture_size(file)
-    if size is not None:
-        return ImageFacts(size[0], size[1], True)
+    seen = None if head.startswith(_PACKED) else _picture_facts(file)
+    if seen is not None:
+        return seen
     frame = solver.read(file, name)
     return ImageFacts(frame.width_px, frame.height_px, not head.startswith(_PACKED), dict(frame.header))
 
@@ -89,15 +89,19 @@ def _sides(shape: tuple[int, ...]) -> tuple[int, int]:
     return (axes[-2], axes[-1]) if len(axes) > 1 else (1, axes[0])
 
 
-def _picture_size(file: BinaryIO) -> tuple[int, int] | None:
-    """Width and height of a picture; None for what is none of the usual kinds."""
+def _picture_facts(file: BinaryIO) -> ImageFacts | None:
+    """What the head of a picture says; None for what is none of the usual kinds."""
     from PIL import Image
 
     from mountnav.reading.pictures import FORMATS
 
     try:
         with Image.open(BufferedReader(FileIO(file.fileno(), closefd=False)), formats=FORMATS) as picture:
-            return picture.size
+            # TIFF also holds raw files of cameras, and its first image may be a small one
+            if picture.format == "TIFF":
+                return None
+            # ASTAP takes the first row of PGM and its kin for the lowest
+            return ImageFacts(picture.width, picture.height, picture.format != "PPM")
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
         return None  # who reads it whole says what is wrong
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 import subprocess
@@ -15,6 +16,7 @@ from astropy.io import fits
 from astropy.wcs import WCS
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
 
 from api.solver_commands.astap import (
     BAD_STARS,
@@ -206,6 +208,19 @@ def test_sip_of_a_picture_is_turned_with_its_rows(solver: SolverInProcess) -> No
         np.stack(places_at_pixels(cards, x, y)), np.stack(places_at_pixels(turned, x, 479.0 - y)), rtol=1e-12
     )
     assert rows_up(turned, 480) == pytest.approx(cards)
+
+
+def test_rows_of_each_kind_of_picture_count_as_in_the_original(solver: SolverInProcess) -> None:
+    pixels = np.ascontiguousarray(drawn().pixels[::-1])
+    gray = Image.fromarray(np.clip(pixels // 16, 0, 255).astype(np.uint8))
+    gray.save("p.jpg", quality=98)
+    gray.save("p.bmp")
+    gray.save("p.pgm")
+    Image.fromarray(pixels).save("p.tif")
+    for name, up in (("p.jpg", 1), ("p.bmp", 1), ("p.tif", 1), ("p.pgm", -1)):
+        assert run(["-f", name, *FOV, *AT], LocalHost(), solver) == SOLVED
+        said = dict(line.split("=", 1) for line in Path("p.ini").read_text("ascii").splitlines())
+        assert math.copysign(1.0, float(said["CD2_2"])) == up, name
 
 
 # -- the header of the image itself --------------------------------------------------------------------------
