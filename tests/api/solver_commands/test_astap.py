@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import math
 import os
 import shutil
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 from astropy.io import fits
 from astropy.wcs import WCS
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -570,3 +571,50 @@ def test_the_readers_of_this_file_refuse_what_the_programs_refuse() -> None:
         stellarsolver_ini("\nPLTSOLVD=F\n")
     with pytest.raises(NotRead):
         ccdciel_wcs(("x" * 81).encode())
+
+
+# -- damaged files -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """Small sound files of each kind: noise, so that nothing can be solved."""
+    folder = tmp_path_factory.mktemp("whole")
+    pixels = np.random.default_rng(3).integers(900, 1100, (40, 60)).astype(np.uint16)
+    fits.PrimaryHDU(pixels).writeto(folder / "f.fits")
+    hdus = fits.HDUList([fits.PrimaryHDU(), fits.CompImageHDU(pixels)])
+    hdus.writeto(folder / "f.fits.fz")
+    Image.fromarray(pixels).save(folder / "p.png")
+    Image.fromarray(pixels).save(folder / "p.tif")
+    Image.fromarray((pixels // 8).astype(np.uint8)).save(folder / "p.jpg")
+    Image.fromarray((pixels // 8).astype(np.uint8)).save(folder / "p.pgm")
+    (folder / "f.fits.gz").write_bytes(gzip.compress((folder / "f.fits").read_bytes()))
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_damaged_files_end_with_a_result_that_says_so(
+    data: st.DataObject, whole: dict[str, bytes], solver: SolverInProcess
+) -> None:
+    name = data.draw(st.sampled_from(sorted(whole)))
+    content = bytearray(whole[name])
+    for _ in range(data.draw(st.integers(0, 4))):
+        at = data.draw(st.integers(0, len(content) - 1))
+        content[at] = data.draw(st.integers(0, 255))
+    if data.draw(st.booleans()):
+        del content[data.draw(st.integers(0, len(content))) :]
+    Path(name).write_bytes(content)
+    options = data.draw(
+        st.sampled_from([["-fov", "1", *AT], ["-extract2", "10", "-fov", "1", *AT], ["-tofits"]])
+    )
+    assert run(["-f", name, *options, "-wcs", "-update"], LocalHost(), solver) in (
+        UNSOLVED,
+        FEW_STARS,
+        NO_IMAGE,
+    )
+    text = Path(name).with_suffix(".ini").read_text("ascii")
+    assert nina_ini(text) is None
+    assert stellarsolver_ini(text) is None
+    assert Path(name).read_bytes() == content
+    assert run(["-f", name, "-analyse", "10"], LocalHost(), solver) in (SOLVED, NO_IMAGE)
