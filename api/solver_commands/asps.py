@@ -20,9 +20,12 @@ from api.solver_commands.plate_result import (
 from mountnav.errors import MountnavError
 
 SOLVED, UNSOLVED = 0, 1
+"""Exit codes; the original's aren't documented, readers look at the result file."""
 _USAGE = "usage: /solvefile FILE OUT focal_mm pixel_um ra_deg dec_deg radius_deg\n"
 _ARCSEC_PER_RAD = math.degrees(1.0) * 3600.0
+"""Arcseconds of a radian."""
 _MM_PER_UM = 1e-3
+"""Millimeters of a micrometer."""
 
 
 def run(arguments: list[str], host: Host, solver: Solver) -> int:

@@ -57,7 +57,8 @@ _IMPOSSIBLE = {
     "p": "photometry reports need the original program",
     "debug": "there is no window to show the image in",
 }
-_NO_ANNOTATION = "-annotate: no annotated JPEG is made; `mountnav solve --annotate` draws one"
+_JPEG_QUALITY = 90
+"""Of the annotated picture, as ASTAP has it; 100 is best."""
 _USAGE = """\
 mountnav {version}: solves like ASTAP
 Usage:
@@ -75,9 +76,10 @@ Usage:
 -extract  snr_min {{write all stars to a .csv file}}
 -extract2 snr_min {{solve, and write all stars with ra, dec to a .csv file}}
 -sqm  pedestal {{add the brightness of the sky to the result}}
+-annotate {{draw the identified stars into a jpg file}}
 -tofits  binning[1,2,3,4] {{make a fits file of a picture}}
 -focus1 file1 -focus2 file2 ... {{find the best focus}}
-Read and not needed: -s -t -m -z -check -d -D -speed -progress. Not possible: -annotate -debug -stack -p.
+Read and not needed: -s -t -m -z -check -d -D -speed -progress. Not possible: -debug -stack -p.
 """
 
 
@@ -308,9 +310,6 @@ def _written(
         sqm, doubt = _sky_brightness(call, plate, solution)
         values |= sqm
         warnings += doubt
-    if "annotate" in call.options:
-        call.say(_NO_ANNOTATION)
-        warnings.append(_NO_ANNOTATION)
     warning = "; ".join(warnings)
     for one in warnings:
         call.say(f"WARNING {one}")
@@ -327,6 +326,8 @@ def _written(
         warning=warning,
     )
     written = call.write(".ini", text.encode("ascii")) and written
+    if "annotate" in call.options:
+        _annotate(call, file, plate, solution)
     if "tofits" in call.options and facts.rows_down:
         _to_fits(call, file)
     return code if written or code else UNSOLVED
@@ -382,6 +383,22 @@ def _update(call: _Run, file: BinaryIO, facts: ImageFacts, cards: dict[str, Valu
         return NOT_UPDATED
     call.say(f"Updated {path}")
     return SOLVED
+
+
+def _annotate(call: _Run, file: BinaryIO, plate: Plate, solution: Solution) -> None:
+    """`-annotate`: a picture with the identified stars, north and east; no catalog of names is at hand."""
+    import io
+
+    from PIL import Image
+
+    from api.annotated_picture import annotated_png
+
+    frame = call.solver.read(file, os.path.basename(call.image))
+    content = io.BytesIO()
+    with Image.open(io.BytesIO(annotated_png(frame, plate.verdict, solution))) as picture:
+        picture.save(content, "JPEG", quality=_JPEG_QUALITY)
+    if call.write("_annotated.jpg", content.getvalue()):
+        call.say("annotated with the identified stars; there are no names of objects")
 
 
 def _to_fits(call: _Run, file: BinaryIO) -> None:

@@ -30,12 +30,14 @@ from mountnav.sky.coordinates import Icrs
 from mountnav.sky.wcs_numbers import Value, WcsNumbers
 
 SOLVED, UNSOLVED = 0, 1
+"""Exit codes; the originals' aren't documented, readers look at the result file."""
 VALID = "Valid plate solution"
 """The third line of PlateSolve2's result; CCDciel takes a result for valid by its twenty letters."""
 _LEAST_RADIUS_FIELDS = 1.5
 """Radius about the hint that is searched at least, in fields; PlateSolve2 searches the neighbors of the field
 first. Doubled, hopeless frames take longer."""
 _ARCSEC_PER_RAD = math.degrees(1.0) * 3600.0
+"""Arcseconds of a radian."""
 _USAGE_2 = "usage: PlateSolve2 ra_rad,dec_rad,width_rad,height_rad,regions,FILE,wait\n"
 _USAGE_3 = "usage: PlateSolve3 FILE [ra_rad dec_rad width_rad height_rad]\n"
 

@@ -24,6 +24,7 @@ from mountnav.solution import Solution
 from mountnav.version import version
 
 DONE, FAILED = 0, 1
+"""Exit codes, as Watney has them: a frame that isn't solved is no failure."""
 DEFAULT_SEARCH_DEG = 10.0
 """Radius about the hint where none is given, as in Watney; the whole sky follows anyway. Doubled, hopeless
 frames take longer."""

@@ -485,10 +485,17 @@ def test_tofits_makes_a_binned_frame_of_a_picture(solver: SolverInProcess) -> No
     np.testing.assert_allclose(fits.getdata("p.fit"), binned, atol=0.51)
 
 
-def test_annotate_is_said_to_be_impossible_and_the_frame_is_solved(solver: SolverInProcess) -> None:
-    as_fits(Path("frame.fits"))
-    assert run(["-f", "frame.fits", *FOV, *AT, "-annotate", "-log"], LocalHost(), solver) == SOLVED
-    assert "no annotated JPEG" in Path("frame.log").read_text("ascii")
+@pytest.mark.parametrize("kind", ["fits", "png"])
+def test_annotate_draws_the_identified_stars_into_a_jpeg(kind: str, solver: SolverInProcess) -> None:
+    (as_fits if kind == "fits" else as_png)(Path(f"frame.{kind}"))
+    arguments = ["-f", f"frame.{kind}", *FOV, *AT, "-annotate", "-log", "-o", "out.x"]
+    assert run(arguments, LocalHost(), solver) == SOLVED
+    with Image.open("out_annotated.jpg") as picture:
+        assert picture.format == "JPEG"
+        assert picture.size == (WIDTH_PX, HEIGHT_PX)
+        colors = np.asarray(picture).astype(int)
+    assert np.count_nonzero(np.ptp(colors, axis=2) > 80) > 500  # rings, arrows, text: the sky is gray
+    assert "no names" in Path("out.log").read_text("ascii")
 
 
 def test_the_best_focus_lies_where_stars_are_smallest(
