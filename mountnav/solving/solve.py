@@ -168,15 +168,17 @@ def solve_stars(
 
 
 def _measured_elsewhere(stars: StarList) -> Measurements:
-    """A list of stars as measurements: their errors and shapes are unknown."""
+    """A list of stars as measurements, the brightest first: their errors and shapes are unknown."""
     count = stars.x_px.size
     unknown = np.full(count, np.nan)
+    known = np.isfinite(stars.flux)
+    order = np.argsort(-np.where(known, stars.flux, -np.inf), kind="stable")
     # the search wants an order: stars whose brightness isn't told come in that of the list
     ranked = np.arange(count, 0, -1, dtype=np.float64)
-    flux = np.where(np.isfinite(stars.flux), stars.flux, np.nan) if np.isfinite(stars.flux).any() else ranked
+    flux = np.where(known, stars.flux, np.nan)[order] if known.any() else ranked
     return Measurements(
-        x_px=stars.x_px,
-        y_px=stars.y_px,
+        x_px=stars.x_px[order],
+        y_px=stars.y_px[order],
         x_sigma_px=unknown,
         y_sigma_px=unknown,
         flux=flux,
@@ -452,6 +454,7 @@ def _judge(job: _Job, measured: _Measured, fitted: _Fitted) -> Verdict:
         quality=fitted.quality,
         notes=notes,
         seen_px=_brightest_px(fitted.measurements),
+        seen_flux=fitted.measurements.flux[:SEEN_AT_MOST].astype(np.float32),
     )
 
 
