@@ -21,7 +21,8 @@ Column = tuple[str, str, str, "NDArray[np.generic]"]
 
 SAME_SOURCE_PX = 2.0
 """So near to a source of the list an identified one must lie to be the same, pixels: centroids are taken
-again after stars are identified, and move by some tenths. Chosen by hand; doubled, close pairs are mixed up."""
+again after stars are identified, and move by some tenths. Chosen by hand; doubled, close pairs
+are mixed up."""
 LEAST_PROBABILITY = 1e-300
 """Chances of being wrong are cut here for their logarithm; a float ends at 1e-308."""
 _CORNERS = 5
