@@ -36,6 +36,8 @@ _RATE_AFTER_S = 1.0
 """So long a stage runs before its rate and the time left are worth telling. chosen by hand."""
 INTERRUPTED = 130
 """Exit code of a shell for a command that Ctrl-C ended."""
+KINDS = "One of: ucac4, usno-b1, gaia, gaia-bright, astrometry-net, astap, siril."
+"""The kinds of `mountnav.catalog.readers.CATALOGS`, which help doesn't import."""
 _STAGES = {"reading": "reading", "packing": "sorting and writing", "checking": "checking"}
 
 
