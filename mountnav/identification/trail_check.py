@@ -110,9 +110,9 @@ BESIDE_PX = 1.5
 where they agree with the others, and 3 to 10 px off where the others are pieces: half of what a position may
 be off."""
 SCATTERED_PX = 1.75
-"""Limit of the brightest stars' distances from the path and the motion of the field, each by itself; the drawn
-field that turned under a growing cloud, 5.6 px off, had 2.0. Chosen by hand. At 2.25 none of 100 drawn frames
-that are right was refused for it, and that one was overlooked."""
+"""Limit of the brightest stars' distances from the path and the motion of the field, each by itself; the
+drawn field that turned under a growing cloud, 5.6 px off, had 1.8. Chosen by hand. At 2.25 none of 100 drawn
+frames that are right was refused for it, and that one was overlooked."""
 LONG_RATIO = 0.5
 """Images narrower than this are trails longer than two widths, whose pieces may lie a pixel and more off."""
 TOLD_PX, TOLD_SIGMAS = 0.03, 3.0

@@ -57,7 +57,7 @@ FAR_PIECE, FAINT_TAIL, UNSURE_MIDDLE, SIX_OF_A_DOUBLE = 61195, 62294, 62445, 625
 # 6.5 px off at the first of two scales, 195 px on the points of an exposure whose other part is trails beyond
 # the frame's edge
 OF_TWO_SCALES, BRIGHTER_TRAILS = 72359, 72521
-# 5.6 px off: a field that turned under a growing cloud, so that faint stars show the first part of their arcs only
+# 5.6 px off: a field that turned under a growing cloud, so that faint stars show the first part of their arcs
 TURNED_UNDER_CLOUD = 73058
 
 
