@@ -145,6 +145,61 @@ def read_text(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> str:
     return read_bytes(path, most_bytes).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
 
 
+def replace_bytes(path: Path, content: bytes | bytearray | memoryview) -> None:
+    """Write a file at once or not at all: no reader ever sees half of it, and a full disk leaves the old one.
+
+    Parameters
+    ----------
+    path : Path
+        A link is followed. A file that is there keeps its mode, and its owner where that may be; a new one
+        has the mode that the umask leaves.
+    content : bytes
+
+    Raises
+    ------
+    OSError
+        It can't be written, or is a folder, pipe, socket or device.
+    """
+    target = path.resolve()
+    try:
+        with open_plain(target) as old:
+            found: os.stat_result | None = os.fstat(old.fileno())
+        if not os.access(target, os.W_OK):  # a folder's owner could replace it all the same
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+    except FileNotFoundError:
+        found = None
+    number, name = tempfile.mkstemp(dir=target.parent, prefix=_WAITING)
+    try:
+        with FileIO(number, "wb", closefd=True) as file:
+            left = memoryview(content)
+            while left:
+                left = left[file.write(left) or 0 :]
+            if found is not None:
+                with suppress(OSError):
+                    os.fchown(number, found.st_uid, found.st_gid)
+            os.fchmod(number, stat.S_IMODE(found.st_mode) if found else _NEW_MODE & ~_umask())
+            os.fsync(number)
+        Path(name).replace(target)
+    except BaseException:
+        with suppress(OSError):
+            os.unlink(name)
+        raise
+
+
+_NEW_MODE = 0o666
+"""Of a file that a user asked for, before the umask takes from it."""
+_WAITING = ".mountnav-"
+"""How the name of a file begins that waits to replace another; hidden, and told from other programs'."""
+
+
+def _umask() -> int:
+    """Of this process; read from Linux's own account of it, for setting it to read it disturbs threads."""
+    with suppress(OSError, ValueError, IndexError):
+        status = Path("/proc/self/status").read_text()
+        return int(status.split("\nUmask:")[1].split()[0], 8)
+    return 0o022
+
+
 FILE_MODE = 0o600
 """The owner's alone: journals and keys tell where a telescope is and who may move it."""
 FOLDER_MODE = 0o700
