@@ -47,6 +47,8 @@ class Solver:
         Have the index built when the solver opens, not when the first frame needs it, which may be at night.
     limits : Limits, optional
         What each of the processes may take.
+    uploads_wait : bool
+        Keep the process for uploads warm from the beginning: programs wait for it each time.
     """
 
     def __init__(
@@ -57,7 +59,9 @@ class Solver:
         tell: Tell,
         build_early: bool = False,
         limits: Limits | None = None,
+        uploads_wait: bool = False,
     ) -> None:
+        self._uploads_wait = uploads_wait
         self._build_early = build_early
         self.blind_index = BlindIndexKeeper(catalog, tell)
         self.worker = Worker(catalog, tell, limits=limits) if worker else None
@@ -68,7 +72,7 @@ class Solver:
                 _of_uploads(tell),
                 limits=limits,
                 niceness=UPLOADS_PRIORITY,
-                idle_s=UPLOADS_IDLE_S,
+                idle_s=None if uploads_wait else UPLOADS_IDLE_S,
             )
         self._threads = Threads(catalog)
         self._opening: asyncio.Task[None] | None = None
@@ -153,6 +157,8 @@ class Solver:
         await self.blind_index.find()
         if self.worker is not None:
             self.worker.open(self.blind_index.path)
+        if self.uploads is not None and self._uploads_wait:
+            self.uploads.open(self.blind_index.path)
         if self._build_early:
             await self.blind_index.wait(0.0)
 

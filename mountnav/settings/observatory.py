@@ -19,6 +19,7 @@ from mountnav.settings.faces import (
     AlpacaSettings,
     IndiServerSettings,
     Lx200ServerSettings,
+    NovaSettings,
     StellariumSettings,
 )
 from mountnav.settings.journal import JournalSettings
@@ -85,6 +86,7 @@ class Settings(Section):
     indi_server: IndiServerSettings = IndiServerSettings()
     lx200_server: Lx200ServerSettings = Lx200ServerSettings()
     stellarium: StellariumSettings = StellariumSettings()
+    nova: NovaSettings = NovaSettings()
     demo: DemoSettings | None = None
     telescope: tuple[TelescopeSettings, ...]
 
