@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import PlainTextResponse, Response
-from starlette.types import Receive, Scope, Send
+from starlette.types import Message, Receive, Scope, Send
 
 from api.access.audit import Seldom
 from api.access.callers import Caller, Face, Role
@@ -113,11 +113,20 @@ class NovaApp:
         """Answer one request."""
         if scope["type"] != "http":
             return
-        request = Request(scope, receive)
+        whole = False
+
+        async def received() -> Message:
+            nonlocal whole
+            message = await receive()
+            whole = whole or message["type"] != "http.request" or not message.get("more_body", False)
+            return message
+
+        request = Request(scope, received)
         try:
             response = await self._respond(request)
         except NovaError as error:
-            await self._drain(request)
+            if not whole:
+                await self._drain(request)
             response = _json(error_reply(error.words), error.status)
         except ClientDisconnect:
             return
@@ -235,6 +244,9 @@ class NovaApp:
             try:
                 given = await self._beside(read_request, form.json or b"{}")
                 session, asked = self._session(given), read_asked(given)
+                if given.get("url"):
+                    # astroquery sends lists of stars to this address too, without a url
+                    raise NovaError("this server fetches nothing from a url: upload the file itself")
                 if form.file is None:
                     form.name = "x and y"
                     await self._beside(
@@ -249,11 +261,6 @@ class NovaApp:
             session.caller, "solve", request={"file": made.name, "bytes": form.size, "submission": made.id}
         )
         return _json({"status": "success", "subid": made.id, "hash": made.sha256})
-
-    async def url_upload(self, request: Request, _: int) -> Response:
-        """Refused: the service fetches nothing for strangers."""
-        self._session(await self._request_json(request, needed=True))
-        raise NovaError("url_upload is not offered: this server fetches no addresses; upload the file itself")
 
     async def _received(self, request: Request, most_bytes: int) -> Form:
         """The form of a request. Raises `NovaError`; the caller closes the form."""
@@ -463,7 +470,7 @@ _ROUTES: tuple[tuple[re.Pattern[str], Answer], ...] = tuple(
         ("/", NovaApp.about),
         ("/api/login", NovaApp.login),
         ("/api/upload", NovaApp.upload),
-        ("/api/url_upload", NovaApp.url_upload),
+        ("/api/url_upload", NovaApp.upload),
         ("/api/submissions/(?P<id>[^/]+)", NovaApp.submission),
         (_JOB, NovaApp.job),
         (f"{_JOB}/calibration", NovaApp.calibration),
