@@ -10,11 +10,6 @@ import pytest_asyncio
 from tests.api.nova.nova_service import Standing, standing
 
 
-@pytest.fixture(autouse=True)
-def _own_journal() -> None:
-    """Instead of the one for a journal a test: these services outlive a test."""
-
-
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def nova(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Standing]:
     """A service without keys."""
