@@ -113,11 +113,11 @@ class NovaApp:
         """Answer one request."""
         if scope["type"] != "http":
             return
-        whole = False
+        whole = begun = False
 
         async def received() -> Message:
-            nonlocal whole
-            message = await receive()
+            nonlocal whole, begun
+            message, begun = await receive(), True
             whole = whole or message["type"] != "http.request" or not message.get("more_body", False)
             return message
 
@@ -125,7 +125,8 @@ class NovaApp:
         try:
             response = await self._respond(request)
         except NovaError as error:
-            if not whole:
+            # who waits for leave to send its body reads the answer instead
+            if not whole and (begun or "expect" not in request.headers):
                 await self._drain(request)
             response = _json(error_reply(error.words), error.status)
         except ClientDisconnect:

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from api.listeners.admission import nova_shares, shares
+from api.solver.limits import own_memory_mb
 from tests.api.http.stop_answers import stopped
 from tests.api.nova.nova_service import (
     HINT,
@@ -43,13 +44,7 @@ def refused(answer: httpx.Response, status: int = 200) -> str:
     return str(told["errormessage"])
 
 
-def own_mb() -> float:
-    for line in open("/proc/self/status", encoding="ascii"):  # noqa: SIM115
-        if line.startswith("RssAnon:"):
-            return float(line.split()[1]) / 1024
-    raise AssertionError
-
-
+@pytest.mark.long
 async def test_nonsense_is_refused_in_words(nova: Standing) -> None:
     client, url = nova.client, nova.url
     session = await nova.login()
@@ -58,7 +53,7 @@ async def test_nonsense_is_refused_in_words(nova: Standing) -> None:
         refused(await nova.post("/api/upload", text))
     many = json.dumps({f"k{number}": number for number in range(10**6)})
     assert "bytes" in refused(await nova.post("/api/login", many[:2_500_000]), 413)
-    refused(await nova.post("/api/upload", many), 413)
+    refused(await nova.post("/api/upload", many[:5_000_000]), 413)
     for asked in (
         {"center_ra": "NaN", "center_dec": 1},
         {"scale_lower": float("1e308"), "scale_units": "degwidth", "image_width": 1},
@@ -95,6 +90,7 @@ async def test_nonsense_is_refused_in_words(nova: Standing) -> None:
     assert (await nova.get("/")).status_code == 200
 
 
+@pytest.mark.long
 async def test_files_that_are_no_images_fail_and_are_told(nova: Standing) -> None:
     session = await nova.login()
     whole = drawn()
@@ -104,8 +100,8 @@ async def test_files_that_are_no_images_fail_and_are_told(nova: Standing) -> Non
         "truncated": whole[: len(whole) // 2],
         "header alone": whole[:2880],
         "gzip cut": gzip.compress(whole)[:50_000],
-        "gzip bomb": gzip.compress(b"SIMPLE  =                    T" + b" " * 300_000_000),
-        "bz2 bomb": bz2.compress(b"\0" * 300_000_000),
+        "gzip bomb": gzip.compress(b"SIMPLE  =                    T" + b" " * 120_000_000),
+        "bz2 bomb": bz2.compress(b"\0" * 120_000_000),
         "NaN": as_fits(np.full((300, 300), np.nan, np.float32)),
         "zeros": as_fits(np.zeros((300, 300), np.uint16)),
         "absurd": whole.replace(b"NAXIS1  =                  800", b"NAXIS1  =          99999999999"),
@@ -114,27 +110,29 @@ async def test_files_that_are_no_images_fail_and_are_told(nova: Standing) -> Non
         "list far off": b"1e9 1e9\n" * 100,
         "png": b"\x89PNG\r\n\x1a\n" + b"\0" * 1000,
     }
-    before_mb = own_mb()
+    before_mb = own_memory_mb()
     for name, content in hostile.items():
         told = (await nova.upload(content, name, session=session, **HINT)).json()
         job, status = await nova.ended(told)
         assert (name, status) == (name, "failure")
         assert (await nova.get(f"/api/jobs/{job}")).json()["errormessage"]
-    assert own_mb() - before_mb < 500
+    assert own_memory_mb() - before_mb < 500
 
 
-async def test_noise_and_random_lists_never_succeed(nova: Standing) -> None:
-    session = await nova.login()
+@pytest.mark.long
+async def test_noise_and_random_lists_never_succeed() -> None:
     rng = np.random.default_rng(17)
-    for seed in range(3):
-        job, status = await nova.ended((await nova.upload(noise(seed), session=session, **HINT)).json())
-        assert status == "failure"
-        assert "ra" not in (await nova.get(f"/api/jobs/{job}/calibration")).json()
-    for _ in range(20):
-        text = "".join(f"{x:.2f} {y:.2f}\n" for x, y in rng.uniform(1, 800, (40, 2))).encode()
-        asked = HINT | {"image_width": 800, "image_height": 800}
-        _, status = await nova.ended((await nova.upload(text, session=session, **asked)).json())
-        assert status == "failure"
+    async with standing("budget_s = 0.5") as nova:
+        session = await nova.login()
+        for seed in range(3):
+            job, status = await nova.ended((await nova.upload(noise(seed), session=session, **HINT)).json())
+            assert status == "failure"
+            assert "ra" not in (await nova.get(f"/api/jobs/{job}/calibration")).json()
+        for _ in range(20):
+            text = "".join(f"{x:.2f} {y:.2f}\n" for x, y in rng.uniform(1, 800, (40, 2))).encode()
+            asked = HINT | {"image_width": 800, "image_height": 800}
+            _, status = await nova.ended((await nova.upload(text, session=session, **asked)).json())
+            assert status == "failure"
 
 
 async def test_what_is_too_large_is_refused_before_it_is_read() -> None:
@@ -162,11 +160,12 @@ async def test_what_is_too_large_is_refused_before_it_is_read() -> None:
         # one that tells a length beyond all bounds is answered before anything of it came
         reader, writer = await asyncio.open_connection("127.0.0.1", int(nova.url.rpartition(":")[2]))
         writer.write(
-            b"POST /api/upload HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: multipart/form-data; boundary=x\r\n"
+            b"POST /api/upload HTTP/1.1\r\nHost: 127.0.0.1\r\n"
+            b"Content-Type: multipart/form-data; boundary=x\r\n"
             b"Content-Length: 99999999999\r\nExpect: 100-continue\r\n\r\n"
         )
         async with asyncio.timeout(60):
-            assert b" 100 " in await reader.readuntil(b"\r\n\r\n")
+            assert b" 413 " in await reader.readuntil(b"\r\n\r\n")
         writer.close()
 
 
@@ -271,7 +270,8 @@ async def test_a_client_that_leaves_leaves_nothing_behind(nova: Standing) -> Non
     for _ in range(5):
         _, writer = await asyncio.open_connection("127.0.0.1", port)
         head = (
-            "POST /api/upload HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: multipart/form-data; boundary=x\r\n"
+            "POST /api/upload HTTP/1.1\r\nHost: 127.0.0.1\r\n"
+            "Content-Type: multipart/form-data; boundary=x\r\n"
             f"Content-Length: {len(whole)}\r\n\r\n"
         )
         writer.write(head.encode() + whole[:500_000])
@@ -283,7 +283,7 @@ async def test_a_client_that_leaves_leaves_nothing_behind(nova: Standing) -> Non
 
 
 async def test_all_is_forgotten_after_a_while() -> None:
-    async with standing("keep_minutes = 0.02") as nova:
+    async with standing("keep_minutes = 0.01") as nova:
         job = await nova.solved(drawn(), **HINT)
         async with asyncio.timeout(60):
             while len(nova.app.submissions) or len(nova.app.sessions):

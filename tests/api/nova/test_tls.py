@@ -1,4 +1,4 @@
-"""https: a certificate that the service makes itself, one of the operator's, and clients that shake no hands."""
+"""https: a certificate of the service's own or the operator's, and clients that shake no hands."""
 
 from __future__ import annotations
 
