@@ -100,6 +100,17 @@ def told(values: list[float]) -> str:
     )
 
 
+def stopped(served: Served, count: int) -> str:
+    """How long stops take."""
+    stops = []
+    for _ in range(count):
+        began = time.perf_counter()
+        served.ask("POST", "/v1/stop")
+        stops.append(time.perf_counter() - began)
+        time.sleep(0.1)
+    return f"{count} stops: {told(stops)}"
+
+
 def flooded(served: Served, port: int, content: bytes) -> None:
     """Print how long stops take while uploads are sent without end."""
     context = multiprocessing.get_context("spawn")
@@ -117,18 +128,13 @@ def flooded(served: Served, port: int, content: bytes) -> None:
         one.start()
     while len(codes) < 2:
         time.sleep(0.1)
-    stops = []
-    for _ in range(100):
-        began = time.perf_counter()
-        served.ask("POST", "/v1/stop")
-        stops.append(time.perf_counter() - began)
-        time.sleep(0.1)
+    stops = stopped(served, 100)
     end.set()
     for one in floods:
         one.join()
     counts.put(-1)
     counting.join()
-    print(f"{FLOODS} floods: answers {dict(sorted(codes.items()))}; 100 stops: {told(stops)}")
+    print(f"{FLOODS} floods: answers {dict(sorted(codes.items()))}; {stops}")
 
 
 def main() -> None:
@@ -162,6 +168,7 @@ def main() -> None:
             print(f"{len(content) / 1e6:.1f} MB; the first {first:.3f} s; {count} more: {seconds}")
             print(f"seconds waited between polls: {sum(waits for _, waits in taken)}")
             if "--flood" in sys.argv:
+                print(f"without a flood: {stopped(served, 20)}")
                 flooded(served, port, noise)
         finally:
             process.send_signal(signal.SIGTERM)
