@@ -50,6 +50,8 @@ class Solver:
     looks : bool
         Without it there are only uploads: their process is warm from the start, stays, and has the priority
         of looks.
+    uploads_wait : bool
+        Keep the process for uploads warm from the beginning: programs wait for it each time.
     """
 
     def __init__(
@@ -61,7 +63,9 @@ class Solver:
         build_early: bool = False,
         limits: Limits | None = None,
         looks: bool = True,
+        uploads_wait: bool = False,
     ) -> None:
+        self._uploads_wait = uploads_wait
         self._build_early = build_early
         self.blind_index = BlindIndexKeeper(catalog, tell)
         self.worker = Worker(catalog, tell, limits=limits) if worker and looks else None
@@ -74,7 +78,7 @@ class Solver:
                 _of_uploads(tell),
                 limits=limits,
                 niceness=UPLOADS_PRIORITY,
-                idle_s=UPLOADS_IDLE_S,
+                idle_s=None if uploads_wait else UPLOADS_IDLE_S,
             )
         self._threads = Threads(catalog)
         self._opening: asyncio.Task[None] | None = None
@@ -161,6 +165,8 @@ class Solver:
         first = self.worker or self.uploads
         if first is not None:
             first.open(self.blind_index.path)
+        if self.uploads is not None and self._uploads_wait:
+            self.uploads.open(self.blind_index.path)
         if self._build_early:
             await self.blind_index.wait(0.0)
 

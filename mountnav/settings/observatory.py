@@ -19,6 +19,7 @@ from mountnav.settings.faces import (
     AlpacaSettings,
     IndiServerSettings,
     Lx200ServerSettings,
+    NovaSettings,
     SolverCommandsSettings,
     StellariumSettings,
 )
@@ -87,6 +88,7 @@ class Settings(Section):
     lx200_server: Lx200ServerSettings = Lx200ServerSettings()
     stellarium: StellariumSettings = StellariumSettings()
     solver_commands: SolverCommandsSettings = SolverCommandsSettings()
+    nova: NovaSettings = NovaSettings()
     demo: DemoSettings | None = None
     telescope: tuple[TelescopeSettings, ...]
 

@@ -88,6 +88,7 @@ def listener_views(service: Service) -> dict[str, DoorView]:
         "lx200": settings.lx200_server.enabled,
         "stellarium": settings.stellarium.enabled,
         "solver-commands": settings.solver_commands.enabled,
+        "nova": settings.nova.enabled,
     }
     states = service.listeners.states
     views = {}
