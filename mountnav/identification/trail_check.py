@@ -147,6 +147,7 @@ def check_trails(
     settings: IdentificationSettings,
     *,
     sky: StarsInCone | None = None,
+    summed: tuple[Image, int] | None = None,
 ) -> TrailCheck:
     """Look where the light of the identified stars fell, and put the plate where its middle is.
 
@@ -162,12 +163,14 @@ def check_trails(
     sky : callable, optional
         Gives the stars of a cone to a magnitude, at the frame's epoch, of the catalog that the frame was
         identified with: where few were identified, those beyond the frame's edges are used as well.
+    summed : (ndarray, int), optional
+        The frame of whole numbers summed in bins, if it is at hand, and their side in pixels.
     """
     reference, stars = found.reference, found.stars
     assert reference is not None
     assert stars is not None
     fwhm_px = _fwhm_px(measurements, reference.pairs.measurement)
-    bins = in_bins(pixels)
+    bins = in_bins(pixels, summed)
     frame = _Frame(stars, measurements, pixels, tamed(pixels, bins), fwhm_px, sky)
     ratio, how = brighter_image(pixels, *_expected(reference, stars, measurements), frame.plane)
     if ratio > GHOST_RATIO:

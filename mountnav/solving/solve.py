@@ -364,7 +364,7 @@ def _measure(job: _Job) -> _Measured:
     measure_s = job.read_s + fast.measure_s
     if fast.identified is not None:
         assert fast.measurements is not None
-        checked = _check(job, fast.identified, fast.measurements)
+        checked = _check(job, fast.identified, fast.measurements, fast.summed)
         # pieces of trails pass for stars in a fast search; measured in full, each trail may be one source
         if checked.light.points:
             return _Measured(fast.measurements, fast.seen, measure_s, searched_s, fast.tried, checked)
@@ -419,14 +419,23 @@ def _identify(job: _Job, measured: _Measured) -> _Checked | Identified:
     return found if found.reference is None else _check(job, found, measured.measurements)
 
 
-def _check(job: _Job, found: Identified, measurements: Measurements) -> _Checked:
-    """Take the stars of the best catalog, and hold the solution against the light of these stars."""
+def _check(
+    job: _Job,
+    found: Identified,
+    measurements: Measurements,
+    summed: tuple[NDArray[np.float32], int] | None = None,
+) -> _Checked:
+    """Take the stars of the best catalog, and hold the solution against the light of these stars.
+
+    `summed` is the frame in bins, where the fast search has summed it already.
+    """
     settings = job.settings.identification
     best, steps = with_best_catalog(job.catalog, job.choices, found, measurements, settings, job.epoch_yr)
     if best.reference is None or not job.light:
         return _Checked(TrailCheck(best, measurements, None, points=True), steps)
     cone = _stars_in_cone(best.stars, job)
-    return _Checked(check_trails(best, measurements, job.frame.pixels, settings, sky=cone), steps)
+    light = check_trails(best, measurements, job.frame.pixels, settings, sky=cone, summed=summed)
+    return _Checked(light, steps)
 
 
 # -- fit -----------------------------------------------------------------------------------------------------
