@@ -114,7 +114,7 @@ def read_xisf(content: Content, label: str, wanted: int | str | None = None) -> 
     note = ""
     if wanted is None and others:
         note = (
-            f"image {images.index(chosen)} was taken; the file holds {others} other images: choose by --hdu"
+            f"image {images.index(chosen)} was taken; others in the file: {others}; --hdu chooses"
         )
     return XisfImage(pixels, values, comments, note)
 

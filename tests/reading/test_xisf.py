@@ -88,7 +88,7 @@ def test_one_of_several_images_is_chosen() -> None:
     both = both.replace(f"attachment:{4096}".encode(), f"attachment:{4096 + len(small)}".encode())
     found = read_xisf(both, "x")
     assert (found.pixels == PIXELS).all()
-    assert "1 other images" in found.note
+    assert "others in the file: 1" in found.note
     assert read_xisf(both, "x", "small").pixels.shape == (4, 4)
     assert read_xisf(both, "x", 0).note == ""
     with pytest.raises(BadFrame, match="there is no image 7; there are: 0 one, 1 small"):
