@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -238,11 +239,12 @@ def _from_0_to_1(pixels: NDArray[np.generic]) -> bool:
     """Whether a frame's brightness is a share of what is brightest; of most, a sample tells that it isn't."""
     if pixels.dtype.kind != "f":
         return False
-    few = pixels[::SAMPLED_ROWS, ::SAMPLED_COLUMNS]
+    values: Any = pixels
+    few = values[::SAMPLED_ROWS, ::SAMPLED_COLUMNS]
     with np.errstate(invalid="ignore"):
-        if not few.size or bool((few > 1.0).any()):
+        if not few.size or (few > 1.0).any():
             return False
-        return bool((pixels > 0.0).any()) and not bool((pixels > 1.0).any())
+        return bool((values > 0.0).any() and not (values > 1.0).any())
 
 
 def _in_steps(frame: Frame) -> SpecialFrame:
