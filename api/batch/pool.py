@@ -61,7 +61,7 @@ class Pool:
         note: str = "",
         held: Held | None = None,
     ) -> None:
-        self._workers = [Worker(catalog, _to_nobody, niceness=0) for _ in range(jobs)]
+        self._workers = [Worker(catalog, _to_nobody, niceness=0, many=True) for _ in range(jobs)]
         self._free: asyncio.Queue[Worker] = asyncio.Queue()
         self._hashing = asyncio.Semaphore(jobs + 1)
         self._hint, self._settings, self._index, self._note = hint, settings, index, note

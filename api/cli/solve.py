@@ -151,6 +151,8 @@ def solve(
     hint = asked_hint(ra, dec, radius, scale, scale_low, scale_high)
     extension = int(hdu) if hdu is not None and hdu.isdigit() else hdu
     paths = found_files(files or [], listed)
+    if annotate is not None:  # pictures of a former run are no frames of this one
+        paths = [path for path in paths if Path(annotate) not in path.parents]
     if retry and resume is None:
         raise BadRequest("--retry without --resume", advice="name the result file to resume from")
     held = None if resume is None else Held(resume, retry=retry)

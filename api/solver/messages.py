@@ -308,12 +308,19 @@ HEADER = struct.Struct("<Q")
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """First of all: what to solve with, which catalog, which index is known to exist, and the limits."""
+    """First of all: what to solve with, which catalog, which index is known to exist, and the limits.
+
+    Attributes
+    ----------
+    warm : bool
+        Solve drawn frames first, so that no real one pays for what is loaded on first use.
+    """
 
     catalog: Catalog
     index: Path | None
     limits: Limits = field(default_factory=Limits)
     niceness: int = 0
+    warm: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -134,6 +134,10 @@ def as_fits(frame: Frame) -> bytes:
     return b"".join((header.encode("ascii"), pixels, bytes(-len(pixels) % _BLOCK_BYTES)))
 
 
+FRAMES_TO_WARM = 8
+"""Frames after which a process that was not warmed holds what it goes on to hold; chosen by hand: one of each
+kind of an archive."""
+
 _IDLE_S = 0.5
 """After so long without a task freed memory is given back to the system, s; chosen by hand. Halved, it is
 done between looks of a running series, too."""
@@ -346,14 +350,15 @@ def main() -> None:
         assert isinstance(setup, Setup)
         setup.limits.impose()
         bench = Bench(setup)
-        troubles = bench.warmed_up()
+        troubles = bench.warmed_up() if setup.warm else ()
         # where cores are scarce, a stop and a state go before a solve
         os.nice(setup.niceness)
         # what is here by now stays: the collector needn't go through it again during a solve
         gc.collect()
         gc.freeze()
         send(link, Ready(time.monotonic() - began, troubles))
-        at_first_mb = own_memory_mb()
+        # what the first frames load belongs to the process: one that isn't warm is weighed after some
+        at_first_mb, unweighed = own_memory_mb(), 0 if setup.warm else FRAMES_TO_WARM
         while True:
             if not select.select([link], [], [], _IDLE_S)[0]:
                 _give_back()
@@ -365,6 +370,9 @@ def main() -> None:
                 for file in files:
                     os.close(file)
             del task
+            if unweighed:
+                unweighed -= 1
+                at_first_mb = max(at_first_mb, own_memory_mb())
             send(link, replace(done, grown_mb=_grown_mb(at_first_mb)))
     except (EOFError, OSError):
         return

@@ -93,6 +93,9 @@ class Worker:
         Ended when it had nothing to do for so long, and started by the next frame; never if left out.
     margin_s, grace_s : float
         See `MARGIN_S` and `GRACE_S`.
+    many : bool
+        Many frames follow each other, and nobody waits for a single one: the process solves no drawn frames
+        before it is ready, and keeps its memory from one frame to the next.
     """
 
     def __init__(
@@ -105,7 +108,9 @@ class Worker:
         idle_s: float | None = None,
         margin_s: float = MARGIN_S,
         grace_s: float = GRACE_S,
+        many: bool = False,
     ) -> None:
+        self._many = many
         self._catalog = catalog
         self._tell = tell
         self._limits = limits or Limits()
@@ -266,10 +271,13 @@ class Worker:
         """Start the process and wait until it is warm. Raises `ProcessEnded`."""
         self._state = "starting"
         try:
-            link = ProcessLink.start("api.solver.process")
+            link = ProcessLink.start("api.solver.process", keep_memory=self._many)
             try:
                 async with asyncio.timeout(START_S):
-                    ready = await link.ask(Setup(self._catalog, self._index, self._limits, self._niceness))
+                    setup = Setup(
+                        self._catalog, self._index, self._limits, self._niceness, warm=not self._many
+                    )
+                    ready = await link.ask(setup)
                 if not isinstance(ready, Ready):
                     raise ProcessEnded(f"process {link.pid} didn't say that it is ready")
             except BaseException as error:

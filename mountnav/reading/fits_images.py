@@ -231,7 +231,7 @@ def _others(hdus: list[Hdu], chosen: Hdu) -> str:
     names = ", ".join(f"{unit.number} {unit.name}".strip() for unit in others[:_OTHERS_NAMED])
     more = ", ..." if len(others) > _OTHERS_NAMED else ""
     return (
-        f"extension {chosen.number} was taken; the file holds {len(others)} other images ({names}{more}): "
+        f"extension {chosen.number} was taken; other images in the file: {len(others)} ({names}{more}); "
         "--extension all solves each"
     )
 

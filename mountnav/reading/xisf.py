@@ -113,9 +113,7 @@ def read_xisf(content: Content, label: str, wanted: int | str | None = None) -> 
     others = len(images) - 1
     note = ""
     if wanted is None and others:
-        note = (
-            f"image {images.index(chosen)} was taken; the file holds {others} other images: choose by --hdu"
-        )
+        note = f"image {images.index(chosen)} was taken; others in the file: {others}; --hdu chooses"
     return XisfImage(pixels, values, comments, note)
 
 
@@ -281,10 +279,12 @@ def _unpacked(name: str, packed: bytes, length: int, parts: str) -> bytes:
         shorter, longer = _whole(size[0]), _whole(size[1])
         if longer > left:
             raise _Unfit("its data unpack to more than the image has")
-        plain.append(_part(name, packed[at : at + shorter], longer))
+        part = packed[at : at + shorter]
+        # what didn't become shorter was left as it was
+        plain.append(part[:longer] if shorter >= longer else _part(name, part, longer))
         at, left = at + shorter, left - longer
-    if left:
-        raise _Unfit(f"{left} bytes of its data are missing")
+    if left or at > len(packed):
+        raise _Unfit(f"{left or at - len(packed)} bytes of its data are missing")
     return b"".join(plain)
 
 

@@ -134,7 +134,7 @@ def solve(
             special = special_frame(job.frame)
             if special is not None:
                 found = _solve_special(job, special)
-                if found.solved:
+                if found.solved or special.sure:
                     return found
                 left_s = (1.0 - SPECIAL_SHARE) * job.settings.budget_s
                 job = replace(job, settings=replace(job.settings, budget_s=left_s))
@@ -208,7 +208,8 @@ def _solve_special(job: _Job, special: SpecialFrame) -> Verdict:
     """Solve a frame that was made ordinary: the verdict on the frame as it was."""
     given = None if job.given is None else special.widened(job.given)
     # the rest stays for the frame as it was: what its header or its levels say may be wrong
-    settings = replace(job.settings, calibration=None, budget_s=SPECIAL_SHARE * job.settings.budget_s)
+    budget_s = job.settings.budget_s * (1.0 if special.sure else SPECIAL_SHARE)
+    settings = replace(job.settings, calibration=None, budget_s=budget_s)
     verdict = special.back(solve(special.frame, job.catalog, hint=given, settings=settings))
     return replace(verdict, notes=(*job.notes, *verdict.notes))
 

@@ -45,6 +45,16 @@ def test_blocks_in_parts_read_back(packing: str) -> None:
     assert (read_xisf(xisf(PIXELS, packing=packing, parts=3), "x").pixels == PIXELS).all()
 
 
+def test_parts_that_packing_made_no_shorter_are_as_they_were() -> None:
+    pixels = PIXELS.copy()
+    pixels[10:] = 1000  # the first part is noise, and packs to more than it was
+    content = xisf(pixels, packing="zlib", parts=2)
+    assert b'subblocks="620,620:' in content
+    assert (read_xisf(content, "x").pixels == pixels).all()
+    with pytest.raises(BadFrame, match="its data are damaged"):
+        read_xisf(content.replace(b'subblocks="620,620:', b'subblocks="630,620:'), "x")
+
+
 @given(
     width=st.integers(1, 9),
     height=st.integers(1, 9),
@@ -88,7 +98,7 @@ def test_one_of_several_images_is_chosen() -> None:
     both = both.replace(f"attachment:{4096}".encode(), f"attachment:{4096 + len(small)}".encode())
     found = read_xisf(both, "x")
     assert (found.pixels == PIXELS).all()
-    assert "1 other images" in found.note
+    assert "others in the file: 1" in found.note
     assert read_xisf(both, "x", "small").pixels.shape == (4, 4)
     assert read_xisf(both, "x", 0).note == ""
     with pytest.raises(BadFrame, match="there is no image 7; there are: 0 one, 1 small"):

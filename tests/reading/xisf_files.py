@@ -45,6 +45,8 @@ def xisf(
         step = -(-len(plain) // parts)
         pieces = [plain[at : at + step] for at in range(0, len(plain), step)]
         packed = [_packed(codec, piece) for piece in pieces]
+        if parts > 1:  # what packing makes no shorter is left as it was
+            packed = [min(both, key=len) for both in zip(pieces, packed, strict=True)]
         data = b"".join(packed)
         image["compression"] = f"{packing}:{len(plain)}" + (f":{item}" if shuffled else "")
         if parts > 1:

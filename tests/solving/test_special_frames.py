@@ -153,6 +153,23 @@ def test_a_stretched_picture_with_its_sky_cut_off_is_solved(square: Frame, cut: 
     assert any("its sky is cut off" in note for note in verdict.notes)
 
 
+def test_brightness_from_0_to_1_is_as_good_as_counts(square: Frame) -> None:
+    pixels = square.pixels.astype(np.float32) / np.float32(65535.0)
+    whole, part = _solved(square), _solved(replace(square, pixels=pixels))
+    one, two = whole.solution, part.solution
+    assert one is not None
+    assert two is not None
+    assert two.pairs == one.pairs
+    assert separation_arcsec(one.center, two.center) < 0.01 * SCALE_ARCSEC_PX
+    assert two.center_sigma_arcsec == pytest.approx(one.center_sigma_arcsec, rel=0.1)
+    assert two.identified.flux.max() == pytest.approx(one.identified.flux.max() / 65535.0, rel=0.01)
+    assert whole.quality is not None
+    assert part.quality is not None
+    assert part.quality.noise_adu == pytest.approx(whole.quality.noise_adu / 65535.0, rel=0.05)
+    assert part.quality.limiting_mag == pytest.approx(whole.quality.limiting_mag, abs=0.1)
+    assert part.notes == whole.notes
+
+
 def test_an_ordinary_frame_is_left_as_it_is(square: Frame) -> None:
     assert special_frame(square) is None
     assert clipped_share(square.pixels) < 0.1

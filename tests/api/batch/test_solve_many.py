@@ -229,7 +229,7 @@ def test_each_extension_of_a_file(tmp_path: Path, drawn: list[bytes]) -> None:
     assert "3 passed over" in again.stderr
     single = run_here("solve", path, "--json", *HINT)
     (note,) = [note for note in json.loads(single.stdout)["notes"] if "other" in note]
-    assert "2 other images" in note
+    assert "other images in the file: 2" in note
     assert "--extension all" in note
 
 
