@@ -60,6 +60,8 @@ class Frame:
         The header's cards as plain values, for callers that want more.
     mosaic : bool
         The pixels are a raw Bayer mosaic: `mountnav.reading.demosaiced` evens it out before measuring.
+    notes : tuple of str
+        What else should be known of the file: other images that it holds.
     """
 
     pixels: NDArray[np.generic]
@@ -70,6 +72,7 @@ class Frame:
     source: str = "frame"
     header: dict[str, str | int | float | bool] = field(default_factory=dict)
     mosaic: bool = False
+    notes: tuple[str, ...] = ()
 
     @property
     def width_px(self) -> int:

@@ -11,15 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from api.cli.options import Calibration, Catalog, Config, Dec, Json, Profile, Ra, Radius, Scale
-from api.cli.output import refusing_os_errors, unreadable
-from mountnav.errors import BadFrame, BadRequest
+from api.cli.output import refusing_os_errors
+from mountnav.errors import BadRequest
 
 if TYPE_CHECKING:
     from api.cli.accuracy_record import AccuracyRecord, FrameAccuracy, IndicatorRecord, RowRecord
-    from mountnav.catalog.stars import Catalog as StarCatalog
-    from mountnav.frames import Hint
+    from api.cli.solve import FileSolver
     from mountnav.solution import Solution
-    from mountnav.solving.settings import SolveSettings
 
 COLUMNS = ("frame", "rejected", "deviation", "number", "mean", "st. dev.", "min |Δ|", "max |Δ|")
 
@@ -53,6 +51,7 @@ def accuracy(
     """
     from api.cli.accuracy_record import accuracy_record
     from api.cli.chosen_catalogs import chosen_shelf
+    from api.cli.solve import FileSolver
     from api.http.file_names import shown
     from api.solver.hints import asked_hint
     from api.solver.solve_settings import chosen_settings
@@ -67,7 +66,8 @@ def accuracy(
     if plot is not None:
         with refusing_os_errors(f"--plot {plot}", advice="name a folder that can be made"):
             plot.mkdir(parents=True, exist_ok=True)
-    outcomes = [(shown(path), _outcome(path, shelf, hint, settings)) for path in frames]
+    solver = FileSolver(shelf, hint, None, settings)
+    outcomes = [(shown(path), _outcome(path, solver)) for path in frames]
     record = accuracy_record(outcomes, percents, every=all_pairs, leave_one_out=leave_one_out)
     if as_json:
         sys.stdout.write(record.model_dump_json() + "\n")
@@ -108,20 +108,14 @@ def rejected_percents(text: str) -> tuple[float, ...]:
     return tuple(percents)
 
 
-def _outcome(path: Path, catalog: StarCatalog, hint: Hint | None, settings: SolveSettings) -> Solution | str:
+def _outcome(path: Path, solver: FileSolver) -> Solution | str:
     """The solution, or why there is none."""
-    from mountnav.solving.solve import solve_file
+    from api.batch.inputs import FrameFile
 
-    try:
-        verdict = solve_file(path, catalog, hint, settings=settings)
-    except BadFrame as error:
-        return error.what
-    except OSError as error:
-        return unreadable(error)
-    if verdict.solution is not None:
-        return verdict.solution
-    reason = str(verdict.reason) if verdict.reason else "not solved"
-    return f"{reason}: {verdict.detail}" if verdict.detail else reason
+    outcome = solver.outcome(FrameFile(path))
+    if outcome.solution is not None:
+        return outcome.solution
+    return str(outcome.answer()["reason"])
 
 
 def _notes(record: AccuracyRecord) -> Iterator[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,9 +14,13 @@ from api.cli.output import finite_or_none, print_json, unreadable
 from mountnav.errors import BadFrame, BadRequest
 
 if TYPE_CHECKING:
+    from mountnav.catalog.catalog_set import CatalogSet
+    from mountnav.frames import Hint
+    from mountnav.identification.blind.index import BlindIndex
     from mountnav.series.drift import Drift
     from mountnav.series.follow import SeriesFollower
     from mountnav.series.results import FrameResult, SeriesReport
+    from mountnav.solving.settings import SolveSettings
 
 HEAD = "  #  mode          shift x ± se        shift y ± se      of       RA °      Dec °  acks  pers  frame"
 
@@ -52,6 +57,7 @@ def series(
     if audit < 0:
         raise BadRequest(f"--audit {audit} is out of range", advice="0 (never) or more")
     hint = asked_hint(ra, dec, radius, scale)
+    solving = replace(solving, index=_index_of_the_sky(solving, shelf, hint, frames))
     settings = SeriesSettings(solving=solving, audit_every=audit, preliminary=section.preliminary_settings)
     follower = SeriesFollower(shelf, hint=hint, settings=settings)
     _follow(follower, frames)
@@ -61,6 +67,30 @@ def series(
     else:
         _show(report)
     raise typer.Exit(0 if all(frame.solution is not None for frame in report.frames) else 1)
+
+
+def _index_of_the_sky(
+    solving: SolveSettings, shelf: CatalogSet, hint: Hint | None, frames: list[Path]
+) -> BlindIndex | None:
+    """The index for a blind search, where it may be needed: built only if no hint tells where to look."""
+    from api.cli.solve import open_or_build_index
+    from mountnav.identification.blind.cache import installed_index
+    from mountnav.reading import read_frame
+
+    if solving.blind == "never":
+        return None
+    index = installed_index(shelf.indexed)
+    if index is not None or (hint is not None and hint.center is not None):
+        return index
+    for path in frames:
+        try:
+            frame = read_frame(path, raw=True)
+        except BadFrame:
+            continue
+        if solving.blind == "after" and frame.hint.center is not None:
+            return None
+        return open_or_build_index(shelf.indexed)
+    return None
 
 
 def _follow(follower: SeriesFollower, files: list[Path]) -> None:

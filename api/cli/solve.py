@@ -1,7 +1,11 @@
-"""`mountnav solve`: one record a file, in order; a file that is no image never stops the others."""
+"""`mountnav solve`: one record a frame, in order; a file that is no image never stops the others.
+
+How many frames are gone through is in `api.cli.solve_run`, what is read and written in `api.batch`.
+"""
 
 from __future__ import annotations
 
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -22,12 +26,14 @@ from api.cli.options import (
     Scale,
 )
 from api.cli.output import print_json, unreadable
-from mountnav.errors import BadFrame, BadSettings
+from mountnav.errors import BadFrame, BadRequest, BadSettings
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from api.solver.solve_record import Answer, SolveRecord
+    from api.batch.inputs import FrameFile
+    from api.batch.outcomes import Outcome
+    from api.solver.solve_record import SolveRecord
     from mountnav.catalog.catalog_set import CatalogSet
     from mountnav.catalog.packed import PackedStore
     from mountnav.frames import Hint
@@ -45,21 +51,34 @@ LEAST_SHARE_AFTER_INDEX = 0.25
 how much a first frame may overrun its budget."""
 
 
+MOST_JOBS = 256
+"""Processes that may be asked for. Each takes some 150 MB: more is a typing error."""
+
+
 def solve(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Images (FITS, PNG, JPEG).")],
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[FILE...]",
+            help="Images (FITS, XISF, PNG, JPEG, TIFF, raw), folders of them, or patterns.",
+            show_default=False,
+        ),
+    ] = None,
     ra: Ra = None,
     dec: Dec = None,
     radius: Radius = None,
     scale: Scale = None,
     scale_low: Annotated[float | None, typer.Option(help="Lower bound, arcseconds per pixel.")] = None,
     scale_high: Annotated[float | None, typer.Option(help="Upper bound, arcseconds per pixel.")] = None,
-    hdu: Annotated[str | None, typer.Option(help="FITS extension, by number or name.")] = None,
+    hdu: Annotated[
+        str | None, typer.Option("--hdu", "--extension", help="FITS extension, by number or name, or all.")
+    ] = None,
     blind: Annotated[
         bool | None,
         typer.Option(
             "--blind/--no-blind",
-            help="Search the whole sky and ask no hint, or never search it; else it is searched after the "
-            "hint failed.",
+            help="Search the whole sky and ask no hint but --scale, or never search it; else it is searched "
+            "after the hint failed.",
             show_default=False,
         ),
     ] = None,
@@ -68,15 +87,55 @@ def solve(
     budget: Budget = None,
     config: Config = None,
     catalog: Catalog = None,
+    listed: Annotated[
+        str | None,
+        typer.Option("--list", metavar="FILE", help="Names of more frames, one a line; - reads them here."),
+    ] = None,
+    jobs: Annotated[
+        int, typer.Option(min=0, max=MOST_JOBS, help="Processes that solve side by side; 0: one a core.")
+    ] = 1,
     as_json: Json = False,
+    csv: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Add a row a frame to this CSV file; - prints it.")
+    ] = None,
+    ecsv: Annotated[
+        str | None, typer.Option(metavar="FILE", help="The same as ECSV, with units; - prints it.")
+    ] = None,
+    parquet: Annotated[str | None, typer.Option(metavar="FILE", help="The same as Parquet.")] = None,
+    resume: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="Pass over frames whose content this result file holds (.jsonl, .csv, .ecsv, .parquet). If "
+            "no other result file is named, what is new is added to it.",
+        ),
+    ] = None,
+    retry: Annotated[
+        bool, typer.Option("--retry", help="With --resume: try again what is held as not solved.")
+    ] = False,
+    wcs: Annotated[bool, typer.Option("--wcs", help="Write a .wcs file beside each frame.")] = False,
+    update: Annotated[
+        bool, typer.Option("--update", help="Write the solution into the header of each FITS file.")
+    ] = False,
+    pairs: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Add the identified stars to this ECSV file.")
+    ] = None,
+    annotate: Annotated[
+        str | None,
+        typer.Option(metavar="PNG|FOLDER", help="Draw the frame with its stars; a folder for several."),
+    ] = None,
 ) -> None:
     """Find out where images lie in the sky. Hints not given are taken from the header.
 
     A frame that no hint helps with is searched for in the whole sky. The index for that is built once, on
     first need (`mountnav catalog index` builds it beforehand).
 
-    Exit code 0 if all were solved, 1 if some were not, 2 on bad usage.
+    Exit code 0 if all were solved, 1 if some were not or something couldn't be written, 2 on bad usage, 130
+    when interrupted.
     """
+    from api.batch.inputs import found_files
+    from api.batch.result_files import Held
+    from api.batch.writing import Wanted, Writing
     from api.cli.chosen_catalogs import chosen_shelf
     from api.solver.hints import asked_hint
     from api.solver.solve_settings import chosen_settings
@@ -91,24 +150,76 @@ def solve(
     shelf = chosen_shelf(config, catalog)
     hint = asked_hint(ra, dec, radius, scale, scale_low, scale_high)
     extension = int(hdu) if hdu is not None and hdu.isdigit() else hdu
-    all_solved = solve_files(files, FileSolver(shelf, hint, extension, settings), as_json=as_json)
-    raise typer.Exit(0 if all_solved else 1)
+    paths = found_files(files or [], listed)
+    if retry and resume is None:
+        raise BadRequest("--retry without --resume", advice="name the result file to resume from")
+    held = None if resume is None else Held(resume, retry=retry)
+    apart = any(path is not None for path in (csv, ecsv, parquet))
+    wanted = Wanted(
+        csv=csv,
+        ecsv=ecsv,
+        parquet=parquet,
+        pairs=pairs,
+        results=None if apart else resume,
+        wcs=wcs,
+        update=update,
+        annotate=annotate,
+    )
+    _require_one_on_standard_output(as_json, csv, ecsv, pairs)
+    silent = "-" in (csv, ecsv, pairs)
+    writing = Writing(wanted, paths, _print_nothing if silent else _print_json if as_json else _print)
+    if held is not None and held.without_hash:
+        sys.stderr.write(
+            f"{held.without_hash} rows of {resume} don't say which content they are of: solved again\n"
+        )
+    if wanted.hashes and held is None:
+        held = Held(None, retry=False)  # nothing is held, but rows say which content they are of
+    from api.cli.solve_run import Run
+
+    run = Run(writing, paths, extension)
+    jobs = min(jobs or len(os.sched_getaffinity(0)), len(paths) if extension != "all" else MOST_JOBS)
+    if jobs > 1:
+        code = run.side_by_side(shelf, hint, settings, jobs, held)
+    else:
+        code = run.one_by_one(FileSolver(shelf, hint, extension, settings), held)
+    raise typer.Exit(code)
+
+
+def _require_one_on_standard_output(as_json: bool, *named: str | None) -> None:
+    if as_json + sum(name == "-" for name in named) > 1:
+        raise BadRequest("two kinds of results on the standard output", advice="name a file for one of them")
 
 
 def solve_files(files: list[Path], solver: FileSolver, *, as_json: bool) -> bool:
     """Solve the files and print each answer at once; whether all were solved."""
+    from api.batch.inputs import FrameFile
+
     all_solved = True
     for path in files:
-        answer = solver.answer(path)
-        all_solved = all_solved and answer["solved"]
-        if as_json:
-            print_json(answer, ascii_only=False, compact=True)
-            sys.stdout.flush()
-        else:
-            from api.solver.solve_record import SolveRecord
-
-            _show(SolveRecord.model_validate(answer))
+        outcome = solver.outcome(FrameFile(path))
+        all_solved = all_solved and outcome.solved
+        (_print_json if as_json else _print)(outcome)
     return all_solved
+
+
+def _print_json(outcome: Outcome) -> None:
+    print_json(outcome.answer(), ascii_only=False, compact=True)
+    sys.stdout.flush()
+
+
+def _print(outcome: Outcome) -> None:
+    from api.solver.solve_record import SolveRecord
+
+    answer = outcome.answer()
+    extension = answer.pop("extension", None)
+    answer.pop("sha256", None)
+    if extension is not None:
+        answer["file"] += f"[{extension}]"
+    _show(SolveRecord.model_validate(answer))
+
+
+def _print_nothing(outcome: Outcome) -> None:
+    """The standard output is a table's."""
 
 
 class FileSolver:
@@ -125,7 +236,7 @@ class FileSolver:
     ) -> None:
         self._catalog = catalog
         self._hint = hint
-        self._hdu = hdu
+        self._hdu = None if hdu == "all" else hdu
         self._no_index: str | None = None
         if settings.blind == "only":
             settings = replace(settings, index=open_or_build_index(self._catalog.indexed))
@@ -133,28 +244,27 @@ class FileSolver:
             settings = replace(settings, index=_index_built_before(self._catalog.indexed))
         self._settings = settings
 
-    def answer(self, path: Path) -> Answer:
+    def outcome(self, frame: FrameFile, sha256: str = "") -> Outcome:
         """Solve a file: without an index first, if there is none yet."""
-        from api.http.file_names import shown
-        from api.solver.solve_record import solve_answer, unread_answer
+        from api.batch.outcomes import Outcome
 
         try:
-            verdict = self._verdict_of(path)
+            verdict = self._verdict_of(frame)
         except BadFrame as error:
-            return unread_answer(shown(path), error.what)
+            return Outcome(frame, unread=error.what, sha256=sha256)
         except OSError as error:
-            return unread_answer(shown(path), unreadable(error))
+            return Outcome(frame, unread=unreadable(error), sha256=sha256)
         if self._no_index is not None and verdict.solution is None:
             verdict = replace(verdict, notes=(*verdict.notes, self._no_index))
-        return solve_answer(shown(path), verdict)
+        return Outcome(frame, verdict, sha256=sha256)
 
-    def _verdict_of(self, path: Path) -> Verdict:
+    def _verdict_of(self, frame: FrameFile) -> Verdict:
         from mountnav.solution import Reason
 
         budget_s = self._settings.budget_s
         if not self._index_may_come:
-            return self._solve(path, budget_s)
-        verdict = self._solve(path, SHARE_BEFORE_INDEX * budget_s)
+            return self._solve(frame, budget_s)
+        verdict = self._solve(frame, SHARE_BEFORE_INDEX * budget_s)
         reason = verdict.reason
         if reason is None or not reason.whole_sky_may_help:
             return verdict
@@ -163,16 +273,17 @@ class FileSolver:
             self._settings = replace(self._settings, index=open_or_build_index(self._catalog.indexed))
         except BadSettings as refused:
             self._no_index = f"the whole sky was not searched: {refused}"
-            return self._solve(path, budget_s) if reason is Reason.TIMED_OUT else verdict
-        return self._solve(path, max(left_s, LEAST_SHARE_AFTER_INDEX * budget_s))
+            return self._solve(frame, budget_s) if reason is Reason.TIMED_OUT else verdict
+        return self._solve(frame, max(left_s, LEAST_SHARE_AFTER_INDEX * budget_s))
 
-    def _solve(self, path: Path, budget_s: float) -> Verdict:
+    def _solve(self, frame: FrameFile, budget_s: float) -> Verdict:
         from api.http.file_names import shown
         from mountnav.solving.solve import solve_file
 
-        name = shown(Path(path.name))
+        name = shown(Path(frame.path.name))
         settings = replace(self._settings, budget_s=budget_s)
-        return solve_file(path, self._catalog, self._hint, name=name, hdu=self._hdu, settings=settings)
+        hdu = self._hdu if frame.hdu is None else frame.hdu
+        return solve_file(frame.path, self._catalog, self._hint, name=name, hdu=hdu, settings=settings)
 
     @property
     def _index_may_come(self) -> bool:

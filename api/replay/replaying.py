@@ -18,11 +18,12 @@ from drivers.generic.coordinates import apart_arcsec
 from drivers.generic.mount import GenericMount
 from drivers.generic.serial_language import SerialLanguage
 from drivers.registry import open_mount
-from mountnav.catalog.catalog_set import open_catalogs
+from mountnav.catalog.catalog_set import CatalogSet, open_catalogs
 from mountnav.catalog.stars import Catalog
 from mountnav.devices import MountReading
 from mountnav.errors import BadFrame, BadRequest, BadSettings, DeviceError
 from mountnav.frames import Frame, Hint
+from mountnav.identification.blind.cache import installed_index
 from mountnav.navigation.equipment import sync_rules
 from mountnav.night.placing import BySeries, Placing
 from mountnav.night.recording import Line, Recording, reading_of
@@ -355,6 +356,8 @@ def _by_series(telescope: TelescopeSettings, settings: Settings, catalog: Catalo
     """Identify frames as the night did."""
     policy = centering_policy(telescope)
     solving = solve_settings(settings.solving, calibration=telescope.calibration)
+    if solving.blind != "never" and isinstance(catalog, CatalogSet):
+        solving = replace(solving, index=installed_index(catalog.indexed))  # as the night had it
     scale, off = policy.scale_arcsec_px, policy.scale_tolerance
 
     def hint(near: Icrs | None) -> Hint | None:

@@ -206,11 +206,14 @@ class Upload:
         An open descriptor; the maker of the upload closes it.
     stars : ListFormat or None
         How to read it if it is a list of stars.
+    hdu : int or str or None
+        Which FITS extension holds the image; None: chosen by the reader.
     """
 
     name: str
     file: int
     stars: ListFormat | None = None
+    hdu: int | str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,7 +236,7 @@ class Reading:
 def described(source: Frame | Upload) -> SharedPixels | SharedFile:
     """The source as it is sent: without what lies in the file that goes with it."""
     if isinstance(source, Upload):
-        return SharedFile(source.name, source.stars)
+        return SharedFile(source.name, source.stars, source.hdu)
     pixels = source.pixels
     bare = replace(source, pixels=np.empty((0, 0), pixels.dtype))
     return SharedPixels(bare, pixels.dtype.str, pixels.shape)

@@ -334,10 +334,19 @@ class SharedPixels:
 
 @dataclass(frozen=True, slots=True)
 class SharedFile:
-    """An upload, as it came, in the file that comes along; `stars` tells how to read a list of stars."""
+    """An upload, as it came, in the file that comes along.
+
+    Attributes
+    ----------
+    stars : ListFormat or None
+        How to read it if it is a list of stars.
+    hdu : int or str or None
+        Which FITS extension is meant.
+    """
 
     name: str
     stars: ListFormat | None = None
+    hdu: int | str | None = None
 
 
 @dataclass(frozen=True, slots=True)

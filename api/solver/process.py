@@ -190,7 +190,15 @@ class Bench:
             verdict = solve(frame, self._catalog, hint=task.hint, settings=settings)
         else:
             source = task.source
-            verdict = solved_upload(file, source.name, self._catalog, task.hint, settings, source.stars)
+            verdict = solved_upload(
+                file,
+                source.name,
+                self._catalog,
+                task.hint,
+                settings,
+                stars=source.stars,
+                hdu=source.hdu,
+            )
         if self._trouble and task.index is not None:
             verdict = replace(verdict, notes=(*verdict.notes, self._trouble))
         return verdict
@@ -228,7 +236,9 @@ def solved_upload(
     catalog: Catalog,
     hint: Hint | None,
     settings: SolveSettings,
+    *,
     stars: ListFormat | None = None,
+    hdu: int | str | None = None,
 ) -> Verdict:
     """Read and solve an upload, an image or a list of stars, that lies in an open file.
 
@@ -239,7 +249,7 @@ def solved_upload(
     """
     # by the name of an open file: anyone who reads it may map it, and nothing is copied for it
     path = Path(f"/proc/self/fd/{file}")
-    return solve_source(path, catalog, hint, name=name, settings=settings, stars=stars)
+    return solve_source(path, catalog, hint, name=name, hdu=hdu, settings=settings, stars=stars)
 
 
 def _frame(source: SharedPixels, file: int) -> Frame:

@@ -209,7 +209,15 @@ class Threads:
         assert file is not None
         with file:
             source = work.source
-            return solved_upload(file.fileno(), source.name, self._catalog, work.hint, settings, source.stars)
+            return solved_upload(
+                file.fileno(),
+                source.name,
+                self._catalog,
+                work.hint,
+                settings,
+                stars=source.stars,
+                hdu=source.hdu,
+            )
 
     def _opened(self, path: Path | None) -> BlindIndex | None:
         from mountnav.identification.blind.index import BlindIndex

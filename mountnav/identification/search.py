@@ -30,6 +30,8 @@ INDEX_LEAST_DEG = 0.6
 NEAR_FIELDS = 3.0
 """A hinted radius of up to so many fields is searched tile by tile before the whole sky is."""
 
+_CALLER = Hint().scale_source
+
 
 @dataclass(frozen=True, slots=True)
 class Reach:
@@ -179,7 +181,8 @@ def _steps(
         yield from part(0)
     sky = index is not None and reach.blind != "never" and (reach.thorough or not narrow)
     if sky:
-        yield from _whole_sky([] if only else believed)
+        # a header is no hint here; a caller who says a scale means it
+        yield from _whole_sky([one for one in believed if not only or one.scale_source == _CALLER])
     if not near and (reach.thorough or not sky):
         yield from part(0)
     if reach.thorough:

@@ -15,6 +15,7 @@ from mountnav.errors import BadFrame
 from mountnav.files import open_plain
 from mountnav.frames import Frame, StarList
 from mountnav.reading.bayer import is_mosaic, without_mosaic
+from mountnav.reading.camera_raw import is_camera_raw, read_camera_raw
 from mountnav.reading.content import Content, OnDisk
 from mountnav.reading.fits_headers import Value
 from mountnav.reading.fits_images import read_fits
@@ -40,10 +41,10 @@ def read_frame(
     """Read one image file or upload.
 
     FITS (integers and floats, scaled, tile-compressed, several extensions, three color planes), plain or in
-    gzip or bzip2, and whatever pillow reads (PNG, JPEG, TIFF, BMP). Pixels stay in file order, never flipped:
-    row 0 is FITS row 1, or the top row of the other formats. Color becomes the mean of the planes; a raw
-    Bayer mosaic is smoothed so that pixel coordinates stay the same (`mountnav.reading.bayer`). Infinite
-    pixels become NaN.
+    gzip or bzip2; XISF; PNG, JPEG, TIFF, BMP; and raw files of cameras, where rawpy is installed. Pixels
+    stay in file order, never flipped: row 0 is FITS row 1, or the top row of the other formats. Color
+    becomes the mean of the planes; a raw Bayer mosaic is smoothed so that pixel coordinates stay the same
+    (`mountnav.reading.bayer`). Infinite pixels become NaN.
 
     Safe to call in several threads at once.
 
@@ -54,7 +55,8 @@ def read_frame(
     name : str, optional
         What to call the frame; the file's name if left out.
     hdu : int or str, optional
-        Which FITS extension holds the image, by number (0 is the primary) or by EXTNAME; chosen if left out.
+        Which FITS extension holds the image, by number (0 is the primary) or by EXTNAME; of an XISF file
+        which image, by number or id. Chosen if left out.
     raw : bool
         Leave a mosaic as it is (`Frame.mosaic` tells), for masters to be applied; `demosaiced` does the rest.
 
@@ -192,11 +194,21 @@ def _read(content: Content, label: str, hdu: int | str | None) -> Frame:
     content = unpacked(content, label)
     if content[:6] == b"SIMPLE":
         image = read_fits(content, label, hdu)
-        return _frame(image.pixels, image.values, image.comments, label, own=True)
+        frame = _frame(image.pixels, image.values, image.comments, label, own=True)
+        return replace(frame, notes=(image.note,)) if image.note else frame
+    if content[:8] == b"XISF0100":
+        from mountnav.reading.xisf import read_xisf
+
+        found = read_xisf(content, label, hdu)
+        frame = _frame(found.pixels, found.values, found.comments, label, own=not isinstance(content, bytes))
+        return replace(frame, notes=(found.note,)) if found.note else frame
     if hdu not in (None, 0):
         raise BadFrame(
             f"there is no extension {hdu}: this is no FITS file", device=label, advice="leave the choice out"
         )
+    if is_camera_raw(content):
+        pixels, header = read_camera_raw(content, label)
+        return _frame(pixels, header, {}, label, own=True)
     from mountnav.reading.pictures import read_picture
 
     return _frame(read_picture(bytes(content[:]), label), {}, {}, label, own=True)

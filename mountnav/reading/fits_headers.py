@@ -88,7 +88,7 @@ def read_cards(content: Content, start: int) -> Cards | None:
             blocks = -(-(at + CARD_LENGTH - start) // BLOCK_LENGTH)
             return Cards(values, comments, blocks * BLOCK_LENGTH)
         if key == "CONTINUE" and long.key:
-            more, comment = _parsed(card[8:])
+            more, comment = parsed_value(card[8:])
             long.add(more, comment)
             if not isinstance(more, str) or not more.endswith("&"):
                 long.end(values, comments)
@@ -99,7 +99,7 @@ def read_cards(content: Content, start: int) -> Cards | None:
             continue
         long.end(values, comments)
         long = _LongString("")
-        value, comment = _parsed(field)
+        value, comment = parsed_value(field)
         if value is not None:
             values[key] = value
             comments.pop(key, None)
@@ -158,7 +158,7 @@ def _split(card: str, key: str) -> tuple[str, str | None]:
     return key, card[9:] if card[8] == "=" else None
 
 
-def _parsed(field: str) -> tuple[Value | None, str]:
+def parsed_value(field: str) -> tuple[Value | None, str]:
     """Read a value field: value (None if there is none that can be read) and comment."""
     field = field.strip(" \0")
     if match := _STRING.match(field):
@@ -294,6 +294,22 @@ def chosen_hdu(hdus: list[Hdu], wanted: int | str | None, label: str) -> Hdu:
             advice="send the exposure itself; star lists and tables can't be solved",
         )
     return max(images, key=lambda hdu: (not _SIDE_PLANES.search(hdu.name.lower()), _plane_size(hdu.shape)))
+
+
+def science_images(hdus: list[Hdu]) -> list[Hdu]:
+    """The images of a file, without masks, weights and errors by their names, unless all are such.
+
+    Parameters
+    ----------
+    hdus : list of Hdu
+
+    Returns
+    -------
+    list of Hdu
+        In the file's order.
+    """
+    images = [hdu for hdu in hdus if hdu.shape]
+    return [hdu for hdu in images if not _SIDE_PLANES.search(hdu.name.lower())] or images
 
 
 def _named(hdus: list[Hdu], wanted: int | str, label: str) -> Hdu:

@@ -26,7 +26,16 @@ from numpy.typing import NDArray
 
 from mountnav.errors import BadFrame
 from mountnav.reading.content import Content, stored
-from mountnav.reading.fits_headers import BLOCK_LENGTH, CARD_LENGTH, Hdu, Value, check_size, chosen_hdu, walk
+from mountnav.reading.fits_headers import (
+    BLOCK_LENGTH,
+    CARD_LENGTH,
+    Hdu,
+    Value,
+    check_size,
+    chosen_hdu,
+    science_images,
+    walk,
+)
 from mountnav.reading.unpacking import FREE_BYTES, check_ratio
 
 if TYPE_CHECKING:
@@ -143,6 +152,11 @@ _EMPTY_PRIMARY = (
     "NAXIS   =                    0",
     "EXTEND  =                    T",
 )
+_OTHER_SHARE = 0.5
+"""Of the pixels of the image that is taken: a smaller one is a preview or a guider's, no other detector.
+Chosen by hand; doubled, a mosaic's narrower detectors are passed over in silence."""
+_OTHERS_NAMED = 4
+"""Extensions that a note names; a mosaic may have a hundred."""
 _MOST_COLORS = 4
 """An axis of at most so many is colors, not rows: RGB, or RGB with a fourth plane."""
 #: Stored numbers that are turned into physical values in one go.
@@ -161,11 +175,14 @@ class FitsImage:
         The primary header's cards, and over them those of the extension.
     comments : dict
         Their comments.
+    note : str
+        Of other images in the file, where nobody chose this one; else empty.
     """
 
     pixels: Pixels
     values: dict[str, Value]
     comments: dict[str, str]
+    note: str = ""
 
 
 def read_fits(content: Content, label: str, wanted: int | str | None = None) -> FitsImage:
@@ -202,7 +219,21 @@ def read_fits(content: Content, label: str, wanted: int | str | None = None) -> 
     except EOFError as fault:
         raise _cut_short(f"it became shorter while it was read, {fault}", label) from fault
     values, comments = _exposure_cards(hdus[0], chosen)
-    return FitsImage(pixels, values, comments)
+    return FitsImage(pixels, values, comments, "" if wanted is not None else _others(hdus, chosen))
+
+
+def _others(hdus: list[Hdu], chosen: Hdu) -> str:
+    """What is said of a file's other detectors: its images that are no masks and not much smaller."""
+    least = _OTHER_SHARE * math.prod(chosen.shape)
+    others = [unit for unit in science_images(hdus) if unit is not chosen and math.prod(unit.shape) >= least]
+    if not others:
+        return ""
+    names = ", ".join(f"{unit.number} {unit.name}".strip() for unit in others[:_OTHERS_NAMED])
+    more = ", ..." if len(others) > _OTHERS_NAMED else ""
+    return (
+        f"extension {chosen.number} was taken; the file holds {len(others)} other images ({names}{more}): "
+        "--extension all solves each"
+    )
 
 
 def _cut_short(how: str, label: str) -> BadFrame:

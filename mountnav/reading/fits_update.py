@@ -142,8 +142,13 @@ def update_file(
     hdu: int | str | None = None,
     history: Sequence[str] = (),
     checksum: bool = False,
-) -> None:
+) -> bytes:
     """Put the WCS cards of a solution into a FITS file on disk, at once or not at all; its mode stays.
+
+    Returns
+    -------
+    bytes
+        What the file holds now.
 
     Raises
     ------
@@ -157,6 +162,7 @@ def update_file(
             OnDisk(file), cards, hdu=hdu, history=history, checksum=checksum, name=path.name
         )
     replace_bytes(path, content)
+    return content
 
 
 def fits_of_frame(
@@ -236,7 +242,8 @@ def wcs_header(
     cards : mapping
         WCS cards; IMAGEW and IMAGEH say the frame's size.
     frame : bytes, bytearray or OnDisk, optional
-        A FITS file whose other cards are kept, as programs expect it that look for the date there.
+        A FITS file whose other cards are kept, as programs expect it that look for the date there; of any
+        other file nothing is.
     hdu : int or str, optional
         Of that file.
     history : sequence of str
@@ -256,9 +263,11 @@ def wcs_header(
     first: dict[str, Value] = {"SIMPLE": True, "BITPIX": 8, "NAXIS": 0}
     lines = [_line(key, value, name) for key, value in first.items()]
     if frame is not None:
-        plain, _ = _whole(frame, name)
-        unit = chosen_hdu(walk(plain, name), hdu, name)
-        lines += [card for key, card in _raw_cards(plain, unit) if not _OF_DATA.match(key)]
+        packed = frame[:3][:2] == b"\x1f\x8b" or frame[:3] == b"BZh"
+        plain = _whole(frame, name)[0] if packed else frame
+        if plain[:6] == b"SIMPLE":
+            unit = chosen_hdu(walk(plain, name), hdu, name)
+            lines += [card for key, card in _raw_cards(plain, unit) if not _OF_DATA.match(key)]
     return _blocks(_appended(_with_wcs(lines, cards, name), _history(history)))
 
 
@@ -302,9 +311,9 @@ def _packed(plain: bytes, kind: str) -> bytes:
     return plain
 
 
-def _raw_cards(content: bytes, unit: Hdu) -> Iterator[tuple[str, bytes]]:
+def _raw_cards(content: Content, unit: Hdu) -> Iterator[tuple[str, bytes]]:
     """A header's cards up to END, with their keywords; those that go on with one are part of it."""
-    header = content[unit.start : unit.data_start]
+    header = bytes(content[unit.start : unit.data_start])
     key, whole = "", b""
     for at in range(0, len(header), CARD_LENGTH):
         card = header[at : at + CARD_LENGTH]

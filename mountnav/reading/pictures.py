@@ -69,7 +69,7 @@ def read_picture(content: bytes, label: str) -> Pixels:
         raise BadFrame(
             "this is no image of a kind that can be read",
             device=label,
-            advice="send FITS (also .fz, .gz), PNG, JPEG, TIFF or BMP; convert camera raw files first",
+            advice="send FITS (also .fz, .gz), XISF, PNG, JPEG, TIFF, BMP or a camera's raw file",
         ) from fault
     except (Image.DecompressionBombError, Image.DecompressionBombWarning) as fault:
         raise _too_large("the picture claims an absurd size", label) from fault

@@ -46,6 +46,10 @@ from mountnav.solving.catalog_choice import (
 )
 from mountnav.solving.contradictions import contradictions_of_hints, contradictions_with
 from mountnav.solving.settings import SolveSettings
+from mountnav.solving.special_frames import SpecialFrame, special_frame
+
+SPECIAL_SHARE = 0.5
+"""Of the budget, for a frame that was made ordinary; chosen by hand."""
 
 __all__ = ["SolveSettings", "epoch_of", "merged_hint", "solve", "solve_file", "solve_source", "solve_stars"]
 
@@ -127,6 +131,13 @@ def solve(
     try:
         if measurements is None:
             job = _read(job)
+            special = special_frame(job.frame)
+            if special is not None:
+                found = _solve_special(job, special)
+                if found.solved:
+                    return found
+                left_s = (1.0 - SPECIAL_SHARE) * job.settings.budget_s
+                job = replace(job, settings=replace(job.settings, budget_s=left_s))
         job = _with_catalogs(job)
         measured = _measure(job) if measurements is None else _Measured(measurements, len(measurements))
     except BadFrame as fault:
@@ -193,6 +204,15 @@ def _measured_elsewhere(stars: StarList) -> Measurements:
     )
 
 
+def _solve_special(job: _Job, special: SpecialFrame) -> Verdict:
+    """Solve a frame that was made ordinary: the verdict on the frame as it was."""
+    given = None if job.given is None else special.widened(job.given)
+    # the rest stays for the frame as it was: what its header or its levels say may be wrong
+    settings = replace(job.settings, calibration=None, budget_s=SPECIAL_SHARE * job.settings.budget_s)
+    verdict = special.back(solve(special.frame, job.catalog, hint=given, settings=settings))
+    return replace(verdict, notes=(*job.notes, *verdict.notes))
+
+
 @dataclass(frozen=True, slots=True)
 class _Job:
     """One solve: what is asked, and what is known before anything is measured.
@@ -214,7 +234,7 @@ class _Job:
     choices : tuple of Choice
         Catalogs for this frame, the best first.
     notes : tuple of str
-        What calibration could not do.
+        What reading found besides, and what calibration could not do.
     zero_adu : float or None
         Level of no light, as calibration knows it.
     light : bool
@@ -295,6 +315,7 @@ def _job(frame: Frame, catalog: Catalog, given: Hint | None, settings: SolveSett
         epoch_yr=epoch_of(utc if utc is not None else utc_now()),
         reach=Reach(settings.index, settings.blind),
         began_s=time.monotonic(),
+        notes=frame.notes,
     )
 
 

@@ -51,6 +51,7 @@ from mountnav.simulation.sky_script import SkyScript
 from mountnav.sky import typed_coordinates
 from mountnav.sky.coordinates import Site
 from tests.fuzz import files
+from tests.reading.xisf_files import xisf
 
 CORPORA = Path(__file__).parent / "corpora"
 """A folder for each target: inputs that once broke it, or that reach far."""
@@ -119,6 +120,15 @@ def _frame(data: bytes) -> None:
         frame = read_frame(data)
         assert frame.pixels.ndim == 2
         assert frame.exposure_s is None or math.isfinite(frame.exposure_s)
+
+
+def _xisf_frames() -> list[bytes]:
+    pixels = np.random.default_rng(2).integers(0, 60_000, (18, 20)).astype(np.uint16)
+    keywords = {"DATE-OBS": "'2026-11-21T03:04:05.6'", "EXPTIME": "2.0", "FOCALLEN": "400", "XPIXSZ": "3.76"}
+    packings = ("", "zlib", "zlib+sh", "lz4hc+sh", "zstd+sh")
+    one_each = [xisf(pixels, packing=packing, keywords=keywords) for packing in packings]
+    colors = np.stack([pixels] * 3).astype(np.float32)
+    return [*one_each, xisf(colors, normal=True), xisf(pixels, packing="zlib", parts=3)]
 
 
 def _frames() -> list[bytes]:
@@ -451,6 +461,7 @@ def _json_lines(*lines: dict[str, object]) -> bytes:
 
 TARGETS: dict[str, Target] = {
     "frame": Target(_frame, _frames),
+    "frame-xisf": Target(_frame, _xisf_frames),
     "settings": Target(_text(lambda text: Settings.parse(text)), lambda: [_SETTINGS]),
     "faults": Target(
         _text(lambda text: parse_faults(text)),

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.frames import Hint
-from mountnav.identification.search import identify
+from mountnav.identification.blind.index import BlindIndex
+from mountnav.identification.search import Reach, identify
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, separation_arcsec
 from mountnav.solution import Reason
@@ -217,3 +218,20 @@ def test_a_poor_field_of_seven_stars_and_more_is_found():
             found += 1
             assert got.reference is not None, (one.stars, got.detail)
     assert found >= 2
+
+
+@pytest.mark.parametrize("by", ["caller", "the header"])
+def test_a_scale_that_a_caller_says_narrows_the_blind_search(by: str, sky_index: BlindIndex) -> None:
+    one = drawn(PLACES["anywhere"], np.random.default_rng(8))
+    reach = Reach(index=sky_index, blind="only")
+    hint = Hint(scale_low_arcsec_px=0.95 * one.scale, scale_high_arcsec_px=1.05 * one.scale, scale_source=by)
+    wide, narrowed = looked_up(one, Hint(), reach=reach), looked_up(one, hint, reach=reach)
+    for got in (wide, narrowed):
+        assert got.reference is not None, got.detail
+        assert is_right(got, one)
+    # a header is not asked where only the whole sky is to be searched
+    assert (narrowed.tried < wide.tried) if by == "caller" else (narrowed.tried == wide.tried)
+    wrong = Hint(scale_low_arcsec_px=3.0 * one.scale, scale_high_arcsec_px=4.0 * one.scale)
+    got = looked_up(one, wrong, reach=reach)
+    assert got.reference is not None
+    assert is_right(got, one)

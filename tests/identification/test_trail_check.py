@@ -57,6 +57,8 @@ FAR_PIECE, FAINT_TAIL, UNSURE_MIDDLE, SIX_OF_A_DOUBLE = 61195, 62294, 62445, 625
 # 6.5 px off at the first of two scales, 195 px on the points of an exposure whose other part is trails beyond
 # the frame's edge
 OF_TWO_SCALES, BRIGHTER_TRAILS = 72359, 72521
+# 5.6 px off: a field that turned under a growing cloud, so that faint stars show the first part of their arcs
+TURNED_UNDER_CLOUD = 73058
 
 
 @pytest.mark.parametrize(
@@ -68,6 +70,7 @@ OF_TWO_SCALES, BRIGHTER_TRAILS = 72359, 72521
         SIX_OF_A_DOUBLE,
         OF_TWO_SCALES,
         BRIGHTER_TRAILS,
+        TURNED_UNDER_CLOUD,
         *(
             pytest.param(one, marks=pytest.mark.long)
             for one in (FEW_OF_A_DOUBLE, THIN_TAIL, FAR_PIECE, UNSURE_MIDDLE)
