@@ -50,6 +50,8 @@ SOLVED, UNSOLVED, FEW_STARS, NO_IMAGE, NO_CATALOG, BAD_STARS, NOT_UPDATED = 0, 1
 """Exit codes, as ASTAP's graphical edition has them; its command line edition says 1 for 2 to 33."""
 DEFAULT_SNR = 30.0
 """Signal-to-noise ratio that `-analyse 0` and its kin mean."""
+ENOUGH_STARS = 500
+"""Stars from which on `-analyse` and its kin look at no fainter peaks, as ASTAP does."""
 _FOCUS_CARDS = ("FOCUSPOS", "FOCPOS")
 _IGNORED = ("s", "t", "m", "z", "check", "d", "D", "speed", "progress")
 _IMPOSSIBLE = {
@@ -432,7 +434,7 @@ def _snr(call: _Run, option: str) -> float:
 def _measured(frame: Frame, least_snr: float) -> StarDiameters:
     from mountnav.measuring.hfd import measure_hfd  # slow to import, and solving does without
 
-    return measure_hfd(frame, least_snr=least_snr)
+    return measure_hfd(frame, least_snr=least_snr, enough=ENOUGH_STARS)
 
 
 def _analyse(call: _Run, file: BinaryIO, name: str, facts: ImageFacts) -> int:

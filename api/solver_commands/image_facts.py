@@ -102,7 +102,15 @@ def _picture_facts(file: BinaryIO) -> ImageFacts | None:
                 return None
             # ASTAP takes the first row of PGM and its kin for the lowest
             return ImageFacts(picture.width, picture.height, picture.format != "PPM")
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+    except (
+        OSError,
+        ValueError,
+        SyntaxError,
+        TypeError,
+        OverflowError,
+        Warning,
+        Image.DecompressionBombError,
+    ):
         return None  # who reads it whole says what is wrong
 
 

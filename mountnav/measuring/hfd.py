@@ -47,6 +47,13 @@ _LEAST_HFD_PX = 0.8
 _APART_HFD = 1.5
 """Of two stars nearer than so many diameters of the brighter, the fainter is its noise, or can't be measured
 beside it."""
+_PIXELS_OF_STARS = (6, 24)
+"""Pixels a wanted star that lie above the first levels [ASTAP]: stars of 2.25 and 4.5 px diameter. Doubled,
+more stars than wanted are measured."""
+_PLAIN_SIGMA = 30.0
+"""Levels of a plain multiple of the noise begin here [ASTAP]. Doubled, one level less is tried."""
+_LOWEST_SIGMA = 7.0
+"""And end here at the latest [ASTAP]. Doubled, faint stars that were asked for are left out."""
 _ROUNDS = 2
 """How often the centroid is followed. A third changes diameters by less than 0.1 %."""
 _AT_ONCE = 2000
@@ -94,7 +101,7 @@ class StarDiameters:
         )
 
 
-def measure_hfd(frame: Frame, *, least_snr: float = DEFAULT_SNR) -> StarDiameters:
+def measure_hfd(frame: Frame, *, least_snr: float = DEFAULT_SNR, enough: int | None = None) -> StarDiameters:
     """Measure the half flux diameters of all stars that are bright enough.
 
     Parameters
@@ -103,6 +110,9 @@ def measure_hfd(frame: Frame, *, least_snr: float = DEFAULT_SNR) -> StarDiameter
         Without a mosaic.
     least_snr : float
         Stars below this signal-to-noise ratio are left out.
+    enough : int, optional
+        Look at the highest peaks first, and at lower ones only until there are so many stars, as focusing
+        programs do; the count then tells little of crowded frames. All of them if left out.
 
     Returns
     -------
@@ -118,19 +128,41 @@ def measure_hfd(frame: Frame, *, least_snr: float = DEFAULT_SNR) -> StarDiameter
     background = estimate_background(image, step_adu=step)
     sky_free = image - background.level_image()
     sky_free[missing] = 0.0
-    x, y = _peaks(sky_free, background.noise_image(*image.shape))
-    noise = background.noise_at(x, y)
-    parts = [
-        _measured(sky_free, x[at : at + _AT_ONCE], y[at : at + _AT_ONCE], noise[at : at + _AT_ONCE])
-        for at in range(0, x.size, _AT_ONCE)
-    ]
-    if not parts:
+    noise_image = background.noise_image(*image.shape)
+    x, y, height = _peaks(sky_free, noise_image)
+    if not x.size:
         return _none()
+    noise = background.noise_at(x, y)
+    levels = [0.0] if enough is None else _levels(sky_free, float(np.median(noise_image)), least_snr, enough)
+    found, seen = _none(), np.zeros(x.size, dtype=bool)
+    for level in levels:
+        new = np.flatnonzero((height > level) & ~seen)
+        seen[new] = True
+        for at in range(0, new.size, _AT_ONCE):
+            some = new[at : at + _AT_ONCE]
+            part = _measured(sky_free, x[some], y[some], noise[some])
+            found = _joined(found, part.taken(part.snr > least_snr))
+        found = found.taken(np.argsort(-found.flux, kind="stable"))
+        found = found.taken(_first_of_each(found))
+        if enough is not None and len(found) >= enough:
+            break
+    return found
+
+
+def _levels(sky_free: Pixels, noise: float, least_snr: float, enough: int) -> list[float]:
+    """Heights from which peaks are looked at in turn, falling [ASTAP]: by bright pixels, then by noise."""
+    wanted = [min(share * enough, sky_free.size - 1) for share in _PIXELS_OF_STARS]
+    places = [sky_free.size - 1 - count for count in wanted]
+    lit = np.partition(sky_free, places, axis=None)[places]
+    levels = [float(level) for level in lit if level > _PLAIN_SIGMA * noise]
+    if least_snr < _PLAIN_SIGMA:
+        levels.append(_PLAIN_SIGMA * noise)
+    return [*levels, max(least_snr, _LOWEST_SIGMA) * noise]
+
+
+def _joined(one: StarDiameters, other: StarDiameters) -> StarDiameters:
     names = StarDiameters.__dataclass_fields__
-    found = StarDiameters(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
-    found = found.taken(found.snr > least_snr)
-    found = found.taken(np.argsort(-found.flux, kind="stable"))
-    return found.taken(_first_of_each(found))
+    return StarDiameters(*(np.concatenate([getattr(one, name), getattr(other, name)]) for name in names))
 
 
 def _none() -> StarDiameters:
@@ -138,8 +170,8 @@ def _none() -> StarDiameters:
     return StarDiameters(nothing, nothing, nothing, nothing, nothing)
 
 
-def _peaks(sky_free: Pixels, noise: Pixels) -> tuple[Array, Array]:
-    """Maxima of the lightly smoothed frame that stand out, away from the rim."""
+def _peaks(sky_free: Pixels, noise: Pixels) -> tuple[Array, Array, Pixels]:
+    """Maxima of the lightly smoothed frame that stand out, away from the rim, and their highest pixels."""
     smooth = ndimage.uniform_filter(sky_free, _SMOOTH_PX)
     peak = smooth > (_PEAK_SIGMA / _SMOOTH_PX) * noise
     peak &= smooth == ndimage.maximum_filter(smooth, 2 * _SMOOTH_PX - 1)
@@ -150,7 +182,9 @@ def _peaks(sky_free: Pixels, noise: Pixels) -> tuple[Array, Array]:
     if row.size > _MOST_PEAKS:
         highest = np.argpartition(-smooth[row, column], _MOST_PEAKS)[:_MOST_PEAKS]
         row, column = row[highest], column[highest]
-    return column.astype(np.float64), row.astype(np.float64)
+    near = np.arange(-(_SMOOTH_PX // 2), _SMOOTH_PX // 2 + 1)
+    height = sky_free[row[:, None, None] + near[:, None], column[:, None, None] + near].max(axis=(1, 2))
+    return column.astype(np.float64), row.astype(np.float64), height
 
 
 def _measured(sky_free: Pixels, x: Array, y: Array, noise: Array) -> StarDiameters:

@@ -99,6 +99,21 @@ def test_only_stars_of_enough_light_are_listed_the_brightest_first() -> None:
     assert len(measure_hfd(_painted(image, flux=400.0), least_snr=5.0)) > 40
 
 
+def test_enough_stars_are_the_highest_and_all_where_there_are_few() -> None:
+    image = _disc(0, 0, 1.5)
+    frame = _painted(image)
+    pixels = np.array(frame.pixels)
+    for at in range(6):
+        pixels[20 + 60 * at : 61 + 60 * at, 15:56] += 900_000.0 * image
+    frame = Frame(pixels=pixels)
+    everything = measure_hfd(frame)
+    few, many = measure_hfd(frame, enough=5), measure_hfd(frame, enough=500)
+    assert len(everything) == len(many) == 48
+    assert len(few) == 6
+    np.testing.assert_array_equal(few.flux, everything.flux[:6])
+    np.testing.assert_array_equal(np.sort(many.hfd_px), np.sort(everything.hfd_px))
+
+
 @pytest.mark.long
 @pytest.mark.skipif(shutil.which("astap_cli") is None, reason="astap_cli is not installed")
 @pytest.mark.parametrize("fwhm_px", [1.8, 2.5, 3.0, 4.0, 6.0])
