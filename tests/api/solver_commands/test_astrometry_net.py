@@ -1,4 +1,4 @@
-"""The programs of astrometry.net beside ours, on the same drawn frames: needs them, and an index of Tycho-2."""
+"""The programs of astrometry.net beside ours, on the same drawn frames."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ THEIR_ERROR_PX = 0.3
 
 def theirs(name: str, *arguments: str | Path) -> str:
     """Run the real one; what it printed."""
-    command = [REAL[name], *map(str, arguments)]
+    command = [str(REAL[name]), *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=900)
     assert done.returncode == 0, done.stderr
-    return done.stdout
+    return str(done.stdout)
 
 
 def center_px(header: fits.Header, truth: Icrs) -> float:
