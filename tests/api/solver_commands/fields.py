@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from astropy.io import fits
+from numpy.typing import NDArray
 from PIL import Image
 
 from api.solver_commands.host import LocalHost
@@ -73,7 +74,7 @@ def pixels(
     parity: int = 1,
     center: Icrs = CENTER,
     distortion_px2: float = 0.0,
-) -> np.ndarray:
+) -> NDArray[np.uint16]:
     """A drawn field."""
     optics = SimulatedOptics(
         WIDTH_PX,
@@ -93,7 +94,7 @@ def pixels(
         mid_exposure_utc=WHEN,
         seed=(7, int(rotation_deg)),
     )
-    return np.clip(drawn.pixels, 0, 65535).astype(np.uint16)
+    return np.asarray(np.clip(drawn.pixels, 0, 65535), dtype=np.uint16)
 
 
 def fits_field(path: Path, drawn: np.ndarray, **cards: object) -> Path:

@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+import pytest
 from astropy.io import fits
 from astropy.wcs import WCS
 
@@ -74,3 +75,30 @@ def stellarsolver(wcsinfo_out: str) -> Read | None:
     return Read(
         float(values["ra_center"]), float(values["dec_center"]), scale, float(values["orientation"]), parity
     )
+
+
+def assert_same_wcsinfo(one: dict[str, str], other: dict[str, str]) -> None:
+    """Two outputs of `wcsinfo` have the same keys in the same order, and values but for rounding."""
+    assert list(one) == list(other)
+    for key in one:
+        if key.endswith(("_h", "_m", "_d", "_s")):
+            continue  # 59.9999999 s may be 0 s of the next minute: compared together below
+        if key.endswith(("hms", "dms")):
+            assert _units(one[key]) == pytest.approx(_units(other[key]), abs=1.1e-3), key
+        elif key == "fieldunits":
+            assert one[key] == other[key]
+        else:
+            close = pytest.approx(float(other[key]), rel=1e-5 if "merc" in key else 1e-9, abs=1e-9)
+            assert float(one[key]) == close, key
+    for names in (
+        ("ra_center_h", "ra_center_m", "ra_center_s"),
+        ("dec_center_d", "dec_center_m", "dec_center_s"),
+    ):
+        texts = [":".join(values[name] for name in names) for values in (one, other)]
+        assert _units(texts[0]) == pytest.approx(_units(texts[1]), abs=1e-7), names
+
+
+def _units(text: str) -> float:
+    """Seconds of time or of arc."""
+    first, minutes, seconds = (abs(float(word)) for word in text.split(":"))
+    return (3600.0 * first + 60.0 * minutes + seconds) * (-1.0 if text.startswith("-") else 1.0)

@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.api.solver_commands.fields import call
+from tests.api.solver_commands.readers import assert_same_wcsinfo
 
 real = shutil.which("wcsinfo", path="/usr/bin")
 needs_real = pytest.mark.skipif(real is None, reason="astrometry.net is not installed")
@@ -53,19 +54,6 @@ def theirs(*arguments: str | Path) -> dict[str, str]:
     return dict(line.split(" ", 1) for line in done.stdout.splitlines())
 
 
-def assert_the_same(one: dict[str, str], other: dict[str, str]) -> None:
-    """The same keys in the same order; numbers to the last digits that floating point keeps."""
-    assert list(one) == list(other)
-    for key, value in one.items():
-        if value == other[key] or key.endswith(("hms", "dms")):
-            # thousandths of a second may be rounded otherwise
-            assert value[:-1] == other[key][:-1] or value == other[key], key
-            continue
-        assert float(value) == pytest.approx(
-            float(other[key]), rel=1e-5 if "merc" in key else 1e-9, abs=1e-9
-        ), key
-
-
 @needs_real
 @pytest.mark.parametrize(
     "cards",
@@ -87,7 +75,7 @@ def assert_the_same(one: dict[str, str], other: dict[str, str]) -> None:
 )  # fmt: skip
 def test_every_key_as_the_real_one_has_it(tmp_path: Path, cards: dict[str, object]) -> None:
     path = plate(tmp_path / "x.wcs", **cards)
-    assert_the_same(ours(path), theirs(path))
+    assert_same_wcsinfo(ours(path), theirs(path))
 
 
 @needs_real
@@ -116,7 +104,7 @@ def test_any_plate(
     found = ours(path)
     assert float(found["orientation"]) == pytest.approx(turn_deg, abs=1e-5) or abs(turn_deg) > 179.99
     assert found["parity"] == ("1" if mirrored else "-1")
-    assert_the_same(found, theirs(path))
+    assert_same_wcsinfo(found, theirs(path))
 
 
 def test_sizes_and_extensions(tmp_path: Path) -> None:
