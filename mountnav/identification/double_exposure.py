@@ -270,7 +270,12 @@ def _second(
     share = math.pi * IMAGE_NEAR_PX**2 * second.size / (shape[0] * shape[1])
     for part in np.array_split(np.arange(b.size), b.size * first.size * second.size // 4_000_000 + 1):
         there = first + a[part, None] + b[part, None] * first
-        near = (np.abs(there[:, :, None] - second) < IMAGE_NEAR_PX).any(axis=2)
+        # squares: the modulus of so many complex numbers took half of the time of this search
+        dx, dy = there.real[:, :, None] - second.real, there.imag[:, :, None] - second.imag
+        dx *= dx
+        dy *= dy
+        dx += dy
+        near = (dx < IMAGE_NEAR_PX**2).any(axis=2)
         at = there + center
         inside = (at.real > 0) & (at.imag > 0) & (at.real < shape[1]) & (at.imag < shape[0])
         hits_here, tested = near.sum(axis=1), inside.sum(axis=1)
