@@ -292,6 +292,11 @@ def _second(
     return SecondImage(complex(a[best]), complex(b[best]), ratio, hits)
 
 
+RASTER_CELLS = 1000
+"""Cells along the raster of the stars of another field: with 500 stars one position in 200 is looked up in
+the tree. It changes time and memory, 1 MB, and no result."""
+
+
 @dataclass(frozen=True, slots=True)
 class SecondField:
     """Another field whose stars a frame shows besides its own.
@@ -344,15 +349,14 @@ def find_second_field(
     first, second, turn = _ways(seen, there, LEAST_APART * min(shape))
     if first.size == 0:
         return None
-    tree = KDTree(np.column_stack((there.real, there.imag)))
+    sky = _StarsNearBy(there, middle, radius_px)
     share = min(0.5, there.size * (FIELD_NEAR_PX / radius_px) ** 2)
     least, best = FIELD_CHANCE, None
     for ways in np.array_split(np.arange(first.size), first.size // PAIRS_AT_ONCE + 1):
         laid = second[ways, None] + turn[ways, None] * (seen - first[ways, None])
         at = second[ways] + turn[ways] * (middle - first[ways])
         tested = (np.abs(laid - middle) < radius_px).sum(axis=1)
-        near = tree.query(np.stack((laid.real, laid.imag), axis=-1), distance_upper_bound=FIELD_NEAR_PX)[0]
-        hits_here = np.isfinite(near).sum(axis=1)
+        hits_here = sky.near(laid).sum(axis=1)
         elsewhere = (np.abs(at - middle) > OWN_PLACE_PX) | (np.abs(turn[ways] - 1.0) > OWN_TURN_RAD)
         # two of them were laid there
         odds = bdtrc(hits_here - 3.0, np.maximum(tested, hits_here) - 2, share) * first.size
@@ -363,6 +367,42 @@ def find_second_field(
             again = complex(first[ways][k]) + (middle - complex(second[ways][k])) / way
             best = SecondField(_in_pixels(plate, again - middle), cmath.phase(way), int(hits_here[k]))
     return best
+
+
+class _StarsNearBy:
+    """Tells which positions have a star within `FIELD_NEAR_PX`; a raster leaves the many that have none.
+
+    Parameters
+    ----------
+    there : ndarray of complex, shape (n,)
+        Stars within `radius_px` of `middle`.
+    """
+
+    def __init__(self, there: Complex, middle: complex, radius_px: float) -> None:
+        self._tree = KDTree(np.column_stack((there.real, there.imag)))
+        self._cell = max(2.0 * radius_px / RASTER_CELLS, FIELD_NEAR_PX)
+        # two cells more all round: stars at the rim mark those beside them, and the outermost stay free
+        self._corner = middle - complex(radius_px, radius_px) - 2.0 * self._cell * (1 + 1j)
+        self._side = int(2.0 * radius_px / self._cell) + 5
+        self._marked = np.zeros((self._side, self._side), dtype=bool)
+        row, column = self._cells(there)
+        for down in (-1, 0, 1):
+            for right in (-1, 0, 1):
+                self._marked[row + down, column + right] = True
+
+    def _cells(self, place: Complex) -> tuple[Index, Index]:
+        """Row and column; what lies beyond is in the outermost cells."""
+        at = (place - self._corner) / self._cell
+        row, column = (np.clip(one, 0.0, self._side - 1.0).astype(np.int64) for one in (at.imag, at.real))
+        return row, column
+
+    def near(self, place: Complex) -> NDArray[np.bool_]:
+        """Which positions have one; of their shape."""
+        found = self._marked[self._cells(place)]
+        some = place[found]
+        away = self._tree.query(np.column_stack((some.real, some.imag)), distance_upper_bound=FIELD_NEAR_PX)
+        found[found] = np.isfinite(away[0])
+        return found
 
 
 def _complex(parts: tuple[Array, Array]) -> Complex:
@@ -383,16 +423,24 @@ def _ways(seen: Complex, there: Complex, least_px: float) -> tuple[Complex, Comp
     first, second, turn : ndarray of complex, shape (n,)
         A patch's position, that of its star, and the rotation from one to the other.
     """
+    ones, others = np.triu_indices(min(SEEDS, seen.size), 1)
+    lengths = np.abs(seen[others] - seen[ones])
+    wide = lengths >= least_px
+    if not wide.any():
+        return (np.zeros(0, dtype=complex),) * 3
     k, m = np.triu_indices(there.size, 1)
+    x, y = there.real, there.imag
+    square = (x[m] - x[k]) ** 2 + (y[m] - y[k]) ** 2
+    # most stars are farther apart than any two patches of the frame
+    most_px = float(lengths.max()) + 2.0 * FIELD_NEAR_PX
+    near = np.flatnonzero(square < most_px**2)
+    k, m = k[near], m[near]
     far = np.abs(there[m] - there[k])
     order = np.argsort(far)
     k, m, far = k[order], m[order], far[order]
     firsts, seconds, turns = [], [], []
-    for i, j in zip(*np.triu_indices(min(SEEDS, seen.size), 1), strict=True):
+    for i, j, length in zip(ones[wide], others[wide], lengths[wide], strict=True):
         apart = seen[j] - seen[i]
-        length = abs(apart)
-        if length < least_px:
-            continue
         low, high = np.searchsorted(far, (length - FIELD_NEAR_PX, length + FIELD_NEAR_PX))
         for a, b in ((k[low:high], m[low:high]), (m[low:high], k[low:high])):
             turn = (there[b] - there[a]) / apart
