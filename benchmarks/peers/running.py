@@ -7,7 +7,9 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Protocol
 
@@ -143,6 +145,18 @@ class Ran:
     output: str
 
 
+@cache
+def _compiled() -> tempfile.TemporaryDirectory[str]:
+    """Where Python's compiled modules are kept during this run; removed at its end."""
+    return tempfile.TemporaryDirectory(prefix="mountnav-compiled-")
+
+
+def _environment() -> dict[str, str]:
+    """One core, and modules compiled once, as those of an installed package are."""
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    return kept | ONE_CORE | {"PYTHONPYCACHEPREFIX": _compiled().name}
+
+
 def run(command: list[str], folder: Path, *, limit_s: float) -> Ran:
     """Run a command to its end and measure it.
 
@@ -166,7 +180,7 @@ def run(command: list[str], folder: Path, *, limit_s: float) -> Ran:
     process = subprocess.Popen(
         launcher,
         cwd=folder,
-        env=os.environ | ONE_CORE,
+        env=_environment(),
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,

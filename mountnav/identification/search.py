@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Hint
 from mountnav.identification.anchors import SearchedPart
@@ -28,6 +30,9 @@ if TYPE_CHECKING:
 FEW_CLEAN = 8
 """With fewer star-like sources than this the index is asked with the flagged ones at once. Chosen by hand:
 with more, stars are found sooner without them."""
+SOURCES_ASKED = 300
+"""The index is asked with no more than so many of the brightest sources (`blind.search.MOST_POINTS`): where
+none of them is flagged, asking again brings nothing new."""
 NEAR_FIELDS = 3.0
 """A hinted radius of up to so many fields is searched tile by tile before the whole sky is."""
 
@@ -110,7 +115,9 @@ def identify(
         if every.size >= settings.min_pairs:
             flagged = clean.size < every.size
             # with so few clean ones the index was asked with all of them already
-            again = flagged and clean.size >= FEW_CLEAN
+            again = clean.size >= FEW_CLEAN and not np.array_equal(
+                clean[:SOURCES_ASKED], every[:SOURCES_ASKED]
+            )
             for step in _steps(
                 believed, placed, index, measurements, settings, reach, flagged=flagged, again=again
             ):

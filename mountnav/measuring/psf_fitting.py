@@ -139,12 +139,12 @@ def with_noise_law(psf: Psf, fit: Fit, cutouts: Cutouts, gain: float, *, card: b
     square = fit.residual[use] ** 2 / (1.0 - leverage[use])
     light, sky = light[use], cutouts.variance[use]
     order = np.argsort(light)
-    parts = np.array_split(order, min(_BINS, order.size // _LEAST_PER_BIN))
     # the median of χ² of one degree is 0.4549, and sure to about 1.9 times the root of 1 / n
-    level = np.array([np.median(square[part]) / _MEDIAN_CHI2 for part in parts])
-    sure = 1.9 * level / np.sqrt([part.size for part in parts])
-    middle = np.array([np.median(light[part]) for part in parts])
-    ground = np.array([np.median(sky[part]) for part in parts])
+    count = min(_BINS, order.size // _LEAST_PER_BIN)
+    level = _medians(square[order], count) / _MEDIAN_CHI2
+    sure = 1.9 * level / np.sqrt(_part_sizes(order.size, count))
+    middle = _medians(light[order], count)
+    ground = _medians(sky[order], count)
     table = np.stack([middle, middle**2], axis=1) / sure[:, None]
     right = (level - ground) / sure
     if not (np.isfinite(table).all() and np.isfinite(right).all()):
@@ -163,6 +163,19 @@ def with_noise_law(psf: Psf, fit: Fit, cutouts: Cutouts, gain: float, *, card: b
     if misfit2 < _MISFIT_SIGMAS / np.sqrt(table[:, 1] @ table[:, 1]):
         misfit2 = 0.0
     return replace(psf, gain_e_adu=float(gain), misfit=float(min(np.sqrt(misfit2), _MOST_MISFIT)))
+
+
+def _part_sizes(size: int, count: int) -> Array:
+    """How many values each of `count` parts has, as equal as can be: those of `np.array_split`."""
+    return np.where(np.arange(count) < size % count, size // count + 1, size // count).astype(np.float64)
+
+
+def _medians(values: Array, count: int) -> Array:
+    """Median of each of `count` parts; the first ones have one value more where they can't be equal."""
+    longer, least = values.size % count, values.size // count
+    split = longer * (least + 1)
+    first, rest = values[:split].reshape(longer, least + 1), values[split:].reshape(count - longer, least)
+    return np.concatenate([np.median(part, axis=1) for part in (first, rest) if len(part)])
 
 
 def nonnegative_pair(table: Array, right: Array) -> tuple[float, float]:

@@ -629,11 +629,25 @@ def _add_cover(
         return
     rise = np.zeros((count.shape[0] + 1, count.shape[1] + 1), dtype=np.float32)
     for (rows, columns), _ in windows:
+        if rows.start == rows.stop or columns.start == columns.stop:
+            continue  # a position far beyond the frame
         rise[rows.start, columns.start] += 1.0
         rise[rows.start, columns.stop] -= 1.0
         rise[rows.stop, columns.start] -= 1.0
         rise[rows.stop, columns.stop] += 1.0
     count += rise.cumsum(axis=0).cumsum(axis=1)[:-1, :-1]
+
+
+def _flipped(
+    part: tuple[slice, slice], shape: tuple[int, ...], along_y: bool, along_x: bool
+) -> tuple[slice, slice]:
+    """Where a part of a flipped image lies in the image itself; steps of one."""
+    rows, columns = part
+    if along_y:
+        rows = slice(shape[0] - rows.stop, shape[0] - rows.start)
+    if along_x:
+        columns = slice(shape[1] - columns.stop, shape[1] - columns.start)
+    return rows, columns
 
 
 def brighter_image(
@@ -675,12 +689,15 @@ def brighter_image(
         ("mirrored in y", False, True),
     ):
         way = (slice(None, None, -1 if along_y else 1), slice(None, None, -1 if along_x else 1))
-        flipped, seen_by = tame[way], cover[way]
         total = np.zeros((2 * half + 1, 2 * half + 1), dtype=np.float32)
         count = np.zeros_like(total)
+        # the sum is flipped, not the frame: lines are added up fastest in their own direction
         for window, frame in windows:
-            total[window] += flipped[frame]
-        _add_cover(count, windows, seen_by, whole=whole)
+            total[_flipped(window, total.shape, along_y, along_x)] += tame[
+                _flipped(frame, tame.shape, along_y, along_x)
+            ]
+        total = total[way]
+        _add_cover(count, windows, cover[way], whole=whole)
         known = count >= max(3.0, _COVERED * x.size)
         if not known.any():
             continue

@@ -50,7 +50,8 @@ class FastMeasurement:
         The frame, and what was found out about it.
     settings : MeasuringSettings
     plane : ndarray of float32 or None
-        The frame of whole numbers summed in bins of ``scene.bin_px``, where that is more than a pixel.
+        The frame summed in bins of ``scene.bin_px``, where that is more than a pixel and its pixels are whole
+        numbers of at most 16 bits.
     """
 
     measurements: Measurements
@@ -193,7 +194,9 @@ def _measure_fast(frame: Frame, settings: MeasuringSettings, most: int) -> FastM
     if not _NARROWEST_FWHM_PX <= fwhm <= _WIDEST_FWHM_PX:
         return None
     measured = _measured(replace(scene, fwhm_px=fwhm), found, settings, most)
-    if measured is not None and scene.bin_px > 1 and frame.pixels.dtype.kind in "ui":
+    # sums of 16 bits are exact in single precision, whatever the order
+    whole = frame.pixels.dtype.kind in "ui" and frame.pixels.dtype.itemsize <= 2
+    if measured is not None and scene.bin_px > 1 and whole:
         measured.plane = plane
     return measured
 

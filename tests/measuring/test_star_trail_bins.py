@@ -1,0 +1,43 @@
+"""Bins that are at hand are those that the check for trails would sum itself; windows are counted alike."""
+
+import numpy as np
+import pytest
+
+from mountnav.measuring.fast.coarse import coarse_plane, in_wider_bins
+from mountnav.measuring.psf_fitting import _medians, _part_sizes
+from mountnav.measuring.star_trail import _add_cover, _windows, in_bins
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, np.int16, np.uint8, np.int32])
+@pytest.mark.parametrize("shape", [(203, 310), (400, 402), (67, 71)])
+def test_smaller_bins_give_the_same_plane(dtype, shape):
+    rng = np.random.default_rng(1)
+    pixels = rng.integers(0, 200, shape).astype(dtype)
+    pixels[::17, ::19] = np.iinfo(dtype).max if np.iinfo(dtype).max < 70_000 else 65_535
+    for bin_px in (1, 2, 4):
+        plane = coarse_plane(pixels, bin_px)
+        assert np.array_equal(in_wider_bins(plane, bin_px, 4), coarse_plane(pixels, 4))
+        own, given = in_bins(pixels), in_bins(pixels, (plane.copy(), bin_px))
+        assert all(np.array_equal(one, other) for one, other in zip(own, given, strict=True))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_windows_are_counted_as_if_added_one_by_one(seed):
+    rng = np.random.default_rng(seed)
+    shape, half = (90, 70), 20
+    # some lie beyond the frame, a few far beyond
+    x, y = rng.uniform(-400, 700, 60), rng.uniform(-400, 760, 60)
+    windows, cover = _windows(x, y, 4, half, shape), np.ones(shape, dtype=np.float32)
+    told, added = (np.zeros((2 * half + 1,) * 2, dtype=np.float32) for _ in range(2))
+    _add_cover(told, windows, cover, whole=True)
+    _add_cover(added, windows, cover, whole=False)
+    assert added.max() > 1
+    assert np.array_equal(told, added)
+
+
+@pytest.mark.parametrize(("size", "count"), [(60, 7), (61, 7), (5, 5), (1000, 12), (9, 1)])
+def test_medians_of_parts_are_those_of_split_arrays(size, count):
+    values = np.random.default_rng(size).normal(size=size)
+    parts = np.array_split(values, count)
+    assert np.array_equal(_medians(values, count), [np.median(part) for part in parts])
+    assert np.array_equal(_part_sizes(size, count), [part.size for part in parts])
