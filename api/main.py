@@ -15,6 +15,14 @@ def main() -> None:
 
         print(f"mountnav {__version__}")
         return
+    if len(sys.argv) > 1 and not sys.argv[1].startswith("-"):
+        from api.solver_commands.registry import NAMES
+
+        if sys.argv[1] in NAMES:
+            # `mountnav astap ...` is what the installed command is: nothing else has to be imported
+            from api.solver_daemon.stub import run
+
+            sys.exit(run(sys.argv[1], sys.argv[2:]))
     from api.cli.app import app
 
     try:

@@ -117,6 +117,7 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         tell=tell,
         build_early=early,
         limits=Limits(settings.solving.memory_mb),
+        uploads_wait=settings.nova.enabled,
     )
     restored = RestoredState(journal, tell)
     try:

@@ -15,7 +15,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from api.cli.chosen_catalogs import opened_catalog
 from mountnav.catalog.embedded import embedded_catalog
+from mountnav.catalog.installed import catalogs_folder
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Hint
 from mountnav.identification.accuracy import (
@@ -264,10 +266,10 @@ def report(done: list[Reduced], refused: list[str], when: datetime, factor: floa
 
 
 def run(
-    measurements: int, when: datetime, factor: float, optics: SimulatedOptics
+    measurements: int, when: datetime, factor: float, optics: SimulatedOptics, name: str | None = None
 ) -> tuple[list[Reduced], list[str], float]:
     """Frames of random fields until there are enough measurements."""
-    catalog = embedded_catalog()
+    catalog = embedded_catalog() if name is None else opened_catalog(name, catalogs_folder())
     sky = ErringCatalog(catalog, seed=SEED, factor=factor)
     done: list[Reduced] = []
     refused: list[str] = []
@@ -287,10 +289,13 @@ def main() -> None:
     parser.add_argument("--measurements", type=int, default=30_000)
     parser.add_argument("--epoch", type=float, default=2013.45, help="Julian year of the frames")
     parser.add_argument("--factor", type=float, default=1.0, help="true catalog errors over the stated ones")
+    parser.add_argument("--catalog", help="an imported one (gaia-bright) instead of the embedded one")
     parser.add_argument("--plot", type=Path, help="write histograms and a residual map into this folder")
     asked = parser.parse_args()
     when = datetime(2000, 1, 1, 12, tzinfo=UTC) + timedelta(days=365.25 * (asked.epoch - 2000.0))
-    done, refused, wall_s = run(asked.measurements, when, asked.factor, optics_preset("ison-nm"))
+    done, refused, wall_s = run(
+        asked.measurements, when, asked.factor, optics_preset("ison-nm"), asked.catalog
+    )
     print(report(done, refused, when, asked.factor, wall_s))
     if asked.plot is not None:
         from api.cli.accuracy_plots import write_plots

@@ -1,4 +1,4 @@
-"""Frame: pixels, mid-exposure UTC, header facts; `mountnav.reading` makes them from files."""
+"""Frame: pixels, mid-exposure UTC, header facts; StarList: stars that others measured."""
 
 from __future__ import annotations
 
@@ -83,3 +83,30 @@ class Frame:
     def height_px(self) -> int:
         """Number of rows."""
         return int(self.pixels.shape[0])
+
+
+@dataclass(frozen=True, slots=True)
+class StarList:
+    """Stars that somebody else measured in a frame that isn't at hand. Arrays have shape (n,), n may be 0.
+
+    Attributes
+    ----------
+    x_px, y_px : ndarray of float64
+        0-based, y along the rows of the frame's file as in `Frame.pixels`.
+    flux : ndarray of float64
+        The larger, the brighter; any unit, NaN where unknown. Ranks are only roughly those of the sky.
+    width_px, height_px : int
+        Of the frame.
+    hint : Hint
+        What the list's header says.
+    source : str
+        File name.
+    """
+
+    x_px: NDArray[np.float64]
+    y_px: NDArray[np.float64]
+    flux: NDArray[np.float64]
+    width_px: int
+    height_px: int
+    hint: Hint = field(default_factory=Hint)
+    source: str = "star list"

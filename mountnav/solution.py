@@ -264,6 +264,8 @@ class Verdict:
         What else should be known of this verdict: masters that were not applied, a date that is unknown.
     seen_px : ndarray of float32, shape (n, 2)
         Where the sources lie that were measured, 0-based, brightest first, at most `SEEN_AT_MOST`.
+    seen_flux : ndarray of float32, shape (n,)
+        Their brightness, in the unit of the frame; NaN where a list of stars doesn't tell it.
     """
 
     solution: Solution | None
@@ -276,6 +278,9 @@ class Verdict:
     quality: SkyQuality | None = None
     notes: tuple[str, ...] = ()
     seen_px: NDArray[np.float32] = field(default_factory=_nothing_seen, compare=False, repr=False)
+    seen_flux: NDArray[np.float32] = field(
+        default_factory=lambda: np.zeros(0, dtype=np.float32), compare=False, repr=False
+    )
 
     @property
     def solved(self) -> bool:

@@ -18,6 +18,8 @@ PATIENT = {"deadline": None, "suppress_health_check": [hypothesis.HealthCheck.to
 hypothesis.settings.register_profile("patient", **PATIENT)
 hypothesis.settings.register_profile("ci", derandomize=True, **PATIENT)
 hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "patient")
+# services of different processes of tests answer no commands of each other
+os.environ["MOUNTNAV_RUN"] = str(ROOT / ".cache" / f"run-of-tests-{os.getpid()}")
 # what the user has imported is none of the tests' business
 os.environ["MOUNTNAV_CATALOGS"] = str(ROOT / ".cache" / "no-catalogs")
 # a service in a test never writes into the user's journal; a process of tests has its own

@@ -32,7 +32,7 @@ from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.simulation.sky_script import SkyScript
 
 KINDS = ("pipe", "device", "endless", "socket", "folder")
-CATALOGS = ("gaia", "ucac4", "usno-b1", "astrometry-net", "astap", "siril")
+CATALOGS = ("gaia", "ucac4", "usno-b1", "astrometry-net", "astap", "siril", "gaia-bright")
 
 
 @pytest.fixture(autouse=True)

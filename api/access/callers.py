@@ -7,8 +7,11 @@ from enum import StrEnum
 
 
 class Role(StrEnum):
-    """What a caller may do; each role includes those before it."""
+    """What a caller may do. `solve` and `view` stand side by side; each later role includes all before it."""
 
+    SOLVE = "solve"
+    """Have images solved, and nothing else: such a key goes to a program that needs a plate solver, and sees
+    no telescope."""
     VIEW = "view"
     """Read everything, change nothing."""
     OPERATE = "operate"
@@ -18,8 +21,16 @@ class Role(StrEnum):
 
     def includes(self, other: Role) -> bool:
         """Whether this role may do what `other` may."""
-        order = list(Role)
-        return order.index(self) >= order.index(other)
+        return other in _INCLUDED[self]
+
+
+_INCLUDED = {
+    Role.SOLVE: frozenset({Role.SOLVE}),
+    Role.VIEW: frozenset({Role.VIEW}),
+    Role.OPERATE: frozenset({Role.SOLVE, Role.VIEW, Role.OPERATE}),
+    Role.CONFIGURE: frozenset(Role),
+}
+"""What each role may do of the others; a partial order, since neither of `solve` and `view` has the other."""
 
 
 class Face(StrEnum):
@@ -30,6 +41,7 @@ class Face(StrEnum):
     INDI = "indi"
     LX200 = "lx200"
     STELLARIUM = "stellarium"
+    NOVA = "nova"
     SERVICE = "service"
     """The service itself: the end of a lease, rain."""
 

@@ -128,6 +128,12 @@ class KeyStore:
                 found = key
         return found
 
+    def known(self, sha256: str) -> Key | None:
+        """The key with this hash; None once it was revoked. For sessions that were begun with it."""
+        self._follow()
+        keys = self._keys if self._token is None else (*self._keys, self._token)
+        return next((key for key in keys if compare_digest(key.sha256, sha256)), None)
+
     def readable(self) -> list[Key]:
         """As `keys`, for people: a file that makes no sense is reported. Raises `BadSettings`."""
         keys = self.keys
@@ -290,13 +296,13 @@ def keys_path(keys_file: Path | None, journal: str) -> Path:
     return (state_folder() if file is None else file.parent) / "keys.json"
 
 
-def open_keys(settings: Settings) -> KeyStore:
-    """The keys of a service of these settings."""
+def open_keys(settings: Settings, *, wide: bool = False) -> KeyStore:
+    """The keys of a service of these settings; `wide`: others than this machine reach a port of its."""
     service = settings.service
     return KeyStore(
         keys_path(service.keys_file, settings.journal.where),
         token_sha256=service.api_token_sha256,
-        always=service.keys_file is not None or not service.is_loopback,
+        always=wide or service.keys_file is not None or not service.is_loopback,
     )
 
 

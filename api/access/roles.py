@@ -12,6 +12,7 @@ OPEN = None
 
 _TELESCOPE = "/v1/telescopes/{telescope_id}"
 
+_SOLVE = ("POST /v1/solve",)
 _VIEW = (
     "GET /metrics",
     "GET /v1/capabilities",
@@ -46,7 +47,6 @@ _VIEW = (
 _OPERATE = (
     "DELETE /v1/jobs/{job_id}",
     "POST /v1/jobs/{job_id}/cancel",
-    "POST /v1/solve",
     "POST /v1/stop",
     f"DELETE {_TELESCOPE}/lease",
     f"POST {_TELESCOPE}/center",
@@ -83,6 +83,7 @@ _OPEN = ("GET /v1/health", "GET /v1/health/live", "GET /v1/health/ready", "GET /
 
 ROLES: Mapping[str, Role | None] = {
     **dict.fromkeys(_OPEN, OPEN),
+    **dict.fromkeys(_SOLVE, Role.SOLVE),
     **dict.fromkeys(_VIEW, Role.VIEW),
     **dict.fromkeys(_OPERATE, Role.OPERATE),
     **dict.fromkeys(_CONFIGURE, Role.CONFIGURE),

@@ -112,7 +112,7 @@ class Pool:
         try:
             with open_plain(frame.path) as file:
                 name = shown(Path(frame.path.name))
-                upload = Upload(name, os.dup(file.fileno()), frame.hdu)
+                upload = Upload(name, os.dup(file.fileno()), hdu=frame.hdu)
             try:
                 work = Work(upload, self._hint, self._settings, self._index)
                 return await worker.solve(work, first=False)

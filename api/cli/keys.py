@@ -15,7 +15,7 @@ from api.cli.output import print_json
 if TYPE_CHECKING:
     from api.access.keys import KeyStore
 
-key_app = typer.Typer(help="API keys: who may view, operate or configure.", no_args_is_help=True)
+key_app = typer.Typer(help="API keys: who may solve, view, operate or configure.", no_args_is_help=True)
 
 KeyConfig = Annotated[Path | None, config_option("Settings file of the service: its keys are meant.")]
 KeyFile = Annotated[
@@ -30,7 +30,8 @@ def new(
     role: Annotated[
         Role,
         typer.Option(
-            help="view: read everything. operate: also give orders. configure: also overrule the guards."
+            help="solve: have images solved, nothing else. view: read everything. operate: both, and give "
+            "orders. configure: also overrule the guards."
         ),
     ],
     config: KeyConfig = None,

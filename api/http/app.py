@@ -18,6 +18,7 @@ from fastapi_offline import FastAPIOffline
 from starlette.routing import Route
 
 from api import problems
+from api.access.keys import open_keys
 from api.access.security import TokenRequired
 from api.alpaca.server import alpaca_routes
 from api.http import guards
@@ -47,6 +48,7 @@ from api.http.routes import (
     wire,
 )
 from api.http.strict_requests import KnownQueryOnly
+from api.listeners.admission import descriptors_at_hand, nova_shares
 from api.listeners.listeners import Listener, Listeners
 from api.service import open_service
 from mountnav import __version__
@@ -96,7 +98,7 @@ def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI
             app.state.failure = error
             raise
         app.state.service = service
-        service.listeners = listeners_of(service, getattr(app.state, "http_address", None))
+        service.listeners = listeners_of(service, getattr(app.state, "http_address", None), app.state.turns)
         try:
             await service.listeners.start()
             yield
@@ -205,13 +207,17 @@ def _name_of(route: APIRoute) -> str:
     return route.name
 
 
-def listeners_of(service: Service, http_address: tuple[str, int] | None) -> Listeners:
+def listeners_of(
+    service: Service, http_address: tuple[str, int] | None, turns: guards.Turns | None = None
+) -> Listeners:
     """Make the listeners of a service; none is started yet.
 
     Parameters
     ----------
     http_address : (str, int) or None
         Where HTTP is served, for discovery; None where no socket stands behind the application.
+    turns : Turns, optional
+        Of the loop, which the ports that speak HTTP share.
     """
     settings = service.settings
     made: dict[str, Callable[[], Listener]] = {}
@@ -222,9 +228,20 @@ def listeners_of(service: Service, http_address: tuple[str, int] | None) -> List
         made["lx200"] = lambda: _lx200(service)
     if settings.stellarium.enabled:
         made["stellarium"] = lambda: _stellarium(service)
+    if settings.nova.enabled:
+        made["nova"] = lambda: _nova(service, turns or guards.Turns())
     if http_address is not None and settings.alpaca.enabled and settings.alpaca.discovery:
         made["alpaca-discovery"] = lambda: _discovery(service, http_address)
+    if http_address is not None and settings.solver_commands.enabled:
+        made["solver-commands"] = lambda: _solver_commands(service)
     return Listeners(made)
+
+
+def _solver_commands(service: Service) -> Listener:
+    from api.solver_daemon.listener import SolverOnLoop, SolverSocket
+
+    on_loop = SolverOnLoop(service.solver, lambda: service.solve_settings(None), asyncio.get_running_loop())
+    return SolverSocket(on_loop, takes_over=True)
 
 
 def _indi(service: Service) -> Listener:
@@ -243,6 +260,25 @@ def _stellarium(service: Service) -> Listener:
     from api.planetarium.stellarium_server import StellariumServer
 
     return StellariumServer(service, service.settings.stellarium)
+
+
+def _nova(service: Service, turns: guards.Turns) -> Listener:
+    from api.http.connections import Bounds, Gate
+    from api.nova.server import NovaServer
+
+    settings = service.settings
+    shared = nova_shares(descriptors_at_hand())
+    gate = Gate(
+        Bounds(most=shared.clients, each_address=shared.clients, stops=0, fresh=shared.fresh),
+        turns=turns.reading,
+    )
+    keys = None if settings.nova.open else open_keys(settings, wide=not settings.nova.is_loopback)
+    return NovaServer(
+        service,
+        protocol=gate.protocol(),
+        guarded=lambda app: guards.nova_guard(app, turns, keys),
+        shares=shared,
+    )
 
 
 def _discovery(service: Service, http_address: tuple[str, int]) -> Listener:

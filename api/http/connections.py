@@ -79,7 +79,7 @@ class Bounds:
     Attributes
     ----------
     stops : int
-        Beyond these: for stops alone.
+        Beyond these: for stops alone. 0 where none are heard: who comes too late is let go.
     fresh : int
         So many more may be there for a moment; see `Room`.
     """
@@ -91,16 +91,29 @@ class Bounds:
 
 
 class Gate:
-    """All connections: lets in, makes room, ends those that dawdle. Used from the loop's thread alone."""
+    """All connections: lets in, makes room, ends those that dawdle. Used from the loop's thread alone.
 
-    def __init__(self, bounds: Bounds, deadlines: Deadlines | None = None) -> None:
+    Parameters
+    ----------
+    turns : ReadingTurns, optional
+        Shared by the ports of one loop: one piece is read in each of its turns.
+    """
+
+    def __init__(
+        self, bounds: Bounds, deadlines: Deadlines | None = None, turns: ReadingTurns | None = None
+    ) -> None:
         self._bounds = bounds
         self.deadlines = deadlines or Deadlines()
         self._here: ConnectionRoom[Guarded] = ConnectionRoom(bounds.most, bounds.each_address, bounds.fresh)
         self._stopping: set[Guarded] = set()
-        self.turns = ReadingTurns()
+        self.turns = turns or ReadingTurns()
         self._sweeping: asyncio.TimerHandle | None = None
         self._crowds = ToldSeldom(_log)
+
+    @property
+    def hears_stops(self) -> bool:
+        """Whether stops are ordered here."""
+        return self._bounds.stops > 0
 
     @property
     def count(self) -> int:
@@ -138,7 +151,9 @@ class Gate:
             )
         if taken.goes is not None:
             self._drop(taken.goes)
-        if not taken.let_in:
+        if not taken.let_in and not self.hears_stops:
+            one.transport.abort()
+        elif not taken.let_in:
             one.stops_only = True
             if len(self._stopping) >= self._bounds.stops:
                 self._drop(min(self._stopping, key=lambda each: (not each.may_go, each.since_s)))
@@ -245,7 +260,11 @@ class Guarded(H11Protocol):
     @property
     def is_urgent(self) -> bool:
         """Whether what waits is a stop."""
-        return self.conn.their_state is h11.IDLE and _STOP_HEAD.match(self._waiting) is not None
+        return (
+            self._gate.hears_stops
+            and self.conn.their_state is h11.IDLE
+            and _STOP_HEAD.match(self._waiting) is not None
+        )
 
     def read_piece(self) -> bool:
         """Read some of what waits; whether more waits."""

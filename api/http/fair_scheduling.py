@@ -11,14 +11,15 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Protocol
 
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from api.access.rate_limits import is_stop
 
-__all__ = ["PIECE_BYTES", "FairRequests", "Reading", "ReadingTurns"]
+__all__ = ["PIECE_BYTES", "FairRequests", "Reading", "ReadingTurns", "RequestTurns"]
 
 
 PIECE_BYTES = 2048
@@ -77,41 +78,29 @@ _HELD_S = 2.0
 stops without end halves what others get."""
 
 
-class FairRequests:
-    """Let requests begin one after another, and stops before them. Plain ASGI.
+class RequestTurns:
+    """Whose request begins next, of all ports that share this. Used from the loop's thread alone."""
 
-    Parameters
-    ----------
-    may_stop : callable
-        Whether who sends a stop may do so: one of a stranger waits with all others.
-    """
-
-    def __init__(self, app: ASGIApp, may_stop: Callable[[Scope], bool]) -> None:
-        self._app = app
-        self._may_stop = may_stop
+    def __init__(self) -> None:
         self._turn = asyncio.Lock()
         self._stops = 0
         self._calm = asyncio.Event()
         self._calm.set()
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass the request on when it is its turn."""
-        if scope["type"] != "http":
-            await self._app(scope, receive, send)
-        elif is_stop(scope["method"], scope["path"]) and self._may_stop(scope):
-            await self._stop(scope, receive, send)
-        else:
-            async with self._turn:
-                await self._hold_back()
-                # the next one begins in another turn of the loop
-                await asyncio.sleep(0)
-            await self._app(scope, receive, send)
+    async def mine(self) -> None:
+        """Wait for a turn of the loop in which no other request begins, and for stops that are under way."""
+        async with self._turn:
+            await self._hold_back()
+            # the next one begins in another turn of the loop
+            await asyncio.sleep(0)
 
-    async def _stop(self, scope: Scope, receive: Receive, send: Send) -> None:
+    @contextmanager
+    def stop(self) -> Iterator[None]:
+        """A stop is under way."""
         self._stops += 1
         self._calm.clear()
         try:
-            await self._app(scope, receive, send)
+            yield
         finally:
             self._stops -= 1
             if not self._stops:
@@ -126,3 +115,33 @@ class FairRequests:
         except TimeoutError:
             # its mount takes its time; the answer has gone out by now
             pass
+
+
+class FairRequests:
+    """Let requests begin one after another, and stops before them. Plain ASGI.
+
+    Parameters
+    ----------
+    may_stop : callable
+        Whether who sends a stop may do so: one of a stranger waits with all others.
+    turns : RequestTurns, optional
+        Shared by the ports of one loop.
+    """
+
+    def __init__(
+        self, app: ASGIApp, may_stop: Callable[[Scope], bool], turns: RequestTurns | None = None
+    ) -> None:
+        self._app = app
+        self._may_stop = may_stop
+        self._turns = turns or RequestTurns()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on when it is its turn."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+        elif is_stop(scope["method"], scope["path"]) and self._may_stop(scope):
+            with self._turns.stop():
+                await self._app(scope, receive, send)
+        else:
+            await self._turns.mine()
+            await self._app(scope, receive, send)

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 
 from fastapi import FastAPI
 from starlette.datastructures import Headers
@@ -14,13 +15,13 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from api.access.audit import Audit, AuditedRequests
 from api.access.callers import Caller, Role
-from api.access.keys import open_keys
+from api.access.keys import KeyStore, open_keys
 from api.access.log_rates import KnownCallers
 from api.access.rate_limits import RateLimit, TokenBuckets
 from api.access.security import LEASE_HEADER, OwnMachineOnly, address_of, caller_from_headers
 from api.alpaca.server import alpaca_caller
 from api.http.bodies import BodyLimit, WholeBodies
-from api.http.fair_scheduling import FairRequests
+from api.http.fair_scheduling import FairRequests, ReadingTurns, RequestTurns
 from api.http.headers import BoundedHeads, HeadAsGet, SafeHeaders
 from api.http.request_metrics import CountedRequests, HttpMetrics
 from api.http.strict_requests import PlainJson, ShortTargets
@@ -85,6 +86,30 @@ _ASKED = (
 _TOLD = ("ETag", "Location", "Retry-After", "Preference-Applied", "Mountnav-Virtual")
 
 
+@dataclass(frozen=True, slots=True)
+class Turns:
+    """Turns of the loop that all HTTP ports of a service share, so that a stop goes before all they do."""
+
+    reading: ReadingTurns = field(default_factory=ReadingTurns)
+    requests: RequestTurns = field(default_factory=RequestTurns)
+
+
+def nova_guard(app: ASGIApp, turns: Turns, keys: KeyStore | None) -> ASGIApp:
+    """Put before the nova API what stands before all faces that speak HTTP; its own bounds are its own.
+
+    Parameters
+    ----------
+    keys : KeyStore or None
+        None where everybody may come in.
+    """
+    inner: ASGIApp = ShortTargets(HeadAsGet(app))
+    if keys is not None:
+        inner = OwnMachineOnly(inner, keys=keys)
+    # no stop is heard here, whatever its path says
+    fair = FairRequests(inner, may_stop=lambda _: False, turns=turns.requests)
+    return SafeHeaders(BoundedHeads(fair))
+
+
 def install(app: FastAPI, settings: Settings) -> None:
     """Put the guards before an application; its keys are found at ``app.state.keys`` from now on.
 
@@ -103,6 +128,7 @@ def install(app: FastAPI, settings: Settings) -> None:
     keys = open_keys(settings)
     app.state.keys = keys
     app.state.http_metrics = HttpMetrics()
+    app.state.turns = Turns()
 
     def caller_of(scope: Scope) -> Caller:
         if scope["path"].startswith(ALPACA_PATHS):
@@ -153,7 +179,7 @@ def install(app: FastAPI, settings: Settings) -> None:
         )
     app.add_middleware(HeadAsGet)
     app.add_middleware(ShortTargets)
-    app.add_middleware(FairRequests, may_stop=may_stop)
+    app.add_middleware(FairRequests, may_stop=may_stop, turns=app.state.turns.requests)
     app.add_middleware(CountedRequests, metrics=app.state.http_metrics)
     app.add_middleware(BoundedHeads)
     build = app.build_middleware_stack

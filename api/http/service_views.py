@@ -123,7 +123,7 @@ class HealthView(BaseModel):
     blind_index: str = Field(description='"ready", "building 40 %", or "none: ..." (why)')
     earth_rotation: EarthRotationView
     doors: dict[str, DoorView] = Field(
-        default_factory=dict, description="alpaca-discovery, indi, lx200, stellarium"
+        default_factory=dict, description="alpaca-discovery, indi, lx200, stellarium, solver-commands"
     )
     virtual: VirtualView | None = Field(
         default=None, description="In a virtual observatory: its time and speed; null under the real sky"

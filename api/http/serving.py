@@ -21,7 +21,7 @@ from api.http.app import create_app
 from api.http.connections import Bounds, Gate
 from api.http.routes import truth
 from api.http.strict_requests import KnownQueryOnly
-from api.listeners.admission import ask_for_enough, descriptors_at_hand, shares
+from api.listeners.admission import ask_for_enough, descriptors_at_hand, nova_shares, shares
 from api.observatory.virtual import VirtualHeader, virtual_days
 from api.service import Service
 from mountnav.clock import utc_now, virtual_time
@@ -96,14 +96,17 @@ class ObservatoryServer(uvicorn.Server):
 def make_server(app: FastAPI, *, log_level: str = "info", own_process: bool = False) -> ObservatoryServer:
     """Make the server; the socket is bound by the caller. `own_process`: it has the process for itself."""
     settings: Settings = app.state.settings
-    shared = shares(descriptors_at_hand(), len(settings.telescope))
+    descriptors = descriptors_at_hand()
+    nova = nova_shares(descriptors).descriptors(settings.nova.queue) if settings.nova.enabled else 0
+    shared = shares(descriptors, len(settings.telescope), nova)
     gate = Gate(
         Bounds(
             most=min(settings.service.max_connections, shared.http),
             each_address=min(settings.service.connections_per_address, max(1, shared.http // 2)),
             stops=shared.stops,
             fresh=shared.fresh,
-        )
+        ),
+        turns=app.state.turns.reading,
     )
     config = uvicorn.Config(
         # outermost: no answer of a virtual observatory goes out without saying so

@@ -23,12 +23,14 @@ __all__ = [
     "Admitted",
     "ConnectionRoom",
     "Guest",
+    "NovaShares",
     "Shares",
     "ToldSeldom",
     "ask_for_enough",
     "descriptors_at_hand",
     "listener_burst",
     "listener_fresh",
+    "nova_shares",
     "shares",
 ]
 
@@ -71,13 +73,53 @@ class Shares:
     burst: int
 
 
-def shares(descriptors: int, telescopes: int) -> Shares:
+@dataclass(frozen=True, slots=True)
+class NovaShares:
+    """What the port of the nova API may hold at a time.
+
+    Attributes
+    ----------
+    clients, fresh, burst : int
+        As of a listener.
+    handshakes : int
+        Clients of TLS that haven't shaken hands yet.
+    images : int
+        Uploads that are kept after their job.
+    """
+
+    clients: int
+    fresh: int
+    burst: int
+    handshakes: int
+    images: int
+
+    def descriptors(self, queue: int) -> int:
+        """How many descriptors it holds at the most, with so many uploads at a time."""
+        # an upload's spool, and its double while it is solved or its picture is drawn
+        return self.clients + self.fresh + self.burst + self.handshakes + self.images + queue + 2
+
+
+def nova_shares(descriptors: int) -> NovaShares:
+    """The share of the nova API of a process that may have so many descriptors open."""
+    clients = min(64, max(4, min(descriptors, _MOST) // 16))
+    return NovaShares(
+        clients=clients,
+        fresh=listener_fresh(clients),
+        burst=listener_burst(clients),
+        handshakes=max(2, clients // 4),
+        images=clients // 2,
+    )
+
+
+def shares(descriptors: int, telescopes: int, others: int = 0) -> Shares:
     """Share out the descriptors of a process.
 
     Parameters
     ----------
     descriptors : int
         How many it may have open.
+    others : int
+        How many are for a face that isn't always there.
     """
     most = min(descriptors, _MOST)
     sixteenth = most // 16
@@ -86,7 +128,7 @@ def shares(descriptors: int, telescopes: int) -> Shares:
     stops = min(32, max(4, sixteenth // 2))
     burst = fresh // 2
     listeners = _LISTENERS * (listener + listener_fresh(listener))
-    left = most - _OWN - _EACH_TELESCOPE * telescopes - listeners - burst - stops - fresh
+    left = most - _OWN - _EACH_TELESCOPE * telescopes - listeners - burst - stops - fresh - others
     return Shares(http=max(_FEWEST_HTTP, left), stops=stops, fresh=fresh, listener=listener, burst=burst)
 
 

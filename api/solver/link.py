@@ -31,6 +31,7 @@ from api.solver.messages import (
 from mountnav.frames import Frame, Hint
 from mountnav.reading.content import OnDisk, stored
 from mountnav.reading.fits_headers import MOST_PIXELS
+from mountnav.reading.star_lists import ListFormat
 from mountnav.solving.settings import SolveSettings
 
 _GOODBYE_S = 2.0
@@ -218,12 +219,15 @@ class Upload:
     ----------
     file : int
         An open descriptor; the maker of the upload closes it.
+    stars : ListFormat or None
+        How to read it if it is a list of stars.
     hdu : int or str or None
         Which FITS extension holds the image; None: chosen by the reader.
     """
 
     name: str
     file: int
+    stars: ListFormat | None = None
     hdu: int | str | None = None
 
 
@@ -247,7 +251,7 @@ class Reading:
 def described(source: Frame | Upload) -> SharedPixels | SharedFile:
     """The source as it is sent: without what lies in the file that goes with it."""
     if isinstance(source, Upload):
-        return SharedFile(source.name, source.hdu)
+        return SharedFile(source.name, source.stars, source.hdu)
     pixels = source.pixels
     bare = replace(source, pixels=np.empty((0, 0), pixels.dtype))
     return SharedPixels(bare, pixels.dtype.str, pixels.shape)

@@ -35,6 +35,7 @@ from api.solver.limits import Limits
 from mountnav import errors
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Frame, Hint
+from mountnav.reading.star_lists import ListFormat
 from mountnav.solution import Verdict
 from mountnav.solving.settings import SolveSettings
 
@@ -340,9 +341,18 @@ class SharedPixels:
 
 @dataclass(frozen=True, slots=True)
 class SharedFile:
-    """An upload, as it came, in the file that comes along; and which FITS extension is meant."""
+    """An upload, as it came, in the file that comes along.
+
+    Attributes
+    ----------
+    stars : ListFormat or None
+        How to read it if it is a list of stars.
+    hdu : int or str or None
+        Which FITS extension is meant.
+    """
 
     name: str
+    stars: ListFormat | None = None
     hdu: int | str | None = None
 
 

@@ -33,12 +33,12 @@ from api.solver.messages import Done, Fault, Read, Ready, Setup, SharedPixels, T
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadFrame, BadSettings, MountnavError
 from mountnav.frames import Frame, Hint
-from mountnav.reading import read_frame
+from mountnav.reading import ListFormat, read_frame
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.render import draw_frame
 from mountnav.sky.coordinates import Icrs
 from mountnav.solution import Verdict
-from mountnav.solving.solve import SolveSettings, solve, solve_file
+from mountnav.solving.solve import SolveSettings, solve, solve_file, solve_source
 
 if TYPE_CHECKING:
     from mountnav.identification.blind.index import BlindIndex
@@ -193,8 +193,16 @@ class Bench:
             frame = _frame(task.source, file)
             verdict = solve(frame, self._catalog, hint=task.hint, settings=settings)
         else:
-            named, hdu = task.source.name, task.source.hdu
-            verdict = solved_upload(file, named, self._catalog, task.hint, settings, hdu=hdu)
+            source = task.source
+            verdict = solved_upload(
+                file,
+                source.name,
+                self._catalog,
+                task.hint,
+                settings,
+                stars=source.stars,
+                hdu=source.hdu,
+            )
         if self._trouble and task.index is not None:
             verdict = replace(verdict, notes=(*verdict.notes, self._trouble))
         return verdict
@@ -233,22 +241,19 @@ def solved_upload(
     hint: Hint | None,
     settings: SolveSettings,
     *,
+    stars: ListFormat | None = None,
     hdu: int | str | None = None,
 ) -> Verdict:
-    """Read and solve an upload that lies in an open file.
+    """Read and solve an upload, an image or a list of stars, that lies in an open file.
 
     Raises
     ------
     BadFrame
-        It is no usable image.
+        It is neither.
     """
-    began = time.perf_counter()
     # by the name of an open file: anyone who reads it may map it, and nothing is copied for it
-    frame = read_frame(Path(f"/proc/self/fd/{file}"), name=name, hdu=hdu, raw=True)
-    read_s = time.perf_counter() - began
-    verdict = solve(frame, catalog, hint=hint, settings=settings)
-    times = replace(verdict.times, read_s=read_s, total_s=verdict.times.total_s + read_s)
-    return replace(verdict, times=times)
+    path = Path(f"/proc/self/fd/{file}")
+    return solve_source(path, catalog, hint, name=name, hdu=hdu, settings=settings, stars=stars)
 
 
 def _frame(source: SharedPixels, file: int) -> Frame:

@@ -47,6 +47,11 @@ class Solver:
         Have the index built when the solver opens, not when the first frame needs it, which may be at night.
     limits : Limits, optional
         What each of the processes may take.
+    looks : bool
+        Without it there are only uploads: their process is warm from the start, stays, and has the priority
+        of looks.
+    uploads_wait : bool
+        Keep the process for uploads warm from the beginning: programs wait for it each time.
     """
 
     def __init__(
@@ -57,18 +62,23 @@ class Solver:
         tell: Tell,
         build_early: bool = False,
         limits: Limits | None = None,
+        looks: bool = True,
+        uploads_wait: bool = False,
     ) -> None:
+        self._uploads_wait = uploads_wait
         self._build_early = build_early
         self.blind_index = BlindIndexKeeper(catalog, tell)
-        self.worker = Worker(catalog, tell, limits=limits) if worker else None
+        self.worker = Worker(catalog, tell, limits=limits) if worker and looks else None
         self.uploads: Worker | None = None
-        if worker:
+        if worker and not looks:
+            self.uploads = Worker(catalog, tell, limits=limits, niceness=0)
+        elif worker:
             self.uploads = Worker(
                 catalog,
                 _of_uploads(tell),
                 limits=limits,
                 niceness=UPLOADS_PRIORITY,
-                idle_s=UPLOADS_IDLE_S,
+                idle_s=None if uploads_wait else UPLOADS_IDLE_S,
             )
         self._threads = Threads(catalog)
         self._opening: asyncio.Task[None] | None = None
@@ -76,7 +86,8 @@ class Solver:
     @property
     def state(self) -> str:
         """Of the worker: "starting", "ready", "solving", "failed: ..."; "in this process" without one."""
-        return "in this process" if self.worker is None else self.worker.state
+        first = self.worker or self.uploads
+        return "in this process" if first is None else first.state
 
     def open(self) -> None:
         """Begin to get ready, in the background."""
@@ -151,8 +162,11 @@ class Solver:
 
     async def _open(self) -> None:
         await self.blind_index.find()
-        if self.worker is not None:
-            self.worker.open(self.blind_index.path)
+        first = self.worker or self.uploads
+        if first is not None:
+            first.open(self.blind_index.path)
+        if self.uploads is not None and self._uploads_wait:
+            self.uploads.open(self.blind_index.path)
         if self._build_early:
             await self.blind_index.wait(0.0)
 
@@ -200,7 +214,16 @@ class Threads:
             return solve(work.source, self._catalog, hint=work.hint, settings=settings)
         assert file is not None
         with file:
-            return solved_upload(file.fileno(), work.source.name, self._catalog, work.hint, settings)
+            source = work.source
+            return solved_upload(
+                file.fileno(),
+                source.name,
+                self._catalog,
+                work.hint,
+                settings,
+                stars=source.stars,
+                hdu=source.hdu,
+            )
 
     def _opened(self, path: Path | None) -> BlindIndex | None:
         from mountnav.identification.blind.index import BlindIndex

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from scipy.special import bdtrc
 
+from mountnav.catalog.stars import Stars
 from mountnav.identification.field_rotation import FEWEST, STARS
 from mountnav.identification.plate import Plate
 from mountnav.measuring.segmentation import LightSegments
@@ -55,6 +56,9 @@ IMAGE_CHANCE = 1e-6
 CROWD, CROWD_REACH_PX = 400, 60.0
 """Where no patch shows a second image of drawn-out stars: number of the brightest measured sources that are
 searched, and how far (pixels) from the identified ones. Doubled, each costs four times the time."""
+RATIO_AGREES = 2.0
+"""Second images of stars differ in their share of the first's light by no more than this factor: patches of
+light near the threshold lose a part of theirs. Doubled, chance agrees twice as often."""
 ALIKE_LIGHT = 0.3
 """The two images of a star have at least this share of each other's light, where any source may be the
 second. Chosen by hand."""
@@ -84,6 +88,9 @@ FIELD_CHANCE = 1e-3
 unexplained patches are searched, and few stars are bright enough to count. Ten times as much would refuse one
 in a
 hundred of these."""
+PAIR_MAG = 0.75
+"""Two patches are as bright to each other as two stars, within this, mag: colors and pieces of trails take a
+part. Chosen by hand; doubled, lamps pass for stars twice as often."""
 PAIRS_AT_ONCE = 20_000
 """Ways to lay the unexplained patches on the sky that are tried at once: 20 MB of memory."""
 
@@ -182,6 +189,8 @@ def second_image(
     shape: tuple[int, int],
     *,
     drawn_out: bool = True,
+    chance: float = IMAGE_CHANCE,
+    alike: bool = False,
 ) -> SecondImage | None:
     """Look for the same stars once more, elsewhere, and turned or grown: an exposure in two parts.
 
@@ -198,6 +207,10 @@ def second_image(
     drawn_out : bool
         Whether the images are no points: then it is looked for however faint it may be, else only where
         there are bright patches that no star explains.
+    chance : float
+        It is believed if chance makes one in fewer than this share of frames.
+    alike : bool
+        All of its images have the same share of their stars' light, by `RATIO_AGREES`.
     """
     found = unexplained_light(patches, x_px, y_px, light)
     if found is None or min(found.known.size, found.x_px.size) < FEWEST:
@@ -207,7 +220,9 @@ def second_image(
     known = found.known
     first = patches.x_px[known] + 1j * patches.y_px[known] - center
     second = found.x_px + 1j * found.y_px - center
-    return _second(first, patches.flux[known], second, found.flux, center, shape)
+    return _second(
+        first, patches.flux[known], second, found.flux, center, shape, believed=chance, alike=alike
+    )
 
 
 def second_sources(
@@ -247,30 +262,39 @@ def _second(
     center: complex,
     shape: tuple[int, int],
     reach_px: float = REACH_PX,
+    *,
+    believed: float = IMAGE_CHANCE,
+    alike: bool = False,
 ) -> SecondImage | None:
     """The similarity near to none that puts most of the first upon some of the second."""
     seeds = min(SEEDS, first.size)
     d = second[None, :] - first[:seeds, None]
-    alike = np.ones(d.shape, dtype=bool)
+    ratios = second_flux[None, :] / first_flux[:, None]
+    likely = np.ones(d.shape, dtype=bool)
     if reach_px < REACH_PX:
-        light = second_flux[None, :] / first_flux[:seeds, None]
-        alike = (light > ALIKE_LIGHT) & (light < 1.0 / ALIKE_LIGHT)
-    i, j = np.nonzero((np.abs(d) < reach_px) & (np.abs(d) > IMAGE_NEAR_PX) & alike)
+        likely = (ratios[:seeds] > ALIKE_LIGHT) & (ratios[:seeds] < 1.0 / ALIKE_LIGHT)
+    i, j = np.nonzero((np.abs(d) < reach_px) & (np.abs(d) > IMAGE_NEAR_PX) & likely)
     p, q = np.triu_indices(i.size, 1)
     apart = first[i[q]] - first[i[p]]
     wide = (i[p] != i[q]) & (j[p] != j[q]) & (np.abs(apart) > LEAST_APART * min(shape))
+    if alike:
+        wide &= np.abs(np.log(ratios[i[p], j[p]] / ratios[i[q], j[q]])) < math.log(RATIO_AGREES)
     p, q, apart = p[wide], q[wide], apart[wide]
     b = (d[i[q], j[q]] - d[i[p], j[p]]) / apart
     small = np.abs(b) < IMAGE_GREATEST_TURN
-    b, p = b[small], p[small]
+    b, p, q = b[small], p[small], q[small]
     if b.size == 0:
         return None
     a = d[i[p], j[p]] - b * first[i[p]]
     best, hits, chance = None, 0, 1.0
+    common = np.sqrt(ratios[i[p], j[p]] * ratios[i[q], j[q]])
     share = math.pi * IMAGE_NEAR_PX**2 * second.size / (shape[0] * shape[1])
     for part in np.array_split(np.arange(b.size), b.size * first.size * second.size // 4_000_000 + 1):
         there = first + a[part, None] + b[part, None] * first
-        near = (np.abs(there[:, :, None] - second) < IMAGE_NEAR_PX).any(axis=2)
+        upon = np.abs(there[:, :, None] - second) < IMAGE_NEAR_PX
+        if alike:
+            upon &= np.abs(np.log(ratios[None] / common[part, None, None])) < math.log(RATIO_AGREES)
+        near = upon.any(axis=2)
         at = there + center
         inside = (at.real > 0) & (at.imag > 0) & (at.real < shape[1]) & (at.imag < shape[0])
         hits_here, tested = near.sum(axis=1), inside.sum(axis=1)
@@ -278,7 +302,7 @@ def _second(
         k = int(np.argmin(np.where(hits_here > 3, odds, np.inf)))
         if hits_here[k] > 3 and odds[k] < chance:
             best, hits, chance = int(part[k]), int(hits_here[k]), float(odds[k])
-    if best is None or chance > IMAGE_CHANCE:
+    if best is None or chance > believed:
         return None
     there = first + a[best] + b[best] * first
     away = np.abs(there[:, None] - second)
@@ -358,6 +382,38 @@ def find_second_field(
             again = complex(first[ways][k]) + (middle - complex(second[ways][k])) / way
             best = SecondField(_in_pixels(plate, again - middle), cmath.phase(way), int(hits_here[k]))
     return best
+
+
+def bright_pair(
+    unexplained: UnexplainedLight, many: int, plate: Plate, stars: Stars, shape: tuple[int, int]
+) -> bool:
+    """Whether two of the brightest unexplained patches lie to each other as two stars about the frame do.
+
+    Two patches can prove no other field. But lamps, planets and galaxies seldom lie as two stars do that are
+    as bright, and a frame that few stars hold is better refused.
+
+    Parameters
+    ----------
+    many : int
+        How many patches count, the brightest.
+    stars : Stars
+        Those about the frame that are bright enough.
+    """
+    many = min(many, SEEDS)
+    scale = plate.scale_arcsec_px()
+    seen = _complex(plate.tangential(unexplained.x_px[:many], unexplained.y_px[:many])) / scale
+    there = _complex(plate.project(stars.ra_deg, stars.dec_deg)) / scale
+    sound = np.isfinite(there) & np.isfinite(stars.mag)
+    there, mag = there[sound], stars.mag[sound]
+    if min(seen.size, there.size) < 2:
+        return False
+    instrumental = -2.5 * np.log10(unexplained.flux[:many])
+    i, j = np.triu_indices(seen.size, 1)
+    k, m = np.nonzero(~np.eye(there.size, dtype=bool))
+    apart = (there[m] - there[k])[:, None] - (seen[j] - seen[i])
+    bright = (mag[m] - mag[k])[:, None] - (instrumental[j] - instrumental[i])
+    elsewhere = np.abs(there[k][:, None] - seen[i]) > OWN_PLACE_PX
+    return bool(((np.abs(apart) < FIELD_NEAR_PX) & (np.abs(bright) < PAIR_MAG) & elsewhere).any())
 
 
 def _complex(parts: tuple[Array, Array]) -> Complex:

@@ -107,7 +107,7 @@ class Centers:
     place: Complex
     off: Complex
 
-    def beside(self, path: complex, motion: FieldMotion | None) -> tuple[int, float]:
+    def beside(self, path: complex, motion: FieldMotion | None) -> tuple[int, float, float]:
         """How far the brightest stars' light lies from where both a common path and a motion have it.
 
         A trail is seen whole where its star is bright; faint ones break into pieces, and a plate on pieces
@@ -124,14 +124,21 @@ class Centers:
             Number of them.
         off_px : float
             Of the median of these stars.
+        scattered_px : float
+            Median distance of each of them, in whatever direction: where a field turned, and its faint stars
+            show only the brightest part of the way, the bright ones lie beside it all around.
         """
         place, off = self.place[:BRIGHT], self.off[:BRIGHT]
         if off.size == 0:
-            return 0, 0.0
-        away = [abs(_median(off - path))]
+            return 0, 0.0, 0.0
+        left = [off - path]
         if motion is not None:
-            away.append(abs(_median(off - motion.center_px - motion.turn * place)))
-        return int(off.size), min(away)
+            left.append(off - motion.center_px - motion.turn * place)
+        away, scattered = (
+            min(abs(_median(one)) for one in left),
+            min(float(np.median(np.abs(one))) for one in left),
+        )
+        return int(off.size), away, scattered
 
 
 def _median(of: Complex) -> complex:

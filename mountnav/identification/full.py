@@ -155,6 +155,16 @@ Doubled or halved, the tests of search, refusal and plate pass all the same."""
 FOLLOWED_UP_BELOW = 0.3
 """Expected number of chance matches as good as a hypothesis' raster count, below which it is followed up.
 Doubled or halved, the tests of search, refusal and plate pass all the same."""
+STRAIGHT_FIELD_DEG = 4.0
+"""Telescopes of fields up to this, shorter side, bend the frame by less than 0.2 %, or 7′ of an angle; lenses
+of wider ones by up to 0.5 %."""
+NOISY_FRAME_PX = 1000
+"""Shorter side of a frame in whose triangles a centroid that is 1 px off needs all of Δγ. An angle is off by
+the error over the side, so larger frames need less in proportion. Doubled, hopeless frames cost more; halved,
+frames of 1000 px with such centroids are lost (of six crowded ones two)."""
+LEAST_ANGLE_SHARE = 0.4
+"""But no less than this share of Δγ, 12′: optics bend. Doubled, costly rounds over a frame of 3056 px cost
+nearly twice as much; halved, what telescopes bend exceeds it."""
 OWN_STEPS = 1.0
 """A tile's hypotheses are those whose frame has its center no farther from the tile's middle than so many
 steps of the tiles: no position is farther than 0.58 from the nearest. Doubled, each hypothesis is tried in
@@ -335,7 +345,7 @@ def hypotheses(
         return
     index = TriangleIndex(
         frame_triangles,
-        angle_rad=float(np.radians(settings.angle_arcmin / 60.0)),
+        angle_rad=_angle_rad(turn, min(width, height), settings),
         scale_low=turn.scales[0],
         scale_high=turn.scales[1],
     )
@@ -379,6 +389,15 @@ def hypotheses(
         )
         if work > turn.most_triangles:
             return
+
+
+def _angle_rad(turn: Round, shorter_px: int, settings: IdentificationSettings) -> float:
+    """How far corner angles may differ: in costly rounds over the narrow fields of large frames, less."""
+    widest_deg = shorter_px * turn.scales[1] / 3600.0
+    if turn.stage == settings.stages[0] or widest_deg > STRAIGHT_FIELD_DEG:
+        return float(np.radians(settings.angle_arcmin / 60.0))
+    share = max(LEAST_ANGLE_SHARE, min(1.0, NOISY_FRAME_PX / shorter_px))
+    return float(np.radians(share * settings.angle_arcmin / 60.0))
 
 
 def _flat(tile: Tile, area: SearchArea) -> tuple[Array, Array]:

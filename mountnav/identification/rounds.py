@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from mountnav.frames import Hint
@@ -22,6 +22,15 @@ needs; narrower ones more rounds."""
 WIDER = 1.3
 """When the hinted scale fails, its bounds are widened by this factor before it is taken as unknown. Chosen by
 hand."""
+INDEX_LEAST_DEG = 0.6
+"""Fields narrower than this are hardly ever found by the index."""
+INDEX_MOST_DEG = 40.0
+"""Nor is it promised for wider ones (docs/blind.md)."""
+OUTWARD_BESIDE_INDEX = 2.0
+"""So many shorter frame sides beyond the hinted radius triangles seek the center where the index was asked
+too: of lists in which three of four sources are false they find some that it doesn't. Doubled, a hopeless
+frame with a hint of 5° at 2 ″/px costs half a second more; halved, hints that are off by more lose such
+frames."""
 NEAREST_TRIANGLES = 2_000_000
 """Work of a round that looks at the nearest tiles only, in catalog triangles; about a second."""
 WHOLE_TRIANGLES = 20_000_000
@@ -89,6 +98,18 @@ def scale_windows(low: float | None, high: float | None) -> list[Scales]:
     return list(pairwise(edges))[::-1]
 
 
+def in_index(scales: Scales, shorter_px: int) -> bool:
+    """Whether frames of these scales have fields that the index of the whole sky is made for.
+
+    Parameters
+    ----------
+    shorter_px : int
+        The frame's shorter side.
+    """
+    least_deg, most_deg = (shorter_px * scale / 3600.0 for scale in scales)
+    return least_deg >= INDEX_LEAST_DEG and most_deg <= INDEX_MOST_DEG
+
+
 def outward_deg(
     hint: Hint, scale_arcsec_px: float, shorter_px: int, settings: IdentificationSettings
 ) -> float:
@@ -112,7 +133,7 @@ def outward_deg(
 
 
 def plan(
-    hint: Hint, shorter_px: int, settings: IdentificationSettings, *, flagged: bool
+    hint: Hint, shorter_px: int, settings: IdentificationSettings, *, flagged: bool, indexed: bool = False
 ) -> list[list[Round]]:
     """Rounds to be tried, in three parts: what the hint says; what may be else; both again, deeper.
 
@@ -123,6 +144,9 @@ def plan(
     flagged : bool
         Whether there are flagged measurements that could take part: a sharp frame's stars may all look
         like hot pixels.
+    indexed : bool
+        The whole sky is searched in the index before the second part. It finds frames of the fields that it
+        is made for at any place and scale: triangles are left with what the hint says, and other fields.
 
     Returns
     -------
@@ -142,11 +166,25 @@ def plan(
             for window in windows
         ]
         second = [
-            Round(stage, window, 0.0, radius, from_triangles=NEAREST_TRIANGLES if stage in stages[:2] else 0)
+            Round(
+                stage,
+                window,
+                0.0,
+                radius,
+                from_triangles=NEAREST_TRIANGLES if stage in stages[:2] else 0,
+                most_triangles=LAST_TRIANGLES if indexed else WHOLE_TRIANGLES,
+            )
             for stage in stages
             for window in windows
+            if not (indexed and in_index(window, shorter_px))
         ]
-        return [first[: len(windows)], [], first[len(windows) :] + second]
+        near = [
+            replace(step, most_triangles=COSTLY_NEAREST_TRIANGLES)
+            if indexed and in_index(step.scales, shorter_px)
+            else step
+            for step in first[len(windows) :]
+        ]
+        return [first[: len(windows)], [], near + second]
     window = (low, high)
     first = [Round(stages[0], window, 0.0, radius)]
     first += [
@@ -156,6 +194,8 @@ def plan(
     # the nearest tiles with all their stars: most hints mean these
     first += [Round(stage, window, 0.0, radius, most_triangles=NEAREST_TRIANGLES) for stage in stages[2:]]
     sides = [(high, high * WIDER), (low / WIDER, low)]
+    if indexed:
+        sides = [side for side in sides if not in_index(side, shorter_px)]
     second = [Round(stages[0], side, 0.0, radius, most_triangles=NEAREST_TRIANGLES) for side in sides]
     if flagged:
         second += [
@@ -163,11 +203,15 @@ def plan(
             for stage in stages[:2]
         ]
     far = outward_deg(hint, math.sqrt(low * high), shorter_px, settings)
+    if indexed and in_index(window, shorter_px):
+        far = min(far, radius + OUTWARD_BESIDE_INDEX * shorter_px * math.sqrt(low * high) / 3600.0)
     if far > radius:
         second.append(Round(stages[0], window, radius, far))
     others = scale_windows(high * WIDER, SCALE_MOST_ARCSEC_PX) + scale_windows(
         SCALE_LEAST_ARCSEC_PX, low / WIDER
     )
+    if indexed:
+        others = [scales for scales in others if not in_index(scales, shorter_px)]
     likely = sorted(others, key=lambda one: abs(math.log(one[0] * one[1] / (low * high))))
     second += [
         Round(stages[0], scales, 0.0, radius, most_triangles=NEAREST_TRIANGLES // 4, most_tiles=200)

@@ -13,7 +13,7 @@ from mountnav.identification.anchors import SearchedPart
 from mountnav.identification.budget import Budget
 from mountnav.identification.full import Hypothesis, OutOfTime, Points, Search, hypotheses
 from mountnav.identification.refusal import Refusal, refusal
-from mountnav.identification.rounds import Round, plan
+from mountnav.identification.rounds import INDEX_LEAST_DEG, Round, plan
 from mountnav.identification.search_area import WIDEST_FRAME_DEG
 from mountnav.identification.selection import Index, all_finite, star_like
 from mountnav.identification.settings import IdentificationSettings
@@ -25,8 +25,9 @@ from mountnav.solution import Contradiction, Reason
 if TYPE_CHECKING:
     from mountnav.identification.blind.index import BlindIndex
 
-INDEX_LEAST_DEG = 0.6
-"""Fields narrower than this are hardly ever found by the index."""
+FEW_CLEAN = 8
+"""With fewer star-like sources than this the index is asked with the flagged ones at once. Chosen by hand:
+with more, stars are found sooner without them."""
 NEAR_FIELDS = 3.0
 """A hinted radius of up to so many fields is searched tile by tile before the whole sky is."""
 
@@ -53,6 +54,8 @@ class Reach:
     indexed : Catalog or None
         The catalog that the index was made of, if frames are identified with another one: what the index
         proposes is judged by its own stars.
+    sky_searched : bool
+        An earlier search for the same frame went over the whole sky by the index.
     """
 
     index: BlindIndex | None = None
@@ -61,6 +64,7 @@ class Reach:
     tried: int = 0
     rough: bool = False
     indexed: Catalog | None = None
+    sky_searched: bool = False
 
 
 def identify(
@@ -105,8 +109,12 @@ def identify(
     try:
         if every.size >= settings.min_pairs:
             flagged = clean.size < every.size
-            for step in _steps(believed, placed, index, measurements, settings, reach, flagged=flagged):
-                usable = every if step.flagged or (step.turn is None and clean.size < 8) else clean
+            # with so few clean ones the index was asked with all of them already
+            again = flagged and clean.size >= FEW_CLEAN
+            for step in _steps(
+                believed, placed, index, measurements, settings, reach, flagged=flagged, again=again
+            ):
+                usable = every if step.flagged or (step.turn is None and clean.size < FEW_CLEAN) else clean
                 stars_of = catalog if step.turn is not None or reach.indexed is None else reach.indexed
                 found = _attempt(
                     step, measurements, usable, stars_of, index, epoch_yr, settings, search, rough=reach.rough
@@ -145,10 +153,12 @@ class _Step:
     radius_deg: float = 180.0
     scales: tuple[float, float] | None = None
     first_only: bool = False
+    all_sources: bool = False
 
     @property
     def flagged(self) -> bool:
-        return self.turn is not None and self.turn.flagged
+        """Whether sources that look like no stars take part too."""
+        return self.all_sources or (self.turn is not None and self.turn.flagged)
 
 
 def _steps(
@@ -160,26 +170,35 @@ def _steps(
     reach: Reach,
     *,
     flagged: bool,
+    again: bool,
 ) -> Iterator[_Step]:
-    """What is tried in turn: what the hints say, the whole sky, then what may be if the hints are wrong."""
+    """What is tried in turn: what the hints say, the whole sky, then what may be if the hints are wrong.
+
+    Last comes the whole sky with the flagged sources too (`again`): what is tried before it has the same odds
+    as without it.
+    """
     shorter_px = min(measurements.width_px, measurements.height_px)
-    plans = [(reading, plan(reading, shorter_px, settings, flagged=flagged)) for reading in placed]
+    only = reach.blind == "only"
+    # where the index has next to no stars it is searched last
+    narrow = reach.indexed is not None and too_narrow_for_index(placed, shorter_px)
+    near = narrow or all(_is_near(reading, shorter_px) for reading in placed)
+    sky = index is not None and reach.blind != "never" and (reach.thorough or not narrow)
+    # the paper's own way is by triangles
+    indexed = (sky or reach.sky_searched) and settings.v_min_ident is None
+    plans = [
+        (reading, plan(reading, shorter_px, settings, flagged=flagged, indexed=indexed)) for reading in placed
+    ]
 
     def part(number: int) -> Iterator[_Step]:
         for one, parts in plans:
             for turn in parts[number]:
                 yield _Step(turn, one.center)
 
-    only = reach.blind == "only"
-    # where the index has next to no stars it is searched last
-    narrow = reach.indexed is not None and too_narrow_for_index(placed, shorter_px)
-    near = narrow or all(_is_near(reading, shorter_px) for reading in placed)
-    # the paper's own way is by triangles, where the hint says
+    # and where the hint says
     if index is not None and not only and settings.v_min_ident is None:
         yield from _index_steps(placed, first_only=near)
     if near:
         yield from part(0)
-    sky = index is not None and reach.blind != "never" and (reach.thorough or not narrow)
     if sky:
         # a header is no hint here; a caller who says a scale means it
         yield from _whole_sky([one for one in believed if not only or one.scale_source == _CALLER])
@@ -188,6 +207,8 @@ def _steps(
     if reach.thorough:
         yield from part(1)
         yield from part(2)
+    if sky and again and not reach.rough:
+        yield from _whole_sky([] if only else believed, all_sources=True)
 
 
 def _index_steps(placed: list[Hint], *, first_only: bool) -> Iterator[_Step]:
@@ -201,10 +222,10 @@ def _index_steps(placed: list[Hint], *, first_only: bool) -> Iterator[_Step]:
     yield from dict.fromkeys(steps)
 
 
-def _whole_sky(believed: list[Hint]) -> Iterator[_Step]:
+def _whole_sky(believed: list[Hint], *, all_sources: bool = False) -> Iterator[_Step]:
     """Steps of the whole sky: first at the scales that are believed, then at any."""
-    steps = [_Step(None, None, scales=_scales(reading)) for reading in believed]
-    yield from dict.fromkeys([*steps, _Step(None, None)])
+    scales = [*(_scales(reading) for reading in believed), None]
+    yield from dict.fromkeys(_Step(None, None, scales=one, all_sources=all_sources) for one in scales)
 
 
 def _scales(hint: Hint) -> tuple[float, float] | None:

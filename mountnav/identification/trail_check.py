@@ -15,6 +15,7 @@ from mountnav.identification.double_exposure import (
     PER_FRAME,
     SecondField,
     SecondImage,
+    bright_pair,
     find_second_field,
     second_image,
     second_sources,
@@ -64,6 +65,18 @@ the frame is refused."""
 COMPLETE_MAG = 0.75
 """Of sources so much brighter than the faintest star that the catalog has in the frame it has nearly all:
 Tycho-2 has 99 % to V = 11.0 and 90 % to 11.5. Halved, deep narrow frames would be refused."""
+MANY_PAIRS = 60
+"""On so many stars and more a second exposure shows by its own stars. Chosen by hand: the two drawn frames
+whose second exposure was overlooked had 21 pairs. Doubled, frames with two bright planets or galaxies are
+refused on twice as many stars."""
+FAINTER_EXPOSURE_MAG = 1.5
+"""Stars so much fainter than the frame's brightest may be brighter than it in the other exposure, if that has
+four times the light of this one. Doubled, lamps pass for stars more often."""
+BRIGHTEST, STRANGE_AMONG_THEM, SUSPICIOUS_CHANCE = 12, 3, 1e-2
+"""So many of the brightest patches that no star explains make a frame suspicious; a second image of its stars
+is believed then though chance makes one in this share of such frames. Chosen by hand: of the drawn frame that
+was overlooked 4 of the brightest dozen were unexplained, and chance 7e-4. Ten times as much would refuse one
+suspicious frame in ten."""
 FEWEST_UNEXPLAINED, UNEXPLAINED_BRIGHT_SHARE = 2, 0.5
 """So many sources as bright, and so large a share of the stars that are as bright, aren't planets, variable
 stars and satellites any more: of two exposures as bright there are as many as stars."""
@@ -96,6 +109,10 @@ BESIDE_PX = 1.5
 """Limit of the brightest stars' distance from the common path. Their light lies within half a pixel of it
 where they agree with the others, and 3 to 10 px off where the others are pieces: half of what a position may
 be off."""
+SCATTERED_PX = 1.75
+"""Limit of the brightest stars' distances from the path and the motion of the field, each by itself; the
+drawn field that turned under a growing cloud, 5.6 px off, had 1.8. Chosen by hand. At 2.25 none of 100 drawn
+frames that are right was refused for it, and that one was overlooked."""
 LONG_RATIO = 0.5
 """Images narrower than this are trails longer than two widths, whose pieces may lie a pixel and more off."""
 TOLD_PX, TOLD_SIGMAS = 0.03, 3.0
@@ -130,6 +147,7 @@ def check_trails(
     settings: IdentificationSettings,
     *,
     sky: StarsInCone | None = None,
+    summed: tuple[Image, int] | None = None,
 ) -> TrailCheck:
     """Look where the light of the identified stars fell, and put the plate where its middle is.
 
@@ -145,12 +163,14 @@ def check_trails(
     sky : callable, optional
         Gives the stars of a cone to a magnitude, at the frame's epoch, of the catalog that the frame was
         identified with: where few were identified, those beyond the frame's edges are used as well.
+    summed : (ndarray, int), optional
+        The frame of whole numbers summed in bins, if it is at hand, and their side in pixels.
     """
     reference, stars = found.reference, found.stars
     assert reference is not None
     assert stars is not None
     fwhm_px = _fwhm_px(measurements, reference.pairs.measurement)
-    bins = in_bins(pixels)
+    bins = in_bins(pixels, summed)
     frame = _Frame(stars, measurements, pixels, tamed(pixels, bins), fwhm_px, sky)
     ratio, how = brighter_image(pixels, *_expected(reference, stars, measurements), frame.plane)
     if ratio > GHOST_RATIO:
@@ -221,7 +241,7 @@ def _contradicted(
     why = field.contradicts(path, frame.fwhm_px)
     if why:
         return _as_turned(found, field, why)
-    why = _bright_unexplained(patches, reference, frame.stars, frame.measurements)
+    why = _bright_unexplained(patches, reference, frame.stars, frame.measurements, frame.sky)
     if why:
         return _as_unexplained(found, why)
     other = _second_field(patches, reference, frame.stars, frame.measurements, frame.sky)
@@ -340,7 +360,12 @@ class _Field:
                 )
         if not path.drawn_out:
             return ""
-        stars, beside_px = self.centers.beside(common, motion)
+        stars, beside_px, scattered_px = self.centers.beside(common, motion)
+        if stars >= FEWEST_BRIGHT and scattered_px > SCATTERED_PX:
+            return (
+                f"the light of the {stars} brightest stars lies {scattered_px:.1f} px beside their places, "
+                f"each in its own direction: the faint ones show only a part of the way that the field turned"
+            )
         if stars >= FEWEST_BRIGHT and beside_px > BESIDE_PX:
             return (
                 f"the light of the {stars} brightest stars lies {beside_px:.1f} px beside their places: the "
@@ -382,6 +407,9 @@ def _field(
             second = second_image(
                 seen, there.x_px, there.y_px, light, center, (height, width), drawn_out=drawn_out
             )
+    for seen in (patches, patches.parts):
+        if second is None and seen is not None and len(reference.pairs) < MANY_PAIRS:
+            second = _suspected(seen, there, light, center, (height, width))
     if second is None and drawn_out:
         second = second_sources(
             measurements.x_px,
@@ -392,6 +420,21 @@ def _field(
             (height, width),
         )
     return _Field(centers, field_motion(centers), second, abs(center))
+
+
+def _suspected(
+    patches: LightSegments, there: Predicted, light: Array, center: complex, shape: tuple[int, int]
+) -> SecondImage | None:
+    """A second image that would pass for chance, were not so many of the brightest patches unexplained."""
+    left = unexplained_light(patches, there.x_px, there.y_px, light)
+    if left is None:
+        return None
+    brightest = np.argsort(-np.concatenate((patches.flux[left.known], left.flux)), kind="stable")[:BRIGHTEST]
+    if (brightest >= left.known.size).sum() < STRANGE_AMONG_THEM:
+        return None
+    return second_image(
+        patches, there.x_px, there.y_px, light, center, shape, chance=SUSPICIOUS_CHANCE, alike=True
+    )
 
 
 def _in_frame(plate: Plate, stars: Stars, measurements: Measurements) -> tuple[Predicted, Array, Array]:
@@ -428,7 +471,11 @@ def _second_field(
 
 
 def _bright_unexplained(
-    patches: LightSegments, reference: Reference, stars: Stars, measurements: Measurements
+    patches: LightSegments,
+    reference: Reference,
+    stars: Stars,
+    measurements: Measurements,
+    sky: StarsInCone | None,
 ) -> str:
     """Why the bright light that is no star's forbids a plate on few stars; empty where it doesn't.
 
@@ -436,13 +483,25 @@ def _bright_unexplained(
     stars were identified neither their mean image nor another field of the sky shows that: no star's second
     image but two or three lie in the frame.
     """
-    if len(reference.pairs) >= FEW_STARS:
+    if len(reference.pairs) >= MANY_PAIRS:
         return ""
     there, mag, light = _in_frame(reference.plate, stars, measurements)
     left = unexplained_light(patches, there.x_px, there.y_px, light)
     if left is None:
         return ""
     known = np.sort(patches.flux[left.known])[::-1]
+    above = int((left.flux > known[0]).sum())
+    if above >= FEWEST_UNEXPLAINED:
+        faintest_mag = float(mag.min(initial=np.inf, where=np.isfinite(mag))) + FAINTER_EXPOSURE_MAG
+        shape = (measurements.height_px, measurements.width_px)
+        around = _stars_about(reference.plate, stars, shape, faintest_mag, sky)
+        if bright_pair(left, above, reference.plate, around, shape):
+            return (
+                f"{above} sources brighter than each of the {known.size} brightest identified stars are none "
+                f"that the catalog has here, and lie as stars of another place do (two exposures in one?)"
+            )
+    if len(reference.pairs) >= FEW_STARS:
+        return ""
     bright = float(np.median(known))
     # as faint as the catalog's faintest stars here sources of light need not be in it
     faintest = float(np.nanmax(mag, initial=-np.inf))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from mountnav.measuring.background import Image
-from mountnav.measuring.fast.coarse import CoarseSky, coarse_plane, coarse_sky
+from mountnav.measuring.fast.coarse import CoarseSky, coarse_plane, coarse_sky, in_wider_bins
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -341,9 +341,16 @@ def _cutouts(pixels: NDArray[np.generic], x: Array, y: Array, half: int) -> Arra
 # -- the far search: is there light of the stars elsewhere? --------------------------------------------------
 
 
-def in_bins(pixels: NDArray[np.generic]) -> tuple[Image, Image]:
-    """The frame in coarse bins, in sigmas of its sky; and which bins are known."""
-    plane = coarse_plane(pixels, FAR_BIN_PX)
+def in_bins(pixels: NDArray[np.generic], summed: tuple[Image, int] | None = None) -> tuple[Image, Image]:
+    """The frame in coarse bins, in sigmas of its sky; and which bins are known.
+
+    Parameters
+    ----------
+    pixels : ndarray, shape (height, width)
+    summed : (ndarray, int), optional
+        A frame of whole numbers in smaller or equal bins, if it is at hand, and their side in pixels.
+    """
+    plane = coarse_plane(pixels, FAR_BIN_PX) if summed is None else in_wider_bins(*summed, FAR_BIN_PX)
     return in_sigmas(plane, FAR_BIN_PX, whole=pixels.dtype.kind in "ui")
 
 
@@ -399,9 +406,12 @@ def _far_light(
     # two halves of the stars, so that what only one of them shows is distinguished from what all have
     total, count = np.zeros((2, side, side), dtype=np.float32), np.zeros((2, side, side), dtype=np.float32)
     every = FAR_BIN_PX // step
-    for k, (window, frame) in enumerate(_windows(x, y, step, half, tame.shape, every=every, ahead=ahead)):
+    windows = _windows(x, y, step, half, tame.shape, every=every, ahead=ahead)
+    for k, (window, frame) in enumerate(windows):
         total[k % 2][window] += tame[frame]
-        count[k % 2][window] += cover[frame]
+    whole = bool(cover.min() > 0.0)
+    for one in range(2):
+        _add_cover(count[one], windows[one::2], cover, whole=whole)
     # positions beyond the frame count only where their light would be in it
     most = float(count.sum(axis=0).max())
     known = count.sum(axis=0) >= max(3.0, _COVERED * most)
@@ -560,9 +570,11 @@ def in_sigmas(plane: Image, bin_px: int, *, whole: bool) -> tuple[Image, Image]:
         plane[missing] = np.median(plane[~missing]) if not missing.all() else 0.0
         cover[missing] = 0.0
     level, noise = _spread(coarse_sky(plane, bin_px, whole_numbers=whole), plane.shape)
-    free = (plane - level) / noise
-    free *= cover
-    return np.asarray(free, dtype=np.float32), cover
+    np.subtract(plane, level, out=level)
+    level /= noise
+    if missing.any():
+        level *= cover
+    return level, cover
 
 
 def _spread(sky: CoarseSky, shape: tuple[int, ...]) -> tuple[Image, Image]:
@@ -570,8 +582,8 @@ def _spread(sky: CoarseSky, shape: tuple[int, ...]) -> tuple[Image, Image]:
     rows = np.minimum(np.arange(shape[0]) // sky.tile_bins, sky.level.shape[0] - 1)
     columns = np.minimum(np.arange(shape[1]) // sky.tile_bins, sky.level.shape[1] - 1)
     noise = np.maximum(sky.noise, 0.5 * float(np.median(sky.noise)) + 1e-9)
-    tile = np.ix_(rows, columns)
-    return sky.level.astype(np.float32)[tile], noise.astype(np.float32)[tile]
+    level = sky.level.astype(np.float32).take(columns, axis=1).take(rows, axis=0)
+    return level, noise.astype(np.float32).take(columns, axis=1).take(rows, axis=0)
 
 
 def _windows(
@@ -602,6 +614,26 @@ def _windows(
             parts.append((slice(first, first + count), slice(begin, begin + count * every, every)))
         found.append(((parts[0][0], parts[1][0]), (parts[0][1], parts[1][1])))
     return found
+
+
+def _add_cover(
+    count: Image, windows: list[tuple[tuple[slice, slice], tuple[slice, slice]]], cover: Image, *, whole: bool
+) -> None:
+    """Add to each bin of a window how many of the positions have it in the frame, and known.
+
+    `whole` says that the cover is 1 everywhere: then a window is a rectangle of ones, told by its corners.
+    """
+    if not whole:
+        for window, frame in windows:
+            count[window] += cover[frame]
+        return
+    rise = np.zeros((count.shape[0] + 1, count.shape[1] + 1), dtype=np.float32)
+    for (rows, columns), _ in windows:
+        rise[rows.start, columns.start] += 1.0
+        rise[rows.start, columns.stop] -= 1.0
+        rise[rows.stop, columns.start] -= 1.0
+        rise[rows.stop, columns.stop] += 1.0
+    count += rise.cumsum(axis=0).cumsum(axis=1)[:-1, :-1]
 
 
 def brighter_image(
@@ -635,6 +667,7 @@ def brighter_image(
     tame, cover = plane or tamed(pixels)
     height, width = tame.shape
     half = REACH_PX // FAR_BIN_PX
+    windows, whole = _windows(x, y, FAR_BIN_PX, half, tame.shape), bool(cover.min() > 0.0)
     best = 0.0, ""
     for how, along_x, along_y in (
         ("turned", True, True),
@@ -645,9 +678,9 @@ def brighter_image(
         flipped, seen_by = tame[way], cover[way]
         total = np.zeros((2 * half + 1, 2 * half + 1), dtype=np.float32)
         count = np.zeros_like(total)
-        for window, frame in _windows(x, y, FAR_BIN_PX, half, tame.shape):
+        for window, frame in windows:
             total[window] += flipped[frame]
-            count[window] += seen_by[frame]
+        _add_cover(count, windows, seen_by, whole=whole)
         known = count >= max(3.0, _COVERED * x.size)
         if not known.any():
             continue

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from mountnav.errors import BadFrame
 from mountnav.files import open_plain
-from mountnav.frames import Frame
+from mountnav.frames import Frame, StarList
 from mountnav.reading.bayer import is_mosaic, without_mosaic
 from mountnav.reading.camera_raw import is_camera_raw, read_camera_raw
 from mountnav.reading.content import Content, OnDisk
@@ -20,6 +21,7 @@ from mountnav.reading.fits_headers import Value
 from mountnav.reading.fits_images import read_fits
 from mountnav.reading.header_hints import hint_from_header
 from mountnav.reading.header_times import exposure_s_from_header, mid_exposure_from_header, number
+from mountnav.reading.star_lists import ListFormat, is_star_list, read_star_list
 from mountnav.reading.unpacking import unpacked
 
 Pixels = NDArray[np.generic]
@@ -30,7 +32,7 @@ _SATURATION_CARDS = ("SATURATE", "SATLEVEL", "SATURATI", "SATUR")
 _ROWS_AT_ONCE = 256
 """Rows that are looked at together for values that are no numbers; chosen by hand, to keep memory small."""
 
-__all__ = ["demosaiced", "frame_from_array", "read_frame"]
+__all__ = ["ListFormat", "demosaiced", "frame_from_array", "read_frame", "read_source"]
 
 
 def read_frame(
@@ -82,6 +84,44 @@ def read_frame(
             advice="check the path and the rights on it; pipes and devices are not read",
         ) from fault
     return frame if raw else demosaiced(frame)
+
+
+def read_source(
+    source: Path | bytes,
+    *,
+    name: str | None = None,
+    hdu: int | str | None = None,
+    raw: bool = False,
+    stars: ListFormat | None = None,
+) -> Frame | StarList:
+    """Read an image, or a list of stars: its content tells which it is.
+
+    Parameters
+    ----------
+    source, name, hdu, raw
+        As for `read_frame`.
+    stars : ListFormat, optional
+        How a list is to be read.
+
+    Returns
+    -------
+    Frame or StarList
+
+    Raises
+    ------
+    BadFrame
+        Neither an image nor a list of stars.
+    """
+    label = name or (source.name if isinstance(source, Path) else "upload")
+    if not isinstance(source, Path):
+        if is_star_list(source):
+            return read_star_list(source, label, stars)
+    else:
+        with suppress(OSError), open_plain(source) as file:  # what can't be opened is told below
+            content = OnDisk(file)
+            if is_star_list(content):
+                return read_star_list(content, label, stars)
+    return read_frame(source, name=name, hdu=hdu, raw=raw)
 
 
 def frame_from_array(

@@ -1,6 +1,6 @@
-"""Pictures (PNG, JPEG, TIFF, BMP) become brightness here, top row first, with all the bits they have.
+"""Pictures (PNG, JPEG, TIFF, BMP, PGM) become brightness here, top row first, with all the bits they have.
 
-pillow knows forty more kinds, some of which start other programs (Ghostscript for EPS): none but these four
+pillow knows forty more kinds, some of which start other programs (Ghostscript for EPS): none but these five
 is opened, whatever its name says.
 
 pillow keeps only the upper byte of 16-bit color. Since its unpackers pick one byte out of two, the picture is
@@ -28,7 +28,7 @@ Image.MAX_IMAGE_PIXELS = MOST_PIXELS
 # what it finds odd about a file (tags of TIFF, most of all) helps nobody who reads the service's log
 warnings.filterwarnings("ignore", module=r"PIL\.")
 
-FORMATS = ("PNG", "JPEG", "TIFF", "BMP")
+FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "PPM")
 """Kinds of pictures that are read, as pillow calls them; each more is a decoder more that strangers reach."""
 
 

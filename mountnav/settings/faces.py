@@ -1,9 +1,10 @@
-"""`[alpaca]`, `[indi_server]`, `[lx200_server]`, `[stellarium]`: the doors for other people's programs."""
+"""`[alpaca]`, `[indi_server]`, `[lx200_server]`, `[stellarium]`, `[nova]`, `[solver_commands]`."""
 
 from __future__ import annotations
 
 import ipaddress
-from typing import Self
+from pathlib import Path
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
@@ -39,8 +40,8 @@ class AlpacaSettings(Section):
     location: str = Field(default="", max_length=200)
 
 
-class _Door(Section):
-    """A port without keys: whoever reaches it operates. Only this machine does, unless it is said."""
+class _Port(Section):
+    """A port of its own; on loopback, unless it is said otherwise."""
 
     enabled: bool = False
     host: str = "127.0.0.1"
@@ -55,6 +56,10 @@ class _Door(Section):
             return ipaddress.ip_address(self.host).is_loopback
         except ValueError:
             return False
+
+
+class _Door(_Port):
+    """A port without keys: whoever reaches it operates. Only this machine does, unless it is said."""
 
     @model_validator(mode="after")
     def _wide_is_said(self) -> Self:
@@ -127,4 +132,76 @@ class StellariumSettings(_OneTelescopesDoor):
     port: int = Field(default=10001, ge=0, le=65535)
 
 
-__all__ = ["AlpacaSettings", "IndiServerSettings", "Lx200ServerSettings", "StellariumSettings"]
+class SolverCommandsSettings(Section):
+    """`[solver_commands]`: astap, solve-field and so on, as `mountnav solver install` writes them.
+
+    Attributes
+    ----------
+    enabled : bool
+        Whether the service answers them, by a socket that only its own user can reach. It moves nothing.
+    """
+
+    enabled: bool = True
+
+
+class NovaSettings(_Port):
+    """`[nova]`: the web API of nova.astrometry.net, for programs that have images solved by it.
+
+    Attributes
+    ----------
+    enabled : bool
+    host, port
+        Where it listens; port 0 takes any free one.
+    open : bool
+        Whether everybody who reaches the port may have images solved, whatever key he sends. Else a key of
+        mountnav's with the role solve (or operate, configure) is needed where there are keys, and where there
+        are none, only this machine is served.
+    max_upload_mb : float
+        Longest upload, MB.
+    queue : int
+        Uploads at a time, those being received and solved among them; beyond it 429.
+    keep_minutes : float
+        After so long an upload and all that came of it is forgotten.
+    budget_s : float
+        Processor time for identifying one image, s; see `[solving] budget_s`.
+    tls : {"off", "self", "files"}
+        https: with a certificate that mountnav makes itself, or with that of `certificate` and
+        `certificate_key`.
+    certificate, certificate_key : Path or None
+        PEM files.
+    """
+
+    port: int = Field(default=8080, ge=0, le=65535)
+    max_upload_mb: float = Field(default=128.0, gt=0, le=4096)
+    queue: int = Field(default=16, ge=1, le=64)
+    keep_minutes: float = Field(default=60.0, gt=0, le=1440)
+    budget_s: float = Field(default=30.0, gt=0, le=120)
+    tls: Literal["off", "self", "files"] = "off"
+    certificate: Path | None = None
+    certificate_key: Path | None = None
+
+    @model_validator(mode="after")
+    def _files_are_named(self) -> Self:
+        named = self.certificate is not None, self.certificate_key is not None
+        if (self.tls == "files") != all(named) or (self.tls != "files" and any(named)):
+            raise PydanticCustomError(
+                "certificate_files",
+                "tls = {tls} with certificate and certificate_key {named}",
+                {
+                    "tls": repr(self.tls),
+                    "named": "named" if all(named) else "not both named",
+                    "key": "tls",
+                    "fix": 'tls = "files" with both of them, or tls = "self" or "off" without',
+                },
+            )
+        return self
+
+
+__all__ = [
+    "AlpacaSettings",
+    "IndiServerSettings",
+    "Lx200ServerSettings",
+    "NovaSettings",
+    "SolverCommandsSettings",
+    "StellariumSettings",
+]

@@ -19,6 +19,8 @@ from mountnav.settings.faces import (
     AlpacaSettings,
     IndiServerSettings,
     Lx200ServerSettings,
+    NovaSettings,
+    SolverCommandsSettings,
     StellariumSettings,
 )
 from mountnav.settings.journal import JournalSettings
@@ -85,6 +87,8 @@ class Settings(Section):
     indi_server: IndiServerSettings = IndiServerSettings()
     lx200_server: Lx200ServerSettings = Lx200ServerSettings()
     stellarium: StellariumSettings = StellariumSettings()
+    solver_commands: SolverCommandsSettings = SolverCommandsSettings()
+    nova: NovaSettings = NovaSettings()
     demo: DemoSettings | None = None
     telescope: tuple[TelescopeSettings, ...]
 

@@ -143,13 +143,14 @@ def _turns(
     shorter_px = min(measurements.width_px, measurements.height_px)
     late = reach.indexed is not None and too_narrow_for_index(placed, shorter_px)
     without = replace(reach, index=None, indexed=None)
-    quick, thorough = (without, reach) if late else (reach, without)
+    done = replace(without, sky_searched=reach.index is not None and reach.blind != "never")
+    quick, thorough = (without, reach) if late else (reach, done)
     first, *others = choices
     return [
         (first, replace(quick, thorough=False)),
         *((choice, replace(without, thorough=False)) for choice in others),
         (first, thorough),
-        *((choice, without) for choice in others),
+        *((choice, done) for choice in others),
     ]
 
 

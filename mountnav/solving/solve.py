@@ -14,7 +14,7 @@ from mountnav.catalog.catalog_set import CatalogSet, Choice
 from mountnav.catalog.stars import Catalog, Stars
 from mountnav.clock import utc_now
 from mountnav.errors import BadCatalog, BadFrame
-from mountnav.frames import Frame, Hint
+from mountnav.frames import Frame, Hint, StarList
 from mountnav.identification.fast import FastResult, identify_fast
 from mountnav.identification.plate import NAMES
 from mountnav.identification.reference import Reference, identified_pairs
@@ -25,7 +25,7 @@ from mountnav.identification.trail_check import StarsInCone, TrailCheck, check_t
 from mountnav.identification.verification import Identified
 from mountnav.identification.wcs import wcs_cards
 from mountnav.measuring.measurements import Flag, Measurements, SkyQuality, with_plate
-from mountnav.reading import demosaiced, read_frame
+from mountnav.reading import ListFormat, demosaiced, read_source
 from mountnav.sky.coordinates import Icrs
 from mountnav.solution import (
     SEEN_AT_MOST,
@@ -51,7 +51,7 @@ from mountnav.solving.special_frames import SpecialFrame, special_frame
 SPECIAL_SHARE = 0.5
 """Of the budget, for a frame that was made ordinary; chosen by hand."""
 
-__all__ = ["SolveSettings", "epoch_of", "merged_hint", "solve", "solve_file"]
+__all__ = ["SolveSettings", "epoch_of", "merged_hint", "solve", "solve_file", "solve_source", "solve_stars"]
 
 
 def merged_hint(header: Hint, given: Hint | None) -> Hint:
@@ -150,6 +150,62 @@ def solve(
     return _judge(job, measured, fitted)
 
 
+def solve_stars(
+    stars: StarList, catalog: Catalog, *, hint: Hint | None = None, settings: SolveSettings | None = None
+) -> Verdict:
+    """Find out where a frame was taken whose stars somebody else has measured.
+
+    Parameters
+    ----------
+    hint : Hint, optional
+        Goes before what the list's header says.
+
+    Returns
+    -------
+    Verdict
+        Its notes tell that the light of the stars was not looked at: a list of the pieces of trails can't be
+        told from one of stars. There is no quality.
+    """
+    # a frame of the list's size that takes no memory: nothing looks at its pixels
+    nothing = np.broadcast_to(np.zeros((), np.uint8), (stars.height_px, stars.width_px))
+    frame = Frame(pixels=nothing, hint=stars.hint, source=stars.source)
+    job = replace(_job(frame, catalog, hint, settings or SolveSettings()), light=False)
+    nowhere = without_place(job.believed, job.reach)
+    if nowhere is not None:
+        return _unplaced(job, nowhere)
+    job = _with_catalogs(job)
+    note = "solved from a list of stars: their light was not looked at"
+    job = replace(job, notes=(*job.notes, note))
+    measured = _Measured(_measured_elsewhere(stars), len(stars.x_px))
+    return _judge(job, measured, _fit(job, measured, _identify(job, measured)))
+
+
+def _measured_elsewhere(stars: StarList) -> Measurements:
+    """A list of stars as measurements, the brightest first: their errors and shapes are unknown."""
+    count = stars.x_px.size
+    unknown = np.full(count, np.nan)
+    known = np.isfinite(stars.flux)
+    order = np.argsort(-np.where(known, stars.flux, -np.inf), kind="stable")
+    # the search wants an order: stars whose brightness isn't told come in that of the list
+    ranked = np.arange(count, 0, -1, dtype=np.float64)
+    flux = np.where(known, stars.flux, np.nan)[order] if known.any() else ranked
+    return Measurements(
+        x_px=stars.x_px[order],
+        y_px=stars.y_px[order],
+        x_sigma_px=unknown,
+        y_sigma_px=unknown,
+        flux=flux,
+        flux_sigma=unknown,
+        fwhm_px=unknown,
+        ellipticity=np.zeros(count),
+        flags=np.zeros(count, dtype=np.int64),
+        width_px=stars.width_px,
+        height_px=stars.height_px,
+        background_adu=0.0,
+        noise_adu=1.0,
+    )
+
+
 def _solve_special(job: _Job, special: SpecialFrame) -> Verdict:
     """Solve a frame that was made ordinary: the verdict on the frame as it was."""
     given = None if job.given is None else special.widened(job.given)
@@ -184,6 +240,8 @@ class _Job:
         What reading found besides, and what calibration could not do.
     zero_adu : float or None
         Level of no light, as calibration knows it.
+    light : bool
+        The frame's pixels are at hand, so that a solution can be held against its stars' light.
     """
 
     frame: Frame
@@ -198,6 +256,7 @@ class _Job:
     choices: tuple[Choice, ...] = ()
     notes: tuple[str, ...] = ()
     zero_adu: float | None = None
+    light: bool = True
 
     @property
     def spent_s(self) -> float:
@@ -308,7 +367,7 @@ def _measure(job: _Job) -> _Measured:
     measure_s = job.read_s + fast.measure_s
     if fast.identified is not None:
         assert fast.measurements is not None
-        checked = _check(job, fast.identified, fast.measurements)
+        checked = _check(job, fast.identified, fast.measurements, fast.summed)
         # pieces of trails pass for stars in a fast search; measured in full, each trail may be one source
         if checked.light.points:
             return _Measured(fast.measurements, fast.seen, measure_s, searched_s, fast.tried, checked)
@@ -363,14 +422,23 @@ def _identify(job: _Job, measured: _Measured) -> _Checked | Identified:
     return found if found.reference is None else _check(job, found, measured.measurements)
 
 
-def _check(job: _Job, found: Identified, measurements: Measurements) -> _Checked:
-    """Take the stars of the best catalog, and hold the solution against the light of these stars."""
+def _check(
+    job: _Job,
+    found: Identified,
+    measurements: Measurements,
+    summed: tuple[NDArray[np.float32], int] | None = None,
+) -> _Checked:
+    """Take the stars of the best catalog, and hold the solution against the light of these stars.
+
+    `summed` is the frame in bins, where the fast search has summed it already.
+    """
     settings = job.settings.identification
     best, steps = with_best_catalog(job.catalog, job.choices, found, measurements, settings, job.epoch_yr)
-    if best.reference is None:
+    if best.reference is None or not job.light:
         return _Checked(TrailCheck(best, measurements, None, points=True), steps)
     cone = _stars_in_cone(best.stars, job)
-    return _Checked(check_trails(best, measurements, job.frame.pixels, settings, sky=cone), steps)
+    light = check_trails(best, measurements, job.frame.pixels, settings, sky=cone, summed=summed)
+    return _Checked(light, steps)
 
 
 # -- fit -----------------------------------------------------------------------------------------------------
@@ -419,6 +487,7 @@ def _judge(job: _Job, measured: _Measured, fitted: _Fitted) -> Verdict:
         quality=fitted.quality,
         notes=notes,
         seen_px=_brightest_px(fitted.measurements),
+        seen_flux=fitted.measurements.flux[:SEEN_AT_MOST].astype(np.float32),
     )
 
 
@@ -482,8 +551,9 @@ def solve_file(
     name: str | None = None,
     hdu: int | str | None = None,
     settings: SolveSettings | None = None,
+    stars: ListFormat | None = None,
 ) -> Verdict:
-    """Read a file or an upload and solve it.
+    """Read a file or an upload, an image or a list of stars, and solve it.
 
     Parameters
     ----------
@@ -493,20 +563,54 @@ def solve_file(
         What to call it in messages.
     hdu : int or str, optional
         Which extension of a FITS file holds the image; chosen if left out.
+    stars : ListFormat, optional
+        How a list of stars is to be read.
 
     Returns
     -------
     Verdict
-        With `Reason.BAD_FRAME` when it is no usable image.
+        With `Reason.BAD_FRAME` when it is neither a usable image nor a list of stars.
     """
     began = time.monotonic()
     try:
-        frame = read_frame(Path(source) if isinstance(source, str) else source, name=name, hdu=hdu, raw=True)
+        return solve_source(
+            Path(source) if isinstance(source, str) else source,
+            catalog,
+            hint,
+            name=name,
+            hdu=hdu,
+            settings=settings,
+            stars=stars,
+        )
     except BadFrame as fault:
         spent = time.monotonic() - began
         return Verdict(None, Reason.BAD_FRAME, str(fault), 0, Times(read_s=spent, total_s=spent))
+
+
+def solve_source(
+    source: Path | bytes,
+    catalog: Catalog,
+    hint: Hint | None = None,
+    *,
+    name: str | None = None,
+    hdu: int | str | None = None,
+    settings: SolveSettings | None = None,
+    stars: ListFormat | None = None,
+) -> Verdict:
+    """As `solve_file`, but what is neither an image nor a list of stars raises.
+
+    Raises
+    ------
+    BadFrame
+        Neither an image nor a list of stars.
+    """
+    began = time.monotonic()
+    found = read_source(source, name=name, hdu=hdu, raw=True, stars=stars)
     read_s = time.monotonic() - began
-    verdict = solve(frame, catalog, hint=hint, settings=settings)
+    if isinstance(found, StarList):
+        verdict = solve_stars(found, catalog, hint=hint, settings=settings)
+    else:
+        verdict = solve(found, catalog, hint=hint, settings=settings)
     return replace(
         verdict, times=replace(verdict.times, read_s=read_s, total_s=verdict.times.total_s + read_s)
     )

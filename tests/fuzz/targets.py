@@ -20,6 +20,8 @@ from PIL import Image
 from api.alpaca.answering import MEMBERS, read_parameters
 from api.alpaca.codec import BadParameter
 from api.indi_server.parser import Hearing
+from api.nova import codec as nova_codec
+from api.nova import forms as nova_forms
 from api.planetarium import lx200_codec, stellarium_codec
 from api.solver.messages import BadAnswer, Done, Fault, Progress, Ready, read, written
 from drivers.alpaca.codec import base as alpaca_codec
@@ -465,10 +467,51 @@ def _json_lines(*lines: dict[str, object]) -> bytes:
     return "".join(json.dumps(one) + "\n" for one in lines).encode()
 
 
+def _nova(data: bytes) -> None:
+    """A request of the nova API: its form, in pieces, then its JSON and what that asks."""
+    with _promised(nova_codec.NovaError):
+        reader = nova_forms.Multipart(b"bound", 100_000)
+        try:
+            for at in range(0, len(data), 61):
+                reader.feed(data[at : at + 61])
+            given = nova_codec.read_request(reader.finish().json or b"")
+        finally:
+            reader.form.close()
+        asked = nova_codec.read_asked(given)
+        nova_codec.hint_of(asked, asked.width_px)
+        if "x" in given:
+            nova_codec.stars_text(given["x"], given.get("y"))
+
+
+def _nova_requests() -> list[bytes]:
+    asked = {
+        "session": "a",
+        "scale_type": "ul",
+        "scale_units": "degwidth",
+        "scale_lower": 0.5,
+        "scale_upper": "2",
+        "center_ra": 1.5,
+        "center_dec": -2,
+        "radius": 3,
+        "image_width": 100,
+        "parity": 2,
+        "tweak_order": 0,
+        "x": [1, 2.5],
+        "y": [3, 4],
+    }
+    head = "Content-disposition: form-data; name="
+    text = (
+        f'--bound\r\n{head}"request-json"\r\n\r\n{json.dumps(asked)}\r\n'
+        f'--bound\n{head}"file"; filename="a.fits"\r\n\r\n1 2\n3 4\n\r\n--bound--\r\n'
+    )
+    return [text.encode()]
+
+
 TARGETS: dict[str, Target] = {
     "frame": Target(_frame, _frames),
     "frame-xisf": Target(_frame, _xisf_frames),
     "frame-raw": Target(_frame, _raw_files),
+    "nova": Target(_nova, _nova_requests),
     "settings": Target(_text(lambda text: Settings.parse(text)), lambda: [_SETTINGS]),
     "faults": Target(
         _text(lambda text: parse_faults(text)),

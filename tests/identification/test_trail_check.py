@@ -54,6 +54,11 @@ GHOST, FEW_OF_A_DOUBLE, THIN_TAIL, NINE_OF_A_TRIPLE = 2064, 2114, 1063, 10053
 # 61, 125, 3.5, 173 px off: a piece that is seen from the middle only, a tail below the noise in every bin, a
 # middle that was not known well enough, six stars of one exposure beside as many strangers
 FAR_PIECE, FAINT_TAIL, UNSURE_MIDDLE, SIX_OF_A_DOUBLE = 61195, 62294, 62445, 62535
+# 6.5 px off at the first of two scales, 195 px on the points of an exposure whose other part is trails beyond
+# the frame's edge
+OF_TWO_SCALES, BRIGHTER_TRAILS = 72359, 72521
+# 5.6 px off: a field that turned under a growing cloud, so that faint stars show the first part of their arcs
+TURNED_UNDER_CLOUD = 73058
 
 
 @pytest.mark.parametrize(
@@ -63,6 +68,9 @@ FAR_PIECE, FAINT_TAIL, UNSURE_MIDDLE, SIX_OF_A_DOUBLE = 61195, 62294, 62445, 625
         NINE_OF_A_TRIPLE,
         FAINT_TAIL,
         SIX_OF_A_DOUBLE,
+        OF_TWO_SCALES,
+        BRIGHTER_TRAILS,
+        TURNED_UNDER_CLOUD,
         *(
             pytest.param(one, marks=pytest.mark.long)
             for one in (FEW_OF_A_DOUBLE, THIN_TAIL, FAR_PIECE, UNSURE_MIDDLE)

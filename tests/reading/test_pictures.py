@@ -54,6 +54,18 @@ def test_palettes_and_black_and_white(kind: str) -> None:
     assert np.array_equal(read(picture_bytes(two, kind)), np.where(GRAY > 127, 255, 0))
 
 
+def test_pgm_and_its_kin() -> None:
+    deep = DEEP[..., 0]
+    head = f"P5\n# a comment\n{SHAPE[1]} {SHAPE[0]}\n"
+    assert np.array_equal(read(f"{head}255\n".encode() + GRAY.tobytes()), GRAY)
+    assert np.array_equal(read(f"{head}65535\n".encode() + deep.astype(">u2").tobytes()), deep)
+    assert np.allclose(read(picture_bytes(Image.fromarray(COLOR), "PPM")), COLOR.mean(axis=2))
+    bits = read(picture_bytes(Image.fromarray(GRAY > 127), "PPM"))
+    assert np.array_equal(bits, np.where(GRAY > 127, 255, 0))
+    with pytest.raises(BadFrame, match="cut short"):
+        read(f"{head}255\n".encode() + GRAY.tobytes()[:-200])
+
+
 def test_equal_channels_stay_whole_numbers() -> None:
     pixels = read(picture_bytes(Image.fromarray(np.dstack([GRAY] * 3)), "PNG"))
     assert pixels.dtype == np.uint8

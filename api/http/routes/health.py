@@ -87,6 +87,8 @@ def listener_views(service: Service) -> dict[str, DoorView]:
         "indi": settings.indi_server.enabled,
         "lx200": settings.lx200_server.enabled,
         "stellarium": settings.stellarium.enabled,
+        "solver-commands": settings.solver_commands.enabled,
+        "nova": settings.nova.enabled,
     }
     states = service.listeners.states
     views = {}

@@ -9,6 +9,8 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request
 
+from api.access.callers import Role
+from api.access.security import TheCaller, require_role
 from api.http.bodies import received
 from api.problems import responses
 from api.service import TheService
@@ -70,6 +72,7 @@ Budget = Annotated[
 async def solve_upload(
     request: Request,
     service: TheService,
+    caller: TheCaller,
     ra_deg: Ra = None,
     dec_deg: Dec = None,
     radius_deg: Radius = None,
@@ -83,6 +86,9 @@ async def solve_upload(
 
     One that was found by searching the whole sky has a `mode` that begins with `blind/`.
     """
+    if telescope is not None:
+        # a key that may only solve sees no telescopes
+        require_role(caller, Role.VIEW)
     hint = make_hint(ra_deg, dec_deg, radius_deg, scale_low_arcsec_px, scale_high_arcsec_px)
     settings = service.solve_settings(telescope)
     settings = replace(settings, blind=blind or settings.blind, budget_s=budget_s or settings.budget_s)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mountnav.catalog.readers import astap, astrometry_net, gaia, siril, ucac4, usno_b1
+from mountnav.catalog.readers import astap, astrometry_net, gaia, gaia_bright, siril, ucac4, usno_b1
 from mountnav.catalog.readers.kind import CatalogKind, Credit, Reader
 from mountnav.errors import BadCatalog, BadRequest
 from mountnav.files import require_plain
@@ -17,6 +17,7 @@ CATALOGS: dict[str, CatalogKind] = {
         ucac4.CATALOG,
         usno_b1.CATALOG,
         gaia.CATALOG,
+        gaia_bright.CATALOG,
         astrometry_net.CATALOG,
         astap.CATALOG,
         siril.CATALOG,

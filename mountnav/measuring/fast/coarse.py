@@ -52,6 +52,25 @@ def coarse_plane(pixels: NDArray[np.generic], bin_px: int) -> Image:
     return plane
 
 
+def in_wider_bins(plane: Image, bin_px: int, wider_px: int) -> Image:
+    """Sum a plane of small bins in wider ones: of a frame of whole numbers the same as `coarse_plane` makes.
+
+    Parameters
+    ----------
+    plane : ndarray of float32, shape (rows, columns)
+    bin_px, wider_px : int
+        Pixels along a bin's side now, and then.
+
+    Returns
+    -------
+    ndarray of float32
+        The plane itself where the bins are so wide already.
+    """
+    if wider_px == bin_px:
+        return plane
+    return coarse_plane(plane, wider_px // bin_px)
+
+
 def _sum_strip(lines: NDArray[np.generic], out: Image, bin_px: int, *, pairs: bool) -> None:
     """Sum lines of shape (count, bin_px, columns · bin_px) over their bins."""
     if not pairs:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from mountnav.frames import Frame
+from mountnav.measuring.background import Image
 from mountnav.measuring.detection import first_of_twins
 from mountnav.measuring.fast.candidates import Candidates, locate, saturated_patches, width_px
 from mountnav.measuring.fast.coarse import coarse_peaks
@@ -48,11 +49,14 @@ class FastMeasurement:
     scene : Scene
         The frame, and what was found out about it.
     settings : MeasuringSettings
+    plane : ndarray of float32 or None
+        The frame of whole numbers summed in bins of ``scene.bin_px``, where that is more than a pixel.
     """
 
     measurements: Measurements
     scene: Scene
     settings: MeasuringSettings
+    plane: Image | None = field(default=None, repr=False)
     _learned: tuple[SampledPsf, SkyQuality] | None = field(default=None, repr=False)
 
     def measured_at(self, x_px: Array, y_px: Array, *, reach_px: float) -> Measurements:
@@ -188,7 +192,10 @@ def _measure_fast(frame: Frame, settings: MeasuringSettings, most: int) -> FastM
     fwhm = width_px(scene, found.x_px[stars], found.y_px[stars])
     if not _NARROWEST_FWHM_PX <= fwhm <= _WIDEST_FWHM_PX:
         return None
-    return _measured(replace(scene, fwhm_px=fwhm), found, settings, most)
+    measured = _measured(replace(scene, fwhm_px=fwhm), found, settings, most)
+    if measured is not None and scene.bin_px > 1 and frame.pixels.dtype.kind in "ui":
+        measured.plane = plane
+    return measured
 
 
 def _measured(

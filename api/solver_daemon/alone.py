@@ -1,0 +1,34 @@
+"""A command in a process of its own, where no solver is warm: ``-m api.solver_daemon.alone NAME ...``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from mountnav.errors import MountnavError
+
+FAULT_CODE = 255
+"""As `api.solver_daemon.connection.FAULT_CODE`, without what that imports."""
+
+
+def run_alone(name: str, arguments: Sequence[str]) -> int:
+    """Run a command here; its exit code."""
+    from api.solver_commands.host import LocalHost
+    from api.solver_commands.in_process import SolverInProcess
+    from api.solver_commands.registry import command, known_name
+
+    known = known_name(name)
+    if known is None:
+        print(f"mountnav: there is no command {name!r}", file=sys.stderr)
+        return FAULT_CODE
+    try:
+        return command(known)(list(arguments), LocalHost(), SolverInProcess())
+    except KeyboardInterrupt:
+        return 130
+    except (MountnavError, OSError) as fault:
+        print(f"{known}: {fault}", file=sys.stderr)
+        return FAULT_CODE
+
+
+if __name__ == "__main__":
+    sys.exit(run_alone(sys.argv[1], sys.argv[2:]))
