@@ -23,6 +23,8 @@ _DNG_VERSION, _SUB_IFDS, _MAKE = 50706, 330, 271
 """Tags of TIFF: of DNG alone; of images within an image; of the camera's maker [TIFF 6.0; DNG 1.7]."""
 _MOST_TAGS = 1000
 """Of a TIFF's first directory; cameras write about 50."""
+_TIFF_HEAD_BYTES = 8
+"""Byte order, mark and place of the first directory [TIFF 6.0]."""
 _TAG_BYTES = 12
 """Of each entry of a directory [TIFF 6.0]."""
 _MOST_EXIF_BYTES = 1 << 20
@@ -37,7 +39,7 @@ def is_camera_raw(content: Content) -> bool:
     if head[4:12] == b"ftypcrx ":
         return True  # CR3
     order = {b"II*\0": "<", b"MM\0*": ">"}.get(head[:4])
-    if order is None:
+    if order is None or len(head) < _TIFF_HEAD_BYTES:
         return False
     if head[8:10] == b"CR":
         return True  # CR2

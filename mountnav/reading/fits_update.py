@@ -65,8 +65,17 @@ _SUM_COLUMN = 11
 """Where a card's sixteen characters of CHECKSUM begin, after name, equals sign, blank and quote."""
 _WORDS_AT_ONCE = 1 << 20
 """32-bit words that are summed at a time: 2²⁰ of them fit into 64 bits 4000 times over; for memory alone."""
-_STORED = {"u1": (8, 0), "i2": (16, 0), "i4": (32, 0), "i8": (64, 0), "f4": (-32, 0), "f8": (-64, 0)}
-_STORED |= {"u2": (16, 1 << 15), "u4": (32, 1 << 31), "i1": (8, -128)}
+_STORED = {
+    "u1": (8, 0),
+    "i2": (16, 0),
+    "i4": (32, 0),
+    "i8": (64, 0),
+    "f4": (-32, 0),
+    "f8": (-64, 0),
+    "u2": (16, 1 << 15),
+    "u4": (32, 1 << 31),
+    "i1": (8, -128),
+}
 """BITPIX and BZERO of the kinds of numbers [FITS 4.0, section 5.3.1 and table 11]."""
 
 

@@ -137,7 +137,9 @@ def solve(
                 if found.solved or special.sure:
                     return found
                 left_s = (1.0 - SPECIAL_SHARE) * job.settings.budget_s
-                job = replace(job, settings=replace(job.settings, budget_s=left_s))
+                # each hypothesis of that search was one more chance to be fooled
+                reach = replace(job.reach, tried=int(found.numbers.get("hypotheses", 0.0)))
+                job = replace(job, settings=replace(job.settings, budget_s=left_s), reach=reach)
         job = _with_catalogs(job)
         measured = _measure(job) if measurements is None else _Measured(measurements, len(measurements))
     except BadFrame as fault:

@@ -53,6 +53,7 @@ from mountnav.simulation.sky_script import SkyScript
 from mountnav.sky import typed_coordinates
 from mountnav.sky.coordinates import Site
 from tests.fuzz import files
+from tests.reading.raw_files import dng
 from tests.reading.xisf_files import xisf
 
 CORPORA = Path(__file__).parent / "corpora"
@@ -131,6 +132,11 @@ def _xisf_frames() -> list[bytes]:
     one_each = [xisf(pixels, packing=packing, keywords=keywords) for packing in packings]
     colors = np.stack([pixels] * 3).astype(np.float32)
     return [*one_each, xisf(colors, normal=True), xisf(pixels, packing="zlib", parts=3)]
+
+
+def _raw_files() -> list[bytes]:
+    mosaic = np.random.default_rng(5).integers(0, 60_000, (40, 48)).astype(np.uint16)
+    return [dng(mosaic), dng(mosaic[:20, :32], pattern=bytes((1, 0, 2, 1)))]
 
 
 def _frames() -> list[bytes]:
@@ -504,6 +510,7 @@ def _nova_requests() -> list[bytes]:
 TARGETS: dict[str, Target] = {
     "frame": Target(_frame, _frames),
     "frame-xisf": Target(_frame, _xisf_frames),
+    "frame-raw": Target(_frame, _raw_files),
     "nova": Target(_nova, _nova_requests),
     "settings": Target(_text(lambda text: Settings.parse(text)), lambda: [_SETTINGS]),
     "faults": Target(

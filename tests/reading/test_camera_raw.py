@@ -58,3 +58,10 @@ def test_other_tiffs_are_none() -> None:
     assert is_camera_raw(b"\0\0\0\x18ftypcrx \0\0\0\1")
     assert is_camera_raw(b"II*\0\x10\0\0\0CR\2\0" + bytes(20))
     assert not is_camera_raw(b"II*\0\xff\xff\xff\xff")
+
+
+@pytest.mark.parametrize("head", [b"II*\0", b"MM\0*", b"II*\0\x08\0\0", b"II*\0\x08\0\0\0\xff"])
+def test_a_few_bytes_of_a_tiff_are_no_raw_file(head: bytes) -> None:
+    assert not is_camera_raw(head)
+    with pytest.raises(BadFrame):
+        read_frame(head)
