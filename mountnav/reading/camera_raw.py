@@ -37,7 +37,7 @@ def is_camera_raw(content: Content) -> bool:
     if head[4:12] == b"ftypcrx ":
         return True  # CR3
     order = {b"II*\0": "<", b"MM\0*": ">"}.get(head[:4])
-    if order is None:
+    if order is None or len(head) < 8:
         return False
     if head[8:10] == b"CR":
         return True  # CR2
