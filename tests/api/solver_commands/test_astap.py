@@ -336,7 +336,9 @@ def test_a_field_that_is_off_by_some_percent_is_warned_of(solver: SolverInProces
     as_fits(Path("frame.fits"), XPIXSZ=3.76)
     assert run(["-f", "frame.fits", "-fov", f"{1.15 * HEIGHT_DEG}", *AT], LocalHost(), solver) == SOLVED
     said = dict(line.split("=", 1) for line in Path("frame.ini").read_text("ascii").splitlines())
-    assert said["WARNING"].startswith('Warning scale was inaccurate! Set FOV=1.60d, scale=12.0", FL=65mm')
+    words = 'Warning scale was inaccurate! Set FOV=1.60d, scale=12.0", FL=65mm'
+    assert said["WARNING"].startswith(words)
+    assert ccdciel_wcs(Path("frame.wcs").read_bytes())[1].startswith(words[:60])
 
 
 class _Broken:
