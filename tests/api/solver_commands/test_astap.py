@@ -442,6 +442,19 @@ def test_without_any_hint_the_whole_sky_is_searched(solver: SolverInProcess, sky
     assert _apart_px(seen, CENTER) < 0.1
 
 
+@pytest.mark.long
+def test_a_place_far_off_is_warned_of_and_the_true_one_is_told(
+    solver: SolverInProcess, sky_index: object
+) -> None:
+    as_fits(Path("frame.fits"))
+    far = ["-ra", "12", "-spd", "40", "-r", "3"]
+    assert run(["-f", "frame.fits", *FOV, *far], LocalHost(), solver) == SOLVED
+    seen = _ini("frame.ini")
+    assert seen is not None
+    assert _apart_px(seen, CENTER) < 0.1
+    assert "WARNING=center: -ra and -spd says" in Path("frame.ini").read_text("ascii")
+
+
 # -- stars ---------------------------------------------------------------------------------------------------
 
 
