@@ -19,10 +19,13 @@ if TYPE_CHECKING:
 
 LONGEST_SIDE_PX = 2400
 """Of the picture: larger frames are shrunk. Doubled, a picture takes four times as long and as many bytes."""
-SKY_PERCENTILE, BRIGHT_PERCENTILE = 20.0, 99.7
-"""Brightness that becomes black and white; chosen by hand for frames with a few thousand stars."""
-STRETCH = 8.0
+BLACK_SIGMA, WHITE_SIGMA = -1.5, 80.0
+"""Brightness that becomes black and white, in units of the noise above the sky; chosen by hand: faint stars
+are seen, and bright ones keep their size."""
+STRETCH = 20.0
 """How steep asinh lifts what is faint; chosen by hand. Doubled, noise looks like stars."""
+MAD_TO_SIGMA = 1.4826
+"""Standard deviation of a Gaussian over its median absolute deviation."""
 RING_PX = 9
 """Radius of a star's ring in the picture; chosen by hand, a few widths of a star."""
 ARROW_SHARE = 0.08
@@ -118,7 +121,12 @@ def _shrunk(pixels: NDArray[np.generic], times: int) -> NDArray[np.float32]:
 
 
 def _stretched(values: NDArray[np.float32]) -> NDArray[np.uint8]:
-    finite = np.nan_to_num(values, nan=float(np.nanmin(values)) if np.isfinite(values).any() else 0.0)
-    low, high = np.percentile(finite, (SKY_PERCENTILE, BRIGHT_PERCENTILE))
-    share = np.clip((finite - low) / max(float(high - low), 1e-6), 0.0, 1.0)
-    return np.asarray(255.0 * np.arcsinh(STRETCH * share) / math.asinh(STRETCH), dtype=np.uint8)
+    known = values[np.isfinite(values)]
+    sky = float(np.median(known)) if known.size else 0.0
+    noise = MAD_TO_SIGMA * float(np.median(np.abs(known - sky))) if known.size else 0.0
+    noise = max(noise, 1e-3 * float(np.ptp(known)) if known.size else 0.0, 1e-9)
+    share = (np.nan_to_num(values, nan=sky) - sky - BLACK_SIGMA * noise) / (
+        (WHITE_SIGMA - BLACK_SIGMA) * noise
+    )
+    curve = np.arcsinh(STRETCH * np.clip(share, 0.0, 1.0)) / math.asinh(STRETCH)
+    return np.asarray(255.0 * curve, dtype=np.uint8)

@@ -54,6 +54,13 @@ def test_palettes_and_black_and_white(kind: str) -> None:
     assert np.array_equal(read(picture_bytes(two, kind)), np.where(GRAY > 127, 255, 0))
 
 
+@pytest.mark.parametrize("length", range(1, 9))
+@pytest.mark.parametrize("head", [b"II*\0\x08\0\0\0", b"MM\0*\0\0\0\x08"])
+def test_the_mere_head_of_a_tiff_is_a_bad_frame(head: bytes, length: int) -> None:
+    with pytest.raises(BadFrame):
+        read(head[:length])
+
+
 def test_pgm_and_its_kin() -> None:
     deep = DEEP[..., 0]
     head = f"P5\n# a comment\n{SHAPE[1]} {SHAPE[0]}\n"

@@ -336,7 +336,9 @@ def test_a_field_that_is_off_by_some_percent_is_warned_of(solver: SolverInProces
     as_fits(Path("frame.fits"), XPIXSZ=3.76)
     assert run(["-f", "frame.fits", "-fov", f"{1.15 * HEIGHT_DEG}", *AT], LocalHost(), solver) == SOLVED
     said = dict(line.split("=", 1) for line in Path("frame.ini").read_text("ascii").splitlines())
-    assert said["WARNING"].startswith('Warning scale was inaccurate! Set FOV=1.60d, scale=12.0", FL=65mm')
+    words = 'Warning scale was inaccurate! Set FOV=1.60d, scale=12.0", FL=65mm'
+    assert said["WARNING"].startswith(words)
+    assert ccdciel_wcs(Path("frame.wcs").read_bytes())[1].startswith(words[:60])
 
 
 class _Broken:
@@ -438,6 +440,19 @@ def test_without_any_hint_the_whole_sky_is_searched(solver: SolverInProcess, sky
     seen = _ini("p.ini")
     assert seen is not None
     assert _apart_px(seen, CENTER) < 0.1
+
+
+@pytest.mark.long
+def test_a_place_far_off_is_warned_of_and_the_true_one_is_told(
+    solver: SolverInProcess, sky_index: object
+) -> None:
+    as_fits(Path("frame.fits"))
+    far = ["-ra", "12", "-spd", "40", "-r", "3"]
+    assert run(["-f", "frame.fits", *FOV, *far], LocalHost(), solver) == SOLVED
+    seen = _ini("frame.ini")
+    assert seen is not None
+    assert _apart_px(seen, CENTER) < 0.1
+    assert "WARNING=center: -ra and -spd says" in Path("frame.ini").read_text("ascii")
 
 
 # -- stars ---------------------------------------------------------------------------------------------------
