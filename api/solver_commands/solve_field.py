@@ -120,6 +120,13 @@ def run(arguments: list[str], host: Host, solver: Solver) -> int:
     call = _Call(asked, wanted, host, solver)
     if not asked.given("no-plots"):
         call.out("Plots are not made.")
+    folder = asked.last("dir")
+    if folder is not None:
+        try:
+            host.make_folder(folder)
+        except OSError as fault:
+            call.err(f"failed to create output directory {folder}: {fault.strerror or fault}")
+            return ERROR_CODE
     code = 0
     for number, name in enumerate(files, start=1):
         call.out(f'Reading input file {number} of {len(files)}: "{name}"...')

@@ -134,8 +134,7 @@ def test_files_are_called_as_asked_or_not_written(field: Path, tmp_path: Path) -
 
 
 def test_names_are_made_of_folder_and_base(field: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "out"
-    folder.mkdir()
+    folder = tmp_path / "made" / "out"
     few = ["-p", "-N", "none", "-R", "none", "-M", "none", "-B", "none", "-U", "none", "--temp-axy"]
     assert call("solve-field", *few, "-D", folder, "-o", "n%i", field)[0] == 0
     assert {path.name for path in folder.iterdir()} == {"n1.wcs", "n1.solved"}
