@@ -39,6 +39,10 @@ class Host(Protocol):
         """Remove a file; one that isn't there is no error. Raises `OSError`."""
         ...
 
+    def make_folder(self, path: str) -> None:
+        """Make a folder, and those above it, where they aren't there. Raises `OSError`."""
+        ...
+
     def read_input(self) -> bytes:
         """Read all of standard input."""
         ...
@@ -139,6 +143,10 @@ class LocalHost:
     def remove(self, path: str) -> None:
         """As `Host.remove`."""
         Path(path).unlink(missing_ok=True)
+
+    def make_folder(self, path: str) -> None:
+        """As `Host.make_folder`."""
+        os.makedirs(path, exist_ok=True)
 
     def read_input(self) -> bytes:
         """As `Host.read_input`."""

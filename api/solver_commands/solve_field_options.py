@@ -69,8 +69,8 @@ All others are accepted and ignored. No plots are made.
 """
 
 ROOMY_RADIUS_DEG = 15.0
-"""How far off a place without --radius may be, degrees; it binds nothing then. chosen by hand: a mount
-that is farther off was never aligned. Doubled, the search beside the place takes longer before the whole sky
+"""How far off a place without --radius may be, degrees. chosen by hand: a mount that is farther off was
+never aligned. Doubled, the search beside the place takes longer before the whole sky
 is searched."""
 SLACK = 0.01
 """By what part a scale may lie outside of what was asked: the bounds are of the scale in the middle or across
@@ -96,7 +96,7 @@ class Wanted:
     center : Icrs or None
         Where to look.
     radius_deg : float or None
-        How far from there the frame's center may be; None: wherever.
+        How far from there the frame's center is believed to be.
     scale_low, scale_high : float or None
         In `unit`.
     unit : {"degrees", "arcminutes", "arcsec", "film"}

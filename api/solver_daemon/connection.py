@@ -99,6 +99,10 @@ class StubHost:
         """As `Host.remove`."""
         self._asked(b"R", _bytes(path), path)
 
+    def make_folder(self, path: str) -> None:
+        """As `Host.make_folder`."""
+        self._asked(b"D", _bytes(path), path)
+
     def read_input(self) -> bytes:
         """All of the caller's standard input."""
         return self._asked(b"I", b"", "standard input")

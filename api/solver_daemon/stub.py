@@ -154,6 +154,10 @@ class Talk:
             except FileNotFoundError:
                 pass
             self.send(b"K")
+        elif kind == b"D":
+            self.done_anything = True
+            os.makedirs(content, exist_ok=True)
+            self.send(b"K")
         elif kind == b"I":
             self.send(b"K", everything(0))
         else:

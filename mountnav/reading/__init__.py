@@ -21,7 +21,7 @@ from mountnav.reading.fits_headers import Value
 from mountnav.reading.fits_images import read_fits
 from mountnav.reading.header_hints import hint_from_header
 from mountnav.reading.header_times import exposure_s_from_header, mid_exposure_from_header, number
-from mountnav.reading.star_lists import ListFormat, is_star_list, read_star_list
+from mountnav.reading.star_lists import ListFormat, is_star_list, read_star_list, star_list_of
 from mountnav.reading.unpacking import unpacked
 
 Pixels = NDArray[np.generic]
@@ -32,7 +32,7 @@ _SATURATION_CARDS = ("SATURATE", "SATLEVEL", "SATURATI", "SATUR")
 _ROWS_AT_ONCE = 256
 """Rows that are looked at together for values that are no numbers; chosen by hand, to keep memory small."""
 
-__all__ = ["ListFormat", "demosaiced", "frame_from_array", "read_frame", "read_source"]
+__all__ = ["ListFormat", "demosaiced", "frame_from_array", "read_frame", "read_source", "star_list_of"]
 
 
 def read_frame(

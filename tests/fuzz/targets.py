@@ -46,6 +46,7 @@ from mountnav.pointing.model.planning import read_run
 from mountnav.pointing.model.tpoint_file import read_observations_text
 from mountnav.pointing.observation import read_observations
 from mountnav.reading import read_frame
+from mountnav.reading.star_lists import is_star_list, read_star_list
 from mountnav.settings.observatory import Settings
 from mountnav.simulation.machine_file import MachineFile
 from mountnav.simulation.pointing_errors import PointingErrors
@@ -164,6 +165,32 @@ def _frames() -> list[bytes]:
     import gzip
 
     return [*found, gzip.compress(found[0], mtime=0), bz2.compress(found[0])]
+
+
+def _star_list(data: bytes) -> None:
+    is_star_list(data)
+    with _promised(BadFrame):
+        found = read_star_list(data, "list")
+        assert found.x_px.size == found.y_px.size == found.flux.size
+        assert np.isfinite(found.x_px).all()
+        assert np.isfinite(found.y_px).all()
+        assert found.width_px > 0
+        assert found.height_px > 0
+
+
+def _star_lists() -> list[bytes]:
+    columns = [fits.Column(name=name, format=form, array=np.arange(5.0)) for name, form in
+               (("X", "E"), ("Y", "D"), ("FLUX", "J"), ("VIGNET", "1B"))]  # fmt: skip
+    table = fits.BinTableHDU.from_columns(columns)
+    table.header["IMAGEW"], table.header["IMAGEH"] = 640, 480
+    file = io.BytesIO()
+    fits.HDUList([fits.PrimaryHDU(), table]).writeto(file)
+    return [
+        file.getvalue(),
+        b"x,y,flux\n1,2,3\n4.5,6e1,nan\n",
+        b"#  1 X_IMAGE  x\n#  2 Y_IMAGE  y\n#  3 MAG_AUTO  m\n 1 2 -3.5\n 4 5 -6\n",
+        b"10.5\t20.5\n11\t12\n",
+    ]
 
 
 # -- wires ---------------------------------------------------------------------------------------------------
@@ -512,6 +539,7 @@ TARGETS: dict[str, Target] = {
     "frame-xisf": Target(_frame, _xisf_frames),
     "frame-raw": Target(_frame, _raw_files),
     "nova": Target(_nova, _nova_requests),
+    "star-list": Target(_star_list, _star_lists),
     "settings": Target(_text(lambda text: Settings.parse(text)), lambda: [_SETTINGS]),
     "faults": Target(
         _text(lambda text: parse_faults(text)),

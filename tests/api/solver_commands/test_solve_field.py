@@ -134,8 +134,7 @@ def test_files_are_called_as_asked_or_not_written(field: Path, tmp_path: Path) -
 
 
 def test_names_are_made_of_folder_and_base(field: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "out"
-    folder.mkdir()
+    folder = tmp_path / "made" / "out"
     few = ["-p", "-N", "none", "-R", "none", "-M", "none", "-B", "none", "-U", "none", "--temp-axy"]
     assert call("solve-field", *few, "-D", folder, "-o", "n%i", field)[0] == 0
     assert {path.name for path in folder.iterdir()} == {"n1.wcs", "n1.solved"}
@@ -267,7 +266,7 @@ def test_a_reader_that_leaves_early_gets_its_files(field: Path, tmp_path: Path) 
         (["--ra", "83.0", "--dec", "21.5", "--radius", "2"], True),
         (["--ra", "5:32:48", "--dec=+21:24:00", "--radius", "0"], True),
         (["-3", "443.2", "-4", "21.4", "-5", "1"], True),
-        (["--ra", "90", "--dec", "21.5", "--radius", "2"], False),
+        (["--ra", "90", "--dec", "21.5", "--radius", "2"], True),
         (["--ra", "90", "--dec", "-21.5"], True),
         (["--ra", "90"], True),
         (["-u", "arcsecperpix", "-L", "9.5", "-H", "10.5"], True),
@@ -288,6 +287,12 @@ def test_what_is_asked_binds(tmp_path: Path, field: Path, arguments: list[str], 
     assert ("Field center" in out, NOT_SOLVED in out) == (solved_within, not solved_within)
     assert (tmp_path / "field.wcs").exists() == solved_within
     assert (tmp_path / "field.solved").exists() == solved_within
+
+
+def test_a_place_that_is_wrong_is_told_and_the_true_one_found(field: Path) -> None:
+    _, out, _ = call("solve-field", "-O", "--ra", "180", "--dec", "-40", "--radius", "2", field)
+    assert_found(out)
+    assert "A hint was wrong: center: caller says RA 180" in out
 
 
 def test_the_headers_hints_bind_nothing_and_are_asked_only_if_wanted(tmp_path: Path) -> None:

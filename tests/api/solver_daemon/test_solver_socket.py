@@ -36,6 +36,10 @@ def toy(arguments: list[str], host: Host, solver: Any) -> int:
             content = file.read()
         host.out(f"{len(content)} bytes: {content[:10]!r}\n")
         return 7
+    if word == "folder":
+        host.make_folder(rest[0])
+        host.write(f"{rest[0]}/file", b"here")
+        return 0
     if word == "write":
         host.write(rest[0], rest[1].encode() * int(rest[2]))
         host.out(str(host.exists(rest[0])))
@@ -137,6 +141,14 @@ def test_files_are_read_and_written_in_the_callers_folder(running: Running) -> N
     assert (running.folder / "out.txt").read_bytes() == b"abc" * 100_000
     assert not (running.folder / "out.txt.gone").exists()
     assert [path.name for path in running.folder.iterdir() if "part" in path.name] == []
+
+
+def test_folders_are_made_there_too(running: Running) -> None:
+    for _ in range(2):
+        assert running.called("folder", "one/two") == (0, b"", b"")
+    assert (running.folder / "one" / "two" / "file").read_bytes() == b"here"
+    code, _, err = running.called("folder", "one/two/file/three")
+    assert (code, err.count(b"\n")) == (255, 1)
 
 
 def test_a_file_that_is_replaced_keeps_its_mode_and_its_link(running: Running) -> None:
