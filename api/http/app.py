@@ -269,7 +269,7 @@ def _nova(service: Service, turns: guards.Turns) -> Listener:
     settings = service.settings
     shared = nova_shares(descriptors_at_hand())
     gate = Gate(
-        Bounds(most=shared.clients, each_address=shared.clients, stops=0, fresh=shared.fresh),
+        Bounds(most=shared.clients, each_address=max(1, shared.clients // 2), stops=0, fresh=shared.fresh),
         turns=turns.reading,
     )
     keys = None if settings.nova.open else open_keys(settings, wide=not settings.nova.is_loopback)

@@ -95,8 +95,8 @@ class NovaShares:
 
     def descriptors(self, queue: int) -> int:
         """How many descriptors it holds at the most, with so many uploads at a time."""
-        # an upload's spool, and its double while it is solved or its picture is drawn
-        return self.clients + self.fresh + self.burst + self.handshakes + self.images + queue + 2
+        # each client sends or takes a file; jobs hold theirs, and a double while one is solved or drawn
+        return 2 * self.clients + self.fresh + self.burst + self.handshakes + self.images + queue + 2
 
 
 def nova_shares(descriptors: int) -> NovaShares:

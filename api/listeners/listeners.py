@@ -53,7 +53,7 @@ class Listeners:
     Parameters
     ----------
     made : dict of str to callable
-        By their names: ``indi``, ``lx200``, ``stellarium``, ``alpaca-discovery``.
+        By their names: ``indi``, ``lx200``, ``stellarium``, ``nova``, ``alpaca-discovery``.
     """
 
     def __init__(self, made: dict[str, Callable[[], Listener]]) -> None:

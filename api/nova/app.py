@@ -12,13 +12,15 @@ import ipaddress
 import json
 import logging
 import math
+import os
 import re
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
+from contextlib import ExitStack
+from typing import IO, Any, TypeVar
 
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.types import Message, Receive, Scope, Send
 
 from api.access.audit import Seldom
@@ -58,6 +60,9 @@ _FEED_BYTES = 262_144
 """What came of an upload is handed on in pieces of this many bytes: fewer changes of the thread."""
 _UNKNOWN_BYTES = 1_000_000
 """So much of a file is taken before it is known who sends it. All known clients send the session first."""
+_UNKNOWN_S, _UPLOAD_S = 30.0, 600.0
+"""A form has so long until its JSON is there, and an upload of a known client to its end, s: 128 MB at
+2 Mbit/s. Doubled, clients that dribble hold their places twice as long."""
 _FORM_BYTES = 2 * MOST_JSON_BYTES
 """What a form holds beside its file."""
 _DRAIN_S = 20.0
@@ -69,6 +74,11 @@ _LONGEST_KEY = 200
 """Characters of a key that are looked at; ours have 47."""
 _MOST_ID_DIGITS = 10
 """Digits of an id of 31 bits."""
+
+_TOO_SLOW = 408
+"""Of HTTP: the request didn't come in time."""
+_PIECE_BYTES = 262_144
+"""A large file is sent in pieces of so many bytes."""
 
 _JSON = "text/plain; charset=utf-8"
 _FITS = "application/fits"
@@ -125,14 +135,17 @@ class NovaApp:
         try:
             response = await self._respond(request)
         except NovaError as error:
-            # who waits for leave to send its body reads the answer instead
-            if not whole and (begun or "expect" not in request.headers):
+            # who waits for leave to send its body reads the answer instead; who was too slow has had its time
+            if not whole and error.status != _TOO_SLOW and (begun or "expect" not in request.headers):
                 await self._drain(request)
             response = _json(error_reply(error.words), error.status)
         except ClientDisconnect:
             return
         except MountnavError as error:
             response = _json(error_reply(str(error)))
+        except Exception:
+            _log.exception("a request to the nova API hit a fault")
+            response = _json(error_reply("a fault in mountnav: its log tells more"), 500)
         await response(scope, receive, send)
 
     async def _respond(self, request: Request) -> Response:
@@ -240,8 +253,15 @@ class NovaApp:
             and int(announced[:20]) > self._most_bytes + _FORM_BYTES
         ):
             raise too_large(self._most_bytes)
-        with self._jobs.place():
-            form = await self._received(request, self._most_bytes)
+        self._jobs.require_room()
+        with ExitStack() as held:
+
+            def known(given: dict[str, Any]) -> None:
+                # a stranger who dribbles takes no place in the queue
+                self._session(given)
+                held.enter_context(self._jobs.place())
+
+            form = await self._received(request, self._most_bytes, known)
             try:
                 given = await self._beside(read_request, form.json or b"{}")
                 session, asked = self._session(given), read_asked(given)
@@ -263,30 +283,61 @@ class NovaApp:
         )
         return _json({"status": "success", "subid": made.id, "hash": made.sha256})
 
-    async def _received(self, request: Request, most_bytes: int) -> Form:
-        """The form of a request. Raises `NovaError`; the caller closes the form."""
+    async def _received(
+        self, request: Request, most_bytes: int, known: Callable[[dict[str, Any]], None] | None = None
+    ) -> Form:
+        """The form of a request; the caller closes it.
+
+        Parameters
+        ----------
+        most_bytes : int
+            Longest file.
+        known : callable, optional
+            Told of the JSON as soon as it is there. May raise `NovaError`.
+
+        Raises
+        ------
+        NovaError
+        """
         boundary = boundary_of(request.headers.get("content-type", ""))
-        if boundary is None:
-            body = bytearray()
-            async for piece in request.stream():
-                body += piece
-                if len(body) > _MOST_BODY_BYTES:
-                    raise NovaError(f"the form is longer than {_MOST_BODY_BYTES} bytes", status=413)
-            return await self._beside(read_urlencoded, bytes(body))
-        parts = Multipart(boundary, most_bytes)
         try:
-            waiting, known = bytearray(), False
+            async with asyncio.timeout(_UNKNOWN_S) as limit:
+                if boundary is not None:
+                    return await self._parts(request, Multipart(boundary, most_bytes), known, limit)
+                body = bytearray()
+                async for piece in request.stream():
+                    body += piece
+                    if len(body) > _MOST_BODY_BYTES:
+                        raise NovaError(f"the form is longer than {_MOST_BODY_BYTES} bytes", status=413)
+                form = await self._beside(read_urlencoded, bytes(body))
+                if known is not None:
+                    known(await self._beside(read_request, form.json or b"{}"))
+                return form
+        except TimeoutError as late:
+            raise NovaError("the form took too long", status=_TOO_SLOW) from late
+
+    async def _parts(
+        self,
+        request: Request,
+        parts: Multipart,
+        known: Callable[[dict[str, Any]], None] | None,
+        limit: asyncio.Timeout,
+    ) -> Form:
+        """A multipart form as it comes."""
+        try:
+            waiting, is_known = bytearray(), False
             async for piece in request.stream():
                 waiting += piece
-                if len(waiting) < _FEED_BYTES and known:
+                if len(waiting) < _FEED_BYTES and is_known:
                     continue
                 await self._beside(parts.feed, bytes(waiting))
                 waiting.clear()
-                if not known and parts.form.json is not None:
-                    if most_bytes:
-                        self._session(await self._beside(read_request, parts.form.json))
-                    known = True
-                if not known and parts.form.size > _UNKNOWN_BYTES:
+                if not is_known and parts.form.json is not None:
+                    if known is not None:
+                        known(await self._beside(read_request, parts.form.json))
+                    limit.reschedule(asyncio.get_running_loop().time() + _UPLOAD_S)
+                    is_known = True
+                if not is_known and parts.form.size > _UNKNOWN_BYTES:
                     raise NovaError("send request-json with the session before the file")
             await self._beside(parts.feed, bytes(waiting))
             return await self._beside(parts.finish)
@@ -414,7 +465,7 @@ class NovaApp:
     async def new_fits_file(self, request: Request, number: int) -> Response:
         """The image with its WCS, as FITS."""
         found, result = await self._solved(request, number)
-        return _file(await self._jobs.new_fits(found, result), "new-image.fits")
+        return _download(await self._jobs.new_fits(found, result), "new-image.fits")
 
     async def rdls_file(self, request: Request, number: int) -> Response:
         """The identified stars' places."""
@@ -526,6 +577,23 @@ def _file(content: bytes, name: str) -> Response:
     return Response(
         content, media_type=_FITS, headers={"Content-Disposition": f'attachment; filename="{name}"'}
     )
+
+
+def _download(file: IO[bytes], name: str) -> Response:
+    """A large file, read as the client takes it: a slow one holds a descriptor and no memory."""
+
+    async def pieces() -> AsyncIterator[bytes]:
+        with file:
+            at = 0
+            while piece := os.pread(file.fileno(), _PIECE_BYTES, at):
+                at += len(piece)
+                yield piece
+
+    headers = {
+        "Content-Disposition": f'attachment; filename="{name}"',
+        "Content-Length": str(os.fstat(file.fileno()).st_size),
+    }
+    return StreamingResponse(pieces(), media_type=_FITS, headers=headers)
 
 
 def _is_loopback(address: str) -> bool:

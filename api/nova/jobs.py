@@ -8,7 +8,8 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
-from collections.abc import Awaitable, Callable, Iterator
+import tempfile
+from collections.abc import Awaitable, Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from io import FileIO
@@ -43,8 +44,9 @@ _HEAD_BYTES = 16
 """Of a file, to tell what it is."""
 _EQUINOX = 2000.0
 """What readers of astrometry.net's files look for; the positions are ICRS."""
-_BLOCK_BYTES = 1 << 20
-"""A spooled file is copied in pieces of so many bytes."""
+_MOST_PIXELS = 62_000_000
+"""Of an image that is brought into the service's own memory, for a picture, a negative, another file:
+the largest detectors in common use. It costs up to 500 MB, one at a time; doubled, a gigabyte."""
 
 
 class _Beside(Protocol):
@@ -72,14 +74,18 @@ class NovaJobs:
         self._heavy = asyncio.Semaphore(1)
         self._tasks: set[asyncio.Task[None]] = set()
 
-    @contextmanager
-    def place(self) -> Iterator[None]:
-        """Hold a place in the queue while an upload is received. Raises `NovaError` 429: there is none."""
+    def require_room(self) -> None:
+        """Raise `NovaError` 429 where all places of the queue are taken."""
         if self._under_way >= self._settings.queue:
             raise NovaError(
                 f"{self._under_way} uploads are under way, and no more are taken: send it again in a moment",
                 status=429,
             )
+
+    @contextmanager
+    def place(self) -> Iterator[None]:
+        """Hold a place in the queue while an upload is received. Raises `NovaError` 429: there is none."""
+        self.require_room()
         self._under_way += 1
         try:
             yield
@@ -170,8 +176,8 @@ class NovaJobs:
 
         return wcs_header(result.cards, history=(f"solved by mountnav: {job.name}",))
 
-    async def new_fits(self, job: Submission, result: Result) -> bytes:
-        """The image as FITS, with its WCS. Raises `NovaError` 404 where there is no image."""
+    async def new_fits(self, job: Submission, result: Result) -> IO[bytes]:
+        """The image as FITS, with its WCS, in a file without a name. Raises `NovaError` 404."""
         async with self._heavy:
             image = job.image
             if image is None:
@@ -180,7 +186,8 @@ class NovaJobs:
                 if picture_kind(os.pread(image.fileno(), _HEAD_BYTES, 0)) == "fits":
                     return await self._beside(_updated, image, result.cards, job.name)
                 # packed files and pictures are read where they can do no harm
-                frame = await self._service.solver.read_upload(Upload(job.name, os.dup(image.fileno())))
+                _require_size(result.cards)
+                frame = await self._service.solver.read_upload(Upload(job.name, image.fileno()))
                 return await self._beside(_as_fits, frame, result.cards)
             except BadFrame as fault:
                 raise NovaError(f"not found: no image was uploaded ({fault})", status=404) from fault
@@ -189,7 +196,7 @@ class NovaJobs:
         """The image with its stars circled, as a PNG; stars on black where there is no image."""
         async with self._heavy:
             frame: Frame | None = None
-            if job.image is not None:
+            if job.image is not None and _pixels(result.cards) <= _MOST_PIXELS:
                 try:
                     frame = await self._service.solver.read_upload(Upload(job.name, job.image.fileno()))
                 except BadFrame:
@@ -215,32 +222,46 @@ def _width_px(image: IO[bytes], kind: str) -> int | None:
     return None
 
 
-def _inverted(frame: Frame) -> IO[bytes]:
-    """A frame's negative as a FITS file without a name."""
-    import tempfile
+def _pixels(cards: Mapping[str, Value]) -> int:
+    return int(cards["IMAGEW"]) * int(cards["IMAGEH"])
 
-    import numpy as np
 
-    from mountnav.reading.fits_update import fits_of_frame
+def _require_size(cards: Mapping[str, Value]) -> None:
+    """Raise `NovaError` for an image that is too large to be brought into the service's memory."""
+    if _pixels(cards) > _MOST_PIXELS:
+        raise NovaError("not found: the image is too large to be made into another file", status=404)
 
-    pixels = frame.pixels.astype(np.float32)
+
+def _spool(content: bytes) -> IO[bytes]:
+    """A file without a name that holds this."""
     file = tempfile.TemporaryFile(prefix="mountnav-nova-")  # noqa: SIM115
-    file.write(fits_of_frame(np.nanmax(pixels) - pixels, {}, checksum=False))
+    file.write(content)
     file.flush()
     return file
 
 
-def _updated(image: IO[bytes], cards: dict[str, Value], name: str) -> bytes:
+def _inverted(frame: Frame) -> IO[bytes]:
+    """A frame's negative as a FITS file. Raises `BadFrame`."""
+    import numpy as np
+
+    from mountnav.reading.fits_update import fits_of_frame
+
+    if frame.pixels.size > _MOST_PIXELS:
+        raise BadFrame("it is too large to be inverted", device=frame.source, advice="invert it yourself")
+    return _spool(fits_of_frame(np.nanmax(frame.pixels) - frame.pixels, {}, checksum=False))
+
+
+def _updated(image: IO[bytes], cards: dict[str, Value], name: str) -> IO[bytes]:
     from mountnav.reading.fits_update import updated_fits
 
     with FileIO(image.fileno(), closefd=False) as file:
-        return updated_fits(OnDisk(file), cards, history=("WCS by mountnav",), name=name)
+        return _spool(updated_fits(OnDisk(file), cards, history=("WCS by mountnav",), name=name))
 
 
-def _as_fits(frame: Frame, cards: dict[str, Value]) -> bytes:
+def _as_fits(frame: Frame, cards: dict[str, Value]) -> IO[bytes]:
     from mountnav.reading.fits_update import fits_of_frame
 
-    return fits_of_frame(frame.pixels, cards, history=("WCS by mountnav",))
+    return _spool(fits_of_frame(frame.pixels, cards, history=("WCS by mountnav",)))
 
 
 def _drawn(result: Result, frame: Frame | None, rows_from_top: bool) -> bytes:

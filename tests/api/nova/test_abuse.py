@@ -302,3 +302,27 @@ async def test_going_down_ends_what_is_under_way() -> None:
     assert len(app.submissions) == 0
     assert app._jobs._under_way == 0
     assert pixels().any()
+
+
+async def test_a_stranger_who_dribbles_takes_no_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One who never shows a session is let go in the end; the queue is free meanwhile."""
+    monkeypatch.setattr("api.nova.app._UNKNOWN_S", 1.0)
+    async with standing("queue = 1") as nova:
+        reader, writer = await asyncio.open_connection("127.0.0.1", int(nova.url.rpartition(":")[2]))
+        writer.write(
+            b"POST /api/upload HTTP/1.1\r\nHost: 127.0.0.1\r\n"
+            b"Content-Type: multipart/form-data; boundary=x\r\nContent-Length: 1000000\r\n\r\n--x\r\n"
+        )
+        assert await nova.solved(drawn(), **HINT)
+        async with asyncio.timeout(60):
+            assert b" 408 " in await reader.readuntil(b"\r\n\r\n")
+        writer.close()
+
+
+async def test_a_full_queue_is_told_before_the_file_is_read() -> None:
+    async with standing("queue = 1") as nova:
+        session = await nova.login()
+        with nova.app._jobs.place():
+            words = refused(await nova.upload(b"x" * 1_000_000, session=session), 429)
+        assert "no more are taken" in words
+        assert await nova.solved(drawn(), session=session, **HINT)

@@ -1,0 +1,62 @@
+// Has StellarSolver, Ekos' library, solve an image at a server of the nova API, and prints what it understood.
+//
+// Arguments: FITS-FILE RAW-FILE WIDTH HEIGHT URL KEY image|stars
+// RAW-FILE: 16-bit pixels of this machine's byte order, the first row first. "image" uploads FITS-FILE, "stars" a
+// table of stars that StellarSolver extracts itself.
+
+#include <cstdio>
+
+#include <QCoreApplication>
+#include <QFile>
+#include <QObject>
+#include <QTimer>
+
+#include <stellarsolver.h>
+
+int main(int count, char **given)
+{
+    QCoreApplication app(count, given);
+    if (count != 8)
+        return 2;
+    QFile file(given[2]);
+    if (!file.open(QIODevice::ReadOnly))
+        return 2;
+    QByteArray pixels = file.readAll();
+    FITSImage::Statistic image;
+    image.width = QString(given[3]).toInt();
+    image.height = QString(given[4]).toInt();
+    image.samples_per_channel = uint32_t(image.width) * image.height;
+    image.bytesPerPixel = 2;
+    image.dataType = 20; // TUSHORT
+    image.size = pixels.size();
+
+    StellarSolver solver(image, reinterpret_cast<const uint8_t *>(pixels.constData()));
+    bool stars = QString(given[7]) == "stars";
+    solver.setProperty("ProcessType", SOLVE);
+    solver.setProperty("ExtractorType", stars ? EXTRACTOR_INTERNAL : EXTRACTOR_BUILTIN);
+    solver.setProperty("SolverType", SOLVER_ONLINEASTROMETRY);
+    solver.setProperty("FileToProcess", QString(given[1]));
+    solver.setProperty("AstrometryAPIURL", QString(given[5]));
+    solver.setProperty("AstrometryAPIKey", QString(given[6]));
+    solver.setSearchScale(3.8, 4.2, ARCSEC_PER_PIX);
+    solver.setSearchPositionInDegrees(85.1, 29.95);
+    solver.setProperty("UseScale", true);
+    solver.setProperty("UsePosition", true);
+    solver.setLogLevel(LOG_ALL);
+    solver.setSSLogLevel(LOG_NORMAL);
+    QObject::connect(&solver, &StellarSolver::logOutput, [](const QString &words) {
+        std::fprintf(stderr, "%s\n", words.toUtf8().constData());
+    });
+    QObject::connect(&solver, &StellarSolver::finished, &app, [&]() {
+        if (solver.solvingDone() && !solver.failed())
+        {
+            FITSImage::Solution found = solver.getSolution();
+            std::printf("%.6f %.6f %.6f %.6f %.6f %.6f %d\n", found.ra, found.dec, found.pixscale, found.orientation,
+                        found.fieldWidth, found.fieldHeight, int(solver.hasWCSData()));
+        }
+        app.exit(solver.failed() ? 1 : 0);
+    });
+    QTimer::singleShot(60000, &app, [&]() { app.exit(3); });
+    QTimer::singleShot(0, &app, [&]() { solver.start(); });
+    return app.exec();
+}
