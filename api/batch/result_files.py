@@ -114,6 +114,11 @@ class ParquetTable:
         self._written_s = time.monotonic()
         if self._path.exists():
             self._table = self._read()
+        elif not os.access(self._path.parent, os.W_OK):  # known now, and not after a night's work
+            raise BadRequest(
+                f"{path} can't be written: there is no such folder, or it is closed",
+                advice="name another file",
+            )
 
     def add(self, row: Row) -> None:
         """Add a row. Raises `OSError`."""
@@ -140,10 +145,14 @@ class ParquetTable:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
+        from mountnav.files import require_plain
+
         try:
+            require_plain(self._path)
             found = pq.read_table(self._path)
         except (OSError, pa.ArrowException) as error:
-            raise _not_ours(str(self._path), str(error)) from error
+            why = getattr(error, "strerror", None) or str(error)
+            raise _not_ours(str(self._path), why) from error
         if not found.schema.equals(self._schema):
             raise _not_ours(str(self._path), "its columns are others")
         return found.cast(self._schema)

@@ -74,6 +74,8 @@ def test_patterns_and_lists_name_frames_too(
         (("x.fits", "--resume", "results.txt"), "what kind of results results.txt holds can't be told"),
         (("x.fits", "y.fits", "--annotate", "one.png"), "is one picture, but there are 2 frames"),
         (("x.fits", "--csv", "/there/is/none.csv"), "/there/is/none.csv can't be written: No such file"),
+        (("x.fits", "--parquet", "/there/is/none.parquet"), "/there/is/none.parquet can't be written"),
+        (("x.fits", "--parquet", "/dev/null"), "no file of such results: it is a device, not a file"),
     ],
 )
 def test_bad_usage_is_one_line_and_changes_nothing(
