@@ -59,6 +59,8 @@ FAR_PIECE, FAINT_TAIL, UNSURE_MIDDLE, SIX_OF_A_DOUBLE = 61195, 62294, 62445, 625
 OF_TWO_SCALES, BRIGHTER_TRAILS = 72359, 72521
 # 5.6 px off: a field that turned under a growing cloud, so that faint stars show the first part of their arcs
 TURNED_UNDER_CLOUD = 73058
+# 20 px off: seven stars of a double exposure whose second images are too faint to be found singly
+SEVEN_OF_A_DOUBLE = 73177
 
 
 @pytest.mark.parametrize(
@@ -71,6 +73,7 @@ TURNED_UNDER_CLOUD = 73058
         OF_TWO_SCALES,
         BRIGHTER_TRAILS,
         TURNED_UNDER_CLOUD,
+        SEVEN_OF_A_DOUBLE,
         *(
             pytest.param(one, marks=pytest.mark.long)
             for one in (FEW_OF_A_DOUBLE, THIN_TAIL, FAR_PIECE, UNSURE_MIDDLE)
