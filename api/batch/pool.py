@@ -25,6 +25,7 @@ from mountnav.files import open_plain
 from mountnav.frames import Hint
 from mountnav.solution import Reason, Times, Verdict
 from mountnav.solving.settings import SolveSettings
+from mountnav.tasks import waited_for
 
 AHEAD = 100
 """Frames for each process that may be done before an earlier one is. A hopeless one takes as long as a
@@ -80,7 +81,7 @@ class Pool:
                     frame = await asyncio.to_thread(next, frames, None)
                     if frame is None:
                         break
-                    pending.append(asyncio.create_task(self._outcome(frame)))
+                    pending.append(waited_for(self._outcome(frame)))
                 if not pending:
                     return
                 yield await pending.popleft()

@@ -226,7 +226,9 @@ async def _to_the_end(work: Coroutine[Any, Any, None]) -> None:
     """Wait for a thread's work even when this task is cancelled meanwhile; then be cancelled."""
     import asyncio
 
-    task = asyncio.create_task(work)
+    from mountnav.tasks import waited_for
+
+    task = waited_for(work)
     try:
         await asyncio.shield(task)
     except asyncio.CancelledError:

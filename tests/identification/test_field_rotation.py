@@ -154,7 +154,7 @@ def test_bright_stars_are_heard_against_a_majority_of_pieces() -> None:
     motion = field_motion(centers)
     assert motion is not None
     assert abs(motion.center_px) < 0.1
-    stars, beside_px = centers.beside(0j, motion)
+    stars, beside_px, _ = centers.beside(0j, motion)
     assert (stars, beside_px) == (8, pytest.approx(math.hypot(9.0, 2.0), abs=0.1))
     # where a common path has them they are as they should be
     assert centers.beside(9.0 + 2.0j, motion)[1] < 0.1

