@@ -20,6 +20,7 @@ LONGEST_SHEBANG = 120
 _HEAD_BYTES = 2000
 """Of a file, in which the mark stands."""
 _EXECUTABLE = 0o755
+"""Mode of a command: everybody may run it, its owner replace it."""
 
 
 @dataclass(frozen=True, slots=True)
