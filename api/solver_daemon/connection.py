@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hmac
 import logging
 import os
 import select
@@ -130,6 +131,15 @@ class StubHost:
         ready.register(self._link, select.POLLRDHUP)
         return bool(ready.poll(0))
 
+    def prove(self, token: str) -> str:
+        """Prove to the stub that this is its solver; what it must show in turn. Raises `StubGone`."""
+        kind, nonce, _ = self._receive(LONGEST_HELLO_BYTES)
+        if kind != b"N" or len(nonce) != stub.NONCE_BYTES:
+            raise StubGone("it asked for no proof")
+        own = os.urandom(stub.NONCE_BYTES)
+        self._send(b"P", stub.proof(token, b"solver", nonce) + own)
+        return stub.proof(token, b"stub", own).hex()
+
     def call(self) -> Call:
         """Receive what the stub wants. Raises `StubGone`."""
         kind, content, _ = self._receive(LONGEST_HELLO_BYTES)
@@ -212,8 +222,9 @@ def serve_call(
         link.settimeout(LONGEST_ANSWER_S)
         host = StubHost(link)
         with suppress(StubGone):
+            wanted = host.prove(token) if token else ""
             call = host.call()
-            if call.token != token:
+            if not hmac.compare_digest(call.token.encode("utf-8", "replace"), wanted.encode()):
                 _log.warning("a call without the token was refused")
                 return
             if call.version != stub.VERSION:

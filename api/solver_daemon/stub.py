@@ -2,11 +2,14 @@
 
 `mountnav solver install` writes this file, as it is, under the names of the commands; its name tells which it
 is. It runs in an isolated interpreter (``python -I -S``) and imports nothing but the modules that such an
-interpreter has loaded already, and `_socket`: it has to cost less than what it calls.
+interpreter has loaded already, `_socket`, and by TCP `_blake2`: it has to cost less than what it calls.
 
 It connects to the solver's socket and does what comes from there: opens files and passes them on, writes
 files, prints. So all files are read and written by the caller, with the caller's rights. Where nobody listens
 the command is carried out by a new process of its own, and a solver daemon is started for the next one.
+
+By TCP both ends prove first that they know the token: whoever listens on the port of a solver that has ended
+would else be obeyed with the caller's rights.
 
 A message is a letter, the length of what follows (4 bytes, little-endian), and that.
 """
@@ -25,6 +28,8 @@ LONGEST_SOCKET_PATH = 100
 """Bytes; the system takes 107. A longer path is reached through its open folder."""
 AT_ONCE_BYTES = 1 << 20
 """Bytes that are read and sent at a time."""
+NONCE_BYTES = 16
+"""Of what each end draws by chance for the other to prove the token with: nobody draws the same twice."""
 
 
 def folder() -> str:
@@ -65,6 +70,25 @@ def connected(wanted: str) -> tuple[_socket.socket | None, str]:
         return link, ""
     except (OSError, ValueError):
         return None, ""
+
+
+def proof(token: str, who: bytes, nonce: bytes) -> bytes:
+    """That somebody knows the token, without telling it."""
+    import _blake2
+
+    return _blake2.blake2s(who + nonce, key=token.encode()).digest()
+
+
+def proven(link: _socket.socket, token: str) -> str:
+    """Have a solver behind TCP prove that it knows the token; what it wants of us. Raises `Gone`."""
+    talk, nonce = Talk(link), os.urandom(NONCE_BYTES)
+    talk.send(b"N", nonce)
+    head = talk.exactly(5)
+    told = talk.exactly(int.from_bytes(head[1:], "little")) if head[:1] == b"P" else b""
+    shown, its_nonce = told[:-NONCE_BYTES], told[-NONCE_BYTES:]
+    if shown != proof(token, b"solver", nonce):
+        raise Gone
+    return proof(token, b"stub", its_nonce).hex()
 
 
 class Gone(Exception):
@@ -171,7 +195,8 @@ def asked(wanted: str, word: str) -> bytes:
         return b""
     talk, heard = Talk(link), b""
     try:
-        talk.send(b"H", "\0".join([VERSION, token, "/", word]).encode())
+        shown = proven(link, token) if token else ""
+        talk.send(b"H", "\0".join([VERSION, shown, "/", word]).encode())
         while True:
             head = talk.exactly(5)
             kind, content = head[:1], talk.exactly(int.from_bytes(head[1:], "little"))
@@ -260,8 +285,9 @@ def run(name: str, arguments: list[str]) -> int:
             started_daemon()
         alone(name, arguments)
     talk = Talk(link)
-    hello = [VERSION, token, os.getcwd(), name, *arguments]
     try:
+        shown = proven(link, token) if token else ""
+        hello = [VERSION, shown, os.getcwd(), name, *arguments]
         talk.send(b"H", "\0".join(hello).encode("utf-8", "surrogateescape"))
         code = talk.carried_out()
     except Gone:

@@ -241,14 +241,57 @@ def test_only_this_user_can_reach_the_socket(private: Running) -> None:
 def test_a_port_wants_its_token(tmp_path: Path) -> None:
     for running in _served(tmp_path, tcp_port=0):
         host, port = running.server.address
-        wrong = f"tcp:{host}:{port}:{'0' * 32}"
-        link, _ = stub.connected(wrong)
+        for shown in ("", "0" * 64, running.server.token):
+            link, _ = stub.connected(f"tcp:{host}:{port}:{running.server.token}")
+            assert link is not None
+            talk = stub.Talk(link)
+            talk.send(b"N", b"n" * stub.NONCE_BYTES)
+            assert talk.exactly(5)[:1] == b"P"
+            talk.exactly(32 + stub.NONCE_BYTES)
+            talk.send(b"H", "\0".join([stub.VERSION, shown, "/", TOY, "echo", "x"]).encode())
+            with pytest.raises(stub.Gone):
+                talk.exactly(1)
+            link.close()
+        # and a hello without the other end's proof
+        link, _ = stub.connected(f"tcp:{host}:{port}:{running.server.token}")
         assert link is not None
         talk = stub.Talk(link)
-        talk.send(b"H", "\0".join([stub.VERSION, "0" * 32, "/", TOY, "echo", "x"]).encode())
+        talk.send(b"H", "\0".join([stub.VERSION, running.server.token, "/", TOY, "echo"]).encode())
         with pytest.raises(stub.Gone):
             talk.exactly(1)
         link.close()
+
+
+def test_whoever_listens_on_a_solvers_old_port_is_not_obeyed(tmp_path: Path) -> None:
+    import socket
+
+    installing.install(tmp_path / "bin", [TOY])
+    listening = socket.create_server(("127.0.0.1", 0))
+    victim = tmp_path / "victim"
+
+    def impostor() -> None:
+        link, _ = listening.accept()
+        with link:
+            link.recv(100)
+            text = b"P" + (48).to_bytes(4, "little") + bytes(48)
+            link.sendall(
+                text + b"W" + (len(bytes(victim)) + 2).to_bytes(4, "little") + bytes(victim) + b"\0x"
+            )
+            link.recv(100)
+
+    thread = threading.Thread(target=impostor)
+    thread.start()
+    where = f"tcp:127.0.0.1:{listening.getsockname()[1]}:{'5' * 32}"
+    subprocess.run(
+        [tmp_path / "bin" / TOY, "-h"],
+        env={**os.environ, "MOUNTNAV_SOLVER": where},
+        capture_output=True,
+        cwd=tmp_path,
+        timeout=120,
+    )
+    thread.join(60)
+    listening.close()
+    assert not victim.exists()
 
 
 def test_a_socket_of_somebody_else_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
