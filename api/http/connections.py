@@ -12,7 +12,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import os
 import re
+import socket
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -46,6 +48,8 @@ _STOP_HEAD = re.compile(
 """How the bytes of a stop begin; see `is_stop`."""
 _ABSOLUTE = re.compile(rb"https?://(?P<host>[^/?#]*)(?P<path>/.*)?", re.IGNORECASE)
 """The address of a request as proxies are sent it."""
+_LOOK_BYTES = 512
+"""As many bytes tell a stop, `_STOP_HEAD`; with fewer, one of a telescope with a long name is overlooked."""
 _LEAST_BODY_BYTES_S = 1000.0
 """A body that comes more slowly for `Deadlines.body_s` is given up: 256 kB would take it four minutes."""
 
@@ -149,15 +153,22 @@ class Gate:
                 self.count,
                 one.address,
             )
-        if taken.goes is not None:
+        if taken.goes is not None and self.hears_stops and taken.goes.has_sent_stop():
+            self._among_stops(taken.goes)
+        elif taken.goes is not None:
             self._drop(taken.goes)
         if not taken.let_in and not self.hears_stops:
             one.transport.abort()
         elif not taken.let_in:
-            one.stops_only = True
-            if len(self._stopping) >= self._bounds.stops:
-                self._drop(min(self._stopping, key=lambda each: (not each.may_go, each.since_s)))
-            self._stopping.add(one)
+            self._among_stops(one)
+
+    def _among_stops(self, one: Guarded) -> None:
+        """Let it send a stop and nothing else; who has been idle for longest among those makes room."""
+        one.stops_only = True
+        if len(self._stopping) >= self._bounds.stops:
+            in_turn = sorted(self._stopping, key=lambda each: (not each.may_go, each.since_s))
+            self._drop(next((each for each in in_turn if not each.has_sent_stop()), in_turn[0]))
+        self._stopping.add(one)
 
     def went(self, one: Guarded) -> None:
         """A connection is gone. Twice is fine."""
@@ -211,6 +222,25 @@ class Guarded(H11Protocol):
     def may_go(self) -> bool:
         """Whether it may make room for another one: it is idle, and no stop waits to be read."""
         return self.is_idle and not self.is_urgent
+
+    def has_sent_stop(self) -> bool:
+        """Whether a stop came, read or not.
+
+        Between a connection's coming and the reading of its first bytes lie a few turns of the loop. In a
+        flood others come in these, and it would have to go before anybody has looked at its bytes.
+        """
+        return self.is_urgent or (self.is_idle and _STOP_HEAD.match(self._unread()) is not None)
+
+    def _unread(self) -> bytes:
+        """What the system has received for this connection, and nobody has taken yet."""
+        ours = self.transport.get_extra_info("socket")
+        if self._waiting or ours is None:
+            return b""
+        try:
+            with socket.socket(fileno=os.dup(ours.fileno())) as same:
+                return same.recv(_LOOK_BYTES, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+        except OSError:
+            return b""
 
     @property
     def has_spoken(self) -> bool:

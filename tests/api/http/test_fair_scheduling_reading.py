@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import threading
 import time
 from collections.abc import Iterator
@@ -127,6 +128,22 @@ async def test_a_stop_of_one_who_hangs_up_at_once_counts_beside_others() -> None
         stopping.write_eof()
         while "/v1/stop" not in heard:
             await asyncio.sleep(0.01)
+
+
+@pytest.mark.parametrize("full", ["of others", "of those who may only stop"])
+async def test_a_stop_that_nobody_has_read_yet_does_not_go_for_newcomers(full: str) -> None:
+    # no room for a moment: each newcomer's coming is decided on before the stop's bytes are read
+    gate = Gate(Bounds(most=1 if full == "of others" else 0, each_address=50, stops=2, fresh=0))
+    heard: list[str] = []
+    async with _behind(gate, heard) as where, asyncio.timeout(60):
+        # the system takes these in while the loop stands
+        stop = socket.create_connection(where)
+        stop.sendall(b"POST /v1/stop HTTP/1.1\r\nHost: a\r\n\r\n")
+        others = [socket.create_connection(where) for _ in range(4)]
+        while "/v1/stop" not in heard:
+            await asyncio.sleep(0.01)
+        for one in (stop, *others):
+            one.close()
 
 
 @pytest.mark.parametrize(
