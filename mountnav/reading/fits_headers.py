@@ -22,6 +22,25 @@ CARD_LENGTH = 80
 """Bytes of a card [FITS 4.0, section 3.3.1]."""
 BLOCK_LENGTH = 2880
 """Bytes of a block: headers and data are padded to whole ones [FITS 4.0, section 3.1]."""
+COLUMN_BYTES = {
+    "L": 1,
+    "X": 0,
+    "B": 1,
+    "I": 2,
+    "J": 4,
+    "K": 8,
+    "A": 1,
+    "E": 4,
+    "D": 8,
+    "C": 8,
+    "M": 16,
+    "P": 8,
+    "Q": 16,
+}
+"""Bytes of an element of a table's column, by the letter of its TFORM [FITS 4.0, table 18]; bits (X) are
+counted apart."""
+COLUMN_NUMBERS = {"B": "u1", "I": ">i2", "J": ">i4", "K": ">i8", "E": ">f4", "D": ">f8"}
+"""numpy's types of the columns that hold numbers."""
 _BLOCKS_AT_ONCE = 4
 """Blocks that are taken at a time while END is looked for; for speed alone."""
 _NOT_VALUES = ("COMMENT", "HISTORY", "CONTINUE", "")

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from mountnav.errors import BadFrame
 from mountnav.frames import StarList
 from mountnav.reading.content import Content
-from mountnav.reading.fits_headers import Hdu, Value, walk
+from mountnav.reading.fits_headers import COLUMN_BYTES, COLUMN_NUMBERS, Hdu, Value, walk
 from mountnav.reading.header_hints import hint_from_header
 
 __all__ = ["ListFormat", "is_star_list", "read_star_list", "star_list_of"]
@@ -94,24 +94,6 @@ _DATA_LINE = re.compile(
 _NUMBERED_NAME = re.compile(r"#\s*(\d{1,3})\s+([A-Za-z]\w*)")
 """SExtractor's line for a column: its number and its name."""
 _FORM = re.compile(r"(\d{0,9})([LXBIJKAEDCMPQ])")
-_WIDTHS = {
-    "L": 1,
-    "X": 0,
-    "B": 1,
-    "I": 2,
-    "J": 4,
-    "K": 8,
-    "A": 1,
-    "E": 4,
-    "D": 8,
-    "C": 8,
-    "M": 16,
-    "P": 8,
-    "Q": 16,
-}
-"""Bytes of an element of a column [FITS 4.0, table 18]; bits (X) are counted apart."""
-_KINDS = {"B": "u1", "I": ">i2", "J": ">i4", "K": ">i8", "E": ">f4", "D": ">f8"}
-"""Columns that can be coordinates or brightness, as numpy calls them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -341,7 +323,7 @@ def _table_columns(content: Content, table: Hdu, label: str) -> dict[str, Column
                 f"column {number} of the table has no sane format", device=label, advice="write it again"
             )
         repeat, letter = int(form[1] or 1), form[2]
-        width = -(-repeat // 8) if letter == "X" else repeat * _WIDTHS[letter]
+        width = -(-repeat // 8) if letter == "X" else repeat * COLUMN_BYTES[letter]
         if at + width > row_bytes:
             raise BadFrame(
                 f"the columns need more than the {row_bytes} bytes of a row",
@@ -349,9 +331,9 @@ def _table_columns(content: Content, table: Hdu, label: str) -> dict[str, Column
                 advice="write the list again",
             )
         name = str(cards.values.get(f"TTYPE{number}", f"col{number}")).strip().lower()
-        if letter in _KINDS and repeat == 1 and name not in columns:
+        if letter in COLUMN_NUMBERS and repeat == 1 and name not in columns:
             scale, zero = cards.real(f"TSCAL{number}", 1.0), cards.real(f"TZERO{number}", 0.0)
-            columns[name] = _stored_column(data, rows, row_bytes, at, _KINDS[letter], scale, zero)
+            columns[name] = _stored_column(data, rows, row_bytes, at, COLUMN_NUMBERS[letter], scale, zero)
         at += width
     return columns
 

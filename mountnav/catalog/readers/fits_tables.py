@@ -14,28 +14,13 @@ from mountnav.catalog.malformed import malformed_at
 from mountnav.errors import BadCatalog
 from mountnav.files import open_plain
 from mountnav.reading.content import OnDisk
-from mountnav.reading.fits_headers import BLOCK_LENGTH, Cards, read_cards
+from mountnav.reading.fits_headers import BLOCK_LENGTH, COLUMN_BYTES, COLUMN_NUMBERS, Cards, read_cards
 
 Array = NDArray[np.float64]
 
 _FORM = re.compile(r"\s*(\d*)([LXBIJKAEDCMPQ])")
-_BYTES = {
-    "L": 1,
-    "X": 0,
-    "B": 1,
-    "I": 2,
-    "J": 4,
-    "K": 8,
-    "A": 1,
-    "E": 4,
-    "D": 8,
-    "C": 8,
-    "M": 16,
-    "P": 8,
-    "Q": 16,
-}
-"""Bytes of one element of each kind of column [FITS 4.0, table 18]; bits (X) are counted apart."""
-_NUMPY = {"L": "u1", "B": "u1", "I": ">i2", "J": ">i4", "K": ">i8", "E": ">f4", "D": ">f8"}
+_NUMPY = {"L": "u1", **COLUMN_NUMBERS}
+"""Columns of one number, as numpy calls them; logical ones are a byte."""
 _LARGEST_READ_BYTES = 64 * 2**20
 """Bytes of rows that are read at a time; chosen by hand: memory grows with it."""
 
@@ -263,7 +248,7 @@ def _table(path: Path, cards: Cards, data_at: int) -> FitsTable:
                 null if isinstance(null, int) else None,
             )
         )
-        offset += -(-count // 8) if kind == "X" else count * _BYTES[kind]
+        offset += -(-count // 8) if kind == "X" else count * COLUMN_BYTES[kind]
     row_bytes, rows = cards.integer("NAXIS1"), cards.integer("NAXIS2")
     if columns and offset != row_bytes:
         raise malformed_at(
