@@ -137,9 +137,11 @@ class Writing:
                 replace_bytes(self._name(outcome, ".wcs", frame.path.parent), _wcs_of(outcome, solution))
         if self._picture is not None:
             with self._told(outcome, "the picture"):
-                from api.batch.annotate import annotated_file
+                from api.annotated_picture import annotated_png
+                from mountnav.reading import read_frame
 
-                png = annotated_file(frame.path, frame.hdu, verdict, solution)
+                again = read_frame(frame.path, name=shown(Path(frame.path.name)), hdu=frame.hdu)
+                png = annotated_png(again, verdict, solution)
                 single = self._picture.suffix.lower() == ".png" and not frame.one_of_many
                 replace_bytes(self._picture if single else self._name(outcome, ".png", self._picture), png)
 

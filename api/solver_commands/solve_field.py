@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from io import FileIO
 from typing import TYPE_CHECKING, BinaryIO, Literal
 
@@ -275,9 +276,7 @@ def _solved(call: _Call, file: BinaryIO, source: _Input, outputs: _Outputs) -> V
         stars=wanted.stars,
     )
     cancel = outputs.names.get("cancel")
-    cancelled: Callable[[], bool] | None = None
-    if cancel is not None:
-        cancelled = lambda: call.host.exists(cancel)  # noqa: E731
+    cancelled = None if cancel is None else partial(call.host.exists, cancel)
     return call.solver.solve(asked, cancelled=cancelled)
 
 
