@@ -238,10 +238,10 @@ def listeners_of(
 
 
 def _solver_commands(service: Service) -> Listener:
-    from api.solver_daemon.listener import SolverOnLoop, SolverSocket
+    from api.solver_daemon.listener import CALLS_OF_SERVICE, SolverOnLoop, SolverSocket
 
     on_loop = SolverOnLoop(service.solver, lambda: service.solve_settings(None), asyncio.get_running_loop())
-    return SolverSocket(on_loop, takes_over=True)
+    return SolverSocket(on_loop, most_calls=CALLS_OF_SERVICE, takes_over=True)
 
 
 def _indi(service: Service) -> Listener:

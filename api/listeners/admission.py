@@ -39,7 +39,8 @@ _MOST = 1024
 """No more are counted on: pyserial reads by `select`, which knows no descriptor above 1,023. With twice as
 many a serial port that is opened late couldn't be read any more."""
 _OWN = 96
-"""For the journal, the solver, the loop, files that are being read; some 30 are open when nothing happens."""
+"""For the journal, the solver, the loop, files that are being read, calls of other solvers' commands (at most
+16); some 30 are open when nothing happens."""
 _EACH_TELESCOPE = 8
 """A mount's link, a camera's, a fake's pseudo-terminal and its ends, frames that are read."""
 _LISTENERS = 3

@@ -5,10 +5,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
+from api.solver_daemon.stub import FAULT_CODE
 from mountnav.errors import MountnavError
-
-FAULT_CODE = 255
-"""As `api.solver_daemon.connection.FAULT_CODE`, without what that imports."""
 
 
 def run_alone(name: str, arguments: Sequence[str]) -> int:

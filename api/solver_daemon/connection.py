@@ -29,8 +29,6 @@ LONGEST_HELLO_BYTES = 1 << 20
 """A call's arguments; the system allows 2 MB, nobody uses 10 kB."""
 MOST_FILE_BYTES = 2_500_000_000
 """Longest file that is taken through TCP, bytes: as the solver's process may write."""
-FAULT_CODE = 255
-"""Exit code of a command that hit a fault of ours: none of the originals uses it for anything else."""
 
 Answer = Callable[[str], str]
 
@@ -241,17 +239,17 @@ def _carried_out(call: Call, host: StubHost, solver: Solver, own: Mapping[str, A
     name = known_name(call.name)
     if name is None:
         host.err(f"mountnav: there is no command {call.name!r}\n")
-        return FAULT_CODE
+        return stub.FAULT_CODE
     try:
         return command(name)(call.arguments, host, solver)
     except StubGone:
         raise
     except Cancelled:
-        return FAULT_CODE
+        return stub.FAULT_CODE
     except (MountnavError, OSError) as fault:
         host.err(f"{name}: {fault}\n")
-        return FAULT_CODE
+        return stub.FAULT_CODE
     except Exception as fault:
         _log.exception("%s hit a fault", name)
         host.err(f"{name}: {fault_words(fault)}\n")
-        return FAULT_CODE
+        return stub.FAULT_CODE

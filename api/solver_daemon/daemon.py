@@ -51,7 +51,6 @@ class Daemon:
         self._idle_s, self._tcp_port = idle_s, tcp_port
         self._over = asyncio.Event()
         self._began_s = time.monotonic()
-        self._calls = 0
 
     async def run(self, listening: Callable[[SolverSocket], None] | None = None) -> None:
         """Serve. Raises `BadSettings` where it can't be listened."""

@@ -35,6 +35,10 @@ _log = logging.getLogger(__name__)
 MOST_CALLS = 32
 """Calls that are carried out at once; more wait in the system's queue. Each has a thread. Doubled, a flood of
 calls takes twice as many threads."""
+CALLS_OF_SERVICE = 4
+"""The same in the service, whose descriptors are for stops and devices first: a call holds up to four. It
+solves one upload at a time in any case. Doubled, 16 more are taken from what `api.listeners.admission` keeps
+for such things."""
 WAITING_CALLS = 128
 """Calls that the system lets wait; chosen by hand: more than any program starts."""
 ASK_EACH_S = 0.2
@@ -106,6 +110,8 @@ class SolverSocket:
         They must know `token`.
     own : mapping, optional
         Words for the solver itself, and what answers them.
+    most_calls : int
+        See `MOST_CALLS`.
     takes_over : bool
         Ask a daemon that listens there to end, and take its place. Where another service listens this one
         doesn't, and that is no trouble: commands are answered.
@@ -118,6 +124,7 @@ class SolverSocket:
         path: Path | None = None,
         tcp_port: int | None = None,
         own: Mapping[str, Answer] | None = None,
+        most_calls: int = MOST_CALLS,
         takes_over: bool = False,
     ) -> None:
         self._solver, self._own, self._takes_over = solver, own or {}, takes_over
@@ -125,7 +132,7 @@ class SolverSocket:
         self.token = "" if tcp_port is None else secrets.token_hex(TOKEN_BYTES)
         self._socket: socket.socket | None = None
         self._lock_file: int | None = None
-        self._places = threading.BoundedSemaphore(MOST_CALLS)
+        self._places = threading.BoundedSemaphore(most_calls)
         self._links: set[socket.socket] = set()
         self._lock = threading.Lock()
         self._ended_s = time.monotonic()
@@ -247,16 +254,25 @@ class SolverSocket:
                 continue
             with self._lock:
                 self._links.add(link)
-            threading.Thread(target=self._serve, args=(link,), name="solver call", daemon=True).start()
+            try:
+                threading.Thread(target=self._serve, args=(link,), name="solver call", daemon=True).start()
+            except RuntimeError:  # no thread is left: the caller sees to itself
+                _log.exception("a call of a command was let go")
+                link.close()
+                self._over(link)
 
     def _serve(self, link: socket.socket) -> None:
         try:
             serve_call(link, self._solver, token=self.token, own=self._own)
         finally:
-            with self._lock:
-                self._links.discard(link)
-                self._ended_s = time.monotonic()
-            self._places.release()
+            self._over(link)
+
+    def _over(self, link: socket.socket) -> None:
+        """A call is over."""
+        with self._lock:
+            self._links.discard(link)
+            self._ended_s = time.monotonic()
+        self._places.release()
 
 
 def _ended(path: Path) -> None:

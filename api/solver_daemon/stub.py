@@ -28,6 +28,8 @@ LONGEST_SOCKET_PATH = 100
 """Bytes; the system takes 107. A longer path is reached through its open folder."""
 AT_ONCE_BYTES = 1 << 20
 """Bytes that are read and sent at a time."""
+FAULT_CODE = 255
+"""Exit code of a command that hit a fault of ours: none of the originals uses it for anything else."""
 NONCE_BYTES = 16
 """Of what each end draws by chance for the other to prove the token with: nobody draws the same twice."""
 
@@ -293,7 +295,7 @@ def run(name: str, arguments: list[str]) -> int:
     except Gone:
         if talk.done_anything:
             os.write(2, b"mountnav: the solver ended in the middle of this call; call it again\n")
-            return 255
+            return FAULT_CODE
         code = None
     if code is None:
         alone(name, arguments)

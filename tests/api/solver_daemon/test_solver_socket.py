@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -232,6 +233,38 @@ def test_a_solver_that_ends_in_the_middle_is_told(private: Running) -> None:
     assert b"call it again" in err
 
 
+def test_without_a_thread_left_a_call_is_let_go_and_the_next_is_answered(
+    private: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start, refused = threading.Thread.start, []
+
+    def no_more(thread: threading.Thread) -> None:
+        if thread.name == "solver call" and not refused:
+            refused.append(thread)
+            raise RuntimeError("can't start new thread")
+        start(thread)
+
+    monkeypatch.setattr(threading.Thread, "start", no_more)
+    link, _ = stub.connected(private.server.address[0])
+    assert link is not None
+    with pytest.raises(stub.Gone):
+        stub.Talk(link).exactly(1)
+    link.close()
+    assert refused
+    assert private.called("echo", "again")[1] == b"again"
+
+
+def test_more_calls_than_may_be_wait_for_their_turn(tmp_path: Path) -> None:
+    for running in _served(tmp_path, most_calls=1):
+        first = running.begun("wait")
+        assert first.stdout is not None
+        assert first.stdout.readline() == b"waiting\n"
+        second = running.begun("echo", "later")
+        AGAIN.set()
+        assert first.communicate()[0] == b"done\n"
+        assert second.communicate()[0] == b"later"
+
+
 def test_only_this_user_can_reach_the_socket(private: Running) -> None:
     path = Path(private.server.address[0])
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
@@ -271,7 +304,8 @@ def test_whoever_listens_on_a_solvers_old_port_is_not_obeyed(tmp_path: Path) -> 
 
     def impostor() -> None:
         link, _ = listening.accept()
-        with link:
+        # it hangs up on an impostor, at whichever of these
+        with link, suppress(OSError):
             link.recv(100)
             text = b"P" + (48).to_bytes(4, "little") + bytes(48)
             link.sendall(
