@@ -9,6 +9,7 @@ from datetime import datetime
 from mountnav.devices import for_mount, from_mount
 from mountnav.errors import DeviceError, NotReached, TargetNotReached
 from mountnav.frames import Frame
+from mountnav.mount import CheckedMount
 from mountnav.navigation.centering import center_in_time
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.first_light import first_light
@@ -66,8 +67,7 @@ async def state_of(
         altitude_deg=None,
         azimuth_deg=None,
         problem=problem,
-        # a mount that doesn't know counts as "not known" as long as nothing speaks against it
-        trusted=mount.trusted if connected and (mount.tells_trust or not mount.trusted) else None,
+        trusted=_trusted(mount) if connected else None,
         link=mount.link,
         slew_state=mount.slew_state,
     )
@@ -76,9 +76,11 @@ async def state_of(
     try:
         reading = await mount.reading()
     except DeviceError as error:
-        return replace(known, problem=str(error))
+        return replace(known, problem=str(error), trusted=_trusted(mount), slew_state=mount.slew_state)
     icrs = from_mount(reading.place)
     observed = icrs_to_observed(icrs, reading.utc, equipment.site, equipment.air)
+    # what may have changed while the mount was read is told as it is now: "trusted" of a moment before, next
+    # to the problem that has ended it, is a state that never was
     return replace(
         known,
         connected=True,
@@ -86,8 +88,15 @@ async def state_of(
         icrs=icrs,
         altitude_deg=observed.alt_deg,
         azimuth_deg=observed.az_deg,
+        trusted=_trusted(mount),
         link=mount.link,
+        slew_state=mount.slew_state,
     )
+
+
+def _trusted(mount: CheckedMount) -> bool | None:
+    """Whether its position counts; None of one that doesn't know, as long as nothing speaks against it."""
+    return mount.trusted if mount.tells_trust or not mount.trusted else None
 
 
 class Navigator(MountOrders):

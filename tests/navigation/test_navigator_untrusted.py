@@ -7,8 +7,8 @@ import asyncio
 import pytest
 
 from mountnav.clock import utc_now
-from mountnav.devices import Trusts
-from mountnav.errors import DeviceRefused, Refusal
+from mountnav.devices import MountReading, Trusts
+from mountnav.errors import DeviceRefused, DeviceSilent, Refusal
 from mountnav.navigation.reports import CenterOutcome
 from mountnav.sky.chain import icrs_to_apparent
 from mountnav.sky.sphere import separation_arcsec
@@ -56,3 +56,34 @@ async def test_a_centering_looks_at_the_sky_before_it_moves(make_rig: MakeRig) -
     assert state.link == "up"
     assert state.slew_state == "arrived"
     assert state.problem is None
+
+
+async def test_a_state_never_says_trusted_beside_the_reason_why_it_is_not(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = await make_rig()
+    mount = rig.navigator.mount
+    read = mount.reading
+
+    async def distrusted_meanwhile() -> MountReading:
+        reading = await read()
+        mount.distrust("what an earlier run left of it can't be taken up")
+        return reading
+
+    monkeypatch.setattr(mount, "reading", distrusted_meanwhile)
+    state = await rig.navigator.state()
+    assert state.trusted is False
+
+
+async def test_a_state_is_not_trusted_if_the_reading_failed_by_what_has_ended_the_trust(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = await make_rig()
+    mount = rig.navigator.mount
+
+    async def lost_meanwhile() -> MountReading:
+        mount.distrust("its link was lost in a slew")
+        raise DeviceSilent("no answer", device=mount.name)
+
+    monkeypatch.setattr(mount, "reading", lost_meanwhile)
+    assert (await rig.navigator.state()).trusted is False
