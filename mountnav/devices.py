@@ -60,6 +60,45 @@ class Direction(StrEnum):
     WEST = "w"
 
 
+@dataclass(frozen=True, slots=True)
+class OffsetRates:
+    """Rates beside the sidereal one: how a target that moves among the stars is tracked.
+
+    Both are in the mount's own kind of coordinates (`Mount.epoch`) and per second of time as clocks count it,
+    not per sidereal second. Drivers alone know in which units and with which signs a protocol wants them.
+
+    Attributes
+    ----------
+    ra_arcsec_s : float
+        Change of the right ascension, ″/s, not times cos δ; positive where it grows (to the east).
+    dec_arcsec_s : float
+        Change of the declination, ″/s; positive to the north.
+    """
+
+    ra_arcsec_s: float
+    dec_arcsec_s: float
+
+    @property
+    def none(self) -> bool:
+        """Whether they are those of a star."""
+        return self.ra_arcsec_s == 0.0 and self.dec_arcsec_s == 0.0
+
+
+STARS_RATES = OffsetRates(0.0, 0.0)
+"""Those of a target that doesn't move among the stars."""
+
+MountAxis = Literal["primary", "secondary"]
+"""An axis as ASCOM counts them: right ascension or azimuth, and declination or altitude."""
+
+
+@dataclass(frozen=True, slots=True)
+class RateSpan:
+    """Speeds at which an axis can be moved on by hand, °/s, both above or at 0; the ends belong to it."""
+
+    least_deg_s: float
+    most_deg_s: float
+
+
 class Skill(StrEnum):
     """What a mount can do besides reading, slew, sync and stop."""
 
@@ -78,6 +117,10 @@ class Skill(StrEnum):
     SET_CLOCK = "set-clock"
     SITE = "site"
     SET_SITE = "set-site"
+    OFFSET_RATES = "offset-rates"
+    """It tracks at rates beside the sidereal one in right ascension and declination: `TakesOffsetRates`."""
+    MOVE_AXIS = "move-axis"
+    """Its axes can be moved on at a speed until they are told to end: `MovesAxes`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,6 +334,111 @@ class Skilled(Protocol):
 
     async def guide(self, direction: Direction, duration_s: float) -> None:
         """Move at the guide rate for a moment; return when that is over."""
+        ...
+
+
+@runtime_checkable
+class TakesOffsetRates(Protocol):
+    """A mount with `Skill.OFFSET_RATES`."""
+
+    @property
+    def most_offset_arcsec_s(self) -> OffsetRates | None:
+        """The largest rates that it takes, both positive; None where it doesn't say. Known after `open`."""
+        ...
+
+    async def set_offset_rates(self, rates: OffsetRates) -> None:
+        """Track at these rates beside the sidereal one; return when the mount says so, where it can.
+
+        `STARS_RATES` ends them: it tracks as for a star. A slew, a stop, a park and a restart of the mount
+        may end them too, as families differ.
+
+        Raises
+        ------
+        DeviceRefused
+            It can't, or it said no; it tracks as before.
+        DeviceError
+            Which rates it has isn't known.
+        """
+        ...
+
+    async def offset_rates(self) -> OffsetRates | None:
+        """At which rates it says to track beside the sidereal one; None where it doesn't say."""
+        ...
+
+
+@runtime_checkable
+class MovesAxes(Protocol):
+    """A mount with `Skill.MOVE_AXIS`."""
+
+    @property
+    def axis_rates_deg_s(self) -> Mapping[MountAxis, tuple[RateSpan, ...]]:
+        """At which speeds each axis can be moved, ascending; known after `open`."""
+        ...
+
+    async def move_axis(self, axis: MountAxis, rate_deg_s: float) -> None:
+        """Move an axis on at a speed until told otherwise; 0 ends it, and tracking goes on if it was on.
+
+        It comes on top of tracking. Positive moves the tube to greater right ascension (azimuth) with the
+        primary axis, to greater declination (altitude) with the secondary one, on either side of the pier.
+
+        Raises
+        ------
+        DeviceRefused, BadRequest, DeviceError
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class RotatorReading:
+    """What a rotator says of itself.
+
+    Attributes
+    ----------
+    mechanical_deg : float
+        Angle of its mechanism, from its own zero; grows as `Rotator.reverse` says. It may lie outside 0..360
+        where it counts turns.
+    utc : datetime
+        Aware, between question and answer.
+    moving : bool or None
+        None where it doesn't say.
+    """
+
+    mechanical_deg: float
+    utc: datetime
+    moving: bool | None = None
+
+
+class Rotator(Protocol):
+    """A field rotator: reads and turns its mechanism; where the sky's north is only solves show."""
+
+    @property
+    def name(self) -> str:
+        """Name and address, for messages."""
+        ...
+
+    @property
+    def step_deg(self) -> float:
+        """Its coarsest step."""
+        ...
+
+    async def open(self) -> None:
+        """Connect and identify. Never turns it, never syncs it."""
+        ...
+
+    async def close(self) -> None:
+        """Release the line."""
+        ...
+
+    async def reading(self) -> RotatorReading:
+        """At which angle it stands."""
+        ...
+
+    async def turn(self, mechanical_deg: float) -> RotatorReading:
+        """Turn to an angle of its mechanism; return when it rests there. `DeviceRefused` when it says no."""
+        ...
+
+    async def stop(self) -> None:
+        """Stop it now."""
         ...
 
 

@@ -7,13 +7,23 @@ whether a position is trusted: that is the same for all families and stands in `
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Protocol
 
 from drivers.wire.wire_log import WireLog
-from mountnav.devices import Direction, Epoch, MountReading, PierSide, Skill, TrackingRate
+from mountnav.devices import (
+    Direction,
+    Epoch,
+    MountAxis,
+    MountReading,
+    OffsetRates,
+    PierSide,
+    RateSpan,
+    Skill,
+    TrackingRate,
+)
 from mountnav.errors import DeviceError, DeviceRefused, Refusal
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 
@@ -225,6 +235,28 @@ class Language(Protocol):
         """Whether the mount reports a guide pulse as running; None where it can't."""
         ...
 
+    @property
+    def most_offset_arcsec_s(self) -> OffsetRates | None:
+        """The largest rates beside the sidereal one, both positive; None where the protocol has no bound."""
+        ...
+
+    async def send_offset_rates(self, rates: OffsetRates) -> None:
+        """Order tracking at rates beside the sidereal one, in the protocol's own units and signs."""
+        ...
+
+    async def read_offset_rates(self) -> OffsetRates | None:
+        """The rates that the mount says it tracks at beside the sidereal one; None where it can't."""
+        ...
+
+    @property
+    def axis_rates_deg_s(self) -> Mapping[MountAxis, tuple[RateSpan, ...]]:
+        """At which speeds its axes can be moved on by hand; empty where they can't."""
+        ...
+
+    async def send_move_axis(self, axis: MountAxis, rate_deg_s: float, wanted: Wanted) -> Sent:
+        """Order an axis to move on at a speed beside tracking; 0 ends it."""
+        ...
+
     async def read_clock(self) -> datetime | None:
         """Its clock, aware UTC, corrected for the transfer time; None if it has none."""
         ...
@@ -301,6 +333,28 @@ class Unskilled:
     async def guiding(self) -> bool | None:
         """None: it can't say."""
         return None
+
+    @property
+    def most_offset_arcsec_s(self) -> OffsetRates | None:
+        """None."""
+        return None
+
+    async def send_offset_rates(self, rates: OffsetRates) -> None:
+        """Refused."""
+        raise self._unsupported("track at rates of its own")
+
+    async def read_offset_rates(self) -> OffsetRates | None:
+        """None."""
+        return None
+
+    @property
+    def axis_rates_deg_s(self) -> Mapping[MountAxis, tuple[RateSpan, ...]]:
+        """None of them."""
+        return {}
+
+    async def send_move_axis(self, axis: MountAxis, rate_deg_s: float, wanted: Wanted) -> Sent:
+        """Refused."""
+        raise self._unsupported("move an axis")
 
     async def read_clock(self) -> datetime | None:
         """None."""

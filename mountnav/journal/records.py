@@ -175,6 +175,8 @@ Order = Literal[
     "home",
     "track",
     "guide",
+    "offset-rates",
+    "move-axis",
     "trust",
     "set-clock",
     "set-site",
