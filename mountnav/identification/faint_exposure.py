@@ -37,7 +37,7 @@ APERTURE_BINS = 9
 """Side of the square, in bins of 4 px, in which light is summed: a second exposure may be drawn out by 30 px,
 and its offset is known to a third of that. Doubled, noise and neighbors count twice as much."""
 OVERLAP_PX = 1.5 * APERTURE_BINS * FAR_BIN_PX
-"""Squares whose middles are nearer to each other than this share light: 1.5 sides, a diagonal and a little."""
+"""Squares whose middles are nearer to each other than this share light: a diagonal and a little."""
 COVERED = 0.7
 """A square of which known stars' light covers more than the rest of this isn't measured."""
 CUT_SIGMA = 40.0
