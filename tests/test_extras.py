@@ -1,4 +1,4 @@
-"""What only some users need is not installed with the rest: its absence is told with the command that helps."""
+"""What only some users need is not installed with the rest: what is missing is told with what brings it."""
 
 from __future__ import annotations
 
@@ -52,9 +52,7 @@ def test_commands_say_which_extra_they_need_before_they_work(
 ) -> None:
     frame = tmp_path / "frame.fits"
     frame.write_bytes(b"SIMPLE  = T")
-    given = [
-        str(frame) if one == "FRAME" else one.replace("OUT", str(tmp_path / "out")) for one in arguments
-    ]
+    given = [str(frame) if one == "FRAME" else one.replace("OUT", str(tmp_path / "out")) for one in arguments]
     done = _without(*given)
     said = " ".join(done.stderr.split())
     assert done.returncode == 2, done.stderr

@@ -10,11 +10,13 @@ from api.cli.accuracy import accuracy
 from api.cli.bench import bench
 from api.cli.calibrate import calibrate_app
 from api.cli.catalog import catalog_app
+from api.cli.check import check
 from api.cli.demo import demo
 from api.cli.drift import drift
 from api.cli.fake_mount import fake_mount
 from api.cli.first_light import first_light
 from api.cli.indi_driver import indi_driver
+from api.cli.init import init
 from api.cli.journal import journal_app
 from api.cli.keys import key_app
 from api.cli.model import model_app
@@ -49,6 +51,8 @@ app.command("site-time")(site_time)
 app.command("replay")(replay)
 app.command("drift")(drift)
 app.command("pointing-doctor")(pointing_doctor)
+app.command("init")(init)
+app.command("check")(check)
 app.command("serve")(serve)
 app.command("indi-driver")(indi_driver)
 app.command("demo")(demo)
