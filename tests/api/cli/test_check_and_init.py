@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import os
 import pty
 import socket
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
+from api.main import main
 from mountnav.settings.observatory import Settings
 from tests.api.cli.test_fake_mount import ended, serving
 
@@ -19,19 +23,31 @@ MOUNTNAV = [sys.executable, "-m", "api.main"]
 SITE = ("--latitude", "47.27", "--longitude", "11:24:15", "--height", "600", "--no-look")
 
 
-def _run(*arguments: object, folder: Path) -> subprocess.CompletedProcess[str]:
-    told = [*MOUNTNAV, *map(str, arguments)]
-    environment = {**os.environ, "MOUNTNAV_JOURNAL": str(folder / "journal.sqlite")}
-    environment["PYTHONPATH"] = os.pathsep.join(sys.path)
-    return subprocess.run(
-        told,
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        stdin=subprocess.DEVNULL,
-        timeout=120,
-    )
+@dataclass(frozen=True)
+class _Done:
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def _run(*arguments: object, folder: Path) -> _Done:
+    """A command in this process: each one of its own takes seconds to import."""
+    out, err = io.StringIO(), io.StringIO()
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        contextlib.chdir(folder),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+    ):
+        patch.setenv("MOUNTNAV_JOURNAL", str(folder / "journal.sqlite"))
+        patch.setattr(sys, "argv", ["mountnav", *map(str, arguments)])
+        patch.setattr(sys, "stdin", io.StringIO())
+        try:
+            main()
+            code = 0
+        except SystemExit as left:
+            code = int(left.code or 0)
+    return _Done(code, out.getvalue(), err.getvalue())
 
 
 def _findings(folder: Path, *arguments: object) -> dict[str, dict[str, str]]:
@@ -97,16 +113,14 @@ def test_it_asks_on_a_terminal(tmp_path: Path) -> None:
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
     )  # fmt: skip
     os.close(far)
-    answers = iter([b"-33.5", b"-70:42:00", b"1200", b"1", b"german", b"simulated", b"0"])
+    answers = [b"-33.5", b"-70:42:00", b"1200", b"1", b"german", b"simulated", b"0"]
+    os.write(near, b"".join(answer + b"\n" for answer in answers))  # typed ahead
     said = b""
     while True:
         try:
-            some = os.read(near, 4096)
+            said += os.read(near, 4096)
         except OSError:  # the other end is closed
             break
-        said += some
-        if some.endswith(b": "):
-            os.write(near, next(answers) + b"\n")
     assert process.wait() == 0, said.decode()
     settings = Settings.load(tmp_path / "observatory.toml")
     assert (settings.site.latitude_deg, settings.site.longitude_deg) == (-33.5, pytest.approx(-70.7))
