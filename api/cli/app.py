@@ -35,7 +35,6 @@ app = typer.Typer(
     name="mountnav",
     help="Finds out where a telescope really points, and puts it where it should.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 # in the order in which help lists them
