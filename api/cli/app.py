@@ -24,6 +24,7 @@ from api.cli.night import night_app
 from api.cli.pointing_doctor import pointing_doctor
 from api.cli.ports import ports
 from api.cli.replay import replay
+from api.cli.report import report
 from api.cli.series import series
 from api.cli.serve import serve
 from api.cli.site_time import site_time
@@ -48,6 +49,7 @@ app.command("ports")(ports)
 app.command("first-light")(first_light)
 app.command("site-time")(site_time)
 app.command("replay")(replay)
+app.command("report")(report)
 app.command("drift")(drift)
 app.command("pointing-doctor")(pointing_doctor)
 app.command("init")(init)

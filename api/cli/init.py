@@ -48,7 +48,7 @@ class InitOptions:
     ] = True
 
 
-def write_first_settings(asked: InitOptions) -> None:
+def write_first_settings(asked: InitOptions) -> int:
     """Write a settings file from a few answers; flags answer without being asked.
 
     Without a terminal nothing is asked: what has no flag is an error, or its usual value.
@@ -65,6 +65,7 @@ def write_first_settings(asked: InitOptions) -> None:
     typer.echo(f"{asked.out} is written. Next:")
     typer.echo(f"    mountnav check --connect --config {asked.out}")
     typer.echo(f"    mountnav serve --config {asked.out}")
+    return 0
 
 
 init = takes_options(InitOptions)(write_first_settings)

@@ -156,7 +156,7 @@ class _Sums:
         rows, columns = level.shape
         mask = mask[: rows * finer, : columns * finer]
         mask = np.pad(mask, ((0, rows * finer - mask.shape[0]), (0, columns * finer - mask.shape[1])))
-        mask = mask.reshape(rows, finer, columns, finer).any(axis=(1, 3))
+        mask = np.asarray(mask.reshape(rows, finer, columns, finer).any(axis=(1, 3)))
         good = (~ndimage.binary_dilation(mask) & (cover > 0)).astype(np.float32)
         area = float(APERTURE_BINS**2)
 
