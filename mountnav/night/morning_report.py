@@ -366,26 +366,33 @@ def _advised(
     if missed:
         outcomes = Counter(one.outcome for one in report.centerings if not one.succeeded)
         words = ", ".join(f"{outcome} ({times})" for outcome, times in outcomes.most_common())
-        said.append(f"{missed} of {len(report.centerings)} targets were not centered: {words}")
+        said.append(f"{missed} of {_counted(len(report.centerings), 'target')} not centered: {words}")
     not_taken = sum(times for end, times in report.syncs.items() if "ignored" in end or "another" in end)
     if not_taken:
         said.append(
-            f"the mount did not take {not_taken} syncs as they were sent: try mountnav bench, or "
+            f"the mount did not take {_counted(not_taken, 'sync')} as sent: try mountnav bench, or "
             f'correct_by = "offset"'
         )
     stalled = sum(end is not None and end.outcome is Outcome.STALLED for _, end in commands)
     if stalled:
-        said.append(f"{stalled} slews stalled: look at the mount's axes, cables and balance")
+        said.append(f"{_counted(stalled, 'slew')} stalled: look at the mount's axes, cables and balance")
     links = sum(one.times for one in report.troubles if one.kind == "link")
     if links:
-        said.append(f"the mount's link was lost {links} times: look at its cable, its power, and the USB hub")
+        said.append(
+            f"the mount's link was lost {_counted(links, 'time')}: look at its cable, its power, the USB hub"
+        )
     if report.open_commands:
         said.append(
-            f"{report.open_commands} orders have no outcome: the service ended while they were under way"
+            f"{_counted(report.open_commands, 'order')} without an outcome: the service ended meanwhile"
         )
     if report.runs > 1:
         said.append(f"the service was started {report.runs} times: its log tells why")
     return replace(report, advice=tuple(said))
+
+
+def _counted(number: int, what: str) -> str:
+    """A count in words: 1 sync, 2 syncs."""
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
 def _median(values: Iterable[float | None]) -> float | None:

@@ -53,7 +53,7 @@ def _arcsec(value: float | None) -> str:
 def _lasting(seconds: float | None) -> str:
     if seconds is None:
         return "–"
-    if seconds < 90.0:
+    if seconds < 120.0:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60.0)
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d}"
@@ -256,7 +256,7 @@ def _plot(centerings: Sequence[Centered]) -> Iterator[str]:
             f'<line x1="{_LEFT}" x2="{_WIDTH}" y1="{at:.1f}" y2="{at:.1f}" stroke="currentColor" '
             f'opacity=".15"/>'
         )
-        yield f'<text x="{_LEFT - 8}" y="{at + 4:.1f}" text-anchor="end">{_arcsec(10.0**power)}</text>'
+        yield f'<text x="{_LEFT - 8}" y="{at + 4:.1f}" text-anchor="end">{10.0**power:g}″</text>'
     yield f'<text x="{_LEFT}" y="{_HEIGHT - 6}">{_clock(begin)}</text>'
     yield f'<text x="{_WIDTH - 16}" y="{_HEIGHT - 6}" text-anchor="end">{_clock(end)} UTC</text>'
     for one in centerings:
