@@ -107,8 +107,8 @@ async def test_a_night_is_counted_as_it_was(journal: SqlJournal) -> None:
     for words in (
         "5 of 13 looks",
         "cloud",
-        "did not take 1 syncs",
-        "link was lost 1 times",
+        "did not take 1 sync",
+        "link was lost 1 time",
         "1 of 4 targets",
     ):
         assert words in advice
