@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.lx200.codec import onstep
+from drivers.lx200.codec import astro_physics, onstep
 from drivers.lx200.codec.moving import direction_of
 from drivers.lx200.dialects import dialect_named
 from drivers.lx200.fake.onstep import OnStepSpeaker
@@ -158,3 +158,82 @@ def test_the_signs_of_moved_axes() -> None:
     assert [order.sent for order in keys.let_go_of("primary")] == [b":Qe#"]
     with pytest.raises(ValueError, match="can't be moved"):
         keys.pressed("primary", 3.0 * SIDEREAL_DEG_S)
+
+
+# -- Astro-Physics, AM5 ----------------------------------------------------------------------------
+
+
+def test_astro_physics_counts_times_sidereal_on_top_of_tracking() -> None:
+    """`:RR+1.0000#` is twice sidereal, `:RR-1.0000#` rest [AP protocol, as INDI notes it]."""
+    sidereal = SIDEREAL_DEG_S * 3600.0
+    words = astro_physics.OFFSETS
+    assert [order.sent for order in words.set(OffsetRates(-sidereal, 0.0))] == [b":RR+1.0000#"]
+    assert [order.sent for order in words.set(OffsetRates(sidereal, 0.0))] == [b":RR-1.0000#"]
+    assert [order.sent for order in words.set(STARS_RATES)] == [b":RR+0.0000#"]
+    assert [order.sent for order in words.set(OffsetRates(1e-5, 0.0))] == [b":RR+0.0000#"]
+    with pytest.raises(ValueError, match="can't be told"):
+        words.set(OffsetRates(-11.0 * sidereal, 0.0))
+
+
+@pytest.mark.parametrize("side", [PierSide.EAST, PierSide.WEST])
+async def test_astro_physics_follows_in_right_ascension_alone(side: PierSide) -> None:
+    fake = german("ap")
+    async with opened(fake, dialect="ap") as mount:
+        await mount.slew(beside_the_meridian(fake.mechanics, side))
+        for ra in (2.5, -100.0):
+            await mount.set_offset_rates(OffsetRates(ra, 0.0))
+            assert kept_rates(fake.mechanics, for_s=20.0) == pytest.approx((ra, 0.0), abs=1e-3)
+        # it can't say which it has: it is taken at its word
+        assert await mount.offset_rates() is None
+        with pytest.raises(DeviceRefused, match="declination") as refused:
+            await mount.set_offset_rates(RATES)
+        assert refused.value.reason is Refusal.UNSUPPORTED
+        with pytest.raises(DeviceRefused, match="each side of the pier"):
+            await mount.language.send_offset_rates(RATES)
+        await mount.stop()
+        assert kept_rates(fake.mechanics) == pytest.approx((0.0, 0.0), abs=1e-3)
+    assert fake.unknown == []
+
+
+@pytest.mark.parametrize("side", [PierSide.EAST, PierSide.WEST])
+async def test_am5s_axes_move_to_the_east_and_to_the_north(side: PierSide) -> None:
+    fake = german("am5")
+    async with opened(fake) as mount:
+        assert Skill.OFFSET_RATES not in mount.skills
+        await mount.slew(beside_the_meridian(fake.mechanics, side))
+        speed = 60.0 * SIDEREAL_DEG_S
+        for axis, number in (("primary", 0), ("secondary", 1)):
+            for rate in (speed, -speed):
+                await mount.move_axis(axis, rate)  # type: ignore[arg-type]
+                await mount.reading()
+                kept = kept_rates(fake.mechanics, planned=True)
+                assert kept[number] / 3600.0 == pytest.approx(rate, rel=1e-3)
+                await mount.move_axis(axis, 0.0)  # type: ignore[arg-type]
+        assert kept_rates(fake.mechanics) == pytest.approx((0.0, 0.0), abs=1e-2)
+
+
+@pytest.mark.parametrize("dialect", ["onstep", "am5"])
+async def test_an_altazimuth_one_is_not_moved_by_its_keys(dialect: str) -> None:
+    fake = german(dialect)
+    said = fake._speaker.say  # type: ignore[union-attr]
+
+    def altaz(text: str) -> bytes | None:
+        answer = said(text)
+        if text == "GU" and answer is not None:
+            return answer.replace(b"E", b"A") if dialect == "onstep" else answer.replace(b"G", b"Z")
+        return answer
+
+    fake._speaker.say = altaz  # type: ignore[union-attr,method-assign]
+    async with opened(fake) as mount:
+        with pytest.raises(DeviceRefused, match="azimuth") as refused:
+            await mount.move_axis("primary", 8.0 * SIDEREAL_DEG_S)
+        assert refused.value.reason is Refusal.UNSUPPORTED
+        assert not any(command.startswith((b":Me", b":Mw", b":R")) for command in fake.heard)
+
+
+@pytest.mark.parametrize(
+    "name", ["10micron", "gemini", "autostar", "lx200gps", "classic", "generic", "basic"]
+)
+def test_the_others_have_neither_for_what_their_words_mean_is_not_certain(name: str) -> None:
+    dialect = dialect_named(name)
+    assert not {Skill.OFFSET_RATES, Skill.MOVE_AXIS} & dialect.skills
