@@ -432,7 +432,8 @@ class FakeNexstar(WireFake):
                 self._slew(self._from_wire(pair.first_deg, pair.second_deg))
         elif letter == b"T":
             mode = self.handset.mode(rest[0])
-            self.motors.southern = mode is Tracking.EQUATORIAL_SOUTH
+            if mode is not Tracking.OFF:
+                self.motors.southern = mode is Tracking.EQUATORIAL_SOUTH
             self.motors.taken_back(tracking=mode is not Tracking.OFF)
             self._mode = mode or self._mode
         elif letter == b"W":
