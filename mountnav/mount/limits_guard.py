@@ -386,9 +386,7 @@ class LimitsGuard:
         )
 
     def sides(self, reading: MountReading) -> list[PierSide | None]:
-        """On which sides its tube may hang: the one it says or was followed to; both while it isn't
-        proven.
-        """
+        """On which sides its tube may hang: both while the one it says isn't proven."""
         return [*_SIDES] if self.unproven(reading) else [self.side(reading)]
 
     def left_alone(self, reading: MountReading, utc: datetime) -> tuple[Icrs, float]:

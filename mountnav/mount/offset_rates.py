@@ -27,6 +27,7 @@ from mountnav.devices import (
     OffsetRates,
     Skill,
     TakesOffsetRates,
+    offset_speed_arcsec_s,
     skills_of,
 )
 from mountnav.errors import (
@@ -47,7 +48,7 @@ from mountnav.mount.kill_points import kill_point
 from mountnav.mount.limits_guard import LimitsGuard
 from mountnav.mount.mount_state import MountState
 from mountnav.mount.order_book import OrderBook, outcome_of
-from mountnav.mount.path_ahead import PathAhead, speed_arcsec_s
+from mountnav.mount.path_ahead import PathAhead
 from mountnav.mount.sending import Admission, OrderResult, OvertakenError, Sender
 from mountnav.mount.tracking_watch import LEAD_S, TrackingWatch
 from mountnav.pointing.limits.along import Path
@@ -213,8 +214,10 @@ class RateOrders:
         except OvertakenError:
             raise self._stopped() from None
         except DeviceRefused:
+            if self._sender.stops != stops:
+                self.ending.begin("a stop came while they were ordered")
             # it tracks as before
-            if first:
+            elif first:
                 self._settled()
             elif self.in_force is not None:
                 self._armed.need(_NAME, self.in_force.ends_utc + timedelta(seconds=_GRACE_S))
@@ -247,7 +250,7 @@ class RateOrders:
     def _require_able(self, mount: TakesOffsetRates, rates: OffsetRates, before: MountReading) -> None:
         if self._axes_move():
             raise Busy("an axis is moved by hand", device=self._mount.name, advice="end that first")
-        speed = speed_arcsec_s(rates, before.place.dec_deg)
+        speed = offset_speed_arcsec_s(rates, before.place.dec_deg)
         if speed > self._policy.most_arcsec_s:
             raise BadRequest(
                 f"{speed:.0f} ″/s beside the stars: at most {self._policy.most_arcsec_s:g} ″/s are allowed",

@@ -7,17 +7,16 @@ next minutes, the one on which the rates in force lead on from where the mount s
 from __future__ import annotations
 
 import asyncio
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 
-from mountnav.devices import MountReading, OffsetRates, PierSide, from_mount
+from mountnav.devices import MountReading, OffsetRates, PierSide, from_mount, moved_on, offset_speed_arcsec_s
 from mountnav.errors import BadRequest
 from mountnav.pointing.limits import Limits, Mounting, Reached
 from mountnav.pointing.limits.along import Path, reached_along
-from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
-from mountnav.sky.sphere import separation_arcsec, turn_deg
+from mountnav.sky.coordinates import Air, Icrs, Site
+from mountnav.sky.sphere import separation_arcsec
 
 _NEAR_S = 600.0
 """So far ahead slow rates are taken to lead straight on, s. Chosen by hand; the path tells what comes later.
@@ -32,21 +31,6 @@ _OFF_DEG = 5.0
 than any pointing error that is trusted. Doubled, a path of something else may pass."""
 _IN_THREAD_S = 1800.0
 """A longer path is looked at in a thread, s: it takes more than 10 ms, and a stop waits for nothing."""
-
-
-def drifted(place: Apparent | Icrs, rates: OffsetRates, seconds: float) -> Apparent | Icrs:
-    """Where rates lead from a place, over the pole too; its instant, if it has one, stays."""
-    ra_deg = place.ra_deg + rates.ra_arcsec_s * seconds / 3600.0
-    dec_deg = place.dec_deg + rates.dec_arcsec_s * seconds / 3600.0
-    dec_deg = (dec_deg + 180.0) % 360.0 - 180.0
-    if abs(dec_deg) > 90.0:
-        ra_deg, dec_deg = ra_deg + 180.0, math.copysign(180.0, dec_deg) - dec_deg
-    return replace(place, ra_deg=turn_deg(ra_deg), dec_deg=dec_deg)
-
-
-def speed_arcsec_s(rates: OffsetRates, dec_deg: float) -> float:
-    """How fast rates lead over the sphere, ″/s."""
-    return math.hypot(rates.ra_arcsec_s * math.cos(math.radians(dec_deg)), rates.dec_arcsec_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +77,7 @@ class PathAhead:
 
         def place(utc: datetime) -> Icrs:
             seconds = (min(utc, self.ends_utc) - reading.utc).total_seconds()
-            return from_mount(drifted(reading.place, self.rates, max(seconds, 0.0)))
+            return from_mount(moved_on(reading.place, self.rates, max(seconds, 0.0)))
 
         return place
 
@@ -161,7 +145,7 @@ class PathAhead:
         self, limits: Limits, reading: MountReading, side: PierSide | None, within_s: float
     ) -> Reached | None:
         """Which limit following from where the mount stands reaches first, and when."""
-        speed_deg_s = speed_arcsec_s(self.rates, reading.place.dec_deg) / 3600.0
+        speed_deg_s = offset_speed_arcsec_s(self.rates, reading.place.dec_deg) / 3600.0
         near_s = min(_NEAR_S, max(_LEAST_NEAR_S, _STRAIGHT_DEG / max(speed_deg_s, 1e-9)), within_s)
         found = reached_along(
             limits,

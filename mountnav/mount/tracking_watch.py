@@ -15,14 +15,13 @@ from datetime import timedelta
 from typing import Protocol
 
 from mountnav.clock import Clock
-from mountnav.devices import MountReading, Skill, SlewOutcome, TrackingRate, from_mount
+from mountnav.devices import MountReading, Skill, SlewOutcome, TrackingRate, from_mount, offset_speed_arcsec_s
 from mountnav.errors import DeviceError, DeviceRefused, LimitKind, MountnavError, OutsideLimits
 from mountnav.journal.records import EntryKind, because
 from mountnav.mount.axis_rates import Braking
 from mountnav.mount.limits_guard import LimitsGuard
 from mountnav.mount.mount_state import Listener
 from mountnav.mount.order_book import OrderBook
-from mountnav.mount.path_ahead import speed_arcsec_s
 from mountnav.pointing.limits import Reached, SlewCheck
 from mountnav.pointing.limits.refusing import why
 from mountnav.sky.sphere import separation_arcsec
@@ -438,7 +437,7 @@ class TrackingWatch:
         following = self._guard.following
         if following is None:
             return SLOWEST_S
-        fast = speed_arcsec_s(following.rates, reading.place.dec_deg) > _FAST_ARCSEC_S
+        fast = offset_speed_arcsec_s(following.rates, reading.place.dec_deg) > _FAST_ARCSEC_S
         return NEAR_S if fast else SLOWEST_S
 
     def _deeper(
