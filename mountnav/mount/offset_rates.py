@@ -58,9 +58,9 @@ from mountnav.tasks import begun, fault_words
 
 __all__ = ["RateOrders", "RatesInForce"]
 
-_ZERO_ARCSEC_S = 0.05
-"""Rates that are read back as less than this are none, ″/s: protocols round. In ten minutes they lead 30″
-away. Doubled, twice as far."""
+_ZERO_ARCSEC_S = 5e-4
+"""Rates that are read back as less than this, or than a step of the protocol, are none, ″/s: 1.8″ in an hour.
+Doubled, a slow comet's that are forgotten to end are taken for ended; halved, float32 fails."""
 _GRACE_S = 5.0
 """The guard waits so much longer than the end of the rates for news, s: the service ends them itself, and
 needs some seconds over a slow line. Doubled, rates of a service that hangs go on for so much longer."""
@@ -388,7 +388,8 @@ class RateOrders:
             try:
                 await mount.set_offset_rates(STARS_RATES)
                 said = await mount.offset_rates()
-                if said is not None and max(abs(said.ra_arcsec_s), abs(said.dec_arcsec_s)) > _ZERO_ARCSEC_S:
+                zero = max(_ZERO_ARCSEC_S, float(getattr(mount, "offset_step_arcsec_s", 0.0)))
+                if said is not None and max(abs(said.ra_arcsec_s), abs(said.dec_arcsec_s)) > zero:
                     raise DeviceRefused(
                         f"told to end its rates, it says to have {said.ra_arcsec_s:.3f} and "
                         f"{said.dec_arcsec_s:.3f} ″/s still",
