@@ -6,15 +6,19 @@ orders nothing any more, so a guard outside of it has to (`api.observatory.dead_
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from datetime import datetime
-from typing import Protocol
+from typing import Literal, Protocol
+
+SelfActing = Literal["offset-rates", "move-axis"]
+"""What goes on by itself once it was ordered."""
 
 
 class Deadman(Protocol):
     """The guard of one mount."""
 
-    def arm(self, until_utc: datetime) -> None:
-        """Have it end rates and moved axes if the service dies, or is not heard of until then.
+    def arm(self, until_utc: datetime, what: Collection[SelfActing]) -> None:
+        """Have it end all this if the service dies, or is not heard of until then.
 
         Called before an order goes over the wire, and again for each that prolongs it; never waits.
 
@@ -37,7 +41,7 @@ class Deadman(Protocol):
 class NoGuard:
     """No guard, where the mount dies with the service, or the settings want none."""
 
-    def arm(self, until_utc: datetime) -> None:
+    def arm(self, until_utc: datetime, what: Collection[SelfActing]) -> None:
         """Nothing."""
 
     def disarm(self) -> None:
@@ -52,20 +56,20 @@ class Armed:
 
     def __init__(self, guard: Deadman) -> None:
         self._guard = guard
-        self._until: dict[str, datetime] = {}
+        self._until: dict[SelfActing, datetime] = {}
 
-    def need(self, what: str, until_utc: datetime) -> None:
+    def need(self, what: SelfActing, until_utc: datetime) -> None:
         """Something goes on until then. Raises `DeviceError`: it may not."""
         wanted = self._until | {what: until_utc}
-        self._guard.arm(max(wanted.values()))
+        self._guard.arm(max(wanted.values()), wanted)
         self._until = wanted
 
-    def free(self, what: str) -> None:
+    def free(self, what: SelfActing) -> None:
         """It has ended; once is enough."""
         if self._until.pop(what, None) is None:
             return
         if self._until:
-            self._guard.arm(max(self._until.values()))
+            self._guard.arm(max(self._until.values()), self._until)
         else:
             self._guard.disarm()
 

@@ -15,7 +15,7 @@ import math
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from datetime import timedelta
-from typing import get_args
+from typing import Final, get_args
 
 from mountnav.clock import Clock
 from mountnav.devices import Mount, MountAxis, MountReading, MovesAxes, RateSpan, Skill, from_mount, skills_of
@@ -64,7 +64,7 @@ doesn't heed its end is stopped that much later."""
 _STILL_SHARE = 0.25
 """An axis rests when it turns at less than this share of its speed. Chosen by hand. Doubled, one that brakes
 slowly is taken for one at rest."""
-_NAME = "move-axis"
+_NAME: Final = "move-axis"
 _AXES: tuple[MountAxis, ...] = get_args(MountAxis)
 _SUPERSIDEREAL_DEG_S = 0.02
 """Slower than this an axis' motion is below what tracking explains, °/s: whether it rests can't be read."""

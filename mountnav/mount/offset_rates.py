@@ -18,6 +18,7 @@ import math
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from typing import Final
 
 from mountnav.clock import Clock
 from mountnav.devices import (
@@ -64,7 +65,7 @@ Doubled, a slow comet's that are forgotten to end are taken for ended; halved, f
 _GRACE_S = 5.0
 """The guard waits so much longer than the end of the rates for news, s: the service ends them itself, and
 needs some seconds over a slow line. Doubled, rates of a service that hangs go on for so much longer."""
-_NAME = "offset-rates"
+_NAME: Final = "offset-rates"
 
 
 @dataclass(frozen=True, slots=True)
@@ -420,7 +421,9 @@ class RateOrders:
         self._no_countdown()
         in_force = self.in_force
         assert in_force is not None
-        self._timer = begun(self._until_the_end(in_force), "rates-end", died=self._timer_died)
+        # a clock that is set back must not prolong them
+        deadline_s = self._clock.monotonic_s() + (in_force.ends_utc - self._clock.utc()).total_seconds()
+        self._timer = begun(self._until_the_end(in_force, deadline_s), "rates-end", died=self._timer_died)
 
     def _no_countdown(self) -> None:
         task, self._timer = self._timer, None
@@ -430,9 +433,7 @@ class RateOrders:
     def _timer_died(self, fault: Exception) -> None:
         self.ending.begin(f"nobody counts their time: {fault_words(fault)}")
 
-    async def _until_the_end(self, in_force: RatesInForce) -> None:
-        # a clock that is set back must not prolong them
-        deadline_s = self._clock.monotonic_s() + (in_force.ends_utc - self._clock.utc()).total_seconds()
+    async def _until_the_end(self, in_force: RatesInForce, deadline_s: float) -> None:
         while True:
             left_s = min(
                 deadline_s - self._clock.monotonic_s(),

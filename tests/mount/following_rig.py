@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
@@ -12,7 +12,7 @@ from drivers.simulated.mount import SimulatedMount
 from mountnav.devices import STARS_RATES, MountAxis, OffsetRates, RateSpan, Skill
 from mountnav.errors import DeviceRefused, DeviceSilent
 from mountnav.journal.memory import MemoryJournal
-from mountnav.mount import CheckedMount, FollowingPolicy
+from mountnav.mount import CheckedMount, FollowingPolicy, SelfActing
 from mountnav.pointing.limits import Limits, Mounting
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.simulation.virtual_time import VirtualClock, run_virtually
@@ -86,7 +86,7 @@ class Guarded:
     until_utc: datetime | None = None
     missing: bool = False
 
-    def arm(self, until_utc: datetime) -> None:
+    def arm(self, until_utc: datetime, what: Collection[SelfActing]) -> None:
         if self.missing:
             raise DeviceRefused("there is no guard")
         self.told.append("arm")
