@@ -192,7 +192,8 @@ def _locked(path: str) -> Iterator[bool]:
     """Hold the lock of the mount for oneself, if no service has it; whether that is so.
 
     A lock of the process (POSIX), not of the file that is open: children of a service that died don't hold
-    it."""
+    it.
+    """
     try:
         number = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
     except OSError:

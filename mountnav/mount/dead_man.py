@@ -6,9 +6,11 @@ orders nothing any more, so a guard outside of it has to (`api.observatory.dead_
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
 from typing import Literal, Protocol
+
+from mountnav.journal.records import CommandEnd, CommandRecord, Outcome
 
 SelfActing = Literal["offset-rates", "move-axis"]
 """What goes on by itself once it was ordered."""
@@ -36,6 +38,55 @@ class Deadman(Protocol):
     def take_over(self) -> None:
         """The service lets the mount go without having been able to end it: to be ended now. Never raises."""
         ...
+
+
+Row = tuple[CommandRecord, CommandEnd | None]
+
+_NEVER_OUT = frozenset({Outcome.REFUSED, Outcome.NOT_SENT})
+"""Outcomes of orders that changed nothing."""
+
+
+def left_going(rates: Sequence[Row], axes: Sequence[Row]) -> dict[SelfActing, str]:
+    """What an earlier run of the service has left going at a mount, by its journal, with what is known of it.
+
+    Parameters
+    ----------
+    rates, axes : sequence of (CommandRecord, CommandEnd or None)
+        The latest orders "offset-rates" and "move-axis", the latest first.
+    """
+    left: dict[SelfActing, str] = {}
+    known = next((row for row in rates if _tells(row, ("ra_arcsec_s", "dec_arcsec_s"))), None)
+    if known is not None and not _over(known, ("ra_arcsec_s", "dec_arcsec_s")):
+        facts = known[0].facts
+        left["offset-rates"] = (
+            f"rates of {facts.get('ra_arcsec_s')} and {facts.get('dec_arcsec_s')} ″/s were in force that "
+            f"were ordered at {known[0].utc:%H:%M:%S} UTC"
+        )
+    for axis in dict.fromkeys(str(row[0].facts.get("axis")) for row in axes):
+        moved = next(
+            (row for row in axes if row[0].facts.get("axis") == axis and _tells(row, ("rate_deg_s",))), None
+        )
+        if moved is not None and not _over(moved, ("rate_deg_s",)):
+            left["move-axis"] = (
+                f"its {axis} axis was moved at {moved[0].facts.get('rate_deg_s')}°/s, by an order of "
+                f"{moved[0].utc:%H:%M:%S} UTC"
+            )
+    return left
+
+
+def _none(facts: Mapping[str, object], names: Sequence[str]) -> bool:
+    return all(facts.get(name) == 0.0 for name in names)
+
+
+def _tells(row: Row, names: Sequence[str]) -> bool:
+    """Whether what is in force after an order is known by it: one that was refused changes nothing."""
+    command, end = row
+    return _none(command.facts, names) or end is None or end.outcome not in _NEVER_OUT
+
+
+def _over(row: Row, names: Sequence[str]) -> bool:
+    command, end = row
+    return _none(command.facts, names) and end is not None and end.outcome is Outcome.DONE
 
 
 class NoGuard:

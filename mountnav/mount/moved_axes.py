@@ -378,12 +378,13 @@ class AxisOrders:
         await self.ending.close()
         self._no_countdown()
 
-    def take_up(self, why: str) -> None:
-        """An earlier run of the service has left an axis moving: both are ended first thing."""
+    async def take_up(self, why: str) -> None:
+        """An earlier run of the service has left an axis moving: end both. Raises as `end`."""
         if Skill.MOVE_AXIS in skills_of(self._mount) and isinstance(self._mount, MovesAxes):
             for axis in _AXES:
-                self._moved.setdefault(axis, _Moved(0.0, -math.inf))
-            self.ending.begin(why)
+                # how fast isn't known any more: both are seen at rest
+                self._moved.setdefault(axis, _Moved(self._policy.most_axis_deg_s, math.inf))
+            await self.ending.now(why)
 
     async def _end_once(self, why: str) -> None:
         """End all, and see them at rest. Raises a `MountnavError` if they aren't."""

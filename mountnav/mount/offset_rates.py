@@ -365,11 +365,11 @@ class RateOrders:
         await self.ending.close()
         self._no_countdown()
 
-    def take_up(self, why: str) -> None:
-        """An earlier run of the service has left rates in force: they are ended first thing."""
+    async def take_up(self, why: str) -> None:
+        """An earlier run of the service has left rates in force: end them. Raises as `end`."""
         if Skill.OFFSET_RATES in skills_of(self._mount) and isinstance(self._mount, TakesOffsetRates):
             self._owed = True
-            self.ending.begin(why)
+            await self.ending.now(why)
 
     async def _end_once(self, why: str) -> None:
         """End them and see that they have. Raises a `MountnavError` if not."""
