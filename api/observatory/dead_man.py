@@ -36,6 +36,10 @@ _WAITS_S = 30.0
 service waits twice as long for a guard that hangs; then it opens the mount all the same."""
 _LOOK_S = 0.2
 """How often it is looked whether the guard has let it go, s."""
+_ENDS_WITHIN_S = 2.0
+"""A guard without work ends in this time, s. Doubled, a service whose guard has work ends so much later."""
+_at_work: list[subprocess.Popen[bytes]] = []
+"""Guards that this process leaves at their work."""
 _ZERO_ARCSEC_S = 5e-4
 """Rates below this are none for the guard, ″/s; see `mountnav.mount.offset_rates`."""
 
@@ -106,9 +110,15 @@ class MountGuard:
         self._say_if_it_lives({"take_over": True})
 
     def close(self) -> None:
-        """End it, unless it has work: then it ends by itself after that. Twice is fine."""
+        """End it; one that has work ends by itself after that. Blocks for a moment; twice is fine."""
         self._say_if_it_lives({"end": True})
+        process = self._process
         self._drop(kill=False)
+        if process is not None:
+            try:
+                process.wait(_ENDS_WITHIN_S)
+            except subprocess.TimeoutExpired:
+                _at_work.append(process)
 
     def _no_guard(self, error: OSError) -> DeviceRefused:
         return DeviceRefused(

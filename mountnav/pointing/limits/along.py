@@ -240,7 +240,7 @@ def reached_by_axes(
         Where the mount points, with refraction and without.
     rates_deg_s : (float, float)
         Speeds as `mountnav.devices.MovesAxes` counts them: positive to greater right ascension (azimuth), and
-        to greater declination (altitude) on the side of the pole on which the tube is; they go on through it.
+        to greater declination (altitude). The second axis isn't moved through the pole, or the zenith.
     tracks : bool
         Whether that comes on top of tracking; of an alt-az mount it may.
     """
@@ -261,9 +261,15 @@ def reached_by_axes(
         second = standing.second_deg + second_deg_s * later_s
         looks = of_axes(first, second, _as_axes(standing), scene.site.latitude_deg)
         seen = seen or looks
-        for limit, depth in (
-            scene.depths(looks, standing=True, later_s=later_s) | scene.axis_depths(standing, first, second)
-        ).items():
+        found = scene.depths(looks, standing=True, later_s=later_s) | scene.axis_depths(
+            standing, first, second
+        )
+        if secondary:
+            # beyond the pole (the zenith) directions turn round
+            beyond = np.abs(second) - 90.0
+            through = -beyond if abs(standing.second_deg) > 90.0 else beyond
+            found[LimitKind.UNREACHABLE] = np.maximum(found[LimitKind.UNREACHABLE], through)
+        for limit, depth in found.items():
             depths[limit] = np.maximum(depths[limit], depth) if limit in depths else depth
     assert seen is not None
     first_found: tuple[float, LimitKind] | None = None
