@@ -475,13 +475,13 @@ class _Track:
     def _instant(self, index: int, value: Callable[[_Track], Floats]) -> float:
         """When a value changes its sign between two looks, by halving."""
         low_s, high_s = float(self.later_s[index]), float(self.later_s[index + 1])
+        # what counts as outside is above 0
+        begins = bool(value(self)[index] > 0.0)
         while high_s - low_s > _EXACT_S:
             middle_s = 0.5 * (low_s + high_s)
             between = self._with(middle_s)
-            values = value(between)
-            at = int(np.searchsorted(between.later_s, low_s))
-            # what counts as outside is above 0
-            if (values[at + 1] > 0.0) == (values[at] > 0.0):
+            at = int(np.searchsorted(between.later_s, middle_s))
+            if bool(value(between)[at] > 0.0) is begins:
                 low_s = middle_s
             else:
                 high_s = middle_s
