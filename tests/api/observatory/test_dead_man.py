@@ -377,7 +377,7 @@ async def test_a_guard_that_hears_nothing_in_time_acts(true_mount: TrueMount, tm
     assert guard.pid is not None
     guard.told()
     assert guard.reports() == []
-    guard.close()
+    await guard.close()
 
 
 async def test_a_guard_that_is_disarmed_does_nothing(true_mount: TrueMount, tmp_path: Path) -> None:
@@ -385,10 +385,7 @@ async def test_a_guard_that_is_disarmed_does_nothing(true_mount: TrueMount, tmp_
     guard = guard_of(true_mount, tmp_path)
     guard.arm(utc_now() + timedelta(seconds=60.0), ["offset-rates"])
     guard.disarm()
-    process = guard._process
-    assert process is not None
-    guard.close()
-    await asyncio.to_thread(process.wait)
+    await guard.close()
     assert follows(true_mount.now())
     assert guard.reports() == []
 
@@ -400,21 +397,31 @@ async def test_a_mount_that_is_let_go_with_rates_is_taken_over(true_mount: TrueM
     guard.take_over()
     while not sidereal(await asyncio.to_thread(true_mount.now)):
         pass
-    guard.close()
+    await guard.close()
 
 
-async def test_a_guard_that_died_is_replaced(true_mount: TrueMount, tmp_path: Path) -> None:
+async def test_a_guard_that_died_is_replaced_while_it_is_needed(
+    true_mount: TrueMount, tmp_path: Path
+) -> None:
     guard = guard_of(true_mount, tmp_path)
     guard.arm(utc_now() + timedelta(seconds=600.0), ["offset-rates"])
     first = guard.pid
     assert first is not None
     os.kill(first, signal.SIGKILL)
-    while guard.pid is not None:
+    while guard.pid in (None, first):
         await asyncio.sleep(0.02)
-    guard.arm(utc_now() + timedelta(seconds=600.0), ["offset-rates"])
-    assert guard.pid not in (None, first)
-    guard.disarm()
-    guard.close()
+    # it knows what to do
+    await _rates_of(true_mount.device, OffsetRates(5.0, 5.0))
+    guard.take_over()
+    while not sidereal(await asyncio.to_thread(true_mount.now)):
+        pass
+    # and one that isn't needed isn't replaced
+    second = guard.pid
+    assert second is not None
+    os.kill(second, signal.SIGKILL)
+    while guard._process is not None:
+        await asyncio.sleep(0.02)
+    await guard.close()
 
 
 async def test_without_a_guard_nothing_is_armed(tmp_path: Path) -> None:
@@ -438,7 +445,7 @@ async def test_a_guard_tries_on_until_the_port_is_there_again(true_mount: TrueMo
     while not guard.reports():
         await asyncio.sleep(0.05)
     assert guard.reports()[0]["tries"] > 1
-    guard.close()
+    await guard.close()
 
 
 async def test_a_service_waits_for_a_guard_that_is_at_work(true_mount: TrueMount, tmp_path: Path) -> None:
