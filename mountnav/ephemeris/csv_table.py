@@ -109,7 +109,7 @@ def _observer(text: str | None) -> Observer:
     if text is None:
         raise BadRequest(
             "the table doesn't tell for whom it is",
-            advice="begin it with `# observer: geocenter`, `# observer: here`, or latitude, longitude, height",
+            advice="begin it with `# observer: geocenter`, `# observer: here`, or latitude, longitude, m",
         )
     if text.lower() == "geocenter":
         return "geocenter"

@@ -60,7 +60,7 @@ def read_sbdb(record: Mapping[str, Any]) -> OrbitElements:
         perihelion_jd=_of(told, "tp", name),
         uncertainty=int(code) if str(code) in set("0123456789") else None,
         comet=kind.startswith("c"),
-        covariance=_matrix(covariance, name) if isinstance(covariance, Mapping) else None,
+        covariance=_matrix(covariance, told, name) if isinstance(covariance, Mapping) else None,
         forces=_forces(orbit.get("model_pars"), name),
     )
 
@@ -97,7 +97,7 @@ def _of(told: Mapping[str, float], key: str, name: str) -> float:
     return told[key]
 
 
-def _matrix(covariance: Mapping[str, Any], name: str) -> Covariance | None:
+def _matrix(covariance: Mapping[str, Any], told: Mapping[str, float], name: str) -> Covariance | None:
     labels, data = covariance.get("labels"), covariance.get("data")
     if not isinstance(labels, list) or not isinstance(data, list) or not 6 <= len(labels) <= _MOST_LABELS:
         return None
@@ -108,8 +108,11 @@ def _matrix(covariance: Mapping[str, Any], name: str) -> Covariance | None:
         if not isinstance(row, list) or len(row) != len(labels):
             raise BadRequest(f"{name}: the covariance is no square of numbers")
         rows.append(tuple(_float(value, "covariance", name) for value in row[:6]))
-    own = _values(covariance.get("elements"), name)
-    return Covariance(tuple(rows), tuple(_of(own, label, name) for label in _LABELS))
+    # of another epoch than the main ones they stand beside it, else they are the main ones
+    own = covariance.get("elements")
+    values = _values(own, name) if isinstance(own, list) else told
+    names = ("e", "q", "tp", "om", "w", "i")
+    return Covariance(tuple(rows), tuple(_of(values, one, name) for one in names))
 
 
 def _forces(pars: object, name: str) -> OwnForces | None:
