@@ -206,9 +206,7 @@ def _epoch(value: object, at: str) -> datetime:
             text = f"{datetime.strptime(f'{by_day[1]} {by_day[2]}', '%Y %j'):%Y-%m-%d}T{by_day[3]}"
         except ValueError:
             text = ""
-    match = re.fullmatch(
-        r"([0-9]{4}-[0-9]{2}-[0-9]{2}[T ][0-9]{2}:[0-9]{2}:[0-9]{2})(\.[0-9]{1,12})?Z?", text
-    )
+    match = re.fullmatch(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(\.\d{1,12})?Z?", text, re.ASCII)
     try:
         if match is None:
             raise ValueError
