@@ -240,6 +240,11 @@ class Language(Protocol):
         """The largest rates beside the sidereal one, both positive; None where the protocol has no bound."""
         ...
 
+    @property
+    def offset_step_arcsec_s(self) -> float:
+        """Coarsest step to which it rounds such rates, ″/s; 0 where the protocol carries any number."""
+        ...
+
     async def send_offset_rates(self, rates: OffsetRates) -> None:
         """Order tracking at rates beside the sidereal one, in the protocol's own units and signs."""
         ...
@@ -251,6 +256,14 @@ class Language(Protocol):
     @property
     def axis_rates_deg_s(self) -> Mapping[MountAxis, tuple[RateSpan, ...]]:
         """At which speeds its axes can be moved on by hand; empty where they can't."""
+        ...
+
+    def direction_unsure(self, axis: MountAxis) -> bool:
+        """Whether which way an axis will go is a guess that the next readings can prove or refute."""
+        ...
+
+    def direction_seen(self, axis: MountAxis, *, rightly: bool) -> None:
+        """An axis whose direction was a guess went as it was ordered, or the other way."""
         ...
 
     async def send_move_axis(self, axis: MountAxis, rate_deg_s: float, wanted: Wanted) -> Sent:
@@ -339,6 +352,11 @@ class Unskilled:
         """None."""
         return None
 
+    @property
+    def offset_step_arcsec_s(self) -> float:
+        """0: none."""
+        return 0.0
+
     async def send_offset_rates(self, rates: OffsetRates) -> None:
         """Refused."""
         raise self._unsupported("track at rates of its own")
@@ -351,6 +369,13 @@ class Unskilled:
     def axis_rates_deg_s(self) -> Mapping[MountAxis, tuple[RateSpan, ...]]:
         """None of them."""
         return {}
+
+    def direction_unsure(self, axis: MountAxis) -> bool:
+        """No."""
+        return False
+
+    def direction_seen(self, axis: MountAxis, *, rightly: bool) -> None:
+        """Nothing to learn."""
 
     async def send_move_axis(self, axis: MountAxis, rate_deg_s: float, wanted: Wanted) -> Sent:
         """Refused."""
