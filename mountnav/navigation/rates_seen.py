@@ -81,6 +81,10 @@ turn what rates come to by as much as faults do. Halved, a polar axis 10′ off 
 TELLING_SHARE = 0.5
 """A coordinate whose ordered rate is less than this share of what its errors hide says nothing of a fault."""
 
+GROSS_SHARE = 0.3
+"""Rates are called right once every fault that would change them by more than this share is excluded; smaller
+ones take longer, and corrections by looks take them off meanwhile. Doubled, cos δ at 50° may go unsaid."""
+
 
 class RateFault(StrEnum):
     """What a mount makes of rates that it is ordered to keep."""
@@ -677,6 +681,14 @@ class _Evidence:
         ra, dec = self.hidden()
         return abs(self.ordered.ra_arcsec_s) > ra, abs(self.ordered.dec_arcsec_s) > dec
 
+    def gross(self, law: _Law) -> bool:
+        """Whether a law would change the ordered rates by more than a share of them."""
+        kept, ordered = law.rates(self.ordered, self.dec_deg), self.ordered
+        east = (kept.ra_arcsec_s - ordered.ra_arcsec_s) * self.cosine
+        north = kept.dec_arcsec_s - ordered.dec_arcsec_s
+        total = math.hypot(ordered.ra_arcsec_s * self.cosine, ordered.dec_arcsec_s)
+        return math.hypot(east, north) > GROSS_SHARE * total
+
     def reduced(self, laws: Sequence[_Law]) -> list[_Law]:
         """Laws without what they say of coordinates in which it makes no difference; each once."""
         hidden, told, found = self.hidden(), self.told(), list[_Law]()
@@ -787,10 +799,9 @@ def _evidence(
 def _no_fault(
     evidence: _Evidence, seen: SeenRates | None, off: float, told: tuple[bool, bool]
 ) -> RatesJudgement:
-    wrong = [law for law in evidence.reduced(_LAWS) if evidence.sigmas(law) <= WITHIN_SIGMAS]
-    gross = [law for law in wrong if law.fault not in (_F.FACTOR_SIDEREAL, _F.FACTOR_SOLAR)]
+    near = [law for law in evidence.reduced(_LAWS) if evidence.sigmas(law) <= WITHIN_SIGMAS]
     words = _measured_words(evidence)
-    if any(told) and not gross:
+    if any(told) and off <= WITHIN_SIGMAS and not any(evidence.gross(law) for law in near):
         return RatesJudgement("right", seen, f"{words}: as ordered", off)
     return RatesJudgement("too-early", seen, f"{words}: too early to say whether as ordered", off)
 
