@@ -1,8 +1,9 @@
 """Limits along the path of a target that moves: which one it reaches first, and all that will happen on it.
 
 A path answers where its target stands at an instant. It is looked at in steps that are as fine as its target
-is fast, where a limit is near: a comet each minute, a satellite some times a second. A mount that tracks stays
-on its side of the pier, and its first axis turns on without end, as it does while it tracks a star (`tracked`).
+is fast, where a limit is near: a comet each minute, a satellite some times a second. A mount that tracks
+stays on its side of the pier, and its first axis turns on without end, as it does while it tracks a star
+(`tracked`).
 """
 
 from __future__ import annotations
@@ -31,28 +32,28 @@ from mountnav.pointing.limits.tracked import (
     standing_for,
 )
 from mountnav.sky.chain import icrs_to_hour_angle
-from mountnav.sky.coordinates import Air, Icrs, Site
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, HourAngle, Icrs, Site
 
 if TYPE_CHECKING:
     from mountnav.pointing.limits.bounds import Limits
 
-__all__ = ["Path", "SkyEvent", "SkyEventKind", "forecast", "reached_along"]
+__all__ = ["Path", "SkyEvent", "SkyEventKind", "forecast", "reached_along", "reached_by_axes"]
 
 Path = Callable[[datetime], Icrs]
 """Where a target stands at an aware instant: topocentric and astrometric, as an `Ephemeris` answers."""
 
 _STEP_S = 60.0
-"""The longest step, s: the sky turns 0.25° in it, as `tracked` has it. Doubled, a thin obstacle may be missed,
-and a path that turns back within a minute."""
+"""The longest step, s: the sky turns 0.25° in it, as `tracked` has it. Doubled, a thin obstacle may be
+missed, and a path that turns back within a minute."""
 _FINE_DEG = 0.3
-"""Where a limit is near, no step of the target or of an axis is longer than this, °: a little more than a star
-goes in a minute. Doubled, a wall of half a degree may be stepped over by a satellite."""
+"""Where a limit is near, no step of the target or of an axis is longer than this, °: a little more than a
+star goes in a minute. Doubled, a wall of half a degree may be stepped over by a satellite."""
 _BOWED = 1.5
 """A path between two looks may come so many times as far from both as they are apart. Chosen by hand: the
 great circle of a pass bows less. Doubled, twice as many steps are looked at finely."""
 _SHORTEST_S = 0.05
-"""No step is shorter, s: the fastest satellites go 0.1° in it. It bounds the steps by the pole and the zenith,
-where an axis turns as fast as it likes. Doubled, one there is seen 0.2° coarser."""
+"""No step is shorter, s: the fastest satellites go 0.1° in it. It bounds the steps by the pole and the
+zenith, where an axis turns as fast as it likes. Doubled, one there is seen 0.2° coarser."""
 _MOST_LOOKS = 12_000
 """A path that wants more looks than this is not judged: they take about 3 s. Eight nights of a star, or some
 hundred passes of a satellite. Doubled, an order may keep the service waiting twice as long."""
@@ -218,6 +219,71 @@ def forecast(
     track = _Track(limits, path, utc, site, air, mounting, side, all_events=True)
     track.look(seconds)
     return tuple(sorted(track.events(), key=lambda event: event.utc))
+
+
+def reached_by_axes(
+    scene: Scene,
+    here: HourAngle,
+    bare: HourAngle,
+    rates_deg_s: tuple[float, float],
+    *,
+    mounting: Mounting | None,
+    side: PierSide | None,
+    tracks: bool,
+    within_s: float,
+) -> Reached | None:
+    """Which limit axes that are moved on at a speed reach first, and when; None if none within that time.
+
+    Parameters
+    ----------
+    here, bare : HourAngle
+        Where the mount points, with refraction and without.
+    rates_deg_s : (float, float)
+        Speeds as `mountnav.devices.MovesAxes` counts them: positive to greater right ascension (azimuth), and
+        to greater declination (altitude) on the side of the pole on which the tube is; they go on through it.
+    tracks : bool
+        Whether that comes on top of tracking; of an alt-az mount it may.
+    """
+    stands, reckoned = (standing_for(scene, place, mounting, side) for place in (here, bare))
+    primary, secondary = rates_deg_s
+    count = 2 + math.ceil(within_s * max(abs(primary), abs(secondary), SIDEREAL_DEG_S) / _FINE_DEG)
+    later_s = np.linspace(0.0, max(within_s, 0.0), min(count, _MOST_LOOKS))
+    if stands.mounting == "altaz":
+        first_deg_s, second_deg_s = primary, secondary
+    else:
+        first_deg_s = (SIDEREAL_DEG_S if tracks else 0.0) - primary
+        # beyond the pole the declination axis counts on, where declinations come down again
+        second_deg_s = -secondary if abs(stands.second_deg) > 90.0 else secondary
+    depths: Depths = {}
+    seen: Directions | None = None
+    for standing in (stands, reckoned):
+        first = standing.first_deg + first_deg_s * later_s
+        second = standing.second_deg + second_deg_s * later_s
+        looks = of_axes(first, second, _as_axes(standing), scene.site.latitude_deg)
+        seen = seen or looks
+        for limit, depth in (
+            scene.depths(looks, standing=True, later_s=later_s) | scene.axis_depths(standing, first, second)
+        ).items():
+            depths[limit] = np.maximum(depths[limit], depth) if limit in depths else depth
+    assert seen is not None
+    first_found: tuple[float, LimitKind] | None = None
+    for limit, depth in depths.items():
+        after_s = crossing_s(depth, later_s, limit in OF_BODIES)
+        if after_s is not None and (first_found is None or after_s < first_found[0]):
+            first_found = after_s, limit
+    if first_found is None:
+        return None
+    index = int(np.searchsorted(later_s, first_found[0]))
+    return Reached(
+        first_found[1],
+        first_found[0],
+        float(np.mod(seen.azimuth_deg[index], 360.0)),
+        float(seen.altitude_deg[index]),
+    )
+
+
+def _as_axes(standing: Standing) -> Mounting:
+    return "altaz" if standing.mounting == "altaz" else "fork"
 
 
 class _Track:
@@ -417,9 +483,7 @@ class _Track:
 
     def _with(self, later_s: float) -> _Track:
         """The same path, looked at once more near an instant, from its beginning on."""
-        other = _Track(
-            self._limits, self._path, self._utc, self._site, self._air, self._mounting, self._side
-        )
+        other = _Track(self._limits, self._path, self._utc, self._site, self._air, self._mounting, self._side)
         index = int(np.searchsorted(self.later_s, later_s))
         keep = np.unique([0, index - 1, min(index, self.later_s.size - 1)])
         other.later_s, other._places = self.later_s[keep], self._places[keep].copy()
