@@ -29,6 +29,7 @@ __all__ = [
     "ApparentTarget",
     "Body",
     "IcrsTarget",
+    "Instant",
     "NamedTarget",
     "PathTarget",
     "RatesTarget",
@@ -172,7 +173,7 @@ def _instant(text: str) -> str:
         raise ValueError(f"{text!r} lies outside of all years") from None
 
 
-_Instant = Annotated[
+Instant = Annotated[
     str,
     Field(max_length=40, json_schema_extra={"format": "date-time"}),
     AfterValidator(_instant),
@@ -216,8 +217,8 @@ class RatesTarget(MovingTarget):
 
     kind: Literal["rates"] = "rates"
     name: _Name = None
-    begins_utc: _Instant
-    ends_utc: _Instant
+    begins_utc: Instant
+    ends_utc: Instant
     ra_deg: Annotated[float | None, Field(ge=0, lt=360)] = None
     dec_deg: Annotated[float | None, Field(ge=-90, le=90)] = None
     ra_arcsec_s: Annotated[_Rate, Field(description="Of the right ascension itself: not times cos δ")] = None
@@ -268,7 +269,7 @@ class RatesTarget(MovingTarget):
 class IcrsWaypoint(Body):
     """Where it is among the stars at a time: topocentric, astrometric."""
 
-    utc: _Instant
+    utc: Instant
     ra_deg: _RaDeg
     dec_deg: _DecDeg
 
@@ -276,7 +277,7 @@ class IcrsWaypoint(Body):
 class AltAzWaypoint(Body):
     """Where it is over the horizon at a time: observed, with refraction."""
 
-    utc: _Instant
+    utc: Instant
     az_deg: Annotated[float, Field(ge=0, lt=360, description="North 0°, east 90°")]
     alt_deg: Annotated[float, Field(ge=-90, le=90)]
 

@@ -70,7 +70,7 @@ from mountnav.navigation.rates_seen import (
     judge_rates,
     trail_of,
 )
-from mountnav.navigation.reports import CenterReport, Look
+from mountnav.navigation.reports import CenterReport, Look, finite_or_none
 from mountnav.navigation.slewing import Slewing
 from mountnav.navigation.tube_estimate import TubeEstimate, rates_on_sky
 from mountnav.pointing.limits.along import Path, SkyEvent, SkyEventKind, forecast
@@ -78,7 +78,7 @@ from mountnav.sky.coordinates import Apparent, Icrs, Site
 from mountnav.sky.sphere import Offset, displaced, offset_arcsec, separation_arcsec
 from mountnav.tasks import together, waited_for
 
-__all__ = ["FollowEnd", "FollowProgress", "FollowReport", "Following"]
+__all__ = ["FollowEnd", "FollowProgress", "FollowReport", "Following", "progress_facts"]
 
 LOOK_EVERY_S = 60.0
 """Between two looks while all is well, s, where nobody says. Chosen by hand: what the camera is there for
@@ -133,6 +133,9 @@ WAIT_AHEAD_S = 10.0
 """A fast target is waited for so long before it comes, s, at least. Halved, some are missed."""
 SHORTEST_PULSE_S = 0.02
 """Shorter guide pulses are left, s: most mounts make nothing of them, or 0.1 s. Doubled, 0.3″ is left."""
+MOST_TOLD = 1000
+"""So many looks of one job are kept with it; more are told as events alone. Doubled, a job of a night that
+looks every few seconds is a row of 2 MB."""
 MISSES = 6
 """Looks in a row that weren't solved, after which that is told once more."""
 
@@ -251,6 +254,35 @@ class FollowReport:
     events: tuple[SkyEvent, ...]
     notes: tuple[str, ...]
     elapsed_s: float
+
+
+def progress_facts(progress: FollowProgress) -> dict[str, object]:
+    """How it goes, for listeners: finite numbers or None."""
+    judged = progress.judgement
+    seen = None if judged is None else judged.measured
+    ordered, sent = progress.ordered, progress.sent
+    return {
+        "utc": progress.utc.isoformat(),
+        "phase": progress.phase,
+        "by": str(progress.by),
+        "off_arcsec": progress.off_arcsec,
+        "off_sigma_arcsec": None
+        if progress.off_sigma_arcsec is None
+        else finite_or_none(progress.off_sigma_arcsec),
+        "verdict": None if judged is None else judged.verdict,
+        "fault": None if judged is None or judged.fault is None else str(judged.fault),
+        "seen_ra_arcsec_s": None if seen is None else seen.rates.ra_arcsec_s,
+        "seen_dec_arcsec_s": None if seen is None else seen.rates.dec_arcsec_s,
+        "seen_ra_sigma_arcsec_s": None if seen is None else seen.ra_sigma_arcsec_s,
+        "seen_dec_sigma_arcsec_s": None if seen is None else seen.dec_sigma_arcsec_s,
+        "ordered_ra_arcsec_s": None if ordered is None else ordered.ra_arcsec_s,
+        "ordered_dec_arcsec_s": None if ordered is None else ordered.dec_arcsec_s,
+        "sent_ra_arcsec_s": None if sent is None else sent.ra_arcsec_s,
+        "sent_dec_arcsec_s": None if sent is None else sent.dec_arcsec_s,
+        "left_s": progress.left_s,
+        "next_event": progress.next_event,
+        "words": progress.words,
+    }
 
 
 class Following:
@@ -827,7 +859,7 @@ class Following:
             begun = utc - timedelta(seconds=0.5 * (found.exposure_s or self._policy.exposure_s))
             if self._by is FollowBy.RATES and self._leg_from is not None and begun >= self._leg_from:
                 words = await self._judge(found, place, sigma, words)
-            self._tell("following", words)
+            self._tell("following", words, found)
             if self._may_hop(off.total_arcsec, far):
                 self._note(f"{off.total_arcsec:.0f}″ off: slewed back to the target")
                 await self._hop()
@@ -1009,7 +1041,7 @@ class Following:
             self.notes.append(words)
             self._equipment.note_now(EntryKind.DECISION, words, {"target": self._target.name})
 
-    def _tell(self, phase: str, words: str) -> None:
+    def _tell(self, phase: str, words: str, looked: Look | None = None) -> None:
         now = self._clock.utc()
         event = next((one for one in self._events if one.utc > now), None)
         off, sigma = self._off if self._off is not None else (None, None)
@@ -1026,6 +1058,11 @@ class Following:
             next_event="" if event is None else event.words,
             words=words,
         )
+        self._equipment.listen("following", progress_facts(progress))
+        if looked is not None and self._looks <= MOST_TOLD:
+            facts = {"kind": "follow-look", "number": self._looks, **progress_facts(progress)}
+            facts |= {"look_id": looked.look_id, "mid_exposure_utc": looked.mid_exposure_utc.isoformat()}
+            self._equipment.listen("attempt", facts)
         if self._heard is not None:
             self._heard(progress)
 
