@@ -88,7 +88,7 @@ FIRST_LOOKS = 4
 target has four more exposures taken before it is left alone."""
 LONGEST = timedelta(hours=24)
 """No target is followed for longer by one order."""
-MOST_TRAIL_PX = 12.0
+MOST_TRAIL_PX = 5.0
 """Stars may be drawn out so far in a look, pixels; else it is exposed for less. Doubled, centers are
 worse."""
 SHORTEST_LOOK_S = 0.3
