@@ -467,12 +467,15 @@ class Following:
         plan = self.plan
         assert plan is not None
         # what is left of it is caught up with afterwards
+        left_s = (self._until - self._clock.utc()).total_seconds()
         near = max(self._policy.tolerance_arcsec, CENTERED_WITHIN_S * plan.fastest_arcsec_s)
         report = await center_in_time(
             self._equipment,
             self._slewing,
             self._target,
-            replace(self._policy, tolerance_arcsec=near),
+            replace(
+                self._policy, tolerance_arcsec=near, timeout_s=max(1.0, min(self._policy.timeout_s, left_s))
+            ),
             halt=self._halt,
             planned_s=(self._until - self._clock.utc()).total_seconds(),
             key=self._key,
