@@ -11,9 +11,11 @@ import pytest
 from drivers.generic.mount import GenericMount
 from drivers.indi.codec import messages
 from drivers.registry import open_mount
+from mountnav.clock import utc_now
 from mountnav.devices import STARS_RATES, MountAxis, OffsetRates, Skill, SlewOutcome, TrackingRate
 from mountnav.errors import BadRequest, BadSettings, Busy, DeviceRefused, Refusal
 from mountnav.simulation.mechanics import Mechanics
+from mountnav.sky.coordinates import Apparent
 from mountnav.sky.sphere import half_turn_deg
 from tests.drivers.indi.real_server import TELESCOPE, IndiServer
 from tests.drivers.indi.test_language_over_real_drivers import REAL, served
@@ -42,6 +44,9 @@ async def mount(server: IndiServer) -> AsyncIterator[GenericMount]:
     if (await made.reading()).parked:
         await made.unpark()
     await made.set_tracking(True)
+    # off the pole, where it wakes up
+    place = (await made.reading()).place
+    assert await made.slew(Apparent(place.ra_deg, 40.0, utc_now())) is SlewOutcome.ARRIVED
     try:
         yield made
     finally:
@@ -179,7 +184,7 @@ async def test_astro_physics_moves_south_for_north_and_so_is_not_asked(tmp_path:
         assert any("it moves south at a rate to the north" in one for one in mount.report.problems)
         await mount.set_offset_rates(OffsetRates(10.0, 0.0))
         assert await _truly(mechanics) == pytest.approx((10.0, 0.0), abs=0.1)
-        with pytest.raises(DeviceRefused, match=r"declination: it takes at most 0\.0000"):
+        with pytest.raises(DeviceRefused, match="declination: it takes no rate of its own there"):
             await mount.set_offset_rates(OffsetRates(0.0, 10.0))
         assert await _truly(mechanics) == pytest.approx((10.0, 0.0), abs=0.1)
         await mount.set_offset_rates(STARS_RATES)
