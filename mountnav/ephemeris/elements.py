@@ -216,7 +216,7 @@ def by_mean_anomaly(
     BadRequest
         No ellipse.
     """
-    if not (0.0 < a_au < 1e5 and 0.0 <= eccentricity < 1.0 and math.isfinite(mean_anomaly_deg)):
+    if not (0.0 < a_au < 1e5 and 0.0 <= eccentricity < 1.0 and abs(mean_anomaly_deg) <= 1e6):
         raise BadRequest(
             f"a = {a_au:g} au, e = {eccentricity:g} is no ellipse; give q and the perihelion's time"
         )

@@ -84,7 +84,8 @@ def _of_xml(text: str) -> Iterator[dict[str, str]]:
     depth = 0
     fields: dict[str, str] = {}
     try:
-        parser.feed(text.encode("utf-8", "replace"))
+        # it is text already: what it says of its encoding counts no more
+        parser.feed(re.sub(r"^\s*<\?xml[^>]{0,200}\?>", "", text).encode("utf-8", "replace"))
         parser.close()
         for event, element in parser.read_events():
             depth += 1 if event == "start" else -1
@@ -100,7 +101,7 @@ def _of_xml(text: str) -> Iterator[dict[str, str]]:
             if tag == "segment":
                 yield fields
                 fields = {}
-    except (ElementTree.ParseError, ValueError) as wrong:
+    except (ElementTree.ParseError, LookupError, ValueError) as wrong:
         raise BadRequest(f"the XML is broken: {wrong}") from wrong
 
 
