@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
+from datetime import timedelta
 from typing import assert_never
 
+from api.orders.results import RatesView
 from api.orders.targets import Target, icrs_of
 from api.orders.vocabulary import (
     AcceptSiteTimeOrder,
@@ -16,6 +18,7 @@ from api.orders.vocabulary import (
     LookOrder,
     NavigatorOrder,
     OffsetOrder,
+    OffsetRatesOrder,
     ParkOrder,
     RecoverOrder,
     SetParkOrder,
@@ -28,7 +31,7 @@ from api.orders.vocabulary import (
     UnparkOrder,
 )
 from mountnav.clock import utc_now
-from mountnav.devices import Direction, TrackingRate
+from mountnav.devices import Direction, OffsetRates, TrackingRate
 from mountnav.navigation.navigator import Navigator
 from mountnav.sky.coordinates import Icrs
 
@@ -40,6 +43,7 @@ _WithoutSky = (
     | SetParkOrder
     | TrackingOrder
     | GuideOrder
+    | OffsetRatesOrder
     | TrustOrder
     | SetSiteTimeOrder
     | AcceptSiteTimeOrder
@@ -112,6 +116,8 @@ async def _without_sky(navigator: Navigator, order: _WithoutSky) -> object:
             await navigator.set_tracking(order.on, TrackingRate(order.rate))
         case GuideOrder():
             await navigator.guide(Direction(order.direction), order.duration_s)
+        case OffsetRatesOrder():
+            return await set_rates(navigator, order)
         case TrustOrder():
             navigator.trust()
         case SetSiteTimeOrder():
@@ -121,6 +127,22 @@ async def _without_sky(navigator: Navigator, order: _WithoutSky) -> object:
         case _:
             assert_never(order)
     return None
+
+
+async def set_rates(navigator: Navigator, order: OffsetRatesOrder) -> RatesView:
+    """Track at these rates up to their end, or as for a star again; which ones are in force then."""
+    mount = navigator.mount
+    rates = OffsetRates(order.ra_arcsec_s, order.dec_arcsec_s)
+    if rates.none:
+        await mount.end_offset_rates()
+    else:
+        await mount.set_offset_rates(rates, ends_utc=utc_now() + timedelta(seconds=order.for_s))
+    force = mount.offset_rates_in_force
+    if force is None:
+        return RatesView(ra_arcsec_s=0.0, dec_arcsec_s=0.0, ends_utc=None)
+    return RatesView(
+        ra_arcsec_s=force.rates.ra_arcsec_s, dec_arcsec_s=force.rates.dec_arcsec_s, ends_utc=force.ends_utc
+    )
 
 
 def there(navigator: Navigator, target: Target) -> Icrs:

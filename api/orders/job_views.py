@@ -8,7 +8,16 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, Field, JsonValue, TypeAdapter
 
 from api.orders.jobs import Job, JobState
-from api.orders.results import Attempt, AttemptView, ModelRunView, SeriesView, SolvedView, mount_place
+from api.orders.results import (
+    Attempt,
+    AttemptView,
+    AxesMovedView,
+    ModelRunView,
+    RatesView,
+    SeriesView,
+    SolvedView,
+    mount_place,
+)
 from api.orders.results import Finite as Finite
 from api.orders.results import OffsetView as OffsetView
 from api.orders.results import Place as Place
@@ -185,6 +194,8 @@ Result = Annotated[
     | FirstLightView
     | CenterView
     | MovedView
+    | AxesMovedView
+    | RatesView
     | SolvedView
     | SeriesView
     | ModelRunView,
@@ -415,7 +426,7 @@ def result_view(report: object, *, epoch: Epoch | None = None, utc: datetime | N
             return MovedView(outcome=str(report))
         case None:
             return None
-        case SolvedView() | SeriesView() | ModelRunView():
+        case SolvedView() | SeriesView() | ModelRunView() | AxesMovedView() | RatesView():
             return report
         case dict():
             # of a job that ended before the service was started again

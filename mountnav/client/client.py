@@ -86,6 +86,8 @@ class Calls:
     look = Call(requests.look)
     recover = Call(requests.recover)
     first_light = Call(requests.first_light)
+    move_axis = Call(requests.move_axis)
+    offset_rates = Call(requests.offset_rates)
     park = Call(requests.park)
     unpark = Call(requests.unpark)
     cancel = Call(requests.cancel)

@@ -94,6 +94,37 @@ def guide(direction: Literal["n", "s", "e", "w"], duration_s: float) -> Order:
     return _order("guide", direction=direction, duration_s=duration_s)
 
 
+def offset_rates(ra_arcsec_s: float, dec_arcsec_s: float, *, for_s: float | None = None) -> Order:
+    """Track at rates beside the sidereal one, up to an end; 0 and 0 end them.
+
+    Parameters
+    ----------
+    ra_arcsec_s, dec_arcsec_s : float
+        In the mount's own coordinates, ″ per second of the clock; right ascension not times cos δ, positive
+        to the east.
+    for_s : float, optional
+        They end by themselves after so long; 15 minutes if left out.
+    """
+    return _order("offset-rates", ra_arcsec_s=ra_arcsec_s, dec_arcsec_s=dec_arcsec_s, for_s=for_s)
+
+
+def move_axis(
+    axis: Literal["primary", "secondary"], rate_deg_s: float, *, for_s: float | None = None
+) -> Order:
+    """Move an axis on while it is held; `Client.move_axis` gives it, and never sends it a second time.
+
+    Parameters
+    ----------
+    axis : {"primary", "secondary"}
+        Right ascension or azimuth; declination or altitude.
+    rate_deg_s : float
+        On top of tracking; positive to greater right ascension (azimuth) or declination (altitude). 0 ends it.
+    for_s : float, optional
+        It ends by itself after so long, if no further order prolongs it; a second if left out, ten at most.
+    """
+    return _order("move-axis", axis=axis, rate_deg_s=rate_deg_s, for_s=for_s)
+
+
 def trust() -> Order:
     """An operator's word that the mount's position is right. Needs the role configure."""
     return _order("trust")

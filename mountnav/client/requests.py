@@ -7,8 +7,8 @@ questions, stops, cancelling; and orders, by the Idempotency-Key that each carri
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, Generic, TypeVar
+from dataclasses import dataclass, field, replace
+from typing import Any, Generic, Literal, TypeVar
 from urllib.parse import quote
 from uuid import uuid4
 
@@ -224,6 +224,38 @@ def park(
 def unpark(telescope_id: str, *, wait_s: float = 0.0, key: str | None = None) -> Request[Job]:
     """Be ready to move again; the job."""
     return order(telescope_id, orders.unpark(), wait_s=wait_s, key=key)
+
+
+def move_axis(
+    telescope_id: str,
+    axis: Literal["primary", "secondary"],
+    rate_deg_s: float,
+    *,
+    for_s: float | None = None,
+    supersede: bool = False,
+) -> Request[Job]:
+    """Move an axis on for a moment; the job, in which it goes on as long as this is called again in time.
+
+    It is never sent again by itself: a motion that comes late is one that nobody wants any more. Options as
+    of `orders.move_axis`; 0 ends it.
+    """
+    given = order(telescope_id, orders.move_axis(axis, rate_deg_s, for_s=for_s), supersede=supersede)
+    return replace(given, again=False)
+
+
+def offset_rates(
+    telescope_id: str,
+    ra_arcsec_s: float,
+    dec_arcsec_s: float,
+    *,
+    for_s: float | None = None,
+    wait_s: float = 0.0,
+    supersede: bool = False,
+    key: str | None = None,
+) -> Request[Job]:
+    """Track at rates beside the sidereal one, up to an end; the job. Rates as of `orders.offset_rates`."""
+    what = orders.offset_rates(ra_arcsec_s, dec_arcsec_s, for_s=for_s)
+    return order(telescope_id, what, wait_s=wait_s, supersede=supersede, key=key)
 
 
 # -- ends ------------------------------------------------------------------------------------------
