@@ -537,7 +537,7 @@ def _only_one(client: Client) -> str:
 
 
 def _tell_way(client: Client, job: Job) -> None:
-    """Print the events of a job up to its end. A stream that breaks off is no trouble: the end is asked for."""
+    """Print the events of a job up to its end; of a stream that breaks off the end is asked for."""
     import httpx
 
     try:

@@ -130,6 +130,10 @@ class Dispatcher:
         """All telescopes, in the order of the settings."""
         return self._observatory.telescopes
 
+    def telescope(self, telescope_id: str) -> Telescope:
+        """One of them. Raises `NotFound`."""
+        return self._observatory.telescope(telescope_id)
+
     def watch(self, telescope_id: str) -> Watch:
         """What is known of a telescope. Raises `NotFound`."""
         return self._watches[self._observatory.telescope(telescope_id).id]

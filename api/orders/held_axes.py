@@ -48,11 +48,12 @@ class _Axis:
     sent_deg_s: float = 0.0
     last_deg_s: float = 0.0
     since_s: float | None = None
+    taken: asyncio.Event = field(default_factory=asyncio.Event)
 
 
 @dataclass(slots=True)
 class _Hold:
-    """One job that holds axes.
+    """One job that holds axes; `_Axis.taken`: the mount has taken what was wanted last.
 
     Attributes
     ----------
@@ -115,6 +116,20 @@ class HeldAxes:
         self._want(hold, order)
         return HeldWork(self, hold)
 
+    async def taken(self, job: Job, axis: MountAxis) -> None:
+        """Wait until the mount has taken what was ordered last of an axis, or the job has ended."""
+        hold = self._hold
+        wanted = None if hold is None or hold.job is not job else hold.axes.get(axis)
+        waiting = [waited_for(job.ended.wait())]
+        if wanted is not None:
+            waiting.append(waited_for(wanted.taken.wait()))
+        try:
+            await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in waiting:
+                task.cancel()
+            await asyncio.gather(*waiting, return_exceptions=True)
+
     def rates(self) -> dict[MountAxis, tuple[float, float]]:
         """Which axes are held just now: how fast, °/s, and for how many seconds more."""
         hold = self._hold
@@ -137,6 +152,7 @@ class HeldAxes:
             hold.axes[order.axis] = _Axis(order.rate_deg_s, until_s)
         else:
             axis.rate_deg_s, axis.until_s, axis.fresh = order.rate_deg_s, until_s, True
+            axis.taken.clear()
         hold.news.set()
 
     async def _run(self, hold: _Hold, navigator: Navigator) -> AxesMovedView:
@@ -176,12 +192,15 @@ class HeldAxes:
             self._ended(hold, name, axis, RELEASED if axis.rate_deg_s == 0.0 else SILENT)
         elif axis.sent_deg_s != 0.0 and not mount.axis_moving:
             # what was stopped doesn't begin again by itself, whoever still holds the key
+            hold.taking = False
             self._ended(hold, name, axis, BY_THE_MOUNT)
         elif axis.fresh:
             axis.fresh = False
             axis.sent_deg_s = axis.last_deg_s = axis.rate_deg_s
             axis.since_s = now_s if axis.since_s is None else axis.since_s
             await mount.move_axis(name, axis.rate_deg_s, for_s=sky_s(left_s))
+            if not axis.fresh:
+                axis.taken.set()
 
     @staticmethod
     def _ended(hold: _Hold, name: MountAxis, axis: _Axis, why: str) -> None:
@@ -193,6 +212,7 @@ class HeldAxes:
             axis=name, rate_deg_s=axis.last_deg_s, moved_s=round(moved_s, 3), why=why
         )
         hold.axes.pop(name, None)
+        axis.taken.set()
 
     @staticmethod
     async def _end_all(mount: CheckedMount, axes: list[MountAxis]) -> None:

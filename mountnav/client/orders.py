@@ -118,7 +118,8 @@ def move_axis(
     axis : {"primary", "secondary"}
         Right ascension or azimuth; declination or altitude.
     rate_deg_s : float
-        On top of tracking; positive to greater right ascension (azimuth) or declination (altitude). 0 ends it.
+        On top of tracking; positive to greater right ascension (azimuth) or declination (altitude); 0 ends
+        it.
     for_s : float, optional
         It ends by itself after so long, if no further order prolongs it; a second if left out, ten at most.
     """
