@@ -599,11 +599,11 @@ AXES: tuple[MountAxis | None, ...] = ("primary", "secondary", None)
 
 
 def axis_spans(device: AlpacaTelescope, number: int) -> tuple[RateSpan, ...]:
-    """At which speeds an axis can be moved; none if it can't. No faster than the settings have it."""
+    """At which speeds an axis can be moved; none if it can't. No faster than `[telescope.following]` has it."""
     axis = AXES[number]
     if axis is None or not device.can(Skill.MOVE_AXIS):
         return ()
-    most_deg_s = device.settings.alpaca.move_axis_deg_s
+    most_deg_s = device.mount.following_policy.most_axis_deg_s
     return tuple(
         RateSpan(span.least_deg_s, min(span.most_deg_s, most_deg_s))
         for span in device.mount.axis_rates_deg_s.get(axis, ())

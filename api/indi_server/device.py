@@ -91,7 +91,6 @@ class IndiTelescope:
             self._telescope.navigator.mount,
             axes=self._axes,
             rates=self._rates,
-            most_deg_s=own.move_axis_deg_s,
             follow=self._follow,
         )
         self._clock_utc = utc_now()

@@ -129,8 +129,6 @@ class IndiOrders:
         Moves what keys move.
     rates : KeptRates
         Keeps custom rates.
-    most_deg_s : float
-        No key moves an axis faster.
     follow : callable
         ``follow(job, name)``: a job is under way for an order to that property.
 
@@ -156,7 +154,6 @@ class IndiOrders:
         *,
         axes: KeptAxes,
         rates: KeptRates,
-        most_deg_s: float,
         follow: Callable[[Job, str], None],
     ) -> None:
         self.target: Apparent | None = None
@@ -170,7 +167,6 @@ class IndiOrders:
         self._site: Site = mount.site
         self._axes = axes
         self._rates = rates
-        self._most_deg_s = most_deg_s
         self._follow = follow
 
     async def take(self, caller: Caller, ordered: Ordered, shown: Vector, mode: str) -> Answer:
@@ -303,7 +299,8 @@ class IndiOrders:
         if chosen is None:
             await self._axes.end(caller, axis)
             return Answer(ordered.name, State.IDLE)
-        speeds = ladder(self._mount.axis_rates_deg_s.get(axis, ()), self._most_deg_s)
+        most_deg_s = self._mount.following_policy.most_axis_deg_s
+        speeds = ladder(self._mount.axis_rates_deg_s.get(axis, ()), most_deg_s)
         if not speeds:
             return Answer.refused(ordered.name, "this axis can't be moved")
         speed_deg_s = speeds[list(SPEEDS).index(self.speed)]

@@ -7,7 +7,7 @@ from datetime import timedelta
 from typing import assert_never
 
 from api.orders.results import RatesView
-from api.orders.targets import Target, icrs_of
+from api.orders.targets import Target, icrs_of, require_filter
 from api.orders.vocabulary import (
     AcceptSiteTimeOrder,
     CenterOrder,
@@ -146,8 +146,9 @@ async def set_rates(navigator: Navigator, order: OffsetRatesOrder) -> RatesView:
 
 
 def there(navigator: Navigator, target: Target) -> Icrs:
-    """Where a target is now. Raises `BadRequest`."""
+    """Where a target is now. Raises `BadRequest`, and `OutsideLimits` for the Sun without a filter."""
     mount = navigator.mount
+    require_filter(target, solar_filter=navigator.limits.solar_filter)
     return icrs_of(target, utc_now(), mount.site, mount.air)
 
 

@@ -29,6 +29,8 @@ __all__ = ["HeldAxes", "HeldWork"]
 _LOOK_S = 0.2
 """How often it is looked whether the mount has ended the motion by itself, s. Doubled, the job of an axis
 that came to a limit ends so much later."""
+_END_S = 1.0
+"""Given with the speed 0, where no time counts."""
 _MOST_KEYS = 256
 """Idempotency keys of prolonging orders that are remembered for a telescope; a pad of keys makes three a
 second. Doubled, an order that was lost on the way for three minutes is known, and not carried out, too."""
@@ -188,7 +190,7 @@ class HeldAxes:
             moved = axis.sent_deg_s != 0.0
             axis.sent_deg_s = 0.0
             if moved or axis.rate_deg_s == 0.0:
-                await mount.move_axis(name, 0.0, for_s=0.0)
+                await mount.move_axis(name, 0.0, for_s=_END_S)
             self._ended(hold, name, axis, RELEASED if axis.rate_deg_s == 0.0 else SILENT)
         elif axis.sent_deg_s != 0.0 and not mount.axis_moving:
             # what was stopped doesn't begin again by itself, whoever still holds the key
@@ -219,7 +221,7 @@ class HeldAxes:
         for axis in axes:
             with contextlib.suppress(MountnavError):
                 # else it ends by itself soon, and what is wrong with its link is told by that
-                await mount.move_axis(axis, 0.0, for_s=0.0)
+                await mount.move_axis(axis, 0.0, for_s=_END_S)
 
 
 class HeldWork:

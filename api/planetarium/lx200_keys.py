@@ -73,7 +73,8 @@ class Lx200Keys:
         axis, sign = _SIDES[side]
         if Skill.MOVE_AXIS not in self._mount.skills:
             return
-        speeds = ladder(self._mount.axis_rates_deg_s.get(axis, ()), self._settings.move_axis_deg_s)
+        most_deg_s = self._mount.following_policy.most_axis_deg_s
+        speeds = ladder(self._mount.axis_rates_deg_s.get(axis, ()), most_deg_s)
         if not speeds:
             return
 

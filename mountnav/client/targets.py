@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from datetime import UTC, datetime
 from typing import Any
 
 Target = dict[str, Any]
@@ -39,10 +41,83 @@ def altaz(alt_deg: float, az_deg: float) -> Target:
 
 
 def named(name: str) -> Target:
-    """A bundled bright object or a planet; `objects` finds names."""
+    """A bundled bright object, a body of the solar system, or what was imported; `objects` finds names."""
     return {"kind": "name", "name": name}
 
 
 def typed(text: str, *, frame: str = "icrs") -> Target:
     """A position as a person types it, ``05h34m31.9s +22°00′52″``; `frame` may be ``jnow-apparent``."""
     return {"kind": "typed", "text": text, "frame": frame}
+
+
+def rates(
+    ra_deg: float,
+    dec_deg: float,
+    ra_arcsec_s: float,
+    dec_arcsec_s: float,
+    *,
+    begins_utc: datetime | str,
+    ends_utc: datetime | str,
+    name: str | None = None,
+    sigma_arcsec: float | None = None,
+) -> Target:
+    """A place (ICRS) at an instant that moves evenly, until an end.
+
+    Parameters
+    ----------
+    ra_arcsec_s, dec_arcsec_s : float
+        ″ per second; right ascension not times cos δ, positive to the east.
+    begins_utc, ends_utc : datetime or str
+        Aware, or ISO 8601 with a time zone.
+    name : str, optional
+        What to call it.
+    sigma_arcsec : float, optional
+        How uncertain it is.
+    """
+    place = {"ra_deg": ra_deg, "dec_deg": dec_deg, "ra_arcsec_s": ra_arcsec_s, "dec_arcsec_s": dec_arcsec_s}
+    return _moving("rates", name, sigma_arcsec, begins_utc=_utc(begins_utc), ends_utc=_utc(ends_utc), **place)
+
+
+def altaz_rates(
+    alt_deg: float,
+    az_deg: float,
+    alt_arcsec_s: float,
+    az_arcsec_s: float,
+    *,
+    begins_utc: datetime | str,
+    ends_utc: datetime | str,
+    name: str | None = None,
+    sigma_arcsec: float | None = None,
+) -> Target:
+    """A direction over the horizon at an instant that moves evenly; azimuth not times cos of the altitude."""
+    place = {"alt_deg": alt_deg, "az_deg": az_deg, "alt_arcsec_s": alt_arcsec_s, "az_arcsec_s": az_arcsec_s}
+    return _moving("rates", name, sigma_arcsec, begins_utc=_utc(begins_utc), ends_utc=_utc(ends_utc), **place)
+
+
+def path(
+    waypoints: Sequence[tuple[datetime | str, float, float]],
+    *,
+    name: str | None = None,
+    sigma_arcsec: float | None = None,
+) -> Target:
+    """A way by waypoints: an instant, RA and Dec (ICRS, degrees) each, joined smoothly; it ends at the last."""
+    points = [{"utc": _utc(at), "ra_deg": ra_deg, "dec_deg": dec_deg} for at, ra_deg, dec_deg in waypoints]
+    return _moving("path", name, sigma_arcsec, waypoints=points)
+
+
+def satellite(elements: str) -> Target:
+    """An Earth satellite by its elements: two lines, or three with its name."""
+    return {"kind": "satellite", "elements": elements}
+
+
+def _moving(kind: str, name: str | None, sigma_arcsec: float | None, **fields: Any) -> Target:
+    told = {"name": name, "sigma_arcsec": sigma_arcsec}
+    return {"kind": kind, **{key: value for key, value in told.items() if value is not None}, **fields}
+
+
+def _utc(at: datetime | str) -> str:
+    if isinstance(at, str):
+        return at
+    if at.tzinfo is None:
+        raise ValueError(f"{at} doesn't say its time zone")
+    return at.astimezone(UTC).isoformat().replace("+00:00", "Z")

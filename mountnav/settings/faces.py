@@ -19,15 +19,12 @@ class _HandMotions(Section):
     ----------
     move_axis_s : float
         A motion of an axis ends by itself so long after it was ordered, s.
-    move_axis_deg_s : float
-        No axis is moved faster by hand, °/s.
     offset_rates_s : float
         Rates beside the sidereal one end so long after the last order, s; it is put off while the program
         goes on talking.
     """
 
     move_axis_s: float = Field(default=30.0, gt=0, le=300)
-    move_axis_deg_s: float = Field(default=3.0, gt=0, le=20)
     offset_rates_s: float = Field(default=900.0, ge=1, le=14_400)
 
 
@@ -51,9 +48,9 @@ class AlpacaSettings(_HandMotions):
         What the management page tells of the place.
     silence_s : float
         An axis that a client moves is stopped when nothing was heard of that client for so long, s.
-    move_axis_s, move_axis_deg_s, offset_rates_s : float
-        Bounds of MoveAxis and of the rate offsets: so long one MoveAxis lasts, s; no axis is moved faster,
-        °/s; offsets end so long after the client was last heard, s.
+    move_axis_s, offset_rates_s : float
+        Ends of MoveAxis and of the rate offsets: so long one MoveAxis lasts, s; offsets end at most so long
+        after the client was last heard, s. How fast an axis may be moved `[telescope.following]` says.
     """
 
     enabled: bool = True
@@ -112,9 +109,9 @@ class IndiServerSettings(_Door, _HandMotions):
         Where it listens; port 0 takes any free one.
     open : bool
         Whether others than this machine may reach it: the protocol knows no keys.
-    move_axis_s, move_axis_deg_s, offset_rates_s : float
-        Bounds of motion keys and custom rates: a key that isn't released ends so long after it was pressed,
-        s; no axis is moved faster, °/s; custom rates end so long after the connection that set them, s.
+    move_axis_s, offset_rates_s : float
+        Ends of motion keys and custom rates: a key that isn't released ends so long after it was pressed, s;
+        custom rates end at most so long after the connection that set them, s.
     """
 
     port: int = Field(default=7624, ge=0, le=65535)
@@ -140,15 +137,12 @@ class Lx200ServerSettings(_OneTelescopesDoor):
         Which; the first one if left out.
     move_axis_s : float
         A key that isn't released ends so long after it was pressed, s.
-    move_axis_deg_s : float
-        No axis is moved faster by keys, °/s.
     silence_s : float
         An axis is stopped when nothing was heard of the app's machine for so long, s: apps ask for the
         position once a second.
     """
 
     move_axis_s: float = Field(default=30.0, gt=0, le=300)
-    move_axis_deg_s: float = Field(default=3.0, gt=0, le=20)
     silence_s: float = Field(default=4.0, gt=0, le=60)
     port: int = Field(default=4030, ge=0, le=65535)
 
