@@ -599,7 +599,7 @@ AXES: tuple[MountAxis | None, ...] = ("primary", "secondary", None)
 
 
 def axis_spans(device: AlpacaTelescope, number: int) -> tuple[RateSpan, ...]:
-    """At which speeds an axis can be moved; none if it can't. No faster than `[telescope.following]` has it."""
+    """At which speeds an axis can be moved, within `[telescope.following]`; none if it can't."""
     axis = AXES[number]
     if axis is None or not device.can(Skill.MOVE_AXIS):
         return ()

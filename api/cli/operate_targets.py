@@ -6,6 +6,7 @@ A text is a position if it can be read as one, and a name else: the service know
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,6 +22,9 @@ LARGEST_FILE_BYTES = 1 << 20
 """Largest file of elements or of a table that is sent, bytes: a table of a night in steps of a second fits.
 Doubled, a wrong file takes twice as long to be refused."""
 
+RATES_HOURS = 12.0
+"""How long a target by rates is one, hours: a night. Doubled, a straight line is taken for a way of a day."""
+
 
 class TargetOptions:
     """The options that name a target."""
@@ -35,7 +39,9 @@ class TargetOptions:
         str | None,
         typer.Option("--altaz", metavar="ALT,AZ", help="A direction: altitude and azimuth, degrees."),
     ]
-    Tle = Annotated[Path | None, typer.Option("--tle", help="A satellite: a file of two lines, or three.")]
+    Tle = Annotated[
+        Path | None, typer.Option("--tle", help="A satellite: a file of its two lines, or three.")
+    ]
     Elements = Annotated[
         Path | None, typer.Option("--elements", help="A comet or minor planet: a file of its elements.")
     ]
@@ -83,7 +89,7 @@ def chosen_target(
         return targets.altaz(alt_deg, az_deg)
     if tle is not None:
         _no_text(text, "--tle")
-        return _tle(tle)
+        return targets.satellite(_text_of(tle))
     if elements is not None:
         return targets.elements(_text_of(elements), name=text)
     if table is not None:
@@ -98,7 +104,9 @@ def chosen_target(
         place = _position(text)
         if place is None:
             raise BadRequest("--rates need a position, not a name", advice='"05h34m31.9s +22d00m52s"')
-        return targets.moving(*place, ra_arcsec_s=ra_arcsec_s, dec_arcsec_s=dec_arcsec_s)
+        now = datetime.now(UTC)
+        ends = now + timedelta(hours=RATES_HOURS)
+        return targets.rates(*place, ra_arcsec_s, dec_arcsec_s, begins_utc=now, ends_utc=ends)
     return targets.typed(text) if _position(text) is not None else targets.named(text.strip())
 
 
@@ -122,18 +130,6 @@ def _two_numbers(option: str, text: str) -> tuple[float, float]:
     except ValueError:
         raise BadRequest(f"{option} takes two numbers, not {text!r}", advice=f"{option} 0.5,-0.25") from None
     return first, second
-
-
-def _tle(path: Path) -> Target:
-    from mountnav.client import targets
-
-    lines = [line.rstrip() for line in _text_of(path).splitlines() if line.strip()]
-    if len(lines) not in (2, 3):
-        raise BadRequest(
-            f"{path} has {len(lines)} lines: a satellite has two, and perhaps its name before them",
-            advice="cut the one that is meant out of the file",
-        )
-    return targets.tle(lines[-2], lines[-1], name=lines[0] if len(lines) == 3 else None)
 
 
 def _text_of(path: Path) -> str:

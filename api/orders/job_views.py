@@ -232,6 +232,25 @@ class NextLimitView(BaseModel):
     azimuth_deg: Finite
 
 
+class RatesInForceView(BaseModel):
+    """Rates beside the sidereal one at which it tracks, in the mount's own coordinates."""
+
+    ra_arcsec_s: Finite = Field(
+        description="Of the right ascension, not times cos(dec); positive to the east"
+    )
+    dec_arcsec_s: Finite
+    since_utc: datetime
+    ends_utc: datetime = Field(description="They end by themselves then, if nothing ends or prolongs them")
+
+
+class AxisMovesView(BaseModel):
+    """An axis that somebody moves by hand."""
+
+    axis: Literal["primary", "secondary"]
+    rate_deg_s: Finite
+    left_s: Finite = Field(description="It ends by itself after so many seconds, if no further order comes")
+
+
 class TelescopeView(BaseModel):
     """What is known of a telescope now; null where unknown. Places hold for `read_utc`."""
 
@@ -270,6 +289,13 @@ class TelescopeView(BaseModel):
         "none within 12 hours",
     )
     next_limit: NextLimitView | None = None
+    rates: RatesInForceView | None = Field(
+        default=None, description="Rates of a moving target; null: it follows the stars, or nothing"
+    )
+    axes_moved: list[AxisMovesView] = Field(default_factory=list, description="Axes moved by hand just now")
+    following_problem: str | None = Field(
+        default=None, description="What goes on by itself and could not be ended yet: it is tried on"
+    )
     learned: str | None = Field(default=None, description="What solves have taught of the camera")
     warnings: list[str] = Field(
         default_factory=list, description="What an operator should look into: a wrong scale, a full disk"

@@ -77,6 +77,7 @@ class Calls:
     jobs = Call(requests.jobs)
     job = Call(requests.job)
     objects = Call(requests.objects)
+    forecast = Call(requests.forecast)
     capabilities = Call(requests.capabilities)
     health = Call(requests.health)
     lease_state = Call(requests.lease_state)

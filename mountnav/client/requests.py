@@ -16,6 +16,7 @@ from mountnav.client import orders
 from mountnav.client.orders import Order
 from mountnav.client.results import (
     Capabilities,
+    Forecast,
     Health,
     Job,
     LeaseState,
@@ -103,6 +104,11 @@ def job(job_id: Job | str, *, wait_s: float = 0.0) -> Request[Job]:
 def objects(q: str = "", *, count: int = 20) -> Request[list[SkyObject]]:
     """Bright objects by name, with where they stand now; an empty name: the brightest."""
     return Request("GET", "/v1/objects", {"q": q, "count": count})
+
+
+def forecast(telescope_id: str, target: Target, *, hours: float = 12.0) -> Request[Forecast]:
+    """What will happen to a target: rises, sets, meridian, the Sun's cone, limits. Orders nothing."""
+    return Request("POST", _of(telescope_id, "/forecast"), body={"target": target, "hours": hours})
 
 
 def capabilities() -> Request[Capabilities]:

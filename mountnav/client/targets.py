@@ -100,7 +100,7 @@ def path(
     name: str | None = None,
     sigma_arcsec: float | None = None,
 ) -> Target:
-    """A way by waypoints: an instant, RA and Dec (ICRS, degrees) each, joined smoothly; it ends at the last."""
+    """A way by waypoints, joined smoothly, up to the last: an instant, RA and Dec (ICRS, degrees) each."""
     points = [{"utc": _utc(at), "ra_deg": ra_deg, "dec_deg": dec_deg} for at, ra_deg, dec_deg in waypoints]
     return _moving("path", name, sigma_arcsec, waypoints=points)
 
