@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime, timedelta
 
+from mountnav.pointing.limits.along import SkyEvent, forecast
 from pydantic import BaseModel, Field
 
 from api.orders.results import Finite, Place, place
@@ -12,7 +13,6 @@ from mountnav.clock import utc_now
 from mountnav.ephemeris.ephemeris import Ephemeris, sky_rates
 from mountnav.errors import BadRequest
 from mountnav.mount import CheckedMount
-from mountnav.pointing.limits.along import SkyEvent, forecast
 from mountnav.sky.chain import icrs_to_observed
 
 __all__ = ["LONGEST_H", "ForecastBody", "ForecastView", "SkyEventView", "forecast_of", "sky_event_view"]
@@ -35,8 +35,8 @@ class SkyEventView(BaseModel):
     """Something that happens to a target on its way over the sky."""
 
     kind: str = Field(
-        description="rises, sets, meridian, lower-meridian, sun-near, sun-far (it comes within the Sun's cone, "
-        "or leaves it), limit, within-limit (it comes outside of a limit, or within it again)"
+        description="rises, sets, meridian, lower-meridian, sun-near, sun-far (it comes within the Sun's "
+        "cone, or leaves it), limit, within-limit (it comes outside of a limit, or within it again)"
     )
     utc: datetime
     altitude_deg: Finite = Field(description="Observed, then")
