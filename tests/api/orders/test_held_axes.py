@@ -37,6 +37,12 @@ async def service(tmp_path: Path) -> AsyncIterator[Service]:
         yield one
 
 
+def speeds(service: Service) -> tuple[float, ...]:
+    """The four of a pad, from slow to fast: this mount knows some speeds, and nothing between them."""
+    mount = service.observatory.telescope("east").navigator.mount
+    return ladder(mount.axis_rates_deg_s["secondary"], mount.following_policy.most_axis_deg_s)
+
+
 def move(rate_deg_s: float, for_s: float = 1.0, axis: MountAxis = "secondary") -> MoveAxisOrder:
     return MoveAxisOrder(axis=axis, rate_deg_s=rate_deg_s, for_s=for_s)
 
@@ -64,13 +70,14 @@ async def at_rest(service: Service) -> None:
 
 
 async def test_it_moves_while_it_is_held_and_ends_when_nobody_speaks(service: Service) -> None:
+    _, _, find, _ = speeds(service)
     before = mechanics_of(service).truth()
-    job = await ordered(service, move(0.5, 0.6))
+    job = await ordered(service, move(find, 0.6))
     assert service.dispatcher.watch("east").latest.slewing
     (axis,) = (await ended(job)).axes
-    assert (axis.axis, axis.rate_deg_s, axis.why) == ("secondary", 0.5, SILENT)
+    assert (axis.axis, axis.rate_deg_s, axis.why) == ("secondary", find, SILENT)
     moved_deg = mechanics_of(service).truth().dec_deg - before.dec_deg
-    assert 0.05 < moved_deg < 1.5
+    assert 0.2 * find < moved_deg < 3.0 * find
     await at_rest(service)
     # and it tracks as before
     reading = await service.observatory.telescope("east").navigator.mount.reading()
@@ -78,14 +85,15 @@ async def test_it_moves_while_it_is_held_and_ends_when_nobody_speaks(service: Se
 
 
 async def test_further_orders_go_into_the_same_job_until_it_is_told_to_end(service: Service) -> None:
-    job = await ordered(service, move(0.5, 1.0))
+    _, center, find, _ = speeds(service)
+    job = await ordered(service, move(find, 1.0))
     for _ in range(8):
         await asyncio.sleep(0.2)
-        assert (await ordered(service, move(0.5, 1.0))).id == job.id
+        assert (await ordered(service, move(find, 1.0))).id == job.id
         assert not job.is_over
     # the other axis with it, and another speed
-    assert (await ordered(service, move(-0.5, 1.0, "primary"))).id == job.id
-    assert (await ordered(service, move(0.2, 1.0))).id == job.id
+    assert (await ordered(service, move(-find, 1.0, "primary"))).id == job.id
+    assert (await ordered(service, move(center, 1.0))).id == job.id
     assert set(service.dispatcher.held("east").rates()) == {"primary", "secondary"}
     assert (await ordered(service, move(0.0))).id == job.id
     assert (await ordered(service, move(0.0, axis="primary"))).id == job.id
@@ -98,8 +106,9 @@ async def test_further_orders_go_into_the_same_job_until_it_is_told_to_end(servi
 
 
 async def test_nobody_else_prolongs_it_or_ends_it_but_by_a_stop(service: Service) -> None:
-    job = await ordered(service, move(0.5, 5.0))
-    for order in (move(0.5), move(0.0), move(0.5, axis="primary")):
+    _, _, find, _ = speeds(service)
+    job = await ordered(service, move(find, 5.0))
+    for order in (move(find), move(0.0), move(find, axis="primary")):
         with pytest.raises(TelescopeBusy):
             await ordered(service, order, BERT)
     # the same name by another face is another program
@@ -115,25 +124,27 @@ async def test_nobody_else_prolongs_it_or_ends_it_but_by_a_stop(service: Service
 
 
 async def test_an_order_that_comes_again_under_its_key_moves_nothing_again(service: Service) -> None:
-    first = await ordered(service, move(0.5, 0.5), key="k-1")
-    again = await ordered(service, move(0.5, 0.5), key="k-1")
+    _, _, find, _ = speeds(service)
+    first = await ordered(service, move(find, 0.5), key="k-1")
+    again = await ordered(service, move(find, 0.5), key="k-1")
     assert first.id == again.id
-    prolonged = await ordered(service, move(0.5, 0.5), key="k-2")
+    prolonged = await ordered(service, move(find, 0.5), key="k-2")
     assert prolonged.id == first.id
     await ended(first)
     before = mechanics_of(service).truth()
     # their answers were lost, and they come once more when all is over
     for key in ("k-1", "k-2"):
-        assert (await ordered(service, move(0.5, 0.5), key=key)).id == first.id
+        assert (await ordered(service, move(find, 0.5), key=key)).id == first.id
     await asyncio.sleep(0.3)
     assert separation_arcsec(before, mechanics_of(service).truth()) < 5.0
 
 
 async def test_without_the_lease_nothing_is_moved_on(service: Service) -> None:
-    job = await ordered(service, move(0.5, 2.0))
+    _, _, find, _ = speeds(service)
+    job = await ordered(service, move(find, 2.0))
     await service.leases.take(BERT, "east", ttl_s=60.0, on_expiry=OnExpiry.STOP)
     with pytest.raises(Refused) as refused:
-        await ordered(service, move(0.5, 2.0))
+        await ordered(service, move(find, 2.0))
     assert refused.value.problem.type.endswith(":leased")
     (axis,) = (await ended(job)).axes
     assert axis.why == SILENT
@@ -142,11 +153,12 @@ async def test_without_the_lease_nothing_is_moved_on(service: Service) -> None:
 
 async def test_it_ends_before_a_limit_and_doesnt_begin_again_by_itself(service: Service) -> None:
     """Towards the ground, held without an end: the mount ends it, or the next order is refused for it."""
+    _, _, _, fast = speeds(service)
     telescope = service.observatory.telescope("east")
-    await telescope.navigator.mount.slew(up_now(-20.0, -5.0))
+    await telescope.navigator.mount.slew(up_now(-20.0, -28.0))
     failures: list[str] = []
     for _ in range(200):
-        job = await ordered(service, move(-4.0, 1.0))
+        job = await ordered(service, move(-fast, 1.0))
         await asyncio.sleep(0.1)
         if job.is_over:
             failures.append("" if job.problem is None else job.problem.type)
@@ -162,8 +174,9 @@ async def test_it_ends_before_a_limit_and_doesnt_begin_again_by_itself(service: 
 
 
 async def test_a_parked_mount_and_one_that_does_something_else_are_left_alone(service: Service) -> None:
+    _, _, find, _ = speeds(service)
     await (await service.dispatcher.order(ANNA, "east", ParkOrder())).ended.wait()
-    job = await ordered(service, move(0.5))
+    job = await ordered(service, move(find))
     await job.ended.wait()
     assert job.problem is not None
     assert (job.problem.reasons or [])[0] == "parked"
@@ -262,14 +275,15 @@ class Ends:
 
 
 async def test_a_motion_is_kept_up_while_its_program_lives(service: Service) -> None:
+    slow, _, _, _ = speeds(service)
     ends, dead = Ends(), ""
     kept = KeptAxes(service.dispatcher, "east", most_s=60.0, ended=ends)
-    await kept.move(ANNA, "secondary", 0.05, lambda: dead or None)
+    await kept.move(ANNA, "secondary", slow, lambda: dead or None)
     mount = service.observatory.telescope("east").navigator.mount
     for _ in range(15):
         await asyncio.sleep(0.2)
         assert mount.axis_moving
-    assert kept.rates_deg_s == {"secondary": 0.05}
+    assert kept.rates_deg_s == {"secondary": slow}
     dead = "its program is gone"
     axis, why, problem = await ends.first()
     assert (axis, why, problem) == ("secondary", "its program is gone", None)
@@ -278,9 +292,10 @@ async def test_a_motion_is_kept_up_while_its_program_lives(service: Service) -> 
 
 
 async def test_a_motion_that_is_never_ended_ends_by_its_time(service: Service) -> None:
+    slow, _, _, _ = speeds(service)
     ends = Ends()
     kept = KeptAxes(service.dispatcher, "east", most_s=1.0, ended=ends)
-    await kept.move(ANNA, "primary", -0.05, lambda: None)
+    await kept.move(ANNA, "primary", -slow, lambda: None)
     _, why, problem = await ends.first()
     assert why == "it was not renewed within 1 s"
     assert problem is None
@@ -288,9 +303,10 @@ async def test_a_motion_that_is_never_ended_ends_by_its_time(service: Service) -
 
 
 async def test_a_stop_of_anybody_ends_it_for_good(service: Service) -> None:
+    slow, _, _, _ = speeds(service)
     ends = Ends()
     kept = KeptAxes(service.dispatcher, "east", most_s=60.0, ended=ends)
-    await kept.move(ANNA, "secondary", 0.05, lambda: None)
+    await kept.move(ANNA, "secondary", slow, lambda: None)
     await service.dispatcher.stop(BERT, "east")
     _, _, problem = await ends.first()
     assert problem is not None
@@ -302,13 +318,14 @@ async def test_a_stop_of_anybody_ends_it_for_good(service: Service) -> None:
 
 
 async def test_released_twice_and_pressed_again(service: Service) -> None:
+    slow, _, _, _ = speeds(service)
     kept = KeptAxes(service.dispatcher, "east", most_s=60.0, ended=Ends())
     await kept.end(ANNA, "secondary")
-    await kept.move(ANNA, "secondary", 0.05, lambda: None)
+    await kept.move(ANNA, "secondary", slow, lambda: None)
     await kept.end(ANNA, "secondary")
     await kept.end(ANNA, "secondary")
     await at_rest(service)
-    await kept.move(ANNA, "secondary", -0.05, lambda: None)
+    await kept.move(ANNA, "secondary", -slow, lambda: None)
     await kept.close()
     await at_rest(service)
 
