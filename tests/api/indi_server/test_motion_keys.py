@@ -17,9 +17,9 @@ from mountnav.sky.coordinates import SIDEREAL_DEG_S
 from mountnav.sky.sphere import separation_arcsec
 from tests.api.indi_server.face_rig import (
     OBSERVATORY,
-    raw_client,
     indi_observatory,
     mechanics_of,
+    raw_client,
     switch,
     until,
     up_now,
