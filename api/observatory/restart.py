@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Callable
 
+from api.observatory.dead_man import MountGuard
 from mountnav.clock import utc_now
 from mountnav.errors import DeviceError, JournalFailed
 from mountnav.journal.reading import COMMAND, JournalReader, Wanted
 from mountnav.journal.records import CommandRecord, Entry, EntryKind, Outcome
 from mountnav.journal.restart import acknowledge, take_up
 from mountnav.journal.sql_journal import SqlJournal
-from mountnav.mount import CheckedMount
+from mountnav.mount import CheckedMount, SelfActing, left_going
 from mountnav.mount.pier_side import SIDE_PROVEN
 from mountnav.mount.trust import ACCEPTED, ADVICE, LastSeen, seen_of
 from mountnav.navigation.sync import GuardedSync
@@ -20,6 +22,9 @@ from mountnav.tasks import fault_words
 _log = logging.getLogger(__name__)
 
 _FAULT_ADVICE = "it is tried again by itself, and stops are taken; the service's log has more"
+_ORDERS_READ = 40
+"""So many of the latest orders of a kind tell what is in force; those that were refused don't. Halved, twenty
+refusals one after the other hide an order."""
 ROWS_READ = 500
 """Of syncs: more than a night has."""
 
@@ -42,9 +47,15 @@ class Restart:
     fault : str or None
         What keeps it from being taken up besides its link and the journal: a fault of ours, which is tried
         again. What was remembered of it isn't known so long, so its position doesn't count and it is refused.
+    guard : MountGuard or None
+        Whose reports of earlier runs are told.
+    tell : callable or None
+        Told ``dead-man``, with what the guard of an earlier run has done.
     """
 
     def __init__(self, journal: SqlJournal, telescope_id: str, *, outlives: bool = True) -> None:
+        self.guard: MountGuard | None = None
+        self.tell: Callable[[str, dict[str, object]], None] | None = None
         self.notice: str | None = None
         self.distrust: str | None = None
         self.fault: str | None = None
@@ -94,16 +105,40 @@ class Restart:
 
     async def _meet_again(self, mount: CheckedMount) -> None:
         """Trust the mount no more than the last run did, and not if it stands elsewhere than it was left."""
-        last, in_flight = None, list[CommandRecord]()
+        last, in_flight, left = None, list[CommandRecord](), dict[SelfActing, str]()
         if self._outlives:
             reader, own = self._journal.reader, self._journal.run_id
+            await self._tell_of_guards()
+            left = await asyncio.to_thread(self._left)
             last = await asyncio.to_thread(last_seen, reader, self._telescope_id)
             in_flight = await asyncio.to_thread(reader.in_flight, self._telescope_id, but_run=own)
-        why = await mount.take_up(last, in_flight)
+        why = await mount.take_up(last, in_flight, left)
         if why is None and not mount.trusted and self.fault is not None:
             why = self.fault
         if why is not None:
             self.distrust = f"its position can't be trusted: {why}. Let it look (recover), or home it"
+
+    def _left(self) -> dict[SelfActing, str]:
+        """What an earlier run has left going."""
+        reader, own = self._journal.reader, self._journal.run_id
+        rates, axes = (
+            reader.latest_of(order, self._telescope_id, but_run=own, limit=_ORDERS_READ)
+            for order in ("offset-rates", "move-axis")
+        )
+        return left_going(rates, axes)
+
+    async def _tell_of_guards(self) -> None:
+        """Write down and tell what guards of earlier runs have done. Raises `JournalFailed`."""
+        if self.guard is None:
+            return
+        for report in await asyncio.to_thread(self.guard.reports):
+            what = f"the guard of an earlier run: {report.get('why')}; {report.get('outcome')}"
+            _log.warning("%s: %s", self._telescope_id, what)
+            facts = {"about": "dead-man", **report}
+            await self._journal.note(Entry(utc_now(), self._telescope_id, EntryKind.FAULT, what, facts))
+            if self.tell is not None:
+                self.tell("dead-man", dict(report))
+        await asyncio.to_thread(self.guard.told)
 
     def told(self, mount: CheckedMount) -> str | None:
         """What an operator should know now."""
@@ -111,6 +146,8 @@ class Restart:
             self.distrust = None
         if self.fault is not None:
             return f"{self.fault} ({_FAULT_ADVICE})"
+        if (going := mount.following_problem) is not None:
+            return going
         if (words := mount.contradiction) is not None:
             return f"mount and settings contradict each other, nothing is slewed: {words} ({ADVICE})"
         return self.distrust or self.notice

@@ -12,7 +12,7 @@ from mountnav.clock import Clock, SystemClock
 from mountnav.devices import Camera, Mount
 from mountnav.frames import Frame, Hint
 from mountnav.journal.records import Entry, EntryKind, Journal, Unwritten
-from mountnav.mount import CheckedMount
+from mountnav.mount import CheckedMount, Deadman, FollowingPolicy
 from mountnav.navigation.frames_seen import FramesSeen
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.policy import CenteringPolicy
@@ -137,6 +137,8 @@ def equip(
     apply_model: bool = True,
     learned: Learned | None = None,
     mounting: Mounting | None = None,
+    following: FollowingPolicy | None = None,
+    dead_man: Deadman | None = None,
 ) -> Equipment:
     """Put a telescope's equipment together: the driver behind its checks, syncs behind their guard.
 
@@ -162,6 +164,10 @@ def equip(
         What is known of the camera already.
     mounting : {"german", "fork", "altaz"}, optional
         None: not known.
+    following : FollowingPolicy, optional
+        Bounds of rates beside the stars' and of axes moved by hand.
+    dead_man : Deadman, optional
+        Who ends them when the service is dead.
     """
     journal, clock = journal or Unwritten(), clock or SystemClock()
     checked = CheckedMount(
@@ -173,6 +179,8 @@ def equip(
         journal=journal,
         clock=clock,
         mounting=mounting,
+        following=following,
+        dead_man=dead_man,
     )
     readings = ReadingHistory()
     checked.on_reading(readings.add)
