@@ -57,9 +57,67 @@ class Covariance:
     ----------
     matrix : tuple of tuple of float
         6 by 6, of e, q (au), perihelion time (days), node, argument of perihelion, inclination (degrees).
+    elements : tuple of float
+        The elements that it belongs to, in the same order; of an epoch of their own.
+
+    Raises
+    ------
+    BadRequest
+        They are no orbit.
     """
 
     matrix: tuple[tuple[float, ...], ...]
+    elements: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        """Refuse what can't be varied."""
+        e, q, tp, *angles = self.elements
+        orbit = 0.0 <= e <= _MOST_ECCENTRICITY and _LEAST_Q_AU <= q <= _MOST_Q_AU
+        if not (orbit and abs(tp) < 1e8 and all(abs(one) <= 720.0 for one in angles)):
+            raise BadRequest("the covariance belongs to elements that are no orbit around the Sun")
+
+
+@dataclass(frozen=True, slots=True)
+class OwnForces:
+    """What moves a comet beside gravity, or a small minor planet that the Sun warms [Marsden et al. 1973].
+
+    Attributes
+    ----------
+    a1, a2, a3 : float
+        Away from the Sun, along the motion, and north of the orbit, au/day².
+    scale, r0_au, m, n, k : float
+        ``scale (r/r0)^-m (1 + (r/r0)^n)^-k``; by default that of water ice.
+    lag_days : float
+        So much later than the distance they follow.
+
+    Raises
+    ------
+    BadRequest
+        Numbers that belong to no body.
+    """
+
+    a1: float
+    a2: float
+    a3: float
+    scale: float = 0.1112620426
+    r0_au: float = 2.808
+    m: float = 2.15
+    n: float = 5.093
+    k: float = 4.6142
+    lag_days: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what would throw it out of the solar system."""
+        strong = max(abs(self.a1), abs(self.a2), abs(self.a3)) < 1e-4
+        law = 0.0 <= self.scale <= 10.0 and 0.1 <= self.r0_au <= 100.0
+        powers = 0.0 <= self.m <= 6.0 and 0.0 <= self.n <= 60.0 and 0.0 <= self.k <= 10.0
+        if not (strong and law and powers and abs(self.lag_days) <= 400.0):
+            raise BadRequest("its own forces are those of no comet")
+
+    def strength(self, distance_au: float) -> float:
+        """Of the law at a distance from the Sun."""
+        part = distance_au / self.r0_au
+        return float(self.scale * part**-self.m * (1.0 + part**self.n) ** -self.k)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,10 +142,8 @@ class OrbitElements:
     comet : bool
         Whether it is one: its elements age faster.
     covariance : Covariance or None
-    nongravitational : (float, float, float) or None
-        Marsden's A1, A2, A3, au/day².
-    rounded_arcsec : float
-        What the digits that the elements are written with are worth.
+    forces : OwnForces or None
+        What moves it beside gravity.
 
     Raises
     ------
@@ -107,7 +163,7 @@ class OrbitElements:
     uncertainty: int | None = None
     comet: bool = False
     covariance: Covariance | None = None
-    nongravitational: tuple[float, float, float] | None = None
+    forces: OwnForces | None = None
 
     def __post_init__(self) -> None:
         """Refuse what is no orbit."""
@@ -128,8 +184,6 @@ class OrbitElements:
             )
         if self.uncertainty is not None and not 0 <= self.uncertainty <= 9:
             raise BadRequest(f"{self.name}: the uncertainty parameter is {self.uncertainty}, not 0 to 9")
-        if self.nongravitational is not None and not all(abs(one) < 1e-3 for one in self.nongravitational):
-            raise BadRequest(f"{self.name}: forces of {self.nongravitational} au/day² are those of no comet")
 
     def heliocentric(self, jd: float) -> tuple[Vector, Vector]:
         """Place (au) and velocity (au/day) from the Sun by two-body motion, axes of the ICRS, shape (3,)."""

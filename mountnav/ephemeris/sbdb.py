@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, Final
 
-from mountnav.ephemeris.elements import Covariance, OrbitElements
+from mountnav.ephemeris.elements import Covariance, OrbitElements, OwnForces
 from mountnav.errors import BadRequest
 
 _LABELS: Final = ("e", "q", "tp", "node", "peri", "i")
@@ -24,9 +24,6 @@ def looks_like_sbdb(record: object) -> bool:
 
 def read_sbdb(record: Mapping[str, Any]) -> OrbitElements:
     """An answer of SBDB.
-
-    The elements of the covariance, where there is one, are of another epoch than the main ones: then both are
-    theirs.
 
     Parameters
     ----------
@@ -46,11 +43,7 @@ def read_sbdb(record: Mapping[str, Any]) -> OrbitElements:
     if equinox != "J2000":
         raise BadRequest(f"{name}: the elements are of equinox {equinox!r}, not J2000")
     covariance = orbit.get("covariance")
-    source: Mapping[str, Any] = orbit
-    matrix = None
-    if isinstance(covariance, Mapping) and isinstance(covariance.get("elements"), list):
-        source, matrix = covariance, _matrix(covariance, name)
-    told = _values(source.get("elements"), name)
+    told = _values(orbit.get("elements"), name)
     number = _words(what.get("des"))
     short = _words(what.get("shortname"))
     kind = _words(what.get("kind"))
@@ -58,17 +51,17 @@ def read_sbdb(record: Mapping[str, Any]) -> OrbitElements:
     return OrbitElements(
         name=name,
         aliases=tuple(dict.fromkeys(one for one in (number, short) if one and one != name)),
-        epoch_jd=_float(source.get("epoch"), "epoch", name),
+        epoch_jd=_float(orbit.get("epoch"), "epoch", name),
         q_au=_of(told, "q", name),
         eccentricity=_of(told, "e", name),
         inclination_deg=_of(told, "i", name),
-        node_deg=told["node"] if "node" in told else _of(told, "om", name),
-        peri_deg=told["peri"] if "peri" in told else _of(told, "w", name),
+        node_deg=_of(told, "om", name),
+        peri_deg=_of(told, "w", name),
         perihelion_jd=_of(told, "tp", name),
         uncertainty=int(code) if str(code) in set("0123456789") else None,
         comet=kind.startswith("c"),
-        covariance=matrix,
-        nongravitational=_forces(orbit.get("model_pars"), name),
+        covariance=_matrix(covariance, told, name) if isinstance(covariance, Mapping) else None,
+        forces=_forces(orbit.get("model_pars"), name),
     )
 
 
@@ -104,7 +97,7 @@ def _of(told: Mapping[str, float], key: str, name: str) -> float:
     return told[key]
 
 
-def _matrix(covariance: Mapping[str, Any], name: str) -> Covariance | None:
+def _matrix(covariance: Mapping[str, Any], told: Mapping[str, float], name: str) -> Covariance | None:
     labels, data = covariance.get("labels"), covariance.get("data")
     if not isinstance(labels, list) or not isinstance(data, list) or not 6 <= len(labels) <= _MOST_LABELS:
         return None
@@ -115,30 +108,36 @@ def _matrix(covariance: Mapping[str, Any], name: str) -> Covariance | None:
         if not isinstance(row, list) or len(row) != len(labels):
             raise BadRequest(f"{name}: the covariance is no square of numbers")
         rows.append(tuple(_float(value, "covariance", name) for value in row[:6]))
-    return Covariance(tuple(rows))
+    # of another epoch than the main ones they stand beside it, else they are the main ones
+    own = covariance.get("elements")
+    values = _values(own, name) if isinstance(own, list) else told
+    names = ("e", "q", "tp", "om", "w", "i")
+    return Covariance(tuple(rows), tuple(_of(values, one, name) for one in names))
 
 
-def _forces(pars: object, name: str) -> tuple[float, float, float] | None:
-    """Marsden's A1 to A3; other laws than water's are refused, for they would be wrong in silence."""
+def _forces(pars: object, name: str) -> OwnForces | None:
+    """Forces beside gravity, by the law that is told beside them."""
     if not isinstance(pars, list) or not pars:
         return None
-    told = {}
-    for one in pars[:40]:
-        if isinstance(one, Mapping) and one.get("value") is not None:
-            told[str(one.get("name"))] = one.get("value")
+    told = {
+        str(one.get("name")): _float(one.get("value"), str(one.get("name"))[:20], name)
+        for one in pars[:40]
+        if isinstance(one, Mapping) and one.get("value") is not None and one.get("name") in _FORCES
+    }
     if not {"A1", "A2", "A3"}.intersection(told):
         return None
-    usual = {"ALN": 0.1112620426, "NK": 4.6142, "NM": 2.15, "NN": 5.093, "R0": 2.808}
-    for key, value in usual.items():
-        if key in told and abs(_float(told[key], key, name) / value - 1.0) > 1e-3:
-            raise BadRequest(
-                f"{name}: its own forces follow another law than water's ({key} = {told[key]})",
-                advice="get an ephemeris table of it",
-            )
-    if told.get("DT") is not None and _float(told["DT"], "DT", name) != 0.0:
-        raise BadRequest(f"{name}: its own forces lag by {told['DT']} days, which isn't modeled here")
-    return (
-        _float(told.get("A1", 0.0), "A1", name),
-        _float(told.get("A2", 0.0), "A2", name),
-        _float(told.get("A3", 0.0), "A3", name),
+    return OwnForces(
+        told.get("A1", 0.0),
+        told.get("A2", 0.0),
+        told.get("A3", 0.0),
+        scale=told.get("ALN", 0.1112620426),
+        r0_au=told.get("R0", 2.808),
+        m=told.get("NM", 2.15),
+        n=told.get("NN", 5.093),
+        k=told.get("NK", 4.6142),
+        lag_days=told.get("DT", 0.0),
     )
+
+
+_FORCES: Final = ("A1", "A2", "A3", "ALN", "R0", "NM", "NN", "NK", "DT")
+"""SBDB's names of the forces beside gravity, and of their law."""

@@ -1,8 +1,8 @@
 """Minor planets and comets by their elements, integrated with the pull of Sun, planets and Moon.
 
 The way is integrated numerically (scipy's DOP853) from the elements' epoch, with the places of the perturbing
-bodies from the ephemeris in use, and Einstein's first correction for the Sun. Comets' own forces count where
-their elements tell them, by Marsden's law of water [Marsden et al. 1973]. The pull of other minor planets is
+bodies from the ephemeris in use, and Einstein's first correction for the Sun. Own forces count where the
+elements tell them: jets of comets, warmth of small minor planets. The pull of other minor planets is
 left out: Ceres, Pallas and Vesta move a main-belt orbit by some 0.02″ in a year.
 
 What was integrated is kept: a second question within the same days costs 0.3 ms.
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
-from mountnav.ephemeris.elements import GM_SUN_AU3_DAY2, OrbitElements, two_body
+from mountnav.ephemeris.elements import GM_SUN_AU3_DAY2, Covariance, OrbitElements, two_body
 from mountnav.ephemeris.span import require_aware
 from mountnav.errors import BadRequest
 from mountnav.sky.coordinates import Icrs, Site
@@ -130,11 +130,11 @@ class _Way:
             pull = apart * (gm / float(apart @ apart) ** 1.5)
             total = total + pull
             if number == 10:
-                total = total + self._beside_newton(-apart, velocity - body[1] / AU_KM)
+                total = total + self._beside_newton(jd, -apart, velocity - body[1] / AU_KM)
         return np.concatenate((velocity, total))
 
-    def _beside_newton(self, r: Vector, v: Vector) -> Vector:
-        """What the Sun does beside Newton's law [Will 1981, eq. 7.26], and what a comet's jets do."""
+    def _beside_newton(self, jd: float, r: Vector, v: Vector) -> Vector:
+        """What the Sun does beside Newton's law [Will 1981, eq. 7.26], and the body's own forces."""
         distance = float(np.linalg.norm(r))
         gm = GM_SUN_AU3_DAY2
         einstein: Vector = (
@@ -142,16 +142,20 @@ class _Way:
             / (_LIGHT_AU_DAY**2 * distance**3)
             * ((4.0 * gm / distance - float(v @ v)) * r + 4.0 * float(r @ v) * v)
         )
-        jets = self._elements.nongravitational
-        if jets is None:
+        forces = self._elements.forces
+        if forces is None:
             return einstein
-        part = distance / 2.808
-        g = 0.1112620426 * part**-2.15 * (1.0 + part**5.093) ** -4.6142
+        if forces.lag_days:
+            # the distance of then by two-body motion: the law is smooth
+            past = self._elements.heliocentric(jd - forces.lag_days)[0]
+            g = forces.strength(float(np.linalg.norm(past)))
+        else:
+            g = forces.strength(distance)
         radial = r / distance
         normal = np.cross(r, v)
         normal = normal / float(np.linalg.norm(normal))
         along = np.cross(normal, radial)
-        return einstein + g * (jets[0] * radial + jets[1] * along + jets[2] * normal)
+        return einstein + g * (forces.a1 * radial + forces.a2 * along + forces.a3 * normal)
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,7 +215,8 @@ class SmallBody:
         state = self._barycentric(now.jd1, now.tdb2)
         distance = float(np.linalg.norm(state[:3] - earth))
         if self.elements.covariance is not None:
-            return math.hypot(_OWN_SIGMA_ARCSEC, self._of_covariance(now.jd1 + now.tdb2, state[:3] - earth))
+            told = self._of_covariance(self.elements.covariance, now.jd1 + now.tdb2, state[:3] - earth)
+            return math.hypot(_OWN_SIGMA_ARCSEC, told)
         sun = _barycentric_au(10, now.jd1 + now.tdb2)
         from_sun = float(np.linalg.norm(state[:3] - sun))
         years = (now.jd1 + now.tdb2 - self.elements.epoch_jd) / _YEAR_DAYS
@@ -220,13 +225,10 @@ class SmallBody:
             _OWN_SIGMA_ARCSEC, self.elements.along_arcsec(years) * from_sun / max(distance, 1e-4)
         )
 
-    def _of_covariance(self, jd: float, seen: Vector) -> float:
+    def _of_covariance(self, told: Covariance, jd: float, seen: Vector) -> float:
         """The larger half-axis of the ellipse on the sky: two-body motion varied by each element."""
-        one = self.elements
-        matrix = np.asarray(one.covariance.matrix if one.covariance else (), dtype=np.float64)
-        start = np.array(
-            [one.eccentricity, one.q_au, one.perihelion_jd, one.node_deg, one.peri_deg, one.inclination_deg]
-        )
+        matrix = np.asarray(told.matrix, dtype=np.float64)
+        start = np.asarray(told.elements, dtype=np.float64)
 
         def place(values: Vector) -> Vector:
             e, q, tp, node, peri, incl = (float(value) for value in values)
