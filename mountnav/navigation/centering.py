@@ -194,6 +194,7 @@ class Centering:
         self._tolerance, note = tolerance_kept(policy.tolerance_arcsec, resolution)
         self._note(note)
         place = self._moving.at(equipment.clock.utc())
+        self._judged_utc = equipment.clock.utc()
         self._sigma_arcsec = self._moving.sigma_arcsec(equipment.clock.utc())
         self._tolerance, note = tolerance_widened(self._tolerance, self._sigma_arcsec)
         self._note(note)
@@ -269,7 +270,7 @@ class Centering:
                     continue
                 if latest is not found:
                     # that the tube holds still is what it shows: a moving target has gone on meanwhile
-                    error = offset_arcsec(latest.seen, self._moving.at(found.mid_exposure_utc))
+                    error = offset_arcsec(latest.seen, self._moving.at(self._judged_utc))
                     found = latest
                     tries.seen_again(found, error)
                     followed = correcting.sighted(found)
@@ -306,6 +307,7 @@ class Centering:
 
     def _error(self, found: Look) -> Offset:
         """How far the tube looked from where the target was in the middle of that exposure."""
+        self._judged_utc = found.mid_exposure_utc
         return offset_arcsec(found.seen, self._moving.at(found.mid_exposure_utc))
 
     def _keep_pace(self, found: Look) -> None:
@@ -400,8 +402,8 @@ class Centering:
         target, rates = self.target, None
         if self._moving.moves:
             target, rates = (
-                self._moving.at(found.mid_exposure_utc),
-                self._moving.rates(found.mid_exposure_utc),
+                self._moving.at(self._judged_utc),
+                self._moving.rates(self._judged_utc),
             )
             self._note(uncertain_note(self._sigma_arcsec, found))
         return CenterReport(
@@ -422,7 +424,7 @@ class Centering:
             model_id=self._correcting.model_id,
             notes=tuple(self.notes),
             target_name=self._moving.name,
-            target_utc=found.mid_exposure_utc if self._moving.moves else None,
+            target_utc=self._judged_utc if self._moving.moves else None,
             target_sigma_arcsec=self._sigma_arcsec,
             target_rates=rates,
         )

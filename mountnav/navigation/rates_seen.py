@@ -164,6 +164,13 @@ class _Law:
 
 
 _F = RateFault
+_OF_FACTORS: tuple[tuple[RateFault, LawWord], ...] = (
+    (_F.FACTOR_15, "x15.04"),
+    (_F.FACTOR_1_15, "/15.04"),
+    (_F.FACTOR_SIDEREAL, "x1.0027"),
+    (_F.FACTOR_SOLAR, "/1.0027"),
+    (_F.FACTOR_220, "x220"),
+)
 _RIGHT = _Law(None, "right", "right")
 _LAWS: tuple[_Law, ...] = (
     _Law(_F.IGNORED, "none", "none"),
@@ -172,24 +179,16 @@ _LAWS: tuple[_Law, ...] = (
     _Law(_F.SIGN_RA, "reversed", "right"),
     _Law(_F.SIGN_DEC, "right", "reversed"),
     _Law(_F.SIGNS, "reversed", "reversed"),
-    *(
-        _Law(fault, ra, dec)
-        for fault, law in (
-            (_F.FACTOR_15, "x15.04"),
-            (_F.FACTOR_1_15, "/15.04"),
-            (_F.FACTOR_SIDEREAL, "x1.0027"),
-            (_F.FACTOR_SOLAR, "/1.0027"),
-            (_F.FACTOR_220, "x220"),
-        )
-        for ra, dec in ((law, "right"), ("right", law), (law, law))
-    ),
+    *(_Law(fault, law, "right") for fault, law in _OF_FACTORS),
+    *(_Law(fault, "right", law) for fault, law in _OF_FACTORS),
+    *(_Law(fault, law, law) for fault, law in _OF_FACTORS),
     _Law(_F.FACTOR_15, "x15.04 reversed", "right"),
     _Law(_F.FACTOR_1_15, "/15.04 reversed", "right"),
     _Law(_F.FACTOR_220, "x220 reversed", "right"),
     _Law(_F.COS_MISSING, "1/cos", "right"),
     _Law(_F.COS_TWICE, "cos", "right"),
     _Law(_F.SWAPPED, "right", "right", True),
-)  # type: ignore[arg-type]
+)
 """All faults that have a name, simplest first."""
 
 _WORDS: Mapping[RateFault, str] = {
