@@ -16,7 +16,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -35,6 +35,11 @@ _USAGE, _FAILED = 2, 1
 _BAD_SLUGS = frozenset({"bad-request", "not-found"})
 """Problems of what was typed, not of a telescope."""
 
+_RATE_WORDS: dict[str, Literal["lunar", "solar", "king"]] = {
+    "lunar": "lunar",
+    "solar": "solar",
+    "king": "king",
+}
 Supersede = Annotated[
     bool, typer.Option("--supersede", help="End the job that holds the telescope, and take its place.")
 ]
@@ -441,8 +446,8 @@ def track(
             what = orders.tracking(False)
         elif how in ("on", "sidereal"):
             what = orders.tracking(True)
-        elif how == "lunar" or how == "solar" or how == "king":
-            what = orders.tracking(True, rate=how)
+        elif (rate := _RATE_WORDS.get(how)) is not None:
+            what = orders.tracking(True, rate=rate)
         else:
             raise BadRequest(
                 f"no way to track is called {how!r}", advice="off, sidereal, lunar, solar, king, or rates"

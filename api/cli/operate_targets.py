@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from mountnav.client.targets import Target
 
 LARGEST_FILE_BYTES = 1 << 20
-"""Largest file of elements or of a table that is sent, bytes: a table of a night in steps of a second fits.
-Doubled, a wrong file takes twice as long to be refused."""
+"""Largest file that is read for a target, bytes: of a file of many bodies one is cut out, and what is sent the
+service bounds. Doubled, a wrong file takes twice as long to be refused."""
 
 RATES_HOURS = 12.0
 """How long a target by rates is one, hours: a night. Doubled, a straight line is taken for a way of a day."""
@@ -88,10 +88,9 @@ def chosen_target(
         alt_deg, az_deg = _two_numbers("--altaz", altaz)
         return targets.altaz(alt_deg, az_deg)
     if tle is not None:
-        _no_text(text, "--tle")
-        return targets.satellite(_text_of(tle))
+        return targets.satellite(_cut(_text_of(tle), text, lines_after=2))
     if elements is not None:
-        return targets.elements(_text_of(elements), name=text)
+        return targets.elements(_cut(_text_of(elements), text))
     if table is not None:
         _no_text(text, "--table")
         return targets.table(_text_of(table))
@@ -130,6 +129,26 @@ def _two_numbers(option: str, text: str) -> tuple[float, float]:
     except ValueError:
         raise BadRequest(f"{option} takes two numbers, not {text!r}", advice=f"{option} 0.5,-0.25") from None
     return first, second
+
+
+def _cut(text: str, name: str | None, *, lines_after: int = 0) -> str:
+    """What of a file of many bodies is of the one that is named; all of it if none is.
+
+    Raises
+    ------
+    BadRequest
+        None, or more than one line names it.
+    """
+    if name is None or text.lstrip()[:1] in ("{", "["):
+        return text
+    lines = text.splitlines()
+    found = [number for number, line in enumerate(lines) if name.lower() in line.lower()]
+    if len(found) != 1:
+        raise BadRequest(
+            f"{len(found) or 'no'} lines of that file name {name!r}", advice="name it as one line alone does"
+        )
+    at = found[0]
+    return "\n".join(lines[at : at + lines_after + 1])
 
 
 def _text_of(path: Path) -> str:

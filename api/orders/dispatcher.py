@@ -20,7 +20,7 @@ from api.orders.execute_order import work_of
 from api.orders.held_axes import HeldAxes
 from api.orders.jobs import Job, Jobs
 from api.orders.longer_orders import LongerOrders
-from api.orders.targets import Target, icrs_of, require_filter
+from api.orders.targets import Target, icrs_of, require_filter, require_place
 from api.orders.vocabulary import (
     ModelRunOrder,
     MoveAxisOrder,
@@ -33,7 +33,7 @@ from api.orders.vocabulary import (
 from api.orders.watching import Watch
 from api.problems import Refused
 from mountnav.clock import utc_now
-from mountnav.errors import DeviceError, JournalFailed, MountnavError, OutsideLimits
+from mountnav.errors import BadRequest, DeviceError, JournalFailed, MountnavError, OutsideLimits
 from mountnav.mount.order_book import EVEN_UNWRITTEN
 from mountnav.navigation.navigator import Navigator
 from mountnav.tasks import waited_for
@@ -178,10 +178,14 @@ class Dispatcher:
         devices = True
         request = order.model_dump(exclude_none=True)
         if (target := getattr(order, "target", None)) is not None:
-            solar_filter = self._observatory.telescope(telescope_id).navigator.limits.solar_filter
+            navigator = self._observatory.telescope(telescope_id).navigator
             try:
-                require_filter(target, solar_filter=solar_filter)
-            except OutsideLimits as refusal:
+                require_filter(target, solar_filter=navigator.limits.solar_filter)
+                # an orbit may take a while to be integrated
+                await asyncio.to_thread(
+                    require_place, target, utc_now(), navigator.mount.site, navigator.mount.air
+                )
+            except (OutsideLimits, BadRequest) as refusal:
                 self._audit.refused(caller, order.kind, refusal, telescope=telescope_id, request=request)
                 raise
         if isinstance(order, SolveOrder | SeriesOrder | ModelRunOrder):

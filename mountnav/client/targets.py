@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, Literal
 
 Target = dict[str, Any]
 
@@ -106,8 +106,22 @@ def path(
 
 
 def satellite(elements: str) -> Target:
-    """An Earth satellite by its elements: two lines, or three with its name."""
+    """An Earth satellite by its elements: two lines (or three with its name), or an OMM; one satellite."""
     return {"kind": "satellite", "elements": elements}
+
+
+def elements(text: str) -> Target:
+    """A minor planet or a comet by its orbital elements.
+
+    A line of MPCORB.DAT or CometEls.txt, JSON of the MPC, or an answer of JPL's SBDB; one body.
+    """
+    return {"kind": "elements", "elements": text}
+
+
+def table(text: str, *, made_for: Literal["here", "geocenter"] | None = None) -> Target:
+    """A target by an ephemeris table: of Horizons, the MPC's ephemeris service, or plain CSV."""
+    target: Target = {"kind": "table", "table": text}
+    return target if made_for is None else {**target, "made_for": made_for}
 
 
 def _moving(kind: str, name: str | None, sigma_arcsec: float | None, **fields: Any) -> Target:

@@ -19,7 +19,6 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import DOP853
 
 from mountnav.ephemeris.elements import GM_SUN_AU3_DAY2, Covariance, OrbitElements, two_body
 from mountnav.ephemeris.span import require_aware
@@ -90,6 +89,9 @@ class _Way:
                 advice="get elements of today, or import an ephemeris: mountnav ephemeris import FILE.bsp",
             )
         self._begin = np.concatenate((place + sun[0] / AU_KM, velocity + sun[1] / AU_KM))
+        # the integrators of scipy take longer to load than all the rest of this room
+        from scipy.integrate import DOP853
+
         self._solver = DOP853(
             self._pull, 0.0, self._begin, self._sign * 1e6, rtol=_TOLERANCE, atol=1e-13, max_step=50.0
         )
