@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from mountnav.client.targets import Target
 
 LARGEST_FILE_BYTES = 1 << 20
-"""Largest file that is read for a target, bytes: of a file of many bodies one is cut out, and what is sent the
-service bounds. Doubled, a wrong file takes twice as long to be refused."""
+"""Largest file that is read for a target, bytes: of a file of many bodies one is cut out, and the service
+bounds what is sent. Doubled, a wrong file takes twice as long to be refused."""
 
 RATES_HOURS = 12.0
 """How long a target by rates is one, hours: a night. Doubled, a straight line is taken for a way of a day."""
