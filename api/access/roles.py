@@ -55,6 +55,7 @@ _OPERATE = (
     f"POST {_TELESCOPE}/center",
     f"POST {_TELESCOPE}/first-light",
     f"POST {_TELESCOPE}/flip",
+    f"POST {_TELESCOPE}/follow",
     f"POST {_TELESCOPE}/frames",
     f"POST {_TELESCOPE}/home",
     f"POST {_TELESCOPE}/jobs",

@@ -16,6 +16,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
@@ -282,8 +283,10 @@ def _moving_words(state: dict[str, Any]) -> list[str]:
     following = state.get("following")
     if following:
         lines.append(f"follows {following['name']} until {_clock(following['until_utc'])}")
-        if following.get("words"):
+        if following["words"]:
             lines.append(f"the sky says: {following['words']}")
+        if following["next_event"]:
+            lines.append(f"next: {following['next_event']}")
     return lines
 
 
@@ -484,13 +487,22 @@ def follow(
             raise BadRequest("a follow needs an end", advice="give one of --for and --until")
         what = orders.follow(
             where,
-            for_s=for_s,
-            until_utc=until,
+            duration_s=for_s,
+            until_utc=None if until is None else _until(until),
             tolerance_arcsec=tolerance,
             exposure_s=exposure,
             look_every_s=every,
         )
         _carry_out(said, client, telescope, what, supersede=supersede, detach=detach)
+
+
+def _until(text: str) -> datetime:
+    """An end as it is typed; without a time zone it is UTC. Raises `BadRequest`."""
+    try:
+        at = datetime.fromisoformat(text)
+    except ValueError:
+        raise BadRequest(f"{text!r} is no time", advice="like 2026-11-26T03:40 (UTC)") from None
+    return at if at.tzinfo is not None else at.replace(tzinfo=UTC)
 
 
 @contextmanager
@@ -562,6 +574,9 @@ def event_words(kind: str, data: dict[str, Any]) -> str:
             return f"solved: {data.get('pairs')} stars, rms {_number(data.get('rms_arcsec'), 2)}″"
         case "not-solved":
             return f"not solved: {data.get('reason')}"
+        case "attempt" if data.get("kind") == "follow-look":
+            off = _number(data.get("off_arcsec"), 1)
+            return f"look {data.get('number')}: {off}″ off. {data.get('words') or ''}".rstrip()
         case "attempt" if data.get("error_arcsec") is not None:
             return f"look {data.get('number')}: {_number(data.get('error_arcsec'), 1)}″ off"
         case "synced":
@@ -570,8 +585,6 @@ def event_words(kind: str, data: dict[str, Any]) -> str:
             problem = data.get("problem")
             why = f": {problem.get('detail')}" if isinstance(problem, dict) else ""
             return f"{data.get('kind')} {data.get('state')}{why}"
-        case "followed" | "following" | "follow":
-            return str(data.get("words") or "")
         case "exposing" | "solving" | "slewed" | "syncing" | "attempt":
             return ""
     told = " ".join(
@@ -612,7 +625,11 @@ def _result_words(job: Job) -> str:
                 f"{_number(result['dec_arcsec_s'], 4)}″/s in Dec until {_clock(result['ends_utc'])}"
             )
         case "follow":
-            return str(result.get("words") or "followed to its end")
+            return (
+                f"followed {result['target']} by {result['by']}: {result['within']} of {result['looks']} looks "
+                f"within {_number(result['tolerance_arcsec'], 1)}″, worst {_number(result['worst_arcsec'], 1)}″"
+                f"{'; ' + str(result['verdict']) if result.get('verdict') else ''}"
+            )
     return f"{job['kind']} done"
 
 

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from datetime import datetime, timedelta
 
-from mountnav.pointing.limits.along import SkyEvent, forecast
 from pydantic import BaseModel, Field
 
-from api.orders.results import Finite, Place, place
+from api.orders.results import Finite, Place, SkyEventView, place
 from api.orders.targets import AnyTarget, Body, Target, ephemeris_of, moves
 from mountnav.clock import utc_now
 from mountnav.ephemeris.ephemeris import Ephemeris, sky_rates
 from mountnav.errors import BadRequest
 from mountnav.mount import CheckedMount
+from mountnav.pointing.limits.along import SkyEvent, forecast
 from mountnav.sky.chain import icrs_to_observed
 
-__all__ = ["LONGEST_H", "ForecastBody", "ForecastView", "SkyEventView", "forecast_of", "sky_event_view"]
+__all__ = ["LONGEST_H", "ForecastBody", "ForecastView", "forecast_of", "sky_event_view"]
 
 LONGEST_H = 48.0
 """Furthest that is looked ahead, hours: two nights. Doubled, one request of a satellite takes seconds of a
@@ -29,20 +29,6 @@ class ForecastBody(Body):
 
     target: Target
     hours: float = Field(default=USUAL_H, gt=0, le=LONGEST_H)
-
-
-class SkyEventView(BaseModel):
-    """Something that happens to a target on its way over the sky."""
-
-    kind: str = Field(
-        description="rises, sets, meridian, lower-meridian, sun-near, sun-far (it comes within the Sun's "
-        "cone, or leaves it), limit, within-limit (it comes outside of a limit, or within it again)"
-    )
-    utc: datetime
-    altitude_deg: Finite = Field(description="Observed, then")
-    azimuth_deg: Finite
-    limit: str | None = Field(description="Which limit, if it is about one")
-    words: str = Field(description="The same for people")
 
 
 class ForecastView(BaseModel):

@@ -6,15 +6,22 @@ The entity tag names the reading, so that a client that has it already is answer
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import timedelta
+from datetime import datetime, timedelta
 
 from fastapi import Request, Response
 
 from api.observatory.observatory import Telescope
 from api.orders.held_axes import HeldAxes
-from api.orders.job_views import AxisMovesView, NextLimitView, RatesInForceView, TelescopeView
+from api.orders.job import Job
+from api.orders.job_views import (
+    AxisMovesView,
+    FollowingView,
+    NextLimitView,
+    RatesInForceView,
+    TelescopeView,
+)
 from api.orders.results import place
 from api.orders.watching import Snapshot
 from api.service import Service
@@ -77,9 +84,11 @@ def telescope_view(
         time_to_limit_s=None if limit is None else limit.after_s,
         next_limit=limit,
         rates=rates_view(mount),
+        following=following_view(snapshot.job),
         axes_moved=[] if held is None else axes_view(held),
         following_problem=mount.following_problem,
         learned=navigator.learned.words,
+        rates_kept=navigator.rates.words,
         warnings=[*own, *warnings],
     )
 
@@ -95,6 +104,30 @@ def rates_view(mount: CheckedMount) -> RatesInForceView | None:
         since_utc=force.since_utc,
         ends_utc=force.ends_utc,
     )
+
+
+def following_view(job: Job | None) -> FollowingView | None:
+    """What a job follows, with what its last look said; None of any other job."""
+    if job is None or job.kind != "follow" or job.is_over:
+        return None
+    look = job.attempts[-1] if job.attempts else {}
+    told = {name: look[name] for name in FollowingView.model_fields if look.get(name) is not None}
+    return FollowingView.model_validate({"name": _target_name(job), "until_utc": _until(job), **told})
+
+
+def _target_name(job: Job) -> str:
+    target = job.request.get("target")
+    if not isinstance(target, Mapping):
+        return "a target"
+    return str(target.get("name") or target.get("text") or f"a target by {target.get('kind')}")
+
+
+def _until(job: Job) -> datetime | None:
+    until, lasts_s = job.request.get("until_utc"), job.request.get("duration_s")
+    if isinstance(until, str):
+        return datetime.fromisoformat(until)
+    began = job.started_utc or job.created_utc
+    return began + timedelta(seconds=lasts_s) if isinstance(lasts_s, int | float) else None
 
 
 def axes_view(held: HeldAxes) -> list[AxisMovesView]:
@@ -158,6 +191,8 @@ class StateAnswers:
         force = telescope.navigator.mount.offset_rates_in_force
         axes = self._service.dispatcher.held(telescope.id).rates()
         told = [] if force is None else [f"{force.rates}{force.ends_utc.timestamp():.0f}"]
+        job = self._service.dispatcher.watch(telescope.id).latest.job
+        told += [] if job is None or job.kind != "follow" else [f"look {len(job.attempts)}"]
         told += [f"{axis}{rate_deg_s}" for axis, (rate_deg_s, _) in axes.items()]
         return f"-{hashlib.sha256(''.join(told).encode()).hexdigest()[:8]}" if told else ""
 

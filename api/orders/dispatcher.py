@@ -16,11 +16,11 @@ from api.access.audit import Audit
 from api.access.callers import Caller, Face, Role
 from api.access.security import require_role
 from api.observatory.observatory import Observatory, Telescope, link_is_lost
-from api.orders.execute_order import work_of
+from api.orders.execute_order import goal, work_of
 from api.orders.held_axes import HeldAxes
 from api.orders.jobs import Job, Jobs
 from api.orders.longer_orders import LongerOrders
-from api.orders.targets import Target, icrs_of, require_filter, require_place
+from api.orders.targets import Target, require_filter, require_place
 from api.orders.vocabulary import (
     ModelRunOrder,
     MoveAxisOrder,
@@ -353,10 +353,7 @@ class Dispatcher:
         """
         telescope = self._observatory.telescope(telescope_id)
         navigator = await telescope.ready()
-        mount = navigator.mount
-        require_filter(target, solar_filter=navigator.limits.solar_filter)
-        there = icrs_of(target, utc_now(), mount.site, mount.air)
-        await navigator.would_slew(there, after_stop=supersede)
+        await navigator.would_slew(goal(navigator, target), after_stop=supersede)
 
     async def stop(self, caller: Caller, telescope_id: str) -> Job | None:
         """Cancel the telescope's job and stop its mount; return the job. Waits for neither queue nor solve.

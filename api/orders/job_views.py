@@ -12,9 +12,11 @@ from api.orders.results import (
     Attempt,
     AttemptView,
     AxesMovedView,
+    FollowView,
     ModelRunView,
     RatesView,
     SeriesView,
+    SkyEventView,
     SolvedView,
     mount_place,
 )
@@ -26,6 +28,7 @@ from api.orders.targets import Body as Body
 from api.orders.vocabulary import OrderKind
 from api.problems import Problem
 from mountnav.devices import Epoch, SlewOutcome
+from mountnav.navigation.follow import FollowReport
 from mountnav.navigation.reports import (
     CenterReport,
     CoordinateSyncReport,
@@ -176,6 +179,10 @@ class CenterView(BaseModel):
     )
     model_id: str | None = Field(default=None, description="The pointing model that aimed")
     notes: list[str] = Field(default_factory=list, description="What an operator should know")
+    target_name: str = Field(default="", description="Of a target that moves among the stars")
+    target_utc: datetime | None = Field(default=None, description="When it was at `target`, if it moves")
+    target_sigma_arcsec: Finite = Field(default=None, description="How uncertain its place is, one sigma")
+    target_rates_arcsec_s: Finite = Field(default=None, description="How fast it moves, over the sky")
 
 
 class MovedView(BaseModel):
@@ -193,6 +200,7 @@ Result = Annotated[
     | RecoverView
     | FirstLightView
     | CenterView
+    | FollowView
     | MovedView
     | AxesMovedView
     | RatesView
@@ -251,6 +259,30 @@ class AxisMovesView(BaseModel):
     left_s: Finite = Field(description="It ends by itself after so many seconds, if no further order comes")
 
 
+class FollowingView(BaseModel):
+    """A target that is followed just now, and what the sky says of it."""
+
+    name: str = Field(description="What it is called")
+    until_utc: datetime | None = Field(description="Its end as ordered; a limit may end it earlier")
+    by: str | None = Field(default=None, description="rates, guide-pulses or small-slews; null before a look")
+    off_arcsec: Finite = Field(default=None, description="From the target, as the last look saw it")
+    off_sigma_arcsec: Finite = None
+    verdict: str | None = Field(
+        default=None, description="Of the rates: right, too-early, fault, ambiguous or unexplained"
+    )
+    fault: str | None = Field(default=None, description="What is wrong with the mount's rates, by name")
+    seen_ra_arcsec_s: Finite = Field(
+        default=None, description="Measured by looks, in the mount's coordinates"
+    )
+    seen_dec_arcsec_s: Finite = None
+    seen_ra_sigma_arcsec_s: Finite = None
+    seen_dec_sigma_arcsec_s: Finite = None
+    ordered_ra_arcsec_s: Finite = Field(default=None, description="What the mount is to keep")
+    ordered_dec_arcsec_s: Finite = None
+    next_event: str = Field(default="", description="What comes next on its way")
+    words: str = Field(default="", description="What the last look said")
+
+
 class TelescopeView(BaseModel):
     """What is known of a telescope now; null where unknown. Places hold for `read_utc`."""
 
@@ -292,11 +324,15 @@ class TelescopeView(BaseModel):
     rates: RatesInForceView | None = Field(
         default=None, description="Rates of a moving target; null: it follows the stars, or nothing"
     )
+    following: FollowingView | None = Field(default=None, description="What is followed; null: nothing is")
     axes_moved: list[AxisMovesView] = Field(default_factory=list, description="Axes moved by hand just now")
     following_problem: str | None = Field(
         default=None, description="What goes on by itself and could not be ended yet: it is tried on"
     )
     learned: str | None = Field(default=None, description="What solves have taught of the camera")
+    rates_kept: str | None = Field(
+        default=None, description="What looks have shown of how the mount keeps rates, and what is made good"
+    )
     warnings: list[str] = Field(
         default_factory=list, description="What an operator should look into: a wrong scale, a full disk"
     )
@@ -448,11 +484,13 @@ def result_view(report: object, *, epoch: Epoch | None = None, utc: datetime | N
             )
         case CenterReport():
             return _center(report, mounts(report.target))
+        case FollowReport():
+            return _follow(report)
         case SlewOutcome():
             return MovedView(outcome=str(report))
         case None:
             return None
-        case SolvedView() | SeriesView() | ModelRunView() | AxesMovedView() | RatesView():
+        case SolvedView() | SeriesView() | ModelRunView() | AxesMovedView() | RatesView() | FollowView():
             return report
         case dict():
             # of a job that ended before the service was started again
@@ -480,6 +518,47 @@ def _center(report: CenterReport, target_mount: Place | None) -> CenterView:
         crossing=_crossing(report),
         model_id=report.model_id,
         notes=list(report.notes),
+        target_name=report.target_name,
+        target_utc=report.target_utc,
+        target_sigma_arcsec=report.target_sigma_arcsec if report.target_name else None,
+        target_rates_arcsec_s=None if report.target_rates is None else report.target_rates.total_arcsec_s,
+    )
+
+
+def _follow(report: FollowReport) -> FollowView:
+    judged = report.judgement
+    return FollowView(
+        outcome=report.end.value,
+        target=report.target_name,
+        began_utc=report.began_utc,
+        ended_utc=report.ended_utc,
+        by=report.by.value,
+        plan=report.plan.words,
+        fastest_arcsec_s=report.plan.fastest_arcsec_s,
+        looks=report.looks,
+        unsolved=report.unsolved,
+        within=report.within,
+        tolerance_arcsec=report.tolerance_arcsec,
+        worst_arcsec=report.worst_arcsec,
+        rms_arcsec=report.rms_arcsec,
+        last_arcsec=report.last_arcsec,
+        renewed=report.renewed,
+        verdict=None if judged is None else judged.words,
+        fault=None if report.fault is None else str(report.fault),
+        correction=report.correction,
+        events=[
+            SkyEventView(
+                kind=str(event.kind),
+                utc=event.utc,
+                altitude_deg=event.alt_deg,
+                azimuth_deg=event.az_deg,
+                limit=None if event.limit is None else str(event.limit),
+                words=event.words,
+            )
+            for event in report.events
+        ],
+        notes=list(report.notes),
+        elapsed_s=report.elapsed_s,
     )
 
 

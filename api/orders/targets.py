@@ -35,6 +35,7 @@ __all__ = [
     "Body",
     "ElementsTarget",
     "IcrsTarget",
+    "Instant",
     "NamedTarget",
     "PathTarget",
     "RatesTarget",
@@ -182,11 +183,12 @@ def _instant(text: str) -> str:
         raise ValueError(f"{text!r} lies outside of all years") from None
 
 
-_Instant = Annotated[
+Instant = Annotated[
     str,
     Field(max_length=40, json_schema_extra={"format": "date-time"}),
     AfterValidator(_instant),
 ]
+_Instant = Instant
 _Name = Annotated[
     str | None,
     Field(default=None, min_length=1, max_length=80, description="What to call it in messages"),

@@ -45,9 +45,13 @@ class Snapshot:
 
     @property
     def slewing(self) -> bool:
-        """Whether it slews, or was ordered to: from the taking of such an order to its end."""
+        """Whether it slews, or was ordered to: from the taking of such an order to its end.
+
+        A target that moves is followed for hours: from the first look at it on only what the mount says counts.
+        """
         if self.job is not None and not self.job.is_over and self.job.kind in MOVING:
-            return True
+            if self.job.kind != "follow" or not self.job.attempts:
+                return True
         return self.state.reading is not None and bool(self.state.reading.slewing)
 
 

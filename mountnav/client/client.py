@@ -87,6 +87,7 @@ class Calls:
     look = Call(requests.look)
     recover = Call(requests.recover)
     first_light = Call(requests.first_light)
+    follow = Call(requests.follow)
     move_axis = Call(requests.move_axis)
     offset_rates = Call(requests.offset_rates)
     park = Call(requests.park)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import Any, Literal
 
-from mountnav.client.targets import Target
+from mountnav.client.targets import Target, instant
 
 Order = dict[str, Any]
 
@@ -62,6 +63,47 @@ def offset(east_arcsec: float, north_arcsec: float) -> Order:
 def flip(target: Target, *, planned_s: float | None = None) -> Order:
     """Let a German mount change sides, and center the target anew."""
     return _order("flip", target=target, planned_s=planned_s)
+
+
+def follow(
+    target: Target,
+    *,
+    duration_s: float | None = None,
+    until_utc: datetime | str | None = None,
+    tolerance_arcsec: float | None = None,
+    exposure_s: float | None = None,
+    look_every_s: float | None = None,
+) -> Order:
+    """Center a target that moves among the stars, and track it until an end; looks confirm its rates.
+
+    Parameters
+    ----------
+    target : dict
+        Of any kind.
+    duration_s : float, optional
+        For so long from now on; or `until_utc`.
+    until_utc : datetime or str, optional
+        Until then (aware, or ISO 8601 with a time zone); or `duration_s`.
+    tolerance_arcsec : float, optional
+    exposure_s : float, optional
+        Of the looks.
+    look_every_s : float, optional
+        Between two looks while all is well; a minute if left out.
+    """
+    return _order(
+        "follow",
+        target=target,
+        duration_s=duration_s,
+        until_utc=None if until_utc is None else instant(until_utc),
+        tolerance_arcsec=tolerance_arcsec,
+        exposure_s=exposure_s,
+        look_every_s=look_every_s,
+    )
+
+
+def forget_rates() -> Order:
+    """Forget what looks have taught of how the mount keeps rates."""
+    return _order("forget-rates")
 
 
 def park() -> Order:

@@ -232,6 +232,20 @@ def unpark(telescope_id: str, *, wait_s: float = 0.0, key: str | None = None) ->
     return order(telescope_id, orders.unpark(), wait_s=wait_s, key=key)
 
 
+def follow(
+    telescope_id: str,
+    target: Target,
+    *,
+    wait_s: float = 0.0,
+    supersede: bool = False,
+    key: str | None = None,
+    **options: Any,
+) -> Request[Job]:
+    """Start to follow a target that moves; the job. Options as of `orders.follow`: an end is one of them."""
+    what = orders.follow(target, **options)
+    return order(telescope_id, what, wait_s=wait_s, supersede=supersede, key=key)
+
+
 def move_axis(
     telescope_id: str,
     axis: Literal["primary", "secondary"],

@@ -74,6 +74,26 @@ class RatesInForce(TypedDict):
     ends_utc: str
 
 
+class FollowingState(TypedDict):
+    """A target that is followed just now, and what the sky says of it; None where no look has said it yet."""
+
+    name: str
+    until_utc: str | None
+    by: str | None
+    off_arcsec: float | None
+    off_sigma_arcsec: float | None
+    verdict: str | None
+    fault: str | None
+    seen_ra_arcsec_s: float | None
+    seen_dec_arcsec_s: float | None
+    seen_ra_sigma_arcsec_s: float | None
+    seen_dec_sigma_arcsec_s: float | None
+    ordered_ra_arcsec_s: float | None
+    ordered_dec_arcsec_s: float | None
+    next_event: str
+    words: str
+
+
 class AxisMoves(TypedDict):
     """An axis that somebody moves by hand; it ends by itself after `left_s`."""
 
@@ -139,9 +159,11 @@ class TelescopeState(TypedDict):
     time_to_limit_s: float | None
     next_limit: NextLimit | None
     rates: RatesInForce | None
+    following: FollowingState | None
     axes_moved: list[AxisMoves]
     following_problem: str | None
     learned: str | None
+    rates_kept: str | None
     warnings: list[str]
 
 

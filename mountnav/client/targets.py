@@ -75,7 +75,9 @@ def rates(
         How uncertain it is.
     """
     place = {"ra_deg": ra_deg, "dec_deg": dec_deg, "ra_arcsec_s": ra_arcsec_s, "dec_arcsec_s": dec_arcsec_s}
-    return _moving("rates", name, sigma_arcsec, begins_utc=_utc(begins_utc), ends_utc=_utc(ends_utc), **place)
+    return _moving(
+        "rates", name, sigma_arcsec, begins_utc=instant(begins_utc), ends_utc=instant(ends_utc), **place
+    )
 
 
 def altaz_rates(
@@ -91,7 +93,9 @@ def altaz_rates(
 ) -> Target:
     """A direction over the horizon at an instant that moves evenly; azimuth not times cos of the altitude."""
     place = {"alt_deg": alt_deg, "az_deg": az_deg, "alt_arcsec_s": alt_arcsec_s, "az_arcsec_s": az_arcsec_s}
-    return _moving("rates", name, sigma_arcsec, begins_utc=_utc(begins_utc), ends_utc=_utc(ends_utc), **place)
+    return _moving(
+        "rates", name, sigma_arcsec, begins_utc=instant(begins_utc), ends_utc=instant(ends_utc), **place
+    )
 
 
 def path(
@@ -101,7 +105,7 @@ def path(
     sigma_arcsec: float | None = None,
 ) -> Target:
     """A way by waypoints, joined smoothly, up to the last: an instant, RA and Dec (ICRS, degrees) each."""
-    points = [{"utc": _utc(at), "ra_deg": ra_deg, "dec_deg": dec_deg} for at, ra_deg, dec_deg in waypoints]
+    points = [{"utc": instant(at), "ra_deg": ra_deg, "dec_deg": dec_deg} for at, ra_deg, dec_deg in waypoints]
     return _moving("path", name, sigma_arcsec, waypoints=points)
 
 
@@ -129,7 +133,8 @@ def _moving(kind: str, name: str | None, sigma_arcsec: float | None, **fields: A
     return {"kind": kind, **{key: value for key, value in told.items() if value is not None}, **fields}
 
 
-def _utc(at: datetime | str) -> str:
+def instant(at: datetime | str) -> str:
+    """An instant as the service takes it. Raises `ValueError` for one without a time zone."""
     if isinstance(at, str):
         return at
     if at.tzinfo is None:

@@ -70,7 +70,7 @@ from mountnav.navigation.rates_seen import (
     judge_rates,
     trail_of,
 )
-from mountnav.navigation.reports import CenterReport, Look
+from mountnav.navigation.reports import CenterReport, Look, finite_or_none
 from mountnav.navigation.slewing import Slewing
 from mountnav.navigation.tube_estimate import TubeEstimate, rates_on_sky
 from mountnav.pointing.limits.along import Path, SkyEvent, SkyEventKind, forecast
@@ -78,7 +78,7 @@ from mountnav.sky.coordinates import Apparent, Icrs, Site
 from mountnav.sky.sphere import Offset, displaced, offset_arcsec, separation_arcsec
 from mountnav.tasks import together, waited_for
 
-__all__ = ["FollowEnd", "FollowProgress", "FollowReport", "Following"]
+__all__ = ["FollowEnd", "FollowProgress", "FollowReport", "Following", "progress_facts"]
 
 LOOK_EVERY_S = 60.0
 """Between two looks while all is well, s, where nobody says. Chosen by hand: what the camera is there for
@@ -101,6 +101,9 @@ MOST_CATCH_UP_ARCSEC_S = 15.0
 DEAD_SHARE = 0.1
 """What is off by less than this share of the tolerance is left. Doubled, less is corrected, and less
 disturbed."""
+CENTERED_WITHIN_S = 8.0
+"""A target is centered before it is followed to as much as it goes in so much time, s, or to the tolerance if
+that is more: slews arrive some seconds early or late. Halved, fast NEOs are centered in vain."""
 HOP_ARCSEC, HOP_TOLERANCES = 120.0, 12.0
 """From so far off, ″ or tolerances, whichever is more, it is slewed back: rates would take too long. Doubled,
 large errors are crept back from."""
@@ -130,6 +133,9 @@ WAIT_AHEAD_S = 10.0
 """A fast target is waited for so long before it comes, s, at least. Halved, some are missed."""
 SHORTEST_PULSE_S = 0.02
 """Shorter guide pulses are left, s: most mounts make nothing of them, or 0.1 s. Doubled, 0.3″ is left."""
+MOST_TOLD = 1000
+"""So many looks of one job are kept with it; more are told as events alone. Doubled, a job of a night that
+looks every few seconds is a row of 2 MB."""
 MISSES = 6
 """Looks in a row that weren't solved, after which that is told once more."""
 
@@ -250,6 +256,35 @@ class FollowReport:
     elapsed_s: float
 
 
+def progress_facts(progress: FollowProgress) -> dict[str, object]:
+    """How it goes, for listeners: finite numbers or None."""
+    judged = progress.judgement
+    seen = None if judged is None else judged.measured
+    ordered, sent = progress.ordered, progress.sent
+    return {
+        "utc": progress.utc.isoformat(),
+        "phase": progress.phase,
+        "by": str(progress.by),
+        "off_arcsec": progress.off_arcsec,
+        "off_sigma_arcsec": None
+        if progress.off_sigma_arcsec is None
+        else finite_or_none(progress.off_sigma_arcsec),
+        "verdict": None if judged is None else judged.verdict,
+        "fault": None if judged is None or judged.fault is None else str(judged.fault),
+        "seen_ra_arcsec_s": None if seen is None else seen.rates.ra_arcsec_s,
+        "seen_dec_arcsec_s": None if seen is None else seen.rates.dec_arcsec_s,
+        "seen_ra_sigma_arcsec_s": None if seen is None else seen.ra_sigma_arcsec_s,
+        "seen_dec_sigma_arcsec_s": None if seen is None else seen.dec_sigma_arcsec_s,
+        "ordered_ra_arcsec_s": None if ordered is None else ordered.ra_arcsec_s,
+        "ordered_dec_arcsec_s": None if ordered is None else ordered.dec_arcsec_s,
+        "sent_ra_arcsec_s": None if sent is None else sent.ra_arcsec_s,
+        "sent_dec_arcsec_s": None if sent is None else sent.dec_arcsec_s,
+        "left_s": progress.left_s,
+        "next_event": progress.next_event,
+        "words": progress.words,
+    }
+
+
 class Following:
     """One run.
 
@@ -304,12 +339,15 @@ class Following:
         self._leg_side = PierSide.UNKNOWN
         self._in_force = False
         self._kept_before = False
+        # until looks have shown that its rates are kept they are sent steadily: nothing is made good by them
+        self._verified = self._rates.confirmed
+        self._leg_from: datetime | None = None
         self._offs: list[float] = []
         self._looks = self._unsolved = self._missed = self._renewed = 0
         self._judgement: RatesJudgement | None = None
         self._fault: RateFault | None = None
         self._off: tuple[float, float] | None = None
-        self._order_s, self._alarms = 0.1, 0
+        self._order_s, self._alarms, self._wrong, self._tried = 0.1, 0, 0, False
         self._events: tuple[SkyEvent, ...] = ()
         self.notes: list[str] = []
         self.plan: FollowPlan | None = None
@@ -426,11 +464,15 @@ class Following:
     # -- getting there -------------------------------------------------------------------------------
 
     async def _centered(self) -> CenterReport:
+        plan = self.plan
+        assert plan is not None
+        # what is left of it is caught up with afterwards
+        near = max(self._policy.tolerance_arcsec, CENTERED_WITHIN_S * plan.fastest_arcsec_s)
         report = await center_in_time(
             self._equipment,
             self._slewing,
             self._target,
-            self._policy,
+            replace(self._policy, tolerance_arcsec=near),
             halt=self._halt,
             planned_s=(self._until - self._clock.utc()).total_seconds(),
             key=self._key,
@@ -521,7 +563,8 @@ class Following:
         now = clock.utc()
         off = self._off_now(now)
         span_s, catch = plan.renew_s, Offset(0.0, 0.0)
-        if off.total_arcsec > DEAD_SHARE * self._tolerance:
+        steady = self._steady
+        if off.total_arcsec > DEAD_SHARE * self._tolerance and not (steady and self._leg_from is not None):
             within_s = max(CATCH_UP_S, off.total_arcsec / MOST_CATCH_UP_ARCSEC_S)
             if not plan.fast:
                 span_s = within_s
@@ -531,6 +574,8 @@ class Following:
         assert self._tube is not None
         drift_east, drift_north = self._tube.drift_arcsec_s
         dec_deg = for_mount(self._path(now), mount.epoch, now).dec_deg
+        if steady:
+            drift_east = drift_north = 0.0
         more = rates_on_sky(catch.east_arcsec - drift_east, catch.north_arcsec - drift_north, dec_deg)
         wanted = OffsetRates(wanted.ra_arcsec_s + more.ra_arcsec_s, wanted.dec_arcsec_s + more.dec_arcsec_s)
         wanted = self._bounded(wanted)
@@ -553,10 +598,20 @@ class Following:
         self._sent.append(OrderedRates(at, sent))
         self._kept.append(OrderedRates(at, self._rates.kept(sent, dec_deg, self._side)))
         self._renewed += 1
+        if self._leg_from is None and (not steady or catch.total_arcsec == 0.0):
+            self._leg_from = at
         self._prune(at)
         if first and not plan.fast:
             return min(ALARM_AFTER_S, span_s)
         return span_s
+
+    @property
+    def _steady(self) -> bool:
+        """Whether rates are to be judged before anything else is done by them."""
+        if self._verified:
+            return False
+        early = self._judgement is None or self._judgement.verdict == "too-early"
+        return not (early and len(self._leg) >= FIRST_LOOKS)
 
     def _bounded(self, wanted: OffsetRates) -> OffsetRates:
         most = self._mount.most_offset_arcsec_s
@@ -657,13 +712,20 @@ class Following:
         assert plan is not None
         now = self._clock.utc()
         if self._off_now(now).total_arcsec > 0.5 * self._tolerance:
-            await self._hop()
+            # a little ahead of it, so that it passes
+            await self._hop(min(plan.renew_s, 0.4 * self._tolerance / max(plan.fastest_arcsec_s, 1e-6)))
         return max(1.0, min(plan.renew_s, 0.5 * self._tolerance / max(plan.fastest_arcsec_s, 1e-6)))
 
-    async def _hop(self) -> None:
-        """Slew back to the target, by how far beside the mount's belief the tube was seen to look."""
+    async def _hop(self, ahead_s: float = 0.0) -> None:
+        """Slew back to the target, by how far beside the mount's belief the tube was seen to look.
+
+        Parameters
+        ----------
+        ahead_s : float
+            To where it will be so long after the slew.
+        """
         pace = self._slewing.pace
-        ahead = self._clock.utc() + timedelta(seconds=pace.slew_s(300.0))
+        ahead = self._clock.utc() + timedelta(seconds=pace.slew_s(60.0) + ahead_s)
         place = self._path(min(ahead, self._until))
         aim = displaced(place, self._beside.east_arcsec, self._beside.north_arcsec)
         self._in_force = False
@@ -680,7 +742,7 @@ class Following:
 
     def _begin_leg(self) -> None:
         """What was seen before says nothing of the rates any more."""
-        self._sent, self._kept, self._leg = [], [], []
+        self._sent, self._kept, self._leg, self._leg_from = [], [], [], None
 
     def _prune(self, utc: datetime) -> None:
         """Forget what was ordered long before the first look that counts."""
@@ -710,7 +772,7 @@ class Following:
         if plan.fast:
             await self._until_the_end()
             return
-        await self._pause_unwoken(2.0 * ALARM_AFTER_S)
+        await self._pause_unwoken(CATCH_UP_S + ALARM_AFTER_S)
         while True:
             began_s = self._clock.monotonic_s()
             exposure_s = self._exposure_s(plan)
@@ -789,11 +851,15 @@ class Following:
             self._beside = offset_arcsec(found.believed, found.seen)
             place = for_mount(found.seen, mount.epoch, utc)
             assert self._tube is not None
-            self._tube = self._tube.seen(place, utc, max(sigma, 0.05), self._kept)
+            if self._steady:
+                self._tube = TubeEstimate.of(place, utc, max(sigma, 0.05))
+            else:
+                self._tube = self._tube.seen(place, utc, max(sigma, 0.05), self._kept)
             words = f"{off.total_arcsec:.1f}″ off"
-            if self._by is FollowBy.RATES and self._sent and utc > self._sent[0].since_utc:
+            begun = utc - timedelta(seconds=0.5 * (found.exposure_s or self._policy.exposure_s))
+            if self._by is FollowBy.RATES and self._leg_from is not None and begun >= self._leg_from:
                 words = await self._judge(found, place, sigma, words)
-            self._tell("following", words)
+            self._tell("following", words, found)
             if self._may_hop(off.total_arcsec, far):
                 self._note(f"{off.total_arcsec:.0f}″ off: slewed back to the target")
                 await self._hop()
@@ -826,11 +892,10 @@ class Following:
             RateLook(found.mid_exposure_utc, place, sigma, self._side, None if self._leg else trail)
         )
         del self._leg[:-LEG_LOOKS]
-        looks = self._leg if len(self._leg) == 1 else [replace(one, trail=None) for one in self._leg]
         # held against what the mount makes of what it was sent, by the correction in force
         judged = judge_rates(
             self._kept,
-            looks,
+            self._leg_looks(),
             doubts=self._rates.doubts,
             kept_before=self._kept_before,
             since="begin",
@@ -838,16 +903,22 @@ class Following:
         await self._judged(judged)
         return f"{words}; {judged.words}"
 
+    def _leg_looks(self) -> list[RateLook]:
+        """The looks that count; with their trails as long as there are no two."""
+        return self._leg if len(self._leg) == 1 else [replace(one, trail=None) for one in self._leg]
+
     async def _judged(self, judged: RatesJudgement) -> None:
         """Do what a judgement asks for."""
         self._judgement = judged
         rates, plan = self._rates, self.plan
         assert plan is not None
         if judged.verdict == "right":
-            self._kept_before = True
+            self._kept_before = self._verified = True
             if rates.correction is None:
                 rates.words = f"seen to keep its rates: {judged.words}"
             elif not rates.confirmed and len(self._leg) >= ENOUGH_TO_CONFIRM:
+                self._fault = rates.correction.fault
+                self._note(f"confirmed: {rates.correction.words}")
                 await self._learned(rates.confirm)
             return
         if judged.verdict == "too-early" or judged.measured is None:
@@ -856,7 +927,13 @@ class Following:
             was = rates.correction.words
             self._note(f"the correction is withdrawn, looks contradict it: {judged.words}")
             await self._learned(lambda: rates.withdraw(f"withdrawn ({was}): {judged.words}"))
-            self._begin_anew()
+            # what it made of the numbers that it was sent tells more than what was to come out
+            self._kept = list(self._sent)
+            raw = judge_rates(self._sent, self._leg_looks(), doubts=rates.doubts)
+            if raw.verdict in ("right", "fault") and raw.measured is not None:
+                await self._judged(raw)
+            if raw.verdict != "right" and self._by is FollowBy.RATES:
+                self._begin_anew()
             return
         if judged.verdict == "fault":
             self._fault = judged.fault
@@ -871,7 +948,15 @@ class Following:
                 return
             await self._fall_back(judged.words)
             return
-        if len(self._leg) >= (AMBIGUOUS_LOOKS if judged.verdict == "ambiguous" else ENOUGH_TO_CONFIRM):
+        self._wrong += 1
+        if judged.trial is not None and not self._tried:
+            self._tried = True
+            trial = judged.trial
+            self._note(f"{judged.words}; to tell, it is tried whether {trial.words}")
+            await self._learned(lambda: rates.try_on(trial))
+            self._begin_anew()
+            return
+        if self._wrong >= (AMBIGUOUS_LOOKS if judged.verdict == "ambiguous" else ENOUGH_TO_CONFIRM):
             if judged.fault is not None:
                 self._fault = judged.fault
             self._note(judged.words)
@@ -879,7 +964,7 @@ class Following:
 
     def _begin_anew(self) -> None:
         """Rates are ordered otherwise from now on: the looks before say nothing of them."""
-        self._leg = []
+        self._leg, self._leg_from, self._verified = [], None, False
         self._wake.set()
 
     async def _learned(self, change: Callable[[], None]) -> None:
@@ -956,7 +1041,7 @@ class Following:
             self.notes.append(words)
             self._equipment.note_now(EntryKind.DECISION, words, {"target": self._target.name})
 
-    def _tell(self, phase: str, words: str) -> None:
+    def _tell(self, phase: str, words: str, looked: Look | None = None) -> None:
         now = self._clock.utc()
         event = next((one for one in self._events if one.utc > now), None)
         off, sigma = self._off if self._off is not None else (None, None)
@@ -973,6 +1058,11 @@ class Following:
             next_event="" if event is None else event.words,
             words=words,
         )
+        self._equipment.listen("following", progress_facts(progress))
+        if looked is not None and self._looks <= MOST_TOLD:
+            facts = {"kind": "follow-look", "number": self._looks, **progress_facts(progress)}
+            facts |= {"look_id": looked.look_id, "mid_exposure_utc": looked.mid_exposure_utc.isoformat()}
+            self._equipment.listen("attempt", facts)
         if self._heard is not None:
             self._heard(progress)
 

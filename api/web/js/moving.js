@@ -104,7 +104,7 @@ export function showMoving(observatory, typed, give) {
   for (const topic of ["state", "link", "capabilities"]) observatory.on(topic, show);
   button.addEventListener("click", () => {
     const wanted = target();
-    if (wanted) give({ kind: "follow", target: wanted, for_s: Number(by("follow-for").value) }, `follow ${told?.name ?? ""}`.trim());
+    if (wanted) give({ kind: "follow", target: wanted, duration_s: Number(by("follow-for").value) }, `follow ${told?.name ?? ""}`.trim());
   });
   by("elements-clear").addEventListener("click", () => {
     box.value = "";
@@ -124,10 +124,12 @@ export function showFollowing(observatory) {
     const row = (name, value, tone = "") => [element("dt", {}, name), element("dd", { class: `live ${tone ? `${tone}-text` : ""}` }, value)];
     fill(lines,
       ...(following ? row("Follows", `${following.name ?? "a target"}${following.until_utc ? ` until ${clockOf(following.until_utc)}` : ""}`) : []),
-      ...(following?.words ? row("The sky says", following.words, following.fault ? "bad" : "good") : []),
+      ...(following ? row("The sky says", following.words || "nothing yet: no look has been solved", following.fault ? "bad" : following.words ? "good" : "dim") : []),
+      ...(following?.seen_dec_arcsec_s !== null && following?.seen_dec_arcsec_s !== undefined
+        ? row("Measured", `${rateWords(following.seen_ra_arcsec_s)} RA, ${rateWords(following.seen_dec_arcsec_s)} Dec`) : []),
       ...(rates ? row("Rates", `${rateWords(rates.ra_arcsec_s)} RA, ${rateWords(rates.dec_arcsec_s)} Dec`) : []),
       ...(rates ? row("until", `${clockOf(rates.ends_utc)} UTC`) : []),
-      ...(following?.next ? row("Next", `${following.next.words}`) : []),
+      ...(following?.next_event ? row("Next", following.next_event) : []),
       ...axes.flatMap((one) => row(one.axis === "primary" ? "RA axis" : "Dec axis", `by hand at ${one.rate_deg_s.toPrecision(2)}°/s`, "warn")),
       ...(state.following_problem ? row("Trouble", state.following_problem, "bad") : []));
   }
