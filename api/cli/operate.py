@@ -626,9 +626,9 @@ def _result_words(job: Job) -> str:
             )
         case "follow":
             return (
-                f"followed {result['target']} by {result['by']}: {result['within']} of {result['looks']} looks "
-                f"within {_number(result['tolerance_arcsec'], 1)}″, worst {_number(result['worst_arcsec'], 1)}″"
-                f"{'; ' + str(result['verdict']) if result.get('verdict') else ''}"
+                f"followed {result['target']} by {result['by']}: {result['within']} of {result['looks']} "
+                f"looks within {_number(result['tolerance_arcsec'], 1)}″, worst "
+                f"{_number(result['worst_arcsec'], 1)}″. {result.get('verdict') or ''}".rstrip()
             )
     return f"{job['kind']} done"
 

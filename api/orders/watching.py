@@ -47,11 +47,12 @@ class Snapshot:
     def slewing(self) -> bool:
         """Whether it slews, or was ordered to: from the taking of such an order to its end.
 
-        A target that moves is followed for hours: from the first look at it on only what the mount says counts.
+        A target that moves is followed for hours: from the first look at it on what the mount says counts.
         """
-        if self.job is not None and not self.job.is_over and self.job.kind in MOVING:
-            if self.job.kind != "follow" or not self.job.attempts:
-                return True
+        job = self.job
+        under_way = job is not None and not job.is_over and job.kind in MOVING
+        if job is not None and under_way and not (job.kind == "follow" and job.attempts):
+            return True
         return self.state.reading is not None and bool(self.state.reading.slewing)
 
 

@@ -9,8 +9,8 @@ const FRESH_MS = 60_000;
 const HOURS = 12;
 const MOST_EVENTS = 5;
 const WORDS = {
-  rises: "rises", sets: "sets", meridian: "meridian", "lower-meridian": "lower meridian", "sun-near": "near the Sun",
-  "sun-far": "clear of the Sun", limit: "outside", "within-limit": "inside again",
+  rises: "rises", sets: "sets", meridian: "meridian", "lower-meridian": "lower meridian", "sun-near": "too near the Sun",
+  "sun-far": "clear of the Sun", limit: "reaches limit", "within-limit": "inside limit",
 };
 
 /** What was pasted, as a target: two lines of a satellite, or elements of a comet or minor planet. Null: nothing. */
@@ -61,9 +61,16 @@ export function showMoving(observatory, typed, give) {
     const events = told.events.slice(0, MOST_EVENTS);
     fill(list, ...events.map((one) => element("li", { class: one.kind === "limit" || one.kind === "sun-near" ? "warn-text" : "" },
       element("time", { datetime: one.utc }, clockOf(one.utc).slice(0, 5)),
-      element("span", {}, `${WORDS[one.kind] ?? one.kind}${one.limit && one.kind.includes("limit") ? ` ${one.limit}` : ""}`),
-      element("span", { class: "num" }, one.altitude_deg === null ? "" : `${one.altitude_deg.toFixed(0)}° high`))),
+      element("span", {}, what(one)),
+      element("span", { class: "num" }, one.altitude_deg === null ? "" : `${Math.round(one.altitude_deg) + 0}° high`))),
     events.length ? null : element("li", { class: "dim" }, `nothing within ${span((Date.parse(told.until_utc) - Date.parse(told.utc)) / 1000)}`));
+  }
+
+  function what(event) {
+    const limit = event.limit && event.kind.includes("limit") ? `: ${event.limit}` : "";
+    // what it is outside of already is told at the beginning
+    const already = event.kind === "limit" && Math.abs(Date.parse(event.utc) - Date.parse(told.utc)) < 1000;
+    return already ? `now outside limit${limit}` : `${WORDS[event.kind] ?? event.kind}${limit}`;
   }
 
   async function read() {

@@ -3,7 +3,7 @@
 // Released, out of focus, out of sight, a STOP, an answer that doesn't come: all of them end it here. Where nothing can be
 // sent any more the service ends it, since no further repeat comes; and if the service dies, the mount's guard does.
 
-import { Dropped, lease, moveAxis, NoConnection } from "./calls.js";
+import { Dropped, get, lease, moveAxis, NoConnection } from "./calls.js";
 import { by, element, fill, say } from "./elements.js";
 
 const REPEAT_MS = 300;
@@ -46,7 +46,10 @@ export function takePad(observatory) {
       try {
         const job = await moveAxis(mine.id, { axis: mine.axis, rate_deg_s: mine.rate, for_s: FOR_S }, PATIENCE_MS);
         if (held !== mine) break;
-        if (["failed", "cancelled"].includes(job.state)) throw new Error(job.problem?.detail ?? `it was ${job.state}`);
+        // another job goes on for it: how did the one before end?
+        if (mine.job && mine.job !== job.id) refuse(await get(`/v1/jobs/${encodeURIComponent(mine.job)}`));
+        mine.job = job.id;
+        refuse(job);
       } catch (error) {
         if (held !== mine) break;
         release(mine, error);
@@ -54,6 +57,13 @@ export function takePad(observatory) {
       }
       await next;
     }
+  }
+
+  /** A motion that was refused, stopped, or ended by the mount doesn't begin again by itself. */
+  function refuse(job) {
+    if (job.problem) throw new Error([job.problem.detail, job.problem.advice].filter(Boolean).join(": "));
+    const ended = job.result?.axes?.find((one) => one.why.startsWith("the mount ended it"));
+    if (ended) throw new Error(ended.why);
   }
 
   /** End it. What went wrong with it, if anything, is told; the mount is told in any case. */
@@ -64,6 +74,7 @@ export function takePad(observatory) {
     mine.button.classList.remove("held");
     if (error) words(`${mine.name}: ended. ${error.message}`, "bad");
     if (error?.slug === "lease-lost") observatory.tell("lease-lost", mine.id, lease.get(mine.id), error);
+    if (error && !(error instanceof NoConnection) && !error.slug && mine.job) return; // it is over already
     try {
       await moveAxis(mine.id, { axis: mine.axis, rate_deg_s: 0, for_s: FOR_S }, PATIENCE_MS);
       if (!error && !held) words(`${mine.name}: ended`, "");
@@ -121,9 +132,9 @@ export function takePad(observatory) {
     if (held && (!up || observatory.lostSince !== null)) release(held, new Error("the connection was lost"));
     const given = ladder("secondary").length ? ladder("secondary") : ladder("primary");
     const named = given.map((one, i) => [SPEEDS[i], one]).filter(([name]) => name);
-    if (speeds.dataset.made === JSON.stringify(given)) return;
+    if (!given.length || speeds.dataset.made === JSON.stringify(given)) return;
     speeds.dataset.made = JSON.stringify(given);
-    speed = Math.min(speed, Math.max(0, named.length - 1));
+    speed = Math.min(speed, named.length - 1);
     fill(speeds, ...named.map(([name, one], i) => {
       const input = element("input", { type: "radio", name: "pad-speed", value: String(i), onchange: () => {
         end();
