@@ -277,10 +277,9 @@ class _Now(Collector):
                 rates.add_metric((telescope.id, "ra"), force.rates.ra_arcsec_s)
                 rates.add_metric((telescope.id, "dec"), force.rates.dec_arcsec_s)
                 left.add_metric(name, max(0.0, (force.ends_utc - now).total_seconds()))
-            if snapshot.job is not None and snapshot.job.kind == "follow" and snapshot.job.attempts:
-                off_arcsec = _number(snapshot.job.attempts[-1].get("off_arcsec"))
-                if off_arcsec is not None:
-                    off.add_metric(name, off_arcsec)
+            followed = {} if snapshot.job is None else snapshot.job.progress
+            if (off_arcsec := _number(followed.get("off_arcsec"))) is not None:
+                off.add_metric(name, off_arcsec)
         yield from (rates, left, moved, off)
         yield from (connected, *flags.values(), *places.values(), link, age, leased, running)
 

@@ -107,11 +107,11 @@ def rates_view(mount: CheckedMount) -> RatesInForceView | None:
 
 
 def following_view(job: Job | None) -> FollowingView | None:
-    """What a job follows, with what its last look said; None of any other job."""
+    """What a job follows, with what was told of it last; None of any other job."""
     if job is None or job.kind != "follow" or job.is_over:
         return None
-    look = job.attempts[-1] if job.attempts else {}
-    told = {name: look[name] for name in FollowingView.model_fields if look.get(name) is not None}
+    now = job.progress
+    told = {name: now[name] for name in FollowingView.model_fields if now.get(name) is not None}
     return FollowingView.model_validate({"name": _target_name(job), "until_utc": _until(job), **told})
 
 
@@ -192,7 +192,7 @@ class StateAnswers:
         axes = self._service.dispatcher.held(telescope.id).rates()
         told = [] if force is None else [f"{force.rates}{force.ends_utc.timestamp():.0f}"]
         job = self._service.dispatcher.watch(telescope.id).latest.job
-        told += [] if job is None or job.kind != "follow" else [f"look {len(job.attempts)}"]
+        told += [] if job is None or job.kind != "follow" else [f"{job.progress.get('utc')}"]
         told += [f"{axis}{rate_deg_s}" for axis, (rate_deg_s, _) in axes.items()]
         return f"-{hashlib.sha256(''.join(told).encode()).hexdigest()[:8]}" if told else ""
 
