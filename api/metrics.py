@@ -243,6 +243,10 @@ class _Now(Collector):
         age = gauge("state_age_seconds", "Since the mount's state was read last.")
         leased = gauge("leased", "Whether somebody holds the telescope.")
         running = gauge("job_running", "Whether a job holds the telescope.")
+        rates = gauge("offset_rate_arcseconds_per_second", "Rates beside the sidereal one.", "axis")
+        left = gauge("offset_rate_seconds_left", "Until those rates end by themselves.")
+        moved = gauge("axis_moved", "Whether an axis is moved by hand.")
+        off = gauge("followed_offset_arcseconds", "Of a target that is followed, as the last look saw it.")
         now = utc_now()
         for telescope in self._observed.dispatcher.telescopes:
             name = (telescope.id,)
@@ -266,6 +270,17 @@ class _Now(Collector):
             age.add_metric(name, max(0.0, real_s((now - snapshot.utc).total_seconds())))
             leased.add_metric(name, float(self._observed.leases.of(telescope.id) is not None))
             running.add_metric(name, float(snapshot.job is not None))
+            mount = telescope.navigator.mount
+            moved.add_metric(name, float(mount.axis_moving))
+            force = mount.offset_rates_in_force
+            if force is not None:
+                rates.add_metric((telescope.id, "ra"), force.rates.ra_arcsec_s)
+                rates.add_metric((telescope.id, "dec"), force.rates.dec_arcsec_s)
+                left.add_metric(name, max(0.0, (force.ends_utc - now).total_seconds()))
+            followed = {} if snapshot.job is None else snapshot.job.progress
+            if (off_arcsec := _number(followed.get("off_arcsec"))) is not None:
+                off.add_metric(name, off_arcsec)
+        yield from (rates, left, moved, off)
         yield from (connected, *flags.values(), *places.values(), link, age, leased, running)
 
     def _service(self) -> Iterator[GaugeMetricFamily]:

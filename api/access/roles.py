@@ -30,6 +30,7 @@ _VIEW = (
     f"GET {_TELESCOPE}/doctor",
     f"GET {_TELESCOPE}/drift",
     f"GET {_TELESCOPE}/events",
+    f"GET {_TELESCOPE}/forecast",
     f"GET {_TELESCOPE}/frames",
     f"GET {_TELESCOPE}/frames/{{frame_id}}",
     f"GET {_TELESCOPE}/jobs",
@@ -43,6 +44,8 @@ _VIEW = (
     f"GET {_TELESCOPE}/pointing-doctor",
     f"GET {_TELESCOPE}/sky",
     f"GET {_TELESCOPE}/wire",
+    # orders nothing: its body is what it asks about
+    f"POST {_TELESCOPE}/forecast",
 )
 _OPERATE = (
     "DELETE /v1/jobs/{job_id}",
@@ -52,11 +55,13 @@ _OPERATE = (
     f"POST {_TELESCOPE}/center",
     f"POST {_TELESCOPE}/first-light",
     f"POST {_TELESCOPE}/flip",
+    f"POST {_TELESCOPE}/follow",
     f"POST {_TELESCOPE}/frames",
     f"POST {_TELESCOPE}/home",
     f"POST {_TELESCOPE}/jobs",
     f"POST {_TELESCOPE}/lease",
     f"POST {_TELESCOPE}/look",
+    f"POST {_TELESCOPE}/move-axis",
     f"POST {_TELESCOPE}/night/busy",
     f"POST {_TELESCOPE}/night/pause",
     f"POST {_TELESCOPE}/night/resume",
@@ -64,6 +69,7 @@ _OPERATE = (
     f"POST {_TELESCOPE}/night/start",
     f"POST {_TELESCOPE}/night/stop",
     f"POST {_TELESCOPE}/offset",
+    f"POST {_TELESCOPE}/offset-rates",
     f"POST {_TELESCOPE}/park",
     f"POST {_TELESCOPE}/recover",
     f"POST {_TELESCOPE}/slew",

@@ -1,8 +1,9 @@
 """Members that move: tracking, guiding, parking, slewing, syncs and stops, and abilities [Alpaca §5].
 
 Parking and homing are begun at once, and watched by AtPark, AtHome and Slewing. Slews and syncs are refused
-as far as is known before, then ordered. There are no offsets of rates: no limit of ours would hold. What the
-telescope can follows from the mount's skills.
+as far as is known before, then ordered. MoveAxis and offsets of the tracking rate have an end of their own,
+since a client that dies says nothing more: `api.orders.kept_motions`. What the telescope can follows from
+the mount's skills.
 """
 
 from __future__ import annotations
@@ -10,7 +11,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from api.alpaca.codec import turned
-from api.alpaca.errors import invalid_operation, invalid_value, not_set, parked
+from api.alpaca.errors import (
+    error_of,
+    invalid_operation,
+    invalid_value,
+    not_implemented,
+    not_set,
+    parked,
+)
 from api.alpaca.member import (
     ALT,
     ALT_RANGE,
@@ -36,6 +44,7 @@ from api.alpaca.member import (
 from api.alpaca.motion import DIRECTIONS
 from api.alpaca.telescope import AlpacaTelescope, Call, Targets
 from api.orders.execute_order import there
+from api.orders.goto_orders import NotTaken as OrderNotTaken
 from api.orders.targets import AltAzTarget, ApparentTarget, IcrsTarget
 from api.orders.vocabulary import (
     LONGEST_PULSE_S,
@@ -49,8 +58,9 @@ from api.orders.vocabulary import (
     TrackingOrder,
     UnparkOrder,
 )
-from mountnav.devices import Skill, TrackingRate
+from mountnav.devices import STARS_RATES, MountAxis, OffsetRates, RateSpan, Skill, TrackingRate
 from mountnav.navigation.navigator import Navigator
+from mountnav.sky.coordinates import SIDEREAL_DEG_S
 
 __all__ = [
     "ABILITIES",
@@ -114,6 +124,11 @@ async def _set_rate(device: AlpacaTelescope, call: Call) -> None:
         can = ", ".join(f"{RATES.index(rate)} ({rate})" for rate in known)
         raise invalid_value("TrackingRate", number, f"this mount can {can}")
     rate = RATES[number]
+    if rate is not TrackingRate.SIDEREAL:
+        try:
+            await _end_offsets(device, call)
+        except OrderNotTaken as refusal:
+            raise error_of(refusal.problem) from None
     if device.can(Skill.TRACKING_RATES) and device.is_tracking and not device.is_parked:
         await device.carry_out(call, TrackingOrder(on=True, rate=_WORDS[rate]))
     device.rate = rate
@@ -152,7 +167,74 @@ async def _guide(device: AlpacaTelescope, call: Call) -> None:
 _GUIDE_RATES = {"GuideRateRightAscension": _guide_rate_ra, "GuideRateDeclination": _guide_rate_dec}
 _UNTOLD = "the mount doesn't tell it"
 _AT_THE_MOUNT = "it is set at the mount"
-_OFFSETS = "an offset of the tracking rate has no end that a limit could be checked against"
+
+_ARCSEC_S = 3600.0 * SIDEREAL_DEG_S
+"""″ of right ascension per second of the clock that 1 s of right ascension per sidereal second is: 15.041.
+ASCOM counts RightAscensionRate by the latter, DeclinationRate in ″ per second of the clock. Doubled, comets
+are tracked twice too fast."""
+
+
+def offsets_of(device: AlpacaTelescope) -> OffsetRates:
+    """The offsets in force, by whatever face; none where the rate isn't sidereal [Alpaca §5]."""
+    force = device.mount.offset_rates_in_force
+    return STARS_RATES if force is None or rate_of(device) is not TrackingRate.SIDEREAL else force.rates
+
+
+def _ra_rate(device: AlpacaTelescope, call: Call) -> float:
+    return offsets_of(device).ra_arcsec_s / _ARCSEC_S
+
+
+def _dec_rate(device: AlpacaTelescope, call: Call) -> float:
+    return offsets_of(device).dec_arcsec_s
+
+
+async def _set_ra_rate(device: AlpacaTelescope, call: Call) -> None:
+    wanted = OffsetRates(call.number("RightAscensionRate") * _ARCSEC_S, offsets_of(device).dec_arcsec_s)
+    await _set_offsets(device, call, "RightAscensionRate", wanted, abs(wanted.ra_arcsec_s))
+
+
+async def _set_dec_rate(device: AlpacaTelescope, call: Call) -> None:
+    wanted = OffsetRates(offsets_of(device).ra_arcsec_s, call.number("DeclinationRate"))
+    await _set_offsets(device, call, "DeclinationRate", wanted, abs(wanted.dec_arcsec_s))
+
+
+async def _set_offsets(
+    device: AlpacaTelescope, call: Call, name: str, wanted: OffsetRates, size_arcsec_s: float
+) -> None:
+    """Order offsets; with an end, put off as long as the client goes on talking."""
+    most = device.mount.most_offset_arcsec_s
+    if most is not None:
+        of_ra = name == "RightAscensionRate"
+        bound_arcsec_s = most.ra_arcsec_s if of_ra else most.dec_arcsec_s
+        if size_arcsec_s > bound_arcsec_s * _ROUNDED:
+            bound = bound_arcsec_s / _ARCSEC_S if of_ra else bound_arcsec_s
+            raise invalid_value(name, call.number(name), f"this mount takes {-bound:g} to {bound:g}")
+    if wanted == offsets_of(device) and wanted.none:
+        return
+    if size_arcsec_s > 0.0 and rate_of(device) is not TrackingRate.SIDEREAL:
+        raise invalid_operation(f"{name} is an offset of the sidereal rate: set TrackingRate 0 before")
+    if size_arcsec_s > 0.0:
+        _require_tracking(device, name)
+    if device.is_slewing:
+        raise invalid_operation(f"{name} can't be set while the telescope moves")
+    try:
+        await device.offsets.set(call.caller, wanted, lambda: device.was_heard(call.client, _heard_s(device)))
+    except OrderNotTaken as refusal:
+        raise error_of(refusal.problem) from None
+
+
+_ROUNDED = 1.0 + 1e-9
+"""A rate this little above the largest is the largest, rounded on its way."""
+
+
+def _heard_s(device: AlpacaTelescope) -> float:
+    return 0.5 * device.settings.alpaca.offset_rates_s
+
+
+async def _end_offsets(device: AlpacaTelescope, call: Call) -> None:
+    if not offsets_of(device).none:
+        await device.offsets.set(call.caller, STARS_RATES, lambda: False)
+
 
 TRACKING: tuple[Member, ...] = (
     Member(
@@ -171,18 +253,25 @@ TRACKING: tuple[Member, ...] = (
     ),
     Member("GET", "trackingrate", lambda device, call: RATES.index(rate_of(device))),
     Member("PUT", "trackingrate", _set_rate, (Parameter("TrackingRate", whole),), orders="tracking"),
-    Member("GET", "rightascensionrate", lambda device, call: 0.0, default=0.0),
+    Member("GET", "rightascensionrate", _ra_rate, default=0.0),
     Member(
         "PUT",
         "rightascensionrate",
-        nothing,
+        _set_ra_rate,
         (Parameter("RightAscensionRate", decimal),),
-        never,
-        why_not=_OFFSETS,
+        with_skill(Skill.OFFSET_RATES),
+        parked=False,
+        orders="offset-rates",
     ),
-    Member("GET", "declinationrate", lambda device, call: 0.0, default=0.0),
+    Member("GET", "declinationrate", _dec_rate, default=0.0),
     Member(
-        "PUT", "declinationrate", nothing, (Parameter("DeclinationRate", decimal),), never, why_not=_OFFSETS
+        "PUT",
+        "declinationrate",
+        _set_dec_rate,
+        (Parameter("DeclinationRate", decimal),),
+        with_skill(Skill.OFFSET_RATES),
+        parked=False,
+        orders="offset-rates",
     ),
     Member(
         "PUT",
@@ -291,6 +380,10 @@ def _require_tracking(device: AlpacaTelescope, what: str) -> None:
 
 async def _slew(device: AlpacaTelescope, call: Call, ra_h: float, dec_deg: float) -> None:
     """Begin a slew; one that this client has under way makes room for it, its way to park or home doesn't."""
+    if device.axes.rates_deg_s:
+        raise invalid_operation(
+            "an axis is moved by MoveAxis: set its rate to 0, or AbortSlew, before a slew"
+        )
     mine = device.motion.slews_for(call.client)
     if not mine:
         # a mount on its way may well say that it doesn't track
@@ -323,6 +416,10 @@ async def _slew_to_target_and_wait(device: AlpacaTelescope, call: Call) -> None:
 
 async def _slew_to_alt_az(device: AlpacaTelescope, call: Call) -> None:
     """Go there and rest. The way is checked as any other; tracking ends when it has arrived."""
+    if device.axes.rates_deg_s:
+        raise invalid_operation(
+            "an axis is moved by MoveAxis: set its rate to 0, or AbortSlew, before a slew"
+        )
     if device.is_tracking:
         raise invalid_operation("a slew to altitude and azimuth needs Tracking False")
     place = AltAzTarget(alt_deg=call.number("Altitude"), az_deg=turned(call.number("Azimuth"), 360.0))
@@ -378,6 +475,7 @@ async def _abort(device: AlpacaTelescope, call: Call) -> None:
     if device.is_known and not device.is_slewing and device.is_parked:
         raise parked("AbortSlew")
     device.pulses.aborting()
+    device.axes.forget()
     await device.motion.abort(call.caller)
 
 
@@ -496,15 +594,78 @@ SLEWING: tuple[Member, ...] = (
 )
 
 
+AXES: tuple[MountAxis | None, ...] = ("primary", "secondary", None)
+"""As Alpaca counts them; the third, of a third mirror or a field, no mount here has."""
+
+
+def axis_spans(device: AlpacaTelescope, number: int) -> tuple[RateSpan, ...]:
+    """At which speeds an axis can be moved, within `[telescope.following]`; none if it can't."""
+    axis = AXES[number]
+    if axis is None or not device.can(Skill.MOVE_AXIS):
+        return ()
+    most_deg_s = device.mount.following_policy.most_axis_deg_s
+    return tuple(
+        RateSpan(span.least_deg_s, min(span.most_deg_s, most_deg_s))
+        for span in device.mount.axis_rates_deg_s.get(axis, ())
+        if span.least_deg_s <= most_deg_s
+    )
+
+
+def _axis_number(call: Call) -> int:
+    return int(call.number("Axis"))
+
+
+def _can_move_axis(device: AlpacaTelescope, call: Call) -> bool:
+    return bool(axis_spans(device, _axis_number(call)))
+
+
+def _axis_rates(device: AlpacaTelescope, call: Call) -> list[dict[str, float]]:
+    return [
+        {"Minimum": span.least_deg_s, "Maximum": span.most_deg_s}
+        for span in axis_spans(device, _axis_number(call))
+    ]
+
+
+async def _move_axis(device: AlpacaTelescope, call: Call) -> None:
+    """Move an axis on, for as long as the client is heard and no longer than the settings have it; 0 ends it.
+
+    What ended it by itself is told as the failure of a motion: by the next reading of Slewing.
+    """
+    number, rate_deg_s = _axis_number(call), call.number("Rate")
+    axis, spans = AXES[number], axis_spans(device, number)
+    if axis is None or not spans:
+        raise not_implemented(f"MoveAxis of axis {number}", "this mount can't move it")
+    speed_deg_s = abs(rate_deg_s)
+    if speed_deg_s > 0.0 and not any(
+        span.least_deg_s <= speed_deg_s * _ROUNDED and speed_deg_s <= span.most_deg_s * _ROUNDED
+        for span in spans
+    ):
+        can = ", ".join(f"{span.least_deg_s:g} to {span.most_deg_s:g}" for span in spans)
+        raise invalid_value("Rate", rate_deg_s, f"AxisRates of axis {number} are {can} deg/s")
+    _require_unparked(device, "MoveAxis")
+    try:
+        if speed_deg_s == 0.0:
+            await device.axes.end(call.caller, axis)
+            await device.watch.refresh()
+            return
+        await device.motion.stopped()
+        if device.motion.under_way:
+            raise invalid_operation("a slew is under way: wait for Slewing False, or AbortSlew")
+        device.motion.begin_by_hand()
+        await device.axes.move(call.caller, axis, rate_deg_s, lambda: device.why_silent(call.client))
+    except OrderNotTaken as refusal:
+        raise error_of(refusal.problem) from None
+
+
 _CAN: dict[str, Callable[[AlpacaTelescope], bool]] = {
     "canfindhome": with_skill(Skill.HOME),
     "canpark": with_skill(Skill.PARK),
     "canpulseguide": with_skill(Skill.GUIDE),
-    "cansetdeclinationrate": never,
+    "cansetdeclinationrate": with_skill(Skill.OFFSET_RATES),
     "cansetguiderates": never,
     "cansetpark": with_skill(Skill.SET_PARK),
     "cansetpierside": never,
-    "cansetrightascensionrate": never,
+    "cansetrightascensionrate": with_skill(Skill.OFFSET_RATES),
     "cansettracking": with_skill(Skill.TRACK),
     "canslew": always,
     "canslewasync": always,
@@ -520,12 +681,17 @@ def _can(able: Callable[[AlpacaTelescope], bool]) -> Callable[[AlpacaTelescope, 
     return lambda device, call: able(device)
 
 
-_ENDLESS = "motion at a rate has no end that a limit could be checked against: slew, or guide by pulses"
-
 ABILITIES: tuple[Member, ...] = (
     *(Member("GET", name, _can(able), default=False) for name, able in _CAN.items()),
-    # motion at a rate until told otherwise: nothing could check where it ends
-    Member("GET", "canmoveaxis", lambda device, call: False, (AXIS,), ranges=(AXIS_RANGE,), default=False),
-    Member("GET", "axisrates", lambda device, call: [], (AXIS,), ranges=(AXIS_RANGE,), default=[]),
-    Member("PUT", "moveaxis", nothing, (AXIS, Parameter("Rate", decimal)), never, why_not=_ENDLESS),
+    Member("GET", "canmoveaxis", _can_move_axis, (AXIS,), ranges=(AXIS_RANGE,), default=False),
+    Member("GET", "axisrates", _axis_rates, (AXIS,), ranges=(AXIS_RANGE,), default=[]),
+    Member(
+        "PUT",
+        "moveaxis",
+        _move_axis,
+        (AXIS, Parameter("Rate", decimal)),
+        with_skill(Skill.MOVE_AXIS),
+        (AXIS_RANGE,),
+        orders="move-axis",
+    ),
 )

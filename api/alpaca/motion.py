@@ -265,6 +265,16 @@ class Motion:
         finally:
             self._ordering -= 1
 
+    def begin_by_hand(self) -> None:
+        """An axis is moved on: how a motion before that failed is told no more."""
+        self._failure = None
+        self._told.clear()
+
+    def fail(self, failure: AlpacaError) -> None:
+        """A motion by hand has ended by itself: told as the failure of a slew is."""
+        self._failure = failure
+        self._told.clear()
+
     async def ended(self) -> None:
         """Wait for the end of what is under way; a failure, or anybody's stop, raises `AlpacaError`."""
         if (following := self._following) is None:

@@ -205,6 +205,7 @@ class AlpacaServer:
             return _refused(str(bad))
         number = self._transactions.next()
         client = Client(caller.address, unsigned(client_id))
+        devices[asked.number].heard(client)
         value, error = await answer(devices[asked.number], member, values, caller, client)
         return _json(envelope(unsigned(transaction), number, value, error))
 

@@ -2,27 +2,35 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from api.access.audit import Audit
 from api.access.callers import Caller
 from api.alpaca.connection import Client, Clients, Connecting, MountLink
-from api.alpaca.errors import AlpacaError, error_of, not_connected
+from api.alpaca.errors import AlpacaError, Number, error_of, failure_of, not_connected
 from api.alpaca.motion import Motion, Pulses, Stations
 from api.observatory.observatory import Telescope
 from api.orders.dispatcher import Dispatcher
+from api.orders.kept_motions import KeptAxes, KeptRates
 from api.orders.targets import Target
 from api.orders.vocabulary import Order
 from api.orders.watching import Snapshot, Watch
+from api.problems import Problem
 from mountnav.clock import sky_s, utc_now
-from mountnav.devices import MountReading, Skill, TrackingRate
+from mountnav.devices import MountAxis, MountReading, Skill, TrackingRate
 from mountnav.errors import MountnavError
 from mountnav.mount import CheckedMount
 from mountnav.settings.observatory import Settings
 
 STALE_S = 15.0
 """A reading older than so many of the machine's seconds says nothing of now."""
+_MOST_HEARD = 1000
+"""Clients of which it is remembered when they were heard last; the one unheard for longest is forgotten.
+Halved, 500 numbers in turn make a real client seem silent."""
+_FAILED = 0x50D
+"""Error number of a motion by hand that ended by itself; the standard leaves 0x500 to 0xFFF to drivers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +113,14 @@ class AlpacaTelescope:
         self.connecting = Connecting(self.link.open, self._count_in, self.id)
         self.stations = Stations()
         """Where parking and homing ended over Alpaca."""
+        self.axes = KeptAxes(
+            dispatcher, telescope.id, most_s=settings.alpaca.move_axis_s, ended=self._axis_ended
+        )
+        """Axes that MoveAxis moves."""
+        self.offsets = KeptRates(dispatcher, telescope.id, within_s=settings.alpaca.offset_rates_s)
+        """Offsets of the tracking rate that were set here."""
+        self._now_s = now_s
+        self._heard_s: OrderedDict[Client, float] = OrderedDict()
 
     # -- what it is ------------------------------------------------------------------------------------
 
@@ -131,6 +147,35 @@ class AlpacaTelescope:
     def can(self, *skills: Skill) -> bool:
         """Whether the mount can all of this."""
         return self.mount.skills.issuperset(skills)
+
+    # -- who is heard ------------------------------------------------------------------------------------
+
+    def heard(self, client: Client) -> None:
+        """Take in that a client has asked something, whatever it was: it lives."""
+        self._heard_s[client] = self._now_s()
+        self._heard_s.move_to_end(client)
+        while len(self._heard_s) > _MOST_HEARD:
+            self._heard_s.popitem(last=False)
+
+    def was_heard(self, client: Client, within_s: float) -> bool:
+        """Whether a connected client has asked something since so many seconds ago."""
+        at_s = self._heard_s.get(client)
+        return self.clients.connected(client) and at_s is not None and self._now_s() - at_s <= within_s
+
+    def why_silent(self, client: Client) -> str | None:
+        """Why a motion that this client began has to end; None while it is heard."""
+        silence_s = self.settings.alpaca.silence_s
+        if not self.clients.connected(client):
+            return "its client has disconnected"
+        return None if self.was_heard(client, silence_s) else f"its client was silent for {silence_s:g} s"
+
+    def _axis_ended(self, axis: MountAxis, why: str, problem: Problem | None) -> None:
+        number = 0 if axis == "primary" else 1
+        found = None if problem is None else failure_of(problem)
+        if found is not None and found.number == Number.CANCELLED:
+            return  # somebody's stop: no failure
+        words = f"MoveAxis of axis {number} has ended by itself: {why}"
+        self.motion.fail(AlpacaError(_FAILED if found is None else found.number, words))
 
     # -- connection ------------------------------------------------------------------------------------
 
@@ -165,6 +210,7 @@ class AlpacaTelescope:
         """Count this client out; one that was just being connected, too."""
         self.connecting.give_up(client)
         self.clients.disconnect(client)
+        # what it moves ends by its next repeat: `why_silent`
 
     def _count_in(self, client: Client) -> None:
         """A client that wasn't connected starts fresh: what others left behind is neither set nor told."""
@@ -241,7 +287,7 @@ class AlpacaTelescope:
     @property
     def is_slewing(self) -> bool:
         """Whether it moves, or was ordered to and isn't settled and read again."""
-        return self.motion.under_way or self.snapshot.slewing
+        return self.motion.under_way or bool(self.axes.rates_deg_s) or self.snapshot.slewing
 
     # -- orders ----------------------------------------------------------------------------------------
 
@@ -278,6 +324,8 @@ class AlpacaTelescope:
 
     async def close(self) -> None:
         """Follow nothing any more; the mount is none of its business."""
+        await self.axes.close()
+        await self.offsets.close()
         await self.motion.close()
         await self.pulses.close()
         self.connecting.close()

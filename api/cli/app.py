@@ -22,6 +22,7 @@ from api.cli.journal import journal_app
 from api.cli.keys import key_app
 from api.cli.model import model_app
 from api.cli.night import night_app
+from api.cli.operate import center, follow, look, park, slew, status, stop, sync, track, unpark, watch
 from api.cli.pointing_doctor import pointing_doctor
 from api.cli.ports import ports
 from api.cli.replay import replay
@@ -40,6 +41,17 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 # in the order in which help lists them
+app.command("status")(status)
+app.command("stop")(stop)
+app.command("center")(center)
+app.command("slew")(slew)
+app.command("follow")(follow)
+app.command("look")(look)
+app.command("sync")(sync)
+app.command("track")(track)
+app.command("park")(park)
+app.command("unpark")(unpark)
+app.command("watch")(watch)
 app.command("solve")(solve)
 app.command("series")(series)
 app.command("accuracy")(accuracy)

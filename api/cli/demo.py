@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from mountnav.settings.observatory import Settings
     from mountnav.sky.coordinates import Icrs
 
+Which = Literal["comet", "pass"]
 TRULY_CENTERED_ARCSEC = 45.0
 """Where the fake mount truly points, from the target. chosen: the tolerance of a centering is 30″, and until
 the truth is read the mount drifts on; doubled, a centering that missed would pass."""
@@ -59,17 +60,29 @@ def demo(
     host: Annotated[str, typer.Option(help="Where the service listens.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535)] = 8000,
     picture: Annotated[Path | None, typer.Option(help="Write a picture of the run (SVG) here.")] = None,
+    comet: Annotated[
+        bool, typer.Option("--comet", help="Follow a comet that passes the Earth, instead of stars.")
+    ] = False,
+    satellite: Annotated[
+        bool, typer.Option("--pass", help="Follow a satellite's pass, instead of stars.")
+    ] = False,
 ) -> None:
-    """Center five targets with an observatory that has no hardware."""
+    """Center five targets with an observatory that has no hardware; or follow what moves.
+
+    Exit code 1 if one of them is not where it should be, by where the fake mount truly points.
+    """
     from rich.console import Console
 
-    from api.demo.observatory import demo_journal, demo_settings
+    from api.demo.observatory import demo_journal, demo_settings, demo_settings_with_rates
     from mountnav.client import Client
     from mountnav.sky.iers import read_tables
 
     console = Console(record=picture is not None, width=PICTURE_COLUMNS if picture is not None else None)
     read_tables()
     settings = demo_settings(host, port)
+    if comet or satellite:
+        # the usual LX200 takes no rates
+        settings = demo_settings_with_rates(settings)
     console.rule("[bold]mountnav demo: an observatory without hardware")
     with demo_journal(settings) as settings, _service(settings) as (base_url, truth):
         console.print(
@@ -77,10 +90,15 @@ def demo(
             f"the service at [bold]{base_url}[/] (docs: {base_url}/docs)"
         )
         with Client(base_url) as client:
-            results = _center_all(client, settings, truth, console)
-        _table(results, console)
-        good = sum(result.ok for result in results)
-        console.print(_sentence(results, good))
+            if comet or satellite:
+                asked: dict[Which, bool] = {"comet": comet, "pass": satellite}
+                wanted = [which for which, yes in asked.items() if yes]
+                good, count = _follow_all(client, settings, truth, console, wanted), len(wanted)
+            else:
+                results = _center_all(client, settings, truth, console)
+                _table(results, console)
+                good, count = sum(result.ok for result in results), len(results)
+                console.print(_sentence(results, good))
         console.print(
             f"API: {base_url}/v1/telescopes    docs: {base_url}/docs"
             + ("" if keep else "    (gone when this ends; `mountnav demo --keep` leaves them open)")
@@ -93,7 +111,21 @@ def demo(
                 threading.Event().wait()
             except KeyboardInterrupt:
                 console.print("ended")
-    raise typer.Exit(0 if good == len(results) > 0 else 1)
+    raise typer.Exit(0 if good == count > 0 else 1)
+
+
+def _follow_all(
+    client: Client, settings: Settings, truth: Callable[[], Icrs], console: Console, wanted: list[Which]
+) -> int:
+    """Follow what was asked for, one after the other; how many of them were followed."""
+    from api.cli.demo_moving import follow_one, made, told
+
+    good = 0
+    for which in wanted:
+        found = follow_one(client, made(which, settings), settings.site.site, truth, console)
+        told(found, client, console)
+        good += found.ok
+    return good
 
 
 def _center_all(

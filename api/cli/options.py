@@ -59,9 +59,13 @@ Catalog = Annotated[
 ]
 
 # a running service, and a telescope of it
-Service = Annotated[str, typer.Option(help="Address of the service.")]
+Service = Annotated[str, typer.Option(envvar="MOUNTNAV_SERVICE", help="Address of the service.")]
 Token = Annotated[str | None, typer.Option(envvar="MOUNTNAV_TOKEN", help="API token of the service.")]
 ServiceTelescope = Annotated[str, typer.Argument(help="Id of the telescope.")]
+ChosenTelescope = Annotated[
+    str | None,
+    typer.Option("--telescope", "-t", help="Which one; needed only where there are several."),
+]
 
 # the looks of a mount, for the commands that judge it
 LooksSource = Annotated[

@@ -45,6 +45,15 @@ def demo_settings(host: str, port: int) -> Settings:
     return Settings.parse(text, name="demo.toml")
 
 
+def demo_settings_with_rates(settings: Settings) -> Settings:
+    """The same observatory with a mount that takes rates beside the sidereal one."""
+    (telescope,) = settings.telescope
+    mount = telescope.mount.model_copy(update={"url": "fake+lx200://?dialect=onstep"})
+    made = settings.model_copy(update={"telescope": (telescope.model_copy(update={"mount": mount}),)})
+    # copies are not checked by themselves
+    return Settings.model_validate(made.model_dump())
+
+
 def demo_service_settings(demo: DemoSettings, port: int, mounting: Mounting = "fork") -> Settings:
     """The demo observatory as `mountnav serve --demo` has it: a mount that can do all, and every face.
 

@@ -156,6 +156,14 @@ class TelescopeSkillsView(BaseModel):
     frame: Literal["icrs", "jnow-apparent"] = Field(description="The mount's own")
     skills: list[str] = Field(description="Besides slew, sync, stop and reading; known once it was connected")
     nights: bool = Field(description="Whether it has nights")
+    axis_speeds_deg_s: dict[str, list[float]] = Field(
+        default_factory=dict,
+        description="Four speeds at which each axis can be moved by hand, slow to fast; none where it can't",
+    )
+    most_offset_arcsec_s: list[float] | None = Field(
+        default=None,
+        description="Largest rates beside the sidereal one, RA and Dec; null where it isn't told",
+    )
 
 
 class CapabilitiesView(BaseModel):

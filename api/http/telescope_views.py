@@ -6,14 +6,22 @@ The entity tag names the reading, so that a client that has it already is answer
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import timedelta
+from datetime import datetime, timedelta
 
 from fastapi import Request, Response
 
 from api.observatory.observatory import Telescope
-from api.orders.job_views import NextLimitView, TelescopeView
+from api.orders.held_axes import HeldAxes
+from api.orders.job import Job
+from api.orders.job_views import (
+    AxisMovesView,
+    FollowingView,
+    NextLimitView,
+    RatesInForceView,
+    TelescopeView,
+)
 from api.orders.results import place
 from api.orders.watching import Snapshot
 from api.service import Service
@@ -29,11 +37,15 @@ _WITHIN_S = 12 * 3600.0
 Halved, limits in the second half of a night are not shown."""
 
 
-def telescope_view(telescope: Telescope, snapshot: Snapshot, warnings: Sequence[str] = ()) -> TelescopeView:
+def telescope_view(
+    telescope: Telescope, snapshot: Snapshot, warnings: Sequence[str] = (), held: HeldAxes | None = None
+) -> TelescopeView:
     """View of a telescope as it was read last. Asks no device.
 
     Parameters
     ----------
+    held : HeldAxes, optional
+        Its axes that somebody moves by hand.
     warnings : sequence of str
         Of the service; those of the telescope come before.
     """
@@ -71,10 +83,59 @@ def telescope_view(telescope: Telescope, snapshot: Snapshot, warnings: Sequence[
         pier_side=str(reading.pier_side) if reading is not None and reading.pier_side else None,
         time_to_limit_s=None if limit is None else limit.after_s,
         next_limit=limit,
+        rates=rates_view(mount),
+        following=following_view(snapshot.job),
+        axes_moved=[] if held is None else axes_view(held),
+        following_problem=mount.following_problem,
         learned=navigator.learned.words,
         rates_kept=navigator.rates.words,
         warnings=[*own, *warnings],
     )
+
+
+def rates_view(mount: CheckedMount) -> RatesInForceView | None:
+    """The rates of a moving target that are in force."""
+    force = mount.offset_rates_in_force
+    if force is None:
+        return None
+    return RatesInForceView(
+        ra_arcsec_s=force.rates.ra_arcsec_s,
+        dec_arcsec_s=force.rates.dec_arcsec_s,
+        since_utc=force.since_utc,
+        ends_utc=force.ends_utc,
+    )
+
+
+def following_view(job: Job | None) -> FollowingView | None:
+    """What a job follows, with what was told of it last; None of any other job."""
+    if job is None or job.kind != "follow" or job.is_over:
+        return None
+    now = job.progress
+    told = {name: now[name] for name in FollowingView.model_fields if now.get(name) is not None}
+    return FollowingView.model_validate({"name": _target_name(job), "until_utc": _until(job), **told})
+
+
+def _target_name(job: Job) -> str:
+    target = job.request.get("target")
+    if not isinstance(target, Mapping):
+        return "a target"
+    return str(target.get("name") or target.get("text") or f"a target by {target.get('kind')}")
+
+
+def _until(job: Job) -> datetime | None:
+    until, lasts_s = job.request.get("until_utc"), job.request.get("duration_s")
+    if isinstance(until, str):
+        return datetime.fromisoformat(until)
+    began = job.started_utc or job.created_utc
+    return began + timedelta(seconds=lasts_s) if isinstance(lasts_s, int | float) else None
+
+
+def axes_view(held: HeldAxes) -> list[AxisMovesView]:
+    """The axes that somebody moves by hand."""
+    return [
+        AxisMovesView(axis=axis, rate_deg_s=rate_deg_s, left_s=round(left_s, 2))
+        for axis, (rate_deg_s, left_s) in held.rates().items()
+    ]
 
 
 def _next_limit(mount: CheckedMount, reading: MountReading) -> NextLimitView | None:
@@ -116,13 +177,24 @@ class StateAnswers:
         snapshot = self._service.dispatcher.watch(telescope.id).latest
         job = "" if snapshot.job is None else snapshot.job.id[:12]
         # the service's id: after a restart the counting begins again
-        tag = f'"{self._service.events.run}-{snapshot.revision}-{job}"'
+        tag = f'"{self._service.events.run}-{snapshot.revision}-{job}{self._beside(telescope)}"'
         kept = self._kept.get(telescope.id)
         if kept is None or kept.tag != tag:
             problem = self._service.restored.problem
-            view = telescope_view(telescope, snapshot, () if problem is None else (problem,))
+            held = self._service.dispatcher.held(telescope.id)
+            view = telescope_view(telescope, snapshot, () if problem is None else (problem,), held)
             kept = self._kept[telescope.id] = Answer(tag, view.model_dump_json().encode())
         return kept
+
+    def _beside(self, telescope: Telescope) -> str:
+        """What changes between readings, for the tag: the end of rates, speeds of axes."""
+        force = telescope.navigator.mount.offset_rates_in_force
+        axes = self._service.dispatcher.held(telescope.id).rates()
+        told = [] if force is None else [f"{force.rates}{force.ends_utc.timestamp():.0f}"]
+        job = self._service.dispatcher.watch(telescope.id).latest.job
+        told += [] if job is None or job.kind != "follow" else [f"{job.progress.get('utc')}"]
+        told += [f"{axis}{rate_deg_s}" for axis, (rate_deg_s, _) in axes.items()]
+        return f"-{hashlib.sha256(''.join(told).encode()).hexdigest()[:8]}" if told else ""
 
     def all(self) -> Answer:
         """The answer of all telescopes, as a list."""

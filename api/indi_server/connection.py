@@ -87,6 +87,8 @@ class Connection:
     async def run(self) -> None:
         """Serve it until it goes, or has to; what it ordered before is carried out, and its jobs go on."""
         crew = self._crew
+        for device in self._devices.values():
+            device.came(self._caller)
         crew.begin(self._read(), f"indi {self.address} reads")
         working = crew.begin(self._work(), f"indi {self.address} works")
         crew.begin(self._watch_its_reading(), f"indi {self.address} is full")
@@ -98,6 +100,8 @@ class Connection:
             await self._say_goodbye(str(reason), writing)
         finally:
             self._selections.leave()
+            for device in self._devices.values():
+                device.gone(self._caller)
             await crew.end()
             self._writer.close()
             try:

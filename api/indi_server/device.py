@@ -16,6 +16,7 @@ from api.access.callers import Caller
 from api.indi_server.orders import Answer, IndiOrders
 from api.indi_server.properties import (
     COORDINATES,
+    MOTIONS,
     Facts,
     Optics,
     driver_info,
@@ -26,9 +27,12 @@ from api.indi_server.properties import (
 from api.indi_server.vectors import Vector
 from api.orders.goto_orders import GotoOrders, NotTaken, require_success
 from api.orders.job import Job
+from api.orders.kept_motions import KeptAxes, KeptRates
+from api.problems import Problem
 from api.service import Service
 from drivers.indi.codec.messages import Ordered, State
 from mountnav.clock import utc_now
+from mountnav.devices import MountAxis, Skill
 from mountnav.errors import MountnavError
 from mountnav.settings.telescope import TelescopeSettings
 from mountnav.tasks import Died, begun, fault_words
@@ -78,8 +82,16 @@ class IndiTelescope:
         self._ordering = GotoOrders(service.dispatcher, service.audit, settings.id)
         self._optics = optics_of(settings)
         self._changed, self._say, self._died = changed, say, died
+        own = service.settings.indi_server
+        self._axes = KeptAxes(service.dispatcher, settings.id, most_s=own.move_axis_s, ended=self._axis_ended)
+        self._rates = KeptRates(service.dispatcher, settings.id, within_s=own.offset_rates_s)
         self._orders = IndiOrders(
-            self._ordering, self._watch, self._telescope.navigator.mount.site, self._follow
+            self._ordering,
+            self._watch,
+            self._telescope.navigator.mount,
+            axes=self._axes,
+            rates=self._rates,
+            follow=self._follow,
         )
         self._clock_utc = utc_now()
         self._tasks: set[asyncio.Task[None]] = set()
@@ -121,7 +133,9 @@ class IndiTelescope:
         self._begin(self._follow_watch(), died)
 
     async def close(self) -> None:
-        """Follow it no more. Jobs go on."""
+        """Follow it no more. Jobs go on, but for what keys move."""
+        await self._axes.close()
+        await self._rates.close()
         for task in list(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -145,6 +159,11 @@ class IndiTelescope:
         if job is not None and job.request.get("on"):
             self._orders.rate = str(job.request.get("rate", "sidereal"))
         mount = self._telescope.navigator.mount
+        force = mount.offset_rates_in_force
+        held = self._service.dispatcher.held(self.id).rates()
+        movable: frozenset[MountAxis] = frozenset()
+        if Skill.MOVE_AXIS in mount.skills:
+            movable = frozenset(axis for axis, spans in mount.axis_rates_deg_s.items() if spans)
         facts = Facts(
             snapshot=snapshot,
             skills=mount.skills,
@@ -155,6 +174,11 @@ class IndiTelescope:
             optics=self._optics,
             target=self._orders.target,
             rate=self._orders.rate,
+            offsets=None if force is None else force.rates,
+            most_offsets=mount.most_offset_arcsec_s,
+            speed=self._orders.speed,
+            moved={axis: rate_deg_s for axis, (rate_deg_s, _) in held.items()},
+            can_move=movable,
         )
         made = vectors_of(facts)
         last = self.vectors.get(COORDINATES)
@@ -178,6 +202,7 @@ class IndiTelescope:
 
     def abort(self, caller: Caller, tell: Callable[[Answer], None]) -> None:
         """Stop all motion now, before everything that waits; `tell` is told how that went."""
+        self._axes.forget()
 
         async def stop() -> None:
             try:
@@ -219,6 +244,33 @@ class IndiTelescope:
         self._renew()
         self._changed()
         return answer
+
+    def came(self, caller: Caller) -> None:
+        """A client is here: what it moves by keys goes on while it stays."""
+        self._orders.here.add(caller.name)
+
+    def gone(self, caller: Caller) -> None:
+        """It has gone: what its keys move ends now, and the end of its rates is put off no more."""
+        self._orders.here.discard(caller.name)
+
+        async def end() -> None:
+            await self._axes.end_all(of=lambda one: one.name == caller.name)
+            self._renew()
+            self._changed()
+
+        if self._axes.is_of(caller):
+            # if that dies, it ends by itself
+            self._begin(end(), lambda _: None)
+
+    def _axis_ended(self, axis: MountAxis, why: str, problem: Problem | None) -> None:
+        """A key's motion has ended, and nobody released the key."""
+        name = next(one for one, (moved, _) in MOTIONS.items() if moved == axis)
+        self._renew()
+        if problem is not None and not problem.type.endswith(":cancelled"):
+            self._say(self, Answer.refused(name, why))
+        else:
+            self._say(self, Answer(name, State.IDLE, f"[WARNING] the motion has ended: {why}"))
+        self._changed()
 
     # -- ends of jobs --------------------------------------------------------------------------------
 

@@ -11,15 +11,18 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from api.access.callers import Caller
-from api.indi_server.properties import COORDINATES, PULSES
+from api.indi_server.properties import COORDINATES, MOTIONS, PULSES, SIDEREAL_ARCSEC_S, SPEEDS
 from api.indi_server.vectors import Vector
 from api.orders.goto_orders import GotoOrders
 from api.orders.job import Job
+from api.orders.kept_motions import KeptAxes, KeptRates, ladder
 from api.orders.targets import ApparentTarget
 from api.orders.vocabulary import GuideOrder, HomeOrder, ParkOrder, SetParkOrder, TrackingOrder, UnparkOrder
 from api.orders.watching import Watch
 from drivers.indi.codec.messages import Ordered, State
 from mountnav.clock import utc_now
+from mountnav.devices import STARS_RATES, OffsetRates
+from mountnav.mount import CheckedMount
 from mountnav.sky.coordinates import Apparent, Site
 
 __all__ = ["Answer", "IndiOrders", "chosen_switch", "number_of", "site_answer", "time_answer"]
@@ -120,8 +123,12 @@ class IndiOrders:
 
     Parameters
     ----------
-    site : Site
-        Of the settings.
+    mount : CheckedMount
+        For what it is and can.
+    axes : KeptAxes
+        Moves what keys move.
+    rates : KeptRates
+        Keeps custom rates.
     follow : callable
         ``follow(job, name)``: a job is under way for an order to that property.
 
@@ -131,16 +138,35 @@ class IndiOrders:
         Where it was last sent.
     rate : str or None
         The tracking rate that was last ordered.
+    speed : str
+        What is chosen of TELESCOPE_SLEW_RATE.
+    custom : OffsetRates
+        The custom rates that were set last, for when that mode is chosen.
+    here : set
+        Names of the callers whose connections are open.
     """
 
     def __init__(
-        self, ordering: GotoOrders, watch: Watch, site: Site, follow: Callable[[Job, str], None]
+        self,
+        ordering: GotoOrders,
+        watch: Watch,
+        mount: CheckedMount,
+        *,
+        axes: KeptAxes,
+        rates: KeptRates,
+        follow: Callable[[Job, str], None],
     ) -> None:
         self.target: Apparent | None = None
         self.rate: str | None = None
+        self.speed = "SLEW_FIND"
+        self.custom = STARS_RATES
+        self.here: set[str] = set()
         self._ordering = ordering
         self._watch = watch
-        self._site = site
+        self._mount = mount
+        self._site: Site = mount.site
+        self._axes = axes
+        self._rates = rates
         self._follow = follow
 
     async def take(self, caller: Caller, ordered: Ordered, shown: Vector, mode: str) -> Answer:
@@ -164,6 +190,10 @@ class IndiOrders:
             return await self._pointed(caller, ordered, mode)
         if name in PULSES:
             return await self._pulse(caller, ordered)
+        if name in MOTIONS:
+            return await self._key(caller, ordered, shown)
+        if name == "TELESCOPE_TRACK_RATE":
+            return await self._track_rate(caller, ordered)
         if name == "GEOGRAPHIC_COORD":
             return site_answer(ordered, self._site)
         if name == "TIME_UTC":
@@ -174,6 +204,7 @@ class IndiOrders:
             "TELESCOPE_TRACK_STATE": self._track,
             "TELESCOPE_TRACK_MODE": self._track_mode,
             "TELESCOPE_HOME": self._home,
+            "TELESCOPE_SLEW_RATE": self._choose_speed,
         }
         if name not in give:
             return Answer.refused(name, f"{name} can only be read")
@@ -214,6 +245,10 @@ class IndiOrders:
 
     async def _track_mode(self, caller: Caller, chosen: str) -> Answer:
         rate = chosen.removeprefix("TRACK_").lower()
+        if rate == "custom":
+            return await self._custom(caller, "TELESCOPE_TRACK_MODE")
+        if self._mount.offset_rates_in_force is not None:
+            await self._rates.set(caller, STARS_RATES, lambda: False)
         reading = self._watch.latest.state.reading
         if reading is not None and reading.tracking:
             await self._tracking(caller, True, rate)
@@ -224,6 +259,57 @@ class IndiOrders:
     async def _tracking(self, caller: Caller, on: bool, rate: str) -> None:
         order = TrackingOrder.model_validate({"on": on, "rate": rate})
         await self._ordering.short(caller, order)
+
+    async def _track_rate(self, caller: Caller, ordered: Ordered) -> Answer:
+        """Whole rates; in force at once if that mode is, or when it is chosen, as INDI has it."""
+        ra_arcsec_s, dec_arcsec_s = number_of(ordered, "TRACK_RATE_RA"), number_of(ordered, "TRACK_RATE_DE")
+        wanted = OffsetRates(SIDEREAL_ARCSEC_S - ra_arcsec_s, dec_arcsec_s)
+        most = self._mount.most_offset_arcsec_s
+        if most is not None and (
+            abs(wanted.ra_arcsec_s) > most.ra_arcsec_s or abs(wanted.dec_arcsec_s) > most.dec_arcsec_s
+        ):
+            return Answer.refused(
+                ordered.name,
+                f"the mount takes {most.ra_arcsec_s:g}″/s in RA and {most.dec_arcsec_s:g}″/s in Dec beside "
+                f"the sidereal rate ({SIDEREAL_ARCSEC_S:.4f}″/s) at most",
+            )
+        self.custom = wanted
+        if self._mount.offset_rates_in_force is None:
+            return Answer(ordered.name, State.OK, "[INFO] in force when TRACK_CUSTOM is chosen")
+        return await self._custom(caller, ordered.name)
+
+    async def _custom(self, caller: Caller, name: str) -> Answer:
+        if self.custom.none:
+            return Answer.refused(name, "those are a star's rates: set TELESCOPE_TRACK_RATE before")
+        await self._rates.set(caller, self.custom, lambda: caller.name in self.here)
+        force = self._mount.offset_rates_in_force
+        until = (
+            "" if force is None else f" until {force.ends_utc:%H:%M:%S} UTC, put off while this client stays"
+        )
+        return Answer(name, State.OK, f"[INFO] custom rates{until}")
+
+    async def _choose_speed(self, caller: Caller, chosen: str) -> Answer:
+        self.speed = chosen
+        return Answer("TELESCOPE_SLEW_RATE", State.OK)
+
+    async def _key(self, caller: Caller, ordered: Ordered, shown: Vector) -> Answer:
+        """Pressed: it moves. Released, or none pressed: it ends."""
+        axis, sides = MOTIONS[ordered.name]
+        chosen = chosen_switch(ordered, shown)
+        if chosen is None:
+            await self._axes.end(caller, axis)
+            return Answer(ordered.name, State.IDLE)
+        most_deg_s = self._mount.following_policy.most_axis_deg_s
+        speeds = ladder(self._mount.axis_rates_deg_s.get(axis, ()), most_deg_s)
+        if not speeds:
+            return Answer.refused(ordered.name, "this axis can't be moved")
+        speed_deg_s = speeds[list(SPEEDS).index(self.speed)]
+
+        def lives() -> str | None:
+            return None if caller.name in self.here else "its client has gone"
+
+        await self._axes.move(caller, axis, sides[chosen] * speed_deg_s, lives)
+        return Answer(ordered.name, State.BUSY)
 
     async def _pulse(self, caller: Caller, ordered: Ordered) -> Answer:
         elements = PULSES[ordered.name]

@@ -6,7 +6,8 @@ Idle, never a guess. CONNECTION and ON_COORD_SET are each client's own: `api.ind
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from datetime import datetime
 
 from api.indi_server.vectors import Perm, Rule, Vector, number, numbers, switches, texts, timestamp
@@ -15,13 +16,16 @@ from api.orders.vocabulary import LONGEST_PULSE_S
 from api.orders.watching import Snapshot, apparent_place
 from drivers.indi.codec.messages import State
 from mountnav import __version__
-from mountnav.devices import PierSide, Skill
-from mountnav.sky.coordinates import Apparent, Site
+from mountnav.devices import STARS_RATES, MountAxis, OffsetRates, PierSide, Skill
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, Site
 
 __all__ = [
     "COORDINATES",
     "MAIN",
+    "MOTIONS",
     "PULSES",
+    "SIDEREAL_ARCSEC_S",
+    "SPEEDS",
     "Facts",
     "Optics",
     "coordinates_state",
@@ -107,6 +111,19 @@ PULSES = {
     "TELESCOPE_TIMED_GUIDE_WE": {"TIMED_GUIDE_W": "w", "TIMED_GUIDE_E": "e"},
 }
 """Properties of guide pulses: in which direction each element moves the tube."""
+SIDEREAL_ARCSEC_S = 3600.0 * SIDEREAL_DEG_S
+"""TRACK_RATE_RA of a star, ″ of hour angle per second of the clock [INDI TRACKRATE_SIDEREAL]: what a target
+moves in right ascension is taken off it. Doubled, a star's rate reads as a rate of 15 ″/s."""
+_MOST_RATE_ARCSEC_S = 3600.0
+"""Largest custom rate that clients are offered where the mount doesn't tell, ″/s: 1 °/s. Doubled, a mistyped
+one is refused by the mount alone."""
+MOTIONS: dict[str, tuple[MountAxis, dict[str, float]]] = {
+    "TELESCOPE_MOTION_NS": ("secondary", {"MOTION_NORTH": 1.0, "MOTION_SOUTH": -1.0}),
+    "TELESCOPE_MOTION_WE": ("primary", {"MOTION_WEST": -1.0, "MOTION_EAST": 1.0}),
+}
+"""Properties of motion keys: which axis each moves, and to which side."""
+SPEEDS = {"SLEW_GUIDE": "Guide", "SLEW_CENTERING": "Centering", "SLEW_FIND": "Find", "SLEW_MAX": "Max"}
+"""Elements of TELESCOPE_SLEW_RATE, from slow to fast."""
 _PARK = {"PARK": "Park(ed)", "UNPARK": "UnPark(ed)"}
 
 
@@ -126,6 +143,16 @@ class Facts:
         Where it was last sent by this face.
     rate : str or None
         The tracking rate that was last ordered, by whatever face; None: nobody did.
+    offsets : OffsetRates or None
+        The rates beside the sidereal one in force; None: none are.
+    most_offsets : OffsetRates or None
+        The largest that the mount takes; None where it doesn't tell.
+    speed : str
+        What is chosen of TELESCOPE_SLEW_RATE.
+    moved : mapping
+        How fast axes are moved by hand, by whatever face, °/s.
+    can_move : frozenset
+        The axes that can be.
     """
 
     snapshot: Snapshot
@@ -137,6 +164,11 @@ class Facts:
     optics: Optics | None = None
     target: Apparent | None = None
     rate: str | None = None
+    offsets: OffsetRates | None = None
+    most_offsets: OffsetRates | None = None
+    speed: str = "SLEW_FIND"
+    moved: Mapping[MountAxis, float] = field(default_factory=dict)
+    can_move: frozenset[MountAxis] = frozenset()
 
 
 def driver_info(skills: frozenset[Skill]) -> Vector:
@@ -250,9 +282,55 @@ def _orders(facts: Facts) -> list[Vector]:
         found.append(
             _switch("TELESCOPE_TRACK_STATE", "Tracking", state, on, {"TRACK_ON": "On", "TRACK_OFF": "Off"})
         )
-    if Skill.TRACKING_RATES in skills:
+    custom = Skill.OFFSET_RATES in skills
+    if Skill.TRACKING_RATES in skills or custom:
         on = None if facts.rate is None else f"TRACK_{facts.rate.upper()}"
-        found.append(_switch("TELESCOPE_TRACK_MODE", "Track Mode", State.IDLE, on, _RATES))
+        named = _RATES if Skill.TRACKING_RATES in skills else {"TRACK_SIDEREAL": "Sidereal"}
+        if facts.offsets is not None:
+            on = "TRACK_CUSTOM"
+        modes = {**named, "TRACK_CUSTOM": "Custom"} if custom else named
+        found.append(_switch("TELESCOPE_TRACK_MODE", "Track Mode", State.IDLE, on, modes))
+    if custom:
+        found.append(_track_rate(facts))
+    return [*found, *_motions(facts)]
+
+
+def _track_rate(facts: Facts) -> Vector:
+    """TELESCOPE_TRACK_RATE: the whole rates, that of a star included."""
+    offsets = facts.offsets or STARS_RATES
+    most = facts.most_offsets or OffsetRates(_MOST_RATE_ARCSEC_S, _MOST_RATE_ARCSEC_S)
+    star, ra, dec = SIDEREAL_ARCSEC_S, most.ra_arcsec_s, most.dec_arcsec_s
+    return numbers(
+        "TELESCOPE_TRACK_RATE",
+        "Track Rates",
+        MAIN,
+        State.IDLE if facts.offsets is None else State.BUSY,
+        number(
+            "TRACK_RATE_RA",
+            "RA (arcsecs/s)",
+            star - offsets.ra_arcsec_s,
+            form="%.6f",
+            least=star - ra,
+            most=star + ra,
+        ),
+        number("TRACK_RATE_DE", "DE (arcsecs/s)", offsets.dec_arcsec_s, form="%.6f", least=-dec, most=dec),
+        perm="rw",
+    )
+
+
+def _motions(facts: Facts) -> list[Vector]:
+    """Keys, and how fast they move."""
+    found = []
+    for name, (axis, sides) in MOTIONS.items():
+        if axis not in facts.can_move:
+            continue
+        rate = facts.moved.get(axis, 0.0)
+        on = next((element for element, side in sides.items() if side * rate > 0.0), None)
+        state = State.IDLE if on is None else State.BUSY
+        labels = {element: element.removeprefix("MOTION_").capitalize() for element in sides}
+        found.append(_switch(name, f"Motion {name[-2]}/{name[-1]}", state, on, labels, "AtMostOne"))
+    if found:
+        found.append(_switch("TELESCOPE_SLEW_RATE", "Slew Rate", State.OK, facts.speed, SPEEDS))
     return found
 
 

@@ -55,6 +55,10 @@ class Orders(Protocol):
         """Start a job."""
         ...
 
+    async def end_rates(self, caller: Caller, telescope_id: str) -> None:
+        """End rates beside the sidereal one that no job has."""
+        ...
+
 
 def caller_for(lease: Lease) -> Caller:
     """In whose name it is done."""
@@ -74,9 +78,11 @@ async def act(lease: Lease, orders: Orders, *, again_s: float = STOP_AGAIN_S) ->
     MountnavError, Refused
         It could not be done: the stop reached nobody within a minute, or the order to park was refused.
     """
-    if lease.on_expiry is OnExpiry.KEEP_TRACKING:
-        return None
     caller = caller_for(lease)
+    if lease.on_expiry is OnExpiry.KEEP_TRACKING:
+        # as for a star: rates of a target that nobody looks after any more lead astray
+        await orders.end_rates(caller, lease.telescope)
+        return None
     await _stopped(lease, orders, caller, again_s)
     if lease.on_expiry is OnExpiry.STOP:
         return None

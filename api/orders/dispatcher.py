@@ -17,10 +17,19 @@ from api.access.callers import Caller, Face, Role
 from api.access.security import require_role
 from api.observatory.observatory import Observatory, Telescope, link_is_lost
 from api.orders.execute_order import goal, work_of
+from api.orders.held_axes import HeldAxes
 from api.orders.jobs import Job, Jobs
 from api.orders.longer_orders import LongerOrders
 from api.orders.targets import Target, require_filter, require_place
-from api.orders.vocabulary import ModelRunOrder, Order, SeriesOrder, SolveOrder, role_for
+from api.orders.vocabulary import (
+    ModelRunOrder,
+    MoveAxisOrder,
+    OffsetRatesOrder,
+    Order,
+    SeriesOrder,
+    SolveOrder,
+    role_for,
+)
 from api.orders.watching import Watch
 from api.problems import Refused
 from mountnav.clock import utc_now
@@ -113,12 +122,17 @@ class Dispatcher:
         self._stops, self._stop_begun_s = 0, 0.0
         self._calm = asyncio.Event()
         self._calm.set()
+        self._held = {telescope.id: HeldAxes() for telescope in observatory.telescopes}
         self._watches = {telescope.id: Watch(telescope, jobs, poll_s) for telescope in observatory.telescopes}
 
     @property
     def telescopes(self) -> Sequence[Telescope]:
         """All telescopes, in the order of the settings."""
         return self._observatory.telescopes
+
+    def telescope(self, telescope_id: str) -> Telescope:
+        """One of them. Raises `NotFound`."""
+        return self._observatory.telescope(telescope_id)
 
     def watch(self, telescope_id: str) -> Watch:
         """What is known of a telescope. Raises `NotFound`."""
@@ -159,6 +173,8 @@ class Dispatcher:
         supersede: bool = False,
     ) -> Job:
         """Take an order; its job has begun, and is on the disk, when this returns. See `give`."""
+        if isinstance(order, MoveAxisOrder):
+            return await self._move_axis(caller, telescope_id, order, key=key, supersede=supersede)
         devices = True
         request = order.model_dump(exclude_none=True)
         if (target := getattr(order, "target", None)) is not None:
@@ -201,6 +217,7 @@ class Dispatcher:
         supersede: bool = False,
         needs: Role = Role.OPERATE,
         devices: bool = True,
+        began: Callable[[Job], object] | None = None,
     ) -> Job:
         """Take a piece of work as an order; `order` for those that have a body of their own.
 
@@ -219,6 +236,8 @@ class Dispatcher:
             is there at once and begins when that is done; if the mount can't be told to stop, it fails.
         devices : bool
             Whether the telescope must be open for it.
+        began : callable, optional
+            Told of the job before it does anything.
 
         Raises
         ------
@@ -254,6 +273,8 @@ class Dispatcher:
                 epoch=telescope.navigator.mount.epoch,
                 even_unwritten=safe,
             )
+            if began is not None:
+                began(job)
             # first on the disk, then answered: after a kill the same request finds it
             await job.written.wait()
             if job.unwritten is not None:
@@ -263,6 +284,60 @@ class Dispatcher:
             raise
         self._audit.note(caller, kind, telescope=telescope.id, request=request, job_id=job.id)
         return job
+
+    def held(self, telescope_id: str) -> HeldAxes:
+        """The axes that somebody moves by hand. Raises `NotFound`."""
+        return self._held[self._observatory.telescope(telescope_id).id]
+
+    async def _move_axis(
+        self, caller: Caller, telescope_id: str, order: MoveAxisOrder, *, key: str | None, supersede: bool
+    ) -> Job:
+        """Move an axis on, or go on moving it: a further order of the same caller goes into the same job.
+
+        Role and lease are asked for each of them. That one was taken is noted once for each change of speed:
+        a key that is held sends three a second.
+        """
+        held = self.held(telescope_id)
+        if (known := held.known(key)) is not None:
+            return known
+        request: dict[str, object] = order.model_dump()
+        try:
+            require_role(caller, role_for(order))
+            self._leases.require(caller, telescope_id)
+        except Refused as refusal:
+            self._audit.refused(caller, order.kind, refusal, telescope=telescope_id, request=request)
+            raise
+        if (into := held.prolonged(caller, order, key)) is not None:
+            job, changed = into
+            if changed:
+                self._audit.note(caller, order.kind, telescope=telescope_id, request=request, job_id=job.id)
+            return job
+        work = held.begin(caller, order)
+        return await self.give(
+            caller,
+            telescope_id,
+            order.kind,
+            request,
+            work,
+            key=key,
+            supersede=supersede,
+            needs=role_for(order),
+            began=work.is_of,
+        )
+
+    async def end_rates(self, caller: Caller, telescope_id: str) -> None:
+        """End rates that were ordered beside the sidereal one, if no job goes on that has its own.
+
+        Raises
+        ------
+        MountnavError, Refused
+            As `order`.
+        """
+        telescope = self._observatory.telescope(telescope_id)
+        mount = telescope.navigator.mount
+        if mount.offset_rates_in_force is not None and self._jobs.running_on(telescope.id) is None:
+            job = await self.order(caller, telescope.id, OffsetRatesOrder(ra_arcsec_s=0.0, dec_arcsec_s=0.0))
+            await job.ended.wait()
 
     async def check(self, telescope_id: str, target: Target, *, supersede: bool = False) -> None:
         """Tell what a slew there would be refused for now; nothing moves.

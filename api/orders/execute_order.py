@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable
 from datetime import datetime, timedelta
 from typing import assert_never
 
+from api.orders.results import RatesView
 from api.orders.targets import Target, ephemeris_of, icrs_of, moves, require_filter
 from api.orders.vocabulary import (
     AcceptSiteTimeOrder,
@@ -19,6 +20,7 @@ from api.orders.vocabulary import (
     LookOrder,
     NavigatorOrder,
     OffsetOrder,
+    OffsetRatesOrder,
     ParkOrder,
     RecoverOrder,
     SetParkOrder,
@@ -31,7 +33,7 @@ from api.orders.vocabulary import (
     UnparkOrder,
 )
 from mountnav.clock import utc_now
-from mountnav.devices import Direction, TrackingRate
+from mountnav.devices import Direction, OffsetRates, TrackingRate
 from mountnav.ephemeris import Ephemeris
 from mountnav.navigation.follow import FollowReport
 from mountnav.navigation.navigator import Navigator
@@ -45,6 +47,7 @@ _WithoutSky = (
     | SetParkOrder
     | TrackingOrder
     | GuideOrder
+    | OffsetRatesOrder
     | ForgetRatesOrder
     | TrustOrder
     | SetSiteTimeOrder
@@ -120,6 +123,8 @@ async def _without_sky(navigator: Navigator, order: _WithoutSky) -> object:
             await navigator.set_tracking(order.on, TrackingRate(order.rate))
         case GuideOrder():
             await navigator.guide(Direction(order.direction), order.duration_s)
+        case OffsetRatesOrder():
+            return await set_rates(navigator, order)
         case ForgetRatesOrder():
             await navigator.forget_rates()
         case TrustOrder():
@@ -131,6 +136,22 @@ async def _without_sky(navigator: Navigator, order: _WithoutSky) -> object:
         case _:
             assert_never(order)
     return None
+
+
+async def set_rates(navigator: Navigator, order: OffsetRatesOrder) -> RatesView:
+    """Track at these rates up to their end, or as for a star again; which ones are in force then."""
+    mount = navigator.mount
+    rates = OffsetRates(order.ra_arcsec_s, order.dec_arcsec_s)
+    if rates.none:
+        await mount.end_offset_rates()
+    else:
+        await mount.set_offset_rates(rates, ends_utc=utc_now() + timedelta(seconds=order.for_s))
+    force = mount.offset_rates_in_force
+    if force is None:
+        return RatesView(ra_arcsec_s=0.0, dec_arcsec_s=0.0, ends_utc=None)
+    return RatesView(
+        ra_arcsec_s=force.rates.ra_arcsec_s, dec_arcsec_s=force.rates.dec_arcsec_s, ends_utc=force.ends_utc
+    )
 
 
 def there(navigator: Navigator, target: Target) -> Icrs:

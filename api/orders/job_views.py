@@ -11,8 +11,10 @@ from api.orders.jobs import Job, JobState
 from api.orders.results import (
     Attempt,
     AttemptView,
+    AxesMovedView,
     FollowView,
     ModelRunView,
+    RatesView,
     SeriesView,
     SkyEventView,
     SolvedView,
@@ -200,6 +202,8 @@ Result = Annotated[
     | CenterView
     | FollowView
     | MovedView
+    | AxesMovedView
+    | RatesView
     | SolvedView
     | SeriesView
     | ModelRunView,
@@ -234,6 +238,49 @@ class NextLimitView(BaseModel):
     utc: datetime
     altitude_deg: Finite = Field(description="Where")
     azimuth_deg: Finite
+
+
+class RatesInForceView(BaseModel):
+    """Rates beside the sidereal one at which it tracks, in the mount's own coordinates."""
+
+    ra_arcsec_s: Finite = Field(
+        description="Of the right ascension, not times cos(dec); positive to the east"
+    )
+    dec_arcsec_s: Finite
+    since_utc: datetime
+    ends_utc: datetime = Field(description="They end by themselves then, if nothing ends or prolongs them")
+
+
+class AxisMovesView(BaseModel):
+    """An axis that somebody moves by hand."""
+
+    axis: Literal["primary", "secondary"]
+    rate_deg_s: Finite
+    left_s: Finite = Field(description="It ends by itself after so many seconds, if no further order comes")
+
+
+class FollowingView(BaseModel):
+    """A target that is followed just now, and what the sky says of it."""
+
+    name: str = Field(description="What it is called")
+    until_utc: datetime | None = Field(description="Its end as ordered; a limit may end it earlier")
+    by: str | None = Field(default=None, description="rates, guide-pulses or small-slews; null before a look")
+    off_arcsec: Finite = Field(default=None, description="From the target, as the last look saw it")
+    off_sigma_arcsec: Finite = None
+    verdict: str | None = Field(
+        default=None, description="Of the rates: right, too-early, fault, ambiguous or unexplained"
+    )
+    fault: str | None = Field(default=None, description="What is wrong with the mount's rates, by name")
+    seen_ra_arcsec_s: Finite = Field(
+        default=None, description="Measured by looks, in the mount's coordinates"
+    )
+    seen_dec_arcsec_s: Finite = None
+    seen_ra_sigma_arcsec_s: Finite = None
+    seen_dec_sigma_arcsec_s: Finite = None
+    ordered_ra_arcsec_s: Finite = Field(default=None, description="What the mount is to keep")
+    ordered_dec_arcsec_s: Finite = None
+    next_event: str = Field(default="", description="What comes next on its way")
+    words: str = Field(default="", description="What the last look said")
 
 
 class TelescopeView(BaseModel):
@@ -274,6 +321,14 @@ class TelescopeView(BaseModel):
         "none within 12 hours",
     )
     next_limit: NextLimitView | None = None
+    rates: RatesInForceView | None = Field(
+        default=None, description="Rates of a moving target; null: it follows the stars, or nothing"
+    )
+    following: FollowingView | None = Field(default=None, description="What is followed; null: nothing is")
+    axes_moved: list[AxisMovesView] = Field(default_factory=list, description="Axes moved by hand just now")
+    following_problem: str | None = Field(
+        default=None, description="What goes on by itself and could not be ended yet: it is tried on"
+    )
     learned: str | None = Field(default=None, description="What solves have taught of the camera")
     rates_kept: str | None = Field(
         default=None, description="What looks have shown of how the mount keeps rates, and what is made good"
@@ -435,7 +490,7 @@ def result_view(report: object, *, epoch: Epoch | None = None, utc: datetime | N
             return MovedView(outcome=str(report))
         case None:
             return None
-        case SolvedView() | SeriesView() | ModelRunView() | FollowView():
+        case SolvedView() | SeriesView() | ModelRunView() | AxesMovedView() | RatesView() | FollowView():
             return report
         case dict():
             # of a job that ended before the service was started again

@@ -396,6 +396,8 @@ class Jobs:
         job = line[0] if line else None
         if job is not None and not job.is_over:
             job.phase = kind
+            if kind == "following":
+                job.progress = data
             if kind == "attempt":
                 job.attempts.append(data)
                 self._memory.write_now(job)

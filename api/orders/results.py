@@ -18,6 +18,8 @@ from mountnav.sky.coordinates import Apparent, Icrs
 __all__ = [
     "Attempt",
     "AttemptView",
+    "AxesMovedView",
+    "AxisMovedView",
     "DriftView",
     "Finite",
     "FollowLookView",
@@ -26,6 +28,7 @@ __all__ = [
     "OffsetView",
     "Place",
     "PointView",
+    "RatesView",
     "SeriesLookView",
     "SeriesView",
     "SkyEventView",
@@ -58,6 +61,33 @@ class OffsetView(BaseModel):
     east_arcsec: Finite
     north_arcsec: Finite
     total_arcsec: Finite
+
+
+class AxisMovedView(BaseModel):
+    """One axis that was moved on by hand."""
+
+    axis: Literal["primary", "secondary"]
+    rate_deg_s: Finite = Field(description="The last speed that it had, degrees per second")
+    moved_s: Finite = Field(description="For so many seconds")
+    why: str = Field(description="Why it ended, in words")
+
+
+class AxesMovedView(BaseModel):
+    """How a motion by hand ended, axis by axis."""
+
+    kind: Literal["axes-moved"] = "axes-moved"
+    axes: list[AxisMovedView]
+
+
+class RatesView(BaseModel):
+    """Rates beside the sidereal one that the mount has taken, in its own coordinates; 0 and 0: a star's."""
+
+    kind: Literal["offset-rates"] = "offset-rates"
+    ra_arcsec_s: Finite = Field(
+        description="Of the right ascension, not times cos(dec); positive to the east"
+    )
+    dec_arcsec_s: Finite
+    ends_utc: datetime | None = Field(description="They end by then at the latest; null: none are in force")
 
 
 def place(where: Icrs | Apparent) -> Place:
@@ -183,14 +213,17 @@ class FollowLookView(BaseModel):
 
 
 class SkyEventView(BaseModel):
-    """What was foretold of a path."""
+    """What is foretold of a target's way over the sky."""
 
-    kind: str
+    kind: str = Field(
+        description="rises, sets, meridian, lower-meridian, sun-near, sun-far (it comes within the Sun's "
+        "cone, or leaves it), limit, within-limit (it comes outside of a limit, or within it again)"
+    )
     utc: datetime
-    altitude_deg: Finite
+    altitude_deg: Finite = Field(description="Observed, then")
     azimuth_deg: Finite
-    limit: str | None = None
-    words: str
+    limit: str | None = Field(default=None, description="Which limit, if it is about one")
+    words: str = Field(description="The same for people")
 
 
 class FollowView(BaseModel):

@@ -18,7 +18,9 @@ from mountnav.errors import BadRequest
 __all__ = [
     "JOB_EXAMPLES",
     "KINDS",
+    "LONGEST_HELD_S",
     "LONGEST_PULSE_S",
+    "LONGEST_RATES_S",
     "MOVING",
     "PLACE_EXAMPLES",
     "AcceptSiteTimeOrder",
@@ -36,9 +38,13 @@ __all__ = [
     "LookBody",
     "LookOrder",
     "ModelRunOrder",
+    "MoveAxisBody",
+    "MoveAxisOrder",
     "NavigatorOrder",
     "OffsetBody",
     "OffsetOrder",
+    "OffsetRatesBody",
+    "OffsetRatesOrder",
     "Order",
     "OrderBody",
     "OrderKind",
@@ -74,6 +80,23 @@ LONGEST_PULSE_S = 60
 """Longest guide pulse, s; part of the interface (docs/openapi.json). Doubled, a mistyped one moves
 the mount at guide rate for two minutes."""
 RateWord = Literal["sidereal", "lunar", "solar", "king"]
+LONGEST_HELD_S = 10.0
+"""Longest time, s, for which one order moves an axis on without a further one; part of the interface
+(docs/openapi.json). Doubled, a mount whose client has died turns for 20 s, at 4 °/s by 80°."""
+_USUAL_HELD_S = 1.0
+"""The same where nothing is said: a client that repeats it twice or thrice a second loses one answer without
+an effect. Doubled, an axis turns for another second after its client has died."""
+_FASTEST_DEG_S = 20.0
+"""Fastest motion of an axis that can be written down, °/s; the mount's own limits are narrower. Doubled, a
+mistyped number is refused by the mount alone."""
+LONGEST_RATES_S = 14_400.0
+"""Longest time, s, for which rates can be ordered at once: a long series of exposures. Doubled, rates that
+nobody wants any more lead a telescope off its target for a whole night."""
+_USUAL_RATES_S = 900.0
+"""The same where nothing is said: as long as a long exposure. Doubled, forgotten rates last half an hour."""
+_FASTEST_ARCSEC_S = 36_000.0
+"""Largest rate that can be written down, ″/s: 10 °/s; the mount's own limits are narrower. Doubled, as
+above."""
 
 
 class OrderBody(Tagged):
@@ -232,6 +255,58 @@ class GuideOrder(OrderBody):
     duration_s: float = Field(gt=0, le=LONGEST_PULSE_S)
 
 
+class MoveAxisOrder(OrderBody):
+    """Move an axis on at a speed while somebody holds it; it ends by itself if no further order comes.
+
+    A further one of the same caller prolongs the motion, or changes its speed, in the same job; 0 ends it.
+    """
+
+    moves = True
+    kind: Literal["move-axis"] = "move-axis"
+    axis: Literal["primary", "secondary"] = Field(
+        description="primary: right ascension, or azimuth; secondary: declination, or altitude"
+    )
+    rate_deg_s: float = Field(
+        ge=-_FASTEST_DEG_S,
+        le=_FASTEST_DEG_S,
+        description="Degrees per second, on top of tracking. Positive: to greater right ascension (azimuth), "
+        "to greater declination (altitude); 0 ends it. Speeds that the mount hasn't are refused",
+    )
+    for_s: float = Field(
+        default=_USUAL_HELD_S,
+        gt=0,
+        le=LONGEST_HELD_S,
+        description="It ends by itself after so many seconds, if no further order prolongs it",
+    )
+
+
+class OffsetRatesOrder(OrderBody):
+    """Track at rates beside the sidereal one, up to an end: it goes back to a star's by itself then.
+
+    The job ends when the mount has taken them; the rates go on. A further order changes or prolongs them, 0
+    and 0 end them; so do a stop, a slew and a park.
+    """
+
+    kind: Literal["offset-rates"] = "offset-rates"
+    ra_arcsec_s: float = Field(
+        ge=-_FASTEST_ARCSEC_S,
+        le=_FASTEST_ARCSEC_S,
+        description="Change of the right ascension, arcseconds per second of the clock, not times cos(dec); "
+        "positive to the east. In the mount's own coordinates",
+    )
+    dec_arcsec_s: float = Field(
+        ge=-_FASTEST_ARCSEC_S,
+        le=_FASTEST_ARCSEC_S,
+        description="Change of the declination, arcseconds per second; positive to the north",
+    )
+    for_s: float = Field(
+        default=_USUAL_RATES_S,
+        gt=0,
+        le=LONGEST_RATES_S,
+        description="They end by themselves after so many seconds; limits are checked up to then",
+    )
+
+
 class TrustOrder(OrderBody):
     """An operator's word that the mount's position is right: whoever says so has looked."""
 
@@ -355,6 +430,7 @@ NavigatorOrder = (
     | HomeOrder
     | TrackingOrder
     | GuideOrder
+    | OffsetRatesOrder
     | TrustOrder
     | SetSiteTimeOrder
     | AcceptSiteTimeOrder
@@ -366,7 +442,7 @@ NavigatorOrder = (
 LongerOrder = SolveOrder | SeriesOrder | ModelRunOrder
 """Orders that need more than a navigator: `api.orders.longer_orders`."""
 
-Order = Annotated[NavigatorOrder | LongerOrder, Field(discriminator="kind")]
+Order = Annotated[NavigatorOrder | LongerOrder | MoveAxisOrder, Field(discriminator="kind")]
 """Any order; the one list of them."""
 
 OrderKind = Literal[
@@ -385,6 +461,8 @@ OrderKind = Literal[
     "home",
     "tracking",
     "guide",
+    "offset-rates",
+    "move-axis",
     "trust",
     "set-site-time",
     "accept-site-time",
@@ -516,6 +594,44 @@ class TrackingBody(ShortBody):
     rate: RateWord = "sidereal"
 
 
+class MoveAxisBody(ShortBody):
+    """Which axis to move on, how fast, and for how long if nothing more is heard."""
+
+    axis: Literal["primary", "secondary"] = Field(
+        description="primary: right ascension, or azimuth; secondary: declination, or altitude"
+    )
+    rate_deg_s: float = Field(
+        ge=-_FASTEST_DEG_S,
+        le=_FASTEST_DEG_S,
+        description="Degrees per second, on top of tracking; 0 ends it",
+    )
+    for_s: float = Field(
+        default=_USUAL_HELD_S,
+        gt=0,
+        le=LONGEST_HELD_S,
+        description="It ends by itself after so many seconds, if no further order prolongs it",
+    )
+
+
+class OffsetRatesBody(ShortBody):
+    """At which rates to track beside the sidereal one, and until when; 0 and 0 end them."""
+
+    ra_arcsec_s: float = Field(
+        ge=-_FASTEST_ARCSEC_S,
+        le=_FASTEST_ARCSEC_S,
+        description="Change of the right ascension, not times cos(dec); positive to the east",
+    )
+    dec_arcsec_s: float = Field(
+        ge=-_FASTEST_ARCSEC_S, le=_FASTEST_ARCSEC_S, description="Of the declination; positive to the north"
+    )
+    for_s: float = Field(
+        default=_USUAL_RATES_S,
+        gt=0,
+        le=LONGEST_RATES_S,
+        description="They end by themselves after so many seconds; limits are checked up to then",
+    )
+
+
 class LookBody(ShortBody):
     """How to look."""
 
@@ -563,6 +679,20 @@ JOB_EXAMPLES: dict[str, Any] = {
     "series": _kind("series", "Twenty looks, one a minute: the drift", looks=20, every_s=60.0),
     "model-run": _kind("model-run", "A pointing model of thirty points", points=30),
     "tracking": _kind("tracking", "Follow the Moon", on=True, rate="lunar"),
+    "offset-rates": _kind(
+        "offset-rates",
+        "Track a comet by its rates, for half an hour",
+        ra_arcsec_s=0.031,
+        dec_arcsec_s=-0.012,
+        for_s=1800.0,
+    ),
+    "move-axis": _kind(
+        "move-axis",
+        "Turn to the north by half a degree a second, as long as this comes again and again",
+        axis="secondary",
+        rate_deg_s=0.5,
+        for_s=1.0,
+    ),
     "follow": _kind(
         "follow",
         "Follow the Moon for an hour",

@@ -45,8 +45,13 @@ class Snapshot:
 
     @property
     def slewing(self) -> bool:
-        """Whether it slews, or was ordered to: from the taking of such an order to its end."""
-        if self.job is not None and not self.job.is_over and self.job.kind in MOVING:
+        """Whether it slews, or was ordered to: from the taking of such an order to its end.
+
+        A target that moves is followed for hours: once it is, what the mount says counts.
+        """
+        job = self.job
+        under_way = job is not None and not job.is_over and job.kind in MOVING
+        if job is not None and under_way and job.progress.get("phase") != "following":
             return True
         return self.state.reading is not None and bool(self.state.reading.slewing)
 

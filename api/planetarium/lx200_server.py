@@ -12,6 +12,7 @@ from api.access.callers import Caller, Face, Role
 from api.listeners.tcp import STOPS_AT_ONCE, Allowance, Turns
 from api.orders.goto_orders import NotTaken
 from api.planetarium.lx200_codec import Commands, is_http
+from api.planetarium.lx200_keys import Lx200Keys
 from api.planetarium.lx200_session import Lx200Client, Machine, MountLost
 from api.planetarium.telescope_server import AT_ONCE_BYTES, LONGEST_SILENCE_S, OneTelescopeServer
 from api.service import Service
@@ -30,7 +31,7 @@ _MOST_MACHINES = 64
 Halved, a 33rd app makes the first one's target be forgotten."""
 _STOP = b":Q#"
 _STOPS_ONE_WAY = (b":Qn#", b":Qs#", b":Qe#", b":Qw#")
-"""They end a goto too [Meade LX200 manual, :Qn#]; else there is nothing for them to stop here."""
+"""They end what a key moves, or else a goto [Meade LX200 manual, :Qn#]."""
 Waiting = tuple[bytes, int]
 """A command, and how many stops had come before it."""
 
@@ -60,7 +61,13 @@ class Lx200Server(OneTelescopeServer):
         self._letter = b"A" if mounting == "altaz" else b"P"
         self._tasks: set[asyncio.Task[None]] = set()
         self._turns = Turns()
+        self._keys = Lx200Keys(service.dispatcher, self._id, settings)
         self._machines: OrderedDict[str, Machine] = OrderedDict()
+
+    async def stop(self) -> None:
+        """Let all clients go, and listen no more; what keys move ends. Jobs go on."""
+        await super().stop()
+        await self._keys.close()
 
     def _machine(self, host: str) -> Machine:
         """What is kept for a machine; the one that was heard of least lately is forgotten."""
@@ -82,6 +89,7 @@ class Lx200Server(OneTelescopeServer):
             self._site,
             self._machine(host),
             self._letter,
+            self._keys,
             died=crew.fail,
         )
         waiting: asyncio.Queue[Waiting | None] = asyncio.Queue(_MOST_WAITING)
@@ -107,6 +115,7 @@ class Lx200Server(OneTelescopeServer):
         commands, allowance, room = Commands(), Allowance(), asyncio.Semaphore(STOPS_AT_ONCE)
         with contextlib.suppress(OSError):
             while data := await reader.read(AT_ONCE_BYTES):
+                client.heard()
                 if len(first) < _FIRST_BYTES:
                     first += data[:_FIRST_BYTES]
                     if is_http(first):
@@ -116,7 +125,10 @@ class Lx200Server(OneTelescopeServer):
                 came: list[Waiting] = []
                 async for part in self._turns.each(commands.parts(data)):
                     for command in part:
-                        if self._is_stop(command):
+                        if command in _STOPS_ONE_WAY and client.moves(side := command[2:3].decode()):
+                            # at once; and once more in its turn, if the key itself still waits
+                            self._begin(client.release(side), client)
+                        elif self._is_stop(command):
                             await self._begin_stop(client, room)
                         # what was cut off before a stop is refused in its turn
                         if command != _STOP:

@@ -23,6 +23,7 @@ from api.orders.vocabulary import LONGEST_PULSE_S, GuideOrder, ParkOrder, Unpark
 from api.orders.watching import Snapshot, Watch, apparent_place
 from api.planetarium import lx200_codec
 from api.planetarium.lx200_codec import app_declination, app_right_ascension
+from api.planetarium.lx200_keys import Lx200Keys, Pad
 from drivers.lx200.codec.angles import (
     dec_from_text,
     dec_to_text,
@@ -100,10 +101,13 @@ class Machine:
     ----------
     hours_to_utc : float or None
         Its zone, as told.
+    pad : Pad
+        Its keys.
     """
 
     aim: Aim = field(default_factory=lambda: Aim(_TOGETHER))
     hours_to_utc: float | None = None
+    pad: Pad = field(default_factory=Pad)
 
 
 @dataclass(slots=True)
@@ -230,8 +234,10 @@ refusals of slow mounts are only logged."""
 _BELOW = frozenset({"altitude", "horizon", "below-horizon"})
 _DROPPED = {"MS": b"2A stop came first#", "CM": b"Not synced: a stop came first#"}
 _PULSE = re.compile(r"Mg([nsew])(\d{1,5})")
-_IGNORED = re.compile(r"M[nsew]|Q[nsew]|R[GCMS]\d?|T[QLSM]|H|AP|AA|AL|F.*|B.*")
-"""Taken without a word, as the protocol has it, and nothing moves: buttons, rates, modes, focusers."""
+_KEY = re.compile(r"([MQ])([nsew])")
+_SPEED = re.compile(r"R([GCMS])\d?")
+_IGNORED = re.compile(r"T[QLSM]|H|AP|AA|AL|F.*|B.*")
+"""Taken without a word, as the protocol has it, and nothing moves: modes, focusers."""
 
 
 class MountLost(Exception):
@@ -247,6 +253,8 @@ class Lx200Client:
         The app's.
     letter : bytes
         What ACK is answered: how the mount stands.
+    keys : Lx200Keys
+        Moves axes.
     died : callable
         Told of a fault in what goes on beside the answers: LX200 has no word for it, so the connection ends.
     """
@@ -259,6 +267,7 @@ class Lx200Client:
         site: Site,
         machine: Machine,
         letter: bytes,
+        keys: Lx200Keys,
         *,
         died: Died,
     ) -> None:
@@ -271,12 +280,26 @@ class Lx200Client:
         self._here = SiteAndClock(site, machine)
         self._aims = Aims(machine)
         self._letter = letter
+        self._keys, self._pad = keys, machine.pad
         self._short = False
         self._pulses: set[asyncio.Task[None]] = set()
 
     async def stop(self) -> None:
         """Stop all motion now. Raises `NotTaken`."""
+        self._keys.stopped()
         await self._ordering.stop(self._caller)
+
+    def heard(self) -> None:
+        """Take in that something came: what its machine's keys move goes on."""
+        self._pad.heard()
+
+    def moves(self, side: str) -> bool:
+        """Whether a key of that side, or its opposite, moves an axis."""
+        return self._keys.moves(side)
+
+    async def release(self, side: str) -> None:
+        """End what a key moves, at once."""
+        await self._keys.release(self._caller, side)
 
     async def answer(self, command: bytes, stops: int = 0) -> bytes:
         """Carry a command out, and answer; b"" where the protocol has none, or the command is unknown.
@@ -309,6 +332,15 @@ class Lx200Client:
             return _DROPPED.get(text, b"") if stops != self.stops else await orders[text]()
         if (pulse := _PULSE.fullmatch(text)) is not None:
             return self._guide(pulse[1], int(pulse[2]) if stops == self.stops else 0)
+        if (key := _KEY.fullmatch(text)) is not None:
+            if key[1] == "Q":
+                await self._keys.release(self._caller, key[2])
+            elif stops == self.stops:
+                await self._keys.press(self._caller, self._pad, key[2])
+            return b""
+        if (speed := _SPEED.fullmatch(text)) is not None:
+            self._pad.choose(speed[1])
+            return b""
         if _IGNORED.fullmatch(text):
             return b""
         if text[:1] == "S":

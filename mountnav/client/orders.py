@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import Any, Literal
 
-from mountnav.client.targets import Target
+from mountnav.client.targets import Target, instant
 
 Order = dict[str, Any]
 
@@ -68,17 +69,32 @@ def follow(
     target: Target,
     *,
     duration_s: float | None = None,
-    until_utc: str | None = None,
+    until_utc: datetime | str | None = None,
     tolerance_arcsec: float | None = None,
     exposure_s: float | None = None,
     look_every_s: float | None = None,
 ) -> Order:
-    """Center a target that moves, and track it until an end: `duration_s`, or `until_utc` with its zone."""
+    """Center a target that moves among the stars, and track it until an end; looks confirm its rates.
+
+    Parameters
+    ----------
+    target : dict
+        Of any kind.
+    duration_s : float, optional
+        For so long from now on; or `until_utc`.
+    until_utc : datetime or str, optional
+        Until then (aware, or ISO 8601 with a time zone); or `duration_s`.
+    tolerance_arcsec : float, optional
+    exposure_s : float, optional
+        Of the looks.
+    look_every_s : float, optional
+        Between two looks while all is well; a minute if left out.
+    """
     return _order(
         "follow",
         target=target,
         duration_s=duration_s,
-        until_utc=until_utc,
+        until_utc=None if until_utc is None else instant(until_utc),
         tolerance_arcsec=tolerance_arcsec,
         exposure_s=exposure_s,
         look_every_s=look_every_s,
@@ -118,6 +134,38 @@ def tracking(on: bool, *, rate: Literal["sidereal", "lunar", "solar", "king"] | 
 def guide(direction: Literal["n", "s", "e", "w"], duration_s: float) -> Order:
     """Move at the guide rate for a moment."""
     return _order("guide", direction=direction, duration_s=duration_s)
+
+
+def offset_rates(ra_arcsec_s: float, dec_arcsec_s: float, *, for_s: float | None = None) -> Order:
+    """Track at rates beside the sidereal one, up to an end; 0 and 0 end them.
+
+    Parameters
+    ----------
+    ra_arcsec_s, dec_arcsec_s : float
+        In the mount's own coordinates, ″ per second of the clock; right ascension not times cos δ, positive
+        to the east.
+    for_s : float, optional
+        They end by themselves after so long; 15 minutes if left out.
+    """
+    return _order("offset-rates", ra_arcsec_s=ra_arcsec_s, dec_arcsec_s=dec_arcsec_s, for_s=for_s)
+
+
+def move_axis(
+    axis: Literal["primary", "secondary"], rate_deg_s: float, *, for_s: float | None = None
+) -> Order:
+    """Move an axis on while it is held; `Client.move_axis` gives it, and never sends it a second time.
+
+    Parameters
+    ----------
+    axis : {"primary", "secondary"}
+        Right ascension or azimuth; declination or altitude.
+    rate_deg_s : float
+        On top of tracking; positive to greater right ascension (azimuth) or declination (altitude); 0 ends
+        it.
+    for_s : float, optional
+        It ends by itself after so long, if no further order prolongs it; a second if left out, ten at most.
+    """
+    return _order("move-axis", axis=axis, rate_deg_s=rate_deg_s, for_s=for_s)
 
 
 def trust() -> Order:

@@ -7,8 +7,8 @@ questions, stops, cancelling; and orders, by the Idempotency-Key that each carri
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, Generic, TypeVar
+from dataclasses import dataclass, field, replace
+from typing import Any, Generic, Literal, TypeVar
 from urllib.parse import quote
 from uuid import uuid4
 
@@ -16,6 +16,7 @@ from mountnav.client import orders
 from mountnav.client.orders import Order
 from mountnav.client.results import (
     Capabilities,
+    Forecast,
     Health,
     Job,
     LeaseState,
@@ -103,6 +104,11 @@ def job(job_id: Job | str, *, wait_s: float = 0.0) -> Request[Job]:
 def objects(q: str = "", *, count: int = 20) -> Request[list[SkyObject]]:
     """Bright objects by name, with where they stand now; an empty name: the brightest."""
     return Request("GET", "/v1/objects", {"q": q, "count": count})
+
+
+def forecast(telescope_id: str, target: Target, *, hours: float = 12.0) -> Request[Forecast]:
+    """What will happen to a target: rises, sets, meridian, the Sun's cone, limits. Orders nothing."""
+    return Request("POST", _of(telescope_id, "/forecast"), body={"target": target, "hours": hours})
 
 
 def capabilities() -> Request[Capabilities]:
@@ -224,6 +230,52 @@ def park(
 def unpark(telescope_id: str, *, wait_s: float = 0.0, key: str | None = None) -> Request[Job]:
     """Be ready to move again; the job."""
     return order(telescope_id, orders.unpark(), wait_s=wait_s, key=key)
+
+
+def follow(
+    telescope_id: str,
+    target: Target,
+    *,
+    wait_s: float = 0.0,
+    supersede: bool = False,
+    key: str | None = None,
+    **options: Any,
+) -> Request[Job]:
+    """Start to follow a target that moves; the job. Options as of `orders.follow`: an end is one of them."""
+    what = orders.follow(target, **options)
+    return order(telescope_id, what, wait_s=wait_s, supersede=supersede, key=key)
+
+
+def move_axis(
+    telescope_id: str,
+    axis: Literal["primary", "secondary"],
+    rate_deg_s: float,
+    *,
+    for_s: float | None = None,
+    supersede: bool = False,
+) -> Request[Job]:
+    """Move an axis on for a moment; the job, in which it goes on as long as this is called again in time.
+
+    It is never sent again by itself: a motion that comes late is one that nobody wants any more. Options as
+    of `orders.move_axis`; 0 ends it.
+    """
+    given = order(telescope_id, orders.move_axis(axis, rate_deg_s, for_s=for_s), supersede=supersede)
+    return replace(given, again=False)
+
+
+def offset_rates(
+    telescope_id: str,
+    ra_arcsec_s: float,
+    dec_arcsec_s: float,
+    *,
+    for_s: float | None = None,
+    wait_s: float = 0.0,
+    supersede: bool = False,
+    key: str | None = None,
+) -> Request[Job]:
+    """Track at rates beside the sidereal one, up to an end; the job. Rates as of `orders.offset_rates`."""
+    what = orders.offset_rates(ra_arcsec_s, dec_arcsec_s, for_s=for_s)
+    return order(telescope_id, what, wait_s=wait_s, supersede=supersede, key=key)
 
 
 # -- ends ------------------------------------------------------------------------------------------

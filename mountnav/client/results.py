@@ -65,6 +65,73 @@ class NextLimit(TypedDict):
     azimuth_deg: float | None
 
 
+class RatesInForce(TypedDict):
+    """Rates beside the sidereal one at which it tracks; they end by themselves at `ends_utc`."""
+
+    ra_arcsec_s: float
+    dec_arcsec_s: float
+    since_utc: str
+    ends_utc: str
+
+
+class FollowingState(TypedDict):
+    """A target that is followed just now, and what the sky says of it; None where no look has said it yet."""
+
+    name: str
+    until_utc: str | None
+    by: str | None
+    off_arcsec: float | None
+    off_sigma_arcsec: float | None
+    verdict: str | None
+    fault: str | None
+    seen_ra_arcsec_s: float | None
+    seen_dec_arcsec_s: float | None
+    seen_ra_sigma_arcsec_s: float | None
+    seen_dec_sigma_arcsec_s: float | None
+    ordered_ra_arcsec_s: float | None
+    ordered_dec_arcsec_s: float | None
+    next_event: str
+    words: str
+
+
+class AxisMoves(TypedDict):
+    """An axis that somebody moves by hand; it ends by itself after `left_s`."""
+
+    axis: Literal["primary", "secondary"]
+    rate_deg_s: float
+    left_s: float
+
+
+class SkyEvent(TypedDict):
+    """Something that happens to a target: rises, sets, meridian, sun-near, limit, ..."""
+
+    kind: str
+    utc: str
+    altitude_deg: float | None
+    azimuth_deg: float | None
+    limit: str | None
+    words: str
+
+
+class Forecast(TypedDict):
+    """Where a target is now, how it moves, and what will happen to it."""
+
+    telescope: str
+    name: str
+    moves: bool
+    utc: str
+    until_utc: str
+    ends_utc: str | None
+    place: Place
+    altitude_deg: float | None
+    azimuth_deg: float | None
+    sigma_arcsec: float | None
+    ra_arcsec_s: float | None
+    dec_arcsec_s: float | None
+    total_arcsec_s: float | None
+    events: list[SkyEvent]
+
+
 class TelescopeState(TypedDict):
     """What is known of a telescope now; None where unknown."""
 
@@ -91,7 +158,12 @@ class TelescopeState(TypedDict):
     pier_side: str | None
     time_to_limit_s: float | None
     next_limit: NextLimit | None
+    rates: RatesInForce | None
+    following: FollowingState | None
+    axes_moved: list[AxisMoves]
+    following_problem: str | None
     learned: str | None
+    rates_kept: str | None
     warnings: list[str]
 
 

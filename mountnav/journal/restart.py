@@ -41,6 +41,8 @@ Judgment = tuple[Likely, str, float | None]
 
 def named(command: CommandRecord) -> str:
     """A command in words."""
+    if command.order in ("offset-rates", "move-axis"):
+        return _moved(command)
     what = {"set-clock": "an order to set the clock", "set-site": "an order to set the site"}.get(
         command.order
     )
@@ -51,6 +53,22 @@ def named(command: CommandRecord) -> str:
         return what
     kind = "apparent " if isinstance(command.place, Apparent) else ""
     return f"{what} to {kind}RA {command.place.ra_deg:.4f}° Dec {command.place.dec_deg:+.4f}°"
+
+
+def _moved(command: CommandRecord) -> str:
+    """An order of what goes on by itself, with its numbers as far as they are known."""
+    facts = command.facts
+    if command.order == "move-axis":
+        rate, axis = facts.get("rate_deg_s"), facts.get("axis")
+        if not isinstance(rate, int | float) or axis is None:
+            return "a move-axis"
+        return f"an end of the {axis} axis" if rate == 0 else f"the {axis} axis moved on at {rate:+.4g}°/s"
+    ra, dec = facts.get("ra_arcsec_s"), facts.get("dec_arcsec_s")
+    if not isinstance(ra, int | float) or not isinstance(dec, int | float):
+        return "an offset-rates"
+    if ra == 0 and dec == 0:
+        return "an end of the rates beside the stars'"
+    return f"rates of {ra:+.4g}″/s in RA and {dec:+.4g}″/s in Dec beside the stars'"
 
 
 def judged(

@@ -12,7 +12,23 @@ from pydantic_core import PydanticCustomError
 from mountnav.settings.section import Section
 
 
-class AlpacaSettings(Section):
+class _HandMotions(Section):
+    """How long what a program moves by hand goes on without a further word of it.
+
+    Attributes
+    ----------
+    move_axis_s : float
+        A motion of an axis ends by itself so long after it was ordered, s.
+    offset_rates_s : float
+        Rates beside the sidereal one end so long after the last order, s; it is put off while the program
+        goes on talking.
+    """
+
+    move_axis_s: float = Field(default=30.0, gt=0, le=300)
+    offset_rates_s: float = Field(default=900.0, ge=1, le=14_400)
+
+
+class AlpacaSettings(_HandMotions):
     """`[alpaca]`: ASCOM Alpaca, on the service's own HTTP port.
 
     Attributes
@@ -30,6 +46,11 @@ class AlpacaSettings(Section):
         some never ask.
     location : str
         What the management page tells of the place.
+    silence_s : float
+        An axis that a client moves is stopped when nothing was heard of that client for so long, s.
+    move_axis_s, offset_rates_s : float
+        Ends of MoveAxis and of the rate offsets: so long one MoveAxis lasts, s; offsets end at most so long
+        after the client was last heard, s. How fast an axis may be moved `[telescope.following]` says.
     """
 
     enabled: bool = True
@@ -38,6 +59,7 @@ class AlpacaSettings(Section):
     open: bool = False
     auto_connect: bool = True
     location: str = Field(default="", max_length=200)
+    silence_s: float = Field(default=5.0, gt=0, le=60)
 
 
 class _Port(Section):
@@ -77,7 +99,7 @@ class _Door(_Port):
         return self
 
 
-class IndiServerSettings(_Door):
+class IndiServerSettings(_Door, _HandMotions):
     """`[indi_server]`: every telescope as an INDI device.
 
     Attributes
@@ -87,6 +109,9 @@ class IndiServerSettings(_Door):
         Where it listens; port 0 takes any free one.
     open : bool
         Whether others than this machine may reach it: the protocol knows no keys.
+    move_axis_s, offset_rates_s : float
+        Ends of motion keys and custom rates: a key that isn't released ends so long after it was pressed, s;
+        custom rates end at most so long after the connection that set them, s.
     """
 
     port: int = Field(default=7624, ge=0, le=65535)
@@ -110,8 +135,15 @@ class Lx200ServerSettings(_OneTelescopesDoor):
         Whether others than this machine may reach it: the protocol knows no keys.
     telescope : str or None
         Which; the first one if left out.
+    move_axis_s : float
+        A key that isn't released ends so long after it was pressed, s.
+    silence_s : float
+        An axis is stopped when nothing was heard of the app's machine for so long, s: apps ask for the
+        position once a second.
     """
 
+    move_axis_s: float = Field(default=30.0, gt=0, le=300)
+    silence_s: float = Field(default=4.0, gt=0, le=60)
     port: int = Field(default=4030, ge=0, le=65535)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 from fastapi import APIRouter, Request
 
 from api.access.callers import Role
@@ -9,10 +11,13 @@ from api.access.security import TheCaller
 from api.http.routes.health import listener_views
 from api.http.service_views import CapabilitiesView, DoorView, KindView, TelescopeSkillsView
 from api.observatory.virtual import virtual_view
+from api.orders.kept_motions import ladder
+from api.orders.targets import AnyTarget
 from api.orders.vocabulary import KINDS, ModelRunOrder
 from api.problems import SLUGS, responses
 from api.service import TheService
 from mountnav import __version__
+from mountnav.mount import CheckedMount
 
 router = APIRouter(tags=["service"])
 
@@ -37,7 +42,7 @@ async def get_capabilities(request: Request, service: TheService, caller: TheCal
             )
             for kind, body in KINDS.items()
         ],
-        targets=["icrs", "apparent", "altaz", "name"],
+        targets=[kind.model_fields["kind"].default for kind in get_args(AnyTarget)],
         telescopes=[
             TelescopeSkillsView(
                 id=telescope.id,
@@ -46,6 +51,8 @@ async def get_capabilities(request: Request, service: TheService, caller: TheCal
                 frame="icrs" if telescope.navigator.mount.epoch == "icrs" else "jnow-apparent",
                 skills=sorted(str(skill) for skill in telescope.navigator.mount.skills),
                 nights=telescope.id in nights,
+                axis_speeds_deg_s=_speeds(telescope.navigator.mount),
+                most_offset_arcsec_s=_most_offset(telescope.navigator.mount),
             )
             for telescope in service.dispatcher.telescopes
         ],
@@ -55,3 +62,13 @@ async def get_capabilities(request: Request, service: TheService, caller: TheCal
         problems=sorted(SLUGS),
         virtual=virtual_view(),
     )
+
+
+def _speeds(mount: CheckedMount) -> dict[str, list[float]]:
+    most_deg_s = mount.following_policy.most_axis_deg_s
+    return {axis: list(ladder(spans, most_deg_s)) for axis, spans in mount.axis_rates_deg_s.items()}
+
+
+def _most_offset(mount: CheckedMount) -> list[float] | None:
+    most = mount.most_offset_arcsec_s
+    return None if most is None else [most.ra_arcsec_s, most.dec_arcsec_s]

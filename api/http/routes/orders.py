@@ -21,8 +21,12 @@ from api.orders.vocabulary import (
     HomeOrder,
     LookBody,
     LookOrder,
+    MoveAxisBody,
+    MoveAxisOrder,
     OffsetBody,
     OffsetOrder,
+    OffsetRatesBody,
+    OffsetRatesOrder,
     Order,
     ParkOrder,
     RecoverOrder,
@@ -113,6 +117,22 @@ async def first_light_telescope(ordering: TheOrdering, body: _Look = None) -> Jo
 async def offset_telescope(ordering: TheOrdering, body: OffsetBody) -> JobView:
     """Nudge: slew by so much on the sky, east and north positive."""
     return await ordering.take(body.order(OffsetOrder))
+
+
+@router.post("/move-axis", status_code=202, responses=STARTING)
+async def move_telescope_axis(ordering: TheOrdering, body: MoveAxisBody) -> JobView:
+    """Move an axis on while it is held: send it again and again; it ends by itself after `for_s`, or by 0.
+
+    One job holds both axes. Further orders of the same caller go into it: they prolong the motion, or change
+    its speed. A key of theirs counts once as well: an order that comes again moves nothing again.
+    """
+    return await ordering.take(body.order(MoveAxisOrder))
+
+
+@router.post("/offset-rates", status_code=202, responses=STARTING)
+async def set_telescope_rates(ordering: TheOrdering, body: OffsetRatesBody) -> JobView:
+    """Track at rates beside the sidereal one, up to an end; limits are checked up to it. 0 and 0 end them."""
+    return await ordering.take(body.order(OffsetRatesOrder))
 
 
 @router.post("/tracking", status_code=202, responses=STARTING)

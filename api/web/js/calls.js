@@ -109,6 +109,27 @@ export function getIfNew(path, known) {
   });
 }
 
+/** A question with a body: it changes nothing. */
+export const ask = (path, body) => underOneKey(async () => answered(await asked("POST", path, { body, timeoutMs: 20_000 })));
+
+/**
+ * Move an axis on for a moment. Sent once: a motion that comes late is one that nobody holds any more. After a STOP it is
+ * Dropped, so that it can't come behind it.
+ */
+export async function moveAxis(telescope, body, timeoutMs) {
+  const headers = headersWithLease(telescope, { "Idempotency-Key": newKey() });
+  const mine = { telescope, dropped: new AbortController() }, dropped = mine.dropped.signal;
+  underWay.add(mine);
+  try {
+    return await answered(await asked("POST", `/v1/telescopes/${encodeURIComponent(telescope)}/move-axis`, { body, headers, dropped, timeoutMs }));
+  } catch (error) {
+    if (dropped.aborted) throw new Dropped("STOP came before its answer");
+    throw error;
+  } finally {
+    underWay.delete(mine);
+  }
+}
+
 export const remove = async (path) => answered(await asked("DELETE", path));
 
 /** Take, keep or give back a lease: POST, PUT, DELETE. */

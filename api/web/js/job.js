@@ -2,6 +2,8 @@
 
 import { remove } from "./calls.js";
 import { by, element, fill, say } from "./elements.js";
+import { clockOf } from "./angles.js";
+import { rateWords } from "./moving.js";
 
 /** A running or ended job, its steps, and a button that ends it. */
 export function showJob(observatory) {
@@ -72,5 +74,7 @@ function outcome(result) {
   }
   if (result.kind === "look") return `${result.offset.total_arcsec.toFixed(1)}″ from the mount's belief, ${result.pairs} stars`;
   if (result.kind === "slew") return `${result.outcome}, ${result.miss_arcsec?.toFixed(0) ?? "?"}″ by the mount's own word`;
+  if (result.kind === "offset-rates") return result.ends_utc ? `rates ${rateWords(result.ra_arcsec_s)} RA, ${rateWords(result.dec_arcsec_s)} Dec until ${clockOf(result.ends_utc)} UTC` : "tracks as for a star";
+  if (result.kind === "axes-moved") return result.axes.map((one) => `${one.axis} axis moved for ${one.moved_s.toFixed(1)} s: ${one.why}`).join("; ");
   return result.outcome ?? null;
 }

@@ -3,6 +3,7 @@
 import { Dropped, lease, NoConnection, order } from "./calls.js";
 import { by, say } from "./elements.js";
 import { askOnce } from "./question.js";
+import { readElements, showMoving } from "./moving.js";
 import { takeTarget } from "./target.js";
 
 const NIGHT = "night/";
@@ -56,11 +57,18 @@ export function takeOrders(observatory) {
     if (what.startsWith(NIGHT)) observatory.soon("night");
   }
 
-  takeTarget(observatory, (kind, target) => {
+  const typed = takeTarget(observatory, (kind, target) => {
+    // what was pasted is meant, whatever the field above still says
+    const pasted = readElements(by("elements").value);
+    if (pasted) {
+      once("jobs", { kind, target: pasted }, `${kind} what was pasted`);
+      return;
+    }
     if (!target) return;
     if (target.name) once("jobs", { kind, target: { kind: "name", name: target.name } }, `${kind} ${target.name}`);
     else once(kind, target.place, kind);
   });
+  showMoving(observatory, typed, (body, name) => once("jobs", body, name));
 
   for (const button of document.querySelectorAll("[data-order]")) {
     const what = button.dataset.order, name = button.textContent;

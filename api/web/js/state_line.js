@@ -8,7 +8,8 @@ const DOING = {
   center: "Centering", slew: "Slewing", look: "Looking", sync: "Syncing", "sync-to": "Syncing", recover: "Recovering",
   "first-light": "First light",
   offset: "Nudging", flip: "Flipping", park: "Parking", unpark: "Unparking", home: "Homing", solve: "Solving",
-  series: "Following", "model-run": "Model run", tracking: "Tracking set", trust: "Trusting", "set-site-time": "Site and time set", "accept-site-time": "Accepting", guide: "Guiding",
+  follow: "Following", "offset-rates": "Rates set", "move-axis": "Moved by hand",
+  series: "Looking again", "model-run": "Model run", tracking: "Tracking set", trust: "Trusting", "set-site-time": "Site and time set", "accept-site-time": "Accepting", guide: "Guiding",
 };
 
 /** The word for what a telescope does now, its tone, and what else is to be said. */
@@ -30,6 +31,7 @@ export function stateWords(state, job, lease = null) {
   if (state.trusted === false) return say("Not trusted", "bad");
   if (state.problem) return say("Trouble", "bad");
   if (state.parked) return say("Parked", "none");
+  if (state.rates) return say("Tracking at rates", "good");
   if (state.tracking === true) return say("Tracking", "good");
   if (state.tracking === false) return say("At rest", "none");
   return say("Ready", "good");

@@ -51,6 +51,7 @@ export function takeStop(observatory) {
   async function sent(path, who, counts, told) {
     // an order that waits for its answer must not come behind the stop, nor a question that was open
     dropOrders(path === ALL ? null : observatory.id);
+    observatory.tell("stopping"); // no key moves anything from here on
     unask();
     const began = clockOf(new Date());
     let silent = false;

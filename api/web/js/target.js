@@ -20,7 +20,7 @@ export function takeTarget(observatory, give) {
 
   function show() {
     const told = by("target-read");
-    const ready = target() !== null && Boolean(observatory.state?.connected) && observatory.lostSince === null;
+    const ready = (target() !== null || by("elements").value.trim() !== "") && Boolean(observatory.state?.connected) && observatory.lostSince === null;
     by("center").disabled = by("slew").disabled = !ready;
     by("frame-row").classList.toggle("by-name", read.kind === "name");
     told.classList.toggle("bad-text", read.kind === "wrong");
@@ -31,6 +31,7 @@ export function takeTarget(observatory, give) {
     else if (read.kind === "name" && chosen) words = `${chosen.name}: ${where(chosen)}. ${tellOfSky}`;
     else if (read.kind === "name") words = found === null ? unasked || "Looking for that name …" : found.length ? "Choose one of the names." : "No object of that name is known here.";
     say(told, words);
+    observatory.tell("target");
   }
 
   function takeIn() {
@@ -152,5 +153,13 @@ export function takeTarget(observatory, give) {
     show();
   });
   observatory.on("telescope", takeIn);
+  by("elements").addEventListener("input", show);
   show();
+  /** The target that was typed, as orders take it; null while there is none. */
+  return () => {
+    const one = target();
+    if (!one) return null;
+    if (one.name) return { kind: "name", name: one.name };
+    return { kind: one.place.frame === "icrs" ? "icrs" : "apparent", ra_deg: one.place.ra_deg, dec_deg: one.place.dec_deg };
+  };
 }

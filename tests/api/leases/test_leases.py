@@ -41,6 +41,7 @@ class Orders:
     def __init__(self) -> None:
         self.done: list[tuple[str, str]] = []
         self.silent = 0
+        self.rates_ended = 0
         self.refuses: Exception | None = None
         self.job = Job("job-1", "park", "east", {}, datetime.now(UTC))
 
@@ -50,6 +51,9 @@ class Orders:
             self.silent -= 1
             raise DeviceSilent("no answer", device=telescope_id)
         return None
+
+    async def end_rates(self, caller: Caller, telescope_id: str) -> None:
+        self.rates_ended += 1
 
     async def order(
         self,
@@ -247,6 +251,8 @@ async def test_a_silent_holders_policy_is_done_once(
     told = await house.until("lease-policy-done")
     assert (told["telescope"], told["holder"], told["on_expiry"]) == ("east", "robot", str(on_expiry))
     assert house.orders.done == [("lease of robot", one) for one in done]
+    # a stop and a park end them by themselves
+    assert house.orders.rates_ended == (1 if on_expiry is OnExpiry.KEEP_TRACKING else 0)
     assert house.kinds() == ["lease-taken", "lease-expired", "lease-policy-done"]
     house.leases.require(GUEST, "east")
     assert house.journal.reader.leases(frozenset({"east"})) == []

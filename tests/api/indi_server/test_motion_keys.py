@@ -1,0 +1,153 @@
+"""Motion keys and custom rates of INDI clients: raw ones, and INDI's own programs."""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from api.indi_server.server import IndiServer
+from api.service import Service
+from drivers.indi.codec import messages
+from drivers.indi.codec.messages import State
+from mountnav.sky.coordinates import SIDEREAL_DEG_S
+from mountnav.sky.sphere import separation_arcsec
+from tests.api.indi_server.face_rig import (
+    OBSERVATORY,
+    indi_observatory,
+    mechanics_of,
+    raw_client,
+    switch,
+    until,
+    up_now,
+)
+
+SHORT = OBSERVATORY.replace("[indi_server]\n", "[indi_server]\nmove_axis_s = 3.0\noffset_rates_s = 2.0\n")
+NS, WE = "TELESCOPE_MOTION_NS", "TELESCOPE_MOTION_WE"
+STAR_ARCSEC_S = 3600.0 * SIDEREAL_DEG_S
+
+
+@pytest.fixture
+async def indi(tmp_path: Path) -> AsyncIterator[tuple[Service, IndiServer]]:
+    async with indi_observatory(tmp_path, SHORT) as (service, server):
+        telescope = service.observatory.telescope("east")
+        await telescope.ready()
+        await telescope.navigator.mount.slew(up_now(-20.0, 30.0))
+        await service.dispatcher.watch("east").refresh()
+        yield service, server
+
+
+def moving(service: Service) -> bool:
+    return service.observatory.telescope("east").navigator.mount.axis_moving
+
+
+async def at_rest(service: Service) -> None:
+    await until(lambda: not moving(service), "at rest")
+    before = mechanics_of(service).truth()
+    await asyncio.sleep(0.3)
+    assert separation_arcsec(before, mechanics_of(service).truth()) < 5.0
+
+
+def released(name: str, *elements: str) -> bytes:
+    return messages.new_switches("east", name, dict.fromkeys(elements, False))
+
+
+async def test_a_key_moves_while_it_is_pressed(indi: tuple[Service, IndiServer]) -> None:
+    service, server = indi
+    async with raw_client(server) as raw:
+        before = mechanics_of(service).truth()
+        await raw.say(switch("TELESCOPE_SLEW_RATE", "SLEW_FIND"), switch(NS, "MOTION_NORTH"))
+        await raw.until(lambda: State.BUSY in raw.states(NS, 0), "told that it moves")
+        await until(lambda: moving(service), "moving")
+        await raw.say(released(NS, "MOTION_NORTH", "MOTION_SOUTH"))
+        await raw.until(lambda: raw.states(NS, 0)[-1] is State.IDLE, "told that it has ended")
+        await at_rest(service)
+        assert mechanics_of(service).truth().dec_deg > before.dec_deg
+        # to the west the right ascension grows less
+        await raw.say(switch(WE, "MOTION_WEST"))
+        await until(lambda: moving(service), "moving")
+        await raw.say(switch("TELESCOPE_ABORT_MOTION", "ABORT"))
+        await at_rest(service)
+
+
+async def test_a_client_that_goes_leaves_nothing_moving(indi: tuple[Service, IndiServer]) -> None:
+    service, server = indi
+    async with raw_client(server) as raw:
+        await raw.say(switch(NS, "MOTION_SOUTH"))
+        await until(lambda: moving(service), "moving")
+    await at_rest(service)
+
+
+async def test_a_key_that_is_never_released_ends_by_its_time(indi: tuple[Service, IndiServer]) -> None:
+    service, server = indi
+    async with raw_client(server) as raw:
+        await raw.say(switch("TELESCOPE_SLEW_RATE", "SLEW_GUIDE"), switch(NS, "MOTION_SOUTH"))
+        await until(lambda: moving(service), "moving")
+        await raw.until(lambda: any("not renewed within 3 s" in words for words in raw.words()), "told why")
+        await at_rest(service)
+
+
+async def test_one_clients_key_is_no_others(indi: tuple[Service, IndiServer]) -> None:
+    service, server = indi
+    async with raw_client(server) as raw, raw_client(server) as other:
+        await raw.say(switch(NS, "MOTION_SOUTH"))
+        await until(lambda: moving(service), "moving")
+        mark = len(other.heard)
+        await other.say(switch(NS, "MOTION_NORTH"))
+        await other.until(lambda: State.ALERT in other.states(NS, mark), "refused")
+
+
+async def test_custom_rates_by_indis_own_programs(indi: tuple[Service, IndiServer]) -> None:
+    if shutil.which("indi_setprop") is None:
+        pytest.skip("indi-bin is not installed")
+    service, server = indi
+    mount = service.observatory.telescope("east").navigator.mount
+    assert "east.TELESCOPE_TRACK_MODE.TRACK_CUSTOM=Off" in await program(server, "indi_getprop", "-1")
+    rates = f"east.TELESCOPE_TRACK_RATE.TRACK_RATE_RA;TRACK_RATE_DE={STAR_ARCSEC_S - 1.5};-0.75"
+    await program(server, "indi_setprop", "-n", rates)
+    assert mount.offset_rates_in_force is None
+    await program(server, "indi_setprop", "-s", "east.TELESCOPE_TRACK_MODE.TRACK_CUSTOM=On")
+    await until(lambda: mount.offset_rates_in_force is not None, "in force")
+    force = mount.offset_rates_in_force
+    assert force is not None
+    # the right ascension of what lags behind the stars grows
+    assert force.rates.ra_arcsec_s == pytest.approx(1.5, abs=1e-4)
+    assert force.rates.dec_arcsec_s == pytest.approx(-0.75, abs=1e-4)
+    # the program has gone, and nobody puts their end off
+    await until(lambda: mount.offset_rates_in_force is None, "over")
+    reading = await mount.reading()
+    assert reading.tracking
+
+
+async def test_custom_rates_are_put_off_while_the_client_stays(indi: tuple[Service, IndiServer]) -> None:
+    service, server = indi
+    mount = service.observatory.telescope("east").navigator.mount
+    async with raw_client(server) as raw:
+        await raw.say(
+            messages.new_numbers(
+                "east", "TELESCOPE_TRACK_RATE", {"TRACK_RATE_RA": STAR_ARCSEC_S, "TRACK_RATE_DE": 1.0}
+            ),
+            switch("TELESCOPE_TRACK_MODE", "TRACK_CUSTOM"),
+        )
+        await until(lambda: mount.offset_rates_in_force is not None, "in force")
+        for _ in range(35):
+            await asyncio.sleep(0.1)
+            assert mount.offset_rates_in_force is not None
+        await raw.say(switch("TELESCOPE_TRACK_MODE", "TRACK_SIDEREAL"))
+        await until(lambda: mount.offset_rates_in_force is None, "ended")
+
+
+async def program(server: IndiServer, name: str, *words: str) -> str:
+    """One of INDI's own programs, to its end."""
+    host, port = server.address
+    running = await asyncio.create_subprocess_exec(
+        *(name, "-h", host, "-p", str(port), *words),
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.STDOUT,
+    )
+    async with asyncio.timeout(60):
+        out, _ = await running.communicate()
+    return out.decode()
