@@ -13,7 +13,7 @@ changes, variance and correlation time of gears and wind, the noise of each look
 something jumps), and the law that is optimal for what the mount takes: the interval's mean put to zero by
 steps; level and slope by steps and rates; x' = (√3 - 2) x by rates. With a linear model, Gaussian noise and a
 quadratic cost no controller does better in the mean (the separation theorem). Its mount is better than ours,
-too: it has no play, no grain, and does what it is told to the last digit.
+too: it has no play, and but for the grain of its steps it does what it is told to the last digit.
 """
 
 from __future__ import annotations
@@ -214,6 +214,10 @@ class Plant:
         self.place = rng.uniform(0.0, self.play) if self.play else 0.0
         self.made = 0.0
         self.rate = 0.0
+        self.step_arcsec = one.step_arcsec
+
+    def step(self, amount: float) -> None:
+        self.move(round(amount / self.step_arcsec) * self.step_arcsec)
 
     def move(self, amount: float) -> None:
         if amount == 0.0:
@@ -292,12 +296,12 @@ class Best:
     def correct(self, plant: Plant) -> None:
         path = self.rows @ self.x + plant.made
         if self.kind == "pulses":
-            plant.move(-float(NODE_WEIGHTS @ path))
+            plant.step(-float(NODE_WEIGHTS @ path))
         elif self.kind == "rates":
             plant.rate = rate_alone(path, self.every)
         else:
             level, rate = line_through(path, self.every)
-            plant.move(-level)
+            plant.step(-level)
             plant.rate = -rate
 
 

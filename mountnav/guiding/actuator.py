@@ -146,11 +146,6 @@ class Play:
         self.made += self.gain * (reached - inside)
         self.place = inside
 
-    def keep(self, kept: NDArray[np.bool_]) -> None:
-        """Give up the other hypotheses."""
-        self.gain, self.width, self.place = self.gain[kept], self.width[kept], self.place[kept]
-        self.made, self.log_prior = self.made[kept], self.log_prior[kept]
-
 
 def _plays(declared: float | None) -> list[tuple[float, float]]:
     """Possible plays with their prior weights."""

@@ -34,6 +34,12 @@ _MOST_KEPT = 600
 """Looks that a period is sought in, the newest. Doubled, the search takes four times as long."""
 _FAULTY = 0.99
 """Probability from which on corrections count as ignored, or as reversed."""
+_WIDEST_ARCSEC = 60.0
+"""More must have been asked for, ″, before corrections of an axis with play count as ignored. Halved, an axis
+with a play of 30″ is called dead."""
+_PLAY_SHARE = 0.3
+"""Share of the play's sigma that a turn is taken to disturb by. Halved, an axis whose play isn't known turns
+round for errors that drift would undo."""
 _COAST_SIGMAS = 1.0
 """Without a new look only what is off by so many sigma of the forecast is corrected."""
 
@@ -94,6 +100,7 @@ class HeldAxis:
         self._score_variance = 0.0
         self._looks = 0
         self._seek_at = 10
+        self._asked = self._asked_least = self._asked_most = self._last_amount = 0.0
         self.worth_it = False
 
     def _new_filter(self, period_s: float | None) -> AxisFilter:
@@ -119,6 +126,12 @@ class HeldAxis:
     def _move(self, amount: float, *, share_only: bool = False) -> None:
         share = self.actuator.error_share * amount
         variance = share**2 if share_only else self.actuator.disturbance_arcsec2(amount)
+        self._asked += amount
+        self._asked_least, self._asked_most = min(self._asked_least, self._asked), max(self._asked_most, self._asked)
+        if self.actuator.play_arcsec != 0.0 and amount * self._last_amount <= 0.0:
+            # how far it turns in the play before the axis follows is known to no more than this
+            variance += self._filter.turn_variance_arcsec2()
+        self._last_amount = amount
         self._filter.play.make(amount)
         self._filter.disturbed(variance)
         self._story.append(_Moved(amount, variance))
@@ -138,12 +151,24 @@ class HeldAxis:
         fresh : bool
             Whether there was a look since the last one.
         """
-        if not self.worth_it or max(self._filter.fault()) > _FAULTY:
+        if not self.worth_it or self.fault() is not None:
             return NO_CORRECTION
         self._moved_on(utc_s)
         paths, weights = self._filter.forecast(utc_s, node_times(interval_s))
         margin = 0.0 if fresh else (_COAST_SIGMAS * self._filter.forecast_sigma_arcsec(utc_s)) ** 2
-        return choose(paths, weights, self._filter.play, interval_s, uncertain_arcsec2=margin)
+        fare = 0.0
+        if self.actuator.play_arcsec != 0.0:
+            # it will have to turn back some time
+            fare = 2.0 * (math.sqrt(self._filter.turn_variance_arcsec2()) + _PLAY_SHARE * self.gain_and_play()[3]) ** 2
+        return choose(
+            paths,
+            weights,
+            self._filter.play,
+            interval_s,
+            uncertain_arcsec2=margin,
+            turn_arcsec2=fare,
+            direction=self._last_amount,
+        )
 
     # -- looks ---------------------------------------------------------------------------------------
 
@@ -223,11 +248,17 @@ class HeldAxis:
         return self._filter.state(sigma_arcsec)
 
     def fault(self) -> str | None:
-        """What is wrong with its corrections: "ignored", "reversed", or None."""
+        """What is wrong with its corrections: "ignored", "reversed", or None.
+
+        Corrections within an axis' play look like ignored ones: before that is said, more was asked for than
+        any play takes up.
+        """
         ignored, reversed_ = self._filter.fault()
         if reversed_ > _FAULTY:
             return "reversed"
-        return "ignored" if ignored > _FAULTY else None
+        asked = self._asked_most - self._asked_least
+        widest = 0.0 if self.actuator.play_arcsec == 0.0 else _WIDEST_ARCSEC + 2.0 * (self.actuator.play_arcsec or 0.0)
+        return "ignored" if ignored > _FAULTY and asked > widest else None
 
     def gain_and_play(self) -> tuple[float, float, float, float]:
         """Share of corrections that arrives, and its play in ″, each with its sigma."""

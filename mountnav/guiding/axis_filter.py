@@ -40,14 +40,14 @@ _RATE_CLASSES = (
 wanders. Chosen to span mounts by factors that the bank's weights bridge."""
 _RESTLESS = (1e-1, 2e-4)
 """One more, of an axis that swings without a period that is known; ″/s and ″²/s³."""
-_WALKS = (1e-6, 2e-4, 5e-3, 6e-2)
-"""How the variance of the level grows, ″²/s: 0.01 to 2″ per root of a minute."""
-_SEEINGS_ARCSEC = (0.0, 0.3, 0.8, 2.0)
+_WALKS = (3e-7, 1e-4, 3e-3, 5e-2)
+"""How the variance of the level grows, ″²/s: 0.005 to 2″ per root of a minute."""
+_SEEINGS_ARCSEC = (0.0, 0.35, 0.9, 2.0)
 """What seeing and wind may add to a center beyond its stated sigma, ″."""
 _COARSE_PERIODS_S = tuple(130.0 * 1.2**step for step in range(10))
 """Periods held possible before one is found, s: those of worms, 130 to 670 s. Their steps of a fifth are
 bridged by the wandering phase; wider ones would leave gaps between them."""
-_COARSE_AMPLITUDE_ARCSEC = 6.0
+_COARSE_AMPLITUDE_ARCSEC = 5.0
 """Prior sigma of sine and cosine of such a swing, ″."""
 _COARSE_TURNS = 3.0
 """In so many turns the phase of such a swing is forgotten. Doubled, periods between two of the series are
@@ -56,19 +56,24 @@ _COARSE_WALK = 1e-3
 """How the level walks beside it, ″²/s."""
 _COARSE_SEEINGS_ARCSEC = (0.2, 0.8)
 """Seeing beside it, ″."""
-_FORGETTING = 0.985
-"""By this the weights' logarithms shrink with each look: the bank remembers some 65 looks. Doubled closeness
+_FORGETTING = 0.995
+"""By this the weights' logarithms shrink with each look: the bank remembers some 200 looks. Doubled closeness
 to 1, it takes twice as long to notice that the wind has risen."""
 _AMPLITUDES_ARCSEC = (12.0, 3.0, 1.5)
 """Prior sigma of each harmonic's sine and cosine, ″."""
+_SMALLER = (1.0, 0.2, 0.02)
+"""Shares of these amplitudes that are held possible: mounts with a worm, good ones, and those without."""
 _CREEP_TURNS = 4e3
 """In so many turns a periodic amplitude changes by its prior's sigma. Halved, it is known worse by 20 %."""
-_PRUNED = 1e-6
-"""A hypothesis of what the axis makes of corrections that is less probable is given up: that evidence never
-fades. Raised a hundredfold, a play may be given up by a look that was wrong."""
+_TURN_SIGMA_ARCSEC, _TURN_SHARE = 0.3, 0.06
+"""One sigma of where a motor that turns round takes its axis along, ″, and as a share of the play: half the
+steps of the plays held possible. Doubled, a turn is followed by a look that counts for less."""
+_DOUBT = 1e-3
+"""With each look so much of the probability of gain and play returns to what was held possible beforehand.
+Doubled, what has been learned of a play fades in half the time where nothing confirms it."""
 _FILTERS_KEPT = 1e-3
 """A filter of the bank whose probability has been below this is given up after `_PRUNE_AFTER` looks."""
-_PRUNE_AFTER = 25
+_PRUNE_AFTER = 15
 """Looks after which the bank is thinned out, and again each time. Halved, filters go by chance."""
 _SURPRISED = 2.2
 """Mean square of the last innovations, in units of what was expected: above this the bank no longer fits the
@@ -135,32 +140,40 @@ class AxisFilter:
         self.log_evidence = 0.0
         self.surprise = 1.0
         classes = _RATE_CLASSES if period_s is not None or not swings else (*_RATE_CLASSES, _RESTLESS)
-        grid = [(c, w, s, math.inf) for c in classes for w in _WALKS for s in _SEEINGS_ARCSEC]
+        shares = _SMALLER if period_s is not None else (0.0,)
+        grid = [
+            (c, w, s, math.inf, share)
+            for c in classes
+            for w in _WALKS
+            for s in _SEEINGS_ARCSEC
+            for share in shares
+        ]
         harmonics = HARMONICS if period_s is not None else 1 if swings else 0
         if period_s is None and swings:
             grid += [
-                (_RATE_CLASSES[1], _COARSE_WALK, s, p)
+                (_RATE_CLASSES[1], _COARSE_WALK, s, p, 1.0)
                 for p in _COARSE_PERIODS_S
                 for s in _COARSE_SEEINGS_ARCSEC
             ]
         h, n = len(grid), 2 + 2 * harmonics
         self._harmonics = harmonics
-        self._rate_walk = np.array([c[1] for c, _, _, _ in grid])
-        self._walk = np.array([w for _, w, _, _ in grid])
-        self._seeing2 = np.array([s * s for _, _, s, _ in grid])
-        coarse = np.array([p for *_, p in grid])
+        self._rate_walk = np.array([row[0][1] for row in grid])
+        self._walk = np.array([row[1] for row in grid])
+        self._seeing2 = np.array([row[2] ** 2 for row in grid])
+        coarse = np.array([row[3] for row in grid])
+        share = np.array([row[4] for row in grid])
         self._turn_rate = np.full(h, 2.0 * math.pi / period_s) if period_s is not None else 2.0 * math.pi / coarse
         self._covariance = np.zeros((h, n, n))
         self._covariance[:, 0, 0] = start_sigma_arcsec**2
-        self._covariance[:, 1, 1] = [c[0] ** 2 for c, _, _, _ in grid]
+        self._covariance[:, 1, 1] = [row[0][0] ** 2 for row in grid]
         self._creep = np.zeros((h, harmonics))
         for j in range(harmonics):
             at = 2 + 2 * j
             if period_s is not None:
-                power = np.full(h, _AMPLITUDES_ARCSEC[j] ** 2)
+                power = (share * _AMPLITUDES_ARCSEC[j]) ** 2
                 self._creep[:, j] = power / (_CREEP_TURNS * period_s)
             else:
-                power = np.where(np.isfinite(coarse), _COARSE_AMPLITUDE_ARCSEC**2, 0.0)
+                power = (share * _COARSE_AMPLITUDE_ARCSEC) ** 2
                 self._creep[:, j] = 2.0 * power / (_COARSE_TURNS * coarse)
             self._covariance[:, at, at] = self._covariance[:, at + 1, at + 1] = power
             # it begins near the target, wherever in its swing: the level undoes that
@@ -276,23 +289,16 @@ class AxisFilter:
         # what was held possible before sums up to one
         self.log_evidence += top + math.log(total)
         # what wind and gears do changes with the hours, and old evidence of it fades; play and gain stay
-        of_m = np.log(np.maximum(weight.sum(axis=0), 1e-300)) - math.log(total)
-        fading = _FORGETTING * (joint - top - math.log(total) - of_m)
+        of_m = np.maximum(weight.sum(axis=0), 1e-300) / total
+        fading = _FORGETTING * (joint - top - math.log(total) - np.log(of_m))
         fading -= np.log(np.exp(fading).sum(axis=0))
+        # none of these is ever out of the question: what walks and drifts may imitate them for a while
+        of_m = np.log((1.0 - _DOUBT) * of_m + _DOUBT * np.exp(self.play.log_prior))
         self._log_weight = of_m + fading
         self._weight = np.exp(self._log_weight)
         self._updates += 1
-        if (self._weight.sum(axis=0) < _PRUNED).any():
-            self._prune_play()
         if self._updates % _PRUNE_AFTER == 0:
             self._prune_filters()
-
-    def _prune_play(self) -> None:
-        of_m = self._weight.sum(axis=0)
-        kept = of_m >= _PRUNED
-        self.play.keep(kept)
-        self._mean = self._mean[:, kept]
-        self._renormalized(self._log_weight[:, kept])
 
     def _prune_filters(self) -> None:
         kept = self._weight.sum(axis=1) >= _FILTERS_KEPT
@@ -347,6 +353,12 @@ class AxisFilter:
     def made(self) -> float:
         """What all corrections have come to, ″."""
         return float(self._weight.sum(axis=0) @ self.play.made)
+
+    def turn_variance_arcsec2(self) -> float:
+        """How uncertain it is where a motor that turns round takes its axis along."""
+        of_m = self._weight.sum(axis=0)
+        play = float(of_m @ self.play.width)
+        return (_TURN_SIGMA_ARCSEC + _TURN_SHARE * play) ** 2
 
     def forecast_sigma_arcsec(self, utc_s: float) -> float:
         """About one sigma of where the axis is at an instant."""

@@ -75,7 +75,14 @@ def rate_alone(path: Array, interval_s: float) -> float:
 
 
 def choose(
-    paths: Array, weights: Array, play: Play, interval_s: float, *, uncertain_arcsec2: float = 0.0
+    paths: Array,
+    weights: Array,
+    play: Play,
+    interval_s: float,
+    *,
+    uncertain_arcsec2: float = 0.0,
+    turn_arcsec2: float = 0.0,
+    direction: float = 0.0,
 ) -> AxisCorrection:
     """Choose the best correction.
 
@@ -89,8 +96,14 @@ def choose(
         Until the next correction.
     uncertain_arcsec2 : float
         So much must a correction gain besides; 0 where the forecast's own error is the same either way.
+    turn_arcsec2 : float
+        What it costs to turn the motor round.
+    direction : float
+        Of its last motion, by the sign; 0: not known.
     """
     actuator = play.actuator
+    # an axis that doesn't follow at all is no reason to try less: that is told as a fault instead
+    weights = np.where(play.gain > 0.0, weights, 0.0)
     kept = weights > 1e-3 * float(weights.max())
     paths, weights = paths[kept], weights[kept] / float(weights[kept].sum())
     steps, rates = _candidates(paths, weights, play.width[kept], actuator, interval_s)
@@ -101,6 +114,8 @@ def choose(
         actuator.error_arcsec**2 + (actuator.error_share * moved) ** 2 + actuator.step_arcsec**2 / 12.0,
         0.0,
     )
+    turns = (steps + rates * interval_s) * direction < 0.0
+    left = left + np.where(turns, turn_arcsec2, 0.0)
     best = int(np.argmin(left))
     gain = float(left[0] - left[best])
     if gain <= uncertain_arcsec2:
@@ -113,8 +128,10 @@ def _candidates(
 ) -> tuple[Array, Array]:
     """Corrections to choose from; the first is none."""
     mean = weights @ paths
+    if widths.size > 1:
+        widths = np.unique(widths)
     most = actuator.most_arcsec_s
-    plays = sorted(set(widths.tolist()) - {0.0})
+    plays = [float(width) for width in widths if width > 0.0]
     takes = [0.0, *plays, *(-play for play in plays)]
     shares = (0.85, 1.0, 1.15) if not plays else (0.7, 1.0, 1.3)
     if actuator.kind == "rates":
