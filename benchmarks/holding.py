@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from mountnav.guiding.actuator import Actuator, ActuatorKind
 from mountnav.guiding.guider import Correction, Guider, LookFate
-from mountnav.guiding.law import line_through, node_times, rate_alone, NODE_WEIGHTS
+from mountnav.guiding.law import NODE_WEIGHTS, line_through, node_times, rate_alone
 
 Array = NDArray[np.float64]
 
@@ -131,7 +131,12 @@ def night(seed: int) -> Night:
         me, ma = polar * math.cos(turn), polar * math.sin(turn)
         east -= me * np.sin(h) * math.sin(dec) - ma * np.cos(h) * math.sin(dec)
         north += me * np.cos(h) + ma * np.sin(h)
-        east += (rng.normal(0.0, 15.0) if cheap else rng.normal(0.0, 0.1 if fine else 1.0)) * t / 3600.0 * math.cos(dec)
+        east += (
+            (rng.normal(0.0, 15.0) if cheap else rng.normal(0.0, 0.1 if fine else 1.0))
+            * t
+            / 3600.0
+            * math.cos(dec)
+        )
     # refraction and sag act along the vertical
     refracts = fine or bool(rng.random() < 0.4)
     sag = rng.normal(0.0, 20.0 if cheap else 0.3 if fine else 5.0)
@@ -139,7 +144,12 @@ def night(seed: int) -> Night:
     if altaz:
         north += vertical
         model = rng.normal(0.0, 0.3 if fine else 20.0, 4)
-        az = np.unwrap(np.arctan2(-np.cos(dec) * np.sin(h), math.cos(latitude) * math.sin(dec) - math.sin(latitude) * math.cos(dec) * np.cos(h)))
+        az = np.unwrap(
+            np.arctan2(
+                -np.cos(dec) * np.sin(h),
+                math.cos(latitude) * math.sin(dec) - math.sin(latitude) * math.cos(dec) * np.cos(h),
+            )
+        )
         east += model[0] * np.sin(alt) + model[1] * np.cos(az) * np.sin(alt)
         north += model[1] * np.sin(az) + model[2] * np.cos(az)
     else:
@@ -151,7 +161,9 @@ def night(seed: int) -> Night:
     axes = []
     for number in range(2):
         follows = number == 0 or altaz
-        size = (rng.uniform(2.0, 15.0) if cheap else rng.uniform(0.0, 0.2 if fine else 1.5)) if follows else 0.0
+        size = (
+            (rng.uniform(2.0, 15.0) if cheap else rng.uniform(0.0, 0.2 if fine else 1.5)) if follows else 0.0
+        )
         shrink = cos_axis if number == 0 else 1.0
         period = float(rng.choice([150.0, 240.0, 358.0, 400.0, 479.0, 480.0, 600.0, 638.0]))
         period *= 1.0 + rng.uniform(-0.01, 0.01)
@@ -161,19 +173,34 @@ def night(seed: int) -> Night:
         for j, amplitude in enumerate(amplitudes, 1):
             swing += amplitude * np.sin(2.0 * math.pi * j * t / period + rng.uniform(0.0, 2.0 * math.pi))
         swing -= swing[0]
-        gears_sigma = (rng.uniform(0.1, 1.2) if cheap else rng.uniform(0.01, 0.05) if fine else rng.uniform(0.02, 0.3)) * (1.0 if follows else 0.3)
+        gears_sigma = (
+            rng.uniform(0.1, 1.2) if cheap else rng.uniform(0.01, 0.05) if fine else rng.uniform(0.02, 0.3)
+        ) * (1.0 if follows else 0.3)
         gears_tau = float(np.exp(rng.uniform(math.log(30.0), math.log(900.0))))
-        walk = (rng.uniform(0.0, 0.25) if cheap else rng.uniform(0.0, 0.01) if fine else rng.uniform(0.0, 0.05)) / math.sqrt(60.0)
+        walk = (
+            rng.uniform(0.0, 0.25) if cheap else rng.uniform(0.0, 0.01) if fine else rng.uniform(0.0, 0.05)
+        ) / math.sqrt(60.0)
         wind = rng.uniform(0.0, 0.6) if rng.random() < 0.5 else 0.0
         gears = ornstein(rng, n, every / SUB, gears_sigma, gears_tau)
-        gears += np.concatenate(([0.0], np.cumsum(rng.standard_normal(n - 1) * walk * math.sqrt(every / SUB))))
+        gears += np.concatenate(
+            ([0.0], np.cumsum(rng.standard_normal(n - 1) * walk * math.sqrt(every / SUB)))
+        )
         jump = np.zeros(n)
         if jump_at:
             jump[jump_at * SUB + 3 :] = rng.choice([-1, 1]) * rng.uniform(4.0, 20.0)
         axes.append(
             TrueAxis(
-                slow[number], swing, gears, ornstein(rng, n, every / SUB, wind, 3.0), jump,
-                amplitudes, period, gears_sigma, gears_tau, walk, wind,
+                slow[number],
+                swing,
+                gears,
+                ornstein(rng, n, every / SUB, wind, 3.0),
+                jump,
+                amplitudes,
+                period,
+                gears_sigma,
+                gears_tau,
+                walk,
+                wind,
             )
         )
     exposure = min(0.4 * every, float(rng.uniform(2.0, 10.0)))
@@ -193,10 +220,26 @@ def night(seed: int) -> Night:
     play = float(rng.uniform(0.0, 20.0)) if cheap and not altaz else 0.0
     told = (bool(rng.random() < 0.5), bool(rng.random() < 0.5))
     return Night(
-        seed, every, exposure, (axes[0], axes[1]), sigma, noise, noise_again, motion, solved, wrong, kind,
+        seed,
+        every,
+        exposure,
+        (axes[0], axes[1]),
+        sigma,
+        noise,
+        noise_again,
+        motion,
+        solved,
+        wrong,
+        kind,
         (float(np.clip(rng.normal(1.0, 0.1), 0.75, 1.25)), float(np.clip(rng.normal(1.0, 0.1), 0.75, 1.25))),
-        float(rng.uniform(0.0, 0.05)), float(rng.choice([0.02, 0.1, 0.3])), (0.0, play), told[0], told[1],
-        altaz, int(rng.integers(1, 4)), jump_at,
+        float(rng.uniform(0.0, 0.05)),
+        float(rng.choice([0.02, 0.1, 0.3])),
+        (0.0, play),
+        told[0],
+        told[1],
+        altaz,
+        int(rng.integers(1, 4)),
+        jump_at,
         f"{every:.0f} s {kind} {'cheap' if cheap else 'fine' if fine else 'good'}{' alt-az' if altaz else ''} play {play:.0f}″"
         f" noise {math.hypot(solve, motion):.2f}″",
     )
@@ -246,7 +289,11 @@ class Best:
         rates = np.diff(true.slow) / dt
         P[1, 1] = rates[0] ** 2
         Q = np.zeros((n, n))
-        bend = float(np.mean(np.diff(true.slow[:: 5 * SUB], n=2) ** 2)) / (5.0 * one.every_s) ** 3 if LOOKS > 20 else 0.0
+        bend = (
+            float(np.mean(np.diff(true.slow[:: 5 * SUB], n=2) ** 2)) / (5.0 * one.every_s) ** 3
+            if LOOKS > 20
+            else 0.0
+        )
         Q[:2, :2] = bend * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
         Q[0, 0] += true.walk**2 * dt
         Q[2, 2] = true.gears_sigma**2 * (1.0 - kg * kg)
@@ -256,7 +303,10 @@ class Best:
         for j, amplitude in enumerate(true.amplitudes):
             at = 4 + 2 * j
             turn = 2.0 * math.pi * (j + 1) * dt / true.period_s
-            F[at : at + 2, at : at + 2] = [[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]]
+            F[at : at + 2, at : at + 2] = [
+                [math.cos(turn), math.sin(turn)],
+                [-math.sin(turn), math.cos(turn)],
+            ]
             P[at, at] = P[at + 1, at + 1] = 0.5 * amplitude**2
             row[at] = 1.0
         # the night begins on the target: the level undoes what the swing begins with
@@ -273,7 +323,10 @@ class Best:
             for j in range(H):
                 at = 4 + 2 * j
                 turn = 2.0 * math.pi * (j + 1) * ahead / true.period_s
-                G[at : at + 2, at : at + 2] = [[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]]
+                G[at : at + 2, at : at + 2] = [
+                    [math.cos(turn), math.sin(turn)],
+                    [-math.sin(turn), math.cos(turn)],
+                ]
             rows.append(G.T @ row)
         self.rows = np.array(rows)
 
@@ -401,14 +454,27 @@ def main() -> int:
         held, _ = lived(one)
         rows.append((seed, nothing, held, best, held / nothing, held / best))
         if held > nothing or held > 1.3 * best:
-            print(f"seed {seed}: nothing {nothing:.2f}″ held {held:.2f}″ ({held / nothing:.3f}) best {best:.2f}″ ({held / best:.3f})  {one.words}", flush=True)
+            print(
+                f"seed {seed}: nothing {nothing:.2f}″ held {held:.2f}″ ({held / nothing:.3f}) best {best:.2f}″ ({held / best:.3f})  {one.words}",
+                flush=True,
+            )
     table = np.array(rows)
-    for name, at in (("nothing ″", 1), ("held ″", 2), ("best ″", 3), ("held / nothing", 4), ("held / best", 5)):
+    for name, at in (
+        ("nothing ″", 1),
+        ("held ″", 2),
+        ("best ″", 3),
+        ("held / nothing", 4),
+        ("held / best", 5),
+    ):
         column = table[:, at]
-        print(f"{name:15} min {column.min():.3f}  median {np.median(column):.3f}  p90 {np.quantile(column, 0.9):.3f} max {column.max():.3f}")
+        print(
+            f"{name:15} min {column.min():.3f}  median {np.median(column):.3f}  p90 {np.quantile(column, 0.9):.3f} max {column.max():.3f}"
+        )
     worse = int((table[:, 4] > 1.0).sum())
     above = int((table[:, 5] > 1.3).sum())
-    print(f"{len(rows)} nights: worse than nothing {worse}, above 1.3 of the best {above}; {time.process_time() - began:.0f} s of CPU")
+    print(
+        f"{len(rows)} nights: worse than nothing {worse}, above 1.3 of the best {above}; {time.process_time() - began:.0f} s of CPU"
+    )
     return 0 if worse == 0 and above == 0 and float(np.median(table[:, 4])) <= 0.5 else 1
 
 

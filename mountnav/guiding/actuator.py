@@ -27,6 +27,8 @@ REVERSED, IGNORED = -1.0, 0.0
 _GAINS = (0.7, 0.85, 1.0, 1.15, 1.3)
 """Shares of a correction that an ordinary axis may make: guide rates are known to some 15 %. Steps of half of
 that: what lies between is a mixture of neighbors. Wider steps would leave 15 % of each correction unmade."""
+_UNKNOWN_GAINS = (0.2, 0.35, 0.5, 0.7, 0.85, 1.0, 1.15, 1.4, 1.7, 2.1)
+"""The same where the guide rate isn't known: it may be a tenth of the sidereal rate or all of it."""
 _GAIN_WIDTH = 0.12
 """Prior sigma of that share. Doubled, the first corrections count as less certain than they are."""
 _PLAYS_ARCSEC = (0.0, 1.5, 3.0, 5.0, 8.0, 12.0, 17.0, 24.0)
@@ -59,6 +61,8 @@ class Actuator:
         The largest rate.
     play_arcsec : float or None
         Declared play of the axis; None: not known, and learned. 0: it has none.
+    rate_known : bool
+        Whether the mount says at which rate it guides; else it is learned, from a factor of ten.
     """
 
     kind: ActuatorKind = "pulses"
@@ -68,6 +72,7 @@ class Actuator:
     most_arcsec: float = 60.0
     most_arcsec_s: float = 5.0
     play_arcsec: float | None = 0.0
+    rate_known: bool = True
 
     def __post_init__(self) -> None:
         numbers = (
@@ -126,9 +131,10 @@ class Play:
     def __post_init__(self) -> None:
         rows: list[tuple[float, float, float, float]] = []
         plays = _plays(self.actuator.play_arcsec)
-        gains = _GAINS if len(plays) == 1 else _GAINS[::2]
+        known = self.actuator.rate_known
+        gains = (_GAINS if len(plays) == 1 else _GAINS[::2]) if known else _UNKNOWN_GAINS
         for gain in gains:
-            likely = math.exp(-0.5 * ((gain - 1.0) / _GAIN_WIDTH) ** 2)
+            likely = math.exp(-0.5 * ((gain - 1.0) / _GAIN_WIDTH) ** 2) if known else 1.0
             for play, weight in plays:
                 places = (0.0, play) if play > 0.0 else (0.0,)
                 rows += [(gain, play, place, likely * weight / len(places)) for place in places]

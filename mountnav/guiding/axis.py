@@ -15,10 +15,9 @@ from mountnav.guiding.periods import propose_period
 
 Array = NDArray[np.float64]
 
-import os
-SURE_SIGMAS = float(os.environ.get("SURE","2.0"))
-"""An axis is corrected once the looks show with so many sigma that their forecast beats doing nothing. Halved,
-a mount that stands still by itself is disturbed in one night of seven for a while."""
+SURE_SIGMAS = 1.0
+"""An axis is corrected once the looks show with so many sigma that their forecast beats doing nothing, and
+no more once they show as clearly that it doesn't. Doubled, small drifts are left for twice as long."""
 LEAST_LOOKS = 2
 """Looks that a forecast was compared with before anything is corrected."""
 _EVIDENCE = 4.0
@@ -40,6 +39,8 @@ with a play of 30″ is called dead."""
 _PLAY_SHARE = 0.3
 """Share of the play's sigma that a turn is taken to disturb by. Halved, an axis whose play isn't known turns
 round for errors that drift would undo."""
+_YOUNG_LOOKS = 30
+"""Before so many looks of a field the bank isn't begun anew by a surprise: it has hardly been thinned out."""
 _COAST_SIGMAS = 1.0
 """Without a new look only what is off by so many sigma of the forecast is corrected."""
 
@@ -55,6 +56,11 @@ class _Seen:
 class _Moved:
     amount: float
     variance: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Shifted:
+    by: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,9 +97,9 @@ class HeldAxis:
         self._start_sigma = start_sigma_arcsec
         self._swings = swings
         self._filter = self._new_filter(period_s)
-        self._story: list[_Seen | _Moved | _Jumped] = []
+        self._story: list[_Seen | _Moved | _Jumped | _Shifted] = []
         self._without: list[tuple[float, float, float]] = []
-        self._shift = 0.0
+        self._jumps = self._dithered = 0.0
         self._rate = 0.0
         self._rate_since_s = 0.0
         self._score = 0.0
@@ -101,6 +107,7 @@ class HeldAxis:
         self._looks = 0
         self._seek_at = 10
         self._asked = self._asked_least = self._asked_most = self._last_amount = 0.0
+        self._owed = False
         self.worth_it = False
 
     def _new_filter(self, period_s: float | None) -> AxisFilter:
@@ -127,7 +134,10 @@ class HeldAxis:
         share = self.actuator.error_share * amount
         variance = share**2 if share_only else self.actuator.disturbance_arcsec2(amount)
         self._asked += amount
-        self._asked_least, self._asked_most = min(self._asked_least, self._asked), max(self._asked_most, self._asked)
+        self._asked_least, self._asked_most = (
+            min(self._asked_least, self._asked),
+            max(self._asked_most, self._asked),
+        )
         if self.actuator.play_arcsec != 0.0 and amount * self._last_amount <= 0.0:
             # how far it turns in the play before the axis follows is known to no more than this
             variance += self._filter.turn_variance_arcsec2()
@@ -151,7 +161,7 @@ class HeldAxis:
         fresh : bool
             Whether there was a look since the last one.
         """
-        if not self.worth_it or self.fault() is not None:
+        if not (self.worth_it or self._owed) or self.fault() is not None:
             return NO_CORRECTION
         self._moved_on(utc_s)
         paths, weights = self._filter.forecast(utc_s, node_times(interval_s))
@@ -159,8 +169,12 @@ class HeldAxis:
         fare = 0.0
         if self.actuator.play_arcsec != 0.0:
             # it will have to turn back some time
-            fare = 2.0 * (math.sqrt(self._filter.turn_variance_arcsec2()) + _PLAY_SHARE * self.gain_and_play()[3]) ** 2
-        return choose(
+            fare = (
+                2.0
+                * (math.sqrt(self._filter.turn_variance_arcsec2()) + _PLAY_SHARE * self.gain_and_play()[3])
+                ** 2
+            )
+        best = choose(
             paths,
             weights,
             self._filter.play,
@@ -169,6 +183,9 @@ class HeldAxis:
             turn_arcsec2=fare,
             direction=self._last_amount,
         )
+        if best.none:
+            self._owed = False
+        return best
 
     # -- looks ---------------------------------------------------------------------------------------
 
@@ -183,18 +200,19 @@ class HeldAxis:
         self.advance(utc_s)
         mean, _, noise = self._filter.expected(sigma_arcsec)
         made = self._filter.made()
-        forecast, without = mean - made, seen_arcsec - made
+        # a dither is wanted, and no drift
+        forecast, without = mean - made - self._dithered, seen_arcsec - made - self._dithered
         # the noise of the look is in both squares and falls out
         self._score += without**2 - (without - forecast) ** 2
         self._score_variance += 4.0 * noise * forecast**2
         self._filter.update(seen_arcsec, sigma_arcsec)
         self._looks += 1
         self._story.append(_Seen(utc_s, seen_arcsec, sigma_arcsec))
-        self._without.append((utc_s, without - self._shift, sigma_arcsec))
+        self._without.append((utc_s, without - self._jumps, sigma_arcsec))
         if self._looks >= LEAST_LOOKS:
             sure = SURE_SIGMAS * math.sqrt(self._score_variance)
             self.worth_it = self._score > (-sure if self.worth_it else sure)
-        if self._filter.surprised:
+        if self._filter.surprised and self._looks > _YOUNG_LOOKS:
             self._filter = self._replayed(self.period_s)
             self._filter.surprise = 1.0
         if self._swings and self._looks >= self._seek_at:
@@ -206,7 +224,29 @@ class HeldAxis:
         sigma = max(abs(by_arcsec), 1.0)
         self._filter.jumped(sigma)
         self._story.append(_Jumped(sigma, by_arcsec))
-        self._shift += by_arcsec
+        self._jumps += by_arcsec
+
+    def another_field(self, sigma_arcsec: float) -> None:
+        """After a slew or a flip: it is near its target again, what it is like by nature stays known."""
+        self._rate = 0.0
+        self._filter.another_field(sigma_arcsec)
+        self._filter.log_evidence, self._filter.surprise = 0.0, 1.0
+        # what was seen before is of other worm teeth, and of another level: it can't be replayed
+        self._story.clear()
+        self._without.clear()
+        self._jumps = self._dithered = 0.0
+        self._looks, self._seek_at = 0, 10
+        self._score = self._score_variance = 0.0
+        self._asked = self._asked_least = self._asked_most = self._last_amount = 0.0
+        self.worth_it = False
+
+    def wanted_elsewhere(self, by_arcsec: float) -> None:
+        """The place where it should look has moved by so much: a dither."""
+        self._filter.shifted(-by_arcsec)
+        self._story.append(_Shifted(-by_arcsec))
+        self._dithered -= by_arcsec
+        # it goes there whatever looks have shown of drift so far
+        self._owed = True
 
     def _seek_period(self) -> None:
         recent = self._without[-_MOST_KEPT:]
@@ -237,6 +277,8 @@ class HeldAxis:
                     fresh.disturbed(event.variance)
                 case _Jumped():
                     fresh.jumped(event.sigma)
+                case _Shifted():
+                    fresh.shifted(event.by)
         if self._filter.utc_s is not None:
             fresh.predict(self._filter.utc_s)
         return fresh
@@ -257,7 +299,11 @@ class HeldAxis:
         if reversed_ > _FAULTY:
             return "reversed"
         asked = self._asked_most - self._asked_least
-        widest = 0.0 if self.actuator.play_arcsec == 0.0 else _WIDEST_ARCSEC + 2.0 * (self.actuator.play_arcsec or 0.0)
+        widest = (
+            0.0
+            if self.actuator.play_arcsec == 0.0
+            else _WIDEST_ARCSEC + 2.0 * (self.actuator.play_arcsec or 0.0)
+        )
         return "ignored" if ignored > _FAULTY and asked > widest else None
 
     def gain_and_play(self) -> tuple[float, float, float, float]:

@@ -162,7 +162,9 @@ class AxisFilter:
         self._seeing2 = np.array([row[2] ** 2 for row in grid])
         coarse = np.array([row[3] for row in grid])
         share = np.array([row[4] for row in grid])
-        self._turn_rate = np.full(h, 2.0 * math.pi / period_s) if period_s is not None else 2.0 * math.pi / coarse
+        self._turn_rate = (
+            np.full(h, 2.0 * math.pi / period_s) if period_s is not None else 2.0 * math.pi / coarse
+        )
         self._covariance = np.zeros((h, n, n))
         self._covariance[:, 0, 0] = start_sigma_arcsec**2
         self._covariance[:, 1, 1] = [row[0][0] ** 2 for row in grid]
@@ -226,6 +228,10 @@ class AxisFilter:
     def disturbed(self, variance_arcsec2: float) -> None:
         """The level may have moved by so much more: a correction's own error."""
         self._added += variance_arcsec2
+
+    def shifted(self, by_arcsec: float) -> None:
+        """The zero of what is seen has moved: a dither."""
+        self._mean[:, :, 0] += by_arcsec
 
     def jumped(self, sigma_arcsec: float) -> None:
         """The axis has been moved by something: its level isn't known any more, the rest is."""

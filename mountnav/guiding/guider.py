@@ -106,7 +106,9 @@ class Guider:
         if not 0.0 < start_sigma_arcsec < FAR_ARCSEC:
             raise BadRequest("the start's sigma must lie between 0 and 3600″", advice="give 2")
         if period_s is not None and not 10.0 <= period_s <= 7200.0:
-            raise BadRequest("a worm's period lies between 10 s and 2 h", advice="leave it out to have it found")
+            raise BadRequest(
+                "a worm's period lies between 10 s and 2 h", advice="leave it out to have it found"
+            )
         self.primary = HeldAxis(primary, start_sigma_arcsec=start_sigma_arcsec, period_s=period_s)
         self.secondary = HeldAxis(
             secondary,
@@ -207,6 +209,19 @@ class Guider:
         """It was made, at that instant."""
         self.primary.corrected(correction.primary, utc_s)
         self.secondary.corrected(correction.secondary, utc_s)
+
+    def another_field(self, start_sigma_arcsec: float = 2.0) -> None:
+        """After a slew, a flip or another target: looks so far say nothing of where it is now."""
+        self._pending = None
+        self.primary.another_field(start_sigma_arcsec)
+        self.secondary.another_field(start_sigma_arcsec)
+
+    def wanted_elsewhere(self, primary_arcsec: float, secondary_arcsec: float) -> None:
+        """The place where it should look has moved by so much: a dither. Looks count from there on."""
+        self._pending = None
+        self.primary.wanted_elsewhere(primary_arcsec)
+        self.secondary.wanted_elsewhere(secondary_arcsec)
+        self._fresh = True
 
     def state(self, sigma_arcsec: float) -> tuple[AxisState, AxisState]:
         """What is known of both axes."""

@@ -155,7 +155,13 @@ def _candidates(
 
 
 def _left(
-    paths: Array, weights: Array, play: Play, kept: NDArray[np.bool_], steps: Array, rates: Array, interval_s: float
+    paths: Array,
+    weights: Array,
+    play: Play,
+    kept: NDArray[np.bool_],
+    steps: Array,
+    rates: Array,
+    interval_s: float,
 ) -> Array:
     """Expected mean square distance after each of several corrections; shape (k,)."""
     place, width, gain = play.place[kept], play.width[kept], play.gain[kept]

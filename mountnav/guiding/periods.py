@@ -22,6 +22,8 @@ SHORTEST_S, LONGEST_S = 60.0, 1500.0
 """Periods of worms, and of the gears before them."""
 _OVERSAMPLING = 5.0
 """Steps of frequency in the width of a peak. Halved, a peak is missed by a fifth of its power."""
+_AS_GOOD = 0.92
+"""A half or a third of a period that explains this share of what the period does is taken instead."""
 _LEAST_FALL = 0.35
 """A swing must explain this share of what a bent line leaves. Chosen low: the filters' evidence decides."""
 
@@ -79,6 +81,13 @@ def propose_period(seconds: Array, angle: Array, sigma: Array) -> float | None:
         near = np.clip(best + np.linspace(-width, width, 11), low, high)
         best = float(near[int(np.argmax(explained(near)))])
         width /= 4.0
+    # two turns, or three, are a period of harmonics, too: the shortest one that explains as much is the worm's
+    whole = float(explained(np.array([best]))[0])
+    for turns in (3, 2):
+        shorter = best * turns
+        if shorter <= high and float(explained(np.array([shorter]))[0]) >= _AS_GOOD * whole:
+            best = shorter
+            break
     return 1.0 / best
 
 
