@@ -20,7 +20,7 @@ from api.orders.execute_order import work_of
 from api.orders.jobs import Job, Jobs
 from api.orders.longer_orders import LongerOrders
 from api.orders.targets import Target, icrs_of
-from api.orders.vocabulary import ModelRunOrder, Order, SeriesOrder, SolveOrder, role_for
+from api.orders.vocabulary import DitherOrder, LongerOrder, Order, role_for
 from api.orders.watching import Watch
 from api.problems import Refused
 from mountnav.clock import utc_now
@@ -160,7 +160,7 @@ class Dispatcher:
     ) -> Job:
         """Take an order; its job has begun, and is on the disk, when this returns. See `give`."""
         devices = True
-        if isinstance(order, SolveOrder | SeriesOrder | ModelRunOrder):
+        if isinstance(order, LongerOrder):
             work = self._longer.work_of(self._observatory.telescope(telescope_id).id, order)
             devices = self._longer.needs_devices(order)
         else:
@@ -175,6 +175,7 @@ class Dispatcher:
             supersede=supersede,
             needs=role_for(order),
             devices=devices,
+            within="hold" if isinstance(order, DitherOrder) else None,
         )
 
     async def give(
@@ -189,6 +190,7 @@ class Dispatcher:
         supersede: bool = False,
         needs: Role = Role.OPERATE,
         devices: bool = True,
+        within: str | None = None,
     ) -> Job:
         """Take a piece of work as an order; `order` for those that have a body of their own.
 
@@ -207,6 +209,8 @@ class Dispatcher:
             is there at once and begins when that is done; if the mount can't be told to stop, it fails.
         devices : bool
             Whether the telescope must be open for it.
+        within : str, optional
+            Kind of job that it may be done within: then that one goes on, and holds the telescope.
 
         Raises
         ------
@@ -241,6 +245,7 @@ class Dispatcher:
                 make_room=(lambda: self._stop(telescope, None)) if supersede else None,
                 epoch=telescope.navigator.mount.epoch,
                 even_unwritten=safe,
+                within=within,
             )
             # first on the disk, then answered: after a kill the same request finds it
             await job.written.wait()

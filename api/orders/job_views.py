@@ -8,7 +8,16 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, Field, JsonValue, TypeAdapter
 
 from api.orders.jobs import Job, JobState
-from api.orders.results import Attempt, AttemptView, ModelRunView, SeriesView, SolvedView, mount_place
+from api.orders.results import (
+    Attempt,
+    AttemptView,
+    DitherView,
+    HoldView,
+    ModelRunView,
+    SeriesView,
+    SolvedView,
+    mount_place,
+)
 from api.orders.results import Finite as Finite
 from api.orders.results import OffsetView as OffsetView
 from api.orders.results import Place as Place
@@ -187,6 +196,8 @@ Result = Annotated[
     | MovedView
     | SolvedView
     | SeriesView
+    | HoldView
+    | DitherView
     | ModelRunView,
     Field(discriminator="kind"),
 ]
@@ -202,7 +213,8 @@ class JobView(BaseModel):
     phase: str = Field(description="starting, slewing, exposing, solving, syncing, ..., cancelling, ended")
     request: dict[str, JsonValue] = Field(description="The order's body")
     attempts: list[Attempt] = Field(
-        description="Looks of a centering or a series, points of a model run, as they are done"
+        description="Looks of a centering, a series or a hold (one a minute), points of a model run, as they "
+        "are done"
     )
     result: Result | None
     problem: Problem | None
@@ -415,7 +427,7 @@ def result_view(report: object, *, epoch: Epoch | None = None, utc: datetime | N
             return MovedView(outcome=str(report))
         case None:
             return None
-        case SolvedView() | SeriesView() | ModelRunView():
+        case SolvedView() | SeriesView() | HoldView() | DitherView() | ModelRunView():
             return report
         case dict():
             # of a job that ended before the service was started again

@@ -6,9 +6,9 @@ rate walks (refraction, polar error as the sky turns), the amplitudes of the per
     z = d + made + noise,      noise² = sigma of the solve² + seeing²
 
 where `made` is what the axis has made of all corrections so far. How much level and rate walk and what seeing
-adds is not known: each filter of the bank holds one combination possible, and Bayes' rule weighs them by their
-innovations [Magill 1965, multiple-model estimation]. So is what the axis makes of corrections (`Play`): its
-hypotheses share covariances and gains, for these don't depend on what is seen.
+adds is not known: each filter of the bank holds one combination possible, and Bayes' rule weighs them by
+their innovations [Magill 1965, multiple-model estimation]. So is what the axis makes of corrections (`Play`):
+its hypotheses share covariances and gains, for these don't depend on what is seen.
 
 As long as the period of an axis that swings isn't known, some of the filters hold one of a coarse series of
 periods for possible, with a phase that may wander by what lies between two of them.

@@ -1,7 +1,7 @@
 """Where a series is dithered to, step by step, and when the telescope has come to rest there.
 
-Steps are offsets from where the series began, in order; none is farther from it than the bound. A pattern is a
-function of its seed and the number of the step alone: what was dithered before a restart can be told again.
+Steps are offsets from where the series began, in order; none is farther from it than the bound. A pattern is
+a function of its seed and the number of the step alone: what was dithered before a restart can be told again.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ AGREE_ARCSEC = 3.0
 telescope has moved, and the looks are right."""
 _AGREE_SIGMAS = 3.0
 FAR_ARCSEC = 3600.0
-"""A look farther off than this is not of this field, or the mount is lost: holding says so, and doesn't follow."""
+"""A look farther off than this is not of this field, or the mount is lost: it is never followed."""
 
 
 class LookFate(StrEnum):

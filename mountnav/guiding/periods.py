@@ -67,7 +67,8 @@ def propose_period(seconds: Array, angle: Array, sigma: Array) -> float | None:
         parts = parts - (parts @ trend) @ trend.T
         gram = parts @ parts.transpose(0, 2, 1) + 1e-9 * n * np.eye(parts.shape[1])
         right = parts @ rest
-        return np.einsum("fk,fk->f", right, np.linalg.solve(gram, right[:, :, None])[:, :, 0])
+        fitted = np.linalg.solve(gram, right[:, :, None])[:, :, 0]
+        return np.asarray((right * fitted).sum(axis=1), dtype=float)
 
     count = int(np.ceil((high - low) * span * _OVERSAMPLING)) + 2
     frequencies = np.linspace(low, high, count)

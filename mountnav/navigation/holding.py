@@ -1,9 +1,9 @@
 """Holding a telescope still by what its solves show: looks in, guide pulses or rates out, never a sync.
 
-A hold keeps the telescope for itself until its end: its time is over, it is cancelled or stopped, or something
-speaks against going on. Whatever ends it, rates beside the sidereal one are ended, and the mount is left
-tracking as for a star. What is corrected is decided in `mountnav.guiding`; here is what the mount can do, what
-the looks are, and what is told.
+A hold keeps the telescope for itself until its end: its time is over, it is cancelled or stopped, or
+something speaks against going on. Whatever ends it, rates beside the sidereal one are ended, and the mount is
+left tracking as for a star. What is corrected is decided in `mountnav.guiding`; here is what the mount can
+do, what the looks are, and what is told.
 
 Looks come from the telescope's own camera, every so many seconds, or from frames that another program exposes
 (`Holding.outside`). In the first case frames of another program show how the guiding and the main camera bend
@@ -13,7 +13,6 @@ apart.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import math
 from collections import deque
 from collections.abc import Callable
@@ -45,7 +44,6 @@ from mountnav.errors import (
 from mountnav.guiding.actuator import Actuator, ActuatorKind
 from mountnav.guiding.dither import DitherPlan, Settle
 from mountnav.guiding.guider import Correction, Guider, LookFate
-from mountnav.guiding.law import AxisCorrection
 from mountnav.guiding.trends import Bending, BendingSeen, Trend, TrendSeen
 from mountnav.journal.records import EntryKind
 from mountnav.mount.kill_points import kill_point
@@ -60,8 +58,8 @@ GUIDE_SHARE = 0.5
 """Share of the sidereal rate that a mount is taken to guide at where it doesn't say: the usual setting. It is
 only where learning begins."""
 LEAST_PULSE_S = 0.02
-"""Pulses are made of such steps, s: the grain of most mounts' timers. Doubled, corrections below 0.3″ are left
-out."""
+"""Pulses are made of such steps, s: the grain of most mounts' timers. Doubled, corrections below 0.3″ are
+left out."""
 LONGEST_PULSE_S = 8.0
 """Longest pulse at once, s; protocols carry up to 9.999. Doubled, some refuse it."""
 PULSE_ERROR_S = 0.005
@@ -534,7 +532,7 @@ class Holding:
     # -- looks ---------------------------------------------------------------------------------------
 
     async def _look(self, ends_s: float) -> tuple[Look | None, str | None]:
-        """The next look, or why there is none; neither: the hold's time is over, or a dither was asked for."""
+        """The next look, or why there is none; neither: its time is over, or a dither was asked for."""
         equipment = self._equipment
         if self._plan.looks == "frames":
             return await self._next_frame(ends_s)
