@@ -295,8 +295,8 @@ class AxisFilter:
         # what was held possible before sums up to one
         self.log_evidence += top + math.log(total)
         # what wind and gears do changes with the hours, and old evidence of it fades; play and gain stay
-        of_m = np.maximum(weight.sum(axis=0), 1e-300) / total
-        fading = _FORGETTING * (joint - top - math.log(total) - np.log(of_m))
+        of_m = weight.sum(axis=0) / total
+        fading = _FORGETTING * (joint - joint.max(axis=0))
         fading -= np.log(np.exp(fading).sum(axis=0))
         # none of these is ever out of the question: what walks and drifts may imitate them for a while
         of_m = np.log((1.0 - _DOUBT) * of_m + _DOUBT * np.exp(self.play.log_prior))

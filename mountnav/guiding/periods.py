@@ -82,7 +82,7 @@ def propose_period(seconds: Array, angle: Array, sigma: Array) -> float | None:
         near = np.clip(best + np.linspace(-width, width, 11), low, high)
         best = float(near[int(np.argmax(explained(near)))])
         width /= 4.0
-    # two turns, or three, are a period of harmonics, too: the shortest one that explains as much is the worm's
+    # two or three turns are a period, too: the shortest one that explains as much is the worm's
     whole = float(explained(np.array([best]))[0])
     for turns in (3, 2):
         shorter = best * turns
