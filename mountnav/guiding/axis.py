@@ -18,8 +18,11 @@ Array = NDArray[np.float64]
 SURE_SIGMAS = 1.0
 """An axis is corrected once the looks show with so many sigma that their forecast beats doing nothing, and
 no more once they show as clearly that it doesn't. Doubled, small drifts are left for twice as long."""
+UNPROVEN_SIGMAS = 2.0
+"""Before that, and where it isn't so any more, only what is off by so many sigma of the forecast is corrected.
+Halved, one look of three disturbs a mount that stands still."""
 LEAST_LOOKS = 2
-"""Looks that a forecast was compared with before anything is corrected."""
+"""Looks before anything is corrected."""
 _EVIDENCE = 4.0
 """Logarithm of the odds that a new period must win by: of some fifty periods that were tried one is the best
 by chance. Halved, one night in seven has a period that isn't there; it is small then."""
@@ -39,6 +42,9 @@ with a play of 30″ is called dead."""
 _PLAY_SHARE = 0.3
 """Share of the play's sigma that a turn is taken to disturb by. Halved, an axis whose play isn't known turns
 round for errors that drift would undo."""
+_LONGEST_OFF = 15.0
+"""Intervals that an axis is taken to be off for at the most, where nothing is done. Doubled, the motor is turned
+round for errors that noise alone makes."""
 _YOUNG_LOOKS = 30
 """Before so many looks of a field the bank isn't begun anew by a surprise: it has hardly been thinned out."""
 _COAST_SIGMAS = 1.0
@@ -161,19 +167,15 @@ class HeldAxis:
         fresh : bool
             Whether there was a look since the last one.
         """
-        if not (self.worth_it or self._owed) or self.fault() is not None:
+        if self._looks < LEAST_LOOKS or self.fault() is not None:
             return NO_CORRECTION
         self._moved_on(utc_s)
         paths, weights = self._filter.forecast(utc_s, node_times(interval_s))
-        margin = 0.0 if fresh else (_COAST_SIGMAS * self._filter.forecast_sigma_arcsec(utc_s)) ** 2
-        fare = 0.0
-        if self.actuator.play_arcsec != 0.0:
-            # it will have to turn back some time
-            fare = (
-                2.0
-                * (math.sqrt(self._filter.turn_variance_arcsec2()) + _PLAY_SHARE * self.gain_and_play()[3])
-                ** 2
-            )
+        sigmas = 0.0 if self.worth_it or self._owed else UNPROVEN_SIGMAS
+        if not fresh:
+            sigmas = max(sigmas, _COAST_SIGMAS)
+        margin = 0.0 if sigmas == 0.0 else (sigmas * self._filter.forecast_sigma_arcsec(utc_s)) ** 2
+        fare = 0.0 if self.actuator.play_arcsec == 0.0 else self._fare(paths, weights)
         best = choose(
             paths,
             weights,
@@ -186,6 +188,17 @@ class HeldAxis:
         if best.none:
             self._owed = False
         return best
+
+    def _fare(self, paths: Array, weights: Array) -> float:
+        """What turning the motor round costs: twice what it disturbs, for it turns back some time.
+
+        It is set against all the time that the axis would be off for otherwise: until drift brings it back.
+        """
+        turn = math.sqrt(self._filter.turn_variance_arcsec2()) + _PLAY_SHARE * self.gain_and_play()[3]
+        mean = weights @ paths
+        off, goes = float(mean[0]), float(mean[-1] - mean[0])
+        lasts = _LONGEST_OFF if off * goes >= 0.0 else min(max(abs(off / goes), 1.0), _LONGEST_OFF)
+        return 2.0 * turn**2 / lasts
 
     # -- looks ---------------------------------------------------------------------------------------
 
@@ -209,9 +222,8 @@ class HeldAxis:
         self._looks += 1
         self._story.append(_Seen(utc_s, seen_arcsec, sigma_arcsec))
         self._without.append((utc_s, without - self._jumps, sigma_arcsec))
-        if self._looks >= LEAST_LOOKS:
-            sure = SURE_SIGMAS * math.sqrt(self._score_variance)
-            self.worth_it = self._score > (-sure if self.worth_it else sure)
+        sure = SURE_SIGMAS * math.sqrt(self._score_variance)
+        self.worth_it = self._score > (-sure if self.worth_it else sure)
         if self._filter.surprised and self._looks > _YOUNG_LOOKS:
             self._filter = self._replayed(self.period_s)
             self._filter.surprise = 1.0
