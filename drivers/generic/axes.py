@@ -81,7 +81,7 @@ class Axes:
         await session.ready()
         links = session.links
         await session.no_stop.wait()
-        before = await self._motions.refusals.before()
+        before = await self._motions.refusals.before_at_rest()
         if before.parked:
             raise parked("moving an axis", device=session.name)
         if before.slewing and not session.axes:
