@@ -33,7 +33,7 @@ from mountnav.guiding.law import NODE_WEIGHTS, line_through, node_times, rate_al
 
 Array = NDArray[np.float64]
 
-LOOKS = 480
+LOOKS = 360
 SUB = 6
 """Moments between two looks at which the residual is measured."""
 SIDEREAL = math.radians(15.041067 / 3600.0)

@@ -24,13 +24,11 @@ ActuatorKind = Literal["pulses", "rates", "both"]
 REVERSED, IGNORED = -1.0, 0.0
 """Shares of a correction that an axis makes which are faults: it goes the other way, or not at all."""
 
-_GAINS = (0.7, 0.85, 1.0, 1.15, 1.3)
-"""Shares of a correction that an ordinary axis may make: guide rates are known to some 15 %. Steps of half of
-that: what lies between is a mixture of neighbors. Wider steps would leave 15 % of each correction unmade."""
 _UNKNOWN_GAINS = (0.2, 0.35, 0.5, 0.7, 0.85, 1.0, 1.15, 1.4, 1.7, 2.1)
-"""The same where the guide rate isn't known: it may be a tenth of the sidereal rate or all of it."""
-_GAIN_WIDTH = 0.12
-"""Prior sigma of that share. Doubled, the first corrections count as less certain than they are."""
+"""Shares of a correction that an axis may make where its guide rate isn't known: it may be a tenth of the
+sidereal rate or all of it. Where it is known none is learned: a share that is otherwise by a fifth makes
+corrections that much too large or too small, which the next look shows; and under corrections it can hardly be
+told from a drift that is larger by as much."""
 _PLAYS_ARCSEC = (0.0, 1.5, 3.0, 5.0, 8.0, 12.0, 17.0, 24.0)
 """Plays that are held possible where none is declared, ″: those of ordinary declination axes."""
 _PLAY_SCALE_ARCSEC = 8.0
@@ -88,13 +86,14 @@ class Actuator:
         if self.most_arcsec <= 0.0 or self.most_arcsec_s <= 0.0:
             raise BadRequest("an actuator that corrects nothing can't hold", advice=f"see {self}")
 
-    def rounded(self, correction_arcsec: float) -> float:
-        """The nearest correction that can be made."""
-        most = self.most_arcsec
-        if self.step_arcsec > 0.0:
-            steps = round(min(max(correction_arcsec, -most), most) / self.step_arcsec)
-            return steps * self.step_arcsec
-        return min(max(correction_arcsec, -most), most)
+    def rounded(self, corrections: Array) -> Array:
+        """The nearest corrections that can be made, ″."""
+        clipped = np.clip(corrections, -self.most_arcsec, self.most_arcsec)
+        if self.step_arcsec <= 0.0:
+            return clipped
+        # towards nought where the bound is no whole number of steps
+        most = math.floor(self.most_arcsec / self.step_arcsec + 1e-9)
+        return np.clip(np.round(clipped / self.step_arcsec), -most, most) * self.step_arcsec
 
     def disturbance_arcsec2(self, correction_arcsec: float) -> float:
         """Variance that a correction brings with it."""
@@ -131,13 +130,10 @@ class Play:
     def __post_init__(self) -> None:
         rows: list[tuple[float, float, float, float]] = []
         plays = _plays(self.actuator.play_arcsec)
-        known = self.actuator.rate_known
-        gains = (_GAINS if len(plays) == 1 else _GAINS[::2]) if known else _UNKNOWN_GAINS
-        for gain in gains:
-            likely = math.exp(-0.5 * ((gain - 1.0) / _GAIN_WIDTH) ** 2) if known else 1.0
+        for gain in (1.0,) if self.actuator.rate_known else _UNKNOWN_GAINS:
             for play, weight in plays:
                 places = (0.0, play) if play > 0.0 else (0.0,)
-                rows += [(gain, play, place, likely * weight / len(places)) for place in places]
+                rows += [(gain, play, place, weight / len(places)) for place in places]
         total = sum(row[3] for row in rows)
         rows += [(fault, 0.0, 0.0, _FAULT_PRIOR * total) for fault in (IGNORED, REVERSED)]
         table = np.array(rows)

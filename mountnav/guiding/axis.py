@@ -15,12 +15,12 @@ from mountnav.guiding.periods import propose_period
 
 Array = NDArray[np.float64]
 
-SURE_SIGMAS = 1.0
-"""An axis is corrected once the looks show with so many sigma that their forecast beats doing nothing, and
-no more once they show as clearly that it doesn't. Doubled, small drifts are left for twice as long."""
-UNPROVEN_SIGMAS = 2.0
+SURE_SIGMAS = 1.5
+"""An axis is corrected once the looks show with so many sigma that their forecast beats doing nothing, and no
+more once they don't. Doubled, small drifts are left for twice as long."""
+UNPROVEN_SIGMAS = 2.5
 """Before that, and where it isn't so any more, only what is off by so many sigma of the forecast is corrected.
-Halved, one look of three disturbs a mount that stands still."""
+Halved, one look of four disturbs a mount that stands still."""
 LEAST_LOOKS = 2
 """Looks before anything is corrected."""
 _EVIDENCE = 4.0
@@ -223,7 +223,7 @@ class HeldAxis:
         self._story.append(_Seen(utc_s, seen_arcsec, sigma_arcsec))
         self._without.append((utc_s, without - self._jumps, sigma_arcsec))
         sure = SURE_SIGMAS * math.sqrt(self._score_variance)
-        self.worth_it = self._score > (-sure if self.worth_it else sure)
+        self.worth_it = self._score > (0.0 if self.worth_it else sure)
         if self._filter.surprised and self._looks > _YOUNG_LOOKS:
             self._filter = self._replayed(self.period_s)
             self._filter.surprise = 1.0
@@ -251,6 +251,7 @@ class HeldAxis:
         self._score = self._score_variance = 0.0
         self._asked = self._asked_least = self._asked_most = self._last_amount = 0.0
         self.worth_it = False
+        self.period_told = self.period_s is not None
 
     def wanted_elsewhere(self, by_arcsec: float) -> None:
         """The place where it should look has moved by so much: a dither."""
@@ -271,10 +272,17 @@ class HeldAxis:
             apart = 2.0 * math.pi * span * abs(1.0 / found - 1.0 / self.period_s)
             if apart < _PHASE_RAD:
                 return
-        proposed = self._replayed(found)
         bar = _BETTER if self.period_s is not None and not self.period_told else _EVIDENCE
-        if proposed.log_evidence > self._filter.log_evidence + bar:
-            self._filter, self.period_s, self.period_told = proposed, found, False
+        proposed = self._replayed(found)
+        if proposed.log_evidence <= self._filter.log_evidence + bar:
+            return
+        if self.period_s is not None:
+            # a bank that was thinned out before may fit badly by that alone
+            whole = self._replayed(self.period_s)
+            if proposed.log_evidence <= whole.log_evidence + bar:
+                self._filter = whole
+                return
+        self._filter, self.period_s, self.period_told = proposed, found, False
 
     def _replayed(self, period_s: float | None) -> AxisFilter:
         """A filter with that period that has seen all that was seen."""

@@ -27,6 +27,15 @@ END_WEIGHT = 0.288675134595
 sum of squares has x' = (√3 - 2) x from one correction to the next, and costs x² √3/6 times the interval."""
 
 
+_NO_TAKES = np.zeros(1)
+"""No play to take up."""
+_SHARES = np.array([0.75, 1.0, 1.3])
+"""Shares of the best correction that are tried, too, where gain or play is in doubt."""
+_LEAST_WEIGHT = 3e-3
+"""Hypotheses less probable than this, beside the best, don't decide. Tenfold, a play that is possible is
+forgotten."""
+
+
 @dataclass(frozen=True, slots=True)
 class AxisCorrection:
     """What to do with an axis: a step now, and a rate from now on, on the sky.
@@ -104,9 +113,9 @@ def choose(
     actuator = play.actuator
     # an axis that doesn't follow at all is no reason to try less: that is told as a fault instead
     weights = np.where(play.gain > 0.0, weights, 0.0)
-    kept = weights > 1e-3 * float(weights.max())
+    kept = weights > _LEAST_WEIGHT * float(weights.max())
     paths, weights = paths[kept], weights[kept] / float(weights[kept].sum())
-    steps, rates = _candidates(paths, weights, play.width[kept], actuator, interval_s)
+    steps, rates = _candidates(paths, weights, play.gain[kept], play.width[kept], actuator, interval_s)
     left = _left(paths, weights, play, kept, steps, rates, interval_s)
     moved = np.abs(steps) + np.abs(rates) * interval_s
     left = left + np.where(
@@ -124,34 +133,34 @@ def choose(
 
 
 def _candidates(
-    paths: Array, weights: Array, widths: Array, actuator: Actuator, interval_s: float
+    paths: Array, weights: Array, gains: Array, widths: Array, actuator: Actuator, interval_s: float
 ) -> tuple[Array, Array]:
     """Corrections to choose from; the first is none."""
     mean = weights @ paths
-    if widths.size > 1:
-        widths = np.unique(widths)
     most = actuator.most_arcsec_s
-    plays = [float(width) for width in widths if width > 0.0]
-    takes = [0.0, *plays, *(-play for play in plays)]
-    shares = (0.85, 1.0, 1.15) if not plays else (0.7, 1.0, 1.3)
+    if gains.size == 1 and widths[0] == 0.0:
+        # nothing is in doubt: the best is known at once
+        takes, shares = _NO_TAKES, 1.0 / gains
+    else:
+        takes = np.unique(np.concatenate((widths, -widths, _NO_TAKES)))
+        usual = float(weights @ gains)
+        shares = np.unique(np.round(np.concatenate((1.0 / gains, _SHARES / usual)), 3))
     if actuator.kind == "rates":
         best = rate_alone(mean, interval_s)
-        options = [share * best + take / interval_s for take in takes for share in shares]
-        rates = np.clip(np.array([0.0, *options]), -most, most)
+        options = (shares[:, None] * best + takes / interval_s).ravel()
+        rates = np.clip(np.concatenate(([0.0], options)), -most, most)
         return np.zeros_like(rates), rates
-    if actuator.kind == "pulses":
-        best = -float(NODE_WEIGHTS @ mean)
-        steps = [actuator.rounded(share * best + take) for take in takes for share in shares]
-        return np.array([0.0, *steps]), np.zeros(1 + len(steps))
-    level, rate = line_through(mean, interval_s)
     whole = -float(NODE_WEIGHTS @ mean)
-    pairs = [(0.0, 0.0)]
-    for share in shares:
-        pairs += [(actuator.rounded(share * whole + take), 0.0) for take in takes]
-        pairs += [(actuator.rounded(-share * level + take), -share * rate) for take in takes]
-        pairs.append((0.0, share * rate_alone(mean, interval_s)))
-    table = np.array(pairs)
-    return table[:, 0], np.clip(table[:, 1], -most, most)
+    steps = np.concatenate(([0.0], (shares[:, None] * whole + takes).ravel()))
+    if actuator.kind == "pulses":
+        steps = actuator.rounded(steps)
+        return steps, np.zeros_like(steps)
+    level, rate = line_through(mean, interval_s)
+    both = (-shares[:, None] * level + takes).ravel()
+    alone = shares * rate_alone(mean, interval_s)
+    rates = np.concatenate((np.zeros_like(steps), np.repeat(-shares * rate, takes.size), alone))
+    steps = np.concatenate((steps, both, np.zeros_like(alone)))
+    return actuator.rounded(steps), np.clip(rates, -most, most)
 
 
 def _left(
