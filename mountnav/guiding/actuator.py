@@ -118,6 +118,8 @@ class Play:
     made : ndarray, shape (m,)
         Sum of what the axis has made of all corrections, ″.
     log_prior : ndarray, shape (m,)
+    moves : int
+        How many corrections there were.
     """
 
     actuator: Actuator
@@ -126,6 +128,7 @@ class Play:
     place: Array = field(init=False)
     made: Array = field(init=False)
     log_prior: Array = field(init=False)
+    moves: int = field(init=False, default=0)
 
     def __post_init__(self) -> None:
         rows: list[tuple[float, float, float, float]] = []
@@ -147,6 +150,7 @@ class Play:
         inside = np.minimum(np.maximum(reached, 0.0), self.width)
         self.made += self.gain * (reached - inside)
         self.place = inside
+        self.moves += 1
 
 
 def _plays(declared: float | None) -> list[tuple[float, float]]:

@@ -73,7 +73,7 @@ _DOUBT = 1e-3
 Doubled, what has been learned of a play fades in half the time where nothing confirms it."""
 _FILTERS_KEPT = 1e-3
 """A filter of the bank whose probability has been below this is given up after `_PRUNE_AFTER` looks."""
-_PRUNE_AFTER = 15
+_PRUNE_AFTER = 8
 """Looks after which the bank is thinned out, and again each time. Halved, filters go by chance."""
 _SURPRISED = 2.2
 """Mean square of the last innovations, in units of what was expected: above this the bank no longer fits the
@@ -186,6 +186,10 @@ class AxisFilter:
         self._log_weight = np.tile(play.log_prior, (h, 1)) - math.log(h)
         self._weight = np.exp(self._log_weight)
         self._row = np.array([1.0, 0.0] + [1.0, 0.0] * harmonics)
+        # where the variances of sines and cosines stand in a matrix that is read row by row
+        self._swing_at = np.arange(2, n) * (n + 1)
+        self._creep = np.repeat(self._creep, 2, axis=1)
+        self._at_look: tuple[int, Array, Array, Array, float, float] | None = None
         self._added = 0.0
         self._updates = 0
 
@@ -200,12 +204,15 @@ class AxisFilter:
         if dt <= 0.0:
             return
         self.utc_s = utc_s
-        h, n = self._covariance.shape[:2]
-        F = np.zeros((h, n, n))
+        self._at_look = None
+        n = self._row.size
+        # all filters with one period go on alike
+        turns = self._turn_rate if self.period_s is None else self._turn_rate[:1]
+        F = np.zeros((turns.size if self._harmonics else 1, n, n))
         F[:, 0, 0] = F[:, 1, 1] = 1.0
         F[:, 0, 1] = dt
         for j in range(self._harmonics):
-            turn = (j + 1) * dt * self._turn_rate
+            turn = (j + 1) * dt * turns
             cosine, sine = np.cos(turn), np.sin(turn)
             at = 2 + 2 * j
             F[:, at, at] = F[:, at + 1, at + 1] = cosine
@@ -218,10 +225,8 @@ class AxisFilter:
         P[:, 0, 1] += bend
         P[:, 1, 0] += bend
         P[:, 1, 1] += self._rate_walk * dt
-        for j in range(self._harmonics):
-            at = 2 + 2 * j
-            P[:, at, at] += self._creep[:, j] * dt
-            P[:, at + 1, at + 1] += self._creep[:, j] * dt
+        if self._harmonics:
+            P.reshape(P.shape[0], -1)[:, self._swing_at] += self._creep * dt
         self._added = 0.0
         self._covariance = P
 
@@ -231,14 +236,17 @@ class AxisFilter:
 
     def shifted(self, by_arcsec: float) -> None:
         """The zero of what is seen has moved: a dither."""
+        self._at_look = None
         self._mean[:, :, 0] += by_arcsec
 
     def jumped(self, sigma_arcsec: float) -> None:
         """The axis has been moved by something: its level isn't known any more, the rest is."""
+        self._at_look = None
         self._covariance[:, 0, 0] += sigma_arcsec**2
 
     def another_field(self, sigma_arcsec: float) -> None:
         """After a slew or a flip: level, rate and the worm's place are others; noise and amplitudes stay."""
+        self._at_look = None
         rates = np.maximum((self._weight * self._mean[:, :, 1] ** 2).sum(), 2.5e-7)
         self._covariance[:, 0, :] = self._covariance[:, :, 0] = 0.0
         self._covariance[:, 0, 0] = sigma_arcsec**2
@@ -261,28 +269,36 @@ class AxisFilter:
 
     # -- looks ---------------------------------------------------------------------------------------
 
-    def _levels(self) -> tuple[Array, Array]:
-        """Where each filter has the axis, (h, m), and with which variance, (h,)."""
-        return self._mean @ self._row + self.play.made, (self._covariance @ self._row) @ self._row
+    def _looked(self) -> tuple[int, Array, Array, Array, float, float]:
+        """What the filters have at the present instant: five things, once for all who ask.
+
+        Gain before it is divided, variance, where the axis is, the mean of that, the variance between filters.
+        """
+        known = self._at_look
+        if known is not None and known[0] == self.play.moves:
+            return known
+        PH = self._covariance @ self._row
+        x = self._mean @ self._row + self.play.made
+        w = self._weight
+        mean = float((w * x).sum())
+        across = float((w * (x - mean) ** 2).sum())
+        self._at_look = (self.play.moves, PH, PH @ self._row, x, mean, across)
+        return self._at_look
 
     def expected(self, sigma_arcsec: float) -> tuple[float, float, float]:
         """Mean and variance of what a look would show now, and how much of that is its own noise."""
-        x, P = self._levels()
-        w = self._weight
-        mean = float((w * x).sum())
-        of_h = w.sum(axis=1)
+        _, _, P, _, mean, across = self._looked()
+        of_h = self._weight.sum(axis=1)
         noise = float(of_h @ self._seeing2) + sigma_arcsec**2
-        return mean, float(of_h @ P) + noise + float((w * (x - mean) ** 2).sum()), noise
+        return mean, float(of_h @ P) + noise + across, noise
 
     def update(self, seen_arcsec: float, sigma_arcsec: float) -> None:
         """Take in a look at the present instant."""
-        PH = self._covariance @ self._row
-        S = PH @ self._row + sigma_arcsec**2 + self._seeing2 + 1e-9
-        x = self._mean @ self._row + self.play.made
+        _, PH, P, x, expected, across = self._looked()
+        self._at_look = None
+        S = P + (sigma_arcsec**2 + 1e-9) + self._seeing2
         innovation = seen_arcsec - x
-        w = self._weight
-        expected = float((w * x).sum())
-        variance = float(w.sum(axis=1) @ S) + float((w * (x - expected) ** 2).sum())
+        variance = float(self._weight.sum(axis=1) @ S) + across
         square = min((seen_arcsec - expected) ** 2 / variance, 25.0)
         self.surprise += (square - self.surprise) / _SURPRISE_LOOKS
         joint = self._log_weight - 0.5 * (np.log(2.0 * math.pi * S)[:, None] + innovation**2 / S[:, None])
@@ -394,10 +410,9 @@ class AxisFilter:
 
     def state(self, sigma_arcsec: float) -> AxisState:
         """What is known at the last look."""
-        x, P = self._levels()
+        _, _, P, _, level, between = self._looked()
         w = self._weight
         of_h = w.sum(axis=1)
-        level = float((w * x).sum())
         mean = np.einsum("hm,hmn->n", w, self._mean)
         within = np.einsum("h,hnn->n", of_h, self._covariance)
         across = np.einsum("hm,hmn->n", w, (self._mean - mean) ** 2)
@@ -409,7 +424,7 @@ class AxisFilter:
             )
         return AxisState(
             level_arcsec=level,
-            level_sigma_arcsec=math.sqrt(max(float(of_h @ P) + float((w * (x - level) ** 2).sum()), 0.0)),
+            level_sigma_arcsec=math.sqrt(max(float(of_h @ P) + between, 0.0)),
             rate_arcsec_s=float(mean[1]),
             rate_sigma_arcsec_s=float(sigmas[1]),
             noise_arcsec=math.sqrt(sigma_arcsec**2 + float(of_h @ self._seeing2)),
