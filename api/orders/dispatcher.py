@@ -22,12 +22,11 @@ from api.orders.jobs import Job, Jobs
 from api.orders.longer_orders import LongerOrders
 from api.orders.targets import Target, require_filter, require_place
 from api.orders.vocabulary import (
-    ModelRunOrder,
+    DitherOrder,
+    LongerOrder,
     MoveAxisOrder,
     OffsetRatesOrder,
     Order,
-    SeriesOrder,
-    SolveOrder,
     role_for,
 )
 from api.orders.watching import Watch
@@ -188,7 +187,7 @@ class Dispatcher:
             except (OutsideLimits, BadRequest) as refusal:
                 self._audit.refused(caller, order.kind, refusal, telescope=telescope_id, request=request)
                 raise
-        if isinstance(order, SolveOrder | SeriesOrder | ModelRunOrder):
+        if isinstance(order, LongerOrder):
             work = self._longer.work_of(self._observatory.telescope(telescope_id).id, order)
             devices = self._longer.needs_devices(order)
         else:
@@ -203,6 +202,7 @@ class Dispatcher:
             supersede=supersede,
             needs=role_for(order),
             devices=devices,
+            within="hold" if isinstance(order, DitherOrder) else None,
         )
 
     async def give(
@@ -218,6 +218,7 @@ class Dispatcher:
         needs: Role = Role.OPERATE,
         devices: bool = True,
         began: Callable[[Job], object] | None = None,
+        within: str | None = None,
     ) -> Job:
         """Take a piece of work as an order; `order` for those that have a body of their own.
 
@@ -238,6 +239,8 @@ class Dispatcher:
             Whether the telescope must be open for it.
         began : callable, optional
             Told of the job before it does anything.
+        within : str, optional
+            Kind of job that it may be done within: then that one goes on, and holds the telescope.
 
         Raises
         ------
@@ -272,6 +275,7 @@ class Dispatcher:
                 make_room=(lambda: self._stop(telescope, None)) if supersede else None,
                 epoch=telescope.navigator.mount.epoch,
                 even_unwritten=safe,
+                within=within,
             )
             if began is not None:
                 began(job)

@@ -12,7 +12,9 @@ from api.orders.results import (
     Attempt,
     AttemptView,
     AxesMovedView,
+    DitherView,
     FollowView,
+    HoldView,
     ModelRunView,
     RatesView,
     SeriesView,
@@ -206,6 +208,8 @@ Result = Annotated[
     | RatesView
     | SolvedView
     | SeriesView
+    | HoldView
+    | DitherView
     | ModelRunView,
     Field(discriminator="kind"),
 ]
@@ -221,7 +225,8 @@ class JobView(BaseModel):
     phase: str = Field(description="starting, slewing, exposing, solving, syncing, ..., cancelling, ended")
     request: dict[str, JsonValue] = Field(description="The order's body")
     attempts: list[Attempt] = Field(
-        description="Looks of a centering or a series, points of a model run, as they are done"
+        description="Looks of a centering, a series or a hold (one a minute), points of a model run, as they "
+        "are done"
     )
     result: Result | None
     problem: Problem | None
@@ -490,7 +495,9 @@ def result_view(report: object, *, epoch: Epoch | None = None, utc: datetime | N
             return MovedView(outcome=str(report))
         case None:
             return None
-        case SolvedView() | SeriesView() | ModelRunView() | AxesMovedView() | RatesView() | FollowView():
+        case SolvedView() | SeriesView() | ModelRunView() | FollowView() | HoldView() | DitherView():
+            return report
+        case AxesMovedView() | RatesView():
             return report
         case dict():
             # of a job that ended before the service was started again

@@ -252,6 +252,8 @@ class Jobs:
         self._tasks: dict[str, asyncio.Task[None]] = {}
         # of each telescope its jobs that are not over: the last one holds it, those before make room
         self._line: dict[str, list[Job]] = {}
+        # by the id of the job that they are done within
+        self._within: dict[str, list[Job]] = {}
         self._closing = False
 
     async def take_up(self) -> list[Job]:
@@ -294,6 +296,7 @@ class Jobs:
         make_room: Callable[[], Awaitable[object]] | None = None,
         epoch: Epoch | None = None,
         even_unwritten: bool = False,
+        within: str | None = None,
     ) -> Job:
         """Start `work` as a job, or return the one that was started with the same key.
 
@@ -308,6 +311,9 @@ class Jobs:
             The mount's own frame, for answers that give places in both.
         even_unwritten : bool
             Whether it is done though the journal can't be written; its row follows then.
+        within : str, optional
+            Where a job of this kind holds the telescope, `work` is done within that one, which goes on; it is
+            cancelled with it.
 
         Raises
         ------
@@ -322,7 +328,8 @@ class Jobs:
         if self._closing:
             raise Refused(problem("closing", 503, "the service is going down", retryable=True))
         line = self._line.setdefault(telescope, [])
-        if line and make_room is None:
+        inside = within is not None and bool(line) and line[-1].kind == within
+        if line and make_room is None and not inside:
             raise TelescopeBusy(line[-1])
         job = Job(
             uuid4().hex,
@@ -334,9 +341,12 @@ class Jobs:
             fingerprint=fingerprint_of(kind, telescope, request),
             epoch=epoch,
         )
-        before = tuple(line)
+        before = () if inside else tuple(line)
         self._memory.remember(job)
-        line.append(job)
+        if inside:
+            self._within.setdefault(line[-1].id, []).append(job)
+        else:
+            line.append(job)
         for earlier in before:
             if earlier.superseded_by is None:
                 earlier.superseded_by, earlier.superseded_by_kind = job.id, kind
@@ -411,6 +421,8 @@ class Jobs:
         why : str
             What its owner is told.
         """
+        for inner in tuple(self._within.get(job.id, ())):
+            self.cancel(inner, why)
         task = self._tasks.get(job.id)
         if task is not None and not job.is_over and job.phase not in ("cancelling", "ending"):
             job.phase, job.why_stopped = "cancelling", why
@@ -486,6 +498,11 @@ class Jobs:
         job.result, job.problem = result, found
         if job in (line := self._line.get(job.telescope, [])):
             line.remove(job)
+        for inner in self._within.pop(job.id, ()):
+            self.cancel(inner, "the job that it was part of has ended")
+        for others in self._within.values():
+            if job in others:
+                others.remove(job)
         self._tasks.pop(job.id, None)
         job.written.set()
         job.ended.set()

@@ -1,4 +1,4 @@
-"""The orders that need more than a navigator: solve, series and model-run."""
+"""The orders that need more than a navigator: solve, series, hold, dither and model-run."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,8 +15,16 @@ import numpy as np
 from api.access.security import allowed_file
 from api.observatory.observatory import Heard, Observatory
 from api.orders.execute_order import Work, there
+from api.orders.hold_orders import run_dither, run_hold
 from api.orders.results import DriftView, SeriesLookView, SeriesView, SolvedView, mount_place, place
-from api.orders.vocabulary import LongerOrder, ModelRunOrder, SeriesOrder, SolveOrder
+from api.orders.vocabulary import (
+    DitherOrder,
+    HoldOrder,
+    LongerOrder,
+    ModelRunOrder,
+    SeriesOrder,
+    SolveOrder,
+)
 from api.solver.hints import make_hint
 from api.solver.link import Upload
 from api.solver.solve_record import solve_record
@@ -279,6 +288,10 @@ class LongerOrders:
                     return await solve_frame(navigator, order, solver=self._solver, folders=one.night.folders)
                 case SeriesOrder():
                     return await run_series(navigator, order, tell)
+                case HoldOrder():
+                    return await run_hold(navigator, order, partial(self._heard, telescope_id))
+                case DitherOrder():
+                    return await run_dither(navigator, order, partial(self._heard, telescope_id))
                 case ModelRunOrder():
                     # fitting is expensive to import, and few need it
                     from api.orders.model_run import run_model

@@ -20,10 +20,15 @@ __all__ = [
     "AttemptView",
     "AxesMovedView",
     "AxisMovedView",
+    "BendingView",
+    "DitherView",
     "DriftView",
     "Finite",
     "FollowLookView",
     "FollowView",
+    "HoldKnownView",
+    "HoldLookView",
+    "HoldView",
     "ModelRunView",
     "OffsetView",
     "Place",
@@ -34,6 +39,7 @@ __all__ = [
     "SkyEventView",
     "SolvedView",
     "TermView",
+    "TrendView",
     "mount_place",
     "place",
 ]
@@ -253,7 +259,101 @@ class FollowView(BaseModel):
     elapsed_s: Finite
 
 
-Attempt = Annotated[AttemptView | SeriesLookView | PointView | FollowLookView, Field(discriminator="kind")]
+class TrendView(BaseModel):
+    """A straight line through what was seen."""
+
+    rate_per_h: Finite
+    sigma_per_h: Finite
+    now: Finite
+    scatter: Finite
+    points: int
+
+
+class BendingView(BaseModel):
+    """Main camera's center minus the guiding one's, arcsec."""
+
+    east: TrendView
+    north: TrendView
+
+
+class HoldKnownView(BaseModel):
+    """What a hold has found out: what the mount does by itself, on the sky."""
+
+    drift_east_arcsec_min: Finite
+    drift_east_sigma_arcsec_min: Finite
+    drift_north_arcsec_min: Finite
+    drift_north_sigma_arcsec_min: Finite
+    period_s: Finite = Field(description="Of the worm; null: not known")
+    amplitudes_arcsec: list[float] = Field(description="Of its turn and its harmonics")
+    amplitude_sigma_arcsec: Finite
+    noise_arcsec: Finite = Field(description="Scatter of a look, seeing included")
+    gain: Finite = Field(description="Share of a correction in declination that arrives")
+    gain_sigma: Finite
+    play_arcsec: Finite = Field(description="Backlash in declination")
+    play_sigma_arcsec: Finite
+    rotation_deg: TrendView | None = Field(description="How the field turns")
+    bending: BendingView | None = Field(
+        description="How main and guiding camera bend apart, where frames of both are there"
+    )
+
+
+class HoldLookView(BaseModel):
+    """One look of a hold, and what was corrected after it."""
+
+    kind: Literal["hold-look"] = "hold-look"
+    number: int
+    utc: datetime
+    fate: Literal["taken", "gated", "jump", "stale", "not-solved"] = Field(
+        description="gated: too far off to be believed by itself; jump: the second that says so"
+    )
+    east_arcsec: Finite = Field(description="Seen minus wanted")
+    north_arcsec: Finite
+    sigma_arcsec: Finite
+    step_east_arcsec: Finite = Field(description="Corrected after it")
+    step_north_arcsec: Finite
+    rate_east_arcsec_s: Finite = Field(description="Beside the sidereal rate since, on the sky")
+    rate_north_arcsec_s: Finite
+    rms_arcsec: Finite = Field(description="Residual of the last 20 looks, their own noise included")
+    dithered_east_arcsec: Finite = Field(description="Where it should look, beside where it began")
+    dithered_north_arcsec: Finite
+    settled: bool | None = Field(description="Null: no dither is under way")
+    problem: str | None
+    known: HoldKnownView | None
+
+
+class HoldView(BaseModel):
+    """How a hold ended by its time."""
+
+    kind: Literal["hold"] = "hold"
+    target: Place
+    target_mount: Place | None = None
+    looks: int
+    solved: int = Field(description="Solved and believed")
+    gated: int
+    jumps: int
+    corrections: int
+    rms_arcsec: Finite = Field(description="Residual of all looks, their own noise included")
+    began_utc: datetime
+    ended_utc: datetime
+    by: Literal["pulses", "rates", "both"]
+    known: HoldKnownView
+
+
+class DitherView(BaseModel):
+    """How a dither ended: settled, as looks show."""
+
+    kind: Literal["dither"] = "dither"
+    number: int = Field(description="Of the step in its pattern")
+    east_arcsec: Finite = Field(description="Where it should look now, beside where the series began")
+    north_arcsec: Finite
+    off_arcsec: Finite = Field(description="The last look from there")
+    looks: int
+    elapsed_s: Finite
+
+
+Attempt = Annotated[
+    AttemptView | SeriesLookView | HoldLookView | PointView | FollowLookView, Field(discriminator="kind")
+]
 
 
 class SolvedView(BaseModel):

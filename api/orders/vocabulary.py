@@ -26,6 +26,7 @@ __all__ = [
     "AcceptSiteTimeOrder",
     "CenterBody",
     "CenterOrder",
+    "DitherOrder",
     "FirstLightOrder",
     "FlipBody",
     "FlipOrder",
@@ -33,6 +34,7 @@ __all__ = [
     "FollowOrder",
     "ForgetRatesOrder",
     "GuideOrder",
+    "HoldOrder",
     "HomeOrder",
     "LongerOrder",
     "LookBody",
@@ -397,6 +399,52 @@ class SeriesOrder(OrderBody):
     exposure_s: _Exposure = None
 
 
+_Within = Annotated[float, Field(gt=0, le=600)]
+
+
+class HoldOrder(OrderBody):
+    """Hold still by looks: drift, periodic error and flexure are corrected by guide pulses or rates."""
+
+    kind: Literal["hold"] = "hold"
+    target: Target | None = Field(
+        default=None, description="Where the center should be; left out: where the first look finds it"
+    )
+    for_s: float | None = Field(
+        default=None, ge=1, le=86_400, description="How long; left out: until it is cancelled or stopped"
+    )
+    every_s: float = Field(default=20.0, ge=0.5, le=3600, description="From look to look, at least")
+    exposure_s: _Exposure = None
+    by: Literal["pulses", "rates", "both"] | None = Field(
+        default=None, description="Left out: pulses where the mount takes them, else rates"
+    )
+    looks: Literal["camera", "frames"] = Field(
+        default="camera", description="The telescope's own, or the frames that are sent to it"
+    )
+    period_s: float | None = Field(
+        default=None, ge=10, le=7200, description="Of the worm, if known; else it is found"
+    )
+    play_arcsec: float | None = Field(
+        default=None, ge=0, le=600, description="Backlash in declination, if known; else it is learned"
+    )
+
+
+class DitherOrder(OrderBody):
+    """Look elsewhere by a pattern's step; done when looks show that it has settled. Also while it holds."""
+
+    kind: Literal["dither"] = "dither"
+    pattern: Literal["random", "spiral", "ring"] = "random"
+    bound: float = Field(default=10.0, gt=0, le=600, description="No step is farther from where it began")
+    unit: Literal["arcsec", "px"] = Field(default="arcsec", description="Of bound and settle_within")
+    steps: int = Field(default=9, ge=2, le=1000, description="Of a turn of the ring, or of a spiral")
+    seed: int = Field(default=0, ge=0, le=2**31 - 1, description="The same steps for the same seed")
+    number: int | None = Field(
+        default=None, ge=0, le=100_000, description="Which step, 0 where it began; left out: the next one"
+    )
+    settle_within: _Within = 1.5
+    settle_looks: int = Field(default=2, ge=1, le=20, description="So many in a row must be within that")
+    timeout_s: float = Field(default=300.0, ge=1, le=7200)
+
+
 class ModelRunOrder(OrderBody):
     """Look at points over the allowed sky, one after the other; make a pointing model, and judge it."""
 
@@ -439,7 +487,7 @@ NavigatorOrder = (
 )
 """Orders that a navigator carries out by itself: `api.orders.execute_order`."""
 
-LongerOrder = SolveOrder | SeriesOrder | ModelRunOrder
+LongerOrder = SolveOrder | SeriesOrder | HoldOrder | DitherOrder | ModelRunOrder
 """Orders that need more than a navigator: `api.orders.longer_orders`."""
 
 Order = Annotated[NavigatorOrder | LongerOrder | MoveAxisOrder, Field(discriminator="kind")]
@@ -470,6 +518,8 @@ OrderKind = Literal[
     "first-light",
     "solve",
     "series",
+    "hold",
+    "dither",
     "model-run",
 ]
 """The kinds once more, for type checkers; a test holds them against `KINDS`."""
@@ -677,6 +727,8 @@ JOB_EXAMPLES: dict[str, Any] = {
     "sync": _kind("sync", "Look, and tell the mount"),
     "solve": _kind("solve", "Expose and solve", exposure_s=2.0),
     "series": _kind("series", "Twenty looks, one a minute: the drift", looks=20, every_s=60.0),
+    "hold": _kind("hold", "Hold still for an hour, a look each 20 s", for_s=3600.0, every_s=20.0),
+    "dither": _kind("dither", "Ten pixels at the most, settled within one", bound=10.0, unit="px"),
     "model-run": _kind("model-run", "A pointing model of thirty points", points=30),
     "tracking": _kind("tracking", "Follow the Moon", on=True, rate="lunar"),
     "offset-rates": _kind(

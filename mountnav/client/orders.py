@@ -234,6 +234,58 @@ def series(
     return _order("series", target=target, looks=looks, every_s=every_s, exposure_s=exposure_s)
 
 
+def hold(
+    *,
+    target: Target | None = None,
+    for_s: float | None = None,
+    every_s: float | None = None,
+    exposure_s: float | None = None,
+    by: Literal["pulses", "rates", "both"] | None = None,
+    looks: Literal["camera", "frames"] | None = None,
+    period_s: float | None = None,
+    play_arcsec: float | None = None,
+) -> Order:
+    """Hold still by looks, until its time is over or its job is cancelled; it tracks on in any case."""
+    return _order(
+        "hold",
+        target=target,
+        for_s=for_s,
+        every_s=every_s,
+        exposure_s=exposure_s,
+        by=by,
+        looks=looks,
+        period_s=period_s,
+        play_arcsec=play_arcsec,
+    )
+
+
+def dither(
+    *,
+    pattern: Literal["random", "spiral", "ring"] | None = None,
+    bound: float | None = None,
+    unit: Literal["arcsec", "px"] | None = None,
+    steps: int | None = None,
+    seed: int | None = None,
+    number: int | None = None,
+    settle_within: float | None = None,
+    settle_looks: int | None = None,
+    timeout_s: float | None = None,
+) -> Order:
+    """Look elsewhere by a pattern's step; its job succeeds when looks show that it has settled there."""
+    return _order(
+        "dither",
+        pattern=pattern,
+        bound=bound,
+        unit=unit,
+        steps=steps,
+        seed=seed,
+        number=number,
+        settle_within=settle_within,
+        settle_looks=settle_looks,
+        timeout_s=timeout_s,
+    )
+
+
 def model_run(
     *,
     points: int | None = None,

@@ -90,7 +90,7 @@ class MountOrders:
         self._listen("stopped", {})
 
     @asynccontextmanager
-    async def work(self, activity: str) -> AsyncIterator[None]:
+    async def work(self, activity: str, *, halts: bool = True) -> AsyncIterator[None]:
         """Hold the telescope for one piece of work; a second one is refused, not queued.
 
         A piece of work is many orders and looks, say a centering. Each of its orders is held by the mount for
@@ -98,6 +98,11 @@ class MountOrders:
         limits, must not cross it either. So neither of the two checks replaces the other.
 
         Work that is cancelled, or whose mount can't be trusted any more, leaves the mount stopped.
+
+        Parameters
+        ----------
+        halts : bool
+            Whether it is stopped when the work is cancelled: not where that leaves it tracking by itself.
 
         Raises
         ------
@@ -110,7 +115,8 @@ class MountOrders:
             with because(why=cause().why or activity):
                 yield
         except asyncio.CancelledError:
-            await asyncio.shield(self.halt())
+            if halts:
+                await asyncio.shield(self.halt())
             raise
         except (DeviceSilent, DeviceGarbled, DeviceMissing, RefusedButDone):
             await self.halt()

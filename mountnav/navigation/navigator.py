@@ -16,6 +16,14 @@ from mountnav.navigation.centering import center_in_time
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.first_light import first_light
 from mountnav.navigation.follow import Following, FollowProgress, FollowReport
+from mountnav.navigation.holding import (
+    DitherReport,
+    DitherWish,
+    Holding,
+    HoldPlan,
+    HoldProgress,
+    HoldReport,
+)
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.look import at_instant
 from mountnav.navigation.look_retries import PersistentLook, cheap
@@ -48,6 +56,11 @@ from mountnav.solution import Verdict
 from mountnav.solving.settings import SolveSettings
 
 __all__ = ["state_of"]
+
+DITHER_EVERY_S = 5.0
+"""From look to look of a dither without a hold, s: one after the other, for most cameras."""
+DITHER_GRACE_S = 60.0
+"""Such a dither ends by itself so much after its own time, s: a look may be under way."""
 
 
 async def state_of(
@@ -117,6 +130,7 @@ class Navigator(MountOrders):
         super().__init__(equipment.name, equipment.mount, equipment.camera, equipment.listen)
         self._equipment = equipment
         self._slewing = Slewing(equipment)
+        self._holding: Holding | None = None
         self._following: Following | None = None
 
     # -- what is known -------------------------------------------------------------------------------
@@ -193,7 +207,10 @@ class Navigator(MountOrders):
 
     async def frame(self, frame: Frame, verdict: Verdict, *, used: str = "night") -> FrameLook:
         """Compare a frame of another program with the mount's readings round it. See `compare_frame`."""
-        return await compare_frame(self._equipment, self.policy, frame, verdict, used=used)
+        compared = await compare_frame(self._equipment, self.policy, frame, verdict, used=used)
+        if self._holding is not None and compared.look is not None and not compared.doubts:
+            self._holding.outside(compared.look)
+        return compared
 
     async def sync(self) -> SyncReport:
         """Look, and sync the mount to where it truly points; read back whether it took it.
@@ -487,3 +504,44 @@ class Navigator(MountOrders):
             return await correct(
                 self._equipment, self._slewing, found, by=by, target=target, key=key, heard=heard
             )
+
+    # -- holding still -------------------------------------------------------------------------------
+
+    @property
+    def holds(self) -> bool:
+        """Whether it is holding a place by looks: a dither is taken then."""
+        return self._holding is not None
+
+    async def hold(self, plan: HoldPlan, heard: Callable[[HoldProgress], None] | None = None) -> HoldReport:
+        """Hold still by looks until the plan's time is over; see `Holding.run`.
+
+        However it ends, the mount tracks on as for a star: a cancelled one isn't stopped.
+        """
+        async with self.work("holding", halts=False):
+            self._holding = Holding(self._equipment, plan, heard)
+            try:
+                report = await self._holding.run()
+            finally:
+                self._holding = None
+            assert isinstance(report, HoldReport)
+            return report
+
+    async def dither(
+        self, wish: DitherWish, heard: Callable[[HoldProgress], None] | None = None
+    ) -> DitherReport:
+        """Look elsewhere by a pattern's step, and return when looks show that it has settled.
+
+        While it holds, the hold goes on from there; else it moves once, by looks, and lets go.
+
+        Raises
+        ------
+        Busy, Cancelled, TargetNotReached
+        OutsideLimits, SolveFailed, DeviceError, JournalFailed
+        """
+        if self._holding is not None:
+            return await self._holding.dither(wish)
+        async with self.work("dithering", halts=False):
+            plan = HoldPlan(every_s=DITHER_EVERY_S, for_s=wish.timeout_s + DITHER_GRACE_S)
+            report = await Holding(self._equipment, plan, heard).run(only=wish)
+            assert isinstance(report, DitherReport)
+            return report

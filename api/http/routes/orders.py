@@ -13,11 +13,13 @@ from api.orders.vocabulary import (
     PLACE_EXAMPLES,
     CenterBody,
     CenterOrder,
+    DitherOrder,
     FirstLightOrder,
     FlipBody,
     FlipOrder,
     FollowBody,
     FollowOrder,
+    HoldOrder,
     HomeOrder,
     LookBody,
     LookOrder,
@@ -45,6 +47,8 @@ _Order = Annotated[Order, Body(openapi_examples=JOB_EXAMPLES)]
 _Slew = Annotated[SlewBody, Body(openapi_examples=PLACE_EXAMPLES)]
 _Center = Annotated[CenterBody, Body(openapi_examples=PLACE_EXAMPLES)]
 _Look = Annotated[LookBody | None, Body()]
+_Hold = Annotated[HoldOrder | None, Body()]
+_Dither = Annotated[DitherOrder | None, Body()]
 
 
 @router.post("/jobs", status_code=202, responses=STARTING)
@@ -111,6 +115,24 @@ async def first_light_telescope(ordering: TheOrdering, body: _Look = None) -> Jo
     small moves. Up to 10° off. The body may be left out.
     """
     return await ordering.take(FirstLightOrder() if body is None else body.order(FirstLightOrder))
+
+
+@router.post("/hold", status_code=202, responses=STARTING)
+async def hold_telescope(ordering: TheOrdering, body: _Hold = None) -> JobView:
+    """Hold still by looks, until its time is over or the job is cancelled; it tracks on in any case.
+
+    The body may be left out. Each look is an event; one a minute is kept with the job.
+    """
+    return await ordering.take(HoldOrder() if body is None else body)
+
+
+@router.post("/dither", status_code=202, responses=STARTING)
+async def dither_telescope(ordering: TheOrdering, body: _Dither = None) -> JobView:
+    """Look elsewhere by a pattern's next step; the job succeeds when looks show that it has settled there.
+
+    While it holds, the hold goes on from there. The body may be left out.
+    """
+    return await ordering.take(DitherOrder() if body is None else body)
 
 
 @router.post("/offset", status_code=202, responses=STARTING)

@@ -1,0 +1,334 @@
+"""One axis that is held: its filter, its period, whether correcting it is worth it, and its corrections."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mountnav.guiding.actuator import Actuator, Play
+from mountnav.guiding.axis_filter import AxisFilter, AxisState
+from mountnav.guiding.law import NO_CORRECTION, AxisCorrection, choose, node_times
+from mountnav.guiding.periods import propose_period
+
+Array = NDArray[np.float64]
+
+SURE_SIGMAS = 1.5
+"""An axis is corrected once the looks show with so many sigma that their forecast beats doing nothing, and no
+more once they don't. Doubled, small drifts are left for twice as long."""
+UNPROVEN_SIGMAS = 2.5
+"""Before that, and where it isn't so any more, only what is off by so many sigma of the forecast is corrected.
+Halved, one look of four disturbs a mount that stands still."""
+LEAST_LOOKS = 2
+"""Looks before anything is corrected."""
+_EVIDENCE = 4.0
+"""Logarithm of the odds that a new period must win by: of some fifty periods that were tried one is the best
+by chance. Halved, one night in seven has a period that isn't there; it is small then."""
+_BETTER = 0.0
+"""The same for a better period in the place of one that was found."""
+_GROWTH = 1.25
+"""A period is sought each time that the looks have become more by this factor."""
+_PHASE_RAD = 0.15
+"""A period is exchanged for a better one when the two come so far apart over all looks."""
+_MOST_KEPT = 600
+"""Looks that a period is sought in, the newest. Doubled, the search takes four times as long."""
+_FAULTY = 0.99
+"""Probability from which on corrections count as ignored, or as reversed."""
+_WIDEST_ARCSEC = 60.0
+"""More must have been asked for, ″, before corrections of an axis with play count as ignored. Halved, an axis
+with a play of 30″ is called dead."""
+_PLAY_SHARE = 0.3
+"""Share of the play's sigma that a turn is taken to disturb by. Halved, an axis whose play isn't known turns
+round for errors that drift would undo."""
+_LONGEST_OFF = 15.0
+"""Intervals that an axis is taken to be off for at the most, where nothing is done. Doubled, the motor is turned
+round for errors that noise alone makes."""
+_YOUNG_LOOKS = 30
+"""Before so many looks of a field the bank isn't begun anew by a surprise: it has hardly been thinned out."""
+_COAST_SIGMAS = 1.0
+"""Without a new look only what is off by so many sigma of the forecast is corrected."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    utc_s: float
+    seen: float
+    sigma: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Moved:
+    amount: float
+    variance: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Shifted:
+    by: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Jumped:
+    sigma: float
+    by: float
+
+
+class HeldAxis:
+    """Looks in, corrections out, for one axis; times are seconds from any instant.
+
+    Parameters
+    ----------
+    actuator : Actuator
+    start_sigma_arcsec : float
+        How far from its target it may begin.
+    swings : bool
+        Whether a period is sought: an axis that follows the sky swings, one that stands doesn't.
+    period_s : float, optional
+        Known period of the worm.
+    """
+
+    def __init__(
+        self,
+        actuator: Actuator,
+        *,
+        start_sigma_arcsec: float,
+        swings: bool = True,
+        period_s: float | None = None,
+    ) -> None:
+        self.actuator = actuator
+        self.period_s = period_s
+        self.period_told = period_s is not None
+        self._start_sigma = start_sigma_arcsec
+        self._swings = swings
+        self._filter = self._new_filter(period_s)
+        self._story: list[_Seen | _Moved | _Jumped | _Shifted] = []
+        self._without: list[tuple[float, float, float]] = []
+        self._jumps = self._dithered = 0.0
+        self._rate = 0.0
+        self._rate_since_s = 0.0
+        self._score = 0.0
+        self._score_variance = 0.0
+        self._looks = 0
+        self._seek_at = 10
+        self._asked = self._asked_least = self._asked_most = self._last_amount = 0.0
+        self._owed = False
+        self.worth_it = False
+
+    def _new_filter(self, period_s: float | None) -> AxisFilter:
+        return AxisFilter(
+            Play(self.actuator),
+            start_sigma_arcsec=self._start_sigma,
+            period_s=period_s,
+            swings=self._swings,
+        )
+
+    # -- time and corrections ------------------------------------------------------------------------
+
+    def advance(self, utc_s: float) -> None:
+        """Go on to an instant, with the rate that is in force."""
+        self._moved_on(utc_s)
+        self._filter.predict(utc_s)
+
+    def _moved_on(self, utc_s: float) -> None:
+        if self._rate != 0.0 and utc_s > self._rate_since_s:
+            self._move(self._rate * (utc_s - self._rate_since_s), share_only=True)
+            self._rate_since_s = utc_s
+
+    def _move(self, amount: float, *, share_only: bool = False) -> None:
+        share = self.actuator.error_share * amount
+        variance = share**2 if share_only else self.actuator.disturbance_arcsec2(amount)
+        self._asked += amount
+        self._asked_least, self._asked_most = (
+            min(self._asked_least, self._asked),
+            max(self._asked_most, self._asked),
+        )
+        if self.actuator.play_arcsec != 0.0 and amount * self._last_amount <= 0.0:
+            # how far it turns in the play before the axis follows is known to no more than this
+            variance += self._filter.turn_variance_arcsec2()
+        self._last_amount = amount
+        self._filter.play.make(amount)
+        self._filter.disturbed(variance)
+        self._story.append(_Moved(amount, variance))
+
+    def corrected(self, correction: AxisCorrection, utc_s: float) -> None:
+        """A correction was made."""
+        self._moved_on(utc_s)
+        if correction.step_arcsec != 0.0:
+            self._move(correction.step_arcsec)
+        self._rate, self._rate_since_s = correction.rate_arcsec_s, utc_s
+
+    def correction(self, utc_s: float, interval_s: float, *, fresh: bool = True) -> AxisCorrection:
+        """The best correction at an instant, for the time until the next one.
+
+        Parameters
+        ----------
+        fresh : bool
+            Whether there was a look since the last one.
+        """
+        if self._looks < LEAST_LOOKS or self.fault() is not None:
+            return NO_CORRECTION
+        self._moved_on(utc_s)
+        paths, weights = self._filter.forecast(utc_s, node_times(interval_s))
+        sigmas = 0.0 if self.worth_it or self._owed else UNPROVEN_SIGMAS
+        if not fresh:
+            sigmas = max(sigmas, _COAST_SIGMAS)
+        margin = 0.0 if sigmas == 0.0 else (sigmas * self._filter.forecast_sigma_arcsec(utc_s)) ** 2
+        fare = 0.0 if self.actuator.play_arcsec == 0.0 else self._fare(paths, weights)
+        best = choose(
+            paths,
+            weights,
+            self._filter.play,
+            interval_s,
+            uncertain_arcsec2=margin,
+            turn_arcsec2=fare,
+            direction=self._last_amount,
+        )
+        if best.none:
+            self._owed = False
+        return best
+
+    def _fare(self, paths: Array, weights: Array) -> float:
+        """What turning the motor round costs: twice what it disturbs, for it turns back some time.
+
+        It is set against all the time that the axis would be off for otherwise: until drift brings it back.
+        """
+        turn = math.sqrt(self._filter.turn_variance_arcsec2()) + _PLAY_SHARE * self.gain_and_play()[3]
+        mean = weights @ paths
+        off, goes = float(mean[0]), float(mean[-1] - mean[0])
+        lasts = _LONGEST_OFF if off * goes >= 0.0 else min(max(abs(off / goes), 1.0), _LONGEST_OFF)
+        return 2.0 * turn**2 / lasts
+
+    # -- looks ---------------------------------------------------------------------------------------
+
+    def expected(self, utc_s: float, sigma_arcsec: float) -> tuple[float, float]:
+        """What a look at an instant should show, and with which sigma."""
+        self.advance(utc_s)
+        mean, variance, _ = self._filter.expected(sigma_arcsec)
+        return mean, math.sqrt(variance)
+
+    def seen(self, utc_s: float, seen_arcsec: float, sigma_arcsec: float) -> None:
+        """Take in a look."""
+        self.advance(utc_s)
+        mean, _, noise = self._filter.expected(sigma_arcsec)
+        made = self._filter.made()
+        # a dither is wanted, and no drift
+        forecast, without = mean - made - self._dithered, seen_arcsec - made - self._dithered
+        # the noise of the look is in both squares and falls out
+        self._score += without**2 - (without - forecast) ** 2
+        self._score_variance += 4.0 * noise * forecast**2
+        self._filter.update(seen_arcsec, sigma_arcsec)
+        self._looks += 1
+        self._story.append(_Seen(utc_s, seen_arcsec, sigma_arcsec))
+        self._without.append((utc_s, without - self._jumps, sigma_arcsec))
+        sure = SURE_SIGMAS * math.sqrt(self._score_variance)
+        self.worth_it = self._score > (0.0 if self.worth_it else sure)
+        if self._filter.surprised and self._looks > _YOUNG_LOOKS:
+            self._filter = self._replayed(self.period_s)
+            self._filter.surprise = 1.0
+        if self._swings and self._looks >= self._seek_at:
+            self._seek_at = math.ceil(self._looks * _GROWTH)
+            self._seek_period()
+
+    def jumped(self, by_arcsec: float) -> None:
+        """It has been moved by something, by about so much, as looks show."""
+        sigma = max(abs(by_arcsec), 1.0)
+        self._filter.jumped(sigma)
+        self._story.append(_Jumped(sigma, by_arcsec))
+        self._jumps += by_arcsec
+
+    def another_field(self, sigma_arcsec: float) -> None:
+        """After a slew or a flip: it is near its target again, what it is like by nature stays known."""
+        self._rate = 0.0
+        self._filter.another_field(sigma_arcsec)
+        self._filter.log_evidence, self._filter.surprise = 0.0, 1.0
+        # what was seen before is of other worm teeth, and of another level: it can't be replayed
+        self._story.clear()
+        self._without.clear()
+        self._jumps = self._dithered = 0.0
+        self._looks, self._seek_at = 0, 10
+        self._score = self._score_variance = 0.0
+        self._asked = self._asked_least = self._asked_most = self._last_amount = 0.0
+        self.worth_it = False
+        self.period_told = self.period_s is not None
+
+    def wanted_elsewhere(self, by_arcsec: float) -> None:
+        """The place where it should look has moved by so much: a dither."""
+        self._filter.shifted(-by_arcsec)
+        self._story.append(_Shifted(-by_arcsec))
+        self._dithered -= by_arcsec
+        # it goes there whatever looks have shown of drift so far
+        self._owed = True
+
+    def _seek_period(self) -> None:
+        recent = self._without[-_MOST_KEPT:]
+        table = np.array(recent)
+        found = propose_period(table[:, 0], table[:, 1], table[:, 2])
+        if found is None:
+            return
+        span = float(np.ptp(table[:, 0]))
+        if self.period_s is not None:
+            apart = 2.0 * math.pi * span * abs(1.0 / found - 1.0 / self.period_s)
+            if apart < _PHASE_RAD:
+                return
+        bar = _BETTER if self.period_s is not None and not self.period_told else _EVIDENCE
+        proposed = self._replayed(found)
+        if proposed.log_evidence <= self._filter.log_evidence + bar:
+            return
+        if self.period_s is not None:
+            # a bank that was thinned out before may fit badly by that alone
+            whole = self._replayed(self.period_s)
+            if proposed.log_evidence <= whole.log_evidence + bar:
+                self._filter = whole
+                return
+        self._filter, self.period_s, self.period_told = proposed, found, False
+
+    def _replayed(self, period_s: float | None) -> AxisFilter:
+        """A filter with that period that has seen all that was seen."""
+        fresh = self._new_filter(period_s)
+        for event in self._story:
+            match event:
+                case _Seen():
+                    fresh.predict(event.utc_s)
+                    fresh.update(event.seen, event.sigma)
+                case _Moved():
+                    fresh.play.make(event.amount)
+                    fresh.disturbed(event.variance)
+                case _Jumped():
+                    fresh.jumped(event.sigma)
+                case _Shifted():
+                    fresh.shifted(event.by)
+        if self._filter.utc_s is not None:
+            fresh.predict(self._filter.utc_s)
+        return fresh
+
+    # -- what is known -------------------------------------------------------------------------------
+
+    def state(self, sigma_arcsec: float) -> AxisState:
+        """What is known now of where it is and what it does."""
+        return self._filter.state(sigma_arcsec)
+
+    def fault(self) -> str | None:
+        """What is wrong with its corrections: "ignored", "reversed", or None.
+
+        Corrections within an axis' play look like ignored ones: before that is said, more was asked for than
+        any play takes up.
+        """
+        ignored, reversed_ = self._filter.fault()
+        if reversed_ > _FAULTY:
+            return "reversed"
+        asked = self._asked_most - self._asked_least
+        widest = (
+            0.0
+            if self.actuator.play_arcsec == 0.0
+            else _WIDEST_ARCSEC + 2.0 * (self.actuator.play_arcsec or 0.0)
+        )
+        return "ignored" if ignored > _FAULTY and asked > widest else None
+
+    def gain_and_play(self) -> tuple[float, float, float, float]:
+        """Share of corrections that arrives, and its play in ″, each with its sigma."""
+        return self._filter.gain_and_play()
+
+
+__all__ = ["HeldAxis"]
