@@ -22,6 +22,7 @@ from mountnav.errors import (
 from mountnav.journal.records import EntryKind
 from mountnav.measuring.measurements import StarImages
 from mountnav.mount.kill_points import kill_point
+from mountnav.navigation.aim_points import AimPoint
 from mountnav.navigation.correcting import Correcting
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.policy import CenteringPolicy
@@ -153,6 +154,8 @@ class Centering:
         How long the target is to be followed afterwards.
     key : str, optional
         The target's name, for the policy of syncs.
+    point : AimPoint, optional
+        To which it is brought; the frame's middle if left out.
 
     Attributes
     ----------
@@ -169,6 +172,7 @@ class Centering:
         *,
         planned_s: float | None = None,
         key: str | None = None,
+        point: AimPoint | None = None,
     ) -> None:
         self.target = target
         self.tries = Tries(equipment)
@@ -181,7 +185,7 @@ class Centering:
         self._tolerance, note = tolerance_kept(policy.tolerance_arcsec, resolution)
         self._note(note)
         self._ends = StopRules(equipment.name, policy, self.tries, self._tolerance)
-        self._correcting = Correcting(equipment, slewing, target, policy, self._note, key)
+        self._correcting = Correcting(equipment, slewing, target, policy, self._note, key, point)
         self._flipped = False
         self._recoveries = 0
 
@@ -219,7 +223,7 @@ class Centering:
                 continue
             require_rightly_set(found, self._equipment.mount, device=self._equipment.name)
             followed = correcting.sighted(found)
-            error = offset_arcsec(found.seen, self.target)
+            error = offset_arcsec(correcting.aiming.place(found), self.target)
             tries.add(found, error, followed, expected, approached=correcting.approach)
             decision = self._equipment.guard.consider(found, SyncTrigger.CENTERING, target=self._key)
             if decision.against_the_sky:
@@ -249,14 +253,15 @@ class Centering:
                     tries.close(Correction.NONE, "its position stopped counting", slewed=False)
                     continue
                 if latest is not found:
-                    found, error = latest, offset_arcsec(latest.seen, self.target)
+                    found = latest
+                    error = offset_arcsec(correcting.aiming.place(latest), self.target)
                     tries.seen_again(found, error)
                     followed = correcting.sighted(found)
                     decision = self._equipment.guard.consider(found, SyncTrigger.CENTERING, target=self._key)
             if error.total_arcsec <= self._tolerance:
                 tries.close(Correction.NONE, "centered", slewed=False)
                 return self._report(found, expected_first, clock.monotonic_s() - began_s)
-            stop = ends.why(followed, correcting.hole(found))
+            stop = correcting.out_of_reach or ends.why(followed, correcting.hole(found))
             done = None
             if stop is None:
                 try:
@@ -268,7 +273,7 @@ class Centering:
                     expected = await correcting.anew()
                     await self._slew()
                     continue
-            elif stop.reason is NotReached.POLE and not ends.last:
+            elif stop.reason is NotReached.POLE and stop is not correcting.out_of_reach and not ends.last:
                 done = await correcting.zeroed_below_the_pole()
             if done is None:
                 assert stop is not None
@@ -356,7 +361,7 @@ class Centering:
         equipment = self._equipment
         side, side_seen = found.after.side, equipment.guard.side_seen(found)
         self._note(side_note(found, side_seen))
-        ahead = crossing(equipment, self.target, side, self._planned_s)
+        ahead = crossing(equipment, self._correcting.axis, side, self._planned_s)
         if ahead is not None:
             self._note(ahead.words)
         return CenterReport(
@@ -376,6 +381,8 @@ class Centering:
             crossing=ahead,
             model_id=self._correcting.model_id,
             notes=tuple(self.notes),
+            at=self._correcting.aiming.seen(found),
+            rotation_deg=found.solution.rotation_deg,
         )
 
 
@@ -390,6 +397,8 @@ def centering_facts(
         "notes": list(run.notes),
     }
     if report is not None:
+        if report.at is not None:
+            facts |= {"at": report.at.name, "at_x_px": report.at.x_px, "at_y_px": report.at.y_px}
         facts |= {
             "outcome": str(report.outcome),
             "error_before_arcsec": report.error_before_arcsec,
@@ -415,6 +424,7 @@ async def center_in_time(
     halt: Callable[[], Awaitable[None]],
     planned_s: float | None,
     key: str | None,
+    point: AimPoint | None = None,
 ) -> CenterReport:
     """Center `target`; see `Centering`.
 
@@ -426,6 +436,8 @@ async def center_in_time(
         How long the target is to be followed afterwards.
     key : str or None
         Its name.
+    point : AimPoint, optional
+        To which it is brought; the frame's middle if left out.
 
     Raises
     ------
@@ -434,7 +446,7 @@ async def center_in_time(
     OutsideLimits, SolveFailed, OffsetTooLarge, SyncRefused, MountMoved, Cancelled
     DeviceError, JournalFailed
     """
-    run = Centering(equipment, slewing, target, policy, planned_s=planned_s, key=key)
+    run = Centering(equipment, slewing, target, policy, planned_s=planned_s, key=key, point=point)
     try:
         async with asyncio.timeout(policy.timeout_s) as limit:
             report = await run.run()

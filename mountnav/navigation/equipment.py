@@ -13,6 +13,7 @@ from mountnav.devices import Camera, Mount
 from mountnav.frames import Frame, Hint
 from mountnav.journal.records import Entry, EntryKind, Journal, Unwritten
 from mountnav.mount import CheckedMount
+from mountnav.navigation.aim_points import AimPoint
 from mountnav.navigation.frames_seen import FramesSeen
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.policy import CenteringPolicy
@@ -69,6 +70,8 @@ class Equipment:
         Whether slews are aimed by the pointing model.
     frames : FramesSeen
         By which an old frame is known.
+    points : tuple of AimPoint
+        To which targets may be brought besides the frame's middle.
     """
 
     name: str
@@ -84,6 +87,7 @@ class Equipment:
     listen: Listener
     apply_model: bool = True
     frames: FramesSeen = field(default_factory=FramesSeen)
+    points: tuple[AimPoint, ...] = ()
 
     @property
     def site(self) -> Site:
@@ -137,6 +141,7 @@ def equip(
     apply_model: bool = True,
     learned: Learned | None = None,
     mounting: Mounting | None = None,
+    points: tuple[AimPoint, ...] = (),
 ) -> Equipment:
     """Put a telescope's equipment together: the driver behind its checks, syncs behind their guard.
 
@@ -162,6 +167,8 @@ def equip(
         What is known of the camera already.
     mounting : {"german", "fork", "altaz"}, optional
         None: not known.
+    points : tuple of AimPoint
+        To which targets may be brought besides the frame's middle.
     """
     journal, clock = journal or Unwritten(), clock or SystemClock()
     checked = CheckedMount(
@@ -199,6 +206,7 @@ def equip(
         readings=readings,
         listen=listen,
         apply_model=apply_model,
+        points=points,
     )
 
 

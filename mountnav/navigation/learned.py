@@ -184,6 +184,23 @@ class Learned:
             return PierSide.EAST
         return PierSide.WEST if abs(apart_deg(off_deg, 180.0)) <= allowed_deg else PierSide.UNKNOWN
 
+    def angle_on(self, side: PierSide) -> float | None:
+        """Angle of the image's +y from the mount's north on that side of the pier; None where it isn't known.
+
+        Parameters
+        ----------
+        side : PierSide
+            Of no account for a fork and an alt-azimuth mount.
+        """
+        normal = self._normal
+        if normal is None or normal.camera_angle_deg is None:
+            return None
+        if self.rules.mounting in ("fork", "altaz"):
+            return normal.camera_angle_deg
+        if side is PierSide.UNKNOWN or normal.modulo_deg < 360.0:
+            return None
+        return (normal.camera_angle_deg + (180.0 if side is PierSide.WEST else 0.0)) % 360.0
+
     def judges_rotation(self, sample: CameraSample) -> bool:
         """Whether the camera's angle is known, and means something at the sample's place."""
         normal = self._normal

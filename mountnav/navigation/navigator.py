@@ -10,6 +10,8 @@ from mountnav.devices import for_mount, from_mount
 from mountnav.errors import DeviceError, NotReached, TargetNotReached
 from mountnav.frames import Frame
 from mountnav.mount import CheckedMount
+from mountnav.navigation.aim_points import AimPoint, by_name
+from mountnav.navigation.aiming import Aiming, point_seen
 from mountnav.navigation.centering import center_in_time
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.first_light import first_light
@@ -158,6 +160,15 @@ class Navigator(MountOrders):
             problem=self.problem,
         )
 
+    @property
+    def points(self) -> tuple[AimPoint, ...]:
+        """Named points to which targets may be brought besides the frame's middle."""
+        return self._equipment.points
+
+    def point(self, at: AimPoint | str | None) -> AimPoint | None:
+        """A point, or the one of that name. Raises `BadRequest`."""
+        return by_name(self.points, at, device=self.name) if isinstance(at, str) else at
+
     def believed(self, utc: datetime) -> Icrs | None:
         """Where the mount believed to point at `utc`; None when it wasn't read round that time."""
         around = self._equipment.readings.around(utc, utc, WITHIN)
@@ -165,7 +176,13 @@ class Navigator(MountOrders):
 
     # -- looks and syncs -----------------------------------------------------------------------------
 
-    async def look(self, exposure_s: float | None = None, *, persistent: bool = False) -> Look:
+    async def look(
+        self,
+        exposure_s: float | None = None,
+        *,
+        persistent: bool = False,
+        at: AimPoint | str | None = None,
+    ) -> Look:
         """Expose and solve; compare with the mount's belief. Moves nothing.
 
         Parameters
@@ -174,16 +191,21 @@ class Navigator(MountOrders):
             Instead of the policy's.
         persistent : bool
             Try all that the policy allows and nothing moves for; else another frame and longer exposures.
+        at : AimPoint or str, optional
+            Tell where this point looks, too (`Look.at`).
 
         Raises
         ------
+        BadRequest
+            There is no such point, or it isn't within the frame.
         SolveFailed, MountMoved, BadFrame, DeviceError, JournalFailed
         """
-        policy = self.policy
+        policy, point = self.policy, self.point(at)
         persistence = policy.persistence if persistent else cheap(policy.persistence, policy.solve_retries)
         async with self.work("looking"):
             looking = PersistentLook(self._equipment, policy, persistence, used="look")
-            return (await looking.look(exposure_s)).look
+            found = (await looking.look(exposure_s)).look
+        return found if point is None else replace(found, at=point_seen(point, found))
 
     async def frame(self, frame: Frame, verdict: Verdict, *, used: str = "night") -> FrameLook:
         """Compare a frame of another program with the mount's readings round it. See `compare_frame`."""
@@ -233,20 +255,29 @@ class Navigator(MountOrders):
 
     # -- motion --------------------------------------------------------------------------------------
 
-    async def slew(self, target: Icrs) -> SlewReport:
+    async def slew(self, target: Icrs, *, at: AimPoint | str | None = None) -> SlewReport:
         """Go to `target` as the mount, and the pointing model where one is in force, believe it.
+
+        Parameters
+        ----------
+        at : AimPoint or str, optional
+            Bring it to this point, as far as solves have taught where that looks; else to the frame's middle.
 
         Raises
         ------
+        BadRequest
+            There is no such point, or nobody knows yet where it looks.
         OutsideLimits
             Target or way are not allowed; nothing moved.
         DeviceRefused
             The mount said no.
         Cancelled, TargetNotReached, DeviceError, JournalFailed
         """
+        aiming = Aiming(self._equipment, self.point(at))
         async with self.work("slewing"):
-            aim = self._slewing.aimed(target, await self._slewing.side_at(target))
-            return await self._slewing.slew(target, aim)
+            side = await self._slewing.side_at(target)
+            axis = aiming.require_known(target, side)
+            return await self._slewing.slew(axis, self._slewing.aimed(axis, side))
 
     async def would_slew(self, target: Icrs, *, after_stop: bool = False) -> None:
         """Tell what a slew to `target` would be refused for now; nothing moves, nothing is written down.
@@ -283,8 +314,9 @@ class Navigator(MountOrders):
         correct_by: CorrectBy | str | None = None,
         planned_s: float | None = None,
         key: str | None = None,
+        at: AimPoint | str | None = None,
     ) -> CenterReport:
-        """Slew, look, correct, slew again, verify, until `target` is at the frame's center.
+        """Slew, look, correct, slew again, verify, until `target` is at the frame's center, or at a point.
 
         Parameters
         ----------
@@ -294,6 +326,8 @@ class Navigator(MountOrders):
             How long it is to be followed: the answer says which limit comes before that.
         key : str, optional
             Its name, for the policy of syncs.
+        at : AimPoint or str, optional
+            To which point it is brought, and where its error is judged, by the solved plate.
 
         Returns
         -------
@@ -304,6 +338,8 @@ class Navigator(MountOrders):
         ------
         TargetNotReached
             With the reason: tries, time, a tube that doesn't follow, ...
+        BadRequest
+            There is no such point, or it isn't within the frame.
         OutsideLimits, SolveFailed, OffsetTooLarge, SyncRefused, MountMoved, DeviceError, JournalFailed
         """
         given = {
@@ -312,6 +348,7 @@ class Navigator(MountOrders):
             "timeout_s": timeout_s,
             "correct_by": None if correct_by is None else CorrectBy(correct_by),
         }
+        point = self.point(at)
         policy = replace(self.policy, **{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
         async with self.work("centering"):
             return await center_in_time(
@@ -322,10 +359,16 @@ class Navigator(MountOrders):
                 halt=self.halt,
                 planned_s=planned_s,
                 key=key,
+                point=point,
             )
 
     async def flip(
-        self, target: Icrs, *, planned_s: float | None = None, key: str | None = None
+        self,
+        target: Icrs,
+        *,
+        planned_s: float | None = None,
+        key: str | None = None,
+        at: AimPoint | str | None = None,
     ) -> CenterReport:
         """Let a German mount change sides, and center `target` again, whatever was synced before.
 
@@ -334,6 +377,7 @@ class Navigator(MountOrders):
         TargetNotReached
             Centered, and still on the same side (`NotReached.SIDE`); or as `center`.
         """
+        point = self.point(at)
         async with self.work("flipping"):
             before = (await self.mount.reading()).pier_side
             report = await center_in_time(
@@ -344,6 +388,7 @@ class Navigator(MountOrders):
                 halt=self.halt,
                 planned_s=planned_s,
                 key=key,
+                point=point,
             )
             if before is not None and report.side is before and not report.flipped:
                 raise TargetNotReached(

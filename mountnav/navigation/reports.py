@@ -29,6 +29,7 @@ __all__ = [
     "FrameLook",
     "Listener",
     "Look",
+    "PointSeen",
     "RecoverReport",
     "SlewReport",
     "SyncReport",
@@ -196,6 +197,10 @@ class CenterReport:
         The pointing model that aimed.
     notes : tuple of str
         What an operator should know, in words with numbers.
+    at : PointSeen or None
+        Where the point looked to which the target was brought; None: the frame's middle.
+    rotation_deg : float or None
+        Of the last frame: position angle of its +y.
     """
 
     outcome: CenterOutcome
@@ -214,6 +219,32 @@ class CenterReport:
     crossing: Crossing | None = None
     model_id: str | None = None
     notes: tuple[str, ...] = ()
+    at: PointSeen | None = None
+    rotation_deg: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PointSeen:
+    """Where a point beside the frame's middle looked.
+
+    Attributes
+    ----------
+    name : str
+        Empty for one that was named by its pixel alone.
+    place : Icrs
+    x_px, y_px : float or None
+        In the frames as they are, from 0; None for another tube.
+    from_middle_arcsec : float
+    position_angle_deg : float
+        Of the point's own direction.
+    """
+
+    name: str
+    place: Icrs
+    x_px: float | None
+    y_px: float | None
+    from_middle_arcsec: float
+    position_angle_deg: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,6 +273,8 @@ class Look:
         Pointing model in force.
     camera : CameraIdentity or None
         Whose frame it is.
+    at : PointSeen or None
+        Where the point looked that was asked for.
     """
 
     look_id: str
@@ -259,6 +292,7 @@ class Look:
     segment_id: str = ""
     model_id: str | None = None
     camera: CameraIdentity | None = None
+    at: PointSeen | None = None
 
     @property
     def blind(self) -> bool:
