@@ -11,7 +11,7 @@ two), or a damaged number. That is the worst of all: slews by such a belief go a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
 from enum import StrEnum
@@ -531,41 +531,85 @@ class SyncLaw:
         """Whether a mount that believes to be so far from where it was synced has taken the sync."""
         return miss_arcsec <= self.near_arcsec
 
-    def unseen(self, before: MountReading, after: MountReading) -> SyncOutcome:
+    def unseen(
+        self, before: MountReading, after: MountReading, rates: Collection[OffsetRates] = ()
+    ) -> SyncOutcome:
         """What became of a sync that isn't seen: ignored, or another place taken.
 
         Parameters
         ----------
         before : MountReading
             The last one before the sync.
+        rates : collection of OffsetRates
+            As of `moved_arcsec`.
         """
-        moved = moved_arcsec(before, after) > _STEPS * self.resolution_arcsec + FREE_ARCSEC
+        moved = moved_arcsec(before, after, rates) > _STEPS * self.resolution_arcsec + FREE_ARCSEC
         return SyncOutcome.ELSEWHERE if moved else SyncOutcome.IGNORED
 
-    def outcome(self, miss_arcsec: float, before: MountReading, after: MountReading) -> SyncOutcome:
+    def outcome(
+        self,
+        miss_arcsec: float,
+        before: MountReading,
+        after: MountReading,
+        rates: Collection[OffsetRates] = (),
+    ) -> SyncOutcome:
         """What a sync has come to by the reading `after`: seen, ignored, or another place taken."""
-        return SyncOutcome.SEEN if self.seen(miss_arcsec) else self.unseen(before, after)
+        return SyncOutcome.SEEN if self.seen(miss_arcsec) else self.unseen(before, after, rates)
 
 
-def moved_arcsec(before: MountReading, after: MountReading) -> float:
+def moved_arcsec(before: MountReading, after: MountReading, rates: Collection[OffsetRates] = ()) -> float:
     """By how much the belief of a mount that isn't moved has changed, the turn of the sky left out.
 
     Whether it follows the sky is taken from its place: what it reports of that may be wrong as well.
+
+    Parameters
+    ----------
+    rates : collection of OffsetRates
+        At which it may track beside the sidereal one: the way that it goes at any of them is left out too.
     """
-    return _apart_arcsec(_turned(before.place, before.utc, after), after.place)
+    return _apart_arcsec(_turned(before.place, before.utc, after, rates), after.place)
 
 
-def miss_arcsec(place: Apparent | Icrs, told_utc: datetime, after: MountReading) -> float:
-    """How far a mount believes to be from where it was synced at `told_utc`, the turn of the sky left out."""
-    return _apart_arcsec(_turned(place, told_utc, after), after.place)
+def miss_arcsec(
+    place: Apparent | Icrs, told_utc: datetime, after: MountReading, rates: Collection[OffsetRates] = ()
+) -> float:
+    """How far a mount believes to be from where it was synced at `told_utc`, the turn of the sky left out.
+
+    Parameters
+    ----------
+    rates : collection of OffsetRates
+        As of `moved_arcsec`.
+    """
+    return _apart_arcsec(_turned(place, told_utc, after, rates), after.place)
 
 
-def _turned(place: Apparent | Icrs, utc: datetime, after: MountReading) -> Apparent | Icrs:
-    """Where one that believed `place` at `utc` is at `after`: there, or if it rests, as the sky turned."""
+def moved_on(place: Apparent | Icrs, rates: OffsetRates, seconds: float) -> Apparent | Icrs:
+    """Where a mount that was at `place` is after some time, tracking at rates beside the sidereal one.
+
+    At a pole it stays: no axis goes through it by tracking.
+    """
+    dec_deg = place.dec_deg + rates.dec_arcsec_s * seconds / 3600.0
+    return replace(
+        place,
+        ra_deg=(place.ra_deg + rates.ra_arcsec_s * seconds / 3600.0) % 360.0,
+        dec_deg=max(-90.0, min(90.0, dec_deg)),
+    )
+
+
+def offset_speed_arcsec_s(rates: OffsetRates, dec_deg: float) -> float:
+    """How fast a mount at a declination moves among the stars at some rates, ″/s on the sphere."""
+    return math.hypot(rates.ra_arcsec_s * math.cos(math.radians(dec_deg)), rates.dec_arcsec_s)
+
+
+def _turned(
+    place: Apparent | Icrs, utc: datetime, after: MountReading, rates: Collection[OffsetRates]
+) -> Apparent | Icrs:
+    """Where one that believed `place` at `utc` is at `after`: there, as the sky turned if it rests, or on."""
+    seconds = (after.utc - utc).total_seconds()
     # the right ascension of a mount that rests grows so fast
-    turned_deg = SIDEREAL_DEG_S * (after.utc - utc).total_seconds()
-    turned = replace(place, ra_deg=(place.ra_deg + turned_deg) % 360.0)
-    return min(place, turned, key=lambda candidate: _apart_arcsec(candidate, after.place))
+    turned = replace(place, ra_deg=(place.ra_deg + SIDEREAL_DEG_S * seconds) % 360.0)
+    on = (moved_on(place, one, seconds) for one in rates)
+    return min(place, turned, *on, key=lambda candidate: _apart_arcsec(candidate, after.place))
 
 
 def _apart_arcsec(one: Apparent | Icrs, two: Apparent | Icrs) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from typing import assert_never
 
-from api.orders.targets import Target, icrs_of
+from api.orders.targets import Target, icrs_of, require_filter
 from api.orders.vocabulary import (
     AcceptSiteTimeOrder,
     CenterOrder,
@@ -124,8 +124,9 @@ async def _without_sky(navigator: Navigator, order: _WithoutSky) -> object:
 
 
 def there(navigator: Navigator, target: Target) -> Icrs:
-    """Where a target is now. Raises `BadRequest`."""
+    """Where a target is now. Raises `BadRequest`, and `OutsideLimits` for the Sun without a filter."""
     mount = navigator.mount
+    require_filter(target, solar_filter=navigator.limits.solar_filter)
     return icrs_of(target, utc_now(), mount.site, mount.air)
 
 

@@ -30,6 +30,7 @@ from mountnav.files import read_text
 from mountnav.parsing import toml_of
 from mountnav.settings.explained import line_of
 from mountnav.simulation.mechanics import Mechanics, SyncBehavior
+from mountnav.simulation.rate_faults import RateFault
 
 AnswerKind = Literal[
     "lose",
@@ -60,6 +61,14 @@ MountKind = Literal[
     "run-away",
     "deaf-start",
     "reset-by-opening",
+    "rate-reversed",
+    "rate-factor",
+    "rate-swapped",
+    "rate-ignored",
+    "rate-dropped",
+    "rate-forgotten",
+    "rate-lost-at-flip",
+    "rate-unturned",
 ]
 """Faults of the mount as a whole."""
 
@@ -74,6 +83,8 @@ ANSWER_KINDS: tuple[str, ...] = get_args(AnswerKind)
 MOUNT_KINDS: tuple[str, ...] = get_args(MountKind)
 LINE_KINDS: tuple[str, ...] = get_args(LineKind)
 OPENING_KINDS: tuple[str, ...] = get_args(OpeningKind)
+RATE_KINDS = tuple(kind for kind in MOUNT_KINDS if kind.startswith("rate-"))
+"""Those of them that spoil rates beside the sidereal one."""
 KINDS = ANSWER_KINDS + MOUNT_KINDS + LINE_KINDS
 """All kinds of faults, in the order in which messages name them."""
 
@@ -101,6 +112,12 @@ class Fault:
         adapter that makes its connection. ``reset-by-opening``: it forgets as well, as an Arduino that DTR
         resets. Both each time the port is opened, `times` times; on TCP and in memory, for a
         pseudo-terminal doesn't tell when it is opened.
+        To rates beside the sidereal one, for `for_s`, those in force as well (read back they are as ordered):
+        ``rate-reversed``: the wrong way; ``rate-factor``: times `factor`, as with a wrong unit;
+        ``rate-ignored``: not kept at all (all three: of `rates`). ``rate-swapped``: each axis takes the
+        other's. ``rate-dropped``: not kept, and zero when they are read back. ``rate-forgotten``: kept until
+        the next slew. ``rate-lost-at-flip``: kept until it changes sides. ``rate-unturned``: in declination
+        the wrong way on the west side of the pier.
         To the line: ``vanish``: the port is gone for `for_s` and comes back under another name. ``hang-up``:
         the other end closes. ``reset``: it breaks off hard. ``black-hole``: for `for_s` the port can be
         opened, and nothing comes.
@@ -135,6 +152,11 @@ class Fault:
         For ``stick`` and ``run-away``.
     stops : int
         For ``run-away``: so many stops are not heeded.
+    rates : {"ra", "dec", "both"}
+        Which rates ``rate-reversed``, ``rate-factor`` and ``rate-ignored`` are about.
+    factor : float
+        For ``rate-factor``: what is kept, over what was ordered. 15.04 and 0.0665 are seconds for seconds of
+        arc, 1.0027 a sidereal second for a second, 220 a gear's factor.
     """
 
     kind: Kind
@@ -153,6 +175,8 @@ class Fault:
     data: bytes = b""
     axis: Literal["ha", "dec"] = "ha"
     stops: int = 0
+    rates: Literal["ra", "dec", "both"] = "both"
+    factor: float = 1.0
 
     @property
     def spoils_answers(self) -> bool:
@@ -347,6 +371,9 @@ class RandomFaults:
             # a refusal is in the family's own words
             data=b"" if kind == "deny" else chances.randbytes(chances.randint(1, 6)),
             axis=chances.choice(("ha", "dec")),
+            # drawn where it is needed only, so that seeds draw other faults as before
+            rates=chances.choice(("ra", "dec", "both")) if kind in _SOME_RATES else "both",
+            factor=chances.choice(_FACTORS) if kind == "rate-factor" else 1.0,
         )
 
 
@@ -360,8 +387,35 @@ _SYNC_BEHAVIORS: dict[str, SyncBehavior] = {
 """How the mechanics treat syncs, by the kind of a fault."""
 
 
+_SOME_RATES = {"rate-reversed": -1.0, "rate-factor": None, "rate-ignored": 0.0}
+"""Faults of one rate or both, and what is kept, over what was ordered; None where the fault says it."""
+
+_FACTORS = (15.041, 1.0 / 15.041, 1.0027379, 1.0 / 1.0027379, 2.0, 0.5, 220.0)
+"""Factors to be drawn: those of units that are taken for each other, and of wrong gears [ASCOMPlatform 64,
+GSServer 41, INDI 2132]. Changed, seeds draw other faults."""
+
+
+def rate_fault(fault: Fault) -> RateFault:
+    """What a fault of rates does to them."""
+    if fault.kind in _SOME_RATES:
+        kept = _SOME_RATES[fault.kind]
+        kept = fault.factor if kept is None else kept
+        return RateFault(
+            ra_factor=1.0 if fault.rates == "dec" else kept, dec_factor=1.0 if fault.rates == "ra" else kept
+        )
+    return {
+        "rate-swapped": RateFault(swapped=True),
+        "rate-dropped": RateFault(ra_factor=0.0, dec_factor=0.0, reads_zero=True),
+        "rate-forgotten": RateFault(lost_by_slew=True),
+        "rate-lost-at-flip": RateFault(lost_by_flip=True),
+        "rate-unturned": RateFault(unturned=True),
+    }[fault.kind]
+
+
 def strike_mechanics(mechanics: Mechanics, fault: Fault) -> Callable[[], None]:
     """Start a fault of the mount itself, and return the function that ends it."""
+    if fault.kind in RATE_KINDS:
+        return mechanics.fail_rates(rate_fault(fault))
     if fault.kind == "stick":
         mechanics.stick(fault.axis)
         return lambda: mechanics.unstick(fault.axis)
@@ -388,6 +442,7 @@ _NEEDS = {
     "sync-late": ("delay_s",),
     "black-hole": ("for_s",),
     "reboot": ("for_s",),
+    "rate-factor": ("factor",),
 }
 """Keys that a kind needs: without them it would be no fault, or never end."""
 
@@ -417,6 +472,8 @@ class _FaultTable(_Table):
     data_hex: _Hex = None
     axis: Literal["ha", "dec"] = "ha"
     stops: int = Field(default=0, ge=0)
+    rates: Literal["ra", "dec", "both"] = "both"
+    factor: Annotated[float, Field(ge=-1000.0, le=1000.0)] = 1.0
 
 
 class _RandomTable(_Table):
@@ -532,7 +589,7 @@ def _explained(kind: str, message: str, loc: tuple[str | int, ...]) -> tuple[str
         return "there is no such setting", f"there is: {', '.join(known.model_fields)}"
     if kind == "missing":
         return "it is required, and it is missing", f"add {key} = ..."
-    if kind == "literal_error" and key != "axis":
+    if kind == "literal_error" and key not in ("axis", "rates"):
         return "there is no such kind of fault", f"there is: {', '.join(KINDS)}"
     return message[:1].lower() + message[1:], f"change {key}"
 

@@ -240,6 +240,11 @@ class Language(Protocol):
         """The largest rates beside the sidereal one, both positive; None where the protocol has no bound."""
         ...
 
+    @property
+    def offset_step_arcsec_s(self) -> float:
+        """Coarsest step to which it rounds such rates, ″/s; 0 where the protocol carries any number."""
+        ...
+
     async def send_offset_rates(self, rates: OffsetRates) -> None:
         """Order tracking at rates beside the sidereal one, in the protocol's own units and signs."""
         ...
@@ -338,6 +343,11 @@ class Unskilled:
     def most_offset_arcsec_s(self) -> OffsetRates | None:
         """None."""
         return None
+
+    @property
+    def offset_step_arcsec_s(self) -> float:
+        """0: none."""
+        return 0.0
 
     async def send_offset_rates(self, rates: OffsetRates) -> None:
         """Refused."""

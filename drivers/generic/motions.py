@@ -13,6 +13,7 @@ from contextlib import asynccontextmanager
 
 from drivers.generic.coordinates import apart_arcsec
 from drivers.generic.language import Readout, Sent, Wanted
+from drivers.generic.rates import end_rates
 from drivers.generic.refusals import Refusals
 from drivers.generic.session import Session
 from mountnav.clock import pause, real_s
@@ -317,6 +318,7 @@ class Motions:
         try:
             repeating = waited_for(self._repeat_stop())
             try:
+                unended = await self._end_rates()
                 await self._wait_for_rest()
             finally:
                 repeating.cancel()
@@ -327,6 +329,28 @@ class Motions:
             if not session.stopping:
                 session.no_stop.set()
         session.stop_owed = False
+        session.axes.clear()
+        if unended is not None:
+            raise type(unended)(
+                f"was stopped, and may track at rates of its own: {unended.what}",
+                device=session.name,
+                advice=unended.advice or "look at the sky",
+            )
+
+    async def _end_rates(self) -> DeviceError | None:
+        """With a stop the rates of a moving target end too; what hinders that hinders no stop."""
+        session = self._session
+        if not session.drift.to_end:
+            return None
+        try:
+            if (await session.read()).tracking is False:
+                # the stop has switched tracking off: an order to track as for a star might begin that anew
+                session.drift.unknown()
+                return None
+            await end_rates(session)
+        except DeviceError as trouble:
+            return trouble
+        return None
 
     async def _repeat_stop(self) -> None:
         again = 0

@@ -5,6 +5,8 @@
 - A slew has arrived when the mount rests *and* is where it was sent (`motions`).
 - A sync has happened when the readings show it (`syncing`).
 - A refusal counts unless the readings contradict it (`refusals`).
+- Offset rates are those that it says it has, and end before anything else moves (`rates`, `drift`).
+- An axis that is moved by hand is ended by whatever is not certain (`axes`).
 - The link is watched and made again (`link_supervisor`).
 - A position that may be wrong is not trusted (`session`).
 
@@ -16,13 +18,16 @@ family lacks. Limits of the telescope, daylight, the journal and the rights of c
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+import contextlib
+from collections.abc import Awaitable, Callable, Mapping
 
+from drivers.generic.axes import Axes
 from drivers.generic.coordinates import apart_arcsec, check_kind
 from drivers.generic.language import Language, Readout, Sent, Wanted
 from drivers.generic.link_supervisor import LinkState
 from drivers.generic.motions import Motions
 from drivers.generic.options import Timing
+from drivers.generic.rates import Rates, end_rates, said_rates
 from drivers.generic.refusal_words import parked
 from drivers.generic.refusals import Took
 from drivers.generic.session import ConnectSettings, Listener, Session
@@ -33,15 +38,18 @@ from mountnav.devices import (
     ConnectReport,
     Direction,
     Epoch,
+    MountAxis,
     MountReading,
+    OffsetRates,
     PierSide,
+    RateSpan,
     Skill,
     SlewOutcome,
     SlewState,
     SyncResult,
     TrackingRate,
 )
-from mountnav.errors import BadRequest, DeviceRefused, Refusal
+from mountnav.errors import BadRequest, DeviceError, DeviceRefused, Refusal
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 
 LONGEST_PULSE_S = 60.0
@@ -57,7 +65,9 @@ s late; halved, the line is busy with that question alone."""
 
 
 class GenericMount:
-    """A `mountnav.devices.Mount` over any language; it is `Skilled`, `Trusts` and `Announces` too.
+    """A `mountnav.devices.Mount` over any language; it is all else that a mount may be, too.
+
+    `Skilled`, `Trusts`, `Announces`, `TakesOffsetRates` and `MovesAxes`: what its family lacks is refused.
 
     Parameters
     ----------
@@ -95,6 +105,8 @@ class GenericMount:
         self._session = Session(language, self._name, self._timing, connecting)
         self._motions = Motions(self._session)
         self._refusals = self._motions.refusals
+        self._rates = Rates(self._session, self._refusals)
+        self._axes = Axes(self._session, self._motions)
 
     # -- what it is --------------------------------------------------------------------------------
 
@@ -132,6 +144,31 @@ class GenericMount:
     def guide_rates_deg_s(self) -> tuple[float, float] | None:
         """Guide speed in right ascension and in declination; None where the mount doesn't report it."""
         return self.language.guide_rates_deg_s
+
+    @property
+    def most_offset_arcsec_s(self) -> OffsetRates | None:
+        """The largest rates beside the sidereal one, both positive; None where the mount doesn't say."""
+        return self.language.most_offset_arcsec_s
+
+    @property
+    def offset_step_arcsec_s(self) -> float:
+        """Coarsest step of such a rate; 0 where the protocol carries any number."""
+        return self.language.offset_step_arcsec_s
+
+    @property
+    def rates_known(self) -> OffsetRates | None:
+        """At which offset rates it tracks as far as its driver knows; None where that is not known."""
+        return self._session.drift.known
+
+    @property
+    def axis_rates_deg_s(self) -> Mapping[MountAxis, tuple[RateSpan, ...]]:
+        """At which speeds each axis can be moved by hand; known after `open`."""
+        return self.language.axis_rates_deg_s
+
+    @property
+    def axes_moved(self) -> Mapping[MountAxis, float]:
+        """Which axes are moved by hand at present, and how fast, °/s."""
+        return dict(self._session.axes)
 
     @property
     def wire_log(self) -> WireLog:
@@ -189,7 +226,12 @@ class GenericMount:
         await self._session.open()
 
     async def close(self) -> None:
-        """Release the link; closing twice is fine."""
+        """End what moves on by our order, and release the link; closing twice is fine."""
+        if self.language.usable:
+            await self._axes.close()
+            with contextlib.suppress(DeviceError):
+                if self._session.drift.ours:
+                    await end_rates(self._session)
         await self._session.close()
 
     async def reading(self) -> MountReading:
@@ -246,6 +288,7 @@ class GenericMount:
             session.require_trust("the slew")
             if before.parked:
                 raise parked("the slew", device=self._name)
+            before = await self._as_for_a_star(before)
             return await self._motions.carry_out(send, there, stops=stops, before=before, towards=place)
 
     async def stop(self) -> None:
@@ -290,6 +333,68 @@ class GenericMount:
         check_kind(place, self.epoch, device=self._name)
         return await sync(self._session, self._refusals, place)
 
+    # -- rates and axes ----------------------------------------------------------------------------
+
+    async def set_offset_rates(self, rates: OffsetRates) -> None:
+        """Track at these rates beside the sidereal one; return when the mount says so, where it can.
+
+        A slew, a stop, parking, homing, switching tracking and closing end them; so does a link that was
+        made again. After a restart or a lost link `rates_known` is None.
+
+        Raises
+        ------
+        BadRequest
+            If a rate is no finite number.
+        Busy
+            If an order to move runs, or an axis is moved by hand.
+        DeviceRefused
+            If it can't, the rates are beyond `most_offset_arcsec_s`, it is parked, doesn't track, isn't
+            trusted, says no; or if it accepts and says afterwards that it has other rates: those are ended.
+        RefusedButDone
+            If it said no, and took them: they were ended.
+        DeviceSilent, DeviceGarbled, DeviceMissing
+            If at which rates it tracks isn't known.
+        """
+        self._require_skill(Skill.OFFSET_RATES)
+        await self._rates.order(rates)
+
+    async def offset_rates(self) -> OffsetRates | None:
+        """At which rates it says to track beside the sidereal one; None where it doesn't say."""
+        if Skill.OFFSET_RATES not in self.skills:
+            return None
+        await self._session.ready()
+        return await said_rates(self._session)
+
+    async def move_axis(self, axis: MountAxis, rate_deg_s: float) -> None:
+        """Move an axis on at a speed until told otherwise, on top of tracking; 0 ends it.
+
+        Returns when the order went out, for 0 when the mount was seen at rest (unless its other axis is
+        moved too). An end that is refused, not answered or not seen becomes a stop. Nothing here ends the
+        motion in time or at a limit: whoever orders it has to.
+
+        Raises
+        ------
+        BadRequest
+            If it is no axis, or no speed at which that can be moved.
+        Busy
+            If an order to move or a guide pulse runs.
+        DeviceRefused
+            If it can't, is parked, slews, or says no; or if a stop or a newer order came before it went out.
+        RefusedButDone
+            If it said no, and moved: it was stopped.
+        DeviceSilent, DeviceGarbled, DeviceMissing
+            If its answer was lost; a stop was sent.
+        """
+        self._require_skill(Skill.MOVE_AXIS)
+        await self._axes.move(axis, rate_deg_s)
+
+    async def _as_for_a_star(self, before: Readout) -> Readout:
+        """End the offset rates before something else moves; a new reading if there were some."""
+        if not self._session.drift.to_end:
+            return before
+        await end_rates(self._session)
+        return await self._session.read()
+
     # -- park, home, tracking, guiding -------------------------------------------------------------
 
     async def park(self) -> SlewOutcome:
@@ -309,6 +414,9 @@ class GenericMount:
             if before.parked:
                 self._session.state = SlewState.ARRIVED
                 return SlewOutcome.ARRIVED
+            with contextlib.suppress(DeviceRefused):
+                # one that doesn't end them may park all the same
+                before = await self._as_for_a_star(before)
             return await self._motions.carry_out(
                 self.language.send_park, lambda now: now.parked, stops=stops, before=before
             )
@@ -348,6 +456,7 @@ class GenericMount:
             before = await self._session.read()
             if not finds:
                 self._session.require_trust("going home")
+            before = await self._as_for_a_star(before)
             outcome = await self._motions.carry_out(
                 self.language.send_home, lambda now: now.at_home, stops=stops, before=before
             )
@@ -370,6 +479,15 @@ class GenericMount:
             self._require_skill(Skill.TRACK)
         if rate is not TrackingRate.SIDEREAL:
             self._require_skill(Skill.TRACKING_RATES)
+
+        self._session.require_no_job()
+        await self._session.ready()
+        try:
+            await end_rates(self._session)
+        except DeviceError:
+            # that nothing can be told is no reason to go on tracking
+            if on:
+                raise
 
         async def rest() -> None:
             async with self._session.ordering:

@@ -5,6 +5,9 @@ is taken again at once, and counts when the two agree: no further apart than the
 between them, at the speed it was seen to have; or when three in a row lie on one steady motion (somebody at
 the hand control). What no mount can do at all - a jump faster than any motor - is believed only in that way,
 and reported.
+
+A mount that tracks at rates beside the sidereal one goes on by itself: it is where the last reading was if it
+lies on the way that these rates lead (`drift`).
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
 from drivers.generic.coordinates import apart_arcsec
+from drivers.generic.drift import Drift
 from drivers.generic.language import Readout
 from drivers.generic.options import Timing
 from mountnav.errors import DeviceGarbled
@@ -81,6 +85,8 @@ class ReadingFilter:
         The mount's step; 15 (a second of right ascension) until it is known.
     moving : bool
         Whether an order to move is being carried out; counts where the mount doesn't report that it slews.
+    drift : Drift
+        The rates at which it moves by itself.
     """
 
     def __init__(self, timing: Timing, device: str) -> None:
@@ -89,6 +95,7 @@ class ReadingFilter:
         self.last: Readout | None = None
         self.resolution_arcsec = 15.0
         self.moving = False
+        self.drift = Drift()
         self._pace_arcsec_s = 0.0
 
     def forget(self) -> None:
@@ -139,7 +146,13 @@ class ReadingFilter:
         """Whether a reading is where the last one was, but for the turn of the sky."""
         free_arcsec = self._timing.resting_free_arcsec(self.resolution_arcsec)
         drift_arcsec = self._timing.drift_arcsec_s * _elapsed_s(before, after)
-        return apart_arcsec(before.place, after.place) <= free_arcsec + drift_arcsec
+        return self.beyond_drift_arcsec(before, after) <= free_arcsec + drift_arcsec
+
+    def beyond_drift_arcsec(self, before: Readout, after: Readout) -> float:
+        """How far a reading is from the way that the mount's offset rates lead from the last one."""
+        elapsed_s = max(0.0, (after.utc - before.utc).total_seconds())
+        spans_s = _elapsed_s(before, after) - elapsed_s
+        return self.drift.beyond_arcsec(before.place, after.place, elapsed_s, spans_s)
 
     def reachable(self, before: Readout, after: Readout) -> bool:
         """Whether a mount read at `before` can be, a moment later, at `after`."""
@@ -167,11 +180,11 @@ class ReadingFilter:
         return not after.slewing and not self.changed(before, after)
 
     def changed(self, before: Readout, after: Readout) -> bool:
-        """Whether the place has changed by more than one step of the wire and the turn of the sky."""
+        """Whether it moved by more than a step of the wire, the turn of the sky and its own rates."""
         elapsed_s = max(0.0, (after.utc - before.utc).total_seconds())
         # an arcsecond and a tenth of a step: two readings of one place may be rounded to neighboring steps
         free_arcsec = 1.0 + 1.1 * self.resolution_arcsec + self._timing.drift_arcsec_s * elapsed_s
-        return apart_arcsec(before.place, after.place) > free_arcsec
+        return self.beyond_drift_arcsec(before, after) > free_arcsec
 
     def _beyond_any_motor(self, before: Readout, after: Readout) -> float:
         free_arcsec = self._timing.resting_free_arcsec(self.resolution_arcsec)

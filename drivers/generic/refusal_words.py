@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+from mountnav.devices import OffsetRates
 from mountnav.errors import DeviceRefused, Refusal
 
 Meaning = tuple[re.Pattern[str], Refusal]
@@ -46,3 +47,8 @@ def parked(what: str, *, device: str) -> DeviceRefused:
         advice=ADVICE[Refusal.PARKED],
         reason=Refusal.PARKED,
     )
+
+
+def rates_text(rates: OffsetRates) -> str:
+    """Offset rates in words, for messages."""
+    return f"{rates.ra_arcsec_s:+.4f}″/s in right ascension, {rates.dec_arcsec_s:+.4f}″/s in declination"

@@ -13,7 +13,7 @@ from contextlib import asynccontextmanager, suppress
 from drivers.generic.language import Readout
 from drivers.generic.session import Session
 from mountnav.clock import pause, utc_now
-from mountnav.devices import SlewState, moved_arcsec
+from mountnav.devices import OffsetRates, SlewState, moved_arcsec
 from mountnav.errors import DeviceError, DeviceRefused, RefusedButDone
 
 _LATELY_S = 2.0
@@ -26,6 +26,8 @@ Stop = Callable[[], Awaitable[None]]
 """Stops the mount until it is seen at rest; raises `DeviceError`."""
 Took = Callable[[Readout], bool | None]
 """Whether a reading shows that the order was carried out; None where it can't show that."""
+Ask = Callable[[], Awaitable[bool]]
+"""Whether the mount says, asked for it, that the order was carried out; raises `DeviceError`."""
 
 
 class Refusals:
@@ -37,10 +39,25 @@ class Refusals:
 
     async def before(self) -> Readout:
         """The mount before an order: its last reading if that is fresh, or a new one."""
-        last = self._session.filter.last
-        if last is not None and (utc_now() - last.utc).total_seconds() < _LATELY_S:
+        last, changed_utc = self._session.filter.last, self._session.drift.changed_utc
+        # one from before its rates changed would not say where it drifts from
+        of_now = last is not None and (changed_utc is None or last.utc > changed_utc)
+        if last is not None and of_now and (utc_now() - last.utc).total_seconds() < _LATELY_S:
             return last
         return await self._session.read()
+
+    async def before_at_rest(self) -> Readout:
+        """As `before`; one that still moves, say up to a rate that it was given just now, is waited for.
+
+        Not for longer than `Timing.rest_s`: a reading that says "slewing" after that is one that slews.
+        """
+        session, loop = self._session, asyncio.get_running_loop()
+        until = loop.time() + session.timing.rest_s
+        before = await self.before()
+        while before.slewing and not session.axes and loop.time() < until:
+            await pause(session.timing.soon_s)
+            before = await session.read()
+        return before
 
     @asynccontextmanager
     async def checked(
@@ -51,6 +68,7 @@ class Refusals:
         took: Took | None = None,
         undo: Callable[[], Awaitable[object]] | None = None,
         stops: bool = True,
+        ask: Ask | None = None,
     ) -> AsyncIterator[None]:
         """Send an order within this context: a refusal that the readings contradict becomes `RefusedButDone`.
 
@@ -67,6 +85,8 @@ class Refusals:
         stops : bool
             Whether the mount is stopped as soon as its place has changed, and not only if it reports a slew:
             after all orders but a sync.
+        ask : callable, optional
+            Asks the mount, once, for what no reading shows.
 
         Raises
         ------
@@ -80,37 +100,53 @@ class Refusals:
         log, began = self._session.language.log, self._session.language.log.count
         # a motion that began before is not ours to stop, and says nothing about the refusal
         moved_already = bool(before.slewing) or self._session.in_motion
+        # those that the order itself may bring are what is looked for
+        rates = self._session.drift.may
         try:
             yield
         except DeviceRefused as refusal:
             asked = any(entry.way == "driver->mount" for entry in log.entries(began))
             if moved_already or not asked:  # nothing went out: the driver's own refusal
                 raise
-            done = await self._belied(refusal, before, took)
+            done = await self._belied(refusal, before, took, ask, rates)
             if done is None:
                 raise
             raise await self._ended(order, refusal, done, undo, stops=stops) from refusal
 
-    async def _belied(self, refusal: DeviceRefused, before: Readout, took: Took | None) -> str | None:
+    async def _belied(
+        self,
+        refusal: DeviceRefused,
+        before: Readout,
+        took: Took | None,
+        ask: Ask | None,
+        rates: tuple[OffsetRates, ...],
+    ) -> str | None:
         """What the mount does although it refused, in words; None if it does nothing."""
         session, loop = self._session, asyncio.get_running_loop()
         orders = self._orders()
+        if ask is not None:
+            try:
+                asked = await ask()
+            except DeviceError as trouble:
+                raise await self._unread(refusal, trouble) from refusal
+            if asked:
+                return None if orders != self._orders() else "did it"
         until = loop.time() + session.timing.start_grace_s
         while True:
             # unfiltered readings: the filter believes a motion late, and the mount must be stopped at once
-            done = self._did(before, await self._read(refusal), took)
+            done = self._did(before, await self._read(refusal), took, rates)
             if done is not None:
                 # one reading may be wrong as well: two in a row are enough to stop the mount
-                done = self._did(before, await self._read(refusal), took)
+                done = self._did(before, await self._read(refusal), took, rates)
             if orders != self._orders():
                 return None  # its motion may now be due to another order
             if done is not None or loop.time() > until:
                 return done
             await pause(session.timing.soon_s)
 
-    def _orders(self) -> tuple[str | None, int, int, int]:
+    def _orders(self) -> tuple[object, ...]:
         session = self._session
-        return session.job, session.stops, session.pulses, session.links
+        return session.job, session.stops, session.pulses, session.links, tuple(session.axes.items())
 
     async def _read(self, refusal: DeviceRefused) -> Readout:
         try:
@@ -118,9 +154,11 @@ class Refusals:
         except DeviceError as trouble:
             raise await self._unread(refusal, trouble) from refusal
 
-    def _did(self, before: Readout, now: Readout, took: Took | None) -> str | None:
+    def _did(
+        self, before: Readout, now: Readout, took: Took | None, rates: tuple[OffsetRates, ...]
+    ) -> str | None:
         free_arcsec = self._session.timing.resting_free_arcsec(self._session.language.resolution_arcsec)
-        moved = moved_arcsec(before.reading, now.reading)
+        moved = moved_arcsec(before.reading, now.reading, rates)
         if moved > free_arcsec:
             in_degrees = moved >= _IN_DEGREES_ARCSEC
             return f"moved by {moved / 3600.0:.2f}°" if in_degrees else f"moved by {moved:.0f}″"

@@ -7,19 +7,38 @@ Connecting asks and compares, and sets nothing unless the configuration says so.
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from drivers.generic.comparison import compare, implausible
 from drivers.generic.coordinates import apart_arcsec
+from drivers.generic.drift import Drift
 from drivers.generic.language import Identity, Language, Readout
 from drivers.generic.link_supervisor import LinkSupervisor
 from drivers.generic.options import Timing
 from drivers.generic.reading_filter import HAND_DEG, HAND_DEG_S, Believed, ReadingFilter
-from drivers.generic.refusal_words import untrusted
+from drivers.generic.refusal_words import rates_text, untrusted
 from mountnav.clock import real_s, utc_now
-from mountnav.devices import ConnectReport, PierSide, SlewState, moved_arcsec
-from mountnav.errors import Busy, DeviceError, DeviceMissing, DeviceRefused, Refusal
+from mountnav.devices import (
+    STARS_RATES,
+    ConnectReport,
+    MountAxis,
+    OffsetRates,
+    PierSide,
+    Skill,
+    SlewState,
+    moved_arcsec,
+)
+from mountnav.errors import (
+    Busy,
+    DeviceError,
+    DeviceGarbled,
+    DeviceMissing,
+    DeviceRefused,
+    DeviceSilent,
+    Refusal,
+)
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 
 Listener = Callable[[str, Mapping[str, object]], None]
@@ -29,6 +48,9 @@ _SAME_CLOCK_S = 5.0
 """s. A mount's clock that changed by more against ours during a silence shows that the mount was switched
 off. Chosen: clocks carry whole seconds and answers may be late by one or two. Doubled, a mount whose
 clock starts 8 s behind after a reset passes for one that was only silent."""
+_NO_RATE_ARCSEC_S = 1e-6
+"""″/s. A rate that is read back and is below this is none: what converting units leaves of 0. Doubled or
+halved, nothing shows: it is 4 milliarcseconds in an hour."""
 _ON_THE_WAY = (SlewState.ACCEPTED, SlewState.UNDER_WAY, SlewState.LOST)
 """States of the last order in which the mount may still be moving."""
 
@@ -98,6 +120,10 @@ class Session:
         Set while no stop is being carried out.
     pulses : int
         How many guide pulses run.
+    axes : dict of MountAxis to float
+        Axes that are moved on by hand, and at which speed (°/s): until the mount was seen at rest again.
+    drift : Drift
+        The offset rates that it tracks at, as far as they are known.
     links : int
         How often the link was made or lost: what began under another count is given up.
     stop_owed : bool
@@ -125,6 +151,7 @@ class Session:
         self.name = name
         self.timing = timing
         self.filter = ReadingFilter(timing, name)
+        self.drift: Drift = self.filter.drift
         self.ordering = asyncio.Lock()
         self.job: str | None = None
         self.sent_out = False
@@ -135,6 +162,7 @@ class Session:
         self.no_stop = asyncio.Event()
         self.no_stop.set()
         self.pulses = 0
+        self.axes: dict[MountAxis, float] = {}
         self.stop_owed = False
         self.in_motion = False
         self.doubt = ""
@@ -200,6 +228,7 @@ class Session:
             if self.stop_owed:
                 # when the link broke something was moving, or was being stopped
                 await language.send_stop(0)
+            told = await self._find_rates()
             self.filter.forget()
             self.filter.resolution_arcsec = language.resolution_arcsec
             readout = (await self.filter.read(language.readout)).readout
@@ -209,7 +238,7 @@ class Session:
                 # compared before anything is set: the difference says by how much its sky was turned
                 found = await compare(language, identity, self._connecting.site, trusted=self.trusted)
             done, refused = await self._set(site=self._connecting.set_site, clock=self._connecting.set_clock)
-            identity = replace(identity, problems=(*identity.problems, *refused))
+            identity = replace(identity, problems=(*identity.problems, *told, *refused))
             # closing and opening again must not turn a mistrusted position into a trusted one
             counted = self._connecting.trust if self.report is None else self.trusted
             doubt = identity.doubt or implausible(readout, self._connecting.site)
@@ -239,6 +268,50 @@ class Session:
             elif doubt:
                 self._why_untrusted = doubt
             self.emit("untrusted", {"why": self._why_untrusted})
+
+    async def _find_rates(self) -> list[str]:
+        """Find out at which offset rates it tracks; ours, that a broken link left behind, are ended."""
+        language, drift = self.language, self.drift
+        if Skill.OFFSET_RATES not in language.skills:
+            return []
+        try:
+            if drift.ours:
+                drift.going_out(STARS_RATES)
+                await language.send_offset_rates(STARS_RATES)
+            found = await self.told_rates()
+        except (DeviceRefused, DeviceSilent, DeviceGarbled) as trouble:
+            language.log.note("event", meaning=f"its offset rates are not known: {trouble.what}")
+            drift.unknown()
+            return [f"at which offset rates it tracks is not known: {trouble.what}"]
+        if found is None and drift.ours:
+            drift.settled(STARS_RATES)
+        elif found is None or not drift.ours:
+            drift.found(found)
+        else:
+            drift.settled(found)
+        if found is None or found.none:
+            return []
+        return [f"it tracks at offset rates: {rates_text(found)}"]
+
+    async def told_rates(self) -> OffsetRates | None:
+        """At which offset rates it says to track; None where it can't say, or refuses to.
+
+        Raises
+        ------
+        DeviceSilent, DeviceGarbled, DeviceMissing
+        """
+        try:
+            told = await self.language.read_offset_rates()
+        except DeviceRefused:
+            return None
+        if told is None:
+            return None
+        if not (math.isfinite(told.ra_arcsec_s) and math.isfinite(told.dec_arcsec_s)):
+            raise DeviceGarbled("its offset rates are no numbers", device=self.name)
+        ra, dec = (
+            0.0 if abs(rate) < _NO_RATE_ARCSEC_S else rate for rate in (told.ra_arcsec_s, told.dec_arcsec_s)
+        )
+        return OffsetRates(ra, dec)
 
     async def compare(self) -> ConnectReport:
         """Ask for clock and site again, and compare them with ours. Raises `DeviceError`."""
@@ -329,9 +402,12 @@ class Session:
         self.lost_why = why
         self._since = None
         self._connected = False
-        if self.job is not None or self.state in _ON_THE_WAY:
+        if self.job is not None or self.axes or self.state in _ON_THE_WAY:
             self.state = SlewState.LOST
             self.stop_owed = True
+        # whatever moved on goes on, or not: it is stopped as soon as it can be
+        self.axes.clear()
+        self.drift.unknown()
         self.emit("link-lost", {"why": why})
         self.distrust("its link was lost")
         # a silent line is still open: close it, so that it is opened again and the greeting says who is there
@@ -377,10 +453,16 @@ class Session:
         if not self.trusted:
             raise untrusted(what, self._why_untrusted, device=self.name)
 
-    def require_no_job(self, advice: str = "wait for it, or stop it") -> None:
-        """Raise `Busy` if an order to move runs."""
+    def require_no_job(self, advice: str = "wait for it, or stop it", *, by_hand: bool = False) -> None:
+        """Raise `Busy` if an order to move runs, or an axis is moved unless that is to be done."""
         if self.job is not None:
             raise Busy(f"a {self.job} is running", device=self.name, advice=advice)
+        if self.axes and not by_hand:
+            raise Busy(
+                f"its {' and '.join(sorted(self.axes))} axis is moved by hand",
+                device=self.name,
+                advice="end that, or stop it",
+            )
 
     def emit(self, what: str, facts: Mapping[str, object]) -> None:
         """Send an event to all listeners."""
@@ -398,18 +480,20 @@ class Session:
             If there is no answer, none that makes sense, or no link.
         """
         async with self._reading:
-            self.filter.moving = self.sent_out or self.state is SlewState.UNDER_WAY
+            self.filter.moving = self.sent_out or self.state is SlewState.UNDER_WAY or bool(self.axes)
             before = self.filter.last
             believed = await self.filter.read(self._readout)
         readout = believed.readout
         self.supervisor.heard()
         self.filter.resolution_arcsec = self.language.resolution_arcsec
         if readout.fresh and not self._was_fresh:
+            self.drift.unknown()
             self.distrust("it was switched off and on")
         self._was_fresh = readout.fresh
         if before is not None and not self._late_sync_shows(before, readout):
             self._watch_for_jumps(before, believed)
         self._muted = False
+        self.drift.read(readout.utc)
         await self._note_rest(readout)
         return readout
 
@@ -485,7 +569,9 @@ class Session:
         """Whether a resting mount changed its place at once: a sync shows like that, a motion doesn't."""
         if before.slewing or after.slewing or self.in_motion or self.state in _ON_THE_WAY or self.pulses:
             return False
-        moved = moved_arcsec(before.reading, after.reading)
+        if self.axes:
+            return False
+        moved = moved_arcsec(before.reading, after.reading, self.drift.may)
         return moved > self.timing.resting_free_arcsec(self.language.resolution_arcsec)
 
     def _watch_for_jumps(self, before: Readout, believed: Believed) -> None:
@@ -501,12 +587,16 @@ class Session:
             return
         elapsed_s = max(0.0, (after.utc - before.utc).total_seconds())
         free_arcsec = self.timing.resting_free_arcsec(self.language.resolution_arcsec)
-        moved_arcsec = apart_arcsec(before.place, after.place) - free_arcsec
-        if self.state in _ON_THE_WAY or before.slewing or after.slewing:
+        moved_arcsec = self.filter.beyond_drift_arcsec(before, after) - free_arcsec
+        if self.state in _ON_THE_WAY or self.axes or before.slewing or after.slewing:
             # a motion that no order of ours follows; while it lasts the readings show it
             if believed.leap_arcsec > 0.0:
                 self._jumped(moved_arcsec)
-            elif self._muted and not after.slewing and moved_arcsec > self.timing.drift_arcsec_s * elapsed_s:
+            elif (
+                self._muted
+                and not (after.slewing or self.axes)
+                and moved_arcsec > self.timing.drift_arcsec_s * elapsed_s
+            ):
                 self._changed_in_silence(moved_arcsec)
             return
         # readings are timed by the sky's clock (which may run fast), `silence_s` is real seconds

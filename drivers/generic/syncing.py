@@ -7,13 +7,14 @@ it here only, through `SyncReadBack`. What follows from the outcome (journal, mo
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Collection
 from datetime import datetime
 
 from drivers.generic.coordinates import apart_arcsec
 from drivers.generic.refusals import Refusals
 from drivers.generic.session import LateSync, Session
 from mountnav.clock import pause, sky_s, utc_now
-from mountnav.devices import MountReading, SyncLaw, SyncOutcome, SyncResult, miss_arcsec
+from mountnav.devices import MountReading, OffsetRates, SyncLaw, SyncOutcome, SyncResult, miss_arcsec
 from mountnav.errors import DeviceMissing, DeviceRefused, Refusal
 from mountnav.sky.coordinates import Apparent, Icrs
 
@@ -36,6 +37,8 @@ class SyncReadBack:
         The mount's step.
     most_arcsec : float
         A sync is seen no further than that from its place, unless the step is coarser.
+    rates : collection of OffsetRates
+        At which the mount may track beside the sidereal one: it goes on at them while it is read.
 
     Attributes
     ----------
@@ -50,10 +53,12 @@ class SyncReadBack:
         *,
         resolution_arcsec: float,
         most_arcsec: float,
+        rates: Collection[OffsetRates] = (),
     ) -> None:
         self._place = place
         self._before = before
         self._sent_utc: datetime | None = None
+        self._rates = tuple(rates)
         self._law = SyncLaw.of(apart_arcsec(before.place, place), resolution_arcsec, most_arcsec)
         self.near_arcsec = self._law.near_arcsec
 
@@ -64,12 +69,12 @@ class SyncReadBack:
     def shows(self, now: MountReading) -> bool:
         """Whether a reading shows the sync."""
         assert self._sent_utc is not None
-        return self._law.seen(miss_arcsec(self._place, self._sent_utc, now))
+        return self._law.seen(miss_arcsec(self._place, self._sent_utc, now, self._rates))
 
     def result(self, now: MountReading, *, after_s: float, late: bool) -> SyncResult:
         """What the sync came to by the last reading, taken `after_s` after it."""
         if not self.shows(now):
-            outcome = self._law.unseen(self._before, now)
+            outcome = self._law.unseen(self._before, now, self._rates)
         else:
             outcome = SyncOutcome.LATE if late else SyncOutcome.SEEN
         return SyncResult(outcome, now, apart_arcsec(now.place, self._place), after_s)
@@ -89,6 +94,7 @@ async def sync(session: Session, refusals: Refusals, place: Apparent | Icrs) -> 
             before.reading,
             resolution_arcsec=session.language.resolution_arcsec,
             most_arcsec=session.timing.near_arcsec,
+            rates=session.drift.may,
         )
         # one that was given up earlier would be taken for this one
         session.late_sync = None

@@ -14,10 +14,17 @@ overtaken before it was sent isn't sent any more.
 `Admission` asks what stands before an order, `Sender` sends it with its row (``order_book``). ``mount_state``
 holds what is known of the mount, ``trust`` whether its position counts. ``tracking_watch`` holds it against
 its limits (``limits_guard``, ``pier_side``, ``axis_rates``) now and then, and stops it there.
+
+What goes on by itself has an end: rates for targets that move (``offset_rates``, held against the limits
+along ``path_ahead``) and axes moved by hand (``moved_axes``). ``ending`` ends them, and ``dead_man`` is the
+protocol of who does it when the service is dead.
 """
 
+from mountnav.mount.dead_man import Deadman
+from mountnav.mount.following_policy import FollowingPolicy
 from mountnav.mount.mount import CheckedMount
 from mountnav.mount.mount_state import Listener
+from mountnav.mount.offset_rates import RatesInForce
 from mountnav.mount.tracking_watch import WentAnotherWay
 
-__all__ = ["CheckedMount", "Listener", "WentAnotherWay"]
+__all__ = ["CheckedMount", "Deadman", "FollowingPolicy", "Listener", "RatesInForce", "WentAnotherWay"]

@@ -9,17 +9,19 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 
 import numpy as np
 
-from mountnav.devices import Epoch, MountReading, PierSide, for_mount, from_mount
+from mountnav.devices import Epoch, MountAxis, MountReading, PierSide, for_mount, from_mount
 from mountnav.errors import LimitKind, OutsideLimits
 from mountnav.mount.axis_rates import Braking, RatesSeen, Unlike
+from mountnav.mount.path_ahead import PathAhead
 from mountnav.mount.pier_side import LOOK_AT_IT, STRAYS_DEG, SideFollowed, SideProof, SidesKept, SideUnproven
 from mountnav.pointing.limits import Limits, Mounting, Reached, SlewCheck
+from mountnav.pointing.limits.along import reached_by_axes
 from mountnav.pointing.limits.bodies import SUN_DEG_PER_S, bodies
 from mountnav.pointing.limits.detours import legs_to
 from mountnav.pointing.limits.directions import of_body
@@ -36,6 +38,7 @@ from mountnav.pointing.limits.tracked import AT_POLE_DEG, VACUUM, standing_for, 
 from mountnav.pointing.limits.ways import strays_deg
 from mountnav.sky.chain import icrs_to_hour_angle, icrs_to_observed
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Observed, Site
+from mountnav.sky.sphere import separation_arcsec
 
 BELOW_GROUND_DEG = -2.0
 """Lower than this no telescope looks, whatever refraction and an uneven horizon do. Refraction lifts by 0.6°
@@ -106,6 +109,8 @@ class LimitsGuard:
         self._kept = SidesKept()
         self.proof = proof or SideProof()
         self._set_out = False
+        self.following: PathAhead | None = None
+        """What it follows while rates beside the stars' are in force."""
 
     def set_out(self) -> None:
         """An order to move goes out: it isn't where it was switched on any more."""
@@ -360,15 +365,61 @@ class LimitsGuard:
 
     def reached(self, reading: MountReading, *, within_s: float = 43200.0) -> Reached | None:
         """Which limit tracking from where the mount stands reaches first, and when."""
-        sides = [*_SIDES] if self.unproven(reading) else [self.side(reading)]
+        found = [self._reached(reading, side, within_s) for side in self.sides(reading)]
+        return min(
+            (reached for reached in found if reached is not None),
+            key=lambda reached: reached.after_s,
+            default=None,
+        )
+
+    def _reached(self, reading: MountReading, side: PierSide | None, within_s: float) -> Reached | None:
+        if self.following is not None:
+            return self.following.reached(self.limits, reading, side, within_s)
+        return self.limits.reached(
+            from_mount(reading.place),
+            reading.utc,
+            self.site,
+            self.air,
+            mounting=self.mounting,
+            side=side,
+            within_s=within_s,
+        )
+
+    def sides(self, reading: MountReading) -> list[PierSide | None]:
+        """On which sides its tube may hang: both while the one it says isn't proven."""
+        return [*_SIDES] if self.unproven(reading) else [self.side(reading)]
+
+    def left_alone(self, reading: MountReading, utc: datetime) -> tuple[Icrs, float]:
+        """Where a mount that tracks or follows comes to until then, and how many ″ the rates lead it."""
+        place = from_mount(reading.place)
+        if self.following is None:
+            return place, 0.0
+        there = self.following.leads(reading)(utc)
+        return there, separation_arcsec(place, there)
+
+    def turns_into(
+        self, reading: MountReading, rates_deg_s: Mapping[MountAxis, float], within_s: float
+    ) -> Reached | None:
+        """Which limit axes that turn at these speeds, beside tracking, reach first, and when.
+
+        Speeds are those of `MovesAxes.move_axis`: right ascension (azimuth), and declination (altitude).
+        """
+        sides = self.sides(reading)
+        if self.mounting == "german" and not _told(reading) and self._followed.either:
+            sides = [*_SIDES]
+        here, bare = (
+            icrs_to_hour_angle(from_mount(reading.place), reading.utc, self.site, air)
+            for air in (self.air, VACUUM)
+        )
         found = [
-            self.limits.reached(
-                from_mount(reading.place),
-                reading.utc,
-                self.site,
-                self.air,
+            reached_by_axes(
+                Scene(self.limits, reading.utc, self.site),
+                here,
+                bare,
+                (rates_deg_s.get("primary", 0.0), rates_deg_s.get("secondary", 0.0)),
                 mounting=self.mounting,
                 side=side,
+                tracks=reading.tracking is not False,
                 within_s=within_s,
             )
             for side in sides

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from datetime import datetime
 from typing import Any
@@ -14,19 +14,28 @@ from mountnav.devices import (
     Direction,
     Epoch,
     Mount,
+    MountAxis,
     MountReading,
+    MovesAxes,
+    OffsetRates,
     PierSide,
+    RateSpan,
     Skill,
     SlewOutcome,
     SyncResult,
+    TakesOffsetRates,
     TrackingRate,
     skills_of,
 )
-from mountnav.errors import MountnavError
-from mountnav.journal.records import CommandRecord, EntryKind, Journal, Order, Outcome, Unwritten
+from mountnav.errors import Busy, DeviceError, MountnavError
+from mountnav.journal.records import CommandRecord, EntryKind, Journal, Order, Outcome, Unwritten, because
+from mountnav.mount.dead_man import Armed, Deadman, NoGuard
+from mountnav.mount.following_policy import FollowingPolicy, OnLoss
 from mountnav.mount.kill_points import kill_point
 from mountnav.mount.limits_guard import LimitsGuard
 from mountnav.mount.mount_state import Listener, MountState, SegmentListener
+from mountnav.mount.moved_axes import AxisOrders
+from mountnav.mount.offset_rates import RateOrders, RatesInForce
 from mountnav.mount.order_book import OrderBook, outcome_of
 from mountnav.mount.orders import BriefOrders, MotionOrders, SlewPlanner, SyncOrders
 from mountnav.mount.pier_side import SIDE_PROVEN, SideProof
@@ -34,7 +43,13 @@ from mountnav.mount.sending import Admission, Sender
 from mountnav.mount.tracking_watch import TrackingWatch
 from mountnav.mount.trust import LastSeen, PositionMemory, SiteTimeAgreement
 from mountnav.pointing.limits import Limits, Mounting, Reached
+from mountnav.pointing.limits.along import Path
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
+
+_CLOSES_WITHIN_S = 6.0
+"""So long a mount that is let go is waited for to end what goes on by itself, s; then it is left to the
+guard. Chosen by hand: three tries and a stop. Doubled, a service with an unplugged mount takes longer to
+end."""
 
 
 class CheckedMount:
@@ -46,6 +61,10 @@ class CheckedMount:
         The driver. It must not be used by anybody else from now on.
     mounting : {"german", "fork", "altaz"}, optional
         None: not known.
+    following : FollowingPolicy, optional
+        Bounds of rates beside the stars' and of axes moved by hand.
+    dead_man : Deadman, optional
+        Who ends them when the service is dead; nobody, if left out.
     """
 
     def __init__(
@@ -59,6 +78,8 @@ class CheckedMount:
         journal: Journal | None = None,
         clock: Clock | None = None,
         mounting: Mounting | None = None,
+        following: FollowingPolicy | None = None,
+        dead_man: Deadman | None = None,
     ) -> None:
         self._mount = mount
         self._clock = clock or SystemClock()
@@ -83,6 +104,17 @@ class CheckedMount:
         state.on_reading(guard.saw)
         state.listen(self._not_followed)
         self._brief = BriefOrders(mount, guard, sender, admission, watch, self._clock)
+        self._policy = policy = following or FollowingPolicy()
+        self._armed = armed = Armed(dead_man or NoGuard())
+        rooms = (mount, guard, state, sender, book, admission, watch, self._clock, policy, armed)
+        self._rates = RateOrders(
+            *rooms,
+            stop=self._stop_and_rest,
+            rest=lambda: self._tracking_off("it rested before its rates were ended"),
+            axes_move=lambda: self._axes.moving,
+        )
+        self._axes = AxisOrders(*rooms, stop=self._stop_for, follows=lambda: self._rates.owed)
+        self._motions.before_moving(self._ended_before)
 
     # -- what it is --------------------------------------------------------------------------------
 
@@ -370,8 +402,11 @@ class CheckedMount:
         self._watch.start()
 
     async def close(self) -> None:
-        """Release; what is still to be written is written first."""
+        """Release; what is still to be written is written first, what still moves by itself ended."""
         await self._watch.end()
+        await self._axes.close(_CLOSES_WITHIN_S)
+        await self._rates.close(_CLOSES_WITHIN_S)
+        self._armed.let_go()
         try:
             await self._mount.close()
         finally:
@@ -482,7 +517,14 @@ class CheckedMount:
         DeviceError
             Whether it was carried out isn't known: a new segment begins.
         """
+        self._require_no_axis("sync")
         return await self._syncs.sync(place)
+
+    def _require_no_axis(self, order: str) -> None:
+        if self._axes.moving:
+            raise Busy(
+                f"the {order} refused: an axis is moved by hand", device=self.name, advice="end that first"
+            )
 
     async def stop(self) -> None:
         """Stop all motion now; waits for no check and no disk.
@@ -492,6 +534,14 @@ class CheckedMount:
         DeviceError
             It can't be sent, or it still moves.
         """
+        try:
+            await self._stop()
+        finally:
+            # some mounts track on at the rates they have, or stop slews alone
+            await self._axes.stopped()
+            await self._rates.stopped()
+
+    async def _stop(self) -> None:
         # no `Admission`, no `Sender.send`: both may wait, for an order under way or for the disk
         with self._sender.stopping():
             row = self._book.begin_now("stop", self.segment_id)
@@ -522,6 +572,13 @@ class CheckedMount:
         OutsideLimits, DeviceRefused, Busy, Cancelled, JournalFailed, DeviceError
         """
         facts: dict[str, object] = {"on": on, "rate": str(rate)}
+        await self._axes.before("track")
+        if on:
+            await self._rates.before("track")
+        else:
+            # it may be to stop at a limit: what can't be ended is tried on meanwhile
+            with suppress(DeviceError):
+                await self._rates.end("its tracking is switched off")
         await self._brief.give("track", lambda mount: mount.set_tracking(on, rate), facts=facts, follows=on)
         if on:
             self._rate = rate
@@ -533,10 +590,147 @@ class CheckedMount:
         ------
         OutsideLimits, DeviceRefused, Busy, Cancelled, JournalFailed, DeviceError
         """
+        self._require_no_axis("guide pulse")
         facts: dict[str, object] = {"direction": str(direction), "duration_s": duration_s}
         await self._brief.give(
             "guide", lambda mount: mount.guide(direction, duration_s), facts=facts, follows=True, moves=True
         )
+
+    # -- beside the stars --------------------------------------------------------------------------
+
+    @property
+    def on_loss(self) -> OnLoss:
+        """What is left when rates end by themselves, or whoever ordered them is gone."""
+        return self._policy.on_loss
+
+    @property
+    def following_policy(self) -> FollowingPolicy:
+        """Bounds of rates and of moved axes."""
+        return self._policy
+
+    @property
+    def most_offset_arcsec_s(self) -> OffsetRates | None:
+        """The largest rates that it takes; None where it takes none, or doesn't say."""
+        return self._mount.most_offset_arcsec_s if isinstance(self._mount, TakesOffsetRates) else None
+
+    @property
+    def axis_rates_deg_s(self) -> Mapping[MountAxis, tuple[RateSpan, ...]]:
+        """At which speeds its axes can be moved by hand; empty where they can't."""
+        return self._mount.axis_rates_deg_s if isinstance(self._mount, MovesAxes) else {}
+
+    @property
+    def offset_rates_in_force(self) -> RatesInForce | None:
+        """The rates at which it follows a moving target; None if it follows the stars, as far as is known."""
+        return self._rates.in_force
+
+    @property
+    def axis_moving(self) -> bool:
+        """Whether an axis moves by an order to move it, or may."""
+        return self._axes.moving
+
+    @property
+    def following_problem(self) -> str | None:
+        """What goes on by itself and could not be ended yet, in words; None if nothing does."""
+        return self._rates.ending.problem or self._axes.ending.problem
+
+    async def set_offset_rates(
+        self, rates: OffsetRates, *, ends_utc: datetime, path: Path | None = None
+    ) -> None:
+        """Track at rates beside the stars', up to an end; again before it, to change or to prolong them.
+
+        At the end at the latest the mount goes back to sidereal tracking, or stops, as `on_loss` says. They
+        are ended before a slew, park or home and by a stop, by `set_tracking`, by a link that was lost or
+        a position that doesn't count any more, by `close`, and, if the service dies, by its guard. A sync
+        and guide pulses leave them in force.
+
+        Parameters
+        ----------
+        rates : OffsetRates
+            In the mount's own coordinates; `STARS_RATES` ends them.
+        ends_utc : datetime
+            Aware.
+        path : callable, optional
+            ``path(utc)``: where the target will be, up to `ends_utc`. Limits are checked along it, once for
+            one callable: give the same one again when the rates change. None: along what the rates lead to.
+
+        Raises
+        ------
+        BadRequest
+            Not finite, no end to come or one too far, faster than the settings allow, a path of something
+            else; nothing was sent.
+        OutsideLimits
+            A limit is reached before the end, with when and where; nothing was sent.
+        DeviceRefused
+            It can't, it is parked, doesn't track, can't be trusted, contradicts the settings on site or time,
+            or said no: it tracks as before.
+        Busy, Cancelled, JournalFailed
+            Nothing is in force that wasn't before; after a stop, nothing at all.
+        DeviceError
+            Whether it took them isn't known: they are being ended.
+        """
+        await self._rates.set(rates, ends_utc=ends_utc, path=path)
+
+    async def end_offset_rates(self) -> None:
+        """Track as for a star again; where no rates are in force nothing is sent.
+
+        Raises
+        ------
+        DeviceError
+            They could not be ended, or were not seen to have ended: it is tried on by itself, and the mount
+            stopped if that doesn't help.
+        """
+        await self._rates.end("ordered")
+
+    async def move_axis(self, axis: MountAxis, rate_deg_s: float, *, for_s: float) -> None:
+        """Move an axis on for a moment, beside tracking; ordered again it goes on, else it ends by itself.
+
+        It is ended before it comes to a limit, its way of braking included, and by whatever ends rates; a
+        sync and guide pulses are refused meanwhile.
+
+        Parameters
+        ----------
+        axis : {"primary", "secondary"}
+        rate_deg_s : float
+            Positive to greater right ascension (azimuth) or declination (altitude). 0 ends it, and returns
+            when it is seen at rest.
+        for_s : float
+            Above 0.
+
+        Raises
+        ------
+        BadRequest
+            Not finite, too fast, too long, or a speed that the mount doesn't have; nothing was sent.
+        OutsideLimits
+            It would come to a limit in that time, or braking after it; nothing was sent, and if it moves
+            already it was ended.
+        DeviceRefused, Busy, Cancelled, JournalFailed
+            Nothing was sent.
+        DeviceError
+            Whether it moves isn't known: it is being ended.
+        """
+        await self._axes.move(axis, rate_deg_s, for_s=for_s)
+
+    async def _ended_before(self, order: str) -> None:
+        await self._axes.before(order)
+        await self._rates.before(order)
+
+    async def _stop_for(self, why: str) -> None:
+        with because(why=why):
+            await self._stop()
+
+    async def _stop_and_rest(self, why: str) -> None:
+        """Stop it, and end its tracking: what goes on by itself moves nothing then."""
+        with because(why=why):
+            await self.stop()
+            await self._tracking_off(why)
+
+    async def _tracking_off(self, why: str) -> None:
+        if Skill.TRACK not in self.skills:
+            return
+        with because(why=why):
+            await self._brief.give(
+                "track", lambda mount: mount.set_tracking(False), facts={"on": False, "why": why}
+            )
 
     # -- before an order ---------------------------------------------------------------------------
 

@@ -189,6 +189,11 @@ class MotionOrders:
         self._plans = plans
         self._watch = watch
         self._clock = clock
+        self._before: Callable[[str], Awaitable[None]] | None = None
+
+    def before_moving(self, end: Callable[[str], Awaitable[None]]) -> None:
+        """Have `end(order)` end what goes on by itself before each order to move is sent."""
+        self._before = end
 
     async def slew(self, place: Apparent | Icrs) -> SlewOutcome:
         """Go there, directly or by way of other places. See `CheckedMount.slew`."""
@@ -298,6 +303,8 @@ class MotionOrders:
                 self._guard.at_station()
             return OrderResult(_SLEW_OUTCOMES[outcome], detail, new_segment=new_segment if arrived else "")
 
+        if self._before is not None:
+            await self._before(order)
         self._guard.set_out()
         following = self._watch.follow(order, before, check)
         try:

@@ -34,6 +34,9 @@ from mountnav.sky.sphere import separation_arcsec
 
 T = TypeVar("T")
 
+_BY_THE_SKY: frozenset[Order] = frozenset({"slew", "offset-rates", "move-axis"})
+"""Orders that are judged by where the sky stands: refused while mount and settings contradict each other."""
+
 
 class OvertakenError(Exception):
     """A stop came before the order was sent."""
@@ -338,7 +341,7 @@ class Admission:
         if refusal is not None:
             await self._sender.refused(order, refusal, before, place)
             raise refusal
-        if order == "slew":
+        if order in _BY_THE_SKY:
             # to park and to go home is to go by its own axes: both stay possible, as do stop and recover
             try:
                 await self._agreement.require(order)

@@ -15,7 +15,7 @@ from datetime import timedelta
 from typing import Protocol
 
 from mountnav.clock import Clock
-from mountnav.devices import MountReading, Skill, SlewOutcome, TrackingRate, from_mount
+from mountnav.devices import MountReading, Skill, SlewOutcome, TrackingRate, from_mount, offset_speed_arcsec_s
 from mountnav.errors import DeviceError, DeviceRefused, LimitKind, MountnavError, OutsideLimits
 from mountnav.journal.records import EntryKind, because
 from mountnav.mount.axis_rates import Braking
@@ -237,6 +237,12 @@ _TELL_FROM_S = 1800.0
 _STILL_ARCSEC_S = 5.0
 """A mount may drift so much faster than the sky turns, ″/s, and isn't taken to be moved: refraction, rates of
 Moon and Sun, a step of the reading. Doubled, a slow motion by hand (10″/s) is taken for tracking."""
+_CHANGES = 0.25
+"""Rates may have been others for a part of the time between two looks: so much of their way is no motion of
+its own. Doubled, a mount that is fast by a third is taken to follow."""
+_FAST_ARCSEC_S = 15.0
+"""A mount that follows faster than this is looked at each 2 s, ″/s: one that gets a rate wrong by a factor of
+200 goes a degree in the time. Doubled, twice as far."""
 _DEEPER_DEG = 0.25
 """Outside of a limit a mount counts as going deeper from so much on, °, more than readings scatter. Doubled,
 it is stopped that much later; at 0 a mount that may leave a limit is stopped by the noise of its readings."""
@@ -302,6 +308,8 @@ class TrackingWatch:
         self._told_near: tuple[LimitKind, int] | None = None
         self._handled: LimitKind | None = None
         self._untrusted_s = 0.0
+        self.by_hand: Callable[[MountReading], Awaitable[float | None]] | None = None
+        """Judges a reading while an axis is moved by our order; how soon to look again, None if none is."""
         self._halting = LimitStop(
             mount,
             guard,
@@ -395,9 +403,17 @@ class TrackingWatch:
         if following is not None and following is self._following:
             await self._look_at_motion(following, reading)
             return SLEWING_S if following.check is None or following.check.sure else GUESSED_S
+        soon_s = None if self.by_hand is None else await self.by_hand(reading)
+        if soon_s is not None:
+            await self._look_at_hand(reading)
+            return soon_s
         if self._mount.trusted:
             self._untrusted_s = 0.0
             self._guard.stood(reading)
+        if self._guard.following is not None and not reading.parked:
+            if reading.slewing or self._moves(before, reading):
+                await self._look_at_hand(reading)
+            return min(await self._look_at_tracking(before, reading), self._often_s(reading))
         if reading.parked or (reading.tracking is False and not self._moves(before, reading)):
             self._told_near = None
             return SLOWEST_S
@@ -407,14 +423,22 @@ class TrackingWatch:
             return NEAR_S
         return await self._look_at_tracking(before, reading)
 
-    @staticmethod
-    def _moves(before: MountReading | None, now: MountReading) -> bool:
-        """Whether it moved between two readings faster than tracking or resting explains."""
+    def _moves(self, before: MountReading | None, now: MountReading) -> bool:
+        """Whether it moved between two readings faster than following, tracking or resting explains."""
         if before is None:
             return False
         seconds = (now.utc - before.utc).total_seconds()
-        moved = separation_arcsec(from_mount(before.place), from_mount(now.place))
-        return moved > 60.0 + (15.1 + _STILL_ARCSEC_S) * max(seconds, 0.0)
+        there, led_arcsec = self._guard.left_alone(before, now.utc)
+        moved = separation_arcsec(there, from_mount(now.place))
+        return moved > 60.0 + (15.1 + _STILL_ARCSEC_S) * max(seconds, 0.0) + _CHANGES * led_arcsec
+
+    def _often_s(self, reading: MountReading) -> float:
+        """How often to look at a mount that follows: one that gets its rates wrong goes elsewhere."""
+        following = self._guard.following
+        if following is None:
+            return SLOWEST_S
+        fast = offset_speed_arcsec_s(following.rates, reading.place.dec_deg) > _FAST_ARCSEC_S
+        return NEAR_S if fast else SLOWEST_S
 
     def _deeper(
         self, reading: MountReading, among: Container[LimitKind] = frozenset(LimitKind)

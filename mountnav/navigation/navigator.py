@@ -19,6 +19,7 @@ from mountnav.navigation.learned import Learned
 from mountnav.navigation.look import at_instant
 from mountnav.navigation.look_retries import PersistentLook, cheap
 from mountnav.navigation.mount_orders import MountOrders
+from mountnav.navigation.moving import MovingTarget, Target
 from mountnav.navigation.outside_frames import WITHIN, By, Judged, compare_frame, correct
 from mountnav.navigation.policy import CenteringPolicy, CorrectBy
 from mountnav.navigation.recovering import recover, require_away_from_pole
@@ -255,8 +256,10 @@ class Navigator(MountOrders):
 
     # -- motion --------------------------------------------------------------------------------------
 
-    async def slew(self, target: Icrs, *, at: AimPoint | str | None = None) -> SlewReport:
+    async def slew(self, target: Target, *, at: AimPoint | str | None = None) -> SlewReport:
         """Go to `target` as the mount, and the pointing model where one is in force, believe it.
+
+        To where it will be on arrival, if it moves.
 
         Parameters
         ----------
@@ -275,11 +278,27 @@ class Navigator(MountOrders):
         """
         aiming = Aiming(self._equipment, self.point(at))
         async with self.work("slewing"):
-            side = await self._slewing.side_at(target)
-            axis = aiming.require_known(target, side)
+            place = await self._on_arrival(target)
+            side = await self._slewing.side_at(place)
+            axis = aiming.require_known(place, side)
             return await self._slewing.slew(axis, self._slewing.aimed(axis, side))
 
-    async def would_slew(self, target: Icrs, *, after_stop: bool = False) -> None:
+    async def _on_arrival(self, target: Target) -> Icrs:
+        """Where a target is, or will be at the end of a slew that begins now. Raises `BadRequest`."""
+        if isinstance(target, Icrs):
+            return target
+        equipment = self._equipment
+        moving = MovingTarget(
+            target,
+            site=equipment.site,
+            clock=equipment.clock,
+            pace=self._slewing.pace,
+            exposure_s=self.policy.exposure_s,
+            settle_s=self.policy.settle_s,
+        )
+        return moving.ahead(from_mount((await self.mount.reading()).place), exposed=False)
+
+    async def would_slew(self, target: Target, *, after_stop: bool = False) -> None:
         """Tell what a slew to `target` would be refused for now; nothing moves, nothing is written down.
 
         Parameters
@@ -294,19 +313,29 @@ class Navigator(MountOrders):
         equipment = self._equipment
         utc = equipment.clock.utc()
         await self.mount.require_agreement()
-        self.limits.check(target, utc, equipment.site, equipment.air)
-        aim = self._slewing.aimed(target, await self._slewing.side_at(target))
+        place = await self._on_arrival(target)
+        self.limits.check(place, utc, equipment.site, equipment.air)
+        aim = self._slewing.aimed(place, await self._slewing.side_at(place))
         await self.mount.would_slew(for_mount(aim, self.mount.epoch, utc), after_stop=after_stop)
 
-    async def offset(self, east_arcsec: float, north_arcsec: float) -> SlewReport:
-        """Nudge: slew by so much on the sky, east and north positive. Errors: see `slew`."""
+    async def offset(
+        self, east_arcsec: float, north_arcsec: float, target: Target | None = None
+    ) -> SlewReport:
+        """Nudge: slew by so much on the sky, east and north positive; or to so far beside a target.
+
+        Errors: see `slew`.
+        """
         async with self.work("nudging"):
+            if target is not None:
+                beside = displaced(await self._on_arrival(target), east_arcsec, north_arcsec)
+                aim = self._slewing.aimed(beside, await self._slewing.side_at(beside))
+                return await self._slewing.slew(beside, aim)
             here = from_mount((await self.mount.reading()).place)
             return await self._slewing.slew(displaced(here, east_arcsec, north_arcsec))
 
     async def center(
         self,
-        target: Icrs,
+        target: Target,
         *,
         tolerance_arcsec: float | None = None,
         max_tries: int | None = None,
@@ -364,7 +393,7 @@ class Navigator(MountOrders):
 
     async def flip(
         self,
-        target: Icrs,
+        target: Target,
         *,
         planned_s: float | None = None,
         key: str | None = None,

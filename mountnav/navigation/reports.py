@@ -9,6 +9,7 @@ from datetime import datetime
 from enum import StrEnum
 
 from mountnav.devices import MountReading, PierSide, SlewOutcome, SyncOutcome
+from mountnav.ephemeris import SkyRates
 from mountnav.errors import LimitKind, SyncDoubt
 from mountnav.frames import Frame
 from mountnav.navigation.reading_history import Meanwhile
@@ -201,6 +202,14 @@ class CenterReport:
         Where the point looked to which the target was brought; None: the frame's middle.
     rotation_deg : float or None
         Of the last frame: position angle of its +y.
+    target_name : str
+        Of a target that moves; empty of a fixed one.
+    target_utc : datetime or None
+        Of a target that moves: when it was at `target`, the middle of the last exposure.
+    target_sigma_arcsec : float
+        How uncertain its place is, one sigma.
+    target_rates : SkyRates or None
+        How fast it moves.
     """
 
     outcome: CenterOutcome
@@ -221,6 +230,10 @@ class CenterReport:
     notes: tuple[str, ...] = ()
     at: PointSeen | None = None
     rotation_deg: float | None = None
+    target_name: str = ""
+    target_utc: datetime | None = None
+    target_sigma_arcsec: float = 0.0
+    target_rates: SkyRates | None = None
 
 
 @dataclass(frozen=True, slots=True)

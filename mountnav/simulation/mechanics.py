@@ -161,13 +161,19 @@ class Mechanics(MechanicsStations):
                 self.machine,
                 belief.ha_shift_deg,
             )
+            if any(fault.lost_by_slew for fault in motion.rate_faults):
+                motion = replace(motion, now=replace(motion.now, rates_lost=True))
+            if side is not present:
+                motion = replace(motion, now=motion.changed_sides(motion.now))
+            order.motion = motion
             after = motion.tracking_deg_s(True, -1.0 if side is PierSide.WEST else 1.0)
             self._send(order, "ha", Goal(t_s, SIDEREAL_DEG_S, self._limits("ha"), aim[0], SIDEREAL_DEG_S))
             self._send(order, "dec", Goal(t_s, 0.0, self._limits("dec"), aim[1]))
             ha, dec = order.motion.now.ha, order.motion.now.dec
             both_s = max(one.arrives_s if math.isfinite(one.arrives_s) else t_s for one in (ha, dec))
             ha, dec = ha.followed(both_s, after[0]), dec.followed(both_s, after[1])
-            order.motion = replace(order.motion, now=Stage(t_s, ha, dec, True))
+            now = Stage(t_s, ha, dec, True, rates_lost=motion.now.rates_lost)
+            order.motion = replace(order.motion, now=now)
         return None
 
     def sync(self, place: Apparent) -> Refusal | None:

@@ -13,7 +13,8 @@ from mountnav.errors import BadSettings
 from mountnav.simulation.belief import Belief, believing, without_homing
 from mountnav.simulation.mechanics_truth import MechanicsTruth
 from mountnav.simulation.motion import AxisName, Goal, Limits, Motion
-from mountnav.sky.coordinates import Site
+from mountnav.simulation.rate_faults import RateFault
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Site
 from mountnav.sky.sphere import half_turn_deg
 
 _BOOT_UTC = datetime(2000, 1, 1, tzinfo=UTC)
@@ -59,17 +60,33 @@ class MechanicsMotors(MechanicsTruth):
 
     # -- single axes -----------------------------------------------------------------------------
 
-    def drive(self, axis: AxisName, velocity_deg_s: float, acceleration_deg_s2: float | None = None) -> None:
+    def drive(
+        self,
+        axis: AxisName,
+        velocity_deg_s: float,
+        acceleration_deg_s2: float | None = None,
+        *,
+        follows: bool = False,
+    ) -> None:
         """Run one motor at a velocity (over the ground, at most the slew rate) from now on.
 
         Tracking is off then: the controller that drives single axes knows no sky.
+
+        Parameters
+        ----------
+        follows : bool
+            It is meant to follow something in the sky: then faults of rates spoil it, by what it differs
+            from following a star.
         """
         rate = self._rates_deg_s[axis]
         velocity = max(-rate, min(rate, velocity_deg_s))
         limits = self._limits_with(axis, rate, acceleration_deg_s2)
         with self._order(raw=True) as order:
+            self._note_driven(order, axis, velocity if follows else None)
             goal = Goal(order.t_s, velocity, limits, steady=velocity == 0.0)
             self._send(order, axis, goal)
+            if follows:
+                self._spoil_driven(order)
 
     def drive_to(
         self,
@@ -82,6 +99,7 @@ class MechanicsMotors(MechanicsTruth):
         rate = min(abs(rate_deg_s or math.inf), self._rates_deg_s[axis])
         limits = self._limits_with(axis, rate, acceleration_deg_s2)
         with self._order(raw=True) as order:
+            self._note_driven(order, axis, None)
             belief = order.motion.belief_at(order.t_s)
             counts_deg = belief.ha_counts_deg if axis == "ha" else belief.dec_counts_deg
             self._send(order, axis, Goal(order.t_s, 0.0, limits, angle_deg - counts_deg))
@@ -89,6 +107,7 @@ class MechanicsMotors(MechanicsTruth):
     def halt(self, axis: AxisName, instant: bool = False) -> None:
         """Stop one motor: slowing down, or at once; counts as a stop for `run_away`."""
         with self._order(raw=True) as order:
+            self._note_driven(order, axis, None)
             one, goal = order.motion.axis(axis), Goal(order.t_s, 0.0, self._limits(axis))
             heeded = one.deaf_stops == 0
             one = one.stopped(order.t_s, goal)
@@ -144,6 +163,30 @@ class MechanicsMotors(MechanicsTruth):
             order.motion = order.motion.with_axis(axis, one.retried(order.t_s) if chasing else one)
             order.motion = self._not_homing(order)
 
+    def fail_rates(self, fault: RateFault) -> Callable[[], None]:
+        """Get rates beside the sidereal one wrong from now on, those in force as well.
+
+        Several faults come one after the other.
+
+        Returns
+        -------
+        callable
+            Ends this fault; harmless when it has ended.
+        """
+
+        def change(added: tuple[RateFault, ...]) -> None:
+            with self._order(moves=False) as order:
+                # by identity: of two equal faults each ends for itself
+                others = tuple(one for one in order.motion.rate_faults if one is not fault)
+                order.motion = replace(order.motion, rate_faults=others + added)
+                if order.motion.rate is TrackingRate.CUSTOM and order.motion.now.tracking:
+                    self._track(order, True)
+                self._spoil_driven(order)
+
+        fault = replace(fault)
+        change((fault,))
+        return lambda: change(())
+
     def align(self) -> None:
         """Somebody sets both axes by their marks: what it believes of them is right from now on.
 
@@ -173,7 +216,7 @@ class MechanicsMotors(MechanicsTruth):
             order.motion = replace(
                 order.motion, beliefs=tuple(one for one in order.motion.beliefs if one.start_s <= order.t_s)
             )
-            order.motion = replace(order.motion, rate=TrackingRate.SIDEREAL)
+            order.motion = replace(order.motion, rate=TrackingRate.SIDEREAL).with_rates_kept()
             if not kept_parked:
                 order.motion = replace(order.motion, bound_for="")
                 if self.machine.tracks_at_boot:
@@ -189,7 +232,8 @@ class MechanicsMotors(MechanicsTruth):
             one = replace(one, past_target=False, deaf_stops=0)
             one = one.ordered(t_s, goal) if coasts else one.halted(t_s, goal)
             motion = motion.with_axis(name, one)
-        order.motion = replace(motion, now=replace(motion.now, tracking=False), bound_for="")
+        now = replace(motion.now, tracking=False)
+        order.motion = replace(motion, now=now, driven_deg_s=(None, None), bound_for="")
 
     def _booted(self, belief: Belief, order: Order, parked: bool) -> Belief:
         machine, motion, t_s = self.machine, order.motion, order.t_s
@@ -259,6 +303,26 @@ class MechanicsMotors(MechanicsTruth):
     def _north_at(self, dec_axis_deg: float) -> float:
         past_pole = self.machine.mounting == "german" and abs(half_turn_deg(dec_axis_deg)) > 90.0
         return -1.0 if past_pole else 1.0
+
+    @staticmethod
+    def _note_driven(order: Order, axis: AxisName, velocity_deg_s: float | None) -> None:
+        """Note at which velocity a controller of single axes follows the sky with one; None: with none."""
+        ha, dec = order.motion.driven_deg_s
+        driven = (velocity_deg_s, dec) if axis == "ha" else (ha, velocity_deg_s)
+        order.motion = replace(order.motion, driven_deg_s=driven)
+
+    def _spoil_driven(self, order: Order) -> None:
+        """Let the faults of rates change the velocities of axes that follow the sky."""
+        motion, north = order.motion, self._north_here(order)
+        ha, dec = motion.driven_deg_s
+        kept = motion.followed_deg_s(
+            SIDEREAL_DEG_S if ha is None else ha, 0.0 if dec is None else north * dec, north
+        )
+        for name, ordered, velocity in zip(_AXES, (ha, dec), kept, strict=True):
+            goal = motion.axis(name).goal
+            if ordered is not None and goal.velocity_deg_s != velocity:
+                goal = Goal(order.t_s, velocity, goal.limits, steady=velocity == 0.0)
+                self._send(order, name, goal)
 
     def _track(self, order: Order, on: bool) -> None:
         """Track or rest from now on; during a slew, when it has arrived."""

@@ -7,13 +7,13 @@ from dataclasses import replace
 from datetime import datetime
 
 from mountnav.devices import TrackingRate
-from mountnav.errors import Refusal
+from mountnav.errors import BadSettings, Refusal
 from mountnav.simulation.belief import with_future
 from mountnav.simulation.machine import AxisAngles
 from mountnav.simulation.mechanics_motors import MechanicsMotors, Order
 from mountnav.simulation.motion import AxisName, Goal
 from mountnav.simulation.posture import turned_near
-from mountnav.sky.coordinates import Site
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Site
 
 
 class MechanicsStations(MechanicsMotors):
@@ -40,16 +40,47 @@ class MechanicsStations(MechanicsMotors):
     @rate.setter
     def rate(self, rate: TrackingRate) -> None:
         with self._order(moves=False) as order:
-            order.motion = replace(order.motion, rate=rate)
+            order.motion = replace(order.motion, rate=rate).with_rates_kept()
             if not order.parked and order.motion.bound_for != "park":
                 self._track(order, order.motion.now.tracking)
 
     def track_at(self, ha_deg_s: float, dec_deg_s: float = 0.0) -> None:
-        """Set the custom rates (hour angle axis; declination, north positive), and take up that rate."""
+        """Set the custom rates (hour angle axis; declination, north positive), and take up that rate.
+
+        Each is at most the axis' slew rate. They hold until another rate is set or the mount is rebooted:
+        slews, stops, pulses, parking and a change of sides leave them as they are.
+        """
+        self._check_rates(ha_deg_s, dec_deg_s)
+        ha_most, dec_most = self._rates_deg_s["ha"], self._rates_deg_s["dec"]
+        custom = max(-ha_most, min(ha_most, ha_deg_s)), max(-dec_most, min(dec_most, dec_deg_s))
         with self._order(moves=False) as order:
-            order.motion = replace(order.motion, rate=TrackingRate.CUSTOM, custom_deg_s=(ha_deg_s, dec_deg_s))
+            motion = replace(order.motion, rate=TrackingRate.CUSTOM, custom_deg_s=custom)
+            order.motion = motion.with_rates_kept()
             if not order.parked and order.motion.bound_for != "park":
                 self._track(order, order.motion.now.tracking)
+
+    def track_beside(self, ra_arcsec_s: float, dec_arcsec_s: float) -> None:
+        """Track at rates beside the sidereal one: ″/s of right ascension (not times cos δ) and declination.
+
+        East and north are positive. Two zeros are the sidereal rate again.
+        """
+        self._check_rates(ra_arcsec_s, dec_arcsec_s)
+        if ra_arcsec_s == 0.0 and dec_arcsec_s == 0.0:
+            self.rate = TrackingRate.SIDEREAL
+        else:
+            self.track_at(SIDEREAL_DEG_S - ra_arcsec_s / 3600.0, dec_arcsec_s / 3600.0)
+
+    @property
+    def beside_arcsec_s(self) -> tuple[float, float]:
+        """The rates beside the sidereal one that it takes itself to track at: what a firmware reads back.
+
+        Those that were ordered, whatever a fault keeps of them, unless the fault shows in them.
+        """
+        _, _, motion = self._asked(None)
+        if motion.rate is not TrackingRate.CUSTOM or any(one.reads_zero for one in motion.rate_faults):
+            return 0.0, 0.0
+        ha_deg_s, dec_deg_s = motion.custom_deg_s
+        return (SIDEREAL_DEG_S - ha_deg_s) * 3600.0, dec_deg_s * 3600.0
 
     # -- stations --------------------------------------------------------------------------------
 
@@ -119,6 +150,11 @@ class MechanicsStations(MechanicsMotors):
             self._believe(order, lambda belief: replace(belief, site=site))
 
     # -- inside ----------------------------------------------------------------------------------
+
+    @staticmethod
+    def _check_rates(*rates: float) -> None:
+        if not all(math.isfinite(rate) for rate in rates):
+            raise BadSettings(f"{rates} are no rates to track at", advice="finite numbers")
 
     def _still(self, order: Order, name: AxisName) -> None:
         """Heed a stop on one axis, unless it does nothing to be stopped."""

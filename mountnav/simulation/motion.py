@@ -14,6 +14,8 @@ from mountnav.devices import TrackingRate
 from mountnav.simulation.axes import AxisPath
 from mountnav.simulation.belief import Belief
 from mountnav.simulation.machine import RATES_DEG_S, AxisAngles
+from mountnav.simulation.rate_faults import RateFault, kept_rates
+from mountnav.sky.coordinates import SIDEREAL_DEG_S
 
 AxisName = Literal["ha", "dec"]
 # An axis within so many degrees of its aim has arrived (0.004″): above the rounding of its path.
@@ -160,13 +162,17 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """Motion from `start_s` on; `at_limit` when a limit has ended what was ordered."""
+    """Motion from `start_s` on.
+
+    `at_limit`: a limit has ended what was ordered; `rates_lost`: a fault has made it forget custom rates.
+    """
 
     start_s: float
     ha: Axis
     dec: Axis
     tracking: bool
     at_limit: bool = False
+    rates_lost: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +189,11 @@ class Motion:
         In order of time, future ones at the end.
     rate : TrackingRate
     custom_deg_s : (float, float)
-        Custom rates: of the hour angle axis, and of declination (north positive).
+        Custom rates as they were ordered: of the hour angle axis, and of declination (north positive).
+    driven_deg_s : (float or None, float or None)
+        At which velocities a controller of single axes was last told to follow the sky; None: at none.
+    rate_faults : tuple of RateFault
+        How it gets custom rates wrong.
     bound_for : {"", "park", "home"}
         Station that it is on its way to or stands at.
     park_axes : (float, float)
@@ -196,6 +206,8 @@ class Motion:
     later: tuple[Stage, ...] = ()
     rate: TrackingRate = TrackingRate.SIDEREAL
     custom_deg_s: tuple[float, float] = (RATES_DEG_S[TrackingRate.SIDEREAL], 0.0)
+    driven_deg_s: tuple[float | None, float | None] = (None, None)
+    rate_faults: tuple[RateFault, ...] = ()
     bound_for: Literal["", "park", "home"] = ""
 
     @property
@@ -228,9 +240,29 @@ class Motion:
         """Velocities of the axes when they track; `north` is -1 where north lowers the declination axis."""
         if not on:
             return 0.0, 0.0
-        if self.rate is TrackingRate.CUSTOM:
-            return self.custom_deg_s[0], north * self.custom_deg_s[1]
-        return RATES_DEG_S[self.rate], 0.0
+        if self.rate is not TrackingRate.CUSTOM:
+            return RATES_DEG_S[self.rate], 0.0
+        if self.now.rates_lost:
+            return SIDEREAL_DEG_S, 0.0
+        return self.followed_deg_s(*self.custom_deg_s, north)
+
+    def followed_deg_s(self, ha_deg_s: float, dec_deg_s: float, north: float) -> AxisAngles:
+        """Velocities of the axes when it is to follow at these rates (declination: north positive)."""
+        if not self.rate_faults:
+            return ha_deg_s, north * dec_deg_s
+        ra_deg_s, dec_deg_s = kept_rates(self.rate_faults, (SIDEREAL_DEG_S - ha_deg_s, dec_deg_s))
+        if any(fault.unturned for fault in self.rate_faults):
+            north = 1.0
+        return SIDEREAL_DEG_S - ra_deg_s, north * dec_deg_s
+
+    def with_rates_kept(self) -> Motion:
+        """The same motion, with custom rates that are not lost: they were ordered anew."""
+        return replace(self, now=replace(self.now, rates_lost=False))
+
+    def changed_sides(self, stage: Stage) -> Stage:
+        """The same stage, of a mount that changes sides in it."""
+        lost = any(fault.lost_by_flip for fault in self.rate_faults)
+        return replace(stage, rates_lost=stage.rates_lost or lost)
 
     def arrived_at(self, t_s: float) -> bool:
         """Whether it stands where its last slew, park or home was to lead."""

@@ -13,7 +13,7 @@ from mountnav.devices import PierSide
 from mountnav.simulation.axes import AxisPath
 from mountnav.simulation.belief import Belief
 from mountnav.simulation.geometry import perfect_direction
-from mountnav.simulation.machine import Machine
+from mountnav.simulation.machine import AxisAngles, Machine
 from mountnav.simulation.motion import Axis, Goal, Limits, Motion, Stage
 from mountnav.simulation.posture import flipped, side_of, within_reach
 from mountnav.sky.coordinates import SIDEREAL_DEG_S
@@ -22,6 +22,13 @@ from mountnav.sky.coordinates import SIDEREAL_DEG_S
 _MOST_EVENTS = 6
 # An axis within so many degrees of its end touches it: above the rounding of its path.
 _TOUCHING_DEG = 1e-7
+# Setting at rates of its own is looked for at places so far apart along the way, degrees: doubled, a dip
+# below the horizon shorter than a degree may be passed over.
+_SETTING_STEP_DEG = 0.5
+# ... as many of them as lead once all round; more look at the same again, in the simplest case.
+_SETTING_STEPS = 720
+# ... and then so exactly, s: far below what a place changes by in it.
+_SETTING_S = 1e-3
 
 
 def braking_s(path: AxisPath, t_s: float, low: float, high: float, acceleration_deg_s2: float) -> float:
@@ -65,13 +72,17 @@ def setting_s(stage: Stage, t_s: float, belief: Belief, lowest_altitude_deg: flo
     if not stage.tracking or math.isinf(arrival):
         return math.inf
     velocity = stage.ha.path.velocity_at(arrival)
+    dec_velocity = stage.dec.path.velocity_at(arrival)
     steady = stage.ha.path.steady_at(arrival) and stage.dec.path.steady_at(arrival)
-    if velocity <= 0.0 or not steady:  # by hand it may go below
+    if not steady or velocity == dec_velocity == 0.0:  # by hand it may go below
         return math.inf
-    ha_deg, dec_deg = perfect_direction(
+    axes = (
         stage.ha.path.angle_at(arrival) + belief.ha_shift_deg,
         stage.dec.path.angle_at(arrival) + belief.dec_shift_deg,
     )
+    if dec_velocity or velocity <= 0.0:  # not along a parallel to the west: no closed formula
+        return arrival + _sets_in_s(axes, (velocity, dec_velocity), belief, lowest_altitude_deg)
+    ha_deg, dec_deg = perfect_direction(*axes)
     d, lat = math.radians(dec_deg), math.radians(belief.site.latitude_deg)
     across = math.cos(lat) * math.cos(d)
     if across < 1e-12:
@@ -83,6 +94,26 @@ def setting_s(stage: Stage, t_s: float, belief: Belief, lowest_altitude_deg: flo
     if abs(ha_deg) > sets_deg:
         return math.inf
     return arrival + (sets_deg - ha_deg) / velocity
+
+
+def _sets_in_s(axes: AxisAngles, velocities: AxisAngles, belief: Belief, lowest_altitude_deg: float) -> float:
+    """After how long axes that turn steadily lead below the lowest altitude; infinite when not in a turn."""
+
+    def above(t_s: float) -> bool:
+        ha_deg, dec_deg = perfect_direction(*(a + v * t_s for a, v in zip(axes, velocities, strict=True)))
+        return belief.altitude_deg(ha_deg, dec_deg) >= lowest_altitude_deg
+
+    if not above(0.0):
+        return math.inf
+    step_s = _SETTING_STEP_DEG / math.hypot(*velocities)
+    for number in range(1, _SETTING_STEPS + 1):
+        if not above(number * step_s):
+            high_s, low_s = number * step_s, (number - 1) * step_s
+            while high_s - low_s > _SETTING_S:
+                middle_s = 0.5 * (low_s + high_s)
+                low_s, high_s = (middle_s, high_s) if above(middle_s) else (low_s, middle_s)
+            return low_s
+    return math.inf
 
 
 def limited(motion: Motion, t_s: float, machine: Machine, ha: Limits, dec: Limits) -> Motion:
@@ -120,7 +151,14 @@ def _next_event(
         turned = _flip(stage, first_s, belief, machine, ha, dec, motion)
         if turned is not None:
             return turned
-    return Stage(first_s, _ended(stage.ha, first_s, ha), _still(stage.dec, first_s, dec), False, True)
+    return replace(
+        stage,
+        start_s=first_s,
+        ha=_ended(stage.ha, first_s, ha),
+        dec=_still(stage.dec, first_s, dec),
+        tracking=False,
+        at_limit=True,
+    )
 
 
 def _ended(axis: Axis, t_s: float, limits: Limits) -> Axis:
@@ -148,9 +186,11 @@ def _flip(
     if not within_reach(aim, machine):
         return None
     north = -1.0 if side_of(aim[1], machine) is PierSide.WEST else 1.0
-    after = motion.tracking_deg_s(True, north)
+    stage = motion.changed_sides(stage)
+    after = replace(motion, now=stage).tracking_deg_s(True, north)
     goals = (
         Goal(t_s, SIDEREAL_DEG_S, ha, aim[0] - belief.ha_shift_deg, after[0]),
         Goal(t_s, 0.0, dec, aim[1] - belief.dec_shift_deg, after[1]),
     )
-    return Stage(t_s, stage.ha.ordered(t_s, goals[0]), stage.dec.ordered(t_s, goals[1]), True)
+    ha_axis, dec_axis = stage.ha.ordered(t_s, goals[0]), stage.dec.ordered(t_s, goals[1])
+    return Stage(t_s, ha_axis, dec_axis, True, rates_lost=stage.rates_lost)

@@ -49,6 +49,7 @@ orders = st.one_of(
     st.tuples(st.just("tracking"), st.booleans()),
     st.tuples(st.just("rate"), st.sampled_from([TrackingRate.LUNAR, TrackingRate.SOLAR, TrackingRate.KING])),
     st.tuples(st.just("track_at"), st.floats(-0.01, 0.01), st.floats(-0.01, 0.01)),
+    st.tuples(st.just("track_beside"), st.floats(-9.0, 9.0), st.floats(-9.0, 9.0)),
     st.tuples(st.just("drive"), st.sampled_from(["ha", "dec"]), st.floats(-5.0, 5.0)),
     st.tuples(st.just("drive_to"), st.sampled_from(["ha", "dec"]), st.floats(-30.0, 90.0)),
     st.tuples(st.just("halt"), st.sampled_from(["ha", "dec"])),

@@ -26,7 +26,7 @@ VACUUM = Air(pressure_hpa=0.0)
 sky is seen by any amount: 50″ of refraction turn the hour angle by 16° at 3′ from it."""
 AT_POLE_DEG = 30.0 / 3600.0
 """Nearer to the pole than this a place tells nothing of the hour angle axis: its steps are up to 20″."""
-_BODIES = (LimitKind.SUN, LimitKind.MOON, LimitKind.DAYLIGHT)
+OF_BODIES = (LimitKind.SUN, LimitKind.MOON, LimitKind.DAYLIGHT)
 """Tracking doesn't lead out of these: whoever is in them is so at once."""
 
 
@@ -86,7 +86,7 @@ def reached_from(
     depths, seen = tracked_depths(scene, here, later_s, bare=bare, mounting=mounting, side=side)
     first: tuple[float, LimitKind] | None = None
     for limit, depth in depths.items():
-        after_s = _crossing_s(depth, later_s, settled or limit in _BODIES)
+        after_s = crossing_s(depth, later_s, settled or limit in OF_BODIES)
         if after_s is not None and (first is None or after_s < first[0]):
             first = after_s, limit
     if first is None:
@@ -137,7 +137,7 @@ def standing_for(scene: Scene, here: HourAngle, mounting: Mounting | None, side:
     return standing_at(here, observed, kind, posture, scene.site.latitude_deg)
 
 
-def _crossing_s(depth: Floats, later_s: Floats, settled: bool) -> float | None:
+def crossing_s(depth: Floats, later_s: Floats, settled: bool) -> float | None:
     """When a depth first rises above 0; from outside on, when it gets deeper."""
     if depth[0] > 0.0:
         if settled:

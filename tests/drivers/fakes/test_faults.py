@@ -11,16 +11,23 @@ from hypothesis import strategies as st
 
 from drivers.fakes.faults import (
     KINDS,
+    RATE_KINDS,
     USUAL_KINDS,
     Fault,
     RandomFaults,
     Strike,
     faults_as_toml,
     parse_faults,
+    rate_fault,
     read_faults,
     scripted,
 )
+from drivers.lx200.fake.base import FakeLx200
 from mountnav.errors import BadSettings
+from mountnav.simulation.mechanics import Mechanics, PointingErrors
+from mountnav.simulation.rate_faults import RateFault
+from mountnav.simulation.sky_clock import FastClock
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Site
 
 SCRIPT = """
 [random]
@@ -131,6 +138,9 @@ FAULTS = st.builds(
     data=st.binary(max_size=6) | st.sampled_from([b'a"b', b"a\\b", b"#"]),
     axis=st.sampled_from(["ha", "dec"]),
     stops=st.integers(0, 9),
+    rates=st.sampled_from(["ra", "dec", "both"]),
+    # not what is left out where it isn't said: one kind needs it
+    factor=st.floats(-1000.0, 1000.0).filter(lambda factor: factor != 1.0),
 )
 
 
@@ -169,3 +179,69 @@ def test_no_fault_breaks_on_any_answer(reply: bytes, fault: Fault) -> None:
     if fault.kind == "cut":
         assert reply.startswith(spoiled)
         assert len(spoiled) < len(reply)
+
+
+RATES_SCRIPT = """
+[[fault]]
+kind = "rate-factor"
+factor = 15.041
+rates = "ra"
+for_s = 30
+
+[[fault]]
+kind = "rate-reversed"
+rates = "dec"
+at_s = 60
+"""
+
+
+def test_faults_of_rates_come_from_a_file_and_end() -> None:
+    script = parse_faults(RATES_SCRIPT)
+    assert parse_faults(faults_as_toml(script.faults)).faults == script.faults
+    clock = FastClock(0.0)
+    mechanics = Mechanics(Site(49.0, 22.0), Air(pressure_hpa=0.0), PointingErrors(), clock=clock)
+    mechanics.track_beside(1.0, 0.5)
+    began = clock()
+    fake = FakeLx200(
+        mechanics,
+        faults=script.faults,
+        clock=clock,
+        monotonic=lambda: (clock() - began).total_seconds(),
+    )
+    seen = []
+    for _ in range(3):
+        fake.feed(b"")
+        clock.on(10.0)
+        ha_deg_s, dec_deg_s = mechanics.axis_velocity("ha"), mechanics.axis_velocity("dec")
+        seen.append((round((SIDEREAL_DEG_S - ha_deg_s) * 3600.0, 6), round(dec_deg_s * 3600.0, 6)))
+        assert mechanics.beside_arcsec_s == pytest.approx((1.0, 0.5))
+        clock.on(25.0)
+    assert seen == [(15.041, 0.5), (1.0, 0.5), (1.0, -0.5)]
+
+
+@pytest.mark.parametrize("kind", RATE_KINDS)
+def test_each_fault_of_rates_does_something(kind: str) -> None:
+    fault = rate_fault(Fault(kind, factor=2.0, rates="dec"))  # type: ignore[arg-type]
+    assert fault != RateFault()
+
+
+def test_a_factor_must_be_given_and_be_a_number() -> None:
+    with pytest.raises(BadSettings, match="rate-factor needs factor"):
+        parse_faults('[[fault]]\nkind = "rate-factor"\n')
+    for wrong in ("nan", "inf", "1e9", '"two"'):
+        with pytest.raises(BadSettings, match="factor"):
+            parse_faults(f'[[fault]]\nkind = "rate-factor"\nfactor = {wrong}\n')
+    with pytest.raises(BadSettings, match="rates"):
+        parse_faults('[[fault]]\nkind = "rate-ignored"\nrates = "all"\n')
+
+
+def test_rate_faults_are_drawn_whole() -> None:
+    chances = RandomFaults(3, 1.0, RATE_KINDS)
+    drawn = [chances.draw(b":GR#") for _ in range(300)]
+    assert {fault.kind for fault in drawn if fault} == set(RATE_KINDS)
+    assert {fault.rates for fault in drawn if fault and fault.kind == "rate-reversed"} == {
+        "ra",
+        "dec",
+        "both",
+    }
+    assert all(fault.factor != 1.0 for fault in drawn if fault and fault.kind == "rate-factor")
